@@ -10,6 +10,7 @@ from numpy.polynomial import Polynomial
 from scipy.fft import next_fast_len, prev_fast_len
 from scipy.special import fdtri
 
+from cfid.errors import DataError
 from cfid.estimate.propagation import widened
 from cfid.large import stored
 
@@ -25,9 +26,22 @@ _SMOOTH_HZ = 100.0
 _LINES_FROM_HZ = 20.0  # with room: small rotors idle above 50 Hz
 _ORDINATES = 24
 _FREEDOM = 2 / (1 + 2 * (4 / 9 + 1 / 36))  # of an ordinate through Hann's window, which shares these parts with others
+_LEAST_RATE_HZ = 2.0  # far below that of any angle that can be fitted
 _TAPER, _TAPER_S = 0.2, 0.05
 _DRAWN = 64
 _WILD = 6 / 1.645
+
+
+def check_dense(time_s: Array) -> None:
+    """Raise DataError where a record (n,) has too few samples for its time, as after a jump of the clock."""
+    span_s = float(time_s[-1] - time_s[0])
+    if len(time_s) < _LEAST_RATE_HZ * span_s:
+        longest = int(np.argmax(np.diff(time_s)))
+        raise DataError(
+            f"{len(time_s)} samples in {span_s:.3g} s (expected {_LEAST_RATE_HZ:g} a second or more), and the longest "
+            f"gap, of {time_s[longest + 1] - time_s[longest]:.3g} s, follows the first "
+            f"{time_s[longest] - time_s[0]:.3g} s. Was the clock set? Fit a file of one part."
+        )
 
 
 class HalfSwing(NamedTuple):

@@ -136,9 +136,11 @@ def _write(text: str, out: str, *, force: bool) -> None:
         typer.echo(text, nl=False)
         return
     path = Path(out)
-    if path.exists() and not force:
-        raise ConfigError(f"{path} exists already: nothing was changed. --force overwrites it, --out names another.")
     try:
+        if path.exists() and not force:
+            raise ConfigError(
+                f"{path} exists already: nothing was changed. --force overwrites it, --out names another."
+            )
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, text.encode())
     except OSError as error:

@@ -14,6 +14,7 @@ from urllib.parse import unquote
 from cfid.console.selection import is_glob
 from cfid.errors import ConfigError, DataError
 from cfid.records.campaign import RUNS_FOLDER
+from cfid.records.files import check_regular
 from cfid.records.rig_file import RIG_FILE
 from cfid.records.run import RUN_FILE
 
@@ -115,6 +116,7 @@ def _listed(index: str) -> list[str]:
                 content: bytes = file.read(_LARGEST_INDEX)
     else:
         try:
+            check_regular(Path(index))
             with Path(index).open("rb") as file:
                 content = file.read(_LARGEST_INDEX)
         except OSError as error:

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from cfid import drag, friction, inertia, latency, loadcell, swing, transfer
 from cfid.errors import DataError
 from cfid.motors import lag, maps, steps, vibration
 from cfid.motors.lag.data import of_log
 from cfid.motors.vibration.data import Rotors
+from cfid.quantities.values import is_rows
 from cfid.records.fits import Fit
 from cfid.records.logs.run import log_of_run
 from cfid.records.result import Result
@@ -30,7 +31,10 @@ class Recipe:
 
     @property
     def _method(self) -> Any:
-        return self.method or self.kept.section.method
+        found = self.method or self.kept.section.method
+        if found not in get_args(Method):
+            raise DataError(f"its method '{found}' is none of {', '.join(get_args(Method))}: fit it by hand.")
+        return found
 
     @property
     def _order(self) -> dict[str, Any]:
@@ -48,7 +52,8 @@ class Recipe:
 
 
 def _inertia(recipe: Recipe) -> Result:
-    known = [one["axis"] for one in recipe.kept.quality.get("swings", ()) if "known_kg_m2" in one]
+    swings = recipe.kept.quality.get("swings")
+    known = [str(one.get("axis")) for one in swings if "known_kg_m2" in one] if is_rows(swings) else []
     if known:
         raise DataError(f"axis inertias of {', '.join(known)} were given as numbers: fit it by hand.")
     repeated = inertia.fit_testbody if recipe.kept.command == "fit testbody" else inertia.fit
@@ -71,7 +76,7 @@ def _dynamics(recipe: Recipe) -> Result:
 
 def _transfer(recipe: Recipe) -> Result:
     model = {} if recipe.kept.section.method == "thesis" else recipe.kept.quality
-    chosen: dict[str, Any] = {name: model[name] for name in ("shape", "form") if name in model}
+    chosen: dict[str, Any] = {name: model[name] for name in ("shape", "form") if isinstance(model.get(name), str)}
     return transfer.fit(recipe.runs, method=recipe._method, thrust_poly=recipe.thrust_poly, **chosen)
 
 

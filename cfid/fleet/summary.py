@@ -3,7 +3,6 @@
 A summary can be made in another process, or on another computer that can read the folder.
 """
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -15,6 +14,7 @@ from cfid.findings import Finding, warning
 from cfid.fleet.places import is_address
 from cfid.records import lab_book
 from cfid.records.campaign import find_campaign
+from cfid.records.files import sha256_of
 from cfid.records.parameters import Section, Source, load_sections
 from cfid.records.rig_file import RIG_FILE
 from cfid.records.run import Run, list_runs
@@ -119,8 +119,7 @@ def _source_finding(folder: Path, source: Source) -> Finding | None:
     if is_address(source.path):
         return None  # of another computer, which is not contacted
     try:
-        with (folder / source.path).open("rb") as file:
-            same = hashlib.file_digest(file, "sha256").hexdigest() == source.sha256
-    except OSError:
+        same = sha256_of(folder / source.path) == source.sha256
+    except DataError:
         return warning("source-missing", f"{source.path} is missing.")
     return None if same else warning("source-changed", f"{source.path} has changed since it was fitted.")

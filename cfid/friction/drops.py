@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 
 from cfid.errors import DataError
 from cfid.estimate.linear import mean_of
-from cfid.estimate.signals import GRID_S, resample
+from cfid.estimate.signals import GRID_S, check_dense, resample
 
 Array = npt.NDArray[np.float64]
 
@@ -69,8 +69,9 @@ def measure_drop(
 
     `from_s` and `to_s` set the window by hand.
 
-    Raises DataError when the axis does not turn.
+    Raises DataError when the axis does not turn, or when the samples are too few for their time.
     """
+    check_dense(time_s)
     grid, angle = resample(time_s - time_s[0], angle_rad, step_s=GRID_S)
     if np.ptp(angle) < 2 * np.pi:
         raise DataError(f"the axis turns by {np.ptp(angle):.2g} rad in all: no weight dropped, or the wrong unit.")

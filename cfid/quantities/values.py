@@ -3,6 +3,7 @@
 Values are numbers, nested lists of them, or lists of rows (mappings); an unknown number is None or nan.
 """
 
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -41,7 +42,13 @@ def numbers(key: str, value: Any, std: Any) -> Iterator[Number]:
 
 def is_rows(value: Any) -> bool:
     """Return whether a value is a list of rows with named cells."""
-    return isinstance(value, list | tuple) and len(value) > 0 and isinstance(value[0], Mapping)
+    return isinstance(value, list | tuple) and len(value) > 0 and all(isinstance(row, Mapping) for row in value)
+
+
+def is_number(value: Any) -> bool:
+    """Return whether a value is a number that a float can hold."""
+    whole = isinstance(value, int) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+    return whole or isinstance(value, float)
 
 
 def is_matrix(value: Any) -> bool:
@@ -144,4 +151,4 @@ def _form(value: Any) -> Any:
 
 
 def _may_be_number(value: Any) -> bool:
-    return value is None or (isinstance(value, int | float) and not isinstance(value, bool))
+    return value is None or is_number(value)

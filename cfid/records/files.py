@@ -16,6 +16,8 @@ from pydantic import ValidationError
 
 from cfid.errors import CfidError, DataError
 
+_DEEPEST = 100  # tables and lists inside each other
+
 
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file atomically: a crash leaves the old content or the new one, never a part.
@@ -24,7 +26,10 @@ def write_whole(path: Path, content: bytes) -> None:
     foretold, so that nobody plants a link there. An existing file keeps its permissions, and a symbolic link stays a
     link. Raises OSError, also for a pipe or a device, which a file would replace.
     """
-    path = path.resolve()
+    try:
+        path = path.resolve()
+    except RuntimeError:  # a loop of links, to Python 3.12
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP)) from None
     with contextlib.suppress(FileNotFoundError):
         check_regular(path)
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
@@ -56,6 +61,14 @@ def check_regular(path: Path) -> None:
     mode = path.stat().st_mode
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise OSError(errno.EINVAL, "a pipe or a device, where a file is expected")
+
+
+def lies_in(folder: Path, path: Path) -> bool:
+    """Return whether a path lies in a folder, all links followed; no such path exists with a zero byte or a loop."""
+    try:
+        return path.resolve().is_relative_to(folder.resolve())
+    except (OSError, ValueError, RuntimeError):
+        return False
 
 
 def sha256_of(path: Path) -> str:
@@ -109,7 +122,9 @@ def read_toml(path: Path, error: type[CfidError]) -> dict[str, Any]:
     """
     try:
         check_regular(path)
-        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        content = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        _check_depth(content, _DEEPEST)
+        return content
     except FileNotFoundError:
         raise
     except OSError as fault:
@@ -120,6 +135,15 @@ def read_toml(path: Path, error: type[CfidError]) -> dict[str, Any]:
         raise error(f"{path}: invalid TOML: nested too deeply.") from None
     except ValueError as fault:  # TOMLDecodeError, and numbers that are too long for Python
         raise error(f"{path}: invalid TOML: {fault}. Correct it there.") from None
+
+
+def _check_depth(content: Any, left: int) -> None:
+    """Raise RecursionError for tables and lists nested deeper than any of cfid's, which could not be written again."""
+    if not left:
+        raise RecursionError
+    for part in content.values() if isinstance(content, dict) else content:
+        if isinstance(part, dict | list):
+            _check_depth(part, left - 1)
 
 
 def first_fault(error: ValidationError, content: Mapping[str, Any]) -> str:

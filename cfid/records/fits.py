@@ -15,7 +15,7 @@ from pydantic_core import from_json
 
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, rejection, warning
-from cfid.records.files import locked_folder, write_whole
+from cfid.records.files import check_regular, locked_folder, write_whole
 from cfid.records.parameters import Section, plain, section_fault, with_current_keys
 
 FORMAT = 2  # format 1 had no format number, and sentences without codes
@@ -104,6 +104,7 @@ def _read(path: Path) -> Fit:
 
 def _content(path: Path) -> Any:
     """Return a file's content with current keys. Raises DataError for a newer format, ValueError for invalid JSON."""
+    check_regular(path)
     content = from_json(path.read_bytes())
     if not isinstance(content, dict):
         return content

@@ -1,11 +1,12 @@
 """Find out whether a fit is still current: which of its recordings were changed or excluded since."""
 
-import hashlib
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 
+from cfid.errors import DataError
 from cfid.records.campaign import RUNS_FOLDER
+from cfid.records.files import sha256_of
 from cfid.records.parameters import Section, Source
 from cfid.records.run import Run
 
@@ -22,9 +23,8 @@ def stale_in(folder: Path, runs: Sequence[Run]) -> Stale:
     @cache
     def has_changed(source: Source) -> bool:
         try:
-            with (folder / source.path).open("rb") as file:
-                return hashlib.file_digest(file, "sha256").hexdigest() != source.sha256
-        except OSError:
+            return sha256_of(folder / source.path) != source.sha256
+        except DataError:
             return False
 
     def reasons(section: Section) -> tuple[str, ...]:

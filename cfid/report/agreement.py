@@ -13,6 +13,7 @@ import numpy as np
 from cfid.estimate.differences import Compared, Difference, difference, number_of
 from cfid.findings import Finding, warning
 from cfid.quantities.lookup import unit_of
+from cfid.quantities.values import is_number
 from cfid.records.fits import Fit
 from cfid.records.parameters import Section, plain
 from cfid.records.rig_file import Rig
@@ -112,7 +113,7 @@ def _scales(latest: Mapping[str, Fit]) -> Iterator[Agreement]:
     """Compare the thrust map with scales, as the ratio of the two."""
     quality = latest["thrust"].quality if "thrust" in latest else {}
     gain, std = quality.get("verification_gain"), quality.get("verification_gain_std")
-    if gain is None or not std:
+    if not (is_number(gain) and is_number(std) and std):
         return
     sides = ("scales over map", Compared(gain, std, {})), ("agreement", Compared(1.0, 0.0, {}))
     yield from _compared("Thrust by scales over the thrust map", *sides, "1")
@@ -139,13 +140,21 @@ def _time_constants(known: Known) -> Iterator[Agreement]:
 def _clocks(known: Known, latest: Mapping[str, Fit]) -> Iterator[Agreement]:
     """Compare the rate of the vehicle's clock by pings with that by crossings, which scatters from run to run."""
     pings = _sound(known, "latency.clock_skew")
-    runs = latest["tf"].quality.get("series", {}) if "tf" in latest else {}
-    skews = [skew for one in runs.values() for skew in one.get("clock_skew", ())]
+    skews = _skews(latest["tf"].quality.get("series")) if "tf" in latest else []
     if pings is None or len(skews) < 2:
         return
     of_runs = Compared(float(np.mean(skews)), float(np.std(skews, ddof=1)), {})
     sides = ("cfid tf latency", _number(pings)), ("cfid tf identify, crossings", of_runs)
     yield from _compared("Rate of the vehicle's clock, less one", *sides, "1")
+
+
+def _skews(series: Any) -> list[float]:
+    """Return the clock skews of all series; none of what is no such table, as after editing by hand."""
+    tables = series.values() if isinstance(series, Mapping) else ()
+    found = [one.get("clock_skew") for one in tables if isinstance(one, Mapping)]
+    return [
+        skew for several in found if isinstance(several, list) for skew in several if is_number(skew) and abs(skew) < 1
+    ]
 
 
 def _distances(known: Known) -> Iterator[Agreement]:

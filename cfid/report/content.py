@@ -90,7 +90,7 @@ def gather(campaign: Campaign, *, now: datetime) -> Report:
     latest = {fit.name: fit for fit in fits}
     commands = {name: fit.command for name, fit in latest.items()}
     stale = stale_in(campaign.folder, runs)
-    experiments = experiments_of(measured, fits, stale)
+    experiments = experiments_of(measured, fits, stale, campaign.folder)
     return Report(
         about=_about(campaign, runs, fits, now),
         summary=summary_of(known, experiments, status_of(campaign)),

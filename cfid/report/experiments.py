@@ -7,6 +7,7 @@ from pathlib import Path
 
 from cfid.findings import Finding, rejection, texts
 from cfid.quantities.table import EXPERIMENTS
+from cfid.records.files import lies_in
 from cfid.records.fits import Fit
 from cfid.records.parameters import Source
 from cfid.records.stale import Stale
@@ -55,13 +56,16 @@ class Experiment:
 
 
 def experiments_of(
-    measured: Mapping[str, Sequence[Measurement]], fits: Iterable[Fit], stale: Stale
+    measured: Mapping[str, Sequence[Measurement]], fits: Iterable[Fit], stale: Stale, folder: Path
 ) -> tuple[Experiment, ...]:
-    """Return all measurements in the order of the thesis' chapters, and within a kind the latest first."""
+    """Return all measurements in the order of the thesis' chapters, and within a kind the latest first.
+
+    Figures that lie outside `folder`, the campaign's, are left out with a note.
+    """
     drawn_by = {figure: fit for fit in fits for figure in fit.figures}  # a later fit replaces an earlier one's figures
     kinds = sorted(measured, key=_place)
     return tuple(
-        _experiment(one, drawn_by, stale(one.fit.section), latest=one is measured[kind][-1])
+        _experiment(one, drawn_by, stale(one.fit.section), folder, latest=one is measured[kind][-1])
         for kind in kinds
         for one in reversed(measured[kind])
     )
@@ -80,13 +84,13 @@ def _place(name: str) -> int:
 
 
 def _experiment(
-    measurement: Measurement, drawn_by: Mapping[str, Fit], stale: tuple[str, ...], *, latest: bool
+    measurement: Measurement, drawn_by: Mapping[str, Fit], stale: tuple[str, ...], folder: Path, *, latest: bool
 ) -> Experiment:
     fit = measurement.fit
     title = title_of(fit.name) if latest else f"{title_of(fit.name)}, earlier: {fit.section.found:%Y-%m-%d %H:%M}"
     own = [figure for figure in fit.figures if drawn_by.get(figure) is fit]
-    stems = {Path(figure).with_suffix("") for figure in fit.figures}
-    kept = {Path(figure).with_suffix("") for figure in own}
+    inside = [figure for figure in own if lies_in(folder, folder / figure)]
+    outside = [figure for figure in own if figure not in inside]
     return Experiment(
         name=fit.name,
         title=title,
@@ -103,8 +107,12 @@ def _experiment(
         ),
         tables=(*quality_tables(fit.quality), *parameter_tables(fit.section.parameters)),
         lines=fit.lines,
-        figures=tuple(own),
-        notes=(*_replaced(measurement), *_drawn_over(len(stems) - len(kept))),
+        figures=tuple(inside),
+        notes=(
+            *_replaced(measurement),
+            *_drawn_over(len(stems_of(fit.figures)) - len(stems_of(own))),
+            *_outside(stems_of(outside)),
+        ),
         sources=fit.section.sources,
     )
 
@@ -115,6 +123,17 @@ def _replaced(measurement: Measurement) -> list[str]:
     count = len(measurement.replaced)
     fits = "An earlier fit" if count == 1 else f"{count} earlier fits"
     return [f"{fits} of the same recordings {'is' if count == 1 else 'are'} not shown: this one counts."]
+
+
+def stems_of(figures: Iterable[str]) -> list[str]:
+    """Return the paths of figures without suffix, each once: a figure is a file of pixels and one of lines."""
+    return list(dict.fromkeys(figure.removesuffix(".png").removesuffix(".svg") for figure in figures))
+
+
+def _outside(stems: Sequence[str]) -> list[str]:
+    if not stems:
+        return []
+    return [f"Not shown, since a report reads figures of the campaign's folder alone: {', '.join(stems)}."]
 
 
 def _drawn_over(count: int) -> list[str]:

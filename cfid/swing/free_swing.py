@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import DataError
-from cfid.estimate.signals import GRID_S, HalfSwing, half_swings, resample, smooth, vertex
+from cfid.estimate.signals import GRID_S, HalfSwing, check_dense, half_swings, resample, smooth, vertex
 from cfid.findings import Finding, note, warning
 from cfid.swing.collocation import NO_THREADS, Threads
 from cfid.swing.model import Setup
@@ -106,7 +106,8 @@ def find_swing(
     `smallest_peak_rad` does. `from_s` and `to_s` (since the first sample) bound it by hand; a body
     that still rests or is held at `from_s` swings from its release on.
 
-    Raises DataError when the angle never moves, goes over the top, or shows fewer than four peaks.
+    Raises DataError when the angle never moves, goes over the top, or shows fewer than four peaks, or when the samples
+    are too few for their time.
     """
     time = time_s - time_s[0]
     kept = (time >= (from_s or 0.0)) & (time <= (math.inf if to_s is None else to_s))
@@ -114,6 +115,7 @@ def find_swing(
         raise DataError(
             f"only {np.count_nonzero(kept)} samples lie in the window requested; the record lasts {time[-1]:.3g} s."
         )
+    check_dense(time[kept])
     first = int(np.flatnonzero(kept)[0])
     rest = _rest(angle_rad[kept])
     angle = angle_rad - rest

@@ -42,7 +42,7 @@ class Function:
         cls, numerator: Sequence[float], denominator: Sequence[float], *, delay_s: float = 0.0
     ) -> "Function":
         """Return H(z) by coefficients of z^0, z^-1, ... Raises ConfigError for what no motor has."""
-        if denominator[0] != 1:
+        if not len(denominator) or denominator[0] != 1:
             raise ConfigError(f"denominator {_text(denominator)}: should begin with its leading 1.")
         if not any(numerator):
             raise ConfigError(f"numerator {_text(numerator)}: gives no thrust at any command: one should not be zero.")

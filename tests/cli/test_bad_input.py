@@ -73,6 +73,15 @@ CASES: dict[str, tuple[Spoil, tuple[str, ...], int, tuple[str, ...]]] = {
     ),
     "a word too many in a row": (replaced(700, "0.7,512,lost"), (), 4, (":701:", "3 fields")),
     "time going back": (replaced(900, "0.100000,512"), (), 4, (":901:", "goes back")),
+    "a clock that was set ahead by 30 years": (
+        lambda lines: [
+            *lines[:1500],
+            *(f"{float(t) + 1e9:.6f},{phi}" for t, phi in (x.split(",") for x in lines[1500:])),
+        ],
+        (),
+        4,
+        ("samples in 1e+09 s (expected 2 a second or more)", "the longest gap, of 1e+09 s"),
+    ),
     "epoch microseconds read as seconds": (scaled(1e6, 0), ("--time-unit", "s"), 4, ("--time-unit us",)),
     "seconds read as microseconds": (lambda lines: lines, ("--time-unit", "us"), 4, ("--time-unit s",)),
     "an angle that never changes": (
@@ -197,6 +206,19 @@ def test_friction_needs_weights_in_grams(cfid: Cfid, files: Path) -> None:
     refused(cfid("fit", "friction", f"50={drop}", "--radius-mm", "0", "--json"), 2, "--radius-mm")
     refused(cfid("fit", "friction", f"50={files / 'x.csv'}", "--json"), 4, "no weight dropped")
     refused(cfid("fit", "friction", drop, "--json"), 4, "does not say its weight in grams")
+
+
+def test_a_dropped_weight_whose_clock_was_set_is_refused(cfid: Cfid, files: Path, tmp_path: Path) -> None:
+    head, *rows = next(files.glob("drop_50g*.csv")).read_text().splitlines()
+    late = [f"{float(row.split(',')[0]) + 1e9:.6f},{row.split(',')[1]}" for row in rows[1000:]]
+    (tmp_path / "drop.csv").write_text("\n".join([head, *rows[:1000], *late, ""]))
+
+    refused(cfid("fit", "friction", "50=drop.csv", "--json"), 4, "drop.csv: ", "the longest gap, of 1e+09 s")
+
+
+def test_no_coefficients_are_no_transfer_function(cfid: Cfid, files: Path) -> None:
+    ended = cfid("tf", "verify", files / "x.csv", "--numerator", "", "--denominator", "")
+    refused(ended, 2, "--numerator")
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes of Unix")

@@ -8,10 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from cfid.errors import DataError
+from cfid.errors import ConfigError, DataError
+from cfid.fleet.places import campaigns
 from cfid.records.files import write_whole
-from cfid.records.run import DeviceRecord, Label
+from cfid.records.fits import keep_fit, list_fits
+from cfid.records.parameters import Section, Source
+from cfid.records.rig_file import RIG_FILE, load_rig
+from cfid.records.run import DeviceRecord, Label, read_run
 from cfid.records.run_writer import RunWriter, create_run
+from cfid.records.stale import stale_in
+from tests.records.test_fits import FIT
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="links and files without a name of Unix")
 
@@ -73,3 +79,47 @@ def test_a_pipe_is_not_replaced_by_a_file_of_its_name(tmp_path: Path) -> None:
         write_whole(tmp_path / "pipe", b"content")
     assert stat.S_ISFIFO((tmp_path / "pipe").stat().st_mode)
     assert [path.name for path in tmp_path.iterdir()] == ["pipe"]
+
+
+def test_a_loop_of_links_is_named_and_stays(tmp_path: Path) -> None:
+    loop = tmp_path / "loop"
+    loop.symlink_to(loop)
+
+    with pytest.raises(OSError, match="Too many levels of symbolic links"):
+        write_whole(loop, b"content")
+    assert loop.is_symlink()
+    assert [path.name for path in tmp_path.iterdir()] == ["loop"]
+
+
+def test_a_pipe_among_fits_sources_or_lists_is_not_waited_for(tmp_path: Path) -> None:
+    fits, pipe = tmp_path / "fits", tmp_path / "pipe"
+    keep_fit(fits, FIT)
+    os.mkfifo(fits / "2026-11-21_083013_inertia.json")
+    os.mkfifo(pipe)
+    whole, broken = list_fits(fits)
+    section = Section(
+        method="m", found=datetime.now(UTC), cfid_version="0", accepted=True, parameters={},
+        sources=(Source("pipe", "0" * 64), Source("/dev/zero", "0" * 64)),
+    )  # fmt: skip
+
+    assert not isinstance(whole, DataError)
+    assert "083013_inertia.json: cannot be read: a pipe or a device" in str(broken)
+    assert stale_in(tmp_path, ())(section) == ()
+    with pytest.raises(DataError, match="pipe: cannot be read: a pipe or a device"):
+        campaigns([], str(pipe))
+
+
+@pytest.mark.parametrize(
+    "deep", ["[" + ".".join("a" * 5000) + "]", "a = " + "[" * 150 + "]" * 150, "a = " + "[" * 9000]
+)
+def test_tables_nested_too_deeply_are_refused_when_they_are_read(tmp_path: Path, deep: str) -> None:
+    with new(tmp_path) as writer:
+        pass
+    with (writer.folder / "run.toml").open("a") as file:
+        file.write(f"\n[more]\n{deep}\n")
+    (tmp_path / RIG_FILE).write_text(deep)
+
+    with pytest.raises(DataError, match="nested too deeply"):
+        read_run(writer.folder)
+    with pytest.raises(ConfigError, match="nested too deeply"):
+        load_rig(tmp_path / RIG_FILE)

@@ -88,7 +88,7 @@ def test_a_figure_with_very_many_points_is_taken_as_pixels(campaign: Campaign) -
 def test_a_figure_whose_file_is_gone_is_named(campaign: Campaign) -> None:
     put(campaign, "thrust", APPENDIX_A["thrust"], sources=["a"], figures=("figures/gone.png", "figures/gone.svg"))
 
-    assert "Figure gone: its file is gone." in page_of(campaign)
+    assert "Figure gone: it has no file that can be shown." in page_of(campaign)
 
 
 def test_a_figure_that_a_later_fit_drew_over_is_shown_for_the_later_one_alone(campaign: Campaign) -> None:

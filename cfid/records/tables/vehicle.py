@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from cfid.errors import DataError
+from cfid.records.files import check_regular
 from cfid.records.parameters import Source
 from cfid.records.run import Run
 from cfid.records.tables.blocks import open_table
@@ -102,6 +103,7 @@ def told_speeds_rad_s(rows: Rows) -> dict[int, Array]:
 def begin_s(path: Path) -> float:
     """Return the time of the first row of a device's file. Raises DataError when there is none, or it is no number."""
     try:
+        check_regular(path)
         with path.open(encoding="utf-8", errors="replace") as file:
             file.readline()
             first = file.readline().partition(",")[0].strip()

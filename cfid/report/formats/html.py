@@ -1,6 +1,7 @@
 """Render a report as one HTML file with embedded figures, without scripts, for light and dark screens and paper."""
 
 import base64
+import contextlib
 import re
 from pathlib import Path
 from typing import Any
@@ -8,12 +9,14 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from cfid.records.files import lies_in
 from cfid.report.content import Report
-from cfid.report.experiments import Experiment, title_of
+from cfid.report.experiments import Experiment, stems_of, title_of
 from cfid.report.formats import grids
 from cfid.report.formats.sealed import MARK
 
 LARGEST_SVG_BYTES = 400_000  # above it the PNG beside it is taken, which a page draws more quickly
+LARGEST_BYTES = 20_000_000  # of a figure that a page holds at all
 
 _KINDS = {".svg": "image/svg+xml", ".png": "image/png"}
 _INDEX = re.compile(r"\b([^\W\d_]\d?)_(\w+)")
@@ -62,22 +65,24 @@ def _figures(report: Report, folder: Path) -> dict[str, list[dict[str, Any]]]:
     result: dict[str, list[dict[str, Any]]] = {}
     for experiment in report.experiments:
         figures = result[experiment.anchor] = []
-        for stem in dict.fromkeys(str(Path(figure).with_suffix("")) for figure in experiment.figures):
+        for stem in stems_of(experiment.figures):
             name = Path(stem).name.replace("_", " ")
-            content = _embedded(folder / stem)
+            content = _embedded(folder, stem)
             before = shown.setdefault(content, experiment) if content else experiment
             figures.append({"name": name, "content": content, "before": None if before is experiment else before})
     return result
 
 
-def _embedded(stem: Path) -> str:
-    """Return a figure's file as an address that holds its content; "" where there is no file."""
-    files = [path for suffix in _KINDS if (path := stem.with_name(stem.name + suffix)).is_file()]
-    if not files:
-        return ""
-    small = [path for path in files if path.suffix != ".svg" or path.stat().st_size <= LARGEST_SVG_BYTES]
-    path = (small or files)[0]
-    return f"data:{_KINDS[path.suffix]};base64,{base64.b64encode(path.read_bytes()).decode()}"
+def _embedded(folder: Path, stem: str) -> str:
+    """Return a figure's file as an address that holds its content; "" where the folder has no file that is readable."""
+    paths = [folder / f"{stem}{suffix}" for suffix in _KINDS]
+    with contextlib.suppress(OSError):
+        sizes = {path: path.stat().st_size for path in paths if lies_in(folder, path) and path.is_file()}
+        files = [path for path, size in sizes.items() if size <= LARGEST_BYTES]
+        small = [path for path in files if path.suffix != ".svg" or sizes[path] <= LARGEST_SVG_BYTES]
+        for path in (small or files)[:1]:
+            return f"data:{_KINDS[path.suffix]};base64,{base64.b64encode(path.read_bytes()).decode()}"
+    return ""
 
 
 def _formula(text: str) -> Markup:

@@ -1,7 +1,12 @@
-"""Render a report as Markdown: tables that GitHub and pandoc read, figures as links relative to the campaign."""
+"""Render a report as Markdown: tables that GitHub and pandoc read, figures as links relative to the campaign.
 
+Names, notes and findings are text: a page rendered from it has no tag, link or attribute of theirs.
+"""
+
+import re
 from collections.abc import Iterator
 from pathlib import Path
+from urllib.parse import quote
 
 from cfid.report.content import Report
 from cfid.report.experiments import Experiment, title_of
@@ -9,6 +14,10 @@ from cfid.report.formats import grids
 from cfid.report.formats.sealed import MARK
 from cfid.report.sheet import SheetEntry
 from cfid.report.summary import FirstScreen
+
+_ESCAPED = str.maketrans(
+    {**{sign: f"\\{sign}" for sign in "\\*_`|[]{}"}, "&": "&amp;", "<": "&lt;", ">": "&gt;", "$": "&#36;"}
+)
 
 
 def as_markdown(report: Report) -> str:
@@ -21,7 +30,7 @@ def _parts(report: Report) -> Iterator[str]:
     yield f"# {_plain(about.vehicle)}\n"
     if about.recorded:
         yield f"Recorded {about.recorded[0]:%Y-%m-%d} to {about.recorded[1]:%Y-%m-%d} in {about.runs} runs. "
-    yield f"Campaign {_plain(about.campaign)}. Body frame: {about.body_frame}. "
+    yield f"Campaign {_plain(about.campaign)}. Body frame: {_plain(about.body_frame)}. "
     yield f"Written {about.written:%Y-%m-%d %H:%M} UTC by cfid {about.cfid_version}.\n"
     if about.lab_book:
         yield f"Lab book: {_plain('; '.join(about.lab_book))}.\n"
@@ -56,38 +65,39 @@ def _summary(summary: FirstScreen) -> Iterator[str]:
     if summary.weakest:
         yield f"**Weakest:** {_plain(summary.weakest)}\n"
     yield from (f"- {_plain(text)}" for text in summary.findings)
-    yield f"\n**Next:** `{summary.next_command}`: {_plain(summary.next_why)}\n"
+    yield f"\n**Next:** {_commands(f'`{summary.next_command}`')}: {_plain(summary.next_why)}\n"
 
 
 def _quantity(quantity: SheetEntry) -> Iterator[str]:
-    yield f"**{quantity.title}**" + (f": {_plain(quantity.equation)}" if quantity.equation else "") + "\n"
+    yield f"**{_plain(quantity.title)}**" + (f": {_plain(quantity.equation)}" if quantity.equation else "") + "\n"
     if quantity.origin:
         yield f"{_plain(grids.origin_text(quantity.origin))}: {grids.verdict(quantity.origin.accepted)}.\n"
         yield from (f"- {_plain(text)}" for text in quantity.origin.findings)
         yield _table(grids.row_grid(quantity.rows))
     if quantity.missing:
-        yield f"{quantity.missing}\n"
+        yield f"{_commands(quantity.missing)}\n"
 
 
 def _experiment(experiment: Experiment) -> Iterator[str]:
     yield f"### {_plain(experiment.title)}\n"
-    method = "" if experiment.method == "default" else f", method {experiment.method}"
+    method = "" if experiment.method == "default" else f", method {_plain(experiment.method)}"
     yield (
         f"cfid {_plain(experiment.command)}{method}, {experiment.found:%Y-%m-%d %H:%M} UTC, cfid "
-        f"{experiment.cfid_version}: {grids.verdict(experiment.accepted)}.\n"
+        f"{_plain(experiment.cfid_version)}: {grids.verdict(experiment.accepted)}.\n"
     )
     yield from (f"- {_plain(text)}" for text in (*experiment.rejections, *experiment.remarks, *experiment.notes))
     yield ""
     # Of a figure's two files the one that every viewer of Markdown shows.
-    yield from (f"![{Path(figure).stem}](<{figure}>)\n" for figure in experiment.figures if figure.endswith(".png"))
+    pixels = [figure for figure in experiment.figures if figure.endswith(".png")]
+    yield from (f"![{_plain(Path(figure).stem)}](<{quote(figure, errors='replace')}>)\n" for figure in pixels)
     if experiment.parameters:
         yield _table(grids.row_grid(experiment.parameters, "parameter"))
     if experiment.lines:
-        yield "\n".join(["```", *experiment.lines, "```", ""])
+        yield _fenced("\n".join(experiment.lines))
     for table in experiment.tables:
         yield f"*{_plain(table.title)}*\n"
         yield _table(grids.table_grid(table))
-    yield from (f"- `{source.path}` sha256 {source.sha256}" for source in experiment.sources)
+    yield from (f"- {_plain(source.path)} sha256 {_plain(source.sha256)}" for source in experiment.sources)
     yield ""
 
 
@@ -119,7 +129,17 @@ def _table(grid: grids.Grid) -> str:
 
 
 def _plain(text: str) -> str:
-    """Return a text in which no character means anything to Markdown."""
-    for character in "\\*_`|<[":
-        text = text.replace(character, f"\\{character}")
-    return text.replace("\n", " ")
+    """Return a text in one line in which no character means anything to Markdown, or to HTML inside it."""
+    return re.sub(r"\s+", " ", text).translate(_ESCAPED)
+
+
+def _commands(text: str) -> str:
+    """Return a sentence with what stands between backquotes as code."""
+    parts = re.sub(r"\s+", " ", text).split("`")
+    return "".join(f"`{part}`" if place % 2 and part else _plain(part) for place, part in enumerate(parts))
+
+
+def _fenced(text: str) -> str:
+    """Return lines as they are, between fences that are longer than any in them."""
+    fence = max(["``", *re.findall("`+", text)], key=len) + "`"
+    return f"{fence}\n{text}\n{fence}\n"

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Literal
 
+from cfid.console.messages import printable
 from cfid.report.content import Report
 from cfid.report.formats.html import as_html
 from cfid.report.formats.markdown import as_markdown
@@ -14,12 +15,15 @@ Format = Literal["html", "md", "json", "tex"]
 
 
 def rendered(report: Report, form: Format, folder: Path) -> str:
-    """Return a report's text; figures are read from the campaign's folder."""
+    """Return a report's text; figures are read from the campaign's folder.
+
+    What a terminal would obey becomes a question mark, but for JSON.
+    """
     # Each renderer is imported when it is wanted: a template engine is no use to a program that reads JSON.
     if form == "html":
-        return as_html(report, folder)
+        return printable(as_html(report, folder))
     if form == "md":
-        return as_markdown(report)
+        return printable(as_markdown(report))
     if form == "tex":
-        return as_tex(report)
+        return printable(as_tex(report))
     return json.dumps({"made_by": MARK, **report.as_json()}, indent=1, ensure_ascii=False, allow_nan=False) + "\n"

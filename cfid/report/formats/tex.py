@@ -3,6 +3,7 @@
 Figures, tables of windows and the fits' lines are in the other formats only.
 """
 
+import re
 from collections.abc import Iterator
 
 from cfid.report.content import Report
@@ -131,5 +132,6 @@ def _row(cells: tuple[str, ...]) -> str:
 
 
 def _tex(text: str) -> str:
-    """Return a text that pdflatex prints as it is; what its fonts lack becomes a question mark."""
-    return "".join(character if ord(character) < 128 else "?" for character in text.translate(_ESCAPED))
+    """Return a text in one line that pdflatex prints as it is; what its fonts lack becomes a question mark."""
+    line = re.sub(r"\s+", " ", text).translate(_ESCAPED)
+    return "".join(character if " " <= character <= "~" else "?" for character in line)

@@ -1,0 +1,199 @@
+"""A page made of a report runs nothing and reads the campaign's own figures alone, whatever others wrote there."""
+
+import json
+from collections.abc import Callable
+from datetime import UTC, datetime
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+from markdown_it import MarkdownIt
+
+from cfid.records.campaign import Campaign, find_campaign
+from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.run import DeviceRecord, Label
+from cfid.records.run_writer import create_run
+from cfid.report.formats.render import Format, rendered
+from tests.report.fits_by_hand import APPENDIX_A, new_campaign, put, report_of
+
+python_markdown = pytest.importorskip("markdown", reason="needs the docs extra to render Markdown with")
+
+ATTACKS = (
+    "<script>alert(1)</script>",
+    "</pre></table></details></title></style><script>alert(1)</script>",
+    "[x](javascript:alert(1))",
+    "![x](https://evil.example/pixel.png)",
+    "<javascript:alert(1)>",
+    "[x]: javascript:alert(1)\n\n[x]",
+    "`<img src=x onerror=alert(1)>`",
+    "``` <img src=x onerror=alert(1)>",
+    "```\n<img src=x onerror=alert(1)>\n```\n[x](javascript:alert(1))\n",
+    "~~~\n\n<svg/onload=alert(1)>\n\n~~~\n",
+    "a {: onclick=alert(1) }",
+    "a {onclick=alert(1)}",
+    '" onmouseover="alert(1)',
+    "| </td><iframe src=javascript:alert(1)> |",
+    "\\<script>alert(1)</script>",
+    "\\\\<script>alert(1)</script>",
+    "&lt;script&gt;\r\r<script>alert(1)</script>",
+    "\n\n<script>alert(1)</script>\n\n",
+    "\n    <script>\n\n# <b onclick=alert(1)>",
+    "--> <script>alert(1)</script> <!--",
+    "<?php echo 1 ?><![CDATA[<script>alert(1)</script>]]>",
+    "\x1b]0;owned\x07\x9b31m\u202e\u2028<script>",
+    r"\end{document}\write18{id}\input{/etc/passwd}^^5cinput{/etc/passwd} % & # $x$",
+)
+TEXTS_OF_TIME_AND_KIND = {"found", "severity", "quantities", "of"}
+TAGS = (
+    " a article b body br caption code dd details div dl dt em figure footer h1 h2 h3 h4 head header html i img li "
+    "link main meta nav ol p pre section small span strong style sub summary sup table tbody td th thead title tr ul "
+)
+ATTRIBUTES = " align alt charset class content href http-equiv id lang name rel scope src start style value "
+
+
+class Page(HTMLParser):
+    """What a browser would make of a page: tags, attributes and addresses."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: set[str] = set()
+        self.attributes: set[str] = set()
+        self.addresses: list[str] = []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: Any) -> None:
+        self.tags.add(tag)
+        self.attributes |= {name for name, _ in attrs}
+        self.addresses += [value or "" for name, value in attrs if name in ("href", "src", "action", "data")]
+
+
+def harmless(text: str) -> Page:
+    """Check that a page holds nothing but text, tables, its own anchors and pictures."""
+    page = Page(text)
+    assert not [tag for tag in page.tags if f" {tag} " not in TAGS]
+    assert not [name for name in page.attributes if f" {name} " not in ATTRIBUTES]
+    foreign = [each for each in page.addresses if not each.startswith(("#", "data:", "figures/"))]
+    assert not foreign
+    return page
+
+
+def spoilt(content: Any, text: str, key: str = "") -> Any:
+    """Return a fit's file with a text in place of every text, and in the keys of its quality."""
+    if isinstance(content, dict):
+        return {
+            (f"{name} {text}" if key == "quality" else name): spoilt(value, text, name)
+            for name, value in content.items()
+        }
+    if key in TEXTS_OF_TIME_AND_KIND:
+        return content
+    if isinstance(content, list):
+        return [spoilt(each, text, key) for each in content]
+    return text if isinstance(content, str) else content
+
+
+def spoilt_campaign(folder: Path, text: str) -> Campaign:
+    """Make a campaign whose names and notes are all one text."""
+    own = folder / text.replace("/", "÷").replace("\0", "")
+    own.mkdir()
+    rig = new_rig_text().replace('name = "Crazyflie 2.0"', f"name = {json.dumps(text)}", 1)
+    (own / RIG_FILE).write_text(f"{rig}\n[lab_book]\noperator = {json.dumps(text)}\n")
+    campaign = find_campaign(own, start=own)
+    assert campaign is not None
+    put(campaign, "torque", APPENDIX_A["torque"], sources=["a"], rejected=text)
+    put(campaign, "set", {f"payload {text}": APPENDIX_A["tf"]["tf.delay_s"]})
+    put(
+        campaign, "thrust", APPENDIX_A["thrust"], sources=["b"], lines=("a", "b"), rejected="r", warnings=("w",),
+        quality={"rms": "q", "rows": [{"a": "b"}]}, figures=("figures/fit.png",),
+    )  # fmt: skip
+    for path in campaign.fits_folder.glob("*_thrust.json"):
+        path.write_text(json.dumps(spoilt(json.loads(path.read_text()), text)))
+    devices = {"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi"))}
+    with create_run(
+        campaign.runs_folder, kind=text, label=Label(axis=text, note=text), devices=devices,
+        started=datetime(2026, 11, 21, tzinfo=UTC), cfid_version="0",
+    ):  # fmt: skip
+        pass
+    (campaign.fits_folder / "2026-11-21_120000_broken.json").write_text(json.dumps({text: 1, "section": text}))
+    return campaign
+
+
+@pytest.fixture(scope="module", params=ATTACKS)
+def campaign(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    return spoilt_campaign(tmp_path_factory.mktemp("labs"), request.param)
+
+
+def page_of(campaign: Campaign, form: Format) -> str:
+    return rendered(report_of(campaign), form, campaign.folder)
+
+
+RENDERERS: dict[str, Callable[[str], str]] = {
+    "CommonMark with tables": MarkdownIt("commonmark", {"html": True}).enable(["table", "strikethrough"]).render,
+    "Python-Markdown": lambda text: python_markdown.markdown(
+        text, extensions=["extra", "toc", "admonition", "sane_lists"]
+    ),
+}
+
+
+def test_a_page_rendered_from_markdown_shows_text_alone(campaign: Campaign) -> None:
+    source = page_of(campaign, "md")
+
+    for renderer in RENDERERS.values():
+        assert "table" in harmless(renderer(source)).tags
+    assert all(letter.isprintable() or letter == "\n" for letter in source)
+
+
+def test_a_page_of_html_shows_text_alone(campaign: Campaign) -> None:
+    page = page_of(campaign, "html")
+
+    assert "table" in harmless(page).tags
+    assert all(letter.isprintable() or letter == "\n" for letter in page)
+
+
+def test_tex_has_no_command_and_no_escape_of_others(campaign: Campaign) -> None:
+    sheet = page_of(campaign, "tex")
+
+    assert all(" " <= letter <= "~" or letter == "\n" for letter in sheet)
+    assert sheet.count(r"\end{document}") == 1
+    for command in (r"\write18", r"\input", "^^"):
+        assert command not in sheet
+
+
+def test_only_figures_of_the_campaign_are_read(tmp_path: Path) -> None:
+    (tmp_path / "lab").mkdir()
+    campaign = new_campaign(tmp_path / "lab")
+    secret = tmp_path / "secret.png"
+    secret.write_bytes(b"secret")
+    (tmp_path / "secret.svg").write_bytes(b"secret")
+    figures = campaign.folder / "figures"
+    figures.mkdir()
+    (figures / "link.png").symlink_to(secret)
+    (figures / "own.png").write_bytes(b"own")
+    (figures / "own.svg").symlink_to(secret)
+    (figures / "loop.png").symlink_to(figures / "loop.png")
+    named = (
+        str(secret), "../secret.png", "figures/../../secret.png", "figures/link.png", "figures/loop.png", "", ".",
+        "figures/\0.png", "figures/own.png", "figures/own.svg", f"{'long' * 200}.png", "/dev/zero", "http://x/a.png",
+    )  # fmt: skip
+    put(campaign, "thrust", APPENDIX_A["thrust"], sources=["a"], figures=named)
+
+    page = harmless(page_of(campaign, "html"))
+    pictures = [each for each in page.addresses if each.startswith("data:image")]
+    assert pictures == ["data:image/png;base64,b3du"]
+    for form in ("html", "md"):
+        text = page_of(campaign, form)
+        assert "Not shown, since a report reads figures of the campaign" in text
+        assert "secret.png>" not in text
+        assert "(<figures/own.png>)" in text or form == "html"
+
+
+def test_a_campaign_that_is_reached_by_a_link_shows_its_figures(tmp_path: Path) -> None:
+    (tmp_path / "lab").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "lab")
+    campaign = new_campaign(tmp_path / "link")
+    (campaign.folder / "figures").mkdir()
+    (campaign.folder / "figures" / "own.png").write_bytes(b"own")
+    put(campaign, "thrust", APPENDIX_A["thrust"], sources=["a"], figures=("figures/own.png",))
+
+    assert "data:image/png;base64,b3du" in page_of(campaign, "html")
