@@ -48,7 +48,9 @@ def console(*, context: typer.Context, vehicle: VehicleOptions, campaign: Campai
 @flat
 def set_motors(
     *,
-    command: Annotated[int, typer.Argument(min=0, max=FULL_COMMAND, help=f"From 0 to {FULL_COMMAND}.")],
+    command: Annotated[
+        int, typer.Argument(metavar="COMMAND", min=0, max=FULL_COMMAND, help=f"From 0 to {FULL_COMMAND}.")
+    ],
     motor: Motor = None,
     for_s: Annotated[
         float | None, typer.Option("--for", metavar="S", help="Seconds to run; default: until Ctrl-C.")

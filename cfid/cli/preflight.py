@@ -31,7 +31,7 @@ _UNBALANCED, _WORSE = 1.2, 2.0  # the line's amplitude as a part of the thrust, 
 @flat
 def preflight(
     *,
-    experiment: Annotated[Experiment, typer.Argument(help="What is to be recorded.")] = "thrust",
+    experiment: Annotated[Experiment, typer.Argument(metavar="EXPERIMENT", help="What is to be recorded.")] = "thrust",
     for_s: Annotated[float, typer.Option("--for", metavar="S", help="Seconds of signals.")] = 10.0,
     balance: Annotated[
         bool, typer.Option("--balance/--no-balance", help="Ask to turn each motor slowly, for its propeller's balance.")

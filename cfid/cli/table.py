@@ -20,7 +20,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "report": (
         "cfid.report.command:report",
-        "Write a campaign's results to one file: the sheet first, then every experiment with its figures.",
+        "Write a campaign's results to one file: main numbers, sheet, and every experiment with its figures.",
     ),
     "import": (
         "cfid.interchange.command:import_file",
@@ -129,7 +129,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     "fit": (None, "Find parameters from recordings."),
     "fit swing": (
         "cfid.swing.command:swing",
-        "Fit one swing: a pendulum with its sine kept and the damping that the data supports.",
+        "Fit one swing by the nonlinear equation of a pendulum, with the damping that the data support.",
     ),
     "fit friction": (
         "cfid.friction.command:friction",

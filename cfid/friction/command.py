@@ -48,7 +48,7 @@ def friction(
 ) -> None:
     """Fit the friction of the swing's axis to weights dropped on a line wound around it.
 
-    The steady speed's window is found; --from and --to to set it by hand (for a single run, best).
+    cfid finds the window of steady speed of each run; --from and --to set one window for all runs given.
 
     Example: [bold]cfid fit friction 20=drop_20g.csv 30=drop_30g.csv 40=drop_40g.csv --radius-mm 2[/bold]
     """

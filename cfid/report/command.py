@@ -18,7 +18,7 @@ def report(
     form: Annotated[Format, typer.Option("--format", help="Format of the file; tex has the tables alone.")] = "html",
     force: Annotated[bool, typer.Option("--force", help="Replace a file that cfid did not write.")] = False,
 ) -> None:
-    """Write a campaign's results to one file: the sheet first, then every experiment with its figures.
+    """Write a campaign's results to one file: main numbers, sheet, and every experiment with its figures.
 
     The page needs no network. It names missing quantities with the command that gives them, compares experiments that
     measure one property with each other, and your vehicle with published values.

@@ -38,7 +38,7 @@ def swing(
     gravity_mps2: GravityMps2 = None,
     method: Method = "default",
 ) -> None:
-    """Fit one swing: a pendulum with its sine kept and the damping that the data supports.
+    """Fit one swing by the nonlinear equation of a pendulum, with the damping that the data support.
 
     Without mass and distance (by hand, or a mount of rig.toml) it gives the natural frequency only.
 
