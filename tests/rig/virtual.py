@@ -191,7 +191,7 @@ def encoder(
         wires.append(SerialWire(FaultyE201(device, faults, opened_s=0.0), receiver, session.clock, held_s))
         return wires[-1]
 
-    found = FoundPort("port", "E201", "42", word_bits=22, position=0, stamped=stamped)
+    found = FoundPort("port", "E201", "42", word_bits=22, positions=(0,), stamped=stamped)
     instrument = Encoder(
         found,
         open_line=plug,
