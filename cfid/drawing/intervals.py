@@ -21,6 +21,6 @@ def draw_intervals(axes: Axes, time_s: npt.NDArray[np.float64], *, usual_s: floa
     room = max(0.0, 0.1 * 1e3 * usual_s - (high - low)) / 2
     edges = np.histogram_bin_edges([], bins=_BINS, range=(low - room, high + room))
     counts = sum(np.histogram(1e3 * step, bins=edges)[0] for _, step in differences(time_s))
-    axes.hist(edges[:-1], bins=edges, weights=counts, color=RECORDED, lw=0)
+    axes.hist(edges[:-1], bins=edges.tolist(), weights=counts, color=RECORDED, lw=0)
     axes.set_yscale("log")
     axes.set_ylim(bottom=0.7)
