@@ -84,6 +84,12 @@ def some_steps(value: Array) -> Array:
     return np.concatenate([np.zeros(0), *(step[: PART_ROWS // several] for _, step in differences(value))])
 
 
+def longest_step(value: Array) -> int:
+    """Return the place before the largest difference of neighbours of a series (n,)."""
+    places = [begin + int(np.argmax(step)) for begin, step in differences(value)]
+    return max(places, key=lambda place: float(value[place + 1] - value[place]))
+
+
 def usual_step(value: Array) -> float:
     """Return the median of the positive differences that `some_steps` gives, NaN where there is none."""
     steps = some_steps(value)

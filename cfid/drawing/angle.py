@@ -7,8 +7,9 @@ from matplotlib.figure import Figure
 from scipy.signal import savgol_filter
 
 from cfid.drawing.intervals import GAP, draw_intervals
-from cfid.drawing.style import ALERT, INK, MUTED, RECORDED, draw_line, figure, name_panel, styled, words
+from cfid.drawing.style import ALERT, INK, MUTED, RECORDED, draw_line, figure, name_panel, styled, thinned, words
 from cfid.estimate.signals import GRID_S, resample
+from cfid.large import differences, longest_step, parts, some_steps, usual_step
 from cfid.records.tables.angle import AngleRecord
 
 Array = npt.NDArray[np.float64]
@@ -23,58 +24,55 @@ _SMOOTHED = 9  # samples of the grid, over which the speed's parabola lies
 def recording_figure(record: AngleRecord, *, title: str) -> Figure:
     """Return angle, speed and sampling intervals of a record, with the reader's notes above."""
     page, grid = figure(3, 2, heights_in=(2.3, 1.8, 1.9), title=title, notes=record.notes)
-    intervals = np.diff(record.time_s)
     _draw_angle(page.add_subplot(grid[0, :]), record)
     _draw_speed(page.add_subplot(grid[1, :]), record)
-    draw_intervals(page.add_subplot(grid[2, 0]), intervals, usual_s=float(np.median(intervals)), letter="c")
-    gaps = _gaps(intervals)
-    words(
-        page.add_subplot(grid[2, 1]),
-        "in numbers",
-        _facts(record, intervals),
-        red=("gaps",) if len(gaps) else (),
-    )
+    usual_s = float(np.median(some_steps(record.time_s)))
+    draw_intervals(page.add_subplot(grid[2, 0]), record.time_s, usual_s=usual_s, letter="c")
+    red = ("gaps",) if len(_gaps(record.time_s)) else ()
+    words(page.add_subplot(grid[2, 1]), "in numbers", _facts(record), red=red)
     page.align_ylabels()
     return page
 
 
 def _draw_angle(axes: Axes, record: AngleRecord) -> None:
     in_turns = _in_turns(record)
-    angle = record.angle_rad / (2 * np.pi) if in_turns else np.degrees(record.angle_rad)
     name_panel(axes, "(a) recording", x=_TIME, y="angle (turns)" if in_turns else "angle (°)")
-    intervals = np.diff(record.time_s)
-    pauses = [(record.time_s[after], intervals[after]) for after in _gaps(intervals)]
+    time = record.time_s
+    pauses = [(time[after], time[after + 1] - time[after]) for after in _gaps(time)]
     axes.broken_barh(pauses, (0.0, 1.0), transform=axes.get_xaxis_transform(), color=ALERT, alpha=0.25, lw=0.8)
-    draw_line(axes, record.time_s, angle, color=RECORDED, lw=0.9)
+    factor = 1 / (2 * np.pi) if in_turns else 180 / np.pi
+    draw_line(axes, time, record.angle_rad, factor=factor, color=RECORDED, lw=0.9)
     axes.margins(y=0.08)
 
 
 def _draw_speed(axes: Axes, record: AngleRecord) -> None:
     """Draw the slope of a parabola through neighbouring samples; plain differences are mostly noise."""
-    step = max(GRID_S, float(np.median(np.diff(record.time_s))))
+    step = max(GRID_S, float(np.median(some_steps(record.time_s))))
     name_panel(axes, f"(b) speed, smoothed over {1e3 * step * _SMOOTHED:.0f} ms", x=_TIME, y="speed (rad/s)")
-    grid, angle = resample(record.time_s, record.angle_rad, step_s=step)
-    if len(grid) < _SMOOTHED:
-        return
-    speed = savgol_filter(angle, _SMOOTHED, 2, deriv=1, delta=step)
-    axes.axhline(0.0, color=MUTED, lw=0.8)
-    draw_line(axes, grid, speed, color=INK, lw=0.7)
-    axes.margins(y=0.08)
+    pieces = []
+    for part in parts(len(record.time_s)):
+        grid, angle = resample(record.time_s[part], record.angle_rad[part], step_s=step)
+        if len(grid) >= _SMOOTHED:
+            pieces.append(thinned(grid, savgol_filter(angle, _SMOOTHED, 2, deriv=1, delta=step)))
+    if pieces:
+        axes.axhline(0.0, color=MUTED, lw=0.8)
+        axes.plot(*(np.concatenate(each) for each in zip(*pieces, strict=True)), color=INK, lw=0.7)
+        axes.margins(y=0.08)
 
 
-def _facts(record: AngleRecord, intervals_s: Array) -> list[tuple[str, str]]:
-    gaps = _gaps(intervals_s)
-    duration, median = float(record.time_s[-1]), float(np.median(intervals_s))
+def _facts(record: AngleRecord) -> list[tuple[str, str]]:
+    time, gaps = record.time_s, _gaps(record.time_s)
+    duration, median = float(time[-1]), float(np.median(some_steps(time)))
     span = float(np.ptp(record.angle_rad))
-    longest = f"{1e3 * float(intervals_s.max()):.4g} ms after {record.time_s[int(np.argmax(intervals_s))]:.3f} s"
+    longest = longest_step(time)
     return [
-        ("samples", f"{len(record.time_s)}"),
+        ("samples", f"{len(time)}"),
         ("duration", f"{duration:.2f} s"),
-        ("mean rate", f"{len(intervals_s) / duration:.5g} Hz" if duration > 0 else "-"),
+        ("mean rate", f"{(len(time) - 1) / duration:.5g} Hz" if duration > 0 else "-"),
         ("median interval", f"{1e3 * median:.4g} ms"),
-        ("longest interval", longest),
+        ("longest interval", f"{1e3 * (time[longest + 1] - time[longest]):.4g} ms after {time[longest]:.3f} s"),
         ("gaps", f"{len(gaps)} over {GAP} median intervals" if len(gaps) else "none"),
-        ("repeated times", f"{np.count_nonzero(intervals_s == 0)}"),
+        ("repeated times", f"{sum(int(np.count_nonzero(step == 0)) for _, step in differences(time))}"),
         ("angle's range", f"{span / (2 * np.pi):.4g} turns" if _in_turns(record) else f"{np.degrees(span):.4g}°"),
     ]
 
@@ -83,8 +81,7 @@ def _in_turns(record: AngleRecord) -> bool:
     return bool(np.ptp(record.angle_rad) > 2 * np.pi * TURNS_FROM)
 
 
-def _gaps(intervals_s: Array) -> npt.NDArray[np.intp]:
+def _gaps(time_s: Array) -> npt.NDArray[np.intp]:
     """Return the samples after which the recording paused."""
-    # Time stamps of a block repeat: the median of all intervals may be zero.
-    passing = intervals_s[intervals_s > 0]
-    return np.flatnonzero(intervals_s > GAP * np.median(passing)) if len(passing) else np.empty(0, dtype=np.intp)
+    least = GAP * usual_step(time_s)  # NaN where time stands still
+    return np.concatenate([begin + np.flatnonzero(step > least) for begin, step in differences(time_s)])

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -32,7 +33,7 @@ def device_figure(
     for row, names in enumerate(panels):
         axes = page.add_subplot(grid[row, 0])
         for colour, name in zip(SERIES, names, strict=False):
-            how = {"drawstyle": "steps-post"} if _HELD.fullmatch(name) else {}
+            how: dict[str, Any] = {"drawstyle": "steps-post"} if _HELD.fullmatch(name) else {}
             mark = "." if len(since_s) < _FEW and not how else ""
             draw_line(axes, since_s, columns[name], color=colour, label=name, marker=mark, **how)
         name_panel(axes, ", ".join(names), x=along if row == len(panels) - 1 else "", y="")

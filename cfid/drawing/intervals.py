@@ -5,18 +5,22 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 
 from cfid.drawing.style import RECORDED, name_panel
+from cfid.large import differences
 
 GAP = 10  # median intervals without a sample that count as a gap
 
 _BINS = 60
 
 
-def draw_intervals(axes: Axes, intervals_s: npt.NDArray[np.float64], *, usual_s: float, letter: str) -> None:
-    """Draw the histogram of intervals (n,) in s, of which `usual_s` is the usual one."""
+def draw_intervals(axes: Axes, time_s: npt.NDArray[np.float64], *, usual_s: float, letter: str) -> None:
+    """Draw the histogram of the intervals between times (n,) in s, of which `usual_s` is the usual one."""
     name_panel(axes, f"({letter}) sampling intervals", x="interval (ms)", y="count (-)")
-    low, high = 1e3 * intervals_s.min(), 1e3 * intervals_s.max()
+    low = 1e3 * min(float(step.min()) for _, step in differences(time_s))
+    high = 1e3 * max(float(step.max()) for _, step in differences(time_s))
     # With an even clock only rounding lies between the two: bins that narrow would show nothing.
     room = max(0.0, 0.1 * 1e3 * usual_s - (high - low)) / 2
-    axes.hist(1e3 * intervals_s, bins=_BINS, range=(low - room, high + room), color=RECORDED, lw=0)
+    edges = np.histogram_bin_edges([], bins=_BINS, range=(low - room, high + room))
+    counts = sum(np.histogram(1e3 * step, bins=edges)[0] for _, step in differences(time_s))
+    axes.hist(edges[:-1], bins=edges.tolist(), weights=counts, color=RECORDED, lw=0)
     axes.set_yscale("log")
     axes.set_ylim(bottom=0.7)

@@ -19,6 +19,8 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from cfid.large import parts
+
 Array = npt.NDArray[np.float64]
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -185,9 +187,10 @@ def thinned(x: Array, y: Array) -> tuple[Array, Array]:
     return x[kept], y[kept]
 
 
-def draw_line(axes: Axes, x: Array, y: Array, **how: Any) -> None:
-    """Draw a line of any number of samples."""
-    axes.plot(*thinned(x, y), **how)
+def draw_line(axes: Axes, x: Array, y: Array, *, factor: float = 1.0, **how: Any) -> None:
+    """Draw a line of any number of samples, whose values (n,) are multiplied by a factor."""
+    pieces = [thinned(x[part], factor * y[part]) for part in parts(len(x))]
+    axes.plot(*(np.concatenate(each) for each in zip(*pieces, strict=True)), **how)
 
 
 def _extremes(y: Array, edges: npt.NDArray[np.intp], pick: np.ufunc) -> npt.NDArray[np.intp]:

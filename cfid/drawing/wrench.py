@@ -14,6 +14,7 @@ from cfid.drawing.numbers import plus_minus
 from cfid.drawing.style import ALERT, MUTED, RECORDED, SERIES, draw_line, figure, legend, name_panel, styled, words
 from cfid.estimate.blocks import block_means
 from cfid.estimate.signals import resample
+from cfid.large import PART_ROWS, differences, longest_step, usual_step
 from cfid.records.tables.wrench import AXES, WrenchRecord
 
 Array = npt.NDArray[np.float64]
@@ -50,12 +51,10 @@ def wrench_figure(record: WrenchRecord, *, title: str) -> Figure:
     page, grid = figure(4, 2, heights_in=(2.1, 2.1, 2.3, 2.3), title=title, notes=record.notes)
     forces, torques = page.add_subplot(grid[0, :]), page.add_subplot(grid[1, :])
     _draw_axes(forces, record, record.force_n, names=AXES[:3], title="(a) forces", y="force (N)")
-    _draw_axes(torques, record, 1e3 * record.torque_nm, names=AXES[3:], title="(b) torques", y="torque (mNm)")
+    _draw_axes(torques, record, record.torque_nm, names=AXES[3:], title="(b) torques", y="torque (mNm)", factor=1e3)
     spectrum = spectrum_of(record.time_s, record.values_of(record.main_axis))
     _draw_spectrum(page.add_subplot(grid[2, :]), spectrum, record.main_axis)
-    draw_intervals(
-        page.add_subplot(grid[3, 0]), np.diff(record.time_s), usual_s=_usual_s(np.diff(record.time_s)), letter="d"
-    )
+    draw_intervals(page.add_subplot(grid[3, 0]), record.time_s, usual_s=usual_step(record.time_s), letter="d")
     wrong = {"gaps": len(gaps_of(record.time_s)), "lost": record.lost}
     red = [name for name, count in wrong.items() if count]
     words(page.add_subplot(grid[3, 1]), "in numbers", _facts(record), red=red)
@@ -67,12 +66,14 @@ def spectrum_of(time_s: Array, value: Array) -> AmplitudeSpectrum:
     """Return the amplitude spectrum of a record (n,) without its mean, up to half its rate.
 
     Welch's method: Hann windows of one second with half overlap. Of a record with gaps the longest segment between
-    two of them is taken.
+    two of them is taken, of a long segment its middle.
     """
     gaps = gaps_of(time_s)
     begins, ends = np.append(0, gaps + 1), np.append(gaps, len(time_s) - 1)
     longest = int(np.argmax(time_s[ends] - time_s[begins]))
-    segment = slice(begins[longest], ends[longest] + 1)
+    middle, count = (begins[longest] + ends[longest]) // 2, min(ends[longest] + 1 - begins[longest], PART_ROWS)
+    first = max(begins[longest], middle - count // 2)
+    segment = slice(first, first + count)
     even, rate_hz = _evenly(time_s[segment], value[segment])
     length = min(len(even), max(_SHORTEST, round(_RESOLUTION_S * rate_hz)))
     frequency_hz, power = welch(even, rate_hz, window="hann", nperseg=length, detrend="constant", scaling="spectrum")
@@ -99,18 +100,13 @@ def _lowest_hz(spectrum: AmplitudeSpectrum) -> float:
 
 def gaps_of(time_s: Array) -> Indices:
     """Return the samples after which the recording paused."""
-    intervals = np.diff(time_s)
-    least = GAP * _usual_s(intervals)
-    return np.flatnonzero(intervals > (least if _is_even(intervals) else max(least, _HOST_GAP_S)))
+    least = GAP * usual_step(time_s)
+    least = least if _is_even(time_s) else max(least, _HOST_GAP_S)
+    return np.concatenate([begin + np.flatnonzero(step > least) for begin, step in differences(time_s)])
 
 
-def _usual_s(intervals_s: Array) -> float:
-    """Return the median of the positive intervals: a computer's time stamps of a block repeat."""
-    return float(np.median(intervals_s[intervals_s > 0]))
-
-
-def _is_even(intervals_s: Array) -> bool:
-    return bool(intervals_s.min() > _EVEN * _usual_s(intervals_s))
+def _is_even(time_s: Array) -> bool:
+    return bool(min(step.min() for _, step in differences(time_s)) > _EVEN * usual_step(time_s))
 
 
 def _evenly(time_s: Array, value: Array) -> tuple[Array, float]:
@@ -119,25 +115,27 @@ def _evenly(time_s: Array, value: Array) -> tuple[Array, float]:
     The box samples evenly: where a computer stamped the arrivals, the samples' order is the better clock.
     """
     step_s = float(np.polyfit(np.arange(len(time_s)), time_s, 1)[0])  # a single late stamp does not bend a line
-    if _is_even(np.diff(time_s)):
+    if _is_even(time_s):
         _, value = resample(time_s, value, step_s=step_s)
     return value, 1 / step_s
 
 
-def _draw_axes(axes: Axes, record: WrenchRecord, values: Array, *, names: Sequence[str], title: str, y: str) -> None:
-    """Draw three axes (n, 3), samples pale and their means above them, which vibration does not hide."""
-    time, intervals = record.time_s, np.diff(record.time_s)
-    interval_s = _usual_s(intervals) if _is_even(intervals) else float(intervals.mean())
+def _draw_axes(
+    axes: Axes, record: WrenchRecord, values: Array, *, names: Sequence[str], title: str, y: str, factor: float = 1.0
+) -> None:
+    """Draw three axes (n, 3) times a factor, samples pale and means above them, which vibration does not hide."""
+    time = record.time_s
+    interval_s = usual_step(time) if _is_even(time) else float(time[-1] - time[0]) / (len(time) - 1)
     length = min(len(time), max(1, round(MEAN_S / interval_s), len(time) // _MOST_MEANS))
     name_panel(axes, f"{title}: samples (pale), and means over {1e3 * length * interval_s:.0f} ms", x=_TIME, y=y)
-    pauses = [(time[after], intervals[after]) for after in gaps_of(time)]
+    pauses = [(time[after], time[after + 1] - time[after]) for after in gaps_of(time)]
     axes.broken_barh(pauses, (0.0, 1.0), transform=axes.get_xaxis_transform(), color=ALERT, alpha=0.25, lw=0.8)
     measured = [one for one in zip(values.T, SERIES, names, strict=False) if one[2] in record.axes]
     for column, colour, _ in measured:
         # A band of thousands of strokes: rasterized, it makes an SVG of a third of the size.
-        draw_line(axes, time, column, color=colour, alpha=0.3, lw=0.5, rasterized=True)
+        draw_line(axes, time, column, factor=factor, color=colour, alpha=0.3, lw=0.5, rasterized=True)
     for column, colour, name in measured:
-        means = block_means(time, length=length), block_means(column, length=length)
+        means = block_means(time, length=length), factor * block_means(column, length=length)
         axes.plot(*means, color=colour, lw=1.2, label=name)
     if measured:
         legend(axes)
@@ -180,17 +178,17 @@ def _spread(wanted: Array) -> Array:
 
 def _facts(record: WrenchRecord) -> list[tuple[str, str]]:
     time, gaps = record.time_s, gaps_of(record.time_s)
-    intervals = np.diff(time)
-    longest = int(np.argmax(intervals))
+    longest = longest_step(time)
+    lost_s = float(np.sum(time[gaps + 1] - time[gaps]))
     rows = [
         ("samples", f"{len(time)} in {time[-1]:.2f} s"),
-        ("mean rate", f"{len(intervals) / time[-1]:.5g} Hz"),
-        ("longest interval", f"{1e3 * intervals[longest]:.4g} ms after {time[longest]:.3f} s"),
-        ("gaps", f"{len(gaps)}, {intervals[gaps].sum():.4g} s in all" if len(gaps) else "none"),
+        ("mean rate", f"{(len(time) - 1) / time[-1]:.5g} Hz"),
+        ("longest interval", f"{1e3 * (time[longest + 1] - time[longest]):.4g} ms after {time[longest]:.3f} s"),
+        ("gaps", f"{len(gaps)}, {lost_s:.4g} s in all" if len(gaps) else "none"),
         ("lost", "unknown" if record.lost is None else f"{record.lost}"),
     ]
-    values = np.hstack([record.force_n, 1e3 * record.torque_nm])
-    for axis, mean, std in zip(AXES, values.mean(axis=0), values.std(axis=0), strict=True):
-        if axis in record.axes:
-            rows.append((f"{axis}, mean ± std", plus_minus(mean, std, unit="N" if axis[0] == "F" else "mNm")))
+    for axis in record.axes:
+        unit, factor = ("N", 1.0) if axis[0] == "F" else ("mNm", 1e3)
+        mean, std = (factor * float(of(record.values_of(axis))) for of in (np.mean, np.std))
+        rows.append((f"{axis}, mean ± std", plus_minus(mean, std, unit=unit)))
     return rows

@@ -9,7 +9,7 @@ import typer
 from cfid.console.campaign import here
 from cfid.console.inputs import find_recording, open_workplace
 from cfid.console.labels import LabelOptions
-from cfid.console.messages import note
+from cfid.console.messages import in_options, note
 from cfid.console.options import LoadCellOptions, LogClock, ReadingOptions, RigOptions, flat
 
 
@@ -51,7 +51,7 @@ def import_file(
             label=kept,
             kind="flight" if hung == "encoder" else hung,
         )
-    typer.echo(made.understood)
+    typer.echo(in_options(made.understood))
     for text in made.notes:
         note(text)
     rows = ", ".join(f"{name} {device.rows} rows" for name, device in made.run.header.devices.items())
@@ -80,7 +80,7 @@ def convert(
     path = find_recording(run, open_workplace(RigOptions(campaign=campaign)))
     found = recording_at(path, replace(reading.reading(), clock=clock))
     paths = conversion.convert(found, to, out)
-    typer.echo(found.understood)
+    typer.echo(in_options(found.understood))
     for text in found.notes:
         note(text)
     for path in paths:

@@ -55,7 +55,7 @@ def reduce_speeds(time_s: Array, speeds_rad_s: Array, command_time_s: Array, com
     A rotor that stands has speed 0, so that a pause before the first command need not be recorded. Errors as of
     `reduce_staircase`.
     """
-    known: npt.NDArray[np.bool_] = np.asarray(np.isfinite(speeds_rad_s).all(axis=1))
+    known = np.asarray(np.isfinite(speeds_rad_s).all(axis=1))
     time_s, speeds_rad_s = chosen_rows(time_s, known), chosen_rows(speeds_rad_s, known)
     begins_running = len(time_s) > 1 and np.any(commands[command_time_s <= time_s[0]][-1:])
     if begins_running:

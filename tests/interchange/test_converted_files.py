@@ -14,7 +14,7 @@ import pytest
 from scipy.io import loadmat
 
 from cfid.cli.main import main
-from cfid.errors import ConfigError
+from cfid.errors import ConfigError, DataError
 from cfid.interchange.convert import Format, convert
 from cfid.interchange.recording import recording_at
 from cfid.records.run import DeviceRecord, Label
@@ -109,6 +109,14 @@ def test_units_and_origin_are_in_the_file(tmp_path: Path) -> None:
     assert ["".join(unit) for unit in origin["unit"]] == ["s", "deg/s", "1", "", "g"]
     assert len(origin["sha256"]) == 64
     assert "uSD-card log" in origin["program"]
+
+
+@pytest.mark.parametrize(("to", "kind"), [("parquet", "a Parquet"), ("mcap", "an MCAP")])
+def test_a_file_that_is_written_and_not_read_is_named(tmp_path: Path, to: Format, kind: str) -> None:
+    needs_library(to)
+    (path,) = convert(recording_at(written(tmp_path, single()), Foreign()), to, tmp_path / "out")
+    with pytest.raises(DataError, match=f"{kind} file, which cfid writes and does not read"):
+        recording_at(path, Foreign())
 
 
 @pytest.mark.parametrize("to", ["csv", "mat"])

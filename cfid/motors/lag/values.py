@@ -34,10 +34,10 @@ def joint_parameters(
         outward[[7, 6, 5], [0, 1, 2]] = 1, 1 / full, 1 / full**2
         covariance += outward @ fit.covariance @ outward.T / len(fits) ** 2
     std = np.sqrt(np.diag(covariance))
-    places: dict[str, int | slice] = {"dynamics.rising": slice(0, 2), "dynamics.falling": slice(2, 4)}
-    places["dynamics.delay_s"] = 4
+    rates = {"dynamics.rising": slice(0, 2), "dynamics.falling": slice(2, 4)}
+    places: dict[str, int | slice] = {**rates, "dynamics.delay_s": 4}
     if all(fit.kind == "speed" for fit in fits):
-        places |= {SPEED_POLY: slice(5, 8)}
+        places[SPEED_POLY] = slice(5, 8)
     std[[1, 3]] = np.nan
     found = {key: Parameter(value=values[at].tolist(), std=std[at].tolist()) for key, at in places.items()}
     count = 8 if SPEED_POLY in found else 5

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import DataError
+from cfid.large import stored
 from cfid.records.extras import optional_library
 from cfid.records.logs.crazyflie_names import crazyflie_channel
 from cfid.records.logs.log import Channel, FlightLog, Series, in_memory, printable
@@ -91,7 +92,7 @@ def _series(topic: Any, numbers: tuple[int, ...]) -> Series:
     for channel, value in _as_a_crazyflie_s(topic.name, dict(zip(fields, values, strict=True)), numbers):
         channels.append(crazyflie_channel(channel))
         values.append(value)
-    return in_memory(printable(name), topic.data["timestamp"] * 1e-6, channels, values)
+    return in_memory(printable(name), stored(topic.data["timestamp"] * 1e-6), channels, values)
 
 
 def _is_number(value: Any) -> bool:
@@ -112,7 +113,7 @@ def _as_a_crazyflie_s(
     if topic == "battery_status" and "voltage_v" in fields:
         yield "pm.vbat", fields["voltage_v"]
     if topic == "vehicle_acceleration" and "xyz[2]" in fields:
-        yield "acc.z", -fields["xyz[2]"].astype(np.float64) / USUAL_GRAVITY_MPS2
+        yield "acc.z", stored(-fields["xyz[2]"].astype(np.float64) / USUAL_GRAVITY_MPS2)
 
 
 def _unit(topic: str, field: str) -> str:

@@ -170,7 +170,8 @@ class CsvTable:
     @property
     def layout(self) -> str:
         """What is unusual about the file's layout, for the line that states how it was read."""
-        above = f", below {self.preamble} lines that are no header" if self.preamble else ""
+        lines = "1 line that is" if self.preamble == 1 else f"{self.preamble} lines that are"
+        above = f", below {lines} no header" if self.preamble else ""
         return above + (", with decimal commas" if self.decimal == "," else "")
 
     def line_of_row(self, row: int) -> int:

@@ -14,6 +14,7 @@ from cfid.records.files import check_regular
 
 _BOM = b"\xef\xbb\xbf"
 _OTHER_BOMS = (b"\xff\xfe", b"\xfe\xff", b"\0\0\xfe\xff")  # UTF-16 and UTF-32
+_WRITTEN_ONLY = {b"\x89MCAP0\r\n": "an MCAP", b"PAR1": "a Parquet"}
 _CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1f]")
 _LOOKED_AT = 4096  # bytes at the start of a file, where text has no control characters
 _DARK = re.compile(r"[^\x00-\x20]+")
@@ -58,6 +59,9 @@ def check_text(path: Path, content: bytes) -> None:
     text = content.removeprefix(_BOM).rstrip(b"\0")
     if not text or text.isspace():  # stripping would copy the whole file
         raise DataError(f"{path}: empty; nothing was recorded.")
+    for begin, kind in _WRITTEN_ONLY.items():
+        if content.startswith(begin):
+            raise DataError(f"{path}: {kind} file, which cfid writes and does not read: give what it was made of.")
     if _CONTROL.search(text[:_LOOKED_AT]):
         raise DataError(
             f"{path}: not a CSV file: it holds binary data (or text in UTF-16: save that as UTF-8). "

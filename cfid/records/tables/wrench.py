@@ -119,7 +119,8 @@ class WrenchRecord:
 
     def values_of(self, axis: str) -> Array:
         """Return the values (n,) of an axis, in N or N m."""
-        return np.hstack([self.force_n, self.torque_nm])[:, AXES.index(axis)]
+        place = AXES.index(axis)
+        return self.force_n[:, place] if place < 3 else self.torque_nm[:, place - 3]
 
     def require(self, *axes: str, purpose: str) -> None:
         """Raise DataError where an axis that a purpose needs was not measured."""
