@@ -47,7 +47,7 @@ def save_figure(figure: Figure, stem: Path, *, force: bool = False) -> list[Path
         for path, content in contents.items():
             write_whole(path, content)
     except OSError as error:
-        raise ConfigError(f"{error.filename or stem}: no figure can be written there: {error.strerror}.") from None
+        raise ConfigError(f"{stem}.png: no figure can be written there: {error.strerror}.") from None
     return list(contents)
 
 

@@ -63,9 +63,11 @@ def keep_fit(folder: Path, fit: Fit) -> Path:
 
 def rewritten(path: Path) -> bytes | None:
     """Return a fit's file in the current format, None where it has that. Raises DataError when it cannot be read."""
-    fit = _read(path)
-    content = _as_json(fit)
-    return None if f'"format": {FORMAT}'.encode() in path.read_bytes()[:40] else content
+    content = _as_json(_read(path))
+    try:
+        return None if f'"format": {FORMAT}'.encode() in path.read_bytes()[:40] else content
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror}.") from None
 
 
 def _as_json(fit: Fit) -> bytes:

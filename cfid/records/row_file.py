@@ -1,6 +1,7 @@
 """A CSV file during recording, to which only whole rows of numbers are appended."""
 
 import contextlib
+import errno
 import itertools
 import os
 from collections.abc import Sequence
@@ -11,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from cfid.errors import DataError
+
+_LOSSES = (errno.EIO, errno.ENOSPC, errno.EDQUOT)  # other errors of a flush: the file system has none
 
 
 class RowFile:
@@ -61,12 +64,18 @@ class RowFile:
         with contextlib.suppress(OSError, ValueError):  # a file closed meanwhile was flushed already
             os.fsync(self._raw.fileno())
 
-    def close(self) -> None:
-        """Flush the rows to the disk and close the file. A loss on disk shows when `rows` is compared."""
+    def close(self) -> str:
+        """Flush the rows to the disk and close the file; return the reason where the disk lost some, else ""."""
+        reason = ""
         if not self._raw.closed:
-            with contextlib.suppress(OSError):
+            try:
                 os.fsync(self._raw.fileno())
-            self._raw.close()
+            except OSError as error:
+                if error.errno in _LOSSES:
+                    reason = f"{self.path}: {error.strerror} when its rows were flushed to the disk: compare its end."
+            with contextlib.suppress(OSError):
+                self._raw.close()
+        return reason
 
     def _write(self, block: bytes) -> None:
         """Write lines; when writing fails, the file ends with the last whole line."""

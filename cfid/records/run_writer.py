@@ -82,8 +82,8 @@ class RunWriter:
             raise ValueError(f"{self.folder} is closed already")
         for device, samples in (lost or {}).items():
             self.count_lost(device, samples)
-        for file in self._files.values():
-            file.close()
+        losses = list(filter(None, [file.close() for file in self._files.values()]))
+        self._fault = self._fault or " ".join(losses)
         devices = {name: self._closed(name, record) for name, record in self.header.devices.items()}
         if self._fault:
             state, reason = "failed", self._fault

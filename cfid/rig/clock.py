@@ -33,6 +33,18 @@ class HostClock:
         return monotonic_s + self.unix_less_monotonic_s
 
 
+def suspended_s() -> float:
+    """Return how long the computer has been suspended since its start, which the monotonic clock leaves out.
+
+    0 where the system does not tell.
+    """
+    if not hasattr(time, "CLOCK_BOOTTIME"):
+        return 0.0
+    tries = [(time.monotonic(), time.clock_gettime(time.CLOCK_BOOTTIME), time.monotonic()) for _ in range(5)]
+    before, since_start, after = min(tries, key=lambda read: read[2] - read[0])
+    return since_start - (before + after) / 2
+
+
 class SampleClock:
     """Instants of samples that a device counts, on the host's clock.
 

@@ -14,10 +14,12 @@ from twisted.internet.threads import deferToThreadPool
 from twisted.python.failure import Failure
 
 from cfid.errors import CfidError, DeviceError, StopError
+from cfid.rig.clock import suspended_s
 
 BLOCK_S = 0.05
 SYNC_S = 1.0
 _SHOWN_POINTS = 40
+_LONGEST_SLEEP_S = 0.5
 _RATE_BLOCKS = 20  # over which the rate is averaged
 
 Say = Callable[[str], None]
@@ -141,6 +143,7 @@ class Recorder:
         self._show = show
         self._next_block: DelayedCall | None = None
         self._syncing = False
+        self._suspended_s = 0.0
         self._done: Deferred[None] = Deferred()
 
     @property
@@ -155,6 +158,7 @@ class Recorder:
         message: DeviceError or DataError, unless the program itself is faulty.
         """
         self.began_s = self._loop.seconds()
+        self._suspended_s = suspended_s()
         failed: list[Exception] = []
         begun: Deferred[None] | None = None
         try:
@@ -187,6 +191,7 @@ class Recorder:
     def _write_blocks(self, count: int) -> None:
         """Write the new rows, and schedule the next block on a grid that a slow disk does not shift."""
         try:
+            self._check_awake()
             for instrument in self._instruments:
                 self._write(instrument)
             self._show()
@@ -198,6 +203,15 @@ class Recorder:
         now_s = self._loop.seconds() - self.began_s
         later = max(count + 1, int(now_s / BLOCK_S) + 1)
         self._next_block = self._loop.callLater(max(later * BLOCK_S - now_s, 0), self._write_blocks, later)
+
+    def _check_awake(self) -> None:
+        """Raise DeviceError after a suspend: times of samples leave it out, and motion goes on."""
+        slept_s = suspended_s() - self._suspended_s
+        if slept_s > _LONGEST_SLEEP_S:
+            raise DeviceError(
+                f"the computer was suspended for {slept_s:.1f} s during the recording, and no sample was taken then: "
+                "the rows until then are kept. Record again, with the computer kept awake."
+            )
 
     def _write(self, instrument: Instrument) -> None:
         block = instrument.take()

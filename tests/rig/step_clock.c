@@ -1,6 +1,7 @@
 /* Preloaded into a process: its wall clock is set by CLOCK_STEP_S seconds as soon as the file CLOCK_STEP_FILE exists.
 
-   The monotonic clock goes on as it was, and so do the stamps that the kernel gives datagrams. */
+   With CLOCK_SUSPENDED so is the time since the start of the computer, as after a suspend. The monotonic clock goes on
+   as it was, and so do the stamps that the kernel gives datagrams. */
 
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -23,7 +24,7 @@ int clock_gettime(clockid_t clock, struct timespec *now)
     if (!real)
         real = (int (*)(clockid_t, struct timespec *))dlsym(RTLD_NEXT, "clock_gettime");
     failed = real(clock, now);
-    if (!failed && clock == CLOCK_REALTIME)
+    if (!failed && (clock == CLOCK_REALTIME || (clock == CLOCK_BOOTTIME && getenv("CLOCK_SUSPENDED"))))
         now->tv_sec += step();
     return failed;
 }

@@ -146,3 +146,21 @@ for late, at_most in late_s:
     )
     assert ended.returncode == 0, ended.stderr
     assert float(ended.stdout) == pytest.approx(time.time() + step_s, abs=60)
+
+
+def test_a_run_during_which_the_computer_was_suspended_ends_there_and_is_failed(
+    tmp_path: Path, stepping: Environment
+) -> None:
+    with served_rig(tmp_path / "campaign") as rig:
+        process = start_logging(rig, "encoder", {**stepping(60), "CLOCK_SUSPENDED": "1"})
+        folder = recording_into(process)
+        time.sleep(1.0)
+        (tmp_path / "step").touch()
+        _, err = process.communicate(timeout=30)
+
+    header = read_run(folder).header
+    assert process.returncode == 3
+    assert "the computer was suspended for 60.0 s during the recording" in err
+    assert header.state == "failed"
+    assert "suspended for 60.0 s" in header.reason
+    assert (header.devices["encoder"].rows or 0) > 500
