@@ -64,7 +64,7 @@ def preflight(
         except DeviceError as error:
             answers.setdefault("signals", []).append(DeviceAnswer("recording", "fault", str(error)))
     else:
-        note("the signals were not looked at: mend the faults first.")
+        note("no signal was examined: mend the faults above first.")
     report_answers("rig preflight", answers, simulated=rig[2], json=json)
 
 
@@ -222,15 +222,15 @@ def _judged_balances(sampled: "Mapping[str, Sampled]", loadcell: "Device") -> "l
     usual = float(np.median([one.ratio for one in found if not one.reason] or [np.nan]))
     answers = []
     for one in found:
-        asked = f"balance {','.join(map(str, one.motors))}"
+        line = f"balance {','.join(map(str, one.motors))}"
         if one.reason:
-            answers.append(DeviceAnswer(asked, "warning", f"not measured: {one.reason}"))
+            answers.append(DeviceAnswer(line, "warning", f"not measured: {one.reason}"))
             continue
         most = min(_UNBALANCED, _WORSE * usual)
         within = one.ratio <= most
         answers.append(
             DeviceAnswer(
-                asked,
+                line,
                 "ok" if within else "fault",
                 f"{1e3 * one.line_n:.3g} mN at {one.speed_rad_per_s / (2 * np.pi):.0f} Hz, {100 * one.ratio:.0f} % of "
                 f"{1e3 * one.thrust_n:.3g} mN of thrust",

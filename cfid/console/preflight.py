@@ -87,11 +87,11 @@ def _where(found: Sequence[SignalQuality]) -> str:
     return f", the clearest at {max(clear, key=lambda one: one.line / one.noise_std).line_hz:.0f} Hz"
 
 
-def _six(asked: str, values: Array, limits: Array | None, advice: str, *, more: str = "") -> DeviceAnswer:
+def _six(line: str, values: Array, limits: Array | None, advice: str, *, more: str = "") -> DeviceAnswer:
     """Judge one number of each axis, in mN and mNm."""
     most = "" if limits is None else _in_milli(limits)
     within = limits is None or bool(np.all(values <= limits))
-    return _answer(asked, _in_milli(values) + more, advice, limit=most, within=within)
+    return _answer(line, _in_milli(values) + more, advice, limit=most, within=within)
 
 
 def _in_milli(values: Array) -> str:
@@ -240,6 +240,6 @@ def judged(
     return answers
 
 
-def _answer(asked: str, answer: str, advice: str, *, limit: str, within: bool) -> DeviceAnswer:
+def _answer(line: str, answer: str, advice: str, *, limit: str, within: bool) -> DeviceAnswer:
     state: State = "ok" if within else "fault"
-    return DeviceAnswer(asked, state, answer, "" if within else advice, limit)
+    return DeviceAnswer(line, state, answer, "" if within else advice, limit)

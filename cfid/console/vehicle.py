@@ -139,7 +139,7 @@ def confirm(
 ) -> None:
     """Have the operator confirm that the vehicle is fastened, before motors turn at these commands.
 
-    `effort` says how long, and what that takes. Raises ConfigError without a confirmation, and as `refuse` does.
+    `effort` states how long, and what that takes. Raises ConfigError without a confirmation, and as `refuse` does.
     """
     largest = refuse(vehicle, motors, commands)
     if yes:

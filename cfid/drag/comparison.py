@@ -89,7 +89,7 @@ def fit_models(
     if intercepts and parasitic:
         raise ConfigError(
             "intercepts and a parasitic term are both constant throughout a wind setting and cannot be distinguished: "
-            "ask for one."
+            "choose one."
         )
     fits, undetermined = fit_each(experiments, method=method, mended=mended, intercepts=intercepts, parasitic=parasitic)
     findings = [*experiments.findings, *force_findings(experiments), *undetermined]

@@ -238,7 +238,7 @@ def _check(x: Array, y: Array, std: Array, powers: Sequence[int]) -> None:
         raise FitError("a point that is no finite number cannot be fitted: leave it out.")
     if not np.all((std > 0) & np.isfinite(std)):
         row = int(np.flatnonzero(~((std > 0) & np.isfinite(std)))[0])
-        raise FitError(f"the deviation of point {row + 1} is {std[row]:g}: a weight needs one above zero.")
+        raise FitError(f"the standard uncertainty of point {row + 1} is {std[row]:g}: it has to be above zero.")
     if len(x) < len(powers):
         raise FitError(
             f"{len(x)} points are too few for a polynomial of order {max(powers)}, which has {len(powers)} "
@@ -250,7 +250,7 @@ def _check_places(rows: Array, x: Array, powers: Sequence[int]) -> None:
     diagonal = np.abs(np.diag(np.linalg.qr(rows, mode="r")))
     if diagonal.min() <= _DEPENDENT * diagonal.max():
         raise FitError(
-            f"{len(x)} points at {len(np.unique(x))} different places cannot tell {len(powers)} coefficients apart: "
+            f"{len(x)} points at {len(np.unique(x))} different places do not determine {len(powers)} coefficients: "
             "measure at more places, or take a lower order."
         )
 

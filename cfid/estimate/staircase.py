@@ -172,7 +172,7 @@ def reduce_single(
     meant = [window is None or step.begin_s <= sum(window) / 2 <= step.end_s for step in steps]
     if steps and sum(meant) != 1:
         seen = ", ".join(f"{step.begin_s:.4g} to {step.end_s:.4g} s" for step in steps)
-        raise FitError(f"one step between two pauses is expected, seen: {seen}. Give its window, or the command log.")
+        raise FitError(f"expected one step between two pauses, found {seen}. Give its window, or the command log.")
     found = _reduced(record, intervals, lag_s=lag_s, windows=[window if one else None for one in meant])
     return replace(found, points=(replace(found.points[meant.index(True)], command=command, motors=motors),))
 

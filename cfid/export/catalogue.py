@@ -47,6 +47,6 @@ def target_named(name: str) -> Target:
     """
     if name not in TARGETS:
         raise ConfigError(
-            f"export {name}: no such target. There are {', '.join(TARGETS)}; `cfid export list` tells more."
+            f"export {name}: no such target. There are {', '.join(TARGETS)}; `cfid export list` shows what each needs."
         )
     return TARGETS[name]

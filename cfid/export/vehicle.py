@@ -125,11 +125,11 @@ def collect(
     `simulated` are the names of the runs that were recorded on a simulated rig, `stale` tells why a section is no
     longer current, `covariance` is as `ExportVehicle` has it.
 
-    Raises ConfigError when the rig does not say which body axis points forward: nothing could be turned then.
+    Raises ConfigError when the rig does not state which body axis points forward: nothing could be turned then.
     """
     if "body_frame" not in rig.vehicle.model_fields_set:
         raise ConfigError(
-            f"{rig_file}: vehicle.body_frame is missing: say which body axis points forward, left and up "
+            f"{rig_file}: vehicle.body_frame is missing: state which body axis points forward, left and up "
             '(the thesis: forward = "y", left = "-x", up = "z"); an export without it could be turned wrongly.'
         )
     quantities: dict[str, ExportQuantity] = {}

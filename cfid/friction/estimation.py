@@ -106,7 +106,7 @@ class _Estimate(NamedTuple):
 
 _NEVER_SETTLED = rejection(
     "friction-never-settled",
-    "in no run did the speed settle (as the thesis' 10 g, figure 2.9): use heavier weights or a longer fall, or set "
+    "the speed settled in no run (as in the thesis' of 10 g, figure 2.9): use heavier weights or a longer fall, or set "
     "the window by hand.",
     VISCOUS,
     COULOMB,

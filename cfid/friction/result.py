@@ -136,7 +136,7 @@ def _given_numbers(radius_m: float, drops: Sequence[Drop]) -> list[Given]:
 def _measured(record: AngleRecord, **setup: Any) -> Drop:
     weight_g, std_g = record.label.weight_g, record.label.weight_std_g or 0.0
     if weight_g is None:
-        raise DataError(f"{record.name}: does not say its weight in grams: name it, as in 20={record.name}.")
+        raise DataError(f"{record.name}: does not state its weight in grams: name it, as in 20={record.name}.")
     try:
         return measure_drop(
             record.time_s, record.angle_rad, weight_kg=weight_g / 1000, weight_std_kg=std_g / 1000, **setup

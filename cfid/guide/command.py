@@ -69,7 +69,7 @@ def _prepared(recording: "Assignment") -> tuple[str, ...]:
     questions = recording.questions or {}
     answers = {name: _typed(question) for name, question in questions.items()}
     if empty := [question for name, question in questions.items() if not answers[name]]:
-        raise ConfigError(f"{empty[0]}: nothing was answered; `cfid next` asks again.")
+        raise ConfigError(f"{empty[0]}: no answer, nothing was started. Type `cfid next` again.")
     return tuple(word.format(**answers) for word in recording.words)
 
 

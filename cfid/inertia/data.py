@@ -54,7 +54,7 @@ class MeasuredSwings:
 def records_of(swings: Sequence[Swing]) -> list[AngleRecord | KnownInertia]:
     """Read what is not read yet. Raises ConfigError when there is none."""
     if not swings:
-        raise ConfigError("no swing is given: name the runs or files of at least one.")
+        raise ConfigError("no swing is given: name at least one run or file.")
     return [swing if isinstance(swing, KnownInertia) else angle_record(swing) for swing in swings]
 
 

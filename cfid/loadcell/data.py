@@ -51,7 +51,7 @@ class LoadedRun:
 
 
 def read_load(run: Run | Path | str) -> LoadedRun:
-    """Read a run with its label. Raises DataError for one that does not say how the cell was loaded."""
+    """Read a run with its label. Raises DataError for one that does not state how the cell was loaded."""
     if not isinstance(run, Run):
         if run_at(Path(run)) is None:
             raise DataError(f"{run}: no run folder: record the loads with `cfid log loadcell`, `pull` and `weight`.")
@@ -59,7 +59,7 @@ def read_load(run: Run | Path | str) -> LoadedRun:
     label = run.header.label
     if label.pull is None:
         raise DataError(
-            f"{run.folder}: does not say along which axis of the cell gravity points: record it with `pull`, as in -z."
+            f"{run.folder}: does not state along which of its axes gravity points: record it with `pull`, as in -z."
         )
     record = read_wrench(run.folder, WrenchReading())
     gain = np.array(run.header.rig.loadcell.gain or np.ones(6))  # of an earlier calibration

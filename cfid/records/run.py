@@ -157,8 +157,8 @@ class Run:
         Raises DataError when the run has no such device.
         """
         if device not in self.header.devices:
-            present = ", ".join(self.header.devices) or "no device at all"
-            raise DataError(f"{self.folder}: holds no {device} recording, but {present}.")
+            present = ", ".join(self.header.devices) or "none"
+            raise DataError(f"{self.folder}: holds no {device} recording; its devices: {present}.")
         return self.folder / self.header.devices[device].file
 
 

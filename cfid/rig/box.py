@@ -131,12 +131,12 @@ def _page(box: LoadCellBox, path: str) -> str:
     except (OSError, http.client.HTTPException) as error:
         reason = f"its page was not complete after {_LONGEST_S:g} s" if late.is_set() else _reason(error)
         raise DeviceError(
-            f"{where}: {reason}. Is the box powered, and this computer in its network? `cfid rig check` looks further."
+            f"{where}: {reason}. Is the box powered, and this computer in its network? See `cfid rig check`."
         ) from None
     finally:
         connection.close()
     if late.is_set():
-        raise DeviceError(f"{where}: its page was not complete after {_LONGEST_S:g} s. `cfid rig check` looks further.")
+        raise DeviceError(f"{where}: its page was not complete after {_LONGEST_S:g} s. See `cfid rig check`.")
     if answer.status != http.client.OK:
         raise DeviceError(
             f"{where}{path}: answers {answer.status} {answer.reason}, where a Net F/T has its settings: another device."

@@ -22,7 +22,7 @@ class PowerSet:
             await self._vehicle.write_parameter(parameter, 0, within_s=WITHIN_S, tries=TRIES)
         for parameter in (self.enable, *self.each):
             if await self._read(parameter) != 0:
-                raise DeviceError(f"{self._vehicle.uri}: a parameter of motorPowerSet is not zero.")
+                raise DeviceError(f"{self._vehicle.uri}: a parameter of motorPowerSet was set to 0 and is not.")
 
     async def is_enabled(self) -> bool:
         """Return whether they drive the motors. Raises DeviceError without an answer."""

@@ -147,7 +147,7 @@ class Vehicle:
 
         request = Packet(PARAMETER_PORT, WRITE_CHANNEL, encode_write_parameter(parameter, value))
         if not await self.ask(request, written, within_s=within_s, tries=tries):
-            raise DeviceError(f"{self.uri}: the vehicle did not confirm a parameter.")
+            raise DeviceError(f"{self.uri}: the vehicle did not confirm a parameter: the link loses packets.")
 
     async def times_of_answer(
         self, request: Packet, read: Callable[[bytes], bool | None], *, within_s: float

@@ -100,7 +100,7 @@ def draw_testbody(
     """
     body = rig.testbody
     if body is None:
-        raise ConfigError("rig.toml: testbody: expected a table with mass_kg and cuboids, found none")
+        raise ConfigError("rig.toml: testbody: expected a table with mass_kg and cuboids, found none.")
     mass_kg = rng.normal(body.mass_kg, body.mass_std_kg)
     sizes_m = MM * np.array([rng.normal(cuboid.size_mm, body.length_std_mm) for cuboid in body.cuboids])
     centre_of_mass_m, inertia_kg_m2 = _of_cuboids(body.cuboids, sizes_m=sizes_m, mass_kg=mass_kg)

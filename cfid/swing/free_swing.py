@@ -124,7 +124,7 @@ def find_swing(
     halves = [HalfSwing(h.first + first, h.last + first, h.extreme + first, h.side) for h in halves]
     halves = _completed(angle, halves, last=int(np.flatnonzero(kept)[-1]))
     if not halves:
-        raise DataError("the angle never leaves rest by half a degree to stay: no swing.")
+        raise DataError("no swing: the angle never stays off rest by half a degree. Look at it with `cfid show`.")
     by_hand = first > 0 and _falls_freely(time, angle, halves, first)
     begin = _by_hand(time, angle, halves, first) if by_hand else _let_go(time, angle, halves)
     peak_time, peak_angle, grows = _peaks(time, angle, begin.peak, begin.later)

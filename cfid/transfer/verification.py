@@ -84,7 +84,7 @@ class Verification:
             text = (
                 f"{self.name}: the measured sine differs from the simulated one by {100 * self.off:.0f} % of it, "
                 f"with a standard uncertainty of {100 * self.off_std:.1g} % (limit {100 * OFF_LIMIT:.0f} % and "
-                f"{_CERTAIN:g} standard uncertainties)."
+                f"{_CERTAIN:g} standard uncertainties). Check that rig and battery are those of the fit."
             )
             found.append(rejection("verification-differs", text, *keys))
         return tuple(found)

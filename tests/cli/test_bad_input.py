@@ -205,7 +205,7 @@ def test_friction_needs_weights_in_grams(cfid: Cfid, files: Path) -> None:
     refused(cfid("fit", "friction", f"-50={drop}", "--json"), 2)
     refused(cfid("fit", "friction", f"50={drop}", "--radius-mm", "0", "--json"), 2, "--radius-mm")
     refused(cfid("fit", "friction", f"50={files / 'x.csv'}", "--json"), 4, "no weight dropped")
-    refused(cfid("fit", "friction", drop, "--json"), 4, "does not say its weight in grams")
+    refused(cfid("fit", "friction", drop, "--json"), 4, "does not state its weight in grams")
 
 
 def test_a_dropped_weight_whose_clock_was_set_is_refused(cfid: Cfid, files: Path, tmp_path: Path) -> None:

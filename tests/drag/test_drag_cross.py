@@ -102,7 +102,7 @@ def test_the_bodys_own_drag_is_distinguished_from_the_rotors(
 def test_intercepts_and_the_bodys_own_drag_are_both_constant_in_a_wind_setting_and_refused_together() -> None:
     with pytest.raises(FitError, match="determine 47 of 49 unknowns of the simple model with intercepts"):
         fit_drag(exact(SIMPLE_AIR), SIMPLE, intercepts=True, parasitic=True)
-    with pytest.raises(ConfigError, match="cannot be distinguished: ask for one"):
+    with pytest.raises(ConfigError, match="cannot be distinguished: choose one"):
         fit_models(exact(SIMPLE_AIR), intercepts=True, parasitic=True)
 
 

@@ -326,7 +326,7 @@ SPOILT: dict[str, tuple[Spoil, str]] = {
     "no file named": (change(20000, WINDS[1], loadcell=""), "column 'loadcell' is empty"),
     "a file twice": (
         change(20000, WINDS[1], loadcell=name_of(40000, WINDS[1])),
-        "is the file of wind.csv:9 too: which is it?",
+        "is the file of wind.csv:9 too: name it in one row.",
     ),
     "wind in mm/s": (change(20000, WINDS[1], wind_max_mps="2600"), "wind of 2600 m/s: give it in m/s, up to 100"),
     "an angle round the circle": (
@@ -404,7 +404,7 @@ def test_wrong_options_are_usage_errors(cfid: Cfid, tunnel: WindFolder) -> None:
         (("--azimuth-rad", "nan"), "--azimuth-rad nan: has to be a number"),
         (("--azimuth-rad", 0.4967, "--azimuth-deg", 28.46), "--azimuth-deg and --azimuth-rad are the same"),
         (("--yaw-deg", "inf"), "--yaw-deg inf: has to be a number"),
-        (("--intercepts", "--parasitic"), "cannot be distinguished: ask for one"),
+        (("--intercepts", "--parasitic"), "cannot be distinguished: choose one"),
         (("--table", index), "give it alone"),
     ):
         ended = cfid("fit", "drag", "--index", index, *options)

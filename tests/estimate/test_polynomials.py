@@ -225,10 +225,10 @@ def test_as_many_points_as_coefficients_are_met_and_have_no_deviations_unless_st
     ("x", "std", "said"),
     [
         ([1.0, 2.0], None, "2 points are too few for a polynomial of order 2, which has 3 coefficients"),
-        ([1.0, 1.0, 2.0, 2.0], None, "4 points at 2 different places cannot tell 3 coefficients apart"),
+        ([1.0, 1.0, 2.0, 2.0], None, "4 points at 2 different places do not determine 3 coefficients"),
         ([0.0, 0.0, 0.0], None, "3 points at 1 different places"),
-        ([1.0, 2.0, 3.0, 4.0], [1.0, 1.0, 0.0, 1.0], "the deviation of point 3 is 0"),
-        ([1.0, 2.0, 3.0, 4.0], [1.0, math.nan, 1.0, 1.0], "the deviation of point 2 is nan"),
+        ([1.0, 2.0, 3.0, 4.0], [1.0, 1.0, 0.0, 1.0], "the standard uncertainty of point 3 is 0"),
+        ([1.0, 2.0, 3.0, 4.0], [1.0, math.nan, 1.0, 1.0], "the standard uncertainty of point 2 is nan"),
         ([1.0, 2.0, 3.0, math.nan], None, "no finite number"),
     ],
 )

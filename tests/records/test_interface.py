@@ -73,7 +73,7 @@ def test_a_frame_has_seconds_from_the_first_row_and_radians(bodies: Path) -> Non
     assert frame["t"].iloc[0] == 0
     assert np.all(np.diff(frame["t"]) > 0)
     assert 0.1 < np.ptp(frame["angle_rad"]) < 2 * np.pi
-    with pytest.raises(DataError, match="holds no loadcell recording, but encoder"):
+    with pytest.raises(DataError, match="holds no loadcell recording; its devices: encoder"):
         run.frame("loadcell")
 
 

@@ -356,7 +356,7 @@ def test_a_run_without_an_encoder_or_without_its_angle_is_refused(tmp_path: Path
     loadcell = DeviceRecord(file="loadcell.csv", columns=("t", "Fx"))
     with new(tmp_path, devices={"loadcell": loadcell}) as writer:
         writer.append("loadcell", (TIME_S, COUNTS))
-    with pytest.raises(DataError, match="holds no encoder recording, but loadcell"):
+    with pytest.raises(DataError, match="holds no encoder recording; its devices: loadcell"):
         read_angle(writer.folder, Reading())
     with new(tmp_path, devices={"encoder": DeviceRecord(file="encoder.csv", columns=("t",))}) as writer:
         writer.append("encoder", (TIME_S,))

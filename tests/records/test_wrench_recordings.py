@@ -192,7 +192,7 @@ def test_a_run_without_a_load_cell_or_without_an_axis_is_refused(tmp_path: Path)
     toml = tomllib.loads((folder / "run.toml").read_text())
     toml["devices"]["scales"] = toml["devices"].pop("loadcell")
     (folder / "run.toml").write_bytes(tomli_w.dumps(toml).encode())
-    with pytest.raises(DataError, match="holds no loadcell recording, but scales"):
+    with pytest.raises(DataError, match="holds no loadcell recording; its devices: scales"):
         read_wrench(folder, WrenchReading())
 
 

@@ -459,7 +459,7 @@ def test_sines_are_played_one_after_the_other_and_resumed(bench: Bench) -> None:
     assert states == [(5, "complete"), (20, "interrupted"), (20, "complete"), (40, "complete")]
     last = bench.start(*words, "--resume")
     assert last.end() == 2
-    assert "--resume: the campaign has all of them completely." in last.err
+    assert "--resume: nothing is left to record: the campaign has every sine of the series." in last.err
 
 
 def test_stock_firmware_plays_no_sine_and_says_what_it_needs(tmp_path: Path) -> None:

@@ -71,7 +71,7 @@ class WindOptions:
         if self.angle is None:
             raise ConfigError(f"--wind {self.wind}: give --angle DEG too, the wind generator's to the vertical.")
         if not 0 <= self.angle <= HIGHEST_DEG:
-            raise ConfigError(f"--angle {self.angle:g}: from 0, straight above, to {HIGHEST_DEG:g} degrees.")
+            raise ConfigError(f"--angle {self.angle:g}: has to be from 0, straight above, to {HIGHEST_DEG:g} degrees.")
         from_deg = azimuth(self.azimuth_deg, self.azimuth_rad)
         fan_v = 0.0 if self.fan_voltage is None else positive(self.fan_voltage, "--fan-voltage")
         return WindSetting(angle_deg=self.angle, fan_v=fan_v, min_mps=low, max_mps=high, azimuth_deg=from_deg)

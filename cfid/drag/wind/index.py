@@ -42,7 +42,7 @@ def read_wind_index(path: Path) -> tuple[list[IndexedRun], Source, tuple[Finding
     seen: dict[Path, str] = {}
     for run in found:
         if run.loadcell in seen:
-            raise DataError(f"{run.where}: {run.loadcell} is the file of {seen[run.loadcell]} too: which is it?")
+            raise DataError(f"{run.where}: {run.loadcell} is the file of {seen[run.loadcell]} too: name it in one row.")
         seen[run.loadcell] = run.where
     return found, source, tuple(replace(one, quantities=("drag.*",)) for one in findings)
 

@@ -118,7 +118,8 @@ class Comb(NamedTuple):
         highest = 4 * math.pi * _HIGHEST * seen.frequency_hz[-1]
         if low >= min(high, highest):
             raise FitError(
-                f"no speed from {low:.0f} to {high:.0f} rad/s can be found in samples that resolve {highest:.0f}."
+                f"no speed from {low:.0f} to {high:.0f} rad/s can be found: at this sampling rate the largest is "
+                f"{highest:.0f} rad/s. Record faster, or state a lower range."
             )
         return np.arange(low, min(high, highest), 2 * math.pi / (_CANDIDATES * seen.length_s))
 

@@ -140,8 +140,8 @@ def _held(given: Mapping[str, Any], resumed: "Sine") -> dict[str, Any]:
     }
     for name, value in given.items():
         if value is not None and value != own[name]:
-            has = resumed.motor if name == "motors" else own[name]
-            raise ConfigError(f"{name}: the run to resume has {has}, not what is given: leave the option out.")
+            option, has = ("motor", resumed.motor) if name == "motors" else (name, own[name])
+            raise ConfigError(f"--{option}: the run to resume has {has}: leave the option out.")
     return own
 
 
@@ -184,7 +184,7 @@ def sine(
         sweep = options.chosen(None if resume.run is None else _sine_of(resume.run, campaign))
     sines = sweep.sines if resume.word is None else missing_sines(sweep, campaign, simulated=simulated)
     if not sines:
-        raise ConfigError("--resume: the campaign has all of them completely.")
+        raise ConfigError("--resume: nothing is left to record: the campaign has every sine of the series.")
     periods = [own.periods for own in sines]
     each_s = seconds_of_each(sweep, before_s=before_s)
     where = f" on motors {', '.join(map(str, sweep.motors))} in turn" if len(sweep.motors) > 1 else ""
