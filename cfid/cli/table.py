@@ -164,6 +164,10 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
         "cfid.motors.steps.command:dynamics",
         "Fit how rotors follow commands: a lag to each step and one rotor model, or one lag to a flight log.",
     ),
+    "fit flight": (
+        "cfid.flight.command:flight",
+        "Fit thrust, lag, moments of inertia and drag to logs of flights, as far as these excite them.",
+    ),
     "fit drag": (
         "cfid.drag.command:drag",
         "Fit the simple, the cross-coupling and the complex model of drag, and choose the one the data support.",

@@ -80,7 +80,12 @@ def read_flight(
     Raises DataError for a log without commands of all motors, rates and accelerations, or sampled too slowly.
     """
     run = run_at(path)
-    log = read_log(path, reading) if run is None else log_of_run(run)
+    return flight_of(read_log(path, reading) if run is None else log_of_run(run), from_s=from_s, to_s=to_s)
+
+
+def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None = None) -> FlownLog:
+    """Take the flight out of a log that was read, as `read_flight`."""
+    path = log.path
     names = [_first(log, _COMMANDS, motor) for motor in MOTORS]
     missing = [f"motor.m{motor}" for motor, name in zip(MOTORS, names, strict=True) if name is None]
     if missing:
@@ -232,5 +237,3 @@ def _late(mask: Mask, for_s: float) -> Mask:
 def _first(log: FlightLog, patterns: Sequence[str], motor: int = 0) -> str | None:
     there = {name for series in log.series for name in series.names}
     return next((name for pattern in patterns if (name := pattern.format(motor)) in there), None)
-
-

@@ -29,6 +29,7 @@ _PAST = 16  # rows that foretell the next: 0.16 s
 _ROUNDS = 3  # in which noise and parameters are estimated in turn
 _FEWEST = 500  # rows: 5 s
 _SMOOTH = 10  # rows over which noise is averaged before judging how much is explained
+_PART = 500  # rows: 5 s, in which a flight's manoeuvres change
 _LAGS = 2  # parameters before those of the thrust
 _THRUST = slice(2, 5)
 _TURNS = 5  # the first parameter of the moments
@@ -38,17 +39,18 @@ _TURNS = 5  # the first parameter of the moments
 class FlightFit:
     """Time constants in s, thrust over mass (3,) in powers of the drive, in m/s^2, and lever times mass over moment.
 
-    `values` (8,) are these in order, `covariance` (8, 8) theirs. `drive` is the mean in flight, `explained` by equation
-    the part of the variance of means over 0.1 s that the rotors explain, `excitation` by equation the root mean square
-    of what they did there: m/s^2 vertically, rad/s^2 about an axis. `blocks` are the equations at the solution, with
+    `values` (8,) are these in order, `covariance` (8, 8) theirs. `drive` is the mean in flight, in V if
+    `in_volts`; `explained` is the part of the vertical force's variance, of means over 0.1 s, that the rotors explain,
+    `excitation` by equation the root mean square of what they did there: m/s^2 vertically, rad/s^2 about an axis. `blocks` are the equations at the solution, with
     `fitted` what these give.
     """
 
     values: Array
     covariance: Array
+    in_volts: bool
     drive: float
     drive_range: tuple[float, float]
-    explained: dict[str, float]
+    explained: float
     excitation: dict[str, float]
     rows: int
     blocks: tuple[tuple[Block, Array], ...]
@@ -108,12 +110,14 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
         )
         found = np.asarray(result.x)
     blocks = of_lag(found)
-    covariance = sandwich(result.jac, result.fun, longest=max(len(result.fun) // (8 * len(blocks)), 10))
+    lengths = [len(one.basis) for one in white]
+    covariance = _covariance(np.asarray(result.jac), np.asarray(result.fun), lengths)
     fitted = tuple((block, _fitted(block, found)) for block in blocks)
     drives = np.concatenate([flight.row_drives[flight.driven] for flight in flown])
     return FlightFit(
         values=found,
         covariance=covariance,
+        in_volts=flown[0].in_volts,
         drive=float(np.mean(drives)),
         drive_range=(float(np.quantile(drives, 0.01)), float(np.quantile(drives, 0.99))),
         explained=_explained(fitted),
@@ -225,6 +229,21 @@ def _parts(columns: Array, lengths: Sequence[int]) -> list[Array]:
     return np.split(columns, np.cumsum(lengths)[:-1])
 
 
+def _covariance(jacobian: Array, residual: Array, lengths: Sequence[int]) -> Array:
+    """Return the covariance (p, p) of a fit to blocks of rows, wider where parts of 5 s scatter more than it allows.
+
+    A model that is not quite right errs otherwise in each manoeuvre: parts then differ by more than noise explains.
+    """
+    covariance = sandwich(jacobian, residual, longest=max(len(residual) // (8 * len(lengths)), 10))
+    influence = gain_of(jacobian).T * residual[:, np.newaxis]
+    ends = [end for one in lengths for end in [*range(0, one - _PART // 2, _PART)]]
+    starts = np.repeat(np.cumsum([0, *lengths[:-1]]), [len(range(0, one - _PART // 2, _PART)) for one in lengths])
+    sums = np.add.reduceat(influence, starts + np.array(ends, dtype=int), axis=0)
+    scatter = np.sum(sums**2, axis=0)
+    wider = np.sqrt(np.maximum(scatter / np.maximum(np.diag(covariance), 1e-300), 1.0))
+    return np.asarray(covariance * np.outer(wider, wider))
+
+
 def _start(of_lag: Callable[[Array], list[Block]]) -> Array:
     """Return the best parameters (8,) of a coarse grid of lags, as fast upwards as downwards."""
     best, found = np.inf, np.zeros(8)
@@ -272,19 +291,12 @@ def _residual(p: Array, *, of_lag: Callable[[Array], list[Block]], white: Sequen
     return np.concatenate([one.of((block.shown - _fitted(block, p))[:, np.newaxis])[:, 0] for block, one in each])
 
 
-def _explained(fitted: Sequence[tuple[Block, Array]]) -> dict[str, float]:
-    left: dict[str, list[Array]] = {}
-    whole: dict[str, list[Array]] = {}
-    for block, thrusts in fitted:
-        name = "vertical" if block.axis is None else AXES[block.axis]
-        means = np.ones((len(block.shown), 1))
-        others = block.others if block.axis is not None else means
-        left.setdefault(name, []).append(block_means(_without(block.shown - thrusts, others), length=_SMOOTH))
-        whole.setdefault(name, []).append(block_means(_without(block.shown, others), length=_SMOOTH))
-    return {
-        name: 1 - float(np.var(np.concatenate(left[name])) / max(float(np.var(np.concatenate(whole[name]))), 1e-300))
-        for name in left
-    }
+def _explained(fitted: Sequence[tuple[Block, Array]]) -> float:
+    """Return the part of the variance of the vertical force's means over 0.1 s that the rotors explain."""
+    vertical = [(block, thrusts) for block, thrusts in fitted if block.axis is None]
+    left = np.concatenate([block_means(block.shown - thrusts, length=_SMOOTH) for block, thrusts in vertical])
+    whole = np.concatenate([block_means(block.shown, length=_SMOOTH) for block, _ in vertical])
+    return float(1 - np.var(left) / max(float(np.var(whole)), 1e-300))
 
 
 def _excitation(fitted: Sequence[tuple[Block, Array]]) -> dict[str, float]:

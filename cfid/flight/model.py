@@ -70,7 +70,6 @@ class Flight:
         return self.drive[::ROW_STEPS][: len(self.rates)]
 
 
-
 class Lag(NamedTuple):
     """dw/dt = (u - w) / tau of a rotor's drive u, tau being `rising_s` where u > w and `falling_s` elsewhere."""
 
@@ -128,7 +127,12 @@ def _turning(flight: Flight, powers: Array, axis: int) -> Block:
     gone = _rows(flight, np.cumsum(turning, axis=0) * STEP_S)
     total = _rows(flight, powers[1].sum(axis=1)[:, np.newaxis])[:, 0]
     rates = (flight.rates[1:] + flight.rates[:-1]) / 2
-    others = [np.ones(len(rates)), rates[:, axis], rates[:, axis - 2] * rates[:, axis - 1], (total[1:] + total[:-1]) / 2]
+    others = [
+        np.ones(len(rates)),
+        rates[:, axis],
+        rates[:, axis - 2] * rates[:, axis - 1],
+        (total[1:] + total[:-1]) / 2,
+    ]
     if axis == 2:  # what speeds a rotor up turns the vehicle the other way
         others.append(np.diff(_rows(flight, turning[:, 1:2])[:, 0]) / ROW_S)
     both = flight.driven[1:] & flight.driven[:-1]
