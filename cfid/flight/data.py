@@ -1,4 +1,4 @@
-"""Logs of flights as drives, rates, specific forces and velocities along the vehicle's axes, and where it was in the air.
+"""Logs of flights as drives, rates, specific forces and velocities along the vehicle's axes, and when it was flying.
 
 Whatever the autopilot's axes, they become x forward, y left, z up.
 """
@@ -94,8 +94,8 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
     rates, forces = _sensor(log, _RATES, _RATES_TOPIC, "rates"), _sensor(log, _FORCES, _FORCES_TOPIC, "accelerations")
     timed = [one[0] for one in (*commands, rates, forces)]
     first = float(commands[0][0][0])
-    begin = max(max(float(one[0]) for one in timed), first + (from_s or 0.0))
-    end = min(min(float(one[-1]) for one in timed), first + (np.inf if to_s is None else to_s))
+    begin = max(*(float(one[0]) for one in timed), first + (from_s or 0.0))
+    end = min(*(float(one[-1]) for one in timed), first + (np.inf if to_s is None else to_s))
     if not end - begin > 2 * _EDGE_S:
         raise ConfigError(f"{path}: {max(end - begin, 0.0):.3g} s are left of the log (limit {2 * _EDGE_S:g} s).")
     if end - begin > _MOST_S:
@@ -144,7 +144,7 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
 
 
 def turned_back(attitude: Array, vector: Array) -> Array:
-    """Return vectors (m, 3) of the world's axes along the vehicle's, whose attitude is a quaternion w, x, y, z (m, 4)."""
+    """Return vectors (m, 3) of the world's axes along the vehicle's, of attitude w, x, y, z (m, 4)."""
     w, v = attitude[:, :1], -attitude[:, 1:]
     across = 2 * np.cross(v, vector)
     return np.asarray(vector + w * across + np.cross(v, across))

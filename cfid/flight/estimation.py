@@ -39,10 +39,10 @@ _TURNS = 5  # the first parameter of the moments
 class FlightFit:
     """Time constants in s, thrust over mass (3,) in powers of the drive, in m/s^2, and lever times mass over moment.
 
-    `values` (8,) are these in order, `covariance` (8, 8) theirs. `drive` is the mean in flight, in V if
-    `in_volts`; `explained` is the part of the vertical force's variance, of means over 0.1 s, that the rotors explain,
-    `excitation` by equation the root mean square of what they did there: m/s^2 vertically, rad/s^2 about an axis. `blocks` are the equations at the solution, with
-    `fitted` what these give.
+    `values` (8,) are these in order, `covariance` (8, 8) theirs. `drive` is the mean in flight, in V if `in_volts`, and
+    `drive_range` its quantiles of 1 and 99 %. `explained` is the part of the variance of the vertical force, in means
+    over 0.1 s, that the rotors explain, `excitation` by equation the root mean square of what they did there: m/s^2
+    vertically, rad/s^2 about an axis. `blocks` are the equations at the solution, each with what the rotors do in it.
     """
 
     values: Array

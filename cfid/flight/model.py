@@ -90,7 +90,7 @@ class Lag(NamedTuple):
 
 
 class Block(NamedTuple):
-    """An equation of one flight at rows (k,): `shown` = `nuisance` + the sum of `terms`, which are by a thrust's powers.
+    """An equation of one flight at rows (k,): `shown` is a sum of `terms`, by the powers of thrust, and `others`.
 
     `terms` (k, 3) go with c0, c1, c2; `others` (k, q) are what else may act, each with a coefficient of its own.
     `lengths` are those of the segments without a gap.
@@ -141,7 +141,7 @@ def _turning(flight: Flight, powers: Array, axis: int) -> Block:
 
 
 def _rows(flight: Flight, steps: Array) -> Array:
-    """Return what sensors would show (m, k) of values (n, k), three to a row: their mean over a row, or the value at it."""
+    """Return what sensors would show (m, k) of values (n, k), three to a row: means over rows, or values at them."""
     if flight.averaged:
         half = ROW_STEPS // 2
         padded = np.pad(steps, ((half, half), (0, 0)), mode="edge")

@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -218,7 +217,7 @@ def _thrust_findings(found: FlightFit) -> list[Finding]:
         result.append(rejection("flight-lag-not-excited", text, *_LAGS, *_MOMENTS.values()))
     slope = np.array([0.0, 1.0, 2 * found.drive])
     gain, std = float(slope @ found.thrust), math.sqrt(float(slope @ found.covariance[2:5, 2:5] @ slope))
-    if not (0 < gain and std < _LOOSE * gain):
+    if not (gain > 0 and std < _LOOSE * gain):
         text = (
             f"the slope of thrust over the drive at hovering is {gain:.3g} +- {std:.2g} m/s^2 (limit "
             f"{100 * _LOOSE:.0f} %): {climb}. Moments need it."

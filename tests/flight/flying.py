@@ -115,10 +115,12 @@ def _level(vehicles: Fleet) -> Array:
 
 
 def _manoeuvres(count: int, steps: int, rng: np.random.Generator) -> Array:
-    """Return targets (steps, n, 4): roll and pitch in rad, yaw rate in rad/s, vertical velocity in m/s, held a while."""
+    """Return targets (steps, n, 4): roll, pitch in rad, yaw rate in rad/s, vertical velocity in m/s, held a while."""
     plan = np.zeros((steps, count, 4))
     for place in range(count):
-        for kind, (size, least, most) in enumerate(((0.5, 0.2, 0.6), (0.5, 0.2, 0.6), (6.0, 0.3, 0.8), (1.2, 0.3, 0.9))):
+        for kind, (size, least, most) in enumerate(
+            ((0.5, 0.2, 0.6), (0.5, 0.2, 0.6), (6.0, 0.3, 0.8), (2.0, 0.3, 0.9))
+        ):
             step = 0
             while step < steps:
                 until = step + int(rng.uniform(least, most) / STEP)
@@ -155,7 +157,9 @@ def _quaternion(turn: Array) -> Array:
 def _log(rows: Array, *, number: int) -> FlightLog:
     """Return rows (steps, 17) as a log; before and after them the motors stand."""
     channels = [Channel(f"motor.m{motor}", "1") for motor in (1, 2, 3, 4)]
-    channels += [Channel(f"gyro.{axis}", "rad/s") for axis in "xyz"] + [Channel(f"acc.{axis}", "m/s^2") for axis in "xyz"]
+    channels += [Channel(f"gyro.{axis}", "rad/s") for axis in "xyz"] + [
+        Channel(f"acc.{axis}", "m/s^2") for axis in "xyz"
+    ]
     channels += [Channel(name, "m/s") for name in ("vx", "vy", "vz")] + [Channel(f"q{part}", "1") for part in "wxyz"]
     values = rows.copy()
     values[:, :4] *= 65535
