@@ -30,6 +30,7 @@ _ROUNDS = 3  # in which noise and parameters are estimated in turn
 _FEWEST = 500  # rows: 5 s
 _SMOOTH = 10  # rows over which noise is averaged before judging how much is explained
 _PART = 500  # rows: 5 s, in which a flight's manoeuvres change
+_OLDER = 2  # rows, so that no row of an error's difference is in an instrument's
 _LAGS = 2  # parameters before those of the thrust
 _THRUST = slice(2, 5)
 _TURNS = 5  # the first parameter of the moments
@@ -42,7 +43,9 @@ class FlightFit:
     `values` (8,) are these in order, `covariance` (8, 8) theirs. `drive` is the mean in flight, in V if `in_volts`, and
     `drive_range` its quantiles of 1 and 99 %. `explained` is the part of the variance of the vertical force, in means
     over 0.1 s, that the rotors explain, `excitation` by equation the root mean square of what they did there: m/s^2
-    vertically, rad/s^2 about an axis. `blocks` are the equations at the solution, each with what the rotors do in it.
+    vertically, rad/s^2 about an axis. `feedback` (3,) is how much older torques would change the moments, relatively,
+    beyond what noise explains; the covariance contains it. `blocks` are the equations at the solution, each with what
+    the rotors do in it.
     """
 
     values: Array
@@ -52,6 +55,7 @@ class FlightFit:
     drive_range: tuple[float, float]
     explained: float
     excitation: dict[str, float]
+    feedback: Array
     rows: int
     blocks: tuple[tuple[Block, Array], ...]
 
@@ -111,7 +115,10 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
         found = np.asarray(result.x)
     blocks = of_lag(found)
     lengths = [len(one.basis) for one in white]
-    covariance = _covariance(np.asarray(result.jac), np.asarray(result.fun), lengths)
+    jacobian, residual = np.asarray(result.jac), np.asarray(result.fun)
+    covariance = _covariance(jacobian, residual, lengths)
+    excess = _excess_of_older_torques(jacobian, residual, white)
+    covariance[_TURNS:, _TURNS:] += np.diag((excess / math.sqrt(3)) ** 2)
     fitted = tuple((block, _fitted(block, found)) for block in blocks)
     drives = np.concatenate([flight.row_drives[flight.driven] for flight in flown])
     return FlightFit(
@@ -122,6 +129,7 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
         drive_range=(float(np.quantile(drives, 0.01)), float(np.quantile(drives, 0.99))),
         explained=_explained(fitted),
         excitation=_excitation(fitted),
+        feedback=excess / np.maximum(np.abs(found[_TURNS:]), 1e-300),
         rows=rows,
         blocks=fitted,
     )
@@ -227,6 +235,27 @@ def _filtered(columns: Array, coefficients: Array, lengths: Sequence[int]) -> Ar
 
 def _parts(columns: Array, lengths: Sequence[int]) -> list[Array]:
     return np.split(columns, np.cumsum(lengths)[:-1])
+
+
+def _excess_of_older_torques(jacobian: Array, residual: Array, white: Sequence["_White"]) -> Array:
+    """Return by how much the last three parameters change if torques of two rows before are instruments, less noise.
+
+    An autopilot that answers to the gyro's noise within a row, or rotors that are no first-order lag, make the two
+    differ. Less two standard uncertainties of the difference, so that noise alone changes nothing.
+    """
+    older = np.zeros((len(residual), len(AXES)))
+    begin = 0
+    for one in white:
+        for length in one.lengths:
+            end = begin + length - _PAST
+            older[begin + _OLDER : end] = jacobian[begin : end - _OLDER, _TURNS:]
+            begin = end
+    excess = np.zeros(len(AXES))
+    for axis, (now, before) in enumerate(zip(jacobian[:, _TURNS:].T, older.T, strict=True)):
+        if abs(float(before @ now)) > 0:
+            influence = (before / float(before @ now) - now / float(now @ now)) * residual
+            excess[axis] = max(abs(float(np.sum(influence))) - 2 * math.sqrt(float(influence @ influence)), 0.0)
+    return excess
 
 
 def _covariance(jacobian: Array, residual: Array, lengths: Sequence[int]) -> Array:

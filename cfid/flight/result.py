@@ -32,6 +32,7 @@ _EXPLAINED = 0.6  # of the vertical force, as `fit dynamics` asks of a thrust
 _LOOSE_LAG, _LOOSE = 0.1, 0.1  # of a value: the largest accepted standard uncertainty
 _LEAST_SPEED_MPS = 0.3  # root mean square along an axis
 _EXPLAINED_DRAG = 0.8  # of the horizontal specific force: else wind or a tilted sensor decides
+_FED_BACK = 0.03  # of a moment, from where a warning names what older torques would change
 _MANOEUVRES = {
     "roll": "tilt quickly to the right and left, several times a second, for 20 s",
     "pitch": "tilt quickly forward and back, several times a second, for 20 s",
@@ -246,6 +247,14 @@ def _moment_findings(found: FlightFit, body: Body) -> list[Finding]:
                 f"rotors' torques moved the rate by {found.excitation[axis]:.2g} rad/s^2 rms: {_MANOEUVRES[axis]}."
             )
             result.append(rejection("flight-moment-not-excited", text, _MOMENTS[axis]))
+        elif found.feedback[place] > _FED_BACK:
+            change = 100 * found.feedback[place]
+            text = (
+                f"torques of 20 ms before would change the moment about {axis} by {change:.0f} % more than noise "
+                "explains: the autopilot answers to the gyro's noise, or the rotors are no first-order lag. "
+                "The standard uncertainty contains it."
+            )
+            result.append(warning("flight-older-torques-differ", text, _MOMENTS[axis]))
     return result
 
 
