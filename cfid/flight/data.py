@@ -107,10 +107,10 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
             "accelerometer every 10 ms at least."
         )
     rows = int((end - begin) / ROW_S)
-    at_s = begin + STEP_S * np.arange(rows * ROW_STEPS)
+    at_s = np.asarray(begin + STEP_S * np.arange(rows * ROW_STEPS), dtype=np.float64)
     command = np.column_stack([_held(*one, at_s) for one in commands])
     volts, faults = _volts(log, at_s)
-    row_s = begin + ROW_S * np.arange(rows)
+    row_s = np.asarray(begin + ROW_S * np.arange(rows), dtype=np.float64)
     averaged = float(np.median(np.diff(rates[0]))) < _AVERAGED_S
     force = _at(*forces, row_s, averaged=averaged)
     spun = _at(*rates, row_s, averaged=averaged)
@@ -126,7 +126,7 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
         rates=spun,
         force=force,
         airborne=airborne,
-        driven=airborne & ~_late(~within, _SETTLING_S),
+        driven=airborne & ~_late(np.asarray(~within), _SETTLING_S),
         averaged=averaged,
         in_volts=volts is not None,
         velocity=velocity,

@@ -202,7 +202,7 @@ class _White:
     def of(self, columns: Array) -> Array:
         """Return columns (n, p) whitened, without each segment's first rows and without what other terms explain."""
         white = _filtered(columns, self.filter, self.lengths)
-        return np.asarray(white - self.basis @ (self.basis.T @ white)) / self.size
+        return np.asarray((white - self.basis @ (self.basis.T @ white)) / self.size)
 
 
 def _whitening(block: Block, left: Array) -> _White:
@@ -221,7 +221,7 @@ def _whitening(block: Block, left: Array) -> _White:
 
 
 def _lengths(columns: Array) -> Array:
-    return np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    return np.asarray(np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
 
 
 def _filtered(columns: Array, coefficients: Array, lengths: Sequence[int]) -> Array:

@@ -41,7 +41,7 @@ def _draw(axes: Axes, letter: str, block: Block, rotors: Array) -> None:
     begins = range(0, max(len(rotors) - _SHOWN, 0) + 1, _SHOWN // 4)
     begin = max(begins, key=lambda at: float(np.std(rotors[at : at + _SHOWN])))
     seen = slice(begin, begin + _SHOWN)
-    time_s = ROW_S * np.arange(len(rotors[seen]))
+    time_s = np.asarray(ROW_S * np.arange(len(rotors[seen])), dtype=np.float64)
     shown, explained = (np.convolve(each, np.full(_MEAN, 1 / _MEAN), "same")[seen] for each in (block.shown, rotors))
     offset = float(np.mean(shown) - np.mean(explained))
     draw_line(axes, time_s, shown, color=RECORDED, lw=0.9, label="measured")

@@ -62,7 +62,7 @@ class Flight:
     @property
     def time_s(self) -> Array:
         """The times (m,) of the sensors' rows since the first drive."""
-        return ROW_S * np.arange(len(self.rates))
+        return np.asarray(ROW_S * np.arange(len(self.rates)), dtype=np.float64)
 
     @property
     def row_drives(self) -> Array:

@@ -32,6 +32,7 @@ _EXPLAINED = 0.6  # of the vertical force, as `fit dynamics` asks of a thrust
 _LOOSE_LAG, _LOOSE = 0.1, 0.1  # of a value: the largest accepted standard uncertainty
 _LEAST_SPEED_MPS = 0.3  # root mean square along an axis
 _EXPLAINED_DRAG = 0.8  # of the horizontal specific force: else wind or a tilted sensor decides
+_LEAST_TURN_RAD_PER_S2 = 5.0  # root mean square; with 0.6 about yaw a public log gave 8e-5 kg m^2, others publish 3e-5
 _FED_BACK = 0.03  # of a moment, from where a warning names what older torques would change
 _MANOEUVRES = {
     "roll": "tilt quickly to the right and left, several times a second, for 20 s",
@@ -241,10 +242,11 @@ def _moment_findings(found: FlightFit, body: Body) -> list[Finding]:
                 "and up, or its motors have other numbers (front right, rear right, rear left, front left)."
             )
             result.append(rejection("flight-wrong-way", text, _MOMENTS[axis]))
-        elif not std < _LOOSE * abs(gain):
+        elif not std < _LOOSE * abs(gain) or found.excitation[axis] < _LEAST_TURN_RAD_PER_S2:
             text = (
-                f"the moment about {axis} is open by {100 * std / abs(gain):.0f} % (limit {100 * _LOOSE:.0f} %): the "
-                f"rotors' torques moved the rate by {found.excitation[axis]:.2g} rad/s^2 rms: {_MANOEUVRES[axis]}."
+                f"the moment about {axis} is open by {100 * std / abs(gain):.0f} % (limit {100 * _LOOSE:.0f} %), and "
+                f"rotors' torques moved the rate by {found.excitation[axis]:.2g} rad/s^2 rms (at least "
+                f"{_LEAST_TURN_RAD_PER_S2:g}): {_MANOEUVRES[axis]}."
             )
             result.append(rejection("flight-moment-not-excited", text, _MOMENTS[axis]))
         elif found.feedback[place] > _FED_BACK:

@@ -135,7 +135,7 @@ def _autopilot(vehicles: Fleet, target: Array, rates: Array, up: Array, climb: A
     mix = (wanted - rates) * [0.02, 0.02, 0.06]
     total = level + 0.12 * (target[:, 3] - climb)
     each = total[:, None] + mix[:, :1] * Y - mix[:, 1:2] * X - mix[:, 2:] * TURNS
-    return np.clip(each, 0.1, 0.98)
+    return np.asarray(np.clip(each, 0.1, 0.98))
 
 
 def _turned(turn: Array, angle: Array) -> Array:
@@ -163,7 +163,7 @@ def _log(rows: Array, *, number: int) -> FlightLog:
     channels += [Channel(name, "m/s") for name in ("vx", "vy", "vz")] + [Channel(f"q{part}", "1") for part in "wxyz"]
     values = rows.copy()
     values[:, :4] *= 65535
-    time_s = STEP * np.arange(len(rows))
+    time_s = np.asarray(STEP * np.arange(len(rows)), dtype=np.float64)
     path = Path(f"flight{number}.csv")
     return FlightLog(
         path=path,
