@@ -27,7 +27,7 @@ _MOMENTS = {axis: f"flight.inertia_kg_m2.{axis}" for axis in AXES}
 _RISING, _FALLING, _MEAN = "flight.rising_s", "flight.falling_s", "flight.time_constant_s"
 _LAGS = (_RISING, _FALLING, _MEAN)
 
-_LEAST_LIFT_MPS2 = 1.2  # root mean square of what rotors did vertically; see docs/decisions/0021
+_LEAST_LIFT_MPS2 = 1.2  # root mean square of what rotors did vertically; see docs/decisions/0022
 _EXPLAINED = 0.6  # of the vertical force, as `fit dynamics` asks of a thrust
 _LOOSE_LAG, _LOOSE = 0.1, 0.1  # of a value: the largest accepted standard uncertainty
 _LEAST_SPEED_MPS = 0.3  # root mean square along an axis
