@@ -31,9 +31,9 @@ _FEWEST = 500  # rows: 5 s
 _SMOOTH = 10  # rows over which noise is averaged before judging how much is explained
 _PART = 500  # rows: 5 s, in which a flight's manoeuvres change
 _OLDER = 2  # rows, so that no row of an error's difference is in an instrument's
-_LAGS = 2  # parameters before those of the thrust
-_THRUST = slice(2, 5)
-_TURNS = 5  # the first parameter of the moments
+_LAGS = 4  # parameters before those of the thrust
+_THRUST = slice(4, 7)
+_TURNS = 7  # the first parameter of the moments
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,14 +84,14 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
             f"{rows / 100:.1f} s in the air with every motor within its range (limit {_FEWEST / 100:g} s): the vehicle "
             "has to fly for longer, or lower its thrust."
         )
-    latest: dict[tuple[float, float], list[Block]] = {}  # most columns of a Jacobian have the same lag
+    latest: dict[tuple[float, ...], list[Block]] = {}  # most columns of a Jacobian have the same lag
 
     def of_lag(p: Array) -> list[Block]:
-        key = (float(p[0]), float(p[1]))
+        key = tuple(map(float, p[:_LAGS]))
         if key not in latest:
             if len(latest) > 2:
                 latest.clear()
-            latest[key] = [one for flight in flown for one in blocks_of(flight, Lag(*key))]
+            latest[key] = [one for flight in flown for one in blocks_of(flight, Lag(*key[:2]), key[2:])]
         return latest[key]
 
     found = _start(of_lag)
@@ -103,8 +103,8 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
             partial(_residual, of_lag=of_lag, white=white),
             found,
             bounds=(
-                [_QUICKEST_S, _QUICKEST_S, *[-np.inf] * 6],
-                [_SLOWEST_S, _SLOWEST_S, *[np.inf] * 6],
+                [_QUICKEST_S, _QUICKEST_S, -0.02, -0.02, *[-np.inf] * 6],
+                [_SLOWEST_S, _SLOWEST_S, 0.05, 0.05, *[np.inf] * 6],
             ),
             x_scale=_scales(found),
             diff_step=1e-4,
@@ -275,9 +275,9 @@ def _covariance(jacobian: Array, residual: Array, lengths: Sequence[int]) -> Arr
 
 def _start(of_lag: Callable[[Array], list[Block]]) -> Array:
     """Return the best parameters (8,) of a coarse grid of lags, as fast upwards as downwards."""
-    best, found = np.inf, np.zeros(8)
+    best, found = np.inf, np.zeros(10)
     for tau_s in _STARTS_S:
-        p = np.concatenate([[tau_s, tau_s], np.zeros(6)])
+        p = np.concatenate([[tau_s, tau_s, 0.005, 0.005], np.zeros(6)])
         blocks = of_lag(p)
         vertical = [block for block in blocks if block.axis is None]
         rows, shown = (np.concatenate(each) for each in zip(*((b.terms, b.shown) for b in vertical), strict=True))
@@ -301,7 +301,7 @@ def _without(values: Array, others: Array) -> Array:
 def _scales(p: Array) -> Array:
     """Return the sizes of the parameters (8,)."""
     thrust = np.full(3, max(float(np.max(np.abs(p[_THRUST]))), 1e-6))
-    return np.concatenate([p[:_LAGS], thrust, np.maximum(np.abs(p[_TURNS:]), 1e-3)])
+    return np.concatenate([p[:2], [0.01, 0.01], thrust, np.maximum(np.abs(p[_TURNS:]), 1e-3)])
 
 
 def _fitted(block: Block, p: Array) -> Array:

@@ -103,11 +103,30 @@ class Block(NamedTuple):
     lengths: tuple[int, ...]
 
 
-def blocks_of(flight: Flight, lag: Lag, *, axes: Sequence[int] = (0, 1, 2)) -> list[Block]:
-    """Return the equation of the vertical force and those of the rates about some axes, for rotors of a lag."""
+def blocks_of(
+    flight: Flight, lag: Lag, delays_s: tuple[float, float] = (0.0, 0.0), *, axes: Sequence[int] = (0, 1, 2)
+) -> list[Block]:
+    """Return the equation of the vertical force and those of the rates about some axes, for rotors of a lag.
+
+    `delays_s` is how much later the accelerometer and the gyro show it.
+    """
     late = lag.follow(flight.drive)
-    powers = np.stack([np.ones_like(late), late, late**2])  # (3, n, 4)
-    return [_vertical(flight, powers), *(_turning(flight, powers, axis) for axis in axes)]
+    of_force, of_rates = (_powers(_delayed(late, delay_s)) for delay_s in delays_s)
+    return [_vertical(flight, of_force), *(_turning(flight, of_rates, axis) for axis in axes)]
+
+
+def _powers(late: Array) -> Array:
+    return np.stack([np.ones_like(late), late, late**2])  # (3, n, 4)
+
+
+def _delayed(late: Array, delay_s: float) -> Array:
+    """Return drives (n, 4) as they were a delay before, interpolated between steps."""
+    whole = math.floor(delay_s / STEP_S)
+    share = delay_s / STEP_S - whole
+    padded = np.pad(late, ((max(whole, 0) + 1, max(-whole, 0)), (0, 0)), mode="edge")
+    begin = max(-whole, 0)
+    newer, older = padded[begin + 1 : begin + 1 + len(late)], padded[begin : begin + len(late)]
+    return np.asarray((1 - share) * newer + share * older)
 
 
 def segments(mask: Mask, fewest: int = 100) -> list[slice]:
