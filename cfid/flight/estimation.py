@@ -1,16 +1,12 @@
-"""Thrust, lag and moments together: the errors of predicting each sensor's next row are least squares.
+"""Thrust, lag, delays and moments together: the errors of predicting each sensor's next row are least squares.
 
-What a rotor's command does not explain, wind, vibration and the sensors' noise, is correlated with itself and, by the
-autopilot, with later commands. An autoregression in each equation takes the part of it that its past foretells; what
-is left is independent of everything before, and so of what the commands did (L. Ljung, System Identification, 2nd ed.,
-1999, sections 7.3 and 13.4: the direct method in a closed loop). The condition is that these errors have nothing in
-common with what the commands did: an equation in which no side is that of a dependent variable.
+The condition is that these errors have nothing in common with what the commands did: an equation in which no side is
+that of a dependent variable.
 """
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -19,33 +15,34 @@ from scipy.optimize import OptimizeResult, least_squares
 from cfid.errors import FitError
 from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of, sandwich, std_of
+from cfid.flight.likelihood import PAST, White, whitening, without
 from cfid.flight.model import AXES, Block, Flight, Lag, blocks_of, segments
 
 Array = npt.NDArray[np.float64]
 
-_QUICKEST_S, _SLOWEST_S = 5e-3, 1.0
+_QUICKEST_S, _SLOWEST_S = 5e-3, 1.0  # of a lag
+_EARLIEST_S, _LATEST_S = -0.02, 0.05  # of a delay
 _STARTS_S = (0.02, 0.04, 0.07, 0.12)
-_PAST = 16  # rows that foretell the next: 0.16 s
+_DELAY_S = 0.008  # to start with
 _ROUNDS = 3  # in which noise and parameters are estimated in turn
 _FEWEST = 500  # rows: 5 s
 _SMOOTH = 10  # rows over which noise is averaged before judging how much is explained
 _PART = 500  # rows: 5 s, in which a flight's manoeuvres change
 _OLDER = 2  # rows, so that no row of an error's difference is in an instrument's
-_LAGS = 4  # parameters before those of the thrust
-_THRUST = slice(4, 7)
-_TURNS = 7  # the first parameter of the moments
+LAGS, DELAYS, THRUST, TURNS = slice(0, 2), slice(2, 4), slice(4, 7), slice(7, 10)  # of the parameters
+_STEP = 1e-3  # of a time constant or delay, over which a slope is taken
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlightFit:
-    """Time constants in s, thrust over mass (3,) in powers of the drive, in m/s^2, and lever times mass over moment.
+    """Time constants and delays in s, thrust over mass in powers of the drive, and lever times mass over moment.
 
-    `values` (8,) are these in order, `covariance` (8, 8) theirs. `drive` is the mean in flight, in V if `in_volts`, and
-    `drive_range` its quantiles of 1 and 99 %. `explained` is the part of the variance of the vertical force, in means
-    over 0.1 s, that the rotors explain, `excitation` by equation the root mean square of what they did there: m/s^2
-    vertically, rad/s^2 about an axis. `feedback` (3,) is how much older torques would change the moments, relatively,
-    beyond what noise explains; the covariance contains it. `blocks` are the equations at the solution, each with what
-    the rotors do in it.
+    `values` (10,) are these in order (`LAGS`, `DELAYS` of accelerometer and gyro, `THRUST` in m/s^2, `TURNS`),
+    `covariance` (10, 10) theirs. `drive` is the mean in flight, in V if `in_volts`, and `drive_range` its quantiles of
+    1 and 99 %. `explained` is the part of the variance of the vertical force, in means over 0.1 s, that the rotors
+    explain, `excitation` by equation the root mean square of what they did there: m/s^2 vertically, rad/s^2 about an
+    axis. `feedback` (3,) is how much older torques would change the moments, relatively, beyond what noise explains;
+    the covariance contains it. `blocks` are the equations at the solution, each with what the rotors do in it.
     """
 
     values: Array
@@ -62,16 +59,16 @@ class FlightFit:
     @property
     def lag(self) -> Lag:
         """The time constants of rising and falling drives."""
-        return Lag(float(self.values[0]), float(self.values[1]))
+        return Lag(*map(float, self.values[LAGS]))
 
     @property
     def thrust(self) -> Array:
         """The coefficients (3,) of one rotor's thrust over the vehicle's mass, lowest power first."""
-        return self.values[_THRUST]
+        return self.values[THRUST]
 
     @property
     def std(self) -> Array:
-        """The standard uncertainties (8,)."""
+        """The standard uncertainties (10,)."""
         return std_of(self.covariance)
 
 
@@ -84,42 +81,31 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
             f"{rows / 100:.1f} s in the air with every motor within its range (limit {_FEWEST / 100:g} s): the vehicle "
             "has to fly for longer, or lower its thrust."
         )
-    latest: dict[tuple[float, ...], list[Block]] = {}  # most columns of a Jacobian have the same lag
-
-    def of_lag(p: Array) -> list[Block]:
-        key = tuple(map(float, p[:_LAGS]))
-        if key not in latest:
-            if len(latest) > 2:
-                latest.clear()
-            latest[key] = [one for flight in flown for one in blocks_of(flight, Lag(*key[:2]), key[2:])]
-        return latest[key]
-
-    found = _start(of_lag)
-    white: list[_White] = []
+    equations = _Equations(flown)
+    found = _start(equations)
     result = OptimizeResult()
     for _ in range(_ROUNDS):
-        white = [_whitening(block, _left(block, found)) for block in of_lag(found)]
+        white = [whitening(block, _left(block, found)) for block in equations.at(found)]
+        equations = replace(equations, white=tuple(white))
         result = least_squares(
-            partial(_residual, of_lag=of_lag, white=white),
+            equations.residual,
             found,
+            equations.jacobian,
             bounds=(
-                [_QUICKEST_S, _QUICKEST_S, -0.02, -0.02, *[-np.inf] * 6],
-                [_SLOWEST_S, _SLOWEST_S, 0.05, 0.05, *[np.inf] * 6],
+                [_QUICKEST_S, _QUICKEST_S, _EARLIEST_S, _EARLIEST_S, *[-np.inf] * 6],
+                [_SLOWEST_S, _SLOWEST_S, _LATEST_S, _LATEST_S, *[np.inf] * 6],
             ),
             x_scale=_scales(found),
-            diff_step=1e-4,
             xtol=1e-5,
             ftol=1e-7,
             max_nfev=20,
         )
         found = np.asarray(result.x)
-    blocks = of_lag(found)
-    lengths = [len(one.basis) for one in white]
     jacobian, residual = np.asarray(result.jac), np.asarray(result.fun)
-    covariance = _covariance(jacobian, residual, lengths)
-    excess = _excess_of_older_torques(jacobian, residual, white)
-    covariance[_TURNS:, _TURNS:] += np.diag((excess / math.sqrt(3)) ** 2)
-    fitted = tuple((block, _fitted(block, found)) for block in blocks)
+    covariance = _covariance(jacobian, residual, [len(one.basis) for one in equations.white])
+    excess = _excess_of_older_torques(jacobian, residual, equations.white)
+    covariance[TURNS, TURNS] += np.diag((excess / math.sqrt(3)) ** 2)
+    fitted = tuple((block, _fitted(block, found)) for block in equations.at(found))
     drives = np.concatenate([flight.row_drives[flight.driven] for flight in flown])
     return FlightFit(
         values=found,
@@ -129,129 +115,66 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
         drive_range=(float(np.quantile(drives, 0.01)), float(np.quantile(drives, 0.99))),
         explained=_explained(fitted),
         excitation=_excitation(fitted),
-        feedback=excess / np.maximum(np.abs(found[_TURNS:]), 1e-300),
+        feedback=excess / np.maximum(np.abs(found[TURNS]), 1e-300),
         rows=rows,
         blocks=fitted,
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class DragFit:
-    """How fast air brakes along one axis, in 1/s, with its standard uncertainty, and the part that it explains.
-
-    `speed` is the root mean square of the velocity's changes in m/s. `velocity` and `force` (n,) are what was compared.
-    """
-
-    rate: float
-    std: float
-    explained: float
-    speed: float
-    velocity: Array
-    force: Array
-
-
-def fit_drag(flights: Sequence[Flight], *, axis: int) -> DragFit | None:
-    """Fit specific force = -rate * velocity + a constant of each flight along an axis across the thrust, 0 or 1.
-
-    Returns None where less than 5 s have a velocity.
-    """
-    blocks = []
-    for flight in flights:
-        parts = [] if flight.velocity is None else segments(flight.airborne)
-        if flight.velocity is None or not parts:
-            continue
-        at = np.concatenate([np.arange(one.start, one.stop) for one in parts])
-        lengths = tuple(one.stop - one.start for one in parts)
-        terms = -flight.velocity[at, axis : axis + 1]
-        blocks.append(Block(axis, flight.force[at, axis], terms, np.ones((len(at), 1)), lengths))
-    if sum(map(len, (block.shown for block in blocks))) < _FEWEST:
-        return None
-    found = np.zeros(1)
-    rows, shown = np.zeros((0, 1)), np.zeros(0)
-    for _ in range(_ROUNDS):
-        each = []
-        for block in blocks:
-            left = _without(block.shown - block.terms @ found, block.others)
-            white = _whitening(block, left)
-            each.append((white.of(block.terms), white.of(block.shown[:, np.newaxis])[:, 0]))
-        rows, shown = np.concatenate([one[0] for one in each]), np.concatenate([one[1] for one in each])
-        found = gain_of(rows) @ shown
-    covariance = sandwich(rows, shown - rows @ found, longest=len(shown) // (8 * len(blocks)))
-    velocity = np.concatenate([-_without(block.terms[:, 0], np.ones((len(block.shown), 1))) for block in blocks])
-    force = np.concatenate([_without(block.shown, block.others) for block in blocks])
-    slow = [block_means(values, length=_SMOOTH) for values in (force + found[0] * velocity, force)]
-    return DragFit(
-        rate=float(found[0]),
-        std=math.sqrt(float(covariance[0, 0])),
-        explained=float(1 - np.var(slow[0]) / np.var(slow[1])),
-        speed=float(np.std(velocity)),
-        velocity=velocity,
-        force=force,
-    )
-
-
 @dataclass(frozen=True, eq=False)
-class _White:
-    """What takes the predictable part of an equation's errors away, and its other terms, to a variance of one."""
+class _Equations:
+    """The equations of flights, whose residuals are whitened."""
 
-    filter: Array
-    lengths: tuple[int, ...]
-    basis: Array  # (k, q), of the whitened other terms
-    size: float
+    flights: Sequence[Flight]
+    white: tuple[White, ...] = ()
 
-    def of(self, columns: Array) -> Array:
-        """Return columns (n, p) whitened, without each segment's first rows and without what other terms explain."""
-        white = _filtered(columns, self.filter, self.lengths)
-        return np.asarray((white - self.basis @ (self.basis.T @ white)) / self.size)
+    def at(self, p: Array) -> list[Block]:
+        """Return the equations for time constants and delays."""
+        rising_s, falling_s, of_force_s, of_rates_s = map(float, p[: DELAYS.stop])
+        lag, delays_s = Lag(rising_s, falling_s), (of_force_s, of_rates_s)
+        return [one for flight in self.flights for one in blocks_of(flight, lag, delays_s)]
 
+    def residual(self, p: Array) -> Array:
+        """Return the whitened errors (n,) of parameters (10,)."""
+        each = zip(self.at(p), self.white, strict=True)
+        return np.concatenate([one.of((block.shown - _fitted(block, p))[:, np.newaxis])[:, 0] for block, one in each])
 
-def _whitening(block: Block, left: Array) -> _White:
-    past = np.concatenate(
-        [
-            np.column_stack([part[_PAST - k - 1 : len(part) - k - 1] for k in range(_PAST)])
-            for part in _parts(left, block.lengths)
-        ]
-    )
-    now = np.concatenate([part[_PAST:] for part in _parts(left, block.lengths)])
-    coefficients = np.concatenate([[1.0], -(gain_of(past) @ now)])
-    others = _filtered(block.others, coefficients, block.lengths)
-    basis = np.zeros((len(now), 0)) if not others.shape[1] else np.linalg.qr(others / _lengths(others))[0]
-    white = _filtered(left[:, np.newaxis], coefficients, block.lengths)[:, 0]
-    return _White(coefficients, block.lengths, basis, max(float(np.std(white)), 1e-12))
-
-
-def _lengths(columns: Array) -> Array:
-    return np.asarray(np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
-
-
-def _filtered(columns: Array, coefficients: Array, lengths: Sequence[int]) -> Array:
-    return np.concatenate(
-        [
-            sum((c * part[_PAST - k : len(part) - k] for k, c in enumerate(coefficients)), np.zeros((1, part.shape[1])))
-            for part in _parts(columns, lengths)
-        ]
-    )
+    def jacobian(self, p: Array) -> Array:
+        """Return the slopes (n, 10) of the whitened errors over the parameters."""
+        blocks, columns = self.at(p), []
+        for place in range(DELAYS.stop):
+            ahead = p.copy()
+            step = _STEP * max(abs(float(p[place])), _DELAY_S)
+            ahead[place] += step
+            moved = zip(self.at(ahead), blocks, strict=True)
+            columns.append([-(_fitted(one, p) - _fitted(block, p)) / step for one, block in moved])
+        each = []
+        for place, (block, white) in enumerate(zip(blocks, self.white, strict=True)):
+            gains, turned = np.ones(3), np.zeros((len(block.shown), len(AXES)))
+            if block.axis is not None:
+                gains = np.full(3, p[TURNS][block.axis])
+                turned[:, block.axis] = -(block.terms @ p[THRUST])
+            slow = [column[place] for column in columns]
+            each.append(white.of(np.column_stack([*slow, -block.terms * gains, turned])))
+        return np.concatenate(each)
 
 
-def _parts(columns: Array, lengths: Sequence[int]) -> list[Array]:
-    return np.split(columns, np.cumsum(lengths)[:-1])
-
-
-def _excess_of_older_torques(jacobian: Array, residual: Array, white: Sequence["_White"]) -> Array:
+def _excess_of_older_torques(jacobian: Array, residual: Array, white: Sequence[White]) -> Array:
     """Return by how much the last three parameters change if torques of two rows before are instruments, less noise.
 
     An autopilot that answers to the gyro's noise within a row, or rotors that are no first-order lag, make the two
     differ. Less two standard uncertainties of the difference, so that noise alone changes nothing.
     """
-    older = np.zeros((len(residual), len(AXES)))
+    turns = jacobian[:, TURNS]
+    older = np.zeros_like(turns)
     begin = 0
     for one in white:
         for length in one.lengths:
-            end = begin + length - _PAST
-            older[begin + _OLDER : end] = jacobian[begin : end - _OLDER, _TURNS:]
+            end = begin + length - PAST
+            older[begin + _OLDER : end] = turns[begin : end - _OLDER]
             begin = end
     excess = np.zeros(len(AXES))
-    for axis, (now, before) in enumerate(zip(jacobian[:, _TURNS:].T, older.T, strict=True)):
+    for axis, (now, before) in enumerate(zip(turns.T, older.T, strict=True)):
         if abs(float(before @ now)) > 0:
             influence = (before / float(before @ now) - now / float(now @ now)) * residual
             excess[axis] = max(abs(float(np.sum(influence))) - 2 * math.sqrt(float(influence @ influence)), 0.0)
@@ -273,51 +196,41 @@ def _covariance(jacobian: Array, residual: Array, lengths: Sequence[int]) -> Arr
     return np.asarray(covariance * np.outer(wider, wider))
 
 
-def _start(of_lag: Callable[[Array], list[Block]]) -> Array:
-    """Return the best parameters (8,) of a coarse grid of lags, as fast upwards as downwards."""
-    best, found = np.inf, np.zeros(10)
+def _start(equations: _Equations) -> Array:
+    """Return the best parameters (10,) of a coarse grid of lags, as fast upwards as downwards."""
+    best, found = np.inf, np.zeros(TURNS.stop)
     for tau_s in _STARTS_S:
-        p = np.concatenate([[tau_s, tau_s, 0.005, 0.005], np.zeros(6)])
-        blocks = of_lag(p)
+        p = np.concatenate([[tau_s, tau_s, _DELAY_S, _DELAY_S], np.zeros(6)])
+        blocks = equations.at(p)
         vertical = [block for block in blocks if block.axis is None]
         rows, shown = (np.concatenate(each) for each in zip(*((b.terms, b.shown) for b in vertical), strict=True))
-        p[_THRUST] = gain_of(rows) @ shown
-        cost = float(np.sum((shown - rows @ p[_THRUST]) ** 2))
+        p[THRUST] = gain_of(rows) @ shown
+        cost = float(np.sum((shown - rows @ p[THRUST]) ** 2))
         for axis in range(len(AXES)):
             turning = [block for block in blocks if block.axis == axis]
-            torque = np.concatenate([_without(block.terms @ p[_THRUST], block.others) for block in turning])
-            spun = np.concatenate([_without(block.shown, block.others) for block in turning])
-            p[_TURNS + axis] = float(torque @ spun) / max(float(torque @ torque), 1e-300)
+            torque = np.concatenate([without(block.terms @ p[THRUST], block.others) for block in turning])
+            spun = np.concatenate([without(block.shown, block.others) for block in turning])
+            p[TURNS.start + axis] = float(torque @ spun) / max(float(torque @ torque), 1e-300)
         if cost < best:
             best, found = cost, p
     return found
 
 
-def _without(values: Array, others: Array) -> Array:
-    """Return values (n,) without what other terms (n, q) explain."""
-    return np.asarray(values - others @ (gain_of(others) @ values)) if others.shape[1] else values
-
-
 def _scales(p: Array) -> Array:
-    """Return the sizes of the parameters (8,)."""
-    thrust = np.full(3, max(float(np.max(np.abs(p[_THRUST]))), 1e-6))
-    return np.concatenate([p[:2], [0.01, 0.01], thrust, np.maximum(np.abs(p[_TURNS:]), 1e-3)])
+    """Return the sizes of the parameters (10,)."""
+    thrust = np.full(3, max(float(np.max(np.abs(p[THRUST]))), 1e-6))
+    return np.concatenate([p[LAGS], [_DELAY_S, _DELAY_S], thrust, np.maximum(np.abs(p[TURNS]), 1e-3)])
 
 
 def _fitted(block: Block, p: Array) -> Array:
     """Return what the rotors do (k,) in an equation."""
-    gain = 1.0 if block.axis is None else float(p[_TURNS + block.axis])
-    return np.asarray(gain * (block.terms @ p[_THRUST]))
+    gain = 1.0 if block.axis is None else float(p[TURNS][block.axis])
+    return np.asarray(gain * (block.terms @ p[THRUST]))
 
 
 def _left(block: Block, p: Array) -> Array:
     """Return an equation's errors (k,), before they are whitened."""
-    return _without(block.shown - _fitted(block, p), block.others)
-
-
-def _residual(p: Array, *, of_lag: Callable[[Array], list[Block]], white: Sequence[_White]) -> Array:
-    each = zip(of_lag(p), white, strict=True)
-    return np.concatenate([one.of((block.shown - _fitted(block, p))[:, np.newaxis])[:, 0] for block, one in each])
+    return without(block.shown - _fitted(block, p), block.others)
 
 
 def _explained(fitted: Sequence[tuple[Block, Array]]) -> float:
@@ -332,5 +245,5 @@ def _excitation(fitted: Sequence[tuple[Block, Array]]) -> dict[str, float]:
     found: dict[str, list[Array]] = {}
     for block, thrusts in fitted:
         name = "vertical" if block.axis is None else AXES[block.axis]
-        found.setdefault(name, []).append(_without(thrusts, np.ones((len(thrusts), 1))))
+        found.setdefault(name, []).append(without(thrusts, np.ones((len(thrusts), 1))))
     return {name: float(np.std(np.concatenate(each))) for name, each in found.items()}

@@ -3,10 +3,11 @@
 Axes are the vehicle's: x forward, y left, z up. Each rotor's drive, the command over the full one, times the battery's
 volts where these are known, lags to w; thrust is c0 + c1 w + c2 w^2 of one rotor, along z. The equations are
 
-    f_z = sum(T_i) / m                                                      specific force, by the accelerometer
+    f_z = sum(T_i) / m + what climbing and the battery take away            specific force, by the accelerometer
     d(rate_x)/dt = (l / J_x) sum(+-T_i) + what else turns the vehicle       and alike about y, and z with q for l
 
-with l the lever of a rotor about x and y, its arm over the root of two, and q its torque over its thrust.
+with l the lever of a rotor about x and y, its arm over the root of two, and q its torque over its thrust. Each sensor
+shows this with a delay of its own: air, electronics and the vehicle's filters.
 """
 
 import math
@@ -16,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.signal import lfilter
 
 from cfid.units import MOTOR_AZIMUTH_DEG, MOTORS, ROTOR_TURNS
 
@@ -26,6 +28,8 @@ ROW_S = 0.01  # between rows of the sensors: motion is far slower than 50 Hz
 ROW_STEPS = 3
 STEP_S = ROW_S / ROW_STEPS  # of drives: rotors take many times longer
 AXES = ("roll", "pitch", "yaw")
+CLIMB_S = 2.0  # over which the climb is integrated from the force: longer, errors of the accelerometer pile up
+SAG_S = 5.0  # half the shortest period in which the battery's charge changes the thrust
 LEVER = 0.5**0.5  # of an arm, about the axes forward and left
 
 # The signs with which thrusts turn the vehicle about x and y, and their reaction torques about z; (3, 4).
@@ -137,8 +141,16 @@ def segments(mask: Mask, fewest: int = 100) -> list[slice]:
 
 def _vertical(flight: Flight, powers: Array) -> Block:
     terms = _rows(flight, powers.sum(axis=2).T)
-    others = np.zeros((len(terms), 0)) if flight.velocity is None else flight.velocity[:, 2:]
-    return _cut(None, flight.force[:, 2], terms, others, segments(flight.driven))
+    hovering = float(np.median(flight.force[flight.driven, 2])) if flight.driven.any() else 0.0
+    climb = _faded(flight.force[:, 2] - hovering) if flight.velocity is None else flight.velocity[:, 2]
+    phase = np.pi * np.arange(len(terms)) / len(terms)
+    sag = [np.cos(count * phase) for count in range(1, 1 + max(round(len(terms) * ROW_S / SAG_S), 1))]
+    return _cut(None, flight.force[:, 2], terms, np.column_stack([climb, *sag]), segments(flight.driven))
+
+
+def _faded(values: Array) -> Array:
+    """Return the integral (m,) of what came before each row, forgotten within seconds."""
+    return np.asarray(lfilter([0.0, ROW_S], [1.0, -math.exp(-ROW_S / CLIMB_S)], values))
 
 
 def _turning(flight: Flight, powers: Array, axis: int) -> Block:
