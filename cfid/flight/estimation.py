@@ -26,6 +26,7 @@ _STARTS_S = (0.02, 0.04, 0.07, 0.12)
 _DELAY_S = 0.008  # to start with
 _ROUNDS = 3  # in which noise and parameters are estimated in turn
 _FEWEST = 500  # rows: 5 s
+_LEVEL = 100  # rows: 1 s, whose mean forces are taken as independent
 _SMOOTH = 10  # rows over which noise is averaged before judging how much is explained
 _PART = 500  # rows: 5 s, in which a flight's manoeuvres change
 _OLDER = 2  # rows, so that no row of an error's difference is in an instrument's
@@ -105,6 +106,7 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
     covariance = _covariance(jacobian, residual, [len(one.basis) for one in equations.white])
     excess = _excess_of_older_torques(jacobian, residual, equations.white)
     covariance[TURNS, TURNS] += np.diag((excess / math.sqrt(3)) ** 2)
+    found, covariance = _levelled(found, covariance, [one for one in equations.at(found) if one.axis is None])
     fitted = tuple((block, _fitted(block, found)) for block in equations.at(found))
     drives = np.concatenate([flight.row_drives[flight.driven] for flight in flown])
     return FlightFit(
@@ -194,6 +196,22 @@ def _covariance(jacobian: Array, residual: Array, lengths: Sequence[int]) -> Arr
     scatter = np.sum(sums**2, axis=0)
     wider = np.sqrt(np.maximum(scatter / np.maximum(np.diag(covariance), 1e-300), 1.0))
     return np.asarray(covariance * np.outer(wider, wider))
+
+
+def _levelled(p: Array, covariance: Array, vertical: Sequence[Block]) -> tuple[Array, Array]:
+    """Return parameters and covariance with the thrust's constant, from the mean force: slopes alone are fitted."""
+    terms = np.concatenate([block.terms for block in vertical]).mean(axis=0)
+    left = np.concatenate([_left(block, p) for block in vertical])
+    means = block_means(left, length=_LEVEL)
+    std = float(np.std(means)) / math.sqrt(max(len(means) - 1, 1))
+    of_slopes = np.eye(len(p))
+    of_slopes[THRUST.start, THRUST] = [0.0, *(-terms[1:] / terms[0])]
+    found = of_slopes @ p
+    shown = float(np.concatenate([block.shown for block in vertical]).mean())
+    found[THRUST.start] += shown / terms[0]
+    spread = of_slopes @ covariance @ of_slopes.T
+    spread[THRUST.start, THRUST.start] += (std / terms[0]) ** 2
+    return found, spread
 
 
 def _start(equations: _Equations) -> Array:

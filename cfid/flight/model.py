@@ -97,7 +97,7 @@ class Block(NamedTuple):
     """An equation of one flight at rows (k,): `shown` is a sum of `terms`, by the powers of thrust, and `others`.
 
     `terms` (k, 3) go with c0, c1, c2; `others` (k, q) are what else may act, each with a coefficient of its own.
-    `lengths` are those of the segments without a gap.
+    `lengths` are those of the segments without a gap. That of the vertical force has a constant among the others.
     """
 
     axis: int | None
@@ -144,7 +144,7 @@ def _vertical(flight: Flight, powers: Array) -> Block:
     hovering = float(np.median(flight.force[flight.driven, 2])) if flight.driven.any() else 0.0
     climb = _faded(flight.force[:, 2] - hovering) if flight.velocity is None else flight.velocity[:, 2]
     phase = np.pi * np.arange(len(terms)) / len(terms)
-    sag = [np.cos(count * phase) for count in range(1, 1 + max(round(len(terms) * ROW_S / SAG_S), 1))]
+    sag = [np.cos(count * phase) for count in range(1 + max(round(len(terms) * ROW_S / SAG_S), 1))]
     return _cut(None, flight.force[:, 2], terms, np.column_stack([climb, *sag]), segments(flight.driven))
 
 
@@ -155,9 +155,9 @@ def _faded(values: Array) -> Array:
 
 def _turning(flight: Flight, powers: Array, axis: int) -> Block:
     turning = (powers @ TURNING[axis]).T  # (n, 3)
-    gone = _rows(flight, np.cumsum(turning, axis=0) * STEP_S)
+    gone = _rows(flight, (np.cumsum(turning, axis=0) - turning / 2) * STEP_S)  # trapezoids, but for a constant
     total = _rows(flight, powers[1].sum(axis=1)[:, np.newaxis])[:, 0]
-    rates = (flight.rates[1:] + flight.rates[:-1]) / 2
+    rates = flight.rates[:-1]  # the later ones contain the error that is to be predicted
     others = [
         np.ones(len(rates)),
         rates[:, axis],

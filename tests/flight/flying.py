@@ -1,7 +1,8 @@
 """A quadrocopter that flies manoeuvres by its own autopilot, many at once: a plant that shares no code with the fit.
 
-Rigid body, four rotors with two time constants, wind as red noise of force and torque, air that brakes velocity and
-turning, and an autopilot that answers all of it: what a rotor is commanded depends on what the sensors showed.
+Rigid body, four rotors with two time constants that get their commands late, a battery that sags, wind as red noise of
+force and torque, air that brakes velocity, climbing and turning, the low-pass filters of a Crazyflie's gyro and
+accelerometer, and an autopilot that answers all of it: what a rotor is commanded depends on what the sensors showed.
 """
 
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from scipy.signal import butter
 
 from cfid.records.logs.log import Channel, FlightLog, in_memory
 from cfid.records.parameters import Source
@@ -17,6 +19,12 @@ Array = npt.NDArray[np.float64]
 
 G = 9.81
 STEP = 0.002
+LATE_STEPS = 2  # between a command and the rotor's motion towards it
+GYRO_HZ, ACCELEROMETER_HZ = 80.0, 30.0  # of second-order low-pass filters
+GYRO_DELAY_S, ACCELEROMETER_DELAY_S = (
+    STEP / 2**0.5 / np.tan(np.pi * hz * STEP) for hz in (GYRO_HZ, ACCELEROMETER_HZ)
+)
+SAG = 0.04  # of the thrust, from a flight's begin to its end
 # Motor 1 to 4: front right, rear right, rear left, front left; x forward, y left; 1 turns counterclockwise from above.
 X, Y, TURNS = np.array([1, -1, -1, 1.0]), np.array([-1, -1, 1, 1.0]), np.array([1, -1, 1, -1.0])
 
@@ -67,27 +75,30 @@ def fly(
     rates, velocity = np.zeros((count, 3)), np.zeros((count, 3))
     turn = np.tile(np.eye(3), (count, 1, 1))
     torque_wind, force_wind = np.zeros((count, 3)), np.zeros((count, 3))
-    bias = rng.normal(0, 0.01, (count, 3)), rng.normal(0, 0.05, (count, 3))
+    bias = rng.normal(0, 0.01, (count, 3)), rng.normal(0, 0.05, (count, 3)) * [1, 1, 0.2]
     plan = _manoeuvres(count, steps, rng) * (0.02 if hover else 1.0)
     rows = np.zeros((steps, count, 10 + 7))
-    command = late.copy()
+    pending = [late.copy() for _ in range(LATE_STEPS)]
+    gyro, accelerometer = _LowPass(GYRO_HZ, (count, 3)), _LowPass(ACCELEROMETER_HZ, (count, 3))
     for step in range(steps):
-        thrust = vehicles.k * (vehicles.idle[:, None] + vehicles.gain[:, None] * late) ** 2
+        k = vehicles.k * (1 + SAG * (0.5 - step / steps))
+        thrust = k * (vehicles.idle[:, None] + vehicles.gain[:, None] * late) ** 2
         up = turn[:, 2, :]  # the world's vertical along the vehicle's axes
-        at = (np.einsum("nij,nj->ni", turn.transpose(0, 2, 1), velocity)) * [1.0, 1.0, 0.3]
+        at = (np.einsum("nij,nj->ni", turn.transpose(0, 2, 1), velocity)) * [1.0, 1.0, 1.2]
         force = force_wind - vehicles.braking[:, None] * at
         force[:, 2] += thrust.sum(axis=1) / vehicles.mass
-        shown = rates + bias[0] + rng.normal(0, 0.02, (count, 3))
+        shown = gyro(rates + bias[0] + rng.normal(0, 0.04, (count, 3)))
         rows[step, :, 4:7] = shown
-        rows[step, :, 7:10] = force + bias[1] + rng.normal(0, 0.3, (count, 3))
+        rows[step, :, 7:10] = accelerometer(force + bias[1] + rng.normal(0, 0.5, (count, 3)))
         rows[step, :, 10:13] = velocity
         rows[step, :, 13:17] = _quaternion(turn)
         command = _autopilot(vehicles, plan[step], shown, up, velocity[:, 2], level)
         rows[step, :, :4] = command
-        ahead = command - late
+        pending.append(command)
+        ahead = pending.pop(0) - late
         tau = np.where(ahead > 0, vehicles.rising[:, None], vehicles.falling[:, None])
         moved = ahead * (1 - np.exp(-STEP / tau))
-        middle = vehicles.k * (vehicles.idle[:, None] + vehicles.gain[:, None] * (late + moved / 2)) ** 2
+        middle = k * (vehicles.idle[:, None] + vehicles.gain[:, None] * (late + moved / 2)) ** 2
         spun_up = vehicles.gain[:, None] * moved / STEP  # rad/s^2
         turning = np.column_stack(
             [
@@ -106,6 +117,23 @@ def fly(
         torque_wind += -torque_wind * STEP / 0.1 + wind * 4.0 * np.sqrt(2 * STEP / 0.1) * rng.normal(0, 1, (count, 3))
         force_wind += -force_wind * STEP / 0.1 + wind * 0.3 * np.sqrt(2 * STEP / 0.1) * rng.normal(0, 1, (count, 3))
     return [_log(rows[:, place], number=place) for place in range(count)]
+
+
+class _LowPass:
+    """A second-order Butterworth filter of many channels, a step at a time; it starts settled."""
+
+    def __init__(self, cut_off_hz: float, shape: tuple[int, ...]) -> None:
+        self.b, self.a = butter(2, cut_off_hz, fs=1 / STEP)
+        self.state: list[Array] = []
+        self.shape = shape
+
+    def __call__(self, now: Array) -> Array:
+        b, a = self.b, self.a
+        if not self.state:
+            self.state = [now * (1 - b[0]), now * (b[2] - a[2])]
+        out = b[0] * now + self.state[0]
+        self.state = [b[1] * now - a[1] * out + self.state[1], b[2] * now - a[2] * out]
+        return np.asarray(out)
 
 
 def _level(vehicles: Fleet) -> Array:
