@@ -200,17 +200,23 @@ def _covariance(jacobian: Array, residual: Array, lengths: Sequence[int]) -> Arr
 
 def _levelled(p: Array, covariance: Array, vertical: Sequence[Block]) -> tuple[Array, Array]:
     """Return parameters and covariance with the thrust's constant, from the mean force: slopes alone are fitted."""
-    terms = np.concatenate([block.terms for block in vertical]).mean(axis=0)
-    left = np.concatenate([_left(block, p) for block in vertical])
-    means = block_means(left, length=_LEVEL)
-    std = float(np.std(means)) / math.sqrt(max(len(means) - 1, 1))
+    slopes = p.copy()
+    slopes[THRUST.start] = 0.0
+    terms, forces, left = [], [], []
+    for block in vertical:
+        force = block.shown - _fitted(block, slopes)
+        others = gain_of(block.others) @ force
+        terms.append(block.terms)
+        forces.append(force - others[0] * block.others[:, 0])  # without the climb
+        left.append(force - block.others @ others)
+    mean = np.concatenate(terms).mean(axis=0)
+    found = slopes
+    found[THRUST.start] = float(np.concatenate(forces).mean()) / mean[0]
     of_slopes = np.eye(len(p))
-    of_slopes[THRUST.start, THRUST] = [0.0, *(-terms[1:] / terms[0])]
-    found = of_slopes @ p
-    shown = float(np.concatenate([block.shown for block in vertical]).mean())
-    found[THRUST.start] += shown / terms[0]
+    of_slopes[THRUST.start, THRUST] = [0.0, *(-mean[1:] / mean[0])]
     spread = of_slopes @ covariance @ of_slopes.T
-    spread[THRUST.start, THRUST.start] += (std / terms[0]) ** 2
+    means = block_means(np.concatenate(left), length=_LEVEL)
+    spread[THRUST.start, THRUST.start] += float(np.var(means)) / max(len(means) - 1, 1) / mean[0] ** 2
     return found, spread
 
 

@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 
 from cfid.drawing.style import MODEL, RECORDED, draw_line, figure, legend, name_panel, styled
 from cfid.findings import Finding, texts
-from cfid.flight.estimation import DragFit, FlightFit
+from cfid.flight.braking import DragFit
+from cfid.flight.estimation import FlightFit
 from cfid.flight.model import AXES, ROW_S, Block
 
 Array = npt.NDArray[np.float64]

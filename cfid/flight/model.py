@@ -142,7 +142,11 @@ def segments(mask: Mask, fewest: int = 100) -> list[slice]:
 def _vertical(flight: Flight, powers: Array) -> Block:
     terms = _rows(flight, powers.sum(axis=2).T)
     hovering = float(np.median(flight.force[flight.driven, 2])) if flight.driven.any() else 0.0
-    climb = _faded(flight.force[:, 2] - hovering) if flight.velocity is None else flight.velocity[:, 2]
+    if flight.velocity is None:  # none in the mean
+        climb = _faded(flight.force[:, 2] - hovering)
+        climb = climb - (np.mean(climb[flight.driven]) if flight.driven.any() else 0.0)
+    else:
+        climb = flight.velocity[:, 2]
     phase = np.pi * np.arange(len(terms)) / len(terms)
     sag = [np.cos(count * phase) for count in range(1 + max(round(len(terms) * ROW_S / SAG_S), 1))]
     return _cut(None, flight.force[:, 2], terms, np.column_stack([climb, *sag]), segments(flight.driven))

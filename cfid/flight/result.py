@@ -10,9 +10,11 @@ import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError
 from cfid.estimate.common_causes import Cause, power_law, with_common_causes
+from cfid.estimate.linear import std_of
 from cfid.findings import Finding, note, rejection, warning
 from cfid.flight.data import FlownLog
-from cfid.flight.estimation import DragFit, FlightFit, fit_drag, fit_flights
+from cfid.flight.braking import DragFit, fit_drag
+from cfid.flight.estimation import DELAYS, LAGS, THRUST, TURNS, FlightFit, fit_flights
 from cfid.flight.figures import flight_figure
 from cfid.flight.model import AXES, LEVER
 from cfid.records.covariances import Covariance, covariance_between
@@ -25,9 +27,18 @@ Array = npt.NDArray[np.float64]
 _DRAG_AXES = ("forward", "left")
 _MOMENTS = {axis: f"flight.inertia_kg_m2.{axis}" for axis in AXES}
 _RISING, _FALLING, _MEAN = "flight.rising_s", "flight.falling_s", "flight.time_constant_s"
-_LAGS = (_RISING, _FALLING, _MEAN)
+_DELAY, _SINGLE = "flight.delay_s", "flight.single_lag_s"
+_LAGS = (_RISING, _FALLING, _MEAN, _DELAY, _SINGLE)
+# What these are of the time constants and the delays of accelerometer and gyro.
+_TIMES = {
+    _RISING: (1.0, 0.0, 0.0, 0.0),
+    _FALLING: (0.0, 1.0, 0.0, 0.0),
+    _MEAN: (0.5, 0.5, 0.0, 0.0),
+    _DELAY: (0.0, 0.0, 0.0, 1.0),
+    _SINGLE: (0.5, 0.5, 1.0, 0.0),
+}
 
-_LEAST_LIFT_MPS2 = 1.2  # root mean square of what rotors did vertically; see docs/decisions/0022
+_LEAST_LIFT_MPS2 = 1.0  # root mean square of what rotors did vertically; see docs/decisions/0022
 _EXPLAINED = 0.6  # of the vertical force, as `fit dynamics` asks of a thrust
 _LOOSE_LAG, _LOOSE = 0.1, 0.1  # of a value: the largest accepted standard uncertainty
 _LEAST_SPEED_MPS = 0.3  # root mean square along an axis
@@ -119,16 +130,18 @@ def _thrust_key(found: FlightFit) -> str:
 def _quantities(found: FlightFit, body: Body) -> dict[str, Parameter]:
     value, covariance = _of_thrust(found, body)
     std = found.std
-    mean_std = math.sqrt(max(float(np.full(2, 0.5) @ found.covariance[:2, :2] @ np.full(2, 0.5)), 0.0))
+    times = np.array(list(_TIMES.values()))
+    times_std = std_of(times @ found.covariance[: DELAYS.stop, : DELAYS.stop] @ times.T)
     quantities = {
-        _thrust_key(found): Parameter(value=value.tolist(), std=np.sqrt(np.diag(covariance)).tolist()),
-        _RISING: Parameter(value=found.lag.rising_s, std=float(std[0])),
-        _FALLING: Parameter(value=found.lag.falling_s, std=float(std[1])),
-        _MEAN: Parameter(value=(found.lag.rising_s + found.lag.falling_s) / 2, std=mean_std),
+        _thrust_key(found): Parameter(value=value.tolist(), std=std_of(covariance).tolist()),
+        **{
+            key: Parameter(value=float(each), std=float(wide))
+            for key, each, wide in zip(_TIMES, times @ found.values[: DELAYS.stop], times_std, strict=True)
+        },
     }
     for place, axis in enumerate(AXES):
         lever = _lever_m(axis, body)
-        gain, gain_std = float(found.values[5 + place]), float(std[5 + place])
+        gain, gain_std = float(found.values[TURNS][place]), float(std[TURNS][place])
         if lever is not None:
             moment = lever * body.mass_kg / gain
             quantities[_MOMENTS[axis]] = Parameter(value=moment, std=abs(moment * gain_std / gain))
@@ -147,14 +160,14 @@ def _of_thrust(found: FlightFit, body: Body) -> tuple[Array, Array]:
     outward = np.diag(body.mass_kg / over ** np.arange(3.0))
     if not found.in_volts:
         outward = outward[::-1]
-    return outward @ found.thrust, outward @ found.covariance[2:5, 2:5] @ outward.T
+    return outward @ found.thrust, outward @ found.covariance[THRUST, THRUST] @ outward.T
 
 
 def _covariances(found: FlightFit, body: Body) -> tuple[Covariance, ...]:
     value, covariance = _of_thrust(found, body)
     return (
         *covariance_between({_thrust_key(found): value.tolist()}, covariance),
-        *covariance_between({_RISING: found.lag.rising_s, _FALLING: found.lag.falling_s}, found.covariance[:2, :2]),
+        *covariance_between({_RISING: found.lag.rising_s, _FALLING: found.lag.falling_s}, found.covariance[LAGS, LAGS]),
     )
 
 
@@ -218,7 +231,7 @@ def _thrust_findings(found: FlightFit) -> list[Finding]:
         )
         result.append(rejection("flight-lag-not-excited", text, *_LAGS, *_MOMENTS.values()))
     slope = np.array([0.0, 1.0, 2 * found.drive])
-    gain, std = float(slope @ found.thrust), math.sqrt(float(slope @ found.covariance[2:5, 2:5] @ slope))
+    gain, std = float(slope @ found.thrust), math.sqrt(float(slope @ found.covariance[THRUST, THRUST] @ slope))
     if not (gain > 0 and std < _LOOSE * gain):
         text = (
             f"the slope of thrust over the drive at hovering is {gain:.3g} +- {std:.2g} m/s^2 (limit "
@@ -235,7 +248,7 @@ def _moment_findings(found: FlightFit, body: Body) -> list[Finding]:
             what = "the torque of a rotor over its thrust (`torque_m`)" if axis == "yaw" else "the arm (`arm_mm`)"
             result.append(note("flight-lever-unknown", f"no moment about {axis}: it needs {what}."))
             continue
-        gain, std = float(found.values[5 + place]), float(found.std[5 + place])
+        gain, std = float(found.values[TURNS][place]), float(found.std[TURNS][place])
         if gain < 0 and -gain > 3 * std:
             text = (
                 f"commanded torques turn the vehicle the wrong way about {axis}: the log's axes are not forward, left "
@@ -308,5 +321,5 @@ def _assumptions(body: Body) -> list[str]:
         "assumed: axes forward, left, up; four alike rotors with thrust along z"
         + arm
         + f"; mass {1e3 * body.mass_kg:g} g; "
-        "the accelerometer's scale exact; time constants contain the delays of the vehicle's sensor filters",
+        "the accelerometer's scale exact; no climb in the mean; rates and forces known a delay after the rotors' thrust",
     ]

@@ -154,6 +154,7 @@ def _manoeuvres(count: int, steps: int, rng: np.random.Generator) -> Array:
                 until = step + int(rng.uniform(least, most) / STEP)
                 plan[step:until, place, kind] = size * rng.uniform(-1, 1)
                 step = until
+    plan[:, :, 3] -= plan[:, :, 3].mean(axis=0)  # what climbs comes down again
     return plan
 
 

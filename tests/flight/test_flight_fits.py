@@ -13,7 +13,7 @@ from cfid.flight.model import LEVER
 from cfid.flight.result import Body, fit
 from cfid.records.logs.log import FlightLog
 from cfid.records.result import Result
-from tests.flight.flying import Fleet, fleet, fly
+from tests.flight.flying import GYRO_DELAY_S, LATE_STEPS, STEP, Fleet, fleet, fly
 
 FEWEST, MOST = 0.93, 0.97
 
@@ -34,6 +34,7 @@ def truths(vehicles: Fleet, place: int) -> dict[str, float]:
     return {
         "flight.rising_s": float(vehicles.rising[place]),
         "flight.falling_s": float(vehicles.falling[place]),
+        "flight.delay_s": LATE_STEPS * STEP + GYRO_DELAY_S,
         **{f"flight.inertia_kg_m2.{axis}": moment for axis, moment in moments.items()},
         "flight.drag_over_mass_per_s.forward": float(vehicles.braking[place]),
         "flight.drag_over_mass_per_s.left": float(vehicles.braking[place]),
