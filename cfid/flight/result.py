@@ -12,8 +12,8 @@ from cfid.errors import ConfigError, DataError
 from cfid.estimate.common_causes import Cause, power_law, with_common_causes
 from cfid.estimate.linear import std_of
 from cfid.findings import Finding, note, rejection, warning
-from cfid.flight.data import FlownLog
 from cfid.flight.braking import DragFit, fit_drag
+from cfid.flight.data import FlownLog
 from cfid.flight.estimation import DELAYS, LAGS, THRUST, TURNS, FlightFit, fit_flights
 from cfid.flight.figures import flight_figure
 from cfid.flight.model import AXES, LEVER
@@ -321,5 +321,5 @@ def _assumptions(body: Body) -> list[str]:
         "assumed: axes forward, left, up; four alike rotors with thrust along z"
         + arm
         + f"; mass {1e3 * body.mass_kg:g} g; "
-        "the accelerometer's scale exact; no climb in the mean; rates and forces known a delay after the rotors' thrust",
+        "the accelerometer's scale exact; no climb in the mean; sensors show thrust a delay later",
     ]

@@ -242,8 +242,8 @@ _FLIGHTS = _given(
     Quantity("flight.time_constant_s", "s", "τ", "mean of both time constants in flight", plausible=_LAG),
     Quantity("flight.delay_s", "s", "t_d", "delay from command to rates in flight, besides the time constant",
              plausible=Range(-0.02, 0.05, "electronics, air and filters take milliseconds")),
-    Quantity("flight.single_lag_s", "s", "τ_1", "mean time constant and the accelerometer's delay: the one lag of models "
-             "without delay", plausible=_LAG),
+    Quantity("flight.single_lag_s", "s", "τ_1", "mean time constant and delay of force: one lag for models without "
+             "delay", plausible=_LAG),
     *(Quantity(f"flight.inertia_kg_m2.{axis}", "kg m^2", f"I_{axis}", f"moment of inertia about {axis} in flight",
                plausible=_INERTIA) for axis in ("roll", "pitch", "yaw")),
     *(Quantity(f"flight.drag_over_mass_per_s.{axis}", "1/s", "k/m", f"how air brakes along {axis}: drag over mass and "

@@ -21,9 +21,7 @@ G = 9.81
 STEP = 0.002
 LATE_STEPS = 2  # between a command and the rotor's motion towards it
 GYRO_HZ, ACCELEROMETER_HZ = 80.0, 30.0  # of second-order low-pass filters
-GYRO_DELAY_S, ACCELEROMETER_DELAY_S = (
-    STEP / 2**0.5 / np.tan(np.pi * hz * STEP) for hz in (GYRO_HZ, ACCELEROMETER_HZ)
-)
+GYRO_DELAY_S, ACCELEROMETER_DELAY_S = (STEP / 2**0.5 / np.tan(np.pi * hz * STEP) for hz in (GYRO_HZ, ACCELEROMETER_HZ))
 SAG = 0.04  # of the thrust, from a flight's begin to its end
 # Motor 1 to 4: front right, rear right, rear left, front left; x forward, y left; 1 turns counterclockwise from above.
 X, Y, TURNS = np.array([1, -1, -1, 1.0]), np.array([-1, -1, 1, 1.0]), np.array([1, -1, 1, -1.0])
