@@ -4,7 +4,7 @@ Whatever the autopilot's axes, they become x forward, y left, z up.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -55,10 +55,14 @@ _MOST_S = 600.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlownLog:
-    """A log with its flight, and findings about reading it."""
+    """A log with its flight, and findings about reading it.
+
+    `by_command` is the same flight with drives that are the command over the full one, whether volts are known or not.
+    """
 
     log: FlightLog
     flight: Flight
+    by_command: Flight
     findings: tuple[Finding, ...]
 
     @property
@@ -120,21 +124,25 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
     share = command[::ROW_STEPS]
     airborne = _airborne(share, force, spun)
     within = ((share > DEAD_COMMAND) & (share < FULL_COMMAND)).all(axis=1)
-    flight = Flight(
+    by_command = Flight(
         name=path.stem,
-        drive=command / FULL_COMMAND * (1.0 if volts is None else volts[:, np.newaxis]),
+        drive=command / FULL_COMMAND,
         rates=spun,
         force=force,
         airborne=airborne,
         driven=airborne & ~_late(np.asarray(~within), _SETTLING_S),
         averaged=averaged,
-        in_volts=volts is not None,
+        in_volts=False,
         velocity=velocity,
         attitude=attitude,
     )
+    flight = by_command
+    if volts is not None:
+        flight = replace(by_command, drive=by_command.drive * volts[:, np.newaxis], in_volts=True)
     return FlownLog(
         log=log,
         flight=flight,
+        by_command=by_command,
         findings=(
             *of_recording(path.name, log.notes),
             *(note("recording", f"assumed: {text}.").at(path.name) for text in log.assumed),

@@ -115,7 +115,7 @@ def blocks_of(
     `delays_s` is how much later the accelerometer and the gyro show it.
     """
     late = lag.follow(flight.drive)
-    of_force, of_rates = (_powers(_delayed(late, delay_s)) for delay_s in delays_s)
+    of_force, of_rates = (_powers(delayed(late, delay_s)) for delay_s in delays_s)
     return [_vertical(flight, of_force), *(_turning(flight, of_rates, axis) for axis in axes)]
 
 
@@ -123,7 +123,7 @@ def _powers(late: Array) -> Array:
     return np.stack([np.ones_like(late), late, late**2])  # (3, n, 4)
 
 
-def _delayed(late: Array, delay_s: float) -> Array:
+def delayed(late: Array, delay_s: float) -> Array:
     """Return drives (n, 4) as they were a delay before, interpolated between steps."""
     whole = math.floor(delay_s / STEP_S)
     share = delay_s / STEP_S - whole
@@ -134,7 +134,7 @@ def _delayed(late: Array, delay_s: float) -> Array:
 
 
 def segments(mask: Mask, fewest: int = 100) -> list[slice]:
-    """Return the runs of rows that are marked, a second long at least."""
+    """Return the runs of rows that are marked, each of `fewest` rows at least."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= fewest]
 

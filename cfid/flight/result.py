@@ -76,7 +76,8 @@ def fit(flights: Sequence[FlownLog], *, body: Body) -> Result:
     _check(flights)
     found = fit_flights([one.flight for one in flights])
     drags = {name: fit_drag([one.flight for one in flights], axis=axis) for axis, name in enumerate(_DRAG_AXES)}
-    quantities = {**_quantities(found, body), **_drag_quantities(drags, body)}
+    measured = {**_quantities(found, body), **_drag_quantities(drags, body)}
+    quantities = {**measured, **_given(body)}
     findings = (
         *(finding for one in flights for finding in one.findings),
         *_thrust_findings(found),
@@ -92,7 +93,7 @@ def fit(flights: Sequence[FlownLog], *, body: Body) -> Result:
         command="fit flight",
         method="default",
         quantities=quantities,
-        wanted=_wanted(quantities, findings),
+        wanted=_wanted(measured, findings),
         findings=findings,
         merits={
             "rows": found.rows,
@@ -200,6 +201,14 @@ def _drag_quantities(drags: Mapping[str, DragFit | None], body: Body) -> dict[st
         for axis, one in found.items()
     }
     return rates | forces
+
+
+def _given(body: Body) -> dict[str, Parameter]:
+    """Return the mass and the arm that the rest was scaled by: they belong to it."""
+    given = {"flight.mass_kg": Parameter(value=body.mass_kg, std=body.mass_std_kg)}
+    if body.arm_m is not None:
+        given["flight.arm_m"] = Parameter(value=body.arm_m, std=body.arm_std_m)
+    return given
 
 
 def _wanted(quantities: Mapping[str, Parameter], findings: Sequence[Finding]) -> tuple[str, ...]:

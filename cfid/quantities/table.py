@@ -232,6 +232,10 @@ _DRAGS = _given(
 _BRAKED = Range(-0.01, 10, "30 g at 1 m/s are held back by 12 mN; below zero air would drive the vehicle")
 _FLIGHTS = _given(
     "flight", "`cfid fit flight`",
+    Quantity("flight.mass_kg", "kg", "m", "mass that thrust and moments in flight were scaled by",
+             plausible=Range(0.005, 1, "10 g to 1 kg")),
+    Quantity("flight.arm_m", "m", "l", "arm that moments in flight were scaled by",
+             plausible=Range(0.01, 0.5, "a Crazyflie has 46 mm")),
     Quantity("flight.thrust_poly", "N(cmd)", "a_f", "input command to thrust in flight, one motor", Shape.POLYNOMIAL,
              Range(0.01, 10, "thrust of one motor", at=FULL_COMMAND), count=3, of="N", over="cmd"),
     Quantity("flight.thrust_voltage_poly", "N(V)", "v_f", "motor voltage to thrust in flight, one motor",
