@@ -14,6 +14,7 @@ from cfid.report.known import turned
 from cfid.units import FULL_COMMAND, MM, RPM
 from cfid.validation.rollout import ParameterSet
 
+_NO_YAW = "no torque about yaw, whose moment is unknown: it stands as the sum of the others"
 ARM_M = 0.046  # of a Crazyflie 2.x, from its centre to a motor's axis, for published sets
 
 
@@ -75,8 +76,7 @@ def _of_flights(campaign: Campaign, name: str, in_volts: bool) -> ParameterSet:
     forward, left = (at.get(f"flight.drag_over_mass_per_s.{axis}") for axis in ("forward", "left"))
     return ParameterSet(
         name=name,
-        origin="the campaign's flights"
-        + ("" if known else ", no torque about yaw, whose moment is unknown: it stands as the sum of the others"),
+        origin="the campaign's flights" + ("" if known else f", {_NO_YAW}"),
         mass_kg=float(at["flight.mass_kg"].value),
         moments_kg_m2=(roll, pitch, roll + pitch if yaw is None else float(yaw.value)),
         arm_m=float(at["flight.arm_m"].value),

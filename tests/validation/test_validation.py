@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.campaigns import Cfid
 
 from cfid.errors import ConfigError, DataError
 from cfid.flight.data import FlownLog, flight_of
@@ -14,6 +13,7 @@ from cfid.records.campaign import open_campaign
 from cfid.validation.result import Compared, compared, validate
 from cfid.validation.rollout import HORIZONS, ParameterSet, errors, starts
 from cfid.validation.sets import PUBLISHED, of_campaign, published_set
+from tests.campaigns import Cfid
 from tests.flight.flying import GYRO_DELAY_S, LATE_STEPS, STEP, Fleet, fleet, fly
 from tests.places import DATA
 
