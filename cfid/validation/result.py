@@ -11,7 +11,7 @@ from cfid.errors import ConfigError, DataError
 from cfid.flight.data import FlownLog
 from cfid.flight.model import LEVER, ROW_S
 from cfid.records.result import Figures, Result
-from cfid.units import COVERAGE_95
+from cfid.units import COVERAGE_95, USUAL_GRAVITY_MPS2
 from cfid.validation.figures import validation_figure
 from cfid.validation.rollout import HORIZONS, QUANTITIES, UNITS, ParameterSet, errors, starts
 
@@ -128,6 +128,6 @@ def _lines(table: Sequence[Compared], flown: FlownLog, count: int) -> list[str]:
     which = "along all axes, by motion capture" if captured else "along the vehicle's vertical, by the accelerometer"
     return [
         *lines,
-        f"assumed: axes forward, left, up; thrust along z; g 9.81 m/s^2; changes of velocity {which}; a constant "
+        f"assumed: axes forward, left, up; thrust along z; g {USUAL_GRAVITY_MPS2} m/s^2; changes of velocity {which}; a constant "
         "angular acceleration of the whole flight taken away, of every set alike",
     ]

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.flight.model import LEVER, ROW_S, ROW_STEPS, STEP_S, TURNING, Flight, Lag, delayed, segments
+from cfid.units import USUAL_GRAVITY_MPS2
 
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.intp]
@@ -126,7 +127,7 @@ def _velocity_errors(flight: Flight, one: ParameterSet, lift: Array, turns: Arra
         return np.asarray(np.abs(np.pad(np.cumsum(wrong, axis=1) * ROW_S, ((0, 0), (1, 0)))))
     attitude = _matrices(flight.attitude)
     world = np.einsum("nij,nj->ni", attitude, flight.velocity)
-    gravity = np.array([0.0, 0.0, 9.81])
+    gravity = np.array([0.0, 0.0, USUAL_GRAVITY_MPS2])
     now = world[at].copy()
     result = [np.zeros(len(at))]
     for place in range(count):

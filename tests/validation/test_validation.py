@@ -10,12 +10,14 @@ from cfid.errors import ConfigError, DataError
 from cfid.flight.data import FlownLog, flight_of
 from cfid.flight.model import LEVER, Lag
 from cfid.records.campaign import open_campaign
+from cfid.records.parameters import Parameter
 from cfid.validation.result import Compared, compared, validate
 from cfid.validation.rollout import HORIZONS, ParameterSet, errors, starts
 from cfid.validation.sets import PUBLISHED, of_campaign, published_set
 from tests.campaigns import Cfid
 from tests.flight.flying import GYRO_DELAY_S, LATE_STEPS, STEP, Fleet, fleet, fly
 from tests.places import DATA
+from tests.report.fits_by_hand import new_campaign, put
 
 FLIGHTS = DATA / "flights"
 
@@ -122,6 +124,25 @@ def test_a_campaign_without_fits_lacks_sets_and_names_what(cfid: Cfid, tmp_path:
     found, missing = of_campaign(open_campaign(tmp_path / "empty"), in_volts=False)
     assert found == []
     assert len(missing) == 2
+
+
+def test_a_rig_gives_a_set_along_forward_left_and_up(tmp_path: Path) -> None:
+    campaign = new_campaign(tmp_path)
+    matrix = [[1.4e-5, 0.0, 0.0], [0.0, 1.6e-5, 0.0], [0.0, 0.0, 2.9e-5]]
+    for section, key, value in (
+        ("inertia", "inertia.matrix_kg_m2", matrix),
+        ("thrust", "motor.thrust_poly", [2.13e-11, 1.0326e-6, 5.48e-4]),
+        ("torque", "motor.torque_poly", [0.006, 1e-5]),
+        ("tf", "tf.time_constant_s", 0.065),
+    ):
+        put(campaign, section, {key: Parameter(value=value)})
+    (one,), missing = of_campaign(campaign, in_volts=True)
+    forward = "xyz".index(campaign.rig.vehicle.body_frame.forward[-1])
+    assert one.moments_kg_m2[0] == matrix[forward][forward]
+    full = 2.13e-11 * 65535**2 + 1.0326e-6 * 65535 + 5.48e-4
+    assert sum(one.thrust_n) == pytest.approx(full)
+    assert one.lag == Lag(0.065, 0.065)
+    assert "no set of the flight" in missing[0]
 
 
 @pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the public flights are not here (CFID_DATA)")
