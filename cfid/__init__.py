@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from cfid.lazy import attached
 
 if TYPE_CHECKING:
-    from cfid import drag, friction, inertia, latency, loadcell, motors, swing, transfer
+    from cfid import drag, flight, friction, inertia, latency, loadcell, motors, swing, transfer
     from cfid.records.campaign import open_campaign
     from cfid.records.run import read_run
     from cfid.records.tables.any_kind import read_table
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 __version__ = "0.2.0"
 __all__ = [
     "drag",
+    "flight",
     "friction",
     "inertia",
     "latency",

@@ -30,6 +30,10 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
         "cfid.interchange.command:convert",
         "Write a recording in another format: every row and column, in the units of whoever recorded it.",
     ),
+    "validate": (
+        "cfid.validation.command:validate",
+        "Compare how well parameter sets predict a flight that none of them was fitted to.",
+    ),
     "status": (
         "cfid.guide.command:status",
         "Show what a campaign found, how sure that is against what it is for, what is missing, and what comes next.",
@@ -163,6 +167,10 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     "fit dynamics": (
         "cfid.motors.steps.command:dynamics",
         "Fit how rotors follow commands: a lag to each step and one rotor model, or one lag to a flight log.",
+    ),
+    "fit flight": (
+        "cfid.flight.command:flight",
+        "Fit thrust, lag, moments of inertia and drag to logs of flights, as far as these excite them.",
     ),
     "fit drag": (
         "cfid.drag.command:drag",

@@ -25,6 +25,7 @@ EXPERIMENTS = {
     "dynamics": FitKind("Rotor dynamics"),
     "tf": FitKind("Transfer function of motor and rotor", "`cfid log sine`, then `cfid tf identify RUN ...`"),
     "latency": FitKind("Latency of the link"),
+    "flight": FitKind("Flight"),
     "drag": FitKind("Drag", "`cfid log wind`, then `cfid fit drag RUN ...`"),
 }
 
@@ -229,6 +230,33 @@ _DRAGS = _given(
     Quantity("wind.missing_runs", "1", "", "runs of the thesis' plan that the campaign lacks"),
 )  # fmt: skip
 
+_BRAKED = Range(-0.01, 10, "30 g at 1 m/s are held back by 12 mN; below zero air would drive the vehicle")
+_FLIGHTS = _given(
+    "flight", "`cfid fit flight`",
+    Quantity("flight.mass_kg", "kg", "m", "mass that thrust and moments in flight were scaled by",
+             plausible=Range(0.005, 1, "10 g to 1 kg")),
+    Quantity("flight.arm_m", "m", "l", "arm that moments in flight were scaled by",
+             plausible=Range(0.01, 0.5, "a Crazyflie has 46 mm")),
+    Quantity("flight.thrust_poly", "N(cmd)", "a_f", "input command to thrust in flight, one motor", Shape.POLYNOMIAL,
+             Range(0.01, 10, "thrust of one motor", at=FULL_COMMAND), count=3, of="N", over="cmd"),
+    Quantity("flight.thrust_voltage_poly", "N(V)", "v_f", "motor voltage to thrust in flight, one motor",
+             Shape.POLYNOMIAL, Range(0.005, 10, "a Crazyflie has 0.1 N", at=3.0), count=3, of="N", over="V",
+             lowest_first=True),
+    Quantity("flight.rising_s", "s", "τ_r", "time constant of rising thrust in flight", plausible=_LAG),
+    Quantity("flight.falling_s", "s", "τ_f", "time constant of falling thrust in flight", plausible=_LAG),
+    Quantity("flight.time_constant_s", "s", "τ", "mean of both time constants in flight", plausible=_LAG),
+    Quantity("flight.delay_s", "s", "t_d", "delay from command to rates in flight, besides the time constant",
+             plausible=Range(-0.02, 0.05, "electronics, air and filters take milliseconds")),
+    Quantity("flight.single_lag_s", "s", "τ_1", "mean time constant and delay of force: one lag for models without "
+             "delay", plausible=_LAG),
+    *(Quantity(f"flight.inertia_kg_m2.{axis}", "kg m^2", f"I_{axis}", f"moment of inertia about {axis} in flight",
+               plausible=_INERTIA) for axis in ("roll", "pitch", "yaw")),
+    *(Quantity(f"flight.drag_over_mass_per_s.{axis}", "1/s", "k/m", f"how air brakes along {axis}: drag over mass and "
+               "velocity", plausible=_BRAKED) for axis in ("forward", "left")),
+    *(Quantity(f"flight.drag_kg_per_s.{axis}", "kg/s", "k", f"force of air along {axis} over velocity",
+               plausible=Range(-1, 1e-3, "above zero air would drive the vehicle")) for axis in ("forward", "left")),
+)  # fmt: skip
+
 _STATED = _given(
     "", "",
     Quantity("mass_kg", "kg", "m", "mass", plausible=Range(0.005, 1, "10 g to 1 kg, with room below"),
@@ -268,5 +296,6 @@ _SHOWN = _given(
 )  # fmt: skip
 
 QUANTITIES = (
-    *_SWING, *_FRICTION, *_MATRICES, *_LOADCELL, *_MAPS, *_ROTORS, *_TRANSFER, *_LATENCY, *_DRAGS, *_STATED, *_SHOWN,
+    *_SWING, *_FRICTION, *_MATRICES, *_LOADCELL, *_MAPS, *_ROTORS, *_TRANSFER, *_LATENCY, *_FLIGHTS, *_DRAGS, *_STATED,
+    *_SHOWN,
 )  # fmt: skip

@@ -13,11 +13,11 @@ import numpy as np
 from cfid.estimate.differences import Compared, Difference, difference, number_of
 from cfid.findings import Finding, warning
 from cfid.quantities.lookup import unit_of
-from cfid.quantities.values import is_number
+from cfid.quantities.values import ENTRIES, is_number
 from cfid.records.fits import Fit
 from cfid.records.parameters import Section, plain
 from cfid.records.rig_file import Rig
-from cfid.report.known import Known
+from cfid.report.known import Known, axis_of
 from cfid.wire.app import MIDDLE
 
 LARGEST_IN_STD = 3.0  # standard uncertainties of the difference, beyond which the two disagree
@@ -74,17 +74,15 @@ def agreements_of(known: Known, latest: Mapping[str, Fit]) -> tuple[Agreement, .
         *_time_constants(known),
         *_clocks(known, latest),
         *_distances(known),
+        *_flights(known),
     )
 
 
 def _gains(known: Known) -> Iterator[Agreement]:
     """Compare each static gain of the transfer function with the slope of the thrust map at the sines' middle."""
-    slope = _sound(known, "motor.thrust_poly")
-    if slope is None:
+    map_slope = _slope(known, "motor.thrust_poly")
+    if map_slope is None:
         return
-    section, key = slope
-    powers = range(len(section.parameters[key].value) - 1, -1, -1)
-    map_slope = _number(slope, [power * MIDDLE ** max(power - 1, 0) for power in powers])
     series = sorted(key for section in known.sections.values() for key in section.parameters if _is_series_gain(key))
     for key in ("tf.static_gain_n", *dict.fromkeys(series)):
         if (gain := _sound(known, key)) is not None:
@@ -92,6 +90,15 @@ def _gains(known: Known) -> Iterator[Agreement]:
             first = f"cfid tf identify{f', {name}' if name else ''}"
             title = f"Thrust per command about {MIDDLE:.0f}"
             yield from _compared(title, (first, _number(gain)), ("cfid fit thrust", map_slope), unit_of(key))
+
+
+def _slope(known: Known, key: str) -> Compared | None:
+    """Return the slope of an accepted thrust map at the sines' middle, None without one."""
+    found = _sound(known, key)
+    if found is None:
+        return None
+    powers = range(len(found[0].parameters[key].value) - 1, -1, -1)
+    return _number(found, [power * MIDDLE ** max(power - 1, 0) for power in powers])
 
 
 def _is_series_gain(key: str) -> bool:
@@ -165,6 +172,26 @@ def _distances(known: Known) -> Iterator[Agreement]:
         if one is not None and other is not None:
             sides = (f"mount {first}", _number(one)), (f"mount {second}", _number(other))
             yield from _compared("Inertia about one axis by two distances", *sides, unit_of(f"{key}.{first}"))
+
+
+def _flights(known: Known) -> Iterator[Agreement]:
+    """Compare what flights gave with what the rig gave: moments of inertia, thrust per command, time constant."""
+    flown, frame = "cfid fit flight", known.rig.vehicle.body_frame
+    matrix = _sound(known, "inertia.matrix_kg_m2")
+    for axis, along in (("roll", frame.forward), ("pitch", frame.left), ("yaw", frame.up)):
+        moment = _sound(known, f"flight.inertia_kg_m2.{axis}")
+        if matrix is not None and moment is not None:
+            entry = [float(place == axis_of(along)[0]) for place in range(len(ENTRIES))]
+            sides = (flown, _number(moment)), ("cfid fit inertia", _number(matrix, entry))
+            yield from _compared(f"Moment of inertia about {axis}", *sides, unit_of("inertia.matrix_kg_m2"))
+    in_flight, on_rig = (_slope(known, key) for key in ("flight.thrust_poly", "motor.thrust_poly"))
+    if in_flight is not None and on_rig is not None:
+        sides = (flown, in_flight), ("cfid fit thrust", on_rig)
+        yield from _compared(f"Thrust per command about {MIDDLE:.0f}", *sides, "N")
+    lag, of_sines = _sound(known, "flight.time_constant_s"), _sound(known, "tf.time_constant_s")
+    if lag is not None and of_sines is not None:
+        sides = (flown, _number(lag)), ("cfid tf identify", _number(of_sines))
+        yield from _compared("Time constant of motor and rotor", *sides, "s")
 
 
 def _parallel_mounts(rig: Rig) -> Iterator[tuple[str, str]]:

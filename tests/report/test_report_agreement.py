@@ -56,6 +56,25 @@ def test_the_static_gain_is_compared_with_the_slope_of_the_thrust_map(tmp_path: 
     assert sum(one.title.startswith("Thrust per command") for one in report_of(campaign).agreements) == 2
 
 
+def test_moments_and_lag_of_flights_are_compared_with_those_of_the_rig(tmp_path: Path) -> None:
+    campaign = new_campaign(tmp_path)
+    along = {"x": 1.4e-5, "y": 1.6e-5, "z": 2.9e-5}
+    matrix = [[along["x"], 0.0, 0.0], [0.0, along["y"], 0.0], [0.0, 0.0, along["z"]]]
+    std = [[1e-7 if row == column else 0.0 for column in range(3)] for row in range(3)]
+    put(campaign, "inertia", {"inertia.matrix_kg_m2": Parameter(value=matrix, std=std, unit="kg m^2")})
+    tf(campaign)
+    forward = campaign.rig.vehicle.body_frame.forward[-1]
+    flown = {
+        "flight.inertia_kg_m2.roll": Parameter(value=along[forward], std=4e-7, unit="kg m^2"),
+        "flight.inertia_kg_m2.yaw": Parameter(value=0.8 * along["z"], std=4e-7, unit="kg m^2"),
+        "flight.time_constant_s": Parameter(value=0.060, std=0.003, unit="s"),
+    }
+    put(campaign, "flight", flown)
+    assert found(campaign, "Moment of inertia about roll").agrees
+    assert not found(campaign, "Moment of inertia about yaw").agrees
+    assert found(campaign, "Time constant of motor and rotor").agrees
+
+
 def test_a_cause_that_both_share_counts_once(tmp_path: Path) -> None:
     campaign = new_campaign(tmp_path)
     thrust(campaign)

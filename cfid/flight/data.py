@@ -1,0 +1,247 @@
+"""Logs of flights as drives, rates, specific forces and velocities along the vehicle's axes, and when it was flying.
+
+Whatever the autopilot's axes, they become x forward, y left, z up.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import ConfigError, DataError
+from cfid.findings import Finding, note, of_recording, warning
+from cfid.flight.model import ROW_S, ROW_STEPS, STEP_S, Flight
+from cfid.records.logs.any_kind import NO_OPTIONS, read_log
+from cfid.records.logs.log import FlightLog
+from cfid.records.logs.run import log_of_run
+from cfid.records.tables.schema import Foreign
+from cfid.records.tables.times import run_at
+from cfid.units import DEAD_COMMAND, FULL_COMMAND, MOTORS
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+_COMMANDS = ("motor.m{}", "pwm.m{}_pwm", "pwm.m{}", "control.m{}")
+_VOLTS = ("pm.vbat", "pm.vbatMV")
+_DOWN = (1.0, -1.0, -1.0)  # of PX4's axes: x forward, y right, z down
+_UP = (1.0, 1.0, 1.0)
+# What sensors are called, in order of preference, with the signs that turn them to forward, left and up.
+_RATES = (
+    (("gyro.x", "gyro.y", "gyro.z"), _UP),
+    (("imu_gyro_x", "imu_gyro_y", "imu_gyro_z"), _UP),
+    (("xyz[0]", "xyz[1]", "xyz[2]"), _DOWN),
+    (("gyroADC[0]", "gyroADC[1]", "gyroADC[2]"), _UP),
+)
+_FORCES = (
+    (("acc.x", "acc.y", "acc.z"), _UP),
+    (("xyz[0]", "xyz[1]", "xyz[2]"), _DOWN),
+    (("accSmooth[0]", "accSmooth[1]", "accSmooth[2]"), _UP),
+)
+_RATES_TOPIC, _FORCES_TOPIC = "vehicle_angular_velocity", "vehicle_acceleration"
+_VELOCITY, _QUATERNION = ("vx", "vy", "vz"), ("qw", "qx", "qy", "qz")  # of motion capture, in the world's axes
+
+_SLOWEST_S = 0.021  # between rows of a sensor: slower, rates change unseen
+_AVERAGED_S = ROW_S / 2  # between rows of a sensor, below which they are averaged
+_LIFTED = 0.8  # of the median sum of squared drives, above which the vehicle is in the air
+_EDGE_S = 1.0  # from there on, and before its end: the ground's air, and touching it
+_CRASH_MPS2 = 60.0
+_STRUCK_S = 0.5  # around such a specific force
+_SETTLING_S = 0.3  # after a motor left its range, in which rotors forget it
+_TURNED = 34.0  # rad/s, near the range of the gyro, 2000 deg/s
+_MOST_S = 600.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FlownLog:
+    """A log with its flight, and findings about reading it.
+
+    `by_command` is the same flight with drives that are the command over the full one, whether volts are known or not.
+    """
+
+    log: FlightLog
+    flight: Flight
+    by_command: Flight
+    findings: tuple[Finding, ...]
+
+    @property
+    def in_air_s(self) -> float:
+        """How long it flew."""
+        return ROW_S * float(np.count_nonzero(self.flight.airborne))
+
+    @property
+    def driven_s(self) -> float:
+        """How long of that all motors were within their range."""
+        return ROW_S * float(np.count_nonzero(self.flight.driven))
+
+
+def read_flight(
+    path: Path, reading: Foreign = NO_OPTIONS, *, from_s: float | None = None, to_s: float | None = None
+) -> FlownLog:
+    """Read a run or a log of any kind, between two times since its first row of a command.
+
+    Raises DataError for a log without commands of all motors, rates and accelerations, or sampled too slowly.
+    """
+    run = run_at(path)
+    return flight_of(read_log(path, reading) if run is None else log_of_run(run), from_s=from_s, to_s=to_s)
+
+
+def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None = None) -> FlownLog:
+    """Take the flight out of a log that was read, as `read_flight`."""
+    path = log.path
+    names = [_first(log, _COMMANDS, motor) for motor in MOTORS]
+    missing = [f"motor.m{motor}" for motor, name in zip(MOTORS, names, strict=True) if name is None]
+    if missing:
+        raise DataError(f"{path}: no {', '.join(missing)}: a flight's thrust is that of all four motors.")
+    commands = [log.channel(name) for name in names if name is not None]
+    rates, forces = _sensor(log, _RATES, _RATES_TOPIC, "rates"), _sensor(log, _FORCES, _FORCES_TOPIC, "accelerations")
+    timed = [one[0] for one in (*commands, rates, forces)]
+    first = float(commands[0][0][0])
+    begin = max(*(float(one[0]) for one in timed), first + (from_s or 0.0))
+    end = min(*(float(one[-1]) for one in timed), first + (np.inf if to_s is None else to_s))
+    if not end - begin > 2 * _EDGE_S:
+        raise ConfigError(f"{path}: {max(end - begin, 0.0):.3g} s are left of the log (limit {2 * _EDGE_S:g} s).")
+    if end - begin > _MOST_S:
+        raise ConfigError(f"{path}: {end - begin:.0f} s at once (limit {_MOST_S:g} s): give `from_s` and `to_s`.")
+    slowest = max(float(np.median(np.diff(one))) for one in timed)
+    if slowest > _SLOWEST_S:
+        raise DataError(
+            f"{path}: rows {1e3 * slowest:.0f} ms apart (limit {1e3 * _SLOWEST_S:.0f} ms): log motors, gyro and "
+            "accelerometer every 10 ms at least."
+        )
+    rows = int((end - begin) / ROW_S)
+    at_s = np.asarray(begin + STEP_S * np.arange(rows * ROW_STEPS), dtype=np.float64)
+    command = np.column_stack([_held(*one, at_s) for one in commands])
+    volts, faults = _volts(log, at_s)
+    row_s = np.asarray(begin + ROW_S * np.arange(rows), dtype=np.float64)
+    averaged = float(np.median(np.diff(rates[0]))) < _AVERAGED_S
+    force = _at(*forces, row_s, averaged=averaged)
+    spun = _at(*rates, row_s, averaged=averaged)
+    velocity, attitude = _motion(log, row_s)
+    if velocity is not None and attitude is not None:
+        velocity = turned_back(attitude, velocity)
+    share = command[::ROW_STEPS]
+    airborne = _airborne(share, force, spun)
+    within = ((share > DEAD_COMMAND) & (share < FULL_COMMAND)).all(axis=1)
+    by_command = Flight(
+        name=path.stem,
+        drive=command / FULL_COMMAND,
+        rates=spun,
+        force=force,
+        airborne=airborne,
+        driven=airborne & ~_late(np.asarray(~within), _SETTLING_S),
+        averaged=averaged,
+        in_volts=False,
+        velocity=velocity,
+        attitude=attitude,
+    )
+    flight = by_command
+    if volts is not None:
+        flight = replace(by_command, drive=by_command.drive * volts[:, np.newaxis], in_volts=True)
+    return FlownLog(
+        log=log,
+        flight=flight,
+        by_command=by_command,
+        findings=(
+            *of_recording(path.name, log.notes),
+            *(note("recording", f"assumed: {text}.").at(path.name) for text in log.assumed),
+            *(warning("recording", text).at(path.name) for text in faults),
+        ),
+    )
+
+
+def turned_back(attitude: Array, vector: Array) -> Array:
+    """Return vectors (m, 3) of the world's axes along the vehicle's, of attitude w, x, y, z (m, 4)."""
+    w, v = attitude[:, :1], -attitude[:, 1:]
+    across = 2 * np.cross(v, vector)
+    return np.asarray(vector + w * across + np.cross(v, across))
+
+
+def _sensor(
+    log: FlightLog, kinds: Sequence[tuple[tuple[str, ...], tuple[float, ...]]], topic: str, what: str
+) -> tuple[Array, Array]:
+    """Return the times (n,) of a sensor with three axes, and its values (n, 3) along the vehicle's."""
+    for names, signs in kinds:
+        for series in log.series:
+            if set(names) <= set(series.names) and (signs is _UP or series.name == topic):
+                values = np.column_stack([sign * series.values(name) for name, sign in zip(names, signs, strict=True)])
+                known = np.isfinite(values).all(axis=1)
+                if np.count_nonzero(known) > 1:
+                    return series.time_s[known], values[known]
+    raise DataError(f"{log.path}: no {what} along three axes (as {', '.join(kinds[0][0])}).")
+
+
+def _motion(log: FlightLog, at_s: Array) -> tuple[Array | None, Array | None]:
+    """Return velocity (m, 3) in the world's axes and attitude (m, 4) of motion capture, None where there is none."""
+    for series in log.series:
+        if {*_VELOCITY, *_QUATERNION} <= set(series.names):
+            time_s = series.time_s
+            velocity = np.column_stack([np.interp(at_s, time_s, series.values(name)) for name in _VELOCITY])
+            attitude = np.column_stack([series.values(name) for name in _QUATERNION])
+            flips = np.cumprod(np.where(np.sum(attitude[1:] * attitude[:-1], axis=1) < 0, -1.0, 1.0))
+            attitude[1:] *= flips[:, np.newaxis]
+            attitude = np.column_stack([np.interp(at_s, time_s, column) for column in attitude.T])
+            return velocity, attitude / np.linalg.norm(attitude, axis=1)[:, np.newaxis]
+    return None, None
+
+
+def _volts(log: FlightLog, at_s: Array) -> tuple[Array | None, tuple[str, ...]]:
+    name = _first(log, _VOLTS)
+    if name is None:
+        return None, ()
+    time_s, volts = log.channel(name)
+    known = np.isfinite(volts) & (volts > 1.0) & (volts < 60.0)
+    if not known.all() or not len(volts):
+        return None, ("the battery's voltage has impossible values: it is not used.",)
+    return np.interp(at_s, time_s, volts), ()
+
+
+def _held(time_s: Array, command: Array, at_s: Array) -> Array:
+    """Return the mean command (n,) over each step, which holds from row to row of the log."""
+    known = np.isfinite(command)
+    time_s, command = time_s[known], command[known]
+    total = np.concatenate([[0.0], np.cumsum(command[:-1] * np.diff(time_s))])
+    edges = np.append(at_s, at_s[-1] + STEP_S)
+    place = np.clip(np.searchsorted(time_s, edges, side="right") - 1, 0, len(time_s) - 1)
+    gone = total[place] + command[place] * (edges - time_s[place])
+    return np.asarray(np.diff(gone) / STEP_S)
+
+
+def _at(time_s: Array, values: Array, row_s: Array, *, averaged: bool) -> Array:
+    """Return values (m, 3) at rows: means over each row's 10 ms, or interpolated."""
+    if not averaged:
+        return np.column_stack([np.interp(row_s, time_s, column) for column in values.T])
+    middle = (values[1:] + values[:-1]) / 2 * np.diff(time_s)[:, np.newaxis]
+    total = np.vstack([np.zeros((1, values.shape[1])), np.cumsum(middle, axis=0)])
+    low, high = row_s - ROW_S / 2, row_s + ROW_S / 2
+    return np.column_stack(
+        [(np.interp(high, time_s, column) - np.interp(low, time_s, column)) / ROW_S for column in total.T]
+    )
+
+
+def _airborne(command: Array, force: Array, rates: Array) -> Mask:
+    """Return the rows (m,) in the air: under a thrust that carries, away from the ground, and not struck."""
+    lift = np.sum(command**2, axis=1)
+    carried = lift > _LIFTED * np.median(lift[lift > 0]) if np.any(lift > 0) else np.zeros(len(lift), bool)
+    count = round(_EDGE_S / ROW_S)
+    flown = np.zeros(len(lift), bool)
+    if carried.any():
+        flown[np.argmax(carried) + count : len(carried) - np.argmax(carried[::-1]) - count] = True
+    running = (command > 0).all(axis=1)
+    struck = np.linalg.norm(force, axis=1) > _CRASH_MPS2
+    wild = (np.abs(rates) > _TURNED).any(axis=1)
+    around = round(_STRUCK_S / ROW_S)
+    return np.asarray(flown & running & ~_late(_late(struck | wild, _STRUCK_S)[::-1], around * ROW_S)[::-1])
+
+
+def _late(mask: Mask, for_s: float) -> Mask:
+    """Return rows (m,) that are marked, and those for a time after them."""
+    count = round(for_s / ROW_S)
+    total = np.cumsum(np.concatenate([[0], mask.astype(int)]))
+    return np.asarray(total[1:] - total[np.maximum(np.arange(len(mask)) - count, 0)] > 0)
+
+
+def _first(log: FlightLog, patterns: Sequence[str], motor: int = 0) -> str | None:
+    there = {name for series in log.series for name in series.names}
+    return next((name for pattern in patterns if (name := pattern.format(motor)) in there), None)

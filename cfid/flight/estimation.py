@@ -1,0 +1,273 @@
+"""Thrust, lag, delays and moments together: the errors of predicting each sensor's next row are least squares.
+
+The condition is that these errors have nothing in common with what the commands did: an equation in which no side is
+that of a dependent variable.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import OptimizeResult, least_squares
+
+from cfid.errors import FitError
+from cfid.estimate.blocks import block_means
+from cfid.estimate.linear import gain_of, sandwich, std_of
+from cfid.flight.likelihood import PAST, White, whitening, without
+from cfid.flight.model import AXES, Block, Flight, Lag, blocks_of, segments
+
+Array = npt.NDArray[np.float64]
+
+_QUICKEST_S, _SLOWEST_S = 5e-3, 1.0  # of a lag
+_EARLIEST_S, _LATEST_S = -0.02, 0.05  # of a delay
+_STARTS_S = (0.02, 0.04, 0.07, 0.12)
+_DELAY_S = 0.008  # to start with
+_ROUNDS = 3  # in which noise and parameters are estimated in turn
+_FEWEST = 500  # rows: 5 s
+_LEVEL = 100  # rows: 1 s, whose mean forces are taken as independent
+_SMOOTH = 10  # rows over which noise is averaged before judging how much is explained
+_PART = 500  # rows: 5 s, in which a flight's manoeuvres change
+_OLDER = 2  # rows, so that no row of an error's difference is in an instrument's
+LAGS, DELAYS, THRUST, TURNS = slice(0, 2), slice(2, 4), slice(4, 7), slice(7, 10)  # of the parameters
+_STEP = 1e-3  # of a time constant or delay, over which a slope is taken
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FlightFit:
+    """Time constants and delays in s, thrust over mass in powers of the drive, and lever times mass over moment.
+
+    `values` (10,) are these in order (`LAGS`, `DELAYS` of accelerometer and gyro, `THRUST` in m/s^2, `TURNS`),
+    `covariance` (10, 10) theirs. `drive` is the mean in flight, in V if `in_volts`, and `drive_range` its quantiles of
+    1 and 99 %. `explained` is the part of the variance of the vertical force, in means over 0.1 s, that the rotors
+    explain, `excitation` by equation the root mean square of what they did there: m/s^2 vertically, rad/s^2 about an
+    axis. `feedback` (3,) is how much older torques would change the moments, relatively, beyond what noise explains;
+    the covariance contains it. `blocks` are the equations at the solution, each with what the rotors do in it.
+    """
+
+    values: Array
+    covariance: Array
+    in_volts: bool
+    drive: float
+    drive_range: tuple[float, float]
+    explained: float
+    excitation: dict[str, float]
+    feedback: Array
+    rows: int
+    blocks: tuple[tuple[Block, Array], ...]
+
+    @property
+    def lag(self) -> Lag:
+        """The time constants of rising and falling drives."""
+        return Lag(*map(float, self.values[LAGS]))
+
+    @property
+    def thrust(self) -> Array:
+        """The coefficients (3,) of one rotor's thrust over the vehicle's mass, lowest power first."""
+        return self.values[THRUST]
+
+    @property
+    def std(self) -> Array:
+        """The standard uncertainties (10,)."""
+        return std_of(self.covariance)
+
+
+def fit_flights(flights: Sequence[Flight]) -> FlightFit:
+    """Fit one vehicle to its flights. Raises FitError for less than 5 s in which all rotors were driven."""
+    flown = [flight for flight in flights if segments(flight.driven)]
+    rows = sum(one.stop - one.start for flight in flown for one in segments(flight.driven))
+    if rows < _FEWEST:
+        raise FitError(
+            f"{rows / 100:.1f} s in the air with every motor within its range (limit {_FEWEST / 100:g} s): the vehicle "
+            "has to fly for longer, or lower its thrust."
+        )
+    equations = _Equations(flown)
+    found = _start(equations)
+    result = OptimizeResult()
+    for _ in range(_ROUNDS):
+        white = [whitening(block, _left(block, found)) for block in equations.at(found)]
+        equations = replace(equations, white=tuple(white))
+        result = least_squares(
+            equations.residual,
+            found,
+            equations.jacobian,
+            bounds=(
+                [_QUICKEST_S, _QUICKEST_S, _EARLIEST_S, _EARLIEST_S, *[-np.inf] * 6],
+                [_SLOWEST_S, _SLOWEST_S, _LATEST_S, _LATEST_S, *[np.inf] * 6],
+            ),
+            x_scale=_scales(found),
+            xtol=1e-5,
+            ftol=1e-7,
+            max_nfev=20,
+        )
+        found = np.asarray(result.x)
+    jacobian, residual = np.asarray(result.jac), np.asarray(result.fun)
+    covariance = _covariance(jacobian, residual, [len(one.basis) for one in equations.white])
+    excess = _excess_of_older_torques(jacobian, residual, equations.white)
+    covariance[TURNS, TURNS] += np.diag((excess / math.sqrt(3)) ** 2)
+    found, covariance = _levelled(found, covariance, [one for one in equations.at(found) if one.axis is None])
+    fitted = tuple((block, _fitted(block, found)) for block in equations.at(found))
+    drives = np.concatenate([flight.row_drives[flight.driven] for flight in flown])
+    return FlightFit(
+        values=found,
+        covariance=covariance,
+        in_volts=flown[0].in_volts,
+        drive=float(np.mean(drives)),
+        drive_range=(float(np.quantile(drives, 0.01)), float(np.quantile(drives, 0.99))),
+        explained=_explained(fitted),
+        excitation=_excitation(fitted),
+        feedback=excess / np.maximum(np.abs(found[TURNS]), 1e-300),
+        rows=rows,
+        blocks=fitted,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Equations:
+    """The equations of flights, whose residuals are whitened."""
+
+    flights: Sequence[Flight]
+    white: tuple[White, ...] = ()
+
+    def at(self, p: Array) -> list[Block]:
+        """Return the equations for time constants and delays."""
+        rising_s, falling_s, of_force_s, of_rates_s = map(float, p[: DELAYS.stop])
+        lag, delays_s = Lag(rising_s, falling_s), (of_force_s, of_rates_s)
+        return [one for flight in self.flights for one in blocks_of(flight, lag, delays_s)]
+
+    def residual(self, p: Array) -> Array:
+        """Return the whitened errors (n,) of parameters (10,)."""
+        each = zip(self.at(p), self.white, strict=True)
+        return np.concatenate([one.of((block.shown - _fitted(block, p))[:, np.newaxis])[:, 0] for block, one in each])
+
+    def jacobian(self, p: Array) -> Array:
+        """Return the slopes (n, 10) of the whitened errors over the parameters."""
+        blocks, columns = self.at(p), []
+        for place in range(DELAYS.stop):
+            ahead = p.copy()
+            step = _STEP * max(abs(float(p[place])), _DELAY_S)
+            ahead[place] += step
+            moved = zip(self.at(ahead), blocks, strict=True)
+            columns.append([-(_fitted(one, p) - _fitted(block, p)) / step for one, block in moved])
+        each = []
+        for place, (block, white) in enumerate(zip(blocks, self.white, strict=True)):
+            gains, turned = np.ones(3), np.zeros((len(block.shown), len(AXES)))
+            if block.axis is not None:
+                gains = np.full(3, p[TURNS][block.axis])
+                turned[:, block.axis] = -(block.terms @ p[THRUST])
+            slow = [column[place] for column in columns]
+            each.append(white.of(np.column_stack([*slow, -block.terms * gains, turned])))
+        return np.concatenate(each)
+
+
+def _excess_of_older_torques(jacobian: Array, residual: Array, white: Sequence[White]) -> Array:
+    """Return by how much the last three parameters change if torques of two rows before are instruments, less noise.
+
+    An autopilot that answers to the gyro's noise within a row, or rotors that are no first-order lag, make the two
+    differ. Less two standard uncertainties of the difference, so that noise alone changes nothing.
+    """
+    turns = jacobian[:, TURNS]
+    older = np.zeros_like(turns)
+    begin = 0
+    for one in white:
+        for length in one.lengths:
+            end = begin + length - PAST
+            older[begin + _OLDER : end] = turns[begin : end - _OLDER]
+            begin = end
+    excess = np.zeros(len(AXES))
+    for axis, (now, before) in enumerate(zip(turns.T, older.T, strict=True)):
+        if abs(float(before @ now)) > 0:
+            influence = (before / float(before @ now) - now / float(now @ now)) * residual
+            excess[axis] = max(abs(float(np.sum(influence))) - 2 * math.sqrt(float(influence @ influence)), 0.0)
+    return excess
+
+
+def _covariance(jacobian: Array, residual: Array, lengths: Sequence[int]) -> Array:
+    """Return the covariance (p, p) of a fit to blocks of rows, wider where parts of 5 s scatter more than it allows.
+
+    A model that is not quite right errs otherwise in each manoeuvre: parts then differ by more than noise explains.
+    """
+    covariance = sandwich(jacobian, residual, longest=max(len(residual) // (8 * len(lengths)), 10))
+    influence = gain_of(jacobian).T * residual[:, np.newaxis]
+    ends = [end for one in lengths for end in [*range(0, one - _PART // 2, _PART)]]
+    starts = np.repeat(np.cumsum([0, *lengths[:-1]]), [len(range(0, one - _PART // 2, _PART)) for one in lengths])
+    sums = np.add.reduceat(influence, starts + np.array(ends, dtype=int), axis=0)
+    scatter = np.sum(sums**2, axis=0)
+    wider = np.sqrt(np.maximum(scatter / np.maximum(np.diag(covariance), 1e-300), 1.0))
+    return np.asarray(covariance * np.outer(wider, wider))
+
+
+def _levelled(p: Array, covariance: Array, vertical: Sequence[Block]) -> tuple[Array, Array]:
+    """Return parameters and covariance with the thrust's constant, from the mean force: slopes alone are fitted."""
+    slopes = p.copy()
+    slopes[THRUST.start] = 0.0
+    terms, forces, left = [], [], []
+    for block in vertical:
+        force = block.shown - _fitted(block, slopes)
+        others = gain_of(block.others) @ force
+        terms.append(block.terms)
+        forces.append(force - others[0] * block.others[:, 0])  # without the climb
+        left.append(force - block.others @ others)
+    mean = np.concatenate(terms).mean(axis=0)
+    found = slopes
+    found[THRUST.start] = float(np.concatenate(forces).mean()) / mean[0]
+    of_slopes = np.eye(len(p))
+    of_slopes[THRUST.start, THRUST] = [0.0, *(-mean[1:] / mean[0])]
+    spread = of_slopes @ covariance @ of_slopes.T
+    means = block_means(np.concatenate(left), length=_LEVEL)
+    spread[THRUST.start, THRUST.start] += float(np.var(means)) / max(len(means) - 1, 1) / mean[0] ** 2
+    return found, spread
+
+
+def _start(equations: _Equations) -> Array:
+    """Return the best parameters (10,) of a coarse grid of lags, as fast upwards as downwards."""
+    best, found = np.inf, np.zeros(TURNS.stop)
+    for tau_s in _STARTS_S:
+        p = np.concatenate([[tau_s, tau_s, _DELAY_S, _DELAY_S], np.zeros(6)])
+        blocks = equations.at(p)
+        vertical = [block for block in blocks if block.axis is None]
+        rows, shown = (np.concatenate(each) for each in zip(*((b.terms, b.shown) for b in vertical), strict=True))
+        p[THRUST] = gain_of(rows) @ shown
+        cost = float(np.sum((shown - rows @ p[THRUST]) ** 2))
+        for axis in range(len(AXES)):
+            turning = [block for block in blocks if block.axis == axis]
+            torque = np.concatenate([without(block.terms @ p[THRUST], block.others) for block in turning])
+            spun = np.concatenate([without(block.shown, block.others) for block in turning])
+            p[TURNS.start + axis] = float(torque @ spun) / max(float(torque @ torque), 1e-300)
+        if cost < best:
+            best, found = cost, p
+    return found
+
+
+def _scales(p: Array) -> Array:
+    """Return the sizes of the parameters (10,)."""
+    thrust = np.full(3, max(float(np.max(np.abs(p[THRUST]))), 1e-6))
+    return np.concatenate([p[LAGS], [_DELAY_S, _DELAY_S], thrust, np.maximum(np.abs(p[TURNS]), 1e-3)])
+
+
+def _fitted(block: Block, p: Array) -> Array:
+    """Return what the rotors do (k,) in an equation."""
+    gain = 1.0 if block.axis is None else float(p[TURNS][block.axis])
+    return np.asarray(gain * (block.terms @ p[THRUST]))
+
+
+def _left(block: Block, p: Array) -> Array:
+    """Return an equation's errors (k,), before they are whitened."""
+    return without(block.shown - _fitted(block, p), block.others)
+
+
+def _explained(fitted: Sequence[tuple[Block, Array]]) -> float:
+    """Return the part of the variance of the vertical force's means over 0.1 s that the rotors explain."""
+    vertical = [(block, thrusts) for block, thrusts in fitted if block.axis is None]
+    left = np.concatenate([block_means(block.shown - thrusts, length=_SMOOTH) for block, thrusts in vertical])
+    whole = np.concatenate([block_means(block.shown, length=_SMOOTH) for block, _ in vertical])
+    return float(1 - np.var(left) / max(float(np.var(whole)), 1e-300))
+
+
+def _excitation(fitted: Sequence[tuple[Block, Array]]) -> dict[str, float]:
+    found: dict[str, list[Array]] = {}
+    for block, thrusts in fitted:
+        name = "vertical" if block.axis is None else AXES[block.axis]
+        found.setdefault(name, []).append(without(thrusts, np.ones((len(thrusts), 1))))
+    return {name: float(np.std(np.concatenate(each))) for name, each in found.items()}

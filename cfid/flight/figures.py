@@ -1,0 +1,59 @@
+"""Figure of a flight: what rotors explain of the vertical force and the rates, and drag over velocity."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from cfid.drawing.style import MODEL, RECORDED, draw_line, figure, legend, name_panel, styled
+from cfid.findings import Finding, texts
+from cfid.flight.braking import DragFit
+from cfid.flight.estimation import FlightFit
+from cfid.flight.model import AXES, ROW_S, Block
+
+Array = npt.NDArray[np.float64]
+
+_SHOWN = 400  # rows where the rotors do most
+_MEAN = 5  # rows of a drawn mean: 50 ms
+
+
+@styled
+def flight_figure(
+    found: FlightFit, drags: Mapping[str, DragFit | None], findings: Sequence[Finding], *, title: str
+) -> Figure:
+    """Return the liveliest four seconds of each equation with what the rotors explain, and drag where it is known."""
+    known = {axis: one for axis, one in drags.items() if one is not None}
+    heights = [1.7] * 4 + [2.4] * bool(known)
+    rejections = [f"Rejected: {text}" for text in texts(findings, "rejection")]
+    page, grid = figure(len(heights), 2, heights_in=heights, title=title, rejections=rejections)
+    for place, axis in enumerate((None, 0, 1, 2)):
+        same = [each for each in found.blocks if each[0].axis == axis]
+        _draw(page.add_subplot(grid[place, :]), "abcd"[place], *max(same, key=lambda each: float(np.std(each[1]))))
+    for place, (axis_name, one) in enumerate(known.items()):
+        _draw_drag(page.add_subplot(grid[4, place]), f"({'ef'[place]}) {axis_name}", one)
+    return page
+
+
+def _draw(axes: Axes, letter: str, block: Block, rotors: Array) -> None:
+    what, unit = ("vertical", "m/s²") if block.axis is None else (AXES[block.axis], "rad/s²")
+    name_panel(axes, f"({letter}) {what}", x="time (s)", y=f"acceleration ({unit})")
+    begins = range(0, max(len(rotors) - _SHOWN, 0) + 1, _SHOWN // 4)
+    begin = max(begins, key=lambda at: float(np.std(rotors[at : at + _SHOWN])))
+    seen = slice(begin, begin + _SHOWN)
+    time_s = np.asarray(ROW_S * np.arange(len(rotors[seen])), dtype=np.float64)
+    shown, explained = (np.convolve(each, np.full(_MEAN, 1 / _MEAN), "same")[seen] for each in (block.shown, rotors))
+    offset = float(np.mean(shown) - np.mean(explained))
+    draw_line(axes, time_s, shown, color=RECORDED, lw=0.9, label="measured")
+    draw_line(axes, time_s, explained + offset, color=MODEL, lw=1.1, label="rotors")
+    legend(axes)
+
+
+def _draw_drag(axes: Axes, name: str, one: DragFit) -> None:
+    name_panel(axes, name, x="velocity (m/s)", y="specific force (m/s²)")
+    step = max(len(one.velocity) // 800, 1)
+    axes.plot(one.velocity[::step], one.force[::step], ".", color=RECORDED, ms=2.5, label="measured")
+    ends = np.array([one.velocity.min(), one.velocity.max()])
+    axes.plot(ends, -one.rate * ends, color=MODEL, label=f"{one.rate:.3f} ± {one.std:.3f} 1/s")
+    legend(axes)

@@ -1,0 +1,63 @@
+"""An equation's errors without what their own past foretells: what is left is independent of the commands.
+
+What a rotor's command does not explain, wind, vibration and the sensors' noise, is correlated with itself and, by the
+autopilot, with later commands. An autoregression in each equation takes the part of it that its past foretells; what
+is left is independent of everything before, and so of what the commands did (L. Ljung, System Identification, 2nd ed.,
+1999, sections 7.3 and 13.4: the direct method in a closed loop).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.signal import lfilter
+
+from cfid.estimate.linear import gain_of
+from cfid.flight.model import Block
+
+Array = npt.NDArray[np.float64]
+
+PAST = 16  # rows that foretell the next: 0.16 s
+
+
+@dataclass(frozen=True, eq=False)
+class White:
+    """What takes the predictable part of an equation's errors away, and its other terms, to a variance of one."""
+
+    filter: Array
+    lengths: tuple[int, ...]
+    basis: Array  # (k, q), of the whitened other terms
+    size: float
+
+    def of(self, columns: Array) -> Array:
+        """Return columns (n, p) whitened, without each segment's first rows and without what other terms explain."""
+        white = _filtered(columns, self.filter, self.lengths)
+        return np.asarray((white - self.basis @ (self.basis.T @ white)) / self.size)
+
+
+def whitening(block: Block, left: Array) -> White:
+    """Return what whitens an equation whose errors (n,) are `left`."""
+    parts = _parts(left, block.lengths)
+    past = np.concatenate(
+        [np.column_stack([part[PAST - k - 1 : len(part) - k - 1] for k in range(PAST)]) for part in parts]
+    )
+    now = np.concatenate([part[PAST:] for part in parts])
+    coefficients = np.concatenate([[1.0], -(gain_of(past) @ now)])
+    others = _filtered(block.others, coefficients, block.lengths)
+    basis = np.linalg.qr(others / np.maximum(np.linalg.norm(others, axis=0), 1e-300))[0]
+    white = _filtered(left[:, np.newaxis], coefficients, block.lengths)[:, 0]
+    return White(coefficients, block.lengths, basis, max(float(np.std(white)), 1e-12))
+
+
+def without(values: Array, others: Array) -> Array:
+    """Return values (n,) without what other terms (n, q) explain."""
+    return np.asarray(values - others @ (gain_of(others) @ values))
+
+
+def _filtered(columns: Array, coefficients: Array, lengths: Sequence[int]) -> Array:
+    return np.concatenate([lfilter(coefficients, [1.0], part, axis=0)[PAST:] for part in _parts(columns, lengths)])
+
+
+def _parts(columns: Array, lengths: Sequence[int]) -> list[Array]:
+    return np.split(columns, np.cumsum(lengths)[:-1])

@@ -1,0 +1,190 @@
+"""A quadrocopter in flight as equations that are linear in what is unknown: what its sensors show of its rotors.
+
+Axes are the vehicle's: x forward, y left, z up. Each rotor's drive, the command over the full one, times the battery's
+volts where these are known, lags to w; thrust is c0 + c1 w + c2 w^2 of one rotor, along z. The equations are
+
+    f_z = sum(T_i) / m + what climbing and the battery take away            specific force, by the accelerometer
+    d(rate_x)/dt = (l / J_x) sum(+-T_i) + what else turns the vehicle       and alike about y, and z with q for l
+
+with l the lever of a rotor about x and y, its arm over the root of two, and q its torque over its thrust. Each sensor
+shows this with a delay of its own: air, electronics and the vehicle's filters.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.signal import lfilter
+
+from cfid.units import MOTOR_AZIMUTH_DEG, MOTORS, ROTOR_TURNS
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+ROW_S = 0.01  # between rows of the sensors: motion is far slower than 50 Hz
+ROW_STEPS = 3
+STEP_S = ROW_S / ROW_STEPS  # of drives: rotors take many times longer
+AXES = ("roll", "pitch", "yaw")
+CLIMB_S = 2.0  # over which the climb is integrated from the force: longer, errors of the accelerometer pile up
+SAG_S = 5.0  # half the shortest period in which the battery's charge changes the thrust
+LEVER = 0.5**0.5  # of an arm, about the axes forward and left
+
+# The signs with which thrusts turn the vehicle about x and y, and their reaction torques about z; (3, 4).
+TURNING = np.array(
+    [
+        [np.sign(np.sin(np.radians(MOTOR_AZIMUTH_DEG[motor]))) for motor in MOTORS],
+        [-np.sign(np.cos(np.radians(MOTOR_AZIMUTH_DEG[motor]))) for motor in MOTORS],
+        [-ROTOR_TURNS[motor] for motor in MOTORS],
+    ]
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Flight:
+    """Drives (n, 4), three to a row, and what sensors showed every 10 ms from the first drive on.
+
+    `rates` (m, 3) in rad/s and `force` (m, 3), the specific force in m/s^2, are along the vehicle's axes, as is
+    `velocity` (m, 3) in m/s, None where unknown. `attitude` (m, 4) is the quaternion w, x, y, z that turns these axes
+    to the world's. `averaged` is true where rows are means over their 10 ms. `airborne` (m,) marks rows in the air,
+    `driven` (m,) those of them at which every rotor has been under a command within its range for a while.
+    """
+
+    name: str
+    drive: Array
+    rates: Array
+    force: Array
+    airborne: Mask
+    driven: Mask
+    averaged: bool
+    in_volts: bool
+    velocity: Array | None = None
+    attitude: Array | None = None
+
+    @property
+    def time_s(self) -> Array:
+        """The times (m,) of the sensors' rows since the first drive."""
+        return np.asarray(ROW_S * np.arange(len(self.rates)), dtype=np.float64)
+
+    @property
+    def row_drives(self) -> Array:
+        """The drives (m, 4) at the sensors' rows."""
+        return self.drive[::ROW_STEPS][: len(self.rates)]
+
+
+class Lag(NamedTuple):
+    """dw/dt = (u - w) / tau of a rotor's drive u, tau being `rising_s` where u > w and `falling_s` elsewhere."""
+
+    rising_s: float
+    falling_s: float
+
+    def follow(self, drive: Array) -> Array:
+        """Return what follows drives (n, 4), each held for a step, at the begin of each step; it starts settled."""
+        rising, falling = (1 - math.exp(-STEP_S / tau_s) for tau_s in self)
+        late = np.empty_like(drive)
+        for motor, column in enumerate(drive.T):
+            now, course = float(column[0]), []
+            for to in column.tolist():
+                course.append(now)
+                now += (to - now) * (rising if to > now else falling)
+            late[:, motor] = course
+        return late
+
+
+class Block(NamedTuple):
+    """An equation of one flight at rows (k,): `shown` is a sum of `terms`, by the powers of thrust, and `others`.
+
+    `terms` (k, 3) go with c0, c1, c2; `others` (k, q) are what else may act, each with a coefficient of its own.
+    `lengths` are those of the segments without a gap. That of the vertical force has a constant among the others.
+    """
+
+    axis: int | None
+    shown: Array
+    terms: Array
+    others: Array
+    lengths: tuple[int, ...]
+
+
+def blocks_of(
+    flight: Flight, lag: Lag, delays_s: tuple[float, float] = (0.0, 0.0), *, axes: Sequence[int] = (0, 1, 2)
+) -> list[Block]:
+    """Return the equation of the vertical force and those of the rates about some axes, for rotors of a lag.
+
+    `delays_s` is how much later the accelerometer and the gyro show it.
+    """
+    late = lag.follow(flight.drive)
+    of_force, of_rates = (_powers(delayed(late, delay_s)) for delay_s in delays_s)
+    return [_vertical(flight, of_force), *(_turning(flight, of_rates, axis) for axis in axes)]
+
+
+def _powers(late: Array) -> Array:
+    return np.stack([np.ones_like(late), late, late**2])  # (3, n, 4)
+
+
+def delayed(late: Array, delay_s: float) -> Array:
+    """Return drives (n, 4) as they were a delay before, interpolated between steps."""
+    whole = math.floor(delay_s / STEP_S)
+    share = delay_s / STEP_S - whole
+    padded = np.pad(late, ((max(whole, 0) + 1, max(-whole, 0)), (0, 0)), mode="edge")
+    begin = max(-whole, 0)
+    newer, older = padded[begin + 1 : begin + 1 + len(late)], padded[begin : begin + len(late)]
+    return np.asarray((1 - share) * newer + share * older)
+
+
+def segments(mask: Mask, fewest: int = 100) -> list[slice]:
+    """Return the runs of rows that are marked, each of `fewest` rows at least."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    return [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= fewest]
+
+
+def _vertical(flight: Flight, powers: Array) -> Block:
+    terms = _rows(flight, powers.sum(axis=2).T)
+    hovering = float(np.median(flight.force[flight.driven, 2])) if flight.driven.any() else 0.0
+    if flight.velocity is None:  # none in the mean
+        climb = _faded(flight.force[:, 2] - hovering)
+        climb = climb - (np.mean(climb[flight.driven]) if flight.driven.any() else 0.0)
+    else:
+        climb = flight.velocity[:, 2]
+    phase = np.pi * np.arange(len(terms)) / len(terms)
+    sag = [np.cos(count * phase) for count in range(1 + max(round(len(terms) * ROW_S / SAG_S), 1))]
+    return _cut(None, flight.force[:, 2], terms, np.column_stack([climb, *sag]), segments(flight.driven))
+
+
+def _faded(values: Array) -> Array:
+    """Return the integral (m,) of what came before each row, forgotten within seconds."""
+    return np.asarray(lfilter([0.0, ROW_S], [1.0, -math.exp(-ROW_S / CLIMB_S)], values))
+
+
+def _turning(flight: Flight, powers: Array, axis: int) -> Block:
+    turning = (powers @ TURNING[axis]).T  # (n, 3)
+    gone = _rows(flight, (np.cumsum(turning, axis=0) - turning / 2) * STEP_S)  # trapezoids, but for a constant
+    total = _rows(flight, powers[1].sum(axis=1)[:, np.newaxis])[:, 0]
+    rates = flight.rates[:-1]  # the later ones contain the error that is to be predicted
+    others = [
+        np.ones(len(rates)),
+        rates[:, axis],
+        rates[:, axis - 2] * rates[:, axis - 1],
+        (total[1:] + total[:-1]) / 2,
+    ]
+    if axis == 2:  # what speeds a rotor up turns the vehicle the other way
+        others.append(np.diff(_rows(flight, turning[:, 1:2])[:, 0]) / ROW_S)
+    both = flight.driven[1:] & flight.driven[:-1]
+    shown = np.diff(flight.rates[:, axis]) / ROW_S
+    return _cut(axis, shown, np.diff(gone, axis=0) / ROW_S, np.column_stack(others), segments(both))
+
+
+def _rows(flight: Flight, steps: Array) -> Array:
+    """Return what sensors would show (m, k) of values (n, k), three to a row: means over rows, or values at them."""
+    if flight.averaged:
+        half = ROW_STEPS // 2
+        padded = np.pad(steps, ((half, half), (0, 0)), mode="edge")
+        total = np.cumsum(np.vstack([np.zeros((1, steps.shape[1])), padded]), axis=0)
+        steps = (total[ROW_STEPS:] - total[:-ROW_STEPS]) / ROW_STEPS
+    return np.asarray(steps[::ROW_STEPS][: len(flight.rates)])
+
+
+def _cut(axis: int | None, shown: Array, terms: Array, others: Array, parts: Sequence[slice]) -> Block:
+    at = np.concatenate([np.arange(one.start, one.stop) for one in parts]) if parts else np.zeros(0, int)
+    return Block(axis, shown[at], terms[at], others[at], tuple(one.stop - one.start for one in parts))

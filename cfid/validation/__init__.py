@@ -1,0 +1,1 @@
+"""Parameter sets against a recorded flight that none of them was fitted to."""

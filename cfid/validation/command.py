@@ -1,0 +1,81 @@
+"""`cfid validate`: parameter sets against a flight that none of them was fitted to."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cfid.console.inputs import find_recording, open_workplace
+from cfid.console.options import CutOptions, Delivery, LogClock, ReadingOptions, RigOptions, flat
+from cfid.console.outcome import deliver
+
+if TYPE_CHECKING:
+    from cfid.records.campaign import Campaign
+
+
+@flat
+def validate(
+    *,
+    log: Annotated[str, typer.Argument(metavar="LOG", help="A flight: a log or a run.")],
+    others: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--with",
+            metavar="FILE|NAME",
+            help="Another campaign's folder or parameters.toml, or published: thesis, gym-pybullet-drones, firmware.",
+        ),
+    ] = None,
+    clock: LogClock = None,
+    cut: CutOptions,
+    rig: RigOptions,
+    reading: ReadingOptions,
+    delivery: Delivery,
+) -> None:
+    """Compare how well parameter sets predict a flight that none of them was fitted to.
+
+    Example: [bold]cfid validate log15.usd --with thesis --with gym-pybullet-drones[/bold]
+    """
+    from cfid.console.messages import note
+    from cfid.flight.data import read_flight
+    from cfid.records.tables.schema import Foreign
+    from cfid.validation.result import validate as compare
+    from cfid.validation.sets import of_campaign, published_set, used_in
+
+    workplace = open_workplace(rig)
+    foreign = Foreign(
+        time_unit=reading.time_unit,
+        rate_hz=reading.rate_hz,
+        skip_lines=reading.skip_lines,
+        columns=reading.column_names,
+        clock=clock,
+    )
+    path = find_recording(log, workplace)
+    flown = read_flight(path, foreign, from_s=cut.from_s, to_s=cut.to_s)
+    in_volts = flown.flight.in_volts
+    campaigns = [] if workplace.campaign is None else [workplace.campaign]
+    sets, published = [], []
+    for word in others or []:
+        other = _campaign(word)
+        if other is None:
+            published.append(published_set(word, in_volts=in_volts))
+        else:
+            campaigns.append(other)
+    for campaign in campaigns:
+        found, missing = of_campaign(campaign, in_volts=in_volts)
+        sets += found
+        for text in missing:
+            note(text)
+    used = {str(campaign.folder): used_in(campaign) for campaign in campaigns}
+    result = compare(flown, [*sets, *published], used=used)
+    deliver(replace(result, folder=workplace.figures_folder([path])), delivery, None, workplace.own_rig)
+
+
+def _campaign(word: str) -> "Campaign | None":
+    """Return the campaign in a folder, or of a parameters.toml beside its rig.toml; None for what is no path."""
+    from cfid.records.campaign import find_campaign
+
+    path = Path(word)
+    if path.is_dir():
+        return find_campaign(path, start=path)
+    return find_campaign(path.parent, start=path.parent) if path.is_file() else None

@@ -1,0 +1,133 @@
+"""How well parameter sets predict a flight: errors by quantity and horizon, and differences paired over segments."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import ConfigError, DataError
+from cfid.flight.data import FlownLog
+from cfid.flight.model import LEVER, ROW_S
+from cfid.records.result import Figures, Result
+from cfid.units import COVERAGE_95, USUAL_GRAVITY_MPS2
+from cfid.validation.figures import validation_figure
+from cfid.validation.rollout import HORIZONS, QUANTITIES, UNITS, ParameterSet, errors, starts
+
+Array = npt.NDArray[np.float64]
+
+FEWEST = 8  # segments: fewer give no interval
+
+
+@dataclass(frozen=True, kw_only=True)
+class Compared:
+    """The mean error of one set, and how much more that is than the first set's, with the half width of 95 %."""
+
+    quantity: str
+    horizon_s: float
+    name: str
+    error: float
+    more: float
+    half_width: float
+
+
+def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Mapping[str, frozenset[str]]) -> Result:
+    """Compare what sets predict of a flight with its recording. `used` has the SHA-256 of each campaign's recordings.
+
+    Raises ConfigError for no set or two of one name, DataError for a log that a set was fitted to, and for one with
+    less than 8 s in which all rotors were driven.
+    """
+    _check(flown, sets, used)
+    at = starts(flown.by_command)
+    if len(at) < FEWEST:
+        raise DataError(
+            f"{flown.log.path}: {len(at)} segments of 1 s in the air with every motor within its range "
+            f"(at least {FEWEST}): fly for longer."
+        )
+    each = {one.name: errors(flown.flight if one.in_volts else flown.by_command, one, at) for one in sets}
+    table = compared(each)
+
+    def drawings() -> Figures:
+        title = f"{flown.flight.name}: {len(at)} segments of 1 s"
+        return {f"validate_{flown.flight.name}": validation_figure(each, title=title)}
+
+    return Result(
+        command="validate",
+        method="default",
+        quantities={},
+        findings=flown.findings,
+        merits={
+            "segments": len(at),
+            "sets": {one.name: one.origin for one in sets},
+            "errors": [vars(one) for one in table],
+        },
+        sources=(flown.log.source,),
+        lines=(flown.log.understood, *map(_described, sets), *_lines(table, flown, len(at))),
+        drawings=drawings,
+        folder=flown.log.path.parent,
+    )
+
+
+def compared(each: Mapping[str, Mapping[str, Array]]) -> list[Compared]:
+    """Return the table of errors (s, h) of sets by quantity, each set paired with the first over segments."""
+    first = next(iter(each.values()))
+    table = []
+    for quantity in QUANTITIES:
+        for place, rows in enumerate(HORIZONS):
+            for name, found in each.items():
+                error, more = found[quantity][:, place], (found[quantity] - first[quantity])[:, place]
+                half = COVERAGE_95 * float(np.std(more, ddof=1)) / math.sqrt(len(more))
+                mean = float(np.mean(more))
+                one = Compared(
+                    quantity=quantity,
+                    horizon_s=ROW_S * rows,
+                    name=name,
+                    error=float(np.mean(error)),
+                    more=mean,
+                    half_width=half,
+                )
+                table.append(one)
+    return table
+
+
+def _check(flown: FlownLog, sets: Sequence[ParameterSet], used: Mapping[str, frozenset[str]]) -> None:
+    names = [one.name for one in sets]
+    if not names:
+        raise ConfigError("no parameter set: work in a campaign that has one, or name one by --with.")
+    if len(set(names)) < len(names):
+        raise ConfigError(f"two parameter sets are called {max(names, key=names.count)}: name each once.")
+    for campaign, sources in used.items():
+        if flown.log.source.sha256 in sources:
+            raise DataError(
+                f"{flown.log.path}: parameters of {campaign} were fitted to this log: validate with another flight."
+            )
+
+
+def _described(one: ParameterSet) -> str:
+    moments = ", ".join(f"{moment:.4g}" for moment in one.moments_kg_m2)
+    lag = "no lag"
+    if one.lag is not None:
+        rising_ms, falling_ms, delay_ms = (f"{1e3 * time_s:.0f}" for time_s in (*one.lag, one.delay_s))
+        lag = f"lags {rising_ms} and {falling_ms} ms, delay {delay_ms} ms"
+    body = f"{1e3 * one.mass_kg:.4g} g, lever {1e3 * LEVER * one.arm_m:.4g} mm, moments {moments} kg m^2"
+    return f"{one.name}: {body}, {lag}; from {one.origin}"
+
+
+def _lines(table: Sequence[Compared], flown: FlownLog, count: int) -> list[str]:
+    captured = flown.flight.velocity is not None
+    lines = [f"mean errors over {count} segments of 1 s; in brackets how much more than {table[0].name}, with 95 %:"]
+    for quantity in QUANTITIES:
+        for rows in HORIZONS:
+            here = [one for one in table if one.quantity == quantity and one.horizon_s == ROW_S * rows]
+            words = [
+                f"{one.name} {one.error:.3g}" + (f" ({one.more:+.2g} +- {one.half_width:.1g})" if place else "")
+                for place, one in enumerate(here)
+            ]
+            lines.append(f"  {quantity} after {ROW_S * rows:g} s, {UNITS[quantity]}: {', '.join(words)}")
+    which = "along all axes, by motion capture" if captured else "along the vehicle's vertical, by the accelerometer"
+    return [
+        *lines,
+        f"assumed: axes forward, left, up; thrust along z; g {USUAL_GRAVITY_MPS2} m/s^2; changes of velocity {which}; a constant "
+        "angular acceleration of the whole flight taken away, of every set alike",
+    ]

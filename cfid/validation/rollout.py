@@ -1,0 +1,154 @@
+"""Predict a flight from its commands: one integrator for every parameter set.
+
+Each segment begins with the rates that the gyro showed; from there on only commands count. Thrust of one rotor is a
+polynomial of its lagging drive; rates follow J dw/dt + w x J w = torques, by midpoints of 3.3 ms. A constant angular
+acceleration about each axis, what a centre of mass off the middle makes, is taken from the whole flight for every set
+alike: no set has it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.flight.model import LEVER, ROW_S, ROW_STEPS, STEP_S, TURNING, Flight, Lag, delayed, segments
+from cfid.units import USUAL_GRAVITY_MPS2
+
+Array = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.intp]
+
+HORIZONS = (1, 10, 50, 100)  # rows: one step, and 0.1, 0.5 and 1 s
+QUANTITIES = ("rates", "attitude", "velocity")
+UNITS = {"rates": "rad/s", "attitude": "deg", "velocity": "m/s"}
+_HORIZONTAL = 2
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ParameterSet:
+    """A vehicle's parameters along forward, left and up: all that a prediction takes.
+
+    `thrust_n` is one rotor's thrust, lowest power first, of its command over the full one, or of volts where
+    `in_volts`. `lag` is None where rotors follow at once. `drag_per_s` is drag over mass across the thrust, None where
+    unknown.
+    """
+
+    name: str
+    origin: str
+    mass_kg: float
+    moments_kg_m2: tuple[float, float, float]
+    arm_m: float
+    torque_m: float
+    thrust_n: tuple[float, ...]
+    in_volts: bool
+    lag: Lag | None = None
+    delay_s: float = 0.0
+    drag_per_s: tuple[float, float] | None = None
+
+
+def starts(flight: Flight) -> Rows:
+    """Return the rows (s,) at which segments of a second begin, one after the other where all rotors were driven."""
+    last = max(HORIZONS)
+    runs = [np.arange(one.start, one.stop - last, last) for one in segments(flight.driven, last + 1)]
+    return np.concatenate([*runs, np.zeros(0, np.intp)]).astype(np.intp)
+
+
+def errors(flight: Flight, one: ParameterSet, at: Rows) -> dict[str, Array]:
+    """Return the error (s, h) of each quantity in each segment after each horizon, as lengths and angles.
+
+    The attitude's is the angle between the predicted turn and that of the recorded rates. The velocity's is that of the
+    change of velocity: along the vehicle's vertical by the accelerometer, or with motion capture of all three axes.
+    """
+    thrusts = _thrusts(flight, one)
+    turning = thrusts @ TURNING.T * [one.arm_m * LEVER, one.arm_m * LEVER, one.torque_m]  # (n, 3) in N m
+    rates, turns = _rates(flight, one, turning, at)
+    recorded = np.stack([flight.rates[at + count] for count in range(max(HORIZONS) + 1)], axis=1)
+    real = _turned(recorded)
+    ends = np.array(HORIZONS)
+    apart = np.einsum("shji,shjk->shik", real[:, ends], turns[:, ends])
+    cosine = (np.trace(apart, axis1=2, axis2=3) - 1) / 2
+    return {
+        "rates": np.linalg.norm(rates[:, ends] - recorded[:, ends], axis=2),
+        "attitude": np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))),
+        "velocity": _velocity_errors(flight, one, thrusts.sum(axis=1) / one.mass_kg, turns, at)[:, ends],
+    }
+
+
+def _thrusts(flight: Flight, one: ParameterSet) -> Array:
+    """Return the rotors' thrusts (n, 4) in N, three to a row."""
+    late = flight.drive if one.lag is None else one.lag.follow(flight.drive)
+    return np.asarray(np.polynomial.polynomial.polyval(delayed(late, one.delay_s), np.array(one.thrust_n)))
+
+
+def _rates(flight: Flight, one: ParameterSet, turning: Array, at: Rows) -> tuple[Array, Array]:
+    """Return the predicted rates (s, h, 3) at each row of each segment, and the turns (s, h, 3, 3) since its begin."""
+    moments = np.array(one.moments_kg_m2)
+    pushed = turning / moments
+    driven = flight.driven[1:] & flight.driven[:-1]
+    by_row = pushed[: len(flight.rates) * ROW_STEPS].reshape(-1, ROW_STEPS, 3).mean(axis=1)[:-1]
+    shown = np.diff(flight.rates, axis=0) / ROW_S + _gyroscopic(flight.rates[:-1], moments)
+    pushed = pushed + (shown - by_row)[driven].mean(axis=0)
+    now = flight.rates[at].copy()
+    course = [now.copy()]
+    for step in range(max(HORIZONS) * ROW_STEPS):
+        middle = (pushed[at * ROW_STEPS + step] + pushed[at * ROW_STEPS + step + 1]) / 2
+        half = now + STEP_S / 2 * (middle - _gyroscopic(now, moments))
+        now = now + STEP_S * (middle - _gyroscopic(half, moments))
+        if (step + 1) % ROW_STEPS == 0:
+            course.append(now.copy())
+    rates = np.stack(course, axis=1)
+    return rates, _turned(rates)
+
+
+def _gyroscopic(rates: Array, moments: Array) -> Array:
+    return np.asarray(np.cross(rates, moments * rates) / moments)
+
+
+def _turned(rates: Array) -> Array:
+    """Return the turns (s, h, 3, 3) of rates (s, h, 3) at rows since the first, by Rodrigues' formula of each row."""
+    turn = np.tile(np.eye(3), (len(rates), 1, 1))
+    result = [turn]
+    for before, after in zip(rates.transpose(1, 0, 2)[:-1], rates.transpose(1, 0, 2)[1:], strict=True):
+        angle = (before + after) / 2 * ROW_S
+        size = np.maximum(np.linalg.norm(angle, axis=1), 1e-12)[:, np.newaxis, np.newaxis]
+        x, y, z = angle.T
+        zero = np.zeros_like(x)
+        across = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
+        turn = turn @ (np.eye(3) + np.sin(size) / size * across + (1 - np.cos(size)) / size**2 * across @ across)
+        result.append(turn)
+    return np.stack(result, axis=1)
+
+
+def _velocity_errors(flight: Flight, one: ParameterSet, lift: Array, turns: Array, at: Rows) -> Array:
+    """Return the errors (s, h) of the change of velocity at each row of segments."""
+    rows = lift[: len(flight.rates) * ROW_STEPS].reshape(-1, ROW_STEPS).mean(axis=1)
+    count = max(HORIZONS)
+    if flight.velocity is None or flight.attitude is None:
+        wrong = np.stack([(rows - flight.force[:, 2])[at + place] for place in range(count)], axis=1)
+        return np.asarray(np.abs(np.pad(np.cumsum(wrong, axis=1) * ROW_S, ((0, 0), (1, 0)))))
+    attitude = _matrices(flight.attitude)
+    world = np.einsum("nij,nj->ni", attitude, flight.velocity)
+    gravity = np.array([0.0, 0.0, USUAL_GRAVITY_MPS2])
+    now = world[at].copy()
+    result = [np.zeros(len(at))]
+    for place in range(count):
+        turn = attitude[at] @ turns[:, place]
+        force = np.zeros((len(at), 3))
+        force[:, 2] = rows[at + place]
+        if one.drag_per_s is not None:
+            along = np.einsum("sji,sj->si", turn, now)
+            force[:, :_HORIZONTAL] = -np.array(one.drag_per_s) * along[:, :_HORIZONTAL]
+        now = now + ROW_S * (np.einsum("sij,sj->si", turn, force) - gravity)
+        result.append(np.linalg.norm(now - world[at + place + 1], axis=1))
+    return np.stack(result, axis=1)
+
+
+def _matrices(attitude: Array) -> Array:
+    """Return the matrices (m, 3, 3) of quaternions w, x, y, z (m, 4)."""
+    w, x, y, z = attitude.T
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    ).transpose(2, 0, 1)

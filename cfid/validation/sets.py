@@ -1,0 +1,206 @@
+"""Parameter sets: of a campaign's rig, of its flights, and published ones that are complete."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import ConfigError
+from cfid.flight.model import Lag
+from cfid.records.campaign import Campaign
+from cfid.records.parameters import Parameter
+from cfid.report import published
+from cfid.report.known import turned
+from cfid.units import FULL_COMMAND, MM, RPM
+from cfid.validation.rollout import ParameterSet
+
+_NO_YAW = "no torque about yaw, whose moment is unknown: it stands as the sum of the others"
+ARM_M = 0.046  # of a Crazyflie 2.x, from its centre to a motor's axis, for published sets
+
+
+def of_campaign(campaign: Campaign, *, in_volts: bool) -> tuple[list[ParameterSet], list[str]]:
+    """Return the sets that a campaign has for a log with or without voltage, and what keeps the others from being one.
+
+    One is of the rig's experiments, with rig.toml's mass and arm, one of flights, with those they were scaled by.
+    """
+    found, missing = [], []
+    makers: dict[str, Callable[[Campaign, str, bool], ParameterSet]] = {"rig": _of_rig, "flight": _of_flights}
+    for what, make in makers.items():
+        try:
+            found.append(make(campaign, f"{campaign.folder.resolve().name} ({what})", in_volts))
+        except KeyError as error:
+            missing.append(f"{campaign.folder}: no set of the {what}: {error.args[0]} is not there.")
+    return found, missing
+
+
+def used_in(campaign: Campaign) -> frozenset[str]:
+    """Return the SHA-256 of every file that a campaign's parameters come from."""
+    return frozenset(source.sha256 for section in campaign.sections().values() for source in section.sources)
+
+
+def published_set(name: str, *, in_volts: bool) -> ParameterSet:
+    """Return a published set. Raises ConfigError for another name, or for one that needs the battery's voltage."""
+    make = PUBLISHED.get(name)
+    if make is None:
+        raise ConfigError(f"--with {name}: no campaign folder, and no published set ({', '.join(PUBLISHED)}).")
+    one = make()
+    if one.in_volts and not in_volts:
+        raise ConfigError(f"--with {name}: its thrust is of volts, and the log has no battery voltage (pm.vbat).")
+    return one
+
+
+def _of_rig(campaign: Campaign, name: str, in_volts: bool) -> ParameterSet:
+    at = _Accepted(campaign)
+    matrix = turned(at["inertia.matrix_kg_m2"].value, campaign.rig.vehicle.body_frame)
+    lag_s = at["tf.time_constant_s"].value
+    thrust_n, in_volts = _thrust(at, "motor", in_volts)
+    return ParameterSet(
+        name=name,
+        origin="the campaign's experiments on the rig",
+        mass_kg=campaign.rig.vehicle.mass_kg,
+        moments_kg_m2=(matrix["roll"], matrix["pitch"], matrix["yaw"]),
+        arm_m=_arm_m(campaign),
+        torque_m=float(at["motor.torque_poly"].value[-2]),
+        thrust_n=thrust_n,
+        in_volts=in_volts,
+        lag=Lag(lag_s, lag_s),
+    )
+
+
+def _of_flights(campaign: Campaign, name: str, in_volts: bool) -> ParameterSet:
+    at = _Accepted(campaign)
+    roll, pitch = (float(at[f"flight.inertia_kg_m2.{axis}"].value) for axis in ("roll", "pitch"))
+    yaw, torque = at.get("flight.inertia_kg_m2.yaw"), at.get("motor.torque_poly")
+    known = yaw is not None and torque is not None
+    thrust_n, in_volts = _thrust(at, "flight", in_volts)
+    forward, left = (at.get(f"flight.drag_over_mass_per_s.{axis}") for axis in ("forward", "left"))
+    return ParameterSet(
+        name=name,
+        origin="the campaign's flights" + ("" if known else f", {_NO_YAW}"),
+        mass_kg=float(at["flight.mass_kg"].value),
+        moments_kg_m2=(roll, pitch, roll + pitch if yaw is None else float(yaw.value)),
+        arm_m=float(at["flight.arm_m"].value),
+        torque_m=0.0 if yaw is None or torque is None else float(torque.value[-2]),
+        thrust_n=thrust_n,
+        in_volts=in_volts,
+        lag=Lag(at["flight.rising_s"].value, at["flight.falling_s"].value),
+        delay_s=at["flight.delay_s"].value,
+        drag_per_s=None if forward is None or left is None else (float(forward.value), float(left.value)),
+    )
+
+
+class _Accepted:
+    """A campaign's accepted parameters by key, the latest fit's first."""
+
+    def __init__(self, campaign: Campaign) -> None:
+        sections = sorted(campaign.sections().values(), key=lambda one: one.found)
+        self._found: Mapping[str, Parameter] = {
+            key: parameter
+            for section in sections
+            for key, parameter in section.parameters.items()
+            if key not in section.rejected
+        }
+
+    def get(self, key: str) -> Parameter | None:
+        return self._found.get(key)
+
+    def __getitem__(self, key: str) -> Parameter:
+        return self._found[key]
+
+
+def _arm_m(campaign: Campaign) -> float:
+    arm_mm = campaign.rig.facts.loadcell.arm_mm
+    if arm_mm is None:
+        raise KeyError("arm_mm in rig.toml")
+    return MM * arm_mm
+
+
+def _thrust(at: _Accepted, experiment: str, in_volts: bool) -> tuple[tuple[float, ...], bool]:
+    """Return one rotor's thrust, lowest power first, of volts where log and campaign have them, else of the command."""
+    of_volts = at.get(f"{experiment}.thrust_voltage_poly")
+    if in_volts and of_volts is not None:
+        return tuple(map(float, of_volts.value)), True
+    return _over_full_command([float(one) for one in at[f"{experiment}.thrust_poly"].value]), False
+
+
+def _over_full_command(poly: Sequence[float]) -> tuple[float, ...]:
+    """Return coefficients of the command over the full one, lowest first, of ones of the command, highest first."""
+    return tuple(one * FULL_COMMAND**power for power, one in enumerate(reversed(poly)))
+
+
+def _value(table: Sequence[published.Published], who: str, vehicle: str) -> float:
+    found = next(one for one in table if (one.who, one.vehicle) == (who, vehicle)).values[0]
+    assert found is not None
+    return found
+
+
+def _moments(who: str, vehicle: str) -> tuple[float, float, float]:
+    one = next(one for one in published.INERTIA if (one.who, one.vehicle) == (who, vehicle))
+    xx, yy, zz, xy, xz, yz = one.matrix_kg_m2
+    matrix = turned([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], one.axes)
+    return matrix["roll"], matrix["pitch"], matrix["yaw"]
+
+
+def _thesis() -> ParameterSet:
+    lag_s = _value(published.DYNAMICS, "thesis (3.16)", "2.0")
+    commands = np.array(published.COMMANDS) / FULL_COMMAND
+    thrust = next(one for one in published.THRUST_N if one.who == "thesis").values
+    return ParameterSet(
+        name="thesis",
+        origin=published.APPENDIX_A,
+        mass_kg=_value(published.MASS_KG, "thesis", "Crazyflie 2.0"),
+        moments_kg_m2=_moments("thesis", "Crazyflie 2.0"),
+        arm_m=ARM_M,
+        torque_m=_value(published.TORQUE_PER_THRUST_M, "thesis", "Crazyflie 2.0"),
+        thrust_n=_through(commands, thrust, degree=2),
+        in_volts=False,
+        lag=Lag(lag_s, lag_s),
+    )
+
+
+def _pybullet() -> ParameterSet:
+    speeds = [RPM * (0.2685 * command + 4070.3) for command in published.COMMANDS]  # rad/s, its line of the command
+    one = next(one for one in published.THRUST_AT_SPEED_N if one.who == "gym-pybullet-drones").values[0]
+    assert one is not None
+    k = one / published.SPEEDS_RAD_S[0] ** 2
+    return ParameterSet(
+        name="gym-pybullet-drones",
+        origin=published.PYBULLET,
+        mass_kg=_value(published.MASS_KG, "gym-pybullet-drones", "Crazyflie 2.x"),
+        moments_kg_m2=_moments("gym-pybullet-drones", "2.x"),
+        arm_m=ARM_M,
+        torque_m=_value(published.TORQUE_PER_THRUST_M, "gym-pybullet-drones", "2.x"),
+        thrust_n=_through(np.array(published.COMMANDS) / FULL_COMMAND, [k * speed**2 for speed in speeds], degree=2),
+        in_volts=False,
+    )
+
+
+def _firmware() -> ParameterSet:
+    thrust = next(
+        one
+        for one in published.THRUST_AT_VOLTAGE_N
+        if (one.who, one.vehicle) == ("Bitcraze firmware", "2.x, legacy propellers")
+    )
+    return ParameterSet(
+        name="firmware",
+        origin=published.FIRMWARE,
+        mass_kg=_value(published.MASS_KG, "Bitcraze firmware", "Crazyflie 2.x"),
+        moments_kg_m2=_moments("Bitcraze firmware (Lee)", "Crazyflie 2.x"),
+        arm_m=ARM_M,
+        torque_m=_value(published.TORQUE_PER_THRUST_M, "Bitcraze firmware", "2.x, legacy propellers"),
+        thrust_n=_through(np.array(published.VOLTS), thrust.values, degree=3),
+        in_volts=True,
+    )
+
+
+def _through(at: npt.NDArray[np.float64], values: Sequence[float | None], *, degree: int) -> tuple[float, ...]:
+    """Return the polynomial, lowest power first, of which these are values."""
+    known = np.array(values, dtype=np.float64)
+    return tuple(map(float, np.polynomial.polynomial.polyfit(at, known, degree)))
+
+
+PUBLISHED: Mapping[str, Callable[[], ParameterSet]] = {
+    "thesis": _thesis,
+    "gym-pybullet-drones": _pybullet,
+    "firmware": _firmware,
+}

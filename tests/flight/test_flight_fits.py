@@ -1,0 +1,163 @@
+"""Simulated flights give their vehicles' thrust, lag, moments and drag back; flights that cannot tell are refused."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cfid.errors import ConfigError, DataError, FitError
+from cfid.flight.data import FlownLog, flight_of, read_flight
+from cfid.flight.estimation import fit_flights
+from cfid.flight.model import LEVER
+from cfid.flight.result import Body, fit
+from cfid.records.logs.log import FlightLog
+from cfid.records.result import Result
+from tests.flight.flying import GYRO_DELAY_S, LATE_STEPS, STEP, Fleet, fleet, fly
+
+FEWEST, MOST = 0.93, 0.97
+
+
+def body_of(vehicles: Fleet, place: int) -> Body:
+    return Body(
+        mass_kg=float(vehicles.mass[place]),
+        mass_std_kg=0.0,
+        arm_m=float(vehicles.lever[place]) / LEVER,
+        arm_std_m=0.0,
+        torque_m=float(vehicles.torque[place]),
+        torque_std_m=0.0,
+    )
+
+
+def truths(vehicles: Fleet, place: int) -> dict[str, float]:
+    moments = dict(zip(("roll", "pitch", "yaw"), vehicles.moments[place].tolist(), strict=True))
+    return {
+        "flight.rising_s": float(vehicles.rising[place]),
+        "flight.falling_s": float(vehicles.falling[place]),
+        "flight.delay_s": LATE_STEPS * STEP + GYRO_DELAY_S,
+        **{f"flight.inertia_kg_m2.{axis}": moment for axis, moment in moments.items()},
+        "flight.drag_over_mass_per_s.forward": float(vehicles.braking[place]),
+        "flight.drag_over_mass_per_s.left": float(vehicles.braking[place]),
+    }
+
+
+def errors_in_std(result: Result, expected: dict[str, float]) -> dict[str, float]:
+    found = result.quantities
+    return {key: (found[key].value - value) / found[key].std for key, value in expected.items()}
+
+
+def codes(result: Result, severity: str = "rejection") -> set[str]:
+    return {finding.code for finding in result.findings if finding.severity == severity}
+
+
+@pytest.fixture(scope="module")
+def flown() -> tuple[Fleet, list[FlightLog]]:
+    rng = np.random.default_rng(4)
+    vehicles = fleet(2, rng)
+    return vehicles, fly(vehicles, rng, seconds=18.0)
+
+
+def test_manoeuvres_give_the_vehicle_back(flown: tuple[Fleet, list[FlightLog]]) -> None:
+    vehicles, logs = flown
+    for place, log in enumerate(logs):
+        result = fit([flight_of(log)], body=body_of(vehicles, place))
+        assert result.accepted
+        assert not codes(result)
+        assert max(map(abs, errors_in_std(result, truths(vehicles, place)).values())) < 3.5
+        moments = [result.quantities[f"flight.inertia_kg_m2.{axis}"] for axis in ("roll", "pitch")]
+        assert [one.std / one.value < 0.05 for one in moments] == [True, True]
+
+
+def test_the_thrust_of_the_mean_command_carries_the_vehicle(flown: tuple[Fleet, list[FlightLog]]) -> None:
+    vehicles, logs = flown
+    result = fit([flight_of(logs[0])], body=body_of(vehicles, 0))
+    level = (np.sqrt(vehicles.mass[0] * 9.81 / 4 / vehicles.k) - vehicles.idle[0]) / vehicles.gain[0]
+    thrust = np.polyval(result.quantities["flight.thrust_poly"].value, level * 65535)
+    assert thrust == pytest.approx(vehicles.mass[0] * 9.81 / 4, rel=0.01)
+
+
+def test_uncertainties_of_mass_arm_and_torque_widen_what_they_scale(flown: tuple[Fleet, list[FlightLog]]) -> None:
+    vehicles, logs = flown
+    exact = body_of(vehicles, 0)
+    wide = replace(exact, mass_std_kg=0.05 * exact.mass_kg, arm_std_m=0.03 * (exact.arm_m or 0.0))
+    first, second = (fit([flight_of(logs[0])], body=body).quantities for body in (exact, wide))
+    for key, more in (("flight.inertia_kg_m2.roll", np.hypot(0.05, 0.03)), ("flight.inertia_kg_m2.yaw", 0.05)):
+        expected = np.hypot(first[key].std, more * first[key].value)
+        assert second[key].std == pytest.approx(expected, rel=1e-6)
+    assert second["flight.rising_s"].std == first["flight.rising_s"].std
+
+
+def test_a_hovering_flight_is_refused_with_the_manoeuvre_that_would_tell() -> None:
+    rng = np.random.default_rng(5)
+    vehicles = fleet(1, rng)
+    result = fit([flight_of(fly(vehicles, rng, hover=True)[0])], body=body_of(vehicles, 0))
+    assert "flight-thrust-not-excited" in codes(result)
+    assert not result.accepted
+    assert not any(key.startswith(("flight.inertia", "flight.thrust")) for key in result.without_rejected().quantities)
+    assert any("climb and drop quickly" in finding.sentence for finding in result.findings)
+
+
+def test_motors_under_other_numbers_turn_the_vehicle_the_wrong_way(flown: tuple[Fleet, list[FlightLog]]) -> None:
+    vehicles, logs = flown
+    read = flight_of(logs[0])
+    exchanged = replace(read.flight, drive=read.flight.drive[:, [3, 2, 1, 0]])  # left for right
+    result = fit([replace(read, flight=exchanged)], body=body_of(vehicles, 0))
+    assert "flight-wrong-way" in codes(result)
+    assert "flight.inertia_kg_m2.roll" in result.rejected
+
+
+def test_without_arm_and_torque_no_moment_is_given(flown: tuple[Fleet, list[FlightLog]]) -> None:
+    vehicles, logs = flown
+    mass = Body(mass_kg=float(vehicles.mass[0]), mass_std_kg=0.0)
+    result = fit([flight_of(logs[0])], body=mass)
+    assert codes(result, "note") >= {"flight-lever-unknown"}
+    assert not any("inertia" in key for key in result.quantities)
+
+
+def test_a_log_given_twice_is_refused(flown: tuple[Fleet, list[FlightLog]]) -> None:
+    vehicles, logs = flown
+    read = flight_of(logs[0])
+    with pytest.raises(DataError, match="name each once"):
+        fit([read, read], body=body_of(vehicles, 0))
+
+
+def test_motors_at_full_command_are_left_out(flown: tuple[Fleet, list[FlightLog]]) -> None:
+    read = flight_of(flown[1][0])
+    with pytest.raises(FitError, match="every motor within its range"):
+        fit_flights([replace(read.flight, driven=np.zeros_like(read.flight.driven))])
+
+
+def test_a_table_without_a_gyro_or_without_four_motors_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    heads = [f"motor.m{motor}" for motor in (1, 2, 3, 4)]
+    rows = "\n".join(f"{0.01 * row:.2f},30000,30000,30000,30000" for row in range(1000))
+    path.write_text(f"t,{','.join(heads)}\n{rows}\n", encoding="utf-8")
+    with pytest.raises(DataError, match="no rates"):
+        read_flight(path)
+    path.write_text(f"t,{','.join(heads[:3])},x\n{rows}\n", encoding="utf-8")
+    with pytest.raises(DataError, match=r"no motor\.m4"):
+        read_flight(path)
+
+
+def test_a_window_without_rows_is_refused(flown: tuple[Fleet, list[FlightLog]]) -> None:
+    with pytest.raises(ConfigError, match="are left of the log"):
+        flight_of(flown[1][0], from_s=100.0)
+
+
+@pytest.mark.slow
+def test_intervals_of_200_flights_contain_the_truth() -> None:
+    rng = np.random.default_rng(7)
+    vehicles = fleet(200, rng)
+    logs: list[FlownLog] = [flight_of(log) for log in fly(vehicles, rng, seconds=16.0)]
+    errors: dict[str, list[float]] = {}
+    relative: dict[str, list[float]] = {}
+    for place, log in enumerate(logs):
+        result = fit([log], body=body_of(vehicles, place))
+        for key, error in errors_in_std(result, truths(vehicles, place)).items():
+            errors.setdefault(key, []).append(error)
+            relative.setdefault(key, []).append(result.quantities[key].value / truths(vehicles, place)[key] - 1)
+    for key, each in errors.items():
+        covered = float(np.mean(np.abs(each) < 1.96))
+        print(f"{key}: {100 * covered:.1f} % covered, mean error {100 * np.mean(relative[key]):+.2f} %")
+    assert all(abs(np.mean(each)) < 0.02 for key, each in relative.items() if "inertia" in key)
+    assert FEWEST <= np.mean([abs(error) < 1.96 for each in errors.values() for error in each]) <= MOST

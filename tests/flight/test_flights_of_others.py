@@ -1,0 +1,120 @@
+"""Public logs of flights: what their authors found, and what must not depend on how the fit is written."""
+
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.flight.data import FlownLog, read_flight
+from cfid.flight.estimation import THRUST, TURNS, FlightFit, fit_flights
+from cfid.flight.likelihood import PAST, whitening, without
+from cfid.flight.result import Body, fit
+from tests.places import DATA
+
+Array = npt.NDArray[np.float64]
+
+FLIGHTS = DATA / "flights"
+MASS_KG = 0.027  # as all authors state it
+ARM = Body(mass_kg=MASS_KG, mass_std_kg=0.0003, arm_m=0.046, arm_std_m=0.0003)
+AUTHORS_LEVER_M = 0.028
+# Their windows, 35 to 65 s and 55 to 90 s of the logs' own times, since the first row.
+LOG10, LOG15 = ("eschmann_log10.usd", 8.76, 39.12), ("eschmann_log15.usd", 15.94, 51.36)
+HALVES = (("eschmann_log15.usd", 15.94, 33.6), ("eschmann_log15.usd", 33.6, 51.36))
+OLDER = (2, 3, 4, 5)  # rows: torques of 20 to 50 ms before
+
+pytestmark = pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the public flights are not here (CFID_DATA)")
+
+
+def read(name: str, from_s: float, to_s: float) -> FlownLog:
+    return read_flight(FLIGHTS / name, from_s=from_s, to_s=to_s)
+
+
+@cache
+def fitted(*windows: tuple[str, float, float]) -> FlightFit:
+    return fit_flights([read(*window).flight for window in windows])
+
+
+def moments(found: FlightFit) -> Array:
+    """Moments about roll and pitch at the authors' lever."""
+    return np.asarray(AUTHORS_LEVER_M * MASS_KG / found.values[TURNS][:2])
+
+
+def relative_std(found: FlightFit) -> Array:
+    return np.asarray((found.std[TURNS] / np.abs(found.values[TURNS]))[:2])
+
+
+def projected(columns: Array, values: Array) -> Array:
+    return np.asarray(columns @ np.linalg.lstsq(columns, values, rcond=None)[0])
+
+
+def both_directions(found: FlightFit, axis: int) -> tuple[float, float]:
+    """The gain from torque to acceleration about an axis: acceleration regressed on torque, and torque on acceleration.
+
+    Instruments are torques of several rows before, more of them than unknowns, so that the two may differ.
+    """
+    torque, shown, older = [], [], []
+    for block, _ in found.blocks:
+        if block.axis == axis:
+            of_one = block.terms @ found.values[THRUST]
+            white = whitening(block, without(block.shown - found.values[TURNS][axis] * of_one, block.others))
+            both = white.of(np.column_stack([of_one, block.shown]))
+            begin = 0
+            for length in block.lengths:
+                part, begin = both[begin : begin + length - PAST], begin + length - PAST
+                older.append(np.column_stack([part[max(OLDER) - rows : len(part) - rows, 0] for rows in OLDER]))
+                torque.append(part[max(OLDER) :, 0])
+                shown.append(part[max(OLDER) :, 1])
+    x, y, z = np.concatenate(torque), np.concatenate(shown), np.concatenate(older)
+    forward, backward = projected(z, x), projected(z, y)
+    return float((forward @ y) / (forward @ x)), float((backward @ y) / (backward @ x))
+
+
+def test_one_lag_of_the_climbing_flight_is_its_authors() -> None:
+    result = fit([read(*LOG10)], body=ARM)
+    single = result.quantities["flight.single_lag_s"]
+    print(f"log10: one lag {1e3 * single.value:.1f} +- {1e3 * single.std:.1f} ms")
+    assert 0.070 < single.value < 0.078
+
+
+def test_moments_are_the_same_in_both_directions_of_regression() -> None:
+    found = fitted(LOG15)
+    for axis in (0, 1):
+        forward, backward = both_directions(found, axis)
+        gain = found.values[TURNS][axis]
+        print(f"axis {axis}: apart by {100 * (forward / backward - 1):+.2f} %, fit {100 * (forward / gain - 1):+.2f} %")
+        assert forward == pytest.approx(backward, rel=0.01)
+        assert forward == pytest.approx(gain, rel=0.01)
+
+
+def test_windows_of_a_flight_give_the_same_moments_within_their_uncertainty() -> None:
+    windows = [fitted(one) for one in (LOG15, *HALVES)] + [fitted(LOG10, LOG15)]
+    for found in windows:
+        print(moments(found), f"kg m^2, +- {np.round(100 * relative_std(found), 1)} %")
+    for axis in (0, 1):
+        first, second = windows[1], windows[2]
+        apart = float(np.log(moments(first)[axis] / moments(second)[axis]))
+        assert abs(apart) < 2 * float(np.hypot(relative_std(first)[axis], relative_std(second)[axis]))
+        with_climbs = float(np.log(moments(windows[3])[axis] / moments(windows[0])[axis]))
+        assert abs(with_climbs) < 2 * float(np.hypot(relative_std(windows[3])[axis], relative_std(windows[0])[axis]))
+
+
+def test_delays_of_the_gyro_are_those_of_its_filter_and_more_in_every_flight() -> None:
+    delays = [float(fitted(one).values[3]) for one in (LOG15, *HALVES)]
+    assert min(delays) > 0.003  # the low-pass filter of 80 Hz alone is 2.8 ms
+    assert max(delays) - min(delays) < 0.001
+
+
+def test_circles_and_helices_give_drag_and_refuse_the_rest() -> None:
+    names = ("nanobench_B2_circle_fast_rep2.csv", "nanobench_B5_helix_fast_rep1.csv")
+    result = fit([read_flight(FLIGHTS / name) for name in names], body=ARM)
+    rejections = {finding.code for finding in result.findings if finding.severity == "rejection"}
+    assert "flight-thrust-not-excited" in rejections
+    assert not any("inertia" in key or "thrust" in key for key in result.without_rejected().quantities)
+    assert result.accepted
+    for axis in ("forward", "left"):
+        one = result.quantities[f"flight.drag_over_mass_per_s.{axis}"]
+        print(f"{axis}: {one.value:.3f} +- {one.std:.3f} 1/s")
+        assert one.value - 1.96 * one.std < 0.42
+        assert one.value + 1.96 * one.std > 0.39
+        assert one.std < 0.02

@@ -1,0 +1,176 @@
+"""The set that a flight was flown with predicts it best; a flight that was fitted to is refused, as are half sets."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cfid.errors import ConfigError, DataError
+from cfid.flight.data import FlownLog, flight_of
+from cfid.flight.model import LEVER, Lag
+from cfid.records.campaign import open_campaign
+from cfid.records.parameters import Parameter
+from cfid.validation.result import Compared, compared, validate
+from cfid.validation.rollout import HORIZONS, ParameterSet, errors, starts
+from cfid.validation.sets import PUBLISHED, of_campaign, published_set
+from tests.campaigns import Cfid
+from tests.flight.flying import GYRO_DELAY_S, LATE_STEPS, STEP, Fleet, fleet, fly
+from tests.places import DATA
+from tests.report.fits_by_hand import new_campaign, put
+
+FLIGHTS = DATA / "flights"
+
+
+def truth(vehicles: Fleet, place: int = 0) -> ParameterSet:
+    gain, idle = float(vehicles.gain[place]), float(vehicles.idle[place])
+    roll, pitch, yaw = vehicles.moments[place].tolist()
+    return ParameterSet(
+        name="truth",
+        origin="the plant",
+        mass_kg=float(vehicles.mass[place]),
+        moments_kg_m2=(roll, pitch, yaw),
+        arm_m=float(vehicles.lever[place]) / LEVER,
+        torque_m=float(vehicles.torque[place]),
+        thrust_n=(vehicles.k * idle**2, 2 * vehicles.k * idle * gain, vehicles.k * gain**2),
+        in_volts=False,
+        lag=Lag(float(vehicles.rising[place]), float(vehicles.falling[place])),
+        delay_s=LATE_STEPS * STEP + GYRO_DELAY_S,
+        drag_per_s=(float(vehicles.braking[place]), float(vehicles.braking[place])),
+    )
+
+
+@pytest.fixture(scope="module")
+def flown() -> tuple[ParameterSet, FlownLog]:
+    rng = np.random.default_rng(11)
+    vehicles = fleet(1, rng)
+    return truth(vehicles), flight_of(fly(vehicles, rng, seconds=24.0, wind=0.1)[0])
+
+
+def of(table: list[Compared], quantity: str, horizon_s: float, name: str) -> Compared:
+    return next(
+        one for one in table if (one.quantity, one.name) == (quantity, name) and abs(one.horizon_s - horizon_s) < 1e-9
+    )
+
+
+def table_of(flown: FlownLog, *sets: ParameterSet) -> list[Compared]:
+    at = starts(flown.by_command)
+    return compared({one.name: errors(flown.by_command, one, at) for one in sets})
+
+
+def test_the_true_parameters_predict_rates_and_velocity(flown: tuple[ParameterSet, FlownLog]) -> None:
+    true, flight = flown
+    table = table_of(flight, true)
+    moved = float(np.sqrt(np.mean(np.sum(flight.flight.rates[flight.flight.driven] ** 2, axis=1))))
+    assert of(table, "rates", 0.1, "truth").error < 0.15 * moved  # air brakes turning by 1.5 1/s, which no set has
+    assert of(table, "attitude", 0.1, "truth").error < 2.0
+    assert of(table, "velocity", 0.1, "truth").error < 0.05
+
+
+@pytest.mark.parametrize(
+    ("quantity", "horizon_s", "wrong"),
+    [
+        ("rates", 0.1, {"moments_kg_m2": (2e-5, 2e-5, 3e-5)}),
+        ("rates", 0.1, {"lag": None}),
+        ("velocity", 0.5, {"mass_kg": 0.025}),
+    ],
+)
+def test_wrong_parameters_predict_worse_beyond_the_interval(
+    flown: tuple[ParameterSet, FlownLog], quantity: str, horizon_s: float, wrong: dict[str, object]
+) -> None:
+    true, flight = flown
+    other = replace(true, name="wrong", **wrong)  # type: ignore[arg-type]
+    one = of(table_of(flight, true, other), quantity, horizon_s, "wrong")
+    assert one.more > one.half_width > 0
+
+
+def test_a_set_differs_from_itself_by_nothing(flown: tuple[ParameterSet, FlownLog]) -> None:
+    true, flight = flown
+    table = table_of(flight, true, replace(true, name="again"))
+    assert all(one.more == 0 and one.half_width == 0 for one in table)
+    assert len(table) == 2 * 3 * len(HORIZONS)
+
+
+def test_a_flight_that_a_campaign_was_fitted_to_is_refused(flown: tuple[ParameterSet, FlownLog]) -> None:
+    true, flight = flown
+    with pytest.raises(DataError, match="validate with another flight"):
+        validate(flight, [true], used={"campaign": frozenset({flight.log.source.sha256})})
+
+
+def test_no_set_two_of_a_name_and_short_flights_are_refused(flown: tuple[ParameterSet, FlownLog]) -> None:
+    true, flight = flown
+    with pytest.raises(ConfigError, match="no parameter set"):
+        validate(flight, [], used={})
+    with pytest.raises(ConfigError, match="name each once"):
+        validate(flight, [true, true], used={})
+    with pytest.raises(DataError, match="fly for longer"):
+        validate(flight_of(flight.log, to_s=6.0), [true], used={})
+
+
+def test_published_sets_carry_a_crazyflie_and_others_are_refused() -> None:
+    for name in PUBLISHED:
+        one = published_set(name, in_volts=True)
+        drive = np.array([2.2, 3.6]) if one.in_volts else np.array([0.4, 0.95])
+        low, high = 4 * np.polynomial.polynomial.polyval(drive, one.thrust_n)
+        assert low < 9.81 * one.mass_kg < high
+    with pytest.raises(ConfigError, match="no published set"):
+        published_set("nobody", in_volts=True)
+    with pytest.raises(ConfigError, match="no battery voltage"):
+        published_set("firmware", in_volts=False)
+
+
+def test_a_campaign_without_fits_lacks_sets_and_names_what(cfid: Cfid, tmp_path: Path) -> None:
+    assert cfid("new", "empty").returncode == 0
+    found, missing = of_campaign(open_campaign(tmp_path / "empty"), in_volts=False)
+    assert found == []
+    assert len(missing) == 2
+
+
+def test_a_rig_gives_a_set_along_forward_left_and_up(tmp_path: Path) -> None:
+    campaign = new_campaign(tmp_path)
+    matrix = [[1.4e-5, 0.0, 0.0], [0.0, 1.6e-5, 0.0], [0.0, 0.0, 2.9e-5]]
+    for section, key, value in (
+        ("inertia", "inertia.matrix_kg_m2", matrix),
+        ("thrust", "motor.thrust_poly", [2.13e-11, 1.0326e-6, 5.48e-4]),
+        ("torque", "motor.torque_poly", [0.006, 1e-5]),
+        ("tf", "tf.time_constant_s", 0.065),
+    ):
+        put(campaign, section, {key: Parameter(value=value)})
+    (one,), missing = of_campaign(campaign, in_volts=True)
+    forward = "xyz".index(campaign.rig.vehicle.body_frame.forward[-1])
+    assert one.moments_kg_m2[0] == matrix[forward][forward]
+    full = 2.13e-11 * 65535**2 + 1.0326e-6 * 65535 + 5.48e-4
+    assert sum(one.thrust_n) == pytest.approx(full)
+    assert one.lag == Lag(0.065, 0.065)
+    assert "no set of the flight" in missing[0]
+
+
+@pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the public flights are not here (CFID_DATA)")
+def test_a_lag_predicts_a_public_flight_better_than_none() -> None:
+    from cfid.flight.data import read_flight
+
+    flight = read_flight(FLIGHTS / "eschmann_log15.usd", from_s=15.94, to_s=51.36)
+    sets = [published_set(name, in_volts=False) for name in ("thesis", "gym-pybullet-drones")]
+    result = validate(flight, sets, used={})
+    assert result.quality["segments"] == 33
+    one = of(table_of(flight, *sets), "rates", 0.1, "gym-pybullet-drones")
+    assert one.more > one.half_width
+
+
+@pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the public flights are not here (CFID_DATA)")
+def test_a_campaign_fitted_to_one_flight_is_validated_by_another(cfid: Cfid, tmp_path: Path) -> None:
+    assert cfid("new", "campaign").returncode == 0
+    campaign = tmp_path / "campaign"
+    body = ("--mass-kg", "0.027:0.0003", "--arm-mm", "46:0.3", "--no-figures")
+    windows = ("--from", "15.94", "--to", "33.6")
+    log15, log10 = FLIGHTS / "eschmann_log15.usd", FLIGHTS / "eschmann_log10.usd"
+    fitted = cfid("fit", "flight", log15, *windows, *body, folder=campaign)
+    assert fitted.returncode == 0, fitted.stderr
+    words = ("--with", "thesis", "--with", "gym-pybullet-drones", "--no-figures")
+    found = cfid("validate", log10, "--from", "8.76", "--to", "39.12", *words, folder=campaign)
+    print(found.stdout, found.stderr)
+    assert found.returncode == 0, found.stderr
+    assert "campaign (flight): 27 g, lever 32.53 mm" in found.stdout
+    again = cfid("validate", log15, *words, folder=campaign)
+    assert again.returncode == 4
+    assert "validate with another flight" in again.stderr
