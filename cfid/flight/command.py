@@ -11,7 +11,7 @@ from cfid.console.options import CutOptions, Delivery, LogClock, ReadingOptions,
 from cfid.console.outcome import deliver
 
 if TYPE_CHECKING:
-    from cfid.flight.result import Body
+    from cfid.flight.values import Body
 
 _BODY = "Vehicle and rig"
 
@@ -73,7 +73,7 @@ def flight(
 def _body(workplace: Workplace, mass: Measured, arm_mm: Measured, torque_m: Measured) -> "Body":
     """Return mass, arm and torque over thrust, as given, else of rig.toml and of the campaign's parameters."""
     from cfid.errors import ConfigError
-    from cfid.flight.result import Body
+    from cfid.flight.values import Body
     from cfid.units import MM
 
     vehicle, cell = workplace.rig.vehicle, workplace.facts.loadcell

@@ -128,6 +128,6 @@ def _lines(table: Sequence[Compared], flown: FlownLog, count: int) -> list[str]:
     which = "along all axes, by motion capture" if captured else "along the vehicle's vertical, by the accelerometer"
     return [
         *lines,
-        f"assumed: axes forward, left, up; thrust along z; g {USUAL_GRAVITY_MPS2} m/s^2; changes of velocity {which}; a constant "
-        "angular acceleration of the whole flight taken away, of every set alike",
+        f"assumed: axes forward, left, up; thrust along z; g {USUAL_GRAVITY_MPS2} m/s^2; changes of velocity {which}; "
+        "a constant angular acceleration of the whole flight taken away, of every set alike",
     ]

@@ -10,7 +10,8 @@ from cfid.errors import ConfigError, DataError, FitError
 from cfid.flight.data import FlownLog, flight_of, read_flight
 from cfid.flight.estimation import fit_flights
 from cfid.flight.model import LEVER
-from cfid.flight.result import Body, fit
+from cfid.flight.result import fit
+from cfid.flight.values import Body
 from cfid.records.logs.log import FlightLog
 from cfid.records.result import Result
 from tests.flight.flying import GYRO_DELAY_S, LATE_STEPS, STEP, Fleet, fleet, fly

@@ -9,7 +9,8 @@ import pytest
 from cfid.flight.data import FlownLog, read_flight
 from cfid.flight.estimation import THRUST, TURNS, FlightFit, fit_flights
 from cfid.flight.likelihood import PAST, whitening, without
-from cfid.flight.result import Body, fit
+from cfid.flight.result import fit
+from cfid.flight.values import Body
 from tests.places import DATA
 
 Array = npt.NDArray[np.float64]

@@ -1,0 +1,139 @@
+"""Flights' quantities in their units, their covariances, and what they owe to mass, arm and torque."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.estimate.common_causes import Cause
+from cfid.estimate.linear import std_of
+from cfid.flight.braking import DragFit
+from cfid.flight.estimation import DELAYS, LAGS, THRUST, TURNS, FlightFit
+from cfid.flight.model import AXES, LEVER
+from cfid.records.covariances import Covariance, covariance_between
+from cfid.records.parameters import Parameter
+from cfid.units import FULL_COMMAND
+
+Array = npt.NDArray[np.float64]
+
+MOMENTS = {axis: f"flight.inertia_kg_m2.{axis}" for axis in AXES}
+_RISING, _FALLING, _MEAN = "flight.rising_s", "flight.falling_s", "flight.time_constant_s"
+_DELAY, _SINGLE = "flight.delay_s", "flight.single_lag_s"
+# What these are of the time constants and the delays of accelerometer and gyro.
+_TIMES = {
+    _RISING: (1.0, 0.0, 0.0, 0.0),
+    _FALLING: (0.0, 1.0, 0.0, 0.0),
+    _MEAN: (0.5, 0.5, 0.0, 0.0),
+    _DELAY: (0.0, 0.0, 0.0, 1.0),
+    _SINGLE: (0.5, 0.5, 1.0, 0.0),
+}
+TIMES = tuple(_TIMES)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Body:
+    """What a flight cannot tell: mass, arm from the centre to a motor's axis, torque of a rotor over its thrust.
+
+    Each has its standard uncertainty; None is unknown.
+    """
+
+    mass_kg: float
+    mass_std_kg: float
+    arm_m: float | None = None
+    arm_std_m: float | None = None
+    torque_m: float | None = None
+    torque_std_m: float | None = None
+
+
+def thrust_key(found: FlightFit) -> str:
+    """Return the key of the thrust: over the motor's voltage, or over the command."""
+    return "flight.thrust_voltage_poly" if found.in_volts else "flight.thrust_poly"
+
+
+def quantities_of(found: FlightFit, body: Body) -> dict[str, Parameter]:
+    """Return thrust, times and the moments whose lever is known; mass, arm and torque are taken as exact."""
+    value, covariance = _of_thrust(found, body)
+    std = found.std
+    times = np.array(list(_TIMES.values()))
+    times_std = std_of(times @ found.covariance[: DELAYS.stop, : DELAYS.stop] @ times.T)
+    quantities = {
+        thrust_key(found): Parameter(value=value.tolist(), std=std_of(covariance).tolist()),
+        **{
+            key: Parameter(value=float(each), std=float(wide))
+            for key, each, wide in zip(_TIMES, times @ found.values[: DELAYS.stop], times_std, strict=True)
+        },
+    }
+    for place, axis in enumerate(AXES):
+        lever = lever_m(axis, body)
+        gain, gain_std = float(found.values[TURNS][place]), float(std[TURNS][place])
+        if lever is not None:
+            moment = lever * body.mass_kg / gain
+            quantities[MOMENTS[axis]] = Parameter(value=moment, std=abs(moment * gain_std / gain))
+    return quantities
+
+
+def lever_m(axis: str, body: Body) -> float | None:
+    """Return the moment of a rotor about an axis over its thrust, None where it is unknown."""
+    if axis == "yaw":
+        return body.torque_m
+    return None if body.arm_m is None else LEVER * body.arm_m
+
+
+def _of_thrust(found: FlightFit, body: Body) -> tuple[Array, Array]:
+    """Return one rotor's thrust polynomial (3,) in its key's order and units, with its covariance (3, 3)."""
+    over = 1.0 if found.in_volts else FULL_COMMAND
+    outward = np.diag(body.mass_kg / over ** np.arange(3.0))
+    if not found.in_volts:
+        outward = outward[::-1]
+    return outward @ found.thrust, outward @ found.covariance[THRUST, THRUST] @ outward.T
+
+
+def covariances_of(found: FlightFit, body: Body) -> tuple[Covariance, ...]:
+    """Return the covariances of the thrust's coefficients, and of both time constants."""
+    value, covariance = _of_thrust(found, body)
+    return (
+        *covariance_between({thrust_key(found): value.tolist()}, covariance),
+        *covariance_between({_RISING: found.lag.rising_s, _FALLING: found.lag.falling_s}, found.covariance[LAGS, LAGS]),
+    )
+
+
+def causes_of(body: Body) -> tuple[dict[str, dict[Cause, float]], dict[str, dict[str, float]]]:
+    """Return the causes by the unit they scale, and the powers with which quantities have them."""
+    mass = Cause("mass", body.mass_std_kg / body.mass_kg)
+    arm = Cause("arm", None if not body.arm_m or body.arm_std_m is None else body.arm_std_m / body.arm_m)
+    torque_std = None if not body.torque_m or body.torque_std_m is None else body.torque_std_m / body.torque_m
+    torque = Cause("torque over thrust", torque_std)
+    measured: dict[str, dict[Cause, float]] = {"kg": {mass: 1.0}, "N": {mass: 1.0}}
+    if body.arm_m is not None:
+        measured["m"] = {arm: 1.0}
+    if body.torque_m is not None:
+        measured["N m/N"] = {torque: 1.0}
+    powers = {
+        **{MOMENTS[axis]: {"kg": 1.0, "m": 1.0} for axis in ("roll", "pitch")},
+        MOMENTS["yaw"]: {"kg": 1.0, "N m/N": 1.0},
+        "flight.drag_kg_per_s.*": {"kg": 1.0},
+    }
+    return measured, powers
+
+
+def drag_quantities(drags: Mapping[str, DragFit | None], body: Body) -> dict[str, Parameter]:
+    """Return drag over mass, and drag, along the axes where it was fitted."""
+    found = {axis: one for axis, one in drags.items() if one is not None}
+    rates = {
+        f"flight.drag_over_mass_per_s.{axis}": Parameter(value=one.rate, std=one.std) for axis, one in found.items()
+    }
+    mass = body.mass_kg
+    forces = {
+        f"flight.drag_kg_per_s.{axis}": Parameter(value=-mass * one.rate, std=mass * one.std)
+        for axis, one in found.items()
+    }
+    return rates | forces
+
+
+def given(body: Body) -> dict[str, Parameter]:
+    """Return the mass and the arm that the rest was scaled by: they belong to it."""
+    given = {"flight.mass_kg": Parameter(value=body.mass_kg, std=body.mass_std_kg)}
+    if body.arm_m is not None:
+        given["flight.arm_m"] = Parameter(value=body.arm_m, std=body.arm_std_m)
+    return given
