@@ -93,10 +93,39 @@ def angles(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     path.unlink()
 
 
+@pytest.fixture(scope="module")
+def stand(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Write a day of a thrust stand at 100 Hz, in which a motor stands and runs for 1000 s each, at nine commands."""
+    path, count, size = tmp_path_factory.mktemp("large") / "stand.csv", 100_000, 0
+    draw = np.random.default_rng(6)
+    on = 1 - np.exp(-np.arange(count) / 6)  # of the final thrust
+
+    def rows(pulse_us: float) -> list[str]:
+        thrust = -1e-3 * (pulse_us - 1000) ** 2 / 1000 * on * (pulse_us > 1000) + draw.normal(0, 1e-4, count)
+        others = zip(thrust.tolist(), (0.01 * thrust).tolist(), (12 - 0.1 * thrust).tolist(), strict=True)
+        return [f"{pulse_us:.0f},{f:.6f},{t:.7f},{v:.4f},{f:.3f},{v:.3f}\n" for f, t, v in others]
+
+    cycle = [one for pulse_us in range(1100, 2000, 100) for one in (rows(1000), rows(pulse_us))]
+    with path.open("w", encoding="utf-8") as file:
+        file.write("Time (s),ESC signal (µs),Thrust (kgf),Torque (N·m),Voltage (V),Current (A),Vibration (g)\n")
+        for block, part in enumerate(itertools.cycle(cycle)):
+            size += file.write("".join(f"{(block * count + at) / 100:.2f},{row}" for at, row in enumerate(part)))
+            if size > SIZE_MB * 1_000_000:
+                break
+    yield path
+    path.unlink()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("words", ["fit thrust {log} --no-figures", "fit torque {log} --no-figures", "show {log}"])
+def test_a_large_table_of_a_stand_takes_little_memory(stand: Path, tmp_path: Path, words: str) -> None:
+    _check_peak(stand, tmp_path, words)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "words",
-    ["fit swing {log} --no-figures", "show {log} --no-figures", "import {log} --campaign {campaign}"],
+    ["fit swing {log} --no-figures", "show {log} --no-figures", "show {log}", "import {log} --campaign {campaign}"],
 )
 def test_a_large_table_of_angles_takes_little_memory(angles: Path, tmp_path: Path, words: str) -> None:
     _check_peak(angles, tmp_path, words)
