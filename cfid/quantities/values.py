@@ -5,7 +5,7 @@ Values are numbers, nested lists of them, or lists of rows (mappings); an unknow
 
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeGuard
 
 from cfid.quantities.lookup import find, registered
 from cfid.quantities.quantity import Quantity, Shape
@@ -45,7 +45,7 @@ def is_rows(value: Any) -> bool:
     return isinstance(value, list | tuple) and len(value) > 0 and all(isinstance(row, Mapping) for row in value)
 
 
-def is_number(value: Any) -> bool:
+def is_number(value: Any) -> TypeGuard[float]:
     """Return whether a value is a number that a float can hold."""
     whole = isinstance(value, int) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
     return whole or isinstance(value, float)
