@@ -186,6 +186,8 @@ def faults(
             yield "succeeded, and nothing was kept"
         if job in (note, report, export, upgrade) and any(after[name] != done[name] for name in REPLACED[job]):
             yield "succeeded, and the file is the old one"
+    if (again := attempt(job, campaign, 0, "EIO")).message or again.trace:
+        yield f"the job cannot be repeated: {again.message}{again.trace}"
 
 
 def _faults_of_run(run: Run, ended: Ended) -> Iterator[str]:
