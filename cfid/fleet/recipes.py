@@ -52,7 +52,7 @@ class Recipe:
 
 
 def _inertia(recipe: Recipe) -> Result:
-    swings = recipe.kept.quality.get("swings")
+    swings = recipe.kept.quality.get("swings", ())
     known = [str(one.get("axis")) for one in swings if "known_kg_m2" in one] if is_rows(swings) else []
     if known:
         raise DataError(f"axis inertias of {', '.join(known)} were given as numbers: fit it by hand.")

@@ -8,7 +8,6 @@ import json
 import os
 import re
 import shutil
-import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
@@ -130,10 +129,10 @@ def _said(head: Any) -> str:
 
 def _lock(handle: int, folder: Path) -> None:
     """Take the folder for this process, where the system has such locks. Raises ConfigError."""
-    if sys.platform == "win32":
+    try:
+        import fcntl  # noqa: PLC0415 - POSIX alone
+    except ImportError:
         return
-    import fcntl  # noqa: PLC0415 - POSIX alone
-
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -1,6 +1,5 @@
 """Rewrite a campaign's files in the current formats, and keep the old ones."""
 
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -40,8 +39,9 @@ def _outdated(campaign: Campaign) -> Iterator[tuple[Path, bytes]]:
 
 
 def _keep(folder: Path, path: Path) -> None:
-    kept = folder / KEPT_IN / path.relative_to(folder)
-    if kept.exists():
+    """Copy a file into the folder of old ones, where an upgrade that failed may have put it already."""
+    kept, content = folder / KEPT_IN / path.relative_to(folder), path.read_bytes()
+    if kept.is_symlink() or (kept.exists() and kept.read_bytes() != content):
         raise ConfigError(f"{kept}: exists already. Move {KEPT_IN} away and upgrade again.")
     kept.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copy2(path, kept)
+    write_whole(kept, content)

@@ -41,6 +41,7 @@ def test_a_campaign_is_fitted_shown_reported_and_exported(bodies: Path) -> None:
         "runs", "runs note last looked-at", "show last --no-figures", f"fit swing {swing} --no-figures",
         "fit inertia --no-figures", "set arm_m 0.046", "parameters", "status", "report",
         "export json --out vehicle.json", "convert last --to csv --out run.csv", "fleet .",
+        "fleet fit . --out refitted --jobs 1", "report --format md", "report --format tex",
         folder=bodies,
     )  # fmt: skip
 

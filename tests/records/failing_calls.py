@@ -32,6 +32,7 @@ from cfid.records.upgrade import upgrade_files
 from cfid.report.formats.sealed import MARK, write_report
 
 NOON = datetime(2026, 11, 21, 12, tzinfo=UTC)
+Job = Callable[[Campaign], None]
 ROWS, BLOCKS = 400, 3
 OLD, NEW = f"<!-- {MARK} -->\nold\n", f"<!-- {MARK} -->\n{'new ' * 5000}\n"
 # Error, half a write, all later calls too: an error once, a write that takes a part, a disk that is full from then on.
@@ -80,7 +81,7 @@ def upgrade(campaign: Campaign) -> None:
 
 JOBS = (record, fit, parameters, note, report, export, upgrade)
 # Files that each job may replace; a job adds others, and changes none.
-REPLACED = {
+REPLACED: dict[Job, set[str]] = {
     fit: {"parameters.toml"}, parameters: {"parameters.toml"}, note: {"runs/2026-11-21_120000_swing_x/run.toml"},
     report: {"report.md"}, export: {"exports/vehicle.json"}, upgrade: {"parameters.toml", "fits/old.json"},
 }  # fmt: skip
@@ -123,7 +124,7 @@ def make(folder: Path) -> None:
     write_export(OLD, str(folder / "exports" / "vehicle.json"), force=False)
 
 
-def attempt(job: Callable[[Campaign], None], campaign: Campaign, which: int, kind: str) -> Ended:
+def attempt(job: Job, campaign: Campaign, which: int, kind: str) -> Ended:
     """Do a job in a process of its own, in which one call fails; `which` is 0 for none."""
     calls, (reader, writer) = ctypes.CDLL(None), os.pipe()
     child = os.fork()
@@ -152,7 +153,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def faults(
-    job: Callable[[Campaign], None], ended: Ended, before: dict[str, bytes], done: dict[str, bytes], campaign: Campaign
+    job: Job, ended: Ended, before: dict[str, bytes], done: dict[str, bytes], campaign: Campaign
 ) -> Iterator[str]:
     """Yield what is wrong after an attempt; `done` are the files after the job without a failure."""
     after = contents(campaign.folder)
@@ -185,6 +186,8 @@ def faults(
             yield "succeeded, and nothing was kept"
         if job in (note, report, export, upgrade) and any(after[name] != done[name] for name in REPLACED[job]):
             yield "succeeded, and the file is the old one"
+    if (again := attempt(job, campaign, 0, "EIO")).message or again.trace:
+        yield f"the job cannot be repeated: {again.message}{again.trace}"
 
 
 def _faults_of_run(run: Run, ended: Ended) -> Iterator[str]:

@@ -3,6 +3,7 @@
 import os
 import shutil
 import stat
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -22,9 +23,13 @@ from tests.records.test_fits import FIT
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="links and files without a name of Unix")
 
 
-def new(folder: Path) -> RunWriter:
+NOON = datetime(2026, 11, 21, 12, tzinfo=UTC)
+
+
+def new(folder: Path, started: datetime | None = None) -> RunWriter:
     devices = {"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi"))}
-    return create_run(folder, kind="swing", label=Label(), devices=devices, started=datetime.now(UTC), cfid_version="0")
+    when = started or datetime.now(UTC)
+    return create_run(folder, kind="swing", label=Label(), devices=devices, started=when, cfid_version="0")
 
 
 def test_a_run_that_is_removed_while_it_is_recorded_ends_with_the_next_rows(tmp_path: Path) -> None:
@@ -79,6 +84,19 @@ def test_a_pipe_is_not_replaced_by_a_file_of_its_name(tmp_path: Path) -> None:
         write_whole(tmp_path / "pipe", b"content")
     assert stat.S_ISFIFO((tmp_path / "pipe").stat().st_mode)
     assert [path.name for path in tmp_path.iterdir()] == ["pipe"]
+
+
+def test_ten_recorders_that_start_in_the_same_second_have_a_folder_each(tmp_path: Path) -> None:
+    with ThreadPoolExecutor(10) as pool:
+        writers = list(pool.map(lambda _: new(tmp_path, NOON), range(10)))
+        for number, writer in enumerate(writers):
+            writer.append("encoder", ([1.0], [number]))
+        runs = list(pool.map(lambda writer: writer.close("complete"), writers))
+
+    assert len({run.folder for run in runs}) == 10
+    for number, run in enumerate(runs):
+        assert (run.folder / "encoder.csv").read_text() == f"t,phi\n1.000000,{number}\n"
+        assert read_run(run.folder).header.devices["encoder"].rows == 1
 
 
 def test_a_loop_of_links_is_named_and_stays(tmp_path: Path) -> None:

@@ -88,9 +88,20 @@ def test_nothing_is_written_when_one_file_cannot_be_read(cfid: Cfid, tmp_path: P
 def test_old_files_that_were_kept_are_not_written_over(cfid: Cfid, tmp_path: Path) -> None:
     folder = campaign_of_0_1(cfid, tmp_path / "old")
     cfid("upgrade", folder)
-    (folder / "parameters.toml").write_text(PARAMETERS)
+    edited = f"# edited\n{PARAMETERS}"
+    (folder / "parameters.toml").write_text(edited)
     ended = cfid("upgrade", folder)
 
     assert ended.returncode == 2
     assert "exists already" in ended.stderr
-    assert (folder / "parameters.toml").read_text() == PARAMETERS
+    assert (folder / "parameters.toml").read_text() == edited
+    assert (folder / "before-upgrade" / "parameters.toml").read_text() == PARAMETERS
+
+
+def test_an_upgrade_that_failed_after_the_old_file_was_kept_goes_on(cfid: Cfid, tmp_path: Path) -> None:
+    folder = campaign_of_0_1(cfid, tmp_path / "old")
+    cfid("upgrade", folder)
+    (folder / "parameters.toml").write_text(PARAMETERS)
+
+    assert cfid("upgrade", folder).returncode == 0
+    assert (folder / "before-upgrade" / "parameters.toml").read_text() == PARAMETERS

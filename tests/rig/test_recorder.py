@@ -143,6 +143,19 @@ def test_all_are_started_before_any_is_taken_and_each_is_taken_from_after_it_sto
     assert desk.of("a") == desk.of("b") == WHOLE_LIFE
 
 
+def test_ten_devices_at_once_keep_all_their_rows(desk: Desk) -> None:
+    names = [f"device-{number}" for number in range(10)]
+
+    run, failure, _ = desk.record(*(desk.counter(name) for name in names), for_s=2.0)
+
+    assert failure is None
+    for name in names:
+        counts = pd.read_csv(run.device_file(name))["count"]
+        assert counts.tolist() == list(range(len(counts)))
+        assert len(counts) >= 2000
+        assert desk.of(name) == WHOLE_LIFE
+
+
 def test_blocks_come_every_50_ms_and_the_end_on_time(desk: Desk) -> None:
     counter = desk.counter("a")
 
