@@ -1,9 +1,11 @@
-"""Draw docs/how-to/watch.png: `cfid watch` beside a staircase on the simulated rig. `python -m docs.make_screenshots`.
+"""Photograph the pages of cfid for the docs: `python -m docs.make_screenshots cfid-demo/report.html`.
 
-Needs Chromium. Colours are cut to 48, which keeps the file small and letters sharp.
+`cfid watch` beside a staircase on the simulated rig, light and dark, wide and narrow; with a report, its top. Needs
+Chromium. Colours are cut to 48, which keeps the files small and letters sharp.
 """
 
 import io
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -12,32 +14,54 @@ from PIL import Image
 
 from tests.flying_in_a_folder import bench_in
 from tests.priority import ahead_of_others
-from tests.watch.browser import browser_in
+from tests.watch.browser import Browser, Page, browser_in
 
-PICTURE = Path(__file__).parent / "how-to" / "watch.png"
-WIDTH_PX, HEIGHT_PX = 1280, 800
+DOCS = Path(__file__).parent
+REPORT, REPORT_PX = DOCS / "report.png", (960, 1080)
+WATCH_PX = {"wide": (1280, 860), "narrow": (400, 860)}
 STAIRCASE = ("--from", 20000, "--to", 40000, "--step", 5000, "--hold", 6, "--rest", 2, "--motor", "1,3")
+LARGEST_BYTES = 150_000
 
 
-def main() -> None:
-    """Record a staircase, open its page after some steps, and write the picture."""
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        ahead_of_others(),
-        bench_in(Path(folder)) as bench,
-        browser_in(Path(folder) / "browser") as browser,
-    ):
+def main(report: Path | None) -> None:
+    """Write all pictures; that of a report only where there is one."""
+    with tempfile.TemporaryDirectory() as folder, browser_in(Path(folder) / "browser") as browser:
+        if report is not None:
+            width_px, height_px = REPORT_PX
+            page = browser.open(report.resolve().as_uri(), width_px=width_px, height_px=height_px)
+            page.wait_for("document.readyState === 'complete'")
+            save(page, REPORT)
+        with ahead_of_others():
+            watch(browser, Path(folder))
+
+
+def watch(browser: Browser, folder: Path) -> None:
+    """Record a staircase, open its page after some steps, and photograph it."""
+    with bench_in(folder) as bench:
         recorder = bench.start("log", "thrust", *STAIRCASE, "--yes")
         recorder.wait_until_motors_run(16.0)
         watcher = bench.start("watch")
         bench.wait_until(lambda: "http://" in watcher.err, watcher)
-        page = browser.open(watcher.err.split()[0], width_px=WIDTH_PX, height_px=HEIGHT_PX)
-        page.wait_for("window.Bokeh?.documents[0]?.get_model_by_name('time')?.tags.length")
-        page.value("[...Bokeh.documents[0]._all_models.values()].find(m => m.type === 'RadioButtonGroup').active = 1")
-        time.sleep(3)
-        with Image.open(io.BytesIO(page.picture())) as picture:
-            picture.convert("RGB").quantize(48, dither=Image.Dither.NONE).save(PICTURE, optimize=True)
+        for width, (width_px, height_px) in WATCH_PX.items():
+            for scheme in ("light", "dark"):
+                page = browser.open(
+                    watcher.err.split()[0], width_px=width_px, height_px=height_px, dark=scheme == "dark"
+                )
+                page.wait_for("window.Bokeh?.documents[0]?.get_model_by_name('time')?.tags.length")
+                page.value(
+                    "[...Bokeh.documents[0]._all_models.values()].find(m => m.type === 'RadioButtonGroup').active = 1"
+                )
+                time.sleep(3)
+                save(page, DOCS / "how-to" / "figures" / f"watch_{width}_{scheme}.png")
+
+
+def save(page: Page, path: Path) -> None:
+    """Write what a page shows, and close it."""
+    with Image.open(io.BytesIO(page.picture())) as picture:
+        picture.convert("RGB").quantize(48, dither=Image.Dither.NONE).save(path, optimize=True)
+    page.close()
+    assert path.stat().st_size < LARGEST_BYTES, f"{path} is too large for a page of the docs"
 
 
 if __name__ == "__main__":
-    main()
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else None)

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from cfid.records.run import Run
 
 _LARGEST_BYTES = 400_000_000  # of a run: 13 minutes of a load cell at 7 kHz, read in half a minute within 1.5 GB
+_FEW_LOST = 0.01  # of a device's samples
 
 Judge = Callable[["Run"], str]  # returns what a run is good for; a CfidError states why it is not
 
@@ -25,7 +26,7 @@ def judged(run: "Run", judge: Judge | None) -> "Run":
         note(f"not judged: {size / 1e6:.0f} MB take long to read, and much memory; the fit will judge it.")
         return run
     try:
-        verdict = Verdict(usable=True, text=judge(run))
+        verdict = Verdict(usable=True, text=f"{judge(run)}{_losses(run)}")
     except CfidError as error:
         verdict = Verdict(usable=False, text=str(error))
     except KeyboardInterrupt:  # the run is complete, and how the motors stopped is still to be printed
@@ -36,6 +37,16 @@ def judged(run: "Run", judge: Judge | None) -> "Run":
     except DataError as error:
         note(f"the verdict was not kept: {error}")
         return run
+
+
+def _losses(run: "Run") -> str:
+    """Return a sentence for each device that lost more than a hundredth of its samples."""
+    counts = [(name, record.lost, record.lost + (record.rows or 0)) for name, record in run.header.devices.items()]
+    return "".join(
+        f" {lost} of {taken} samples of {name} are lost: see to its cable, and to other programs."
+        for name, lost, taken in counts
+        if lost > _FEW_LOST * taken
+    )
 
 
 def verdict_line(run: "Run") -> str:

@@ -3,8 +3,9 @@
 import math
 
 import numpy as np
+import numpy.typing as npt
 
-from cfid.errors import FitError
+from cfid.errors import DataError, FitError
 from cfid.findings import texts
 from cfid.records.run import Run
 from cfid.records.tables.angle import angle_record
@@ -12,10 +13,16 @@ from cfid.swing.collocation import NO_THREADS
 from cfid.swing.data import rig_around, swing_in, threads_of
 from cfid.swing.estimation import fit_swing
 
+Array = npt.NDArray[np.float64]
+
+_STILL_S, _BEFORE_S = 2.0, 0.3
+_MOVED_DEG = 4.0  # within _BEFORE_S: dry friction stops no pendulum from that, but slows it down before
+
 
 def verdict(run: Run) -> str:
     """Say what a recorded swing is good for. Raises DataError or FitError where it is good for nothing."""
     record = angle_record(run)
+    _check_end(record.time_s, record.angle_rad)
     rig = rig_around([record], None)
     mount = None if rig is None else rig.mounts.get(record.label.axis or "")
     swing = swing_in(record, NO_THREADS if rig is None else threads_of(mount, rig.site.gravity_mps2))
@@ -28,3 +35,18 @@ def verdict(run: Run) -> str:
         f"{swing.peaks_used} peaks from {degrees:.0f} degrees, {1e3 * fitted.residual_rms_rad:.2g} mrad off the "
         f"pendulum, inertia known to {100 * std / frequency:.1g} % from the swing alone."
     )
+
+
+def _check_end(time_s: Array, angle_rad: Array) -> None:
+    """Raise DataError where the angle (n,) at times (n,) stops at once in the middle of a swing, and stays."""
+    changes = np.flatnonzero(np.diff(angle_rad))
+    if not len(changes):
+        return
+    last = changes[-1] + 1
+    still_s, before = time_s[-1] - time_s[last], angle_rad[time_s >= time_s[last] - _BEFORE_S]
+    moved_deg = math.degrees(float(np.ptp(before)))
+    if still_s >= _STILL_S and moved_deg >= _MOVED_DEG:
+        raise DataError(
+            f"the angle does not change in the last {still_s:.1f} s, and moved by {moved_deg:.0f} degrees in the "
+            f"{_BEFORE_S:g} s before (limit {_MOVED_DEG:g}): the encoder froze, or something held the pendulum."
+        )

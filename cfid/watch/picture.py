@@ -82,7 +82,7 @@ class Picture:
         self._spectrum = SpectrumPlot(self._colours) if run and run.loadcell else None
         for plot in self._plots:
             plot.figure.on_event(Reset, self._follow)
-        self._area.children = [plot.figure for plot in (*self._plots, self._spectrum) if plot is not None]
+        self._area.children = [plot.block for plot in (*self._plots, self._spectrum) if plot is not None]
 
     def _newest(self, now_s: float) -> list[float]:
         """Return the span of time that ends with the newest rows."""

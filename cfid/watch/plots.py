@@ -1,7 +1,10 @@
 """The plots of a page: signals over time, and the spectrum."""
 
+from html import escape
+
 import numpy as np
-from bokeh.models import ColumnDataSource, DataRange1d, HoverTool, Legend, Range1d
+from bokeh.layouts import column
+from bokeh.models import Column, ColumnDataSource, DataRange1d, Div, HoverTool, Range1d
 from bokeh.plotting import figure
 
 from cfid.watch.signals import Trace
@@ -38,15 +41,13 @@ class SignalPlot:
         """Make the plot; its axis of time is common to all."""
         self._signal = signal
         self._source = ColumnDataSource({"t": [], **{name: [] for name in signal.names}})
-        self.figure = _figure(signal.title, "s", signal.unit, colours, x_range=time_range)
-        if len(signal.names) > 1:
-            self.figure.add_layout(_legend(colours), "above")
+        self.figure = _figure("s", colours, x_range=time_range)
         draw = self.figure.step if signal.steps else self.figure.line
         more = {"mode": "after"} if signal.steps else {}
         for k, name in enumerate(signal.names):
-            label = {"legend_label": name} if len(signal.names) > 1 else {}
-            draw("t", name, source=self._source, color=colours.line(k), line_width=1.3, **more, **label)
+            draw("t", name, source=self._source, color=colours.line(k), line_width=1.3, **more)
         _finish(self.figure, colours)
+        self.block = _block(self.figure, signal.title, signal.unit, signal.names, colours)
 
     def draw(self, begin_s: float, end_s: float, now_s: float) -> None:
         """Draw a span of time; steps last until now."""
@@ -65,9 +66,7 @@ class SpectrumPlot:
         self._drawn: RotorLines | None = None
         self._source = ColumnDataSource({"f": [], "a": []})
         self._lines = ColumnDataSource({"f": [], "a": [], "label": []})
-        self.figure = _figure(
-            "spectrum of the force", "Hz", "mN", colours, x_range=(0.0, HIGHEST_HZ), y_range=DataRange1d(start=0.0)
-        )
+        self.figure = _figure("Hz", colours, x_range=(0.0, HIGHEST_HZ), y_range=DataRange1d(start=0.0))
         self.figure.y_range.range_padding = _LABEL_ROOM
         self.figure.line("f", "a", source=self._source, color=colours.line(0), line_width=1.2)
         self.figure.scatter("f", "a", source=self._lines, color=colours.line(1), size=7)
@@ -75,6 +74,7 @@ class SpectrumPlot:
             "f", "a", "label", source=self._lines, text_color=colours.line(1), text_font_size="12px", x_offset=6
         )
         _finish(self.figure, colours)
+        self.block = _block(self.figure, "spectrum of the force", "mN", (), colours)
 
     def draw(self, lines: RotorLines | None) -> None:
         """Draw a spectrum, unless it is drawn already."""
@@ -89,14 +89,12 @@ class SpectrumPlot:
         }
 
 
-def _figure(title: str, x_unit: str, y_unit: str, colours: Colours, **more: object) -> figure:
+def _figure(x_unit: str, colours: Colours, **more: object) -> figure:
     plot = figure(
-        title=f"{title}, {y_unit}" if y_unit else title,
         x_axis_label=x_unit,
         height=_HEIGHT_PX,
         min_width=_WIDTH_PX,
         sizing_mode="stretch_width",
-        styles={"flex": f"1 1 {_WIDTH_PX}px"},
         tools=_TOOLS,
         active_scroll="xwheel_zoom",
         active_drag="xpan",
@@ -112,21 +110,22 @@ def _figure(title: str, x_unit: str, y_unit: str, colours: Colours, **more: obje
 
 def _finish(plot: figure, colours: Colours) -> None:
     """Colour what exists only once the curves do, and show values under the pointer."""
-    plot.title.text_color = colours.text
     plot.axis.axis_label_text_color = plot.axis.major_label_text_color = colours.text
     plot.axis.axis_line_color = plot.axis.major_tick_line_color = plot.axis.minor_tick_line_color = colours.text
     plot.grid.grid_line_color = colours.grid
     plot.add_tools(HoverTool(mode="vline", tooltips=[(plot.xaxis[0].axis_label, "$x{0.000}"), ("value", "$y{0.000}")]))
 
 
-def _legend(colours: Colours) -> Legend:
-    return Legend(
-        orientation="horizontal",
-        label_text_color=colours.text,
-        label_text_font_size="11px",
-        background_fill_alpha=0,
-        border_line_alpha=0,
-        spacing=8,
-        padding=0,
-        margin=0,
+def _block(plot: figure, title: str, unit: str, names: tuple[str, ...], colours: Colours) -> Column:
+    """Return a plot below its title and the names of its curves.
+
+    A legend of Bokeh's is drawn anew with all data, which takes a quarter of a picture's time.
+    """
+    curves = "".join(
+        f' <span style="color: {colours.line(k)}">{escape(name)}</span>'
+        for k, name in enumerate(names)
+        if len(names) > 1
     )
+    words = f"<b>{escape(f'{title}, {unit}' if unit else title)}</b>{curves}"
+    heading = Div(text=words, styles={"color": colours.text, "font-size": "13px", "overflow-wrap": "anywhere"})
+    return column(heading, plot, sizing_mode="stretch_width", styles={"flex": f"1 1 {_WIDTH_PX}px"})

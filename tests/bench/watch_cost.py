@@ -17,6 +17,7 @@ from pathlib import Path
 from cfid.records.rig_file import RIG_FILE, new_rig_text
 from cfid.rig.sim_file import SIM_FILE
 from tests.priority import ahead_of_others
+from tests.rig_in_a_folder import wait_until
 from tests.watch.browser import Page, browser_in
 
 SECONDS = float(os.environ.get("BENCH_SECONDS", "10"))
@@ -52,12 +53,10 @@ def main() -> None:
         (folder / RIG_FILE).write_text(new_rig_text())
         processes = [started(folder, "rig", "sim", "--spin", "28000,0,28000,0")]
         try:
-            while not (folder / SIM_FILE).exists():
-                time.sleep(0.1)
+            wait_until((folder / SIM_FILE).exists, SIM_FILE)
             recorder = started(folder, "log", "loadcell")
             processes.append(recorder)
-            while not list(folder.glob("runs/*/loadcell.csv")):
-                time.sleep(0.1)
+            wait_until(lambda: list(folder.glob("runs/*/loadcell.csv")), "a recording")
             watcher = started(folder, "watch")
             processes.append(watcher)
             assert watcher.stderr is not None

@@ -50,6 +50,41 @@ def test_a_drop_is_no_swing_and_is_told_to_be_recorded_again(bodies: Path) -> No
     assert read_run(run.folder).header.verdict is not None
 
 
+def test_an_encoder_that_freezes_in_the_middle_of_a_swing_is_named(bodies: Path) -> None:
+    run = runs_of(bodies, "swing")[0]
+    path = run.device_file("encoder")
+    header, *rows = path.read_text().splitlines()
+    place, cells = run.header.devices["encoder"].columns.index("phi"), [row.split(",") for row in rows]
+    begin = len(cells) // 3
+    for row in cells[begin:]:
+        row[place] = cells[begin][place]
+    path.write_text("\n".join([header, *map(",".join, cells), ""]))
+
+    line = verdict_line(judged(run, cfid.swing.verdict.verdict))
+
+    assert line.startswith("NOT USABLE: the angle does not change in the last ")
+    assert "the encoder froze, or something held the pendulum. Record it again." in line
+
+
+def test_lost_samples_stand_beside_what_a_recording_is_good_for(bodies: Path) -> None:
+    run = runs_of(bodies, "swing")[0]
+    (name, record), *_ = run.header.devices.items()
+    few, many = (
+        Run(
+            folder=run.folder,
+            header=run.header.model_copy(
+                update={"devices": {name: record.model_copy(update={"rows": 1000, "lost": lost})}}
+            ),
+        )
+        for lost in (5, 500)
+    )
+
+    assert "lost" not in verdict_line(judged(few, lambda _: "fine."))
+    assert verdict_line(judged(many, lambda _: "fine.")).startswith(
+        "good: fine. 500 of 1500 samples of encoder are lost"
+    )
+
+
 def test_a_run_that_was_cut_is_not_judged(bodies: Path) -> None:
     run = runs_of(bodies, "swing")[0]
     cut = Run(folder=run.folder, header=run.header.model_copy(update={"state": "interrupted"}))

@@ -4,9 +4,9 @@ import asyncio
 import base64
 import json
 import os
-import re
 import signal
 import subprocess
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,16 +28,22 @@ class Browser:
             "nice", "-n", str(behind), BROWSER or "", "--headless", "--no-sandbox", "--disable-gpu",
             "--hide-scrollbars", "--remote-debugging-port=0", f"--user-data-dir={folder}", "about:blank",
         ]  # fmt: skip
-        self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+        # Nothing of it keeps a pipe of the test's open, or waits for somebody to read its own.
+        quiet = subprocess.DEVNULL
+        self.process = subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True)
         self.loop = asyncio.new_event_loop()
-        self.address = self._listening()
+        try:
+            self.address = self._listening(folder / "DevToolsActivePort")
+        except BaseException:
+            self.close()
+            raise
 
-    def _listening(self) -> str:
-        assert self.process.stderr is not None
-        for line in self.process.stderr:
-            if found := re.search(r"ws://(\S+?)/", line):
-                return found[1]
-        raise AssertionError("Chromium does not start")
+    def _listening(self, port: Path) -> str:
+        end_s = time.monotonic() + _LONGEST_S
+        while not (port.exists() and (lines := port.read_text().split())):
+            assert time.monotonic() < end_s, "Chromium does not start"
+            time.sleep(0.05)
+        return f"127.0.0.1:{lines[0]}"
 
     def open(self, address: str, *, width_px: int = 1280, height_px: int = 900, dark: bool = False) -> "Page":
         """Open a page in a tab of its own."""
@@ -48,8 +54,6 @@ class Browser:
     def close(self) -> None:
         os.killpg(self.process.pid, signal.SIGKILL)  # with the processes of its tabs, which outlive a plain end
         self.process.wait(_LONGEST_S)
-        assert self.process.stderr is not None
-        self.process.stderr.close()
         self.loop.close()
 
 

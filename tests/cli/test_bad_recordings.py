@@ -1,0 +1,147 @@
+"""Ten recordings that are good for nothing: each is named as such during the recording, or by its verdict at the end.
+
+`pytest -m slow -n 0 -s tests/cli/test_bad_recordings.py` prints what was said, and after which time.
+"""
+
+import json
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.sim.plants import HandRelease, Pendulum, swing
+from tests.flying_in_a_folder import Bench, bench_in
+from tests.rig_in_a_folder import lab_in
+
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("in_time")]
+
+Array = npt.NDArray[np.float64]
+Spoil = Callable[[Bench], None]
+
+STAIRS = ("thrust", "--from", 20000, "--to", 32000, "--step", 4000, "--hold", 3, "--rest", 1, "--yes")
+SINE = ("sine", "--l", 40, "--n", 1000, "--yes")
+
+
+def pendulum() -> tuple[Array, Array]:
+    """Return time and angle of a swing that is let go at 40 degrees after two seconds."""
+    body = Pendulum(axis_inertia_kg_m2=3e-5, gravity_moment_nm=6.3e-3, viscous_nms_per_rad=4e-6, coulomb_nm=3e-6)
+    hand = HandRelease(angle_rad=math.radians(40), wait_s=1.0)
+    found = swing([body], [hand], duration_s=30.0)
+    return found.time_s, found.angle_rad[:, 0]
+
+
+def held(time_s: Array, angle_rad: Array) -> Array:
+    return np.full_like(angle_rad, 0.01)
+
+
+def clipped(time_s: Array, angle_rad: Array) -> Array:
+    return np.clip(angle_rad, -0.35, 1.0)
+
+
+def frozen(time_s: Array, angle_rad: Array) -> Array:
+    return np.where(time_s < 4.0, angle_rad, angle_rad[np.searchsorted(time_s, 4.0)])
+
+
+@pytest.mark.parametrize(
+    ("label", "spoilt", "lasts_s", "during", "verdict"),
+    [
+        (("--axis", "x"), held, 22, "no release within 20 s", "the angle never changes"),
+        (("--axis", "x"), clipped, 14, "", "differs from a pendulum"),
+        (("--axis", "x"), frozen, 14, "", "the angle does not change in the last"),
+        (("--weight", 20), held, 8, "", ""),
+    ],
+    ids=["no release", "the pendulum hits something", "the encoder freezes", "the weight does not fall"],
+)
+def test_on_the_axis(
+    tmp_path: Path,
+    label: tuple[object, ...],
+    spoilt: Callable[[Array, Array], Array],
+    lasts_s: float,
+    during: str,
+    verdict: str,
+) -> None:
+    with lab_in(tmp_path) as lab:
+        time_s, angle_rad = pendulum()
+        angle_rad, begin_s = spoilt(time_s, angle_rad), time.monotonic() + 2.0
+        lab.e201._angle_at = lambda now_s: float(np.interp(now_s - begin_s, time_s, angle_rad))
+        log = lab.start("log", "encoder", *label, "--for", lasts_s, "--json")
+        log.wait_for_rows(1)
+        begun_s = time.monotonic()
+        if during:
+            log.wait_until_said(during)
+            print(f"{time.monotonic() - begun_s:.1f} s: {log.err.splitlines()[-1]}")
+        said = log.end()
+    found = json.loads(said.out)["verdict"]
+    print(f"verdict: {found['text']}")
+    assert not found["usable"]
+    assert verdict in found["text"]
+
+
+def scaled(*factors: float) -> Spoil:
+    """Return what makes the axes of the load cell feel so much of their load."""
+
+    def spoil(bench: Bench) -> None:
+        cell = bench.rig.loadcell.box.load_cell
+        read = cell.read
+        cell.read = lambda time_s, wrench: read(time_s, np.array(factors) * wrench)  # type: ignore[method-assign]
+
+    return spoil
+
+
+def overload(bench: Bench) -> None:
+    bench.rig.loadcell.box.load_cell.overload()
+
+
+def lose_a_third(bench: Bench) -> None:
+    bench.loadcell_suffers(drop_every=3)
+
+
+def empty(bench: Bench) -> None:
+    bench.vehicle_suffers(low_battery_after_s=0)
+
+
+def leave(_: Bench) -> None:
+    pass
+
+
+@pytest.mark.parametrize(
+    ("words", "truth", "spoil", "during", "verdict"),
+    [
+        (STAIRS, {}, scaled(1, 1, 0, 1, 1, 1), "no thrust is felt at command 20000", "the motors never turn"),
+        (STAIRS, {}, overload, "saturation, or the converter failed", None),
+        (
+            STAIRS,
+            {"rotors": {"time_constant_s": 2.0}},
+            leave,
+            "command 20000 does not settle",
+            "none of 4 steps settles",
+        ),
+        (SINE, {}, scaled(0, 0, 0, 0, 0, 0), "the load cell does not feel it", "does not feel it"),
+        (STAIRS, {}, lose_a_third, "", "samples of loadcell are lost"),
+        (STAIRS, {}, empty, "the battery is at 2.90 V", None),
+    ],
+    ids=["a dead axis", "a cell beyond its range", "slow steps", "a sine not felt", "lost samples", "an empty battery"],
+)
+def test_with_motors(
+    tmp_path: Path, words: tuple[object, ...], truth: dict[str, Any], spoil: Spoil, during: str, verdict: str | None
+) -> None:
+    with bench_in(tmp_path, **truth) as bench:
+        pilot = bench.start("log", *words, "--no-preflight", "--json")
+        pilot.wait_until_motors_run(0.0)
+        begun_s = time.monotonic()
+        bench.in_loop(lambda: spoil(bench))
+        while during not in pilot.err:
+            assert pilot.process.poll() is None or during in pilot.err, pilot.err
+            time.sleep(0.02)
+        if during:
+            print(f"{time.monotonic() - begun_s:.1f} s: {pilot.err.splitlines()[-1]}")
+        pilot.end()
+        found = bench.run().header.verdict
+    print(f"verdict: {found and found.text}")
+    assert (found is None) == (verdict is None)
+    assert found is None or str(verdict) in found.text
