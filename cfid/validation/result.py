@@ -94,7 +94,7 @@ def compared(each: Mapping[str, Mapping[str, Array]]) -> list[Compared]:
 def _check(flown: FlownLog, sets: Sequence[ParameterSet], used: Mapping[str, frozenset[str]]) -> None:
     names = [one.name for one in sets]
     if not names:
-        raise ConfigError("no parameter set: work in a campaign that has one, or name one by --with.")
+        raise ConfigError("no parameter set: work in a campaign that has one, or name one by `with`.")
     if len(set(names)) < len(names):
         raise ConfigError(f"two parameter sets are called {max(names, key=names.count)}: name each once.")
     for campaign, sources in used.items():

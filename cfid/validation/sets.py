@@ -42,10 +42,10 @@ def published_set(name: str, *, in_volts: bool) -> ParameterSet:
     """Return a published set. Raises ConfigError for another name, or for one that needs the battery's voltage."""
     make = PUBLISHED.get(name)
     if make is None:
-        raise ConfigError(f"--with {name}: no campaign folder, and no published set ({', '.join(PUBLISHED)}).")
+        raise ConfigError(f"`with` {name}: no campaign folder, and no published set ({', '.join(PUBLISHED)}).")
     one = make()
     if one.in_volts and not in_volts:
-        raise ConfigError(f"--with {name}: its thrust is of volts, and the log has no battery voltage (pm.vbat).")
+        raise ConfigError(f"`with` {name}: its thrust is of volts, and the log has no battery voltage (pm.vbat).")
     return one
 
 
