@@ -1,6 +1,7 @@
 """`cfid rig preflight` and its quick part: what is wrong with the signals is named before anything is recorded."""
 
 import json
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -111,6 +112,44 @@ def test_propellers_are_judged_once_the_operator_agrees_and_the_worst_is_named(t
     assert all("% of" in answer["answer"] and answer["limit"] for answer in answers)
     assert "motors stopped, confirmed in" in pilot.err
     assert not any(still)
+
+
+def test_propellers_out_of_balance_are_named_with_what_to_do(tmp_path: Path) -> None:
+    rotors = {"unbalance": (3.0, 3.0, 1.5, 0.03, 0.03, 0.01)}
+    with bench_in(tmp_path, **FULL, rotors=rotors) as bench:
+        content = (tmp_path / "rig.toml").read_text().replace("rate_hz = 700\n", "rate_hz = 7000\n")
+        (tmp_path / "rig.toml").write_text(content)
+        pilot = bench.start("rig", "preflight", "--for", 1, "--yes", "--json")
+        assert pilot.end() == 3
+    answers = json.loads(pilot.out)["devices"]["rotors"]
+
+    assert [answer["state"] for answer in answers] == ["fault"] * 4
+    assert all("replace this propeller" in answer["advice"] for answer in answers), answers
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    [(signal.SIGINT,), (signal.SIGINT, signal.SIGINT), (signal.SIGHUP,), (signal.SIGTERM,)],
+    ids=["Ctrl-C", "Ctrl-C twice", "the terminal hangs up", "a plain kill"],
+)
+def test_however_the_look_at_the_balance_ends_the_motors_are_off_and_the_vehicle_can_be_used(
+    tmp_path: Path, numbers: tuple[int, ...]
+) -> None:
+    with bench_in(tmp_path, **FULL) as bench:
+        content = (tmp_path / "rig.toml").read_text().replace("rate_hz = 700\n", "rate_hz = 3500\n")
+        (tmp_path / "rig.toml").write_text(content)
+        pilot = bench.start("rig", "preflight", "--for", 0.5, "--yes")
+        pilot.wait_until_motors_run()
+        pilot.send(*numbers)
+        assert pilot.end() != 0
+        still, turned = bench.motors, len(bench.history)
+        again = bench.start(*STAIRS, "--yes", "--no-preflight")
+        code = again.end()
+
+        assert not any(still)
+        assert code == 0, again.err
+        assert any(any(motors) for _, motors in bench.history[turned:])
+        assert not any(bench.motors)
 
 
 def test_a_pendulum_that_moves_is_not_ready_and_one_that_hangs_still_is(lab: Lab) -> None:
