@@ -10,7 +10,7 @@ import numpy.typing as npt
 from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of, sandwich
 from cfid.flight.likelihood import whitening, without
-from cfid.flight.model import Block, Flight, segments
+from cfid.flight.model import Flight, FlightEquation, segments
 
 Array = npt.NDArray[np.float64]
 
@@ -20,7 +20,7 @@ _SMOOTH = 10  # rows over which noise is averaged before judging how much is exp
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class DragFit:
+class AxisDrag:
     """How fast air brakes along one axis, in 1/s, with its standard uncertainty, and the part that it explains.
 
     `speed` is the root mean square of the velocity's changes in m/s. `velocity` and `force` (n,) are what was compared.
@@ -34,7 +34,7 @@ class DragFit:
     force: Array
 
 
-def fit_drag(flights: Sequence[Flight], *, axis: int) -> DragFit | None:
+def fit_drag(flights: Sequence[Flight], *, axis: int) -> AxisDrag | None:
     """Fit specific force = -rate * velocity + a constant of each flight along an axis across the thrust, 0 or 1.
 
     Returns None where less than 5 s have a velocity.
@@ -47,7 +47,7 @@ def fit_drag(flights: Sequence[Flight], *, axis: int) -> DragFit | None:
         at = np.concatenate([np.arange(one.start, one.stop) for one in parts])
         lengths = tuple(one.stop - one.start for one in parts)
         terms = -flight.velocity[at, axis : axis + 1]
-        blocks.append(Block(axis, flight.force[at, axis], terms, np.ones((len(at), 1)), lengths))
+        blocks.append(FlightEquation(axis, flight.force[at, axis], terms, np.ones((len(at), 1)), lengths))
     if sum(map(len, (block.shown for block in blocks))) < _FEWEST:
         return None
     found = np.zeros(1)
@@ -64,7 +64,7 @@ def fit_drag(flights: Sequence[Flight], *, axis: int) -> DragFit | None:
     velocity = np.concatenate([-without(block.terms[:, 0], np.ones((len(block.shown), 1))) for block in blocks])
     force = np.concatenate([without(block.shown, block.others) for block in blocks])
     slow = [block_means(values, length=_SMOOTH) for values in (force + found[0] * velocity, force)]
-    return DragFit(
+    return AxisDrag(
         rate=float(found[0]),
         std=math.sqrt(float(covariance[0, 0])),
         explained=float(1 - np.var(slow[0]) / np.var(slow[1])),

@@ -16,7 +16,7 @@ from cfid.errors import FitError
 from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of, sandwich, std_of
 from cfid.flight.likelihood import PAST, White, whitening, without
-from cfid.flight.model import AXES, Block, Flight, Lag, blocks_of, segments
+from cfid.flight.model import AXES, Flight, FlightEquation, ThrustLag, blocks_of, segments
 
 Array = npt.NDArray[np.float64]
 
@@ -55,12 +55,12 @@ class FlightFit:
     excitation: dict[str, float]
     feedback: Array
     rows: int
-    blocks: tuple[tuple[Block, Array], ...]
+    blocks: tuple[tuple[FlightEquation, Array], ...]
 
     @property
-    def lag(self) -> Lag:
+    def lag(self) -> ThrustLag:
         """The time constants of rising and falling drives."""
-        return Lag(*map(float, self.values[LAGS]))
+        return ThrustLag(*map(float, self.values[LAGS]))
 
     @property
     def thrust(self) -> Array:
@@ -130,10 +130,10 @@ class _Equations:
     flights: Sequence[Flight]
     white: tuple[White, ...] = ()
 
-    def at(self, p: Array) -> list[Block]:
+    def at(self, p: Array) -> list[FlightEquation]:
         """Return the equations for time constants and delays."""
         rising_s, falling_s, of_force_s, of_rates_s = map(float, p[: DELAYS.stop])
-        lag, delays_s = Lag(rising_s, falling_s), (of_force_s, of_rates_s)
+        lag, delays_s = ThrustLag(rising_s, falling_s), (of_force_s, of_rates_s)
         return [one for flight in self.flights for one in blocks_of(flight, lag, delays_s)]
 
     def residual(self, p: Array) -> Array:
@@ -198,7 +198,7 @@ def _covariance(jacobian: Array, residual: Array, lengths: Sequence[int]) -> Arr
     return np.asarray(covariance * np.outer(wider, wider))
 
 
-def _levelled(p: Array, covariance: Array, vertical: Sequence[Block]) -> tuple[Array, Array]:
+def _levelled(p: Array, covariance: Array, vertical: Sequence[FlightEquation]) -> tuple[Array, Array]:
     """Return parameters and covariance with the thrust's constant, from the mean force: slopes alone are fitted."""
     slopes = p.copy()
     slopes[THRUST.start] = 0.0
@@ -246,18 +246,18 @@ def _scales(p: Array) -> Array:
     return np.concatenate([p[LAGS], [_DELAY_S, _DELAY_S], thrust, np.maximum(np.abs(p[TURNS]), 1e-3)])
 
 
-def _fitted(block: Block, p: Array) -> Array:
+def _fitted(block: FlightEquation, p: Array) -> Array:
     """Return what the rotors do (k,) in an equation."""
     gain = 1.0 if block.axis is None else float(p[TURNS][block.axis])
     return np.asarray(gain * (block.terms @ p[THRUST]))
 
 
-def _left(block: Block, p: Array) -> Array:
+def _left(block: FlightEquation, p: Array) -> Array:
     """Return an equation's errors (k,), before they are whitened."""
     return without(block.shown - _fitted(block, p), block.others)
 
 
-def _explained(fitted: Sequence[tuple[Block, Array]]) -> float:
+def _explained(fitted: Sequence[tuple[FlightEquation, Array]]) -> float:
     """Return the part of the variance of the vertical force's means over 0.1 s that the rotors explain."""
     vertical = [(block, thrusts) for block, thrusts in fitted if block.axis is None]
     left = np.concatenate([block_means(block.shown - thrusts, length=_SMOOTH) for block, thrusts in vertical])
@@ -265,7 +265,7 @@ def _explained(fitted: Sequence[tuple[Block, Array]]) -> float:
     return float(1 - np.var(left) / max(float(np.var(whole)), 1e-300))
 
 
-def _excitation(fitted: Sequence[tuple[Block, Array]]) -> dict[str, float]:
+def _excitation(fitted: Sequence[tuple[FlightEquation, Array]]) -> dict[str, float]:
     found: dict[str, list[Array]] = {}
     for block, thrusts in fitted:
         name = "vertical" if block.axis is None else AXES[block.axis]

@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 
 from cfid.drawing.style import MODEL, RECORDED, draw_line, figure, legend, name_panel, styled
 from cfid.findings import Finding, texts
-from cfid.flight.braking import DragFit
+from cfid.flight.braking import AxisDrag
 from cfid.flight.estimation import FlightFit
-from cfid.flight.model import AXES, ROW_S, Block
+from cfid.flight.model import AXES, ROW_S, FlightEquation
 
 Array = npt.NDArray[np.float64]
 
@@ -21,7 +21,7 @@ _MEAN = 5  # rows of a drawn mean: 50 ms
 
 @styled
 def flight_figure(
-    found: FlightFit, drags: Mapping[str, DragFit | None], findings: Sequence[Finding], *, title: str
+    found: FlightFit, drags: Mapping[str, AxisDrag | None], findings: Sequence[Finding], *, title: str
 ) -> Figure:
     """Return the liveliest four seconds of each equation with what the rotors explain, and drag where it is known."""
     known = {axis: one for axis, one in drags.items() if one is not None}
@@ -36,7 +36,7 @@ def flight_figure(
     return page
 
 
-def _draw(axes: Axes, letter: str, block: Block, rotors: Array) -> None:
+def _draw(axes: Axes, letter: str, block: FlightEquation, rotors: Array) -> None:
     what, unit = ("vertical", "m/s²") if block.axis is None else (AXES[block.axis], "rad/s²")
     name_panel(axes, f"({letter}) {what}", x="time (s)", y=f"acceleration ({unit})")
     begins = range(0, max(len(rotors) - _SHOWN, 0) + 1, _SHOWN // 4)
@@ -50,7 +50,7 @@ def _draw(axes: Axes, letter: str, block: Block, rotors: Array) -> None:
     legend(axes)
 
 
-def _draw_drag(axes: Axes, name: str, one: DragFit) -> None:
+def _draw_drag(axes: Axes, name: str, one: AxisDrag) -> None:
     name_panel(axes, name, x="velocity (m/s)", y="specific force (m/s²)")
     step = max(len(one.velocity) // 800, 1)
     axes.plot(one.velocity[::step], one.force[::step], ".", color=RECORDED, ms=2.5, label="measured")

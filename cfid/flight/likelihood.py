@@ -14,7 +14,7 @@ import numpy.typing as npt
 from scipy.signal import lfilter
 
 from cfid.estimate.linear import gain_of
-from cfid.flight.model import Block
+from cfid.flight.model import FlightEquation
 
 Array = npt.NDArray[np.float64]
 
@@ -36,7 +36,7 @@ class White:
         return np.asarray((white - self.basis @ (self.basis.T @ white)) / self.size)
 
 
-def whitening(block: Block, left: Array) -> White:
+def whitening(block: FlightEquation, left: Array) -> White:
     """Return what whitens an equation whose errors (n,) are `left`."""
     parts = _parts(left, block.lengths)
     past = np.concatenate(

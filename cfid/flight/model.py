@@ -74,7 +74,7 @@ class Flight:
         return self.drive[::ROW_STEPS][: len(self.rates)]
 
 
-class Lag(NamedTuple):
+class ThrustLag(NamedTuple):
     """dw/dt = (u - w) / tau of a rotor's drive u, tau being `rising_s` where u > w and `falling_s` elsewhere."""
 
     rising_s: float
@@ -93,7 +93,7 @@ class Lag(NamedTuple):
         return late
 
 
-class Block(NamedTuple):
+class FlightEquation(NamedTuple):
     """An equation of one flight at rows (k,): `shown` is a sum of `terms`, by the powers of thrust, and `others`.
 
     `terms` (k, 3) go with c0, c1, c2; `others` (k, q) are what else may act, each with a coefficient of its own.
@@ -108,8 +108,8 @@ class Block(NamedTuple):
 
 
 def blocks_of(
-    flight: Flight, lag: Lag, delays_s: tuple[float, float] = (0.0, 0.0), *, axes: Sequence[int] = (0, 1, 2)
-) -> list[Block]:
+    flight: Flight, lag: ThrustLag, delays_s: tuple[float, float] = (0.0, 0.0), *, axes: Sequence[int] = (0, 1, 2)
+) -> list[FlightEquation]:
     """Return the equation of the vertical force and those of the rates about some axes, for rotors of a lag.
 
     `delays_s` is how much later the accelerometer and the gyro show it.
@@ -139,7 +139,7 @@ def segments(mask: Mask, fewest: int = 100) -> list[slice]:
     return [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= fewest]
 
 
-def _vertical(flight: Flight, powers: Array) -> Block:
+def _vertical(flight: Flight, powers: Array) -> FlightEquation:
     terms = _rows(flight, powers.sum(axis=2).T)
     hovering = float(np.median(flight.force[flight.driven, 2])) if flight.driven.any() else 0.0
     if flight.velocity is None:  # none in the mean
@@ -157,7 +157,7 @@ def _faded(values: Array) -> Array:
     return np.asarray(lfilter([0.0, ROW_S], [1.0, -math.exp(-ROW_S / CLIMB_S)], values))
 
 
-def _turning(flight: Flight, powers: Array, axis: int) -> Block:
+def _turning(flight: Flight, powers: Array, axis: int) -> FlightEquation:
     turning = (powers @ TURNING[axis]).T  # (n, 3)
     gone = _rows(flight, (np.cumsum(turning, axis=0) - turning / 2) * STEP_S)  # trapezoids, but for a constant
     total = _rows(flight, powers[1].sum(axis=1)[:, np.newaxis])[:, 0]
@@ -185,6 +185,6 @@ def _rows(flight: Flight, steps: Array) -> Array:
     return np.asarray(steps[::ROW_STEPS][: len(flight.rates)])
 
 
-def _cut(axis: int | None, shown: Array, terms: Array, others: Array, parts: Sequence[slice]) -> Block:
+def _cut(axis: int | None, shown: Array, terms: Array, others: Array, parts: Sequence[slice]) -> FlightEquation:
     at = np.concatenate([np.arange(one.start, one.stop) for one in parts]) if parts else np.zeros(0, int)
-    return Block(axis, shown[at], terms[at], others[at], tuple(one.stop - one.start for one in parts))
+    return FlightEquation(axis, shown[at], terms[at], others[at], tuple(one.stop - one.start for one in parts))

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from cfid.errors import ConfigError, DataError
 from cfid.estimate.common_causes import power_law, with_common_causes
 from cfid.findings import Finding, note, rejection, warning
-from cfid.flight.braking import DragFit, fit_drag
+from cfid.flight.braking import AxisDrag, fit_drag
 from cfid.flight.data import FlownLog
 from cfid.flight.estimation import THRUST, TURNS, FlightFit, fit_flights
 from cfid.flight.figures import flight_figure
@@ -175,7 +175,7 @@ def _moment_findings(found: FlightFit, body: Body) -> list[Finding]:
     return result
 
 
-def _drag_findings(drags: Mapping[str, DragFit | None]) -> list[Finding]:
+def _drag_findings(drags: Mapping[str, AxisDrag | None]) -> list[Finding]:
     if not any(drags.values()):
         text = "no drag: the logs have no velocity and attitude of motion capture (vx, vy, vz, qw, qx, qy, qz)."
         return [note("flight-no-velocity", text)]
@@ -198,7 +198,9 @@ def _drag_findings(drags: Mapping[str, DragFit | None]) -> list[Finding]:
     return result
 
 
-def _lines(flights: Sequence[FlownLog], found: FlightFit, drags: Mapping[str, DragFit | None]) -> list[str | Dependent]:
+def _lines(
+    flights: Sequence[FlownLog], found: FlightFit, drags: Mapping[str, AxisDrag | None]
+) -> list[str | Dependent]:
     excited = [
         f"{name} {value:.2g} {'m/s^2' if name == 'vertical' else 'rad/s^2'}" for name, value in found.excitation.items()
     ]

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from cfid.estimate.common_causes import Cause
 from cfid.estimate.linear import std_of
-from cfid.flight.braking import DragFit
+from cfid.flight.braking import AxisDrag
 from cfid.flight.estimation import DELAYS, LAGS, THRUST, TURNS, FlightFit
 from cfid.flight.model import AXES, LEVER
 from cfid.records.covariances import Covariance, covariance_between
@@ -117,7 +117,7 @@ def causes_of(body: Body) -> tuple[dict[str, dict[Cause, float]], dict[str, dict
     return measured, powers
 
 
-def drag_quantities(drags: Mapping[str, DragFit | None], body: Body) -> dict[str, Parameter]:
+def drag_quantities(drags: Mapping[str, AxisDrag | None], body: Body) -> dict[str, Parameter]:
     """Return drag over mass, and drag, along the axes where it was fitted."""
     found = {axis: one for axis, one in drags.items() if one is not None}
     rates = {

@@ -21,7 +21,7 @@ FEWEST = 8  # segments: fewer give no interval
 
 
 @dataclass(frozen=True, kw_only=True)
-class Compared:
+class SetError:
     """The mean error of one set, and how much more that is than the first set's, with the half width of 95 %."""
 
     quantity: str
@@ -69,7 +69,7 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Mapping[str
     )
 
 
-def compared(each: Mapping[str, Mapping[str, Array]]) -> list[Compared]:
+def compared(each: Mapping[str, Mapping[str, Array]]) -> list[SetError]:
     """Return the table of errors (s, h) of sets by quantity, each set paired with the first over segments."""
     first = next(iter(each.values()))
     table = []
@@ -79,7 +79,7 @@ def compared(each: Mapping[str, Mapping[str, Array]]) -> list[Compared]:
                 error, more = found[quantity][:, place], (found[quantity] - first[quantity])[:, place]
                 half = COVERAGE_95 * float(np.std(more, ddof=1)) / math.sqrt(len(more))
                 mean = float(np.mean(more))
-                one = Compared(
+                one = SetError(
                     quantity=quantity,
                     horizon_s=ROW_S * rows,
                     name=name,
@@ -114,7 +114,7 @@ def _described(one: ParameterSet) -> str:
     return f"{one.name}: {body}, {lag}; from {one.origin}"
 
 
-def _lines(table: Sequence[Compared], flown: FlownLog, count: int) -> list[str]:
+def _lines(table: Sequence[SetError], flown: FlownLog, count: int) -> list[str]:
     captured = flown.flight.velocity is not None
     lines = [f"mean errors over {count} segments of 1 s; in brackets how much more than {table[0].name}, with 95 %:"]
     for quantity in QUANTITIES:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cfid.flight.model import LEVER, ROW_S, ROW_STEPS, STEP_S, TURNING, Flight, Lag, delayed, segments
+from cfid.flight.model import LEVER, ROW_S, ROW_STEPS, STEP_S, TURNING, Flight, ThrustLag, delayed, segments
 from cfid.units import USUAL_GRAVITY_MPS2
 
 Array = npt.NDArray[np.float64]
@@ -40,7 +40,7 @@ class ParameterSet:
     torque_m: float
     thrust_n: tuple[float, ...]
     in_volts: bool
-    lag: Lag | None = None
+    lag: ThrustLag | None = None
     delay_s: float = 0.0
     drag_per_s: tuple[float, float] | None = None
 

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import ConfigError
-from cfid.flight.model import Lag
+from cfid.flight.model import ThrustLag
 from cfid.records.campaign import Campaign
 from cfid.records.parameters import Parameter
 from cfid.report import published
@@ -63,7 +63,7 @@ def _of_rig(campaign: Campaign, name: str, in_volts: bool) -> ParameterSet:
         torque_m=float(at["motor.torque_poly"].value[-2]),
         thrust_n=thrust_n,
         in_volts=in_volts,
-        lag=Lag(lag_s, lag_s),
+        lag=ThrustLag(lag_s, lag_s),
     )
 
 
@@ -83,7 +83,7 @@ def _of_flights(campaign: Campaign, name: str, in_volts: bool) -> ParameterSet:
         torque_m=0.0 if yaw is None or torque is None else float(torque.value[-2]),
         thrust_n=thrust_n,
         in_volts=in_volts,
-        lag=Lag(at["flight.rising_s"].value, at["flight.falling_s"].value),
+        lag=ThrustLag(at["flight.rising_s"].value, at["flight.falling_s"].value),
         delay_s=at["flight.delay_s"].value,
         drag_per_s=None if forward is None or left is None else (float(forward.value), float(left.value)),
     )
@@ -154,7 +154,7 @@ def _thesis() -> ParameterSet:
         torque_m=_value(published.TORQUE_PER_THRUST_M, "thesis", "Crazyflie 2.0"),
         thrust_n=_through(commands, thrust, degree=2),
         in_volts=False,
-        lag=Lag(lag_s, lag_s),
+        lag=ThrustLag(lag_s, lag_s),
     )
 
 

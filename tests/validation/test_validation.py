@@ -8,10 +8,10 @@ import pytest
 
 from cfid.errors import ConfigError, DataError
 from cfid.flight.data import FlownLog, flight_of
-from cfid.flight.model import LEVER, Lag
+from cfid.flight.model import LEVER, ThrustLag
 from cfid.records.campaign import open_campaign
 from cfid.records.parameters import Parameter
-from cfid.validation.result import Compared, compared, validate
+from cfid.validation.result import SetError, compared, validate
 from cfid.validation.rollout import HORIZONS, ParameterSet, errors, starts
 from cfid.validation.sets import PUBLISHED, of_campaign, published_set
 from tests.campaigns import Cfid
@@ -34,7 +34,7 @@ def truth(vehicles: Fleet, place: int = 0) -> ParameterSet:
         torque_m=float(vehicles.torque[place]),
         thrust_n=(vehicles.k * idle**2, 2 * vehicles.k * idle * gain, vehicles.k * gain**2),
         in_volts=False,
-        lag=Lag(float(vehicles.rising[place]), float(vehicles.falling[place])),
+        lag=ThrustLag(float(vehicles.rising[place]), float(vehicles.falling[place])),
         delay_s=LATE_STEPS * STEP + GYRO_DELAY_S,
         drag_per_s=(float(vehicles.braking[place]), float(vehicles.braking[place])),
     )
@@ -47,13 +47,13 @@ def flown() -> tuple[ParameterSet, FlownLog]:
     return truth(vehicles), flight_of(fly(vehicles, rng, seconds=24.0, wind=0.1)[0])
 
 
-def of(table: list[Compared], quantity: str, horizon_s: float, name: str) -> Compared:
+def of(table: list[SetError], quantity: str, horizon_s: float, name: str) -> SetError:
     return next(
         one for one in table if (one.quantity, one.name) == (quantity, name) and abs(one.horizon_s - horizon_s) < 1e-9
     )
 
 
-def table_of(flown: FlownLog, *sets: ParameterSet) -> list[Compared]:
+def table_of(flown: FlownLog, *sets: ParameterSet) -> list[SetError]:
     at = starts(flown.by_command)
     return compared({one.name: errors(flown.by_command, one, at) for one in sets})
 
@@ -141,7 +141,7 @@ def test_a_rig_gives_a_set_along_forward_left_and_up(tmp_path: Path) -> None:
     assert one.moments_kg_m2[0] == matrix[forward][forward]
     full = 2.13e-11 * 65535**2 + 1.0326e-6 * 65535 + 5.48e-4
     assert sum(one.thrust_n) == pytest.approx(full)
-    assert one.lag == Lag(0.065, 0.065)
+    assert one.lag == ThrustLag(0.065, 0.065)
     assert "no set of the flight" in missing[0]
 
 
