@@ -19,6 +19,7 @@ from cfid.drag.figures import drag_figures
 from cfid.drag.model import CROSS_MENDED
 from cfid.drag.thesis import Grouping, Normalised, group_rows, normalise
 from cfid.drag.wind.data import AS_THEY_ARE, WindReading
+from cfid.drawing.rig import load_cell_figure
 from cfid.estimate.common_causes import Effects, moved_by, with_common_causes
 from cfid.findings import Finding, note
 from cfid.quantities.lookup import unit_of
@@ -116,7 +117,17 @@ def _effects(found: DragModels, again: _Again) -> Effects:
 
 
 def _drawings(found: DragModels) -> Figures:
-    return drag_figures(found)
+    return {**drag_figures(found), **_of_the_rig(found.experiments)}
+
+
+def _of_the_rig(runs: DragExperiments) -> Figures:
+    """Draw how the vehicle stood, if all runs state the same."""
+    stated = {(rig.yaw_in_wind_deg, rig.wind.azimuth_deg) for rig in runs.rigs}
+    yaw_deg, azimuth_deg = stated.pop() if len(stated) == 1 else (None, None)
+    if yaw_deg is None:
+        return {}
+    title = "Load cell and wind, as rig.toml states them"
+    return {"drag_rig": load_cell_figure(yaw_deg, azimuth_deg=azimuth_deg, title=title)}
 
 
 def drag_quantities(found: DragModels, grouping: Grouping | None = None) -> dict[str, Parameter]:

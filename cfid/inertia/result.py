@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cfid.drawing.rig import mounts_figure
 from cfid.errors import FitError
 from cfid.estimate.linear import weighted_mean
 from cfid.findings import Finding, note, rejection, warning
@@ -94,7 +95,8 @@ def fit(
     ]
 
     def drawings() -> Figures:
-        return {} if matrix is None else {"inertia": budget_figure(matrix, axes=axes)}
+        budget = {} if matrix is None else {"inertia": budget_figure(matrix, axes=axes)}
+        return {**budget, **_mounts_figure(body, axes)}
 
     return Result(
         command="fit inertia",
@@ -116,6 +118,13 @@ def fit(
         drawings=drawings,
         folder=measured.folder,
     )
+
+
+def _mounts_figure(body: SwungBody, axes: Sequence[str]) -> Figures:
+    """Draw the axes that it swung about; a pair of threads has none."""
+    hung = {axis: body.mounts[axis] for axis in axes if axis in body.mounts and body.mounts[axis].threads is None}
+    title = "Axes of the swings, as rig.toml states them"
+    return {"inertia_mounts": mounts_figure(hung, title=title)} if hung else {}
 
 
 def _neglected_fixture(axis_inertias: AxisInertias, about: MeasuredAxes) -> list[Finding]:

@@ -1,5 +1,6 @@
-"""Draw both suspensions of a swing for the how-to pages: `python docs/make_suspensions.py`."""
+"""Draw the rig for the how-to pages: `python docs/make_drawings.py`."""
 
+import tempfile
 from pathlib import Path
 
 import matplotlib as mpl
@@ -9,13 +10,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Circle, FancyArrowPatch, Rectangle
 
+from cfid.drawing.rig import load_cell_figure, mounts_figure
+from cfid.records.rig_file import RIG_FILE, load_rig, new_rig_text
+
 mpl.rcParams.update({"svg.hashsalt": "cfid", "svg.fonttype": "none"})  # the same drawing is the same file
 FOLDER = Path(__file__).parent / "how-to" / "figures"
 INK, BODY, SIZE, PATH = "#222222", "#cfd8e3", "#b03a2e", "#1f6fb2"
 
 
 def main() -> None:
-    """Write both drawings."""
+    """Write both suspensions, and the mounts, the load cell and the wind of a new rig.toml."""
     FOLDER.mkdir(exist_ok=True)
     for name, draw in (("axis", _axis), ("threads", _threads)):
         figure = Figure(figsize=(6.4, 3.9), layout="constrained")
@@ -24,6 +28,17 @@ def main() -> None:
         axes.set_axis_off()
         draw(axes)
         figure.savefig(FOLDER / f"suspension_{name}.svg", metadata={"Date": None})
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / RIG_FILE
+        path.write_text(new_rig_text(), encoding="utf-8")
+        rig = load_rig(path)
+    drawn = {
+        "mounts": mounts_figure(rig.mounts),
+        "load_cell": load_cell_figure(rig.loadcell.yaw_deg or 0.0),
+        "wind": load_cell_figure(rig.wind.yaw_deg or 0.0, azimuth_deg=rig.wind.azimuth_deg, angle_deg=48.4),
+    }
+    for name, page in drawn.items():
+        page.savefig(FOLDER / f"{name}.svg", metadata={"Date": None})
 
 
 def _axis(axes: Axes) -> None:

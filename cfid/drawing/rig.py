@@ -1,0 +1,127 @@
+"""Draw the rig as rig.toml states it, so that a wrong sign or a wrong arm is seen: mounts, load cell, wind."""
+
+import math
+from collections.abc import Mapping
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Rectangle
+
+from cfid.drawing.style import INK, MODEL, MUTED, SERIES, WINDOW, figure, styled
+from cfid.records.mounts import Mount
+
+Point = tuple[float, float]
+
+_ARM_MM, _ROTOR_MM = 46.0, 23.0  # of a Crazyflie
+_PANEL_IN = 3.0
+_SHORTEST_MM, _LONGER_MM = 24.0, 7.0  # half an axis, and by how much each next one is longer: names stay apart
+_ARROW_MM = 40.0
+_WIND_MM = 95.0
+
+
+@styled
+def mounts_figure(mounts: Mapping[str, Mount], *, title: str = "") -> Figure:
+    """Return the swings' axes through the vehicle, from above and from its right: points and directions to scale."""
+    page, grid = figure(1, 2, heights_in=[_PANEL_IN], title=title)
+    above, side = (
+        _plan(page.add_subplot(grid[0, place]), name) for place, name in enumerate(("from above", "from the right"))
+    )
+    _vehicle_above(above)
+    _arrow(above, (0, 0), (0, _ARROW_MM), "x", MUTED)
+    _arrow(above, (0, 0), (-_ARROW_MM, 0), "y", MUTED)
+    side.add_patch(Rectangle((-_ARM_MM, -3), 2 * _ARM_MM, 6, fc="none", ec=MUTED))
+    _arrow(side, (0, 0), (_ARROW_MM, 0), "x", MUTED)
+    _arrow(side, (0, 0), (0, _ARROW_MM), "z", MUTED)
+    for place, (name, mount) in enumerate(mounts.items()):
+        (x, y, z), size = (1e3 * length for length in mount.point_m), math.hypot(*mount.direction)
+        along = [(_SHORTEST_MM + _LONGER_MM * place) * part / size for part in mount.direction]
+        colour = SERIES[place % len(SERIES)]
+        _axis(above, (-y, x), (-along[1], along[0]), name, colour)
+        _axis(side, (x, z), (along[0], along[2]), name, colour)
+    return page
+
+
+@styled
+def load_cell_figure(
+    yaw_deg: float, *, azimuth_deg: float | None = None, angle_deg: float | None = None, title: str = ""
+) -> Figure:
+    """Return the load cell under the vehicle, from above and from the side, and where the wind comes from, if any.
+
+    `yaw_deg` is how far the cell's x axis lies left of the nose, `azimuth_deg` how far the wind generator stands to its
+    right, and `angle_deg` how far the wind is from the vertical.
+    """
+    page, grid = figure(1, 2, heights_in=[_PANEL_IN], title=title)
+    above, side = (
+        _plan(page.add_subplot(grid[0, place]), name) for place, name in enumerate(("from above", "from the side"))
+    )
+    _vehicle_above(above)
+    above.annotate("nose", (0, 1.25 * _ARM_MM), color=MUTED, ha="center", size=8.5)
+    left = math.radians(yaw_deg)
+    for name, turned in (("x", left), ("y", left + math.pi / 2)):
+        _arrow(
+            above, (0, 0), (-_ARROW_MM * math.sin(turned), _ARROW_MM * math.cos(turned)), f"{name} of the cell", MODEL
+        )
+    if azimuth_deg is not None:
+        right = math.radians(azimuth_deg)
+        _wind(above, (_WIND_MM * math.sin(right), _WIND_MM * math.cos(right)), (0.0, 0.0))
+    _load_cell_side(side)
+    if angle_deg is not None:
+        down = math.radians(angle_deg)
+        _wind(side, (_WIND_MM * math.sin(down), 20 + _WIND_MM * math.cos(down)), (0.0, 20.0))
+        side.plot([0, 0], [20, 20 + _WIND_MM], color=MUTED, lw=0.8, ls=":")
+    return page
+
+
+def _plan(axes: Axes, name: str) -> Axes:
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    axes.set_title(name)
+    return axes
+
+
+def _vehicle_above(axes: Axes) -> None:
+    """Draw arms and rotors, motor 1 at the front right, and the nose upwards."""
+    reach = _ARM_MM / math.sqrt(2)
+    for motor, (right, ahead) in enumerate(((1, 1), (1, -1), (-1, -1), (-1, 1)), start=1):
+        end = right * reach, ahead * reach
+        axes.plot([0, end[0]], [0, end[1]], color=MUTED, lw=2.5, alpha=0.5)
+        axes.add_patch(Circle(end, _ROTOR_MM, fc="none", ec=MUTED, lw=0.8))
+        axes.annotate(
+            f"m{motor}", (end[0] + 0.75 * right * _ROTOR_MM, end[1] + 0.75 * ahead * _ROTOR_MM), color=MUTED, size=8
+        )
+    axes.autoscale_view()
+
+
+def _load_cell_side(axes: Axes) -> None:
+    axes.plot([-70, 70], [-35, -35], color=INK, lw=2)
+    axes.add_patch(Rectangle((-16, -35), 32, 22, fc="none", ec=INK))
+    axes.annotate("load cell", (20, -27), color=INK, size=8.5)
+    axes.plot([0, 0], [-13, 12], color=INK, lw=2)
+    axes.add_patch(Rectangle((-_ARM_MM, 12), 2 * _ARM_MM, 6, fc="none", ec=MUTED))
+    for end in (-_ARM_MM, _ARM_MM):
+        axes.plot([end - _ROTOR_MM, end + _ROTOR_MM], [24, 24], color=MUTED, lw=1.5)
+    _arrow(axes, (0, 18), (0, 18 + _ARROW_MM), "Fz", MODEL)
+
+
+def _axis(axes: Axes, middle: Point, along: Point, name: str, colour: str) -> None:
+    """Draw an axis through a point; one that is seen from its end is a ring."""
+    axes.plot(*middle, "o", color=colour, ms=3)
+    if math.hypot(*along) < 1:
+        axes.plot(*middle, "o", color=colour, ms=9, mfc="none")
+        axes.annotate(name, middle, xytext=(5, -11), textcoords="offset points", color=colour, parse_math=False)
+        return
+    begin, end = ((middle[0] + way * along[0], middle[1] + way * along[1]) for way in (-1, 1))
+    axes.plot(*zip(begin, end, strict=True), color=colour, lw=1.6)
+    axes.annotate(name, end, xytext=(2, 2), textcoords="offset points", color=colour, parse_math=False)
+
+
+def _arrow(axes: Axes, begin: Point, end: Point, name: str, colour: str) -> None:
+    axes.annotate("", end, begin, arrowprops={"arrowstyle": "->", "color": colour, "lw": 1.2})
+    beyond = end[0] + 0.2 * (end[0] - begin[0]), end[1] + 0.2 * (end[1] - begin[1])
+    axes.annotate(name, beyond, color=colour, size=8.5, ha="center", va="center")
+
+
+def _wind(axes: Axes, begin: Point, end: Point) -> None:
+    axes.annotate("", end, begin, arrowprops={"arrowstyle": "->", "color": WINDOW, "lw": 2.5, "shrinkB": 6})
+    axes.annotate("wind", begin, xytext=(4, 2), textcoords="offset points", color=WINDOW)
+    axes.plot(*begin, alpha=0)

@@ -1,0 +1,70 @@
+"""Drawings of the rig: what rig.toml states is where a person would look for it."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.text import Annotation
+
+from cfid.drawing.rig import load_cell_figure, mounts_figure
+from cfid.records.mounts import Mount
+from cfid.records.rig_file import load_rig, new_rig_text
+
+Array = npt.NDArray[np.float64]
+
+
+def panels(figure: Figure) -> tuple[Axes, Axes]:
+    above, side = figure.axes
+    return above, side
+
+
+def place(axes: Axes, name: str) -> tuple[float, float]:
+    """Return where a name stands."""
+    (found,) = (one.xy for one in axes.texts if isinstance(one, Annotation) and one.get_text() == name)
+    return found
+
+
+def ends(axes: Axes, name: str) -> tuple[Array, Array]:
+    """Return the ends of the axis whose name stands at its second one."""
+    lines = [np.asarray(line.get_xydata()) for line in axes.lines]
+    (own,) = (line for line in lines if len(line) == 2 and np.allclose(line[1], place(axes, name)))
+    return own[0], own[1]
+
+
+def test_an_axis_is_drawn_where_its_mount_states_it_with_the_nose_up_and_left_on_the_left() -> None:
+    above, side = panels(mounts_figure({"a": Mount(point_mm=(10, 20, 30), direction=(0, 1, 0))}))
+    begin, end = ends(above, "a")
+
+    assert (begin + end) / 2 == pytest.approx([-20, 10])
+    assert (end - begin)[0] < 0
+    assert (end - begin)[1] == pytest.approx(0)
+    assert any(np.allclose(drawn.get_xydata(), [[10, 30]]) for drawn in side.lines)  # seen from its end
+
+
+def test_each_mount_of_a_new_rig_has_a_name_in_both_views(tmp_path: Path) -> None:
+    (tmp_path / "rig.toml").write_text(new_rig_text())
+    mounts = load_rig(tmp_path / "rig.toml").mounts
+
+    for axes in panels(mounts_figure(mounts)):
+        assert {text.get_text() for text in axes.texts} >= set(mounts)
+
+
+@pytest.mark.parametrize(("yaw_deg", "left"), [(90, (-1, 0)), (0, (0, 1)), (-45, (math.sqrt(0.5), math.sqrt(0.5)))])
+def test_the_cells_x_axis_lies_left_of_the_nose_by_its_yaw(yaw_deg: float, left: tuple[float, float]) -> None:
+    above, _ = panels(load_cell_figure(yaw_deg))
+    name = place(above, "x of the cell")
+
+    assert np.array(name) / np.hypot(*name) == pytest.approx(left)
+
+
+def test_the_wind_comes_from_the_right_of_the_nose_by_its_azimuth_and_from_above_by_its_angle() -> None:
+    above, side = panels(load_cell_figure(0, azimuth_deg=90, angle_deg=30))
+    from_right, from_above = place(above, "wind"), place(side, "wind")
+
+    assert from_right[0] > 50
+    assert from_right[1] == pytest.approx(0)
+    assert math.degrees(math.atan2(from_above[0], from_above[1] - 20)) == pytest.approx(30)
