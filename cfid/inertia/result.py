@@ -95,8 +95,7 @@ def fit(
     ]
 
     def drawings() -> Figures:
-        budget = {} if matrix is None else {"inertia": budget_figure(matrix, axes=axes)}
-        return {**budget, **_mounts_figure(body, axes)}
+        return {} if matrix is None else {"inertia": budget_figure(matrix, axes=axes), **_mounts_figure(body, axes)}
 
     return Result(
         command="fit inertia",
