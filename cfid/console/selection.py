@@ -87,7 +87,7 @@ def _is_search(word: str) -> bool:
 
 
 def name_other_folders(runs_folder: Path, words: Sequence[str]) -> None:
-    """Print a note on each folder among the runs that is none and that the words select: globs by name, others all."""
+    """Print a note on each folder among the runs that has no run.toml: of globs those that they name, else all."""
     from cfid.records.run import folders_without_run
 
     patterns = [word if is_glob(word) else "*" for word in words if _is_search(word)] or ["*"]
