@@ -72,7 +72,7 @@ def test_a_dry_run_says_the_wind_how_long_it_takes_and_what_the_thesis_plan_lack
         ({"wind": "nan"}, "--wind nan: should be"),
         ({"wind": "2000,3700"}, "--wind 2000,3700: should be"),
         ({"wind": "2,3"}, "--wind 2,3: give --angle DEG too"),
-        ({"wind": "2,3", "angle": 200.0}, "--angle 200: from 0, straight above"),
+        ({"wind": "2,3", "angle": 200.0}, "--angle 200: has to be from 0, straight above"),
         ({"wind": "2,3", "angle": 10.0, "azimuth_rad": float("nan")}, "--azimuth-rad nan: has to be a number"),
         ({"wind": "2,3", "angle": 10.0, "fan_voltage": -5.0}, "--fan-voltage -5: has to be above zero"),
     ],
