@@ -51,6 +51,7 @@ class Hands:
         self._tremor, tremor_hz, self._phase, self._let_go = others
         self._rate = 2 * math.pi * tremor_hz
         self._fades = self._wait + self._lift + hold
+        self._begins, self._takes = np.array([self._wait, self._fades]), np.array([self._lift, self._let_go])
         self._stiffness = inertia * GRIP_RAD_PER_S**2
         self._damping = 2 * inertia * GRIP_RAD_PER_S  # no overshoot
 
@@ -71,14 +72,13 @@ class Hands:
 
     def torque_nm(self, time_s: Time, angle_rad: Array, speed_rad_per_s: Array) -> Array:
         """The torque on each axis."""
-        lifted, lifting = _minimum_jerk((time_s - self._wait) / self._lift)
+        (lifted, let_go), (lifting, _) = _minimum_jerk((time_s - self._begins) / self._takes)
         phase = self._rate * time_s + self._phase
         held = self._angle + self._tremor * np.sin(phase)
         target = self._rest + lifted * held
         target_speed = lifting / self._lift * held + lifted * self._tremor * self._rate * np.cos(phase)
-        grip = 1 - _minimum_jerk((time_s - self._fades) / self._let_go)[0]
         pull = self._stiffness * (target - angle_rad) + self._damping * (target_speed - speed_rad_per_s)
-        return np.asarray(grip * pull)
+        return np.asarray((1 - let_go) * pull)
 
 
 def _minimum_jerk(x: Array) -> tuple[Array, Array]:

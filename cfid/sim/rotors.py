@@ -15,6 +15,7 @@ from cfid.sim.stepping import Array
 from cfid.sim.wander import Wander
 from cfid.wire.app import LARGEST_COMMAND
 
+Four = tuple[Number, Number, Number, Number]
 Six = tuple[Number, Number, Number, Number, Number, Number]
 
 WANDER_S = 0.1
@@ -33,7 +34,8 @@ class RotorTruth(BaseModel):
     with `time_constant_s`; below it the rotor stands. That holds at `nominal_v`: the command chops the supply voltage,
     so half the voltage acts like half the command. A rotor's thrust is `thrust_ns2_per_rad2` w^2, its
     torque `torque_m` times the thrust. Lines at rotor frequency (`unbalance`, a bent or dirty rotor) and at twice
-    that (`blade_pass`) act on Fx to Tz with so many N or Nm per newton of thrust. A tachometer counts `markers` a turn.
+    that (`blade_pass`) act on Fx to Tz with so many N or Nm per newton of thrust; `unbalance_by_motor` multiplies a
+    motor's own. A tachometer counts `markers` a turn.
 
     A rotor that slows down takes `slower_fall` longer, relatively. The arm is longer than rig.toml's by `arm_error`.
     `thrust_scatter` and `speed_wander` are relative standard deviations: of a rotor's thrust from one command that is
@@ -59,9 +61,10 @@ class RotorTruth(BaseModel):
     tachometer_gain: Number = 0.0
     tachometer_std: Spread = 4e-4  # as the UT372's maker states it
     unbalance: Six = Field(default=(0.6, 0.6, 0.3, 0.006, 0.006, 0.002))
+    unbalance_by_motor: Four = Field(default=(1.0, 1.0, 1.0, 1.0))
     blade_pass: Six = Field(default=(0.2, 0.2, 1.2, 0.004, 0.004, 0.003))
 
-    def steady_rad_per_s(self, command: Array, *, volts: float) -> Array:
+    def steady_rad_per_s(self, command: Array, *, volts: Array | float) -> Array:
         """Return the steady speeds of commands of any shape, which saturate at the largest command."""
         felt = np.minimum(command, LARGEST_COMMAND) * (volts / self.nominal_v)
         return np.where(felt < self.dead_below_command, 0.0, self.idle_rad_per_s + self.rad_per_s_per_command * felt)
@@ -172,7 +175,7 @@ class SimulatedRotors:
         self._speed = steady + ahead * lag
         wandered = 0.0 if turned is None else steady * (turned[1] - turned[0])
         self._angle = (angle + steady * held_s + ahead * lag_s * (1 - lag) + wandered) % (2 * math.pi)
-        return ahead, np.broadcast_to(lag_s, 4), angle, self._factor.copy()
+        return ahead, np.full(4, lag_s), angle, self._factor.copy()
 
     def _scatter(self, command: Array, begin_s: float) -> None:
         """Draw the thrust factor anew of rotors whose command changes after it was held."""
@@ -201,8 +204,8 @@ def _mixer(truth: RotorTruth, rng: np.random.Generator) -> Array:
     steady[:, 4] = -x_m
     steady[:, 5] = -truth.torque_m * _TURNS_LEFT  # air holds a rotor back, the rotor its motor
     waves = [steady]
-    for amplitude in (truth.unbalance, truth.blade_pass):
-        size = np.array(amplitude) * rng.uniform(0.8, 1.2, (4, 1))
+    for amplitude in (np.outer(truth.unbalance_by_motor, truth.unbalance), np.array(truth.blade_pass)):
+        size = amplitude * rng.uniform(0.8, 1.2, (4, 1))
         phase = rng.uniform(0, 2 * math.pi, (4, 6))
         waves += [size * np.cos(phase), -size * np.sin(phase)]
     return np.vstack(waves)

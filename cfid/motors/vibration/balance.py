@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from cfid.errors import FitError
 from cfid.estimate.staircase import FZ, Point, reduce_staircase
-from cfid.findings import texts
+from cfid.findings import joined, texts
 from cfid.motors.vibration.estimation import rotor_speed
 
 Array = npt.NDArray[np.float64]
@@ -59,7 +59,7 @@ def _balance(point: Point, *, time_s: Array, wrench: Array, rest: Array) -> Bala
         except FitError as error:
             reason = str(error)
         else:
-            reason = " ".join(texts(found.findings, "rejection"))
+            reason = joined(texts(found.findings, "rejection"))
     if reason:
         return Balance(motors=motors, thrust_n=math.nan, line_n=math.nan, speed_rad_per_s=math.nan, reason=reason)
     lines = [

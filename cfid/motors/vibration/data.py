@@ -10,7 +10,7 @@ from cfid.errors import DataError
 from cfid.estimate.signals import without_spikes
 from cfid.estimate.staircase import Point
 from cfid.estimate.windows import LAGS
-from cfid.findings import Finding, note, texts, warning
+from cfid.findings import Finding, joined, note, texts, warning
 from cfid.motors.data import channels_of
 from cfid.motors.vibration.estimation import RotorSpeed, rotor_speed
 from cfid.records.tables.wrench import AXES, WrenchRecord
@@ -89,7 +89,7 @@ def speeds_from_vibration(
     left_out = tuple(
         warning(
             "speed-step-left-out",
-            f"command {point.command}: {' '.join(texts(one.findings, 'rejection'))} Its speed is left out.",
+            f"command {point.command}: {joined(texts(one.findings, 'rejection'))} Its speed is left out.",
             "motor.speed_poly",
         ).at(record.name)
         for point, one in zip(points, found, strict=True)
