@@ -94,9 +94,11 @@ def _of_stand(stand: StandRecord, truth: SimTruth, rate_hz: float) -> dict[str, 
     }
 
 
-def shown_rpm(commands: Array, truth: SimTruth, rng: np.random.Generator) -> Array:
-    """Return a tachometer's readings of rotors at commands (n,) in rpm; it counts every marker."""
-    speed = truth.rotors.steady_rad_per_s(commands, volts=truth.rotors.nominal_v)
+def shown_rpm(
+    commands: Array, truth: SimTruth, rng: np.random.Generator, *, volts: Array | float | None = None
+) -> Array:
+    """Return a tachometer's readings in rpm of rotors at commands (n,) and the voltage then; it counts every marker."""
+    speed = truth.rotors.steady_rad_per_s(commands, volts=truth.rotors.nominal_v if volts is None else volts)
     shown = truth.rotors.markers * speed * 60 / math.tau * (1 + truth.rotors.tachometer_gain)
     return np.round(shown * (1 + truth.rotors.tachometer_std * rng.standard_normal(len(speed))))
 

@@ -7,6 +7,7 @@ import numpy as np
 from cfid.sim.demo_motors import record_staircase, shown_rpm
 from cfid.sim.demo_runs import SimulatedDevice, SimulatedRun
 from cfid.sim.stand import STILL_AIR
+from cfid.sim.stepping import Array
 from cfid.sim.truth_file import SimTruth
 from cfid.sim.wind import WindTruth
 
@@ -52,13 +53,13 @@ def _record(truth: SimTruth, wind: WindTruth, requested: dict[str, float], rng: 
         kind="wind",
         requested=requested,
     )
-    return replace(run, devices={**run.devices, "readings": _readings(truth, rng)})
+    logged_s, _, volts = run.devices["crazyflie"].values
+    return replace(run, devices={**run.devices, "readings": _readings(truth, rng, logged_s, volts)})
 
 
-def _readings(truth: SimTruth, rng: np.random.Generator) -> SimulatedDevice:
+def _readings(truth: SimTruth, rng: np.random.Generator, logged_s: Array, volts: Array) -> SimulatedDevice:
     """Simulate an operator who types the tachometer's reading at each command, just before the command ends."""
     commands = np.array(COMMANDS, dtype=np.float64)
     typed_s = _REST_S + _HOLD_S - 0.2 + (_HOLD_S + _REST_S) * np.arange(len(commands))
-    return SimulatedDevice(
-        columns=("t", "command", "rpm"), values=(typed_s, np.array(COMMANDS), shown_rpm(commands, truth, rng))
-    )
+    shown = shown_rpm(commands, truth, rng, volts=np.interp(typed_s, logged_s, volts))
+    return SimulatedDevice(columns=("t", "command", "rpm"), values=(typed_s, np.array(COMMANDS), shown))
