@@ -49,6 +49,19 @@ def stored(value: Array) -> Array:
     return found
 
 
+def stored_together(values: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray[Any]]:
+    """Return arrays of any types, from one temporary file where they are large together. Raises as `empty`."""
+    room = empty(-(-sum(value.nbytes for value in values) // 8)).view(np.uint8)
+    found: list[npt.NDArray[Any]] = []
+    begin = 0
+    for value in values:
+        own = room[begin : begin + value.nbytes].view(value.dtype).reshape(value.shape)
+        own[...] = value
+        found.append(own)
+        begin += value.nbytes
+    return found
+
+
 def side_by_side(columns: Sequence[Array]) -> Array:
     """Return columns (n,) as one array (n, s). Raises as `empty`."""
     if len(columns) == 1:

@@ -10,6 +10,8 @@ import typer
 from cfid.console.messages import note
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from cfid.export.command import ExportInput
     from cfid.export.joint import Joint
     from cfid.export.target import Target
@@ -40,18 +42,14 @@ def write_samples(known: "ExportInput", folder: Path, *, count: int, seed: int, 
 
     Raises DataError for what should not be exported, and when over half of the draws are no possible vehicle.
     """
-    from cfid.errors import ConfigError
     from cfid.export.command import refuse
     from cfid.export.samples import CRAZYFLOW, FILES, ROTORPY, listed, warnings_of
     from cfid.export.target import missing, need_text
 
     targets = [target for target in (ROTORPY, CRAZYFLOW) if not missing(target, known.vehicle)]
     paths = [folder / name for name in ("samples.csv", "samples.npz", *(FILES[target.name] for target in targets))]
-    there = [path for path in paths if path.exists()]
-    if there and not force:
-        raise ConfigError(
-            f"{there[0]} exists already: nothing was changed. --force overwrites it, --out names another folder."
-        )
+    if not force:
+        _refuse_to_replace(folder, paths)
     everything = _everything(known)
     refuse(everything, known, force=force)
     joint = _joint(known)
@@ -72,6 +70,19 @@ def write_samples(known: "ExportInput", folder: Path, *, count: int, seed: int, 
         if target not in targets:
             needs = "; ".join(need_text(need) for need in missing(target, known.vehicle))
             note(f"no list for {target.name}, which needs what is not measured yet: {needs}.")
+
+
+def _refuse_to_replace(folder: Path, paths: "Sequence[Path]") -> None:
+    from cfid.errors import ConfigError
+
+    try:
+        there = [path for path in paths if path.exists()]
+    except OSError as error:
+        raise ConfigError(f"{folder}: cannot be written: {error.strerror}.") from None
+    if there:
+        raise ConfigError(
+            f"{there[0]} exists already: nothing was changed. --force overwrites it, --out names another folder."
+        )
 
 
 def draw(joint: "Joint", known: "ExportInput", targets: "list[Target]", *, count: int, seed: int) -> Drawn:

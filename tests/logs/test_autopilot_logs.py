@@ -1,5 +1,6 @@
 """ULog and blackbox: files composed byte by byte by their formats' descriptions, read with their own libraries."""
 
+import contextlib
 import struct
 import sys
 from pathlib import Path
@@ -9,6 +10,7 @@ import pytest
 
 from cfid.errors import ConfigError, DataError
 from cfid.records.logs.any_kind import read_log
+from cfid.records.logs.ulog_parts import PART_BYTES
 
 COUNT = 200
 
@@ -142,6 +144,41 @@ def test_a_ulog_file_that_its_library_wrote_is_read_alike(tmp_path: Path) -> Non
     np.testing.assert_array_equal(read_log(tmp_path / "again").channel("xyz[1]")[1], -np.arange(COUNT))
 
 
+@pytest.mark.parametrize("damaged", [False, True])
+def test_a_ulog_file_that_is_read_in_parts_keeps_every_row(tmp_path: Path, damaged: bool) -> None:
+    pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
+    wide, rows = 2000, 3 * PART_BYTES // 8000
+    early, late, words = (b"\0" + bytes([at, 0]) + name for at, name in enumerate((b"wide", b"late", b"wide")))
+    words = b"\1" + words[1:]  # the same topic of a second sensor
+    content = [
+        b"ULog\x01\x12\x35\x01" + bytes(8),
+        message("B", bytes(40)),
+        message("F", f"wide:uint64_t timestamp;float[{wide}] x;".encode()),
+        message("F", b"late:uint64_t timestamp;uint8_t y;"),
+        message("A", early) + message("A", words),
+    ]
+    for at in range(rows):
+        if at == rows // 2:
+            content.append(message("A", late))
+        if damaged and at == rows - 100:
+            content.append(b"\0\0\0")
+        values = np.full(wide, at, "<f4").tobytes()
+        content.append(message("D", struct.pack("<HQ", 2 * (at % 10 == 0), 1000 * at) + values))
+        if at >= rows // 2:
+            content.append(message("D", struct.pack("<HQB", 1, 1000 * at, at % 200)) + message("O", b"\1\0"))
+    log = read_log(written(tmp_path, b"".join(content)))
+
+    assert {one.name: one.rows for one in log.series} == {
+        "late": rows - rows // 2, "wide": rows - -(-rows // 10), "wide_1": -(-rows // 10)
+    }  # fmt: skip
+    time_s, last = log.channel(f"x[{wide - 1}]")
+    np.testing.assert_allclose(time_s, 1e-3 * last)
+    np.testing.assert_array_equal(np.sort(last), [at for at in range(rows) if at % 10])
+    np.testing.assert_array_equal(log.channel("y")[1], np.arange(rows // 2, rows) % 200)
+    assert f"{rows - rows // 2} dropouts" in log.notes[0]
+    assert (log.notes[1:] == ("parts of the file are damaged and left out.",)) == damaged
+
+
 def test_a_ulog_file_without_data_ends_in_a_sentence(tmp_path: Path) -> None:
     pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
     with pytest.raises(DataError, match=r"without data|not readable as a ULog file"):
@@ -175,6 +212,26 @@ def test_a_cut_blackbox_log_gives_its_whole_frames(tmp_path: Path) -> None:
     log = read_log(written(tmp_path, blackbox()[:-200]))
     assert 150 < log.series[0].rows < COUNT
     assert "has a frame that cannot be read" in log.notes[0]
+
+
+@pytest.mark.parametrize("damage", [b"", b"\0\0\xff", b"I\1", b"E\xffEnd of nothing"])
+def test_frames_of_a_blackbox_log_are_those_that_its_library_reads(tmp_path: Path, damage: bytes) -> None:
+    orangebox = pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
+    content = blackbox()
+    middle = content.index(b"I" + unsigned(100) + unsigned(1000 + 500 * 100))
+    path = written(tmp_path, content[:middle] + damage + content[middle:])
+
+    read = np.vstack(list(read_log(path).series[0].blocks()))
+
+    parser = orangebox.Parser.load(str(path), 1)
+    kept = []
+    with contextlib.suppress(Exception):  # what it raises depends on the damage
+        for frame in parser.frames():
+            kept.append(frame.data)
+    frames = np.array(kept, dtype=np.float64)
+    place = parser.field_names.index("gyroADC[0]")
+    np.testing.assert_array_equal(read[:, place], frames[:, place])
+    np.testing.assert_allclose(read[:, 0], 1e-6 * frames[:, parser.field_names.index("time")])
 
 
 def test_two_blackbox_logs_in_one_file_are_two_series(tmp_path: Path) -> None:

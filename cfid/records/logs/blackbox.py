@@ -7,7 +7,7 @@ import logging
 import re
 import struct
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import chain, count, islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 from cfid.errors import DataError
 from cfid.large import joined, stored
 from cfid.records.extras import optional_library
+from cfid.records.logs.blackbox_bytes import LogBytes, logs_in
 from cfid.records.logs.crazyflie_names import crazyflie_channel
 from cfid.records.logs.log import BLOCK_ROWS, Array, Channel, FlightLog, Series, in_memory, printable
 from cfid.records.logs.motor_numbers import BETAFLIGHT_QUAD_X, numbering
@@ -37,19 +38,18 @@ def read_blackbox(path: Path, source: Source) -> FlightLog:
     logging.getLogger("orangebox").addHandler(logging.NullHandler())  # it reports headers that it does without
     series: list[Series] = []
     notes: list[str] = []
-    program, logs = "", 1
-    for number in count(1):
-        if number > logs:
-            break
+    program, logs = "", list(logs_in(path))
+    for number, place in enumerate(logs, start=1):
         try:
-            parser = orangebox.Parser.load(str(path), number)
+            parser = orangebox.Parser(LogBytes(orangebox, *place))
         except Exception as fault:  # a damaged file may make it raise anything
             raise DataError(f"{path}: not readable as a blackbox log: {type(fault).__name__}.") from None
-        logs = parser.reader.log_count
         program = program or printable(str(parser.headers.get("Firmware revision", "unknown firmware")))
         frames, fault_name = _frames(parser)
         if fault_name:
-            notes.append(f"log {number} of {logs} has a frame that cannot be read; {len(frames)} before it are used.")
+            notes.append(
+                f"log {number} of {len(logs)} has a frame that cannot be read; {len(frames)} before it are used."
+            )
         if len(frames):
             series.append(_series(f"log{number}", parser, frames))
     if not series:

@@ -8,22 +8,24 @@ import io
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import redirect_stdout
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import DataError
-from cfid.large import stored
+from cfid.large import stored_together
 from cfid.records.extras import optional_library
 from cfid.records.logs.crazyflie_names import crazyflie_channel
-from cfid.records.logs.log import Channel, FlightLog, Series, in_memory, printable
+from cfid.records.logs.log import BLOCK_ROWS, Array, Channel, FlightLog, Series, printable
 from cfid.records.logs.motor_numbers import PX4_QUAD_X, by_geometry, numbering
+from cfid.records.logs.ulog_parts import ulog_parts
 from cfid.records.parameters import Source
 from cfid.units import USUAL_GRAVITY_MPS2
 
-Numbers = npt.NDArray[Any]
+Rows = npt.NDArray[np.void]
 
 BEGIN = b"ULog\x01\x12\x35"
 
@@ -44,32 +46,46 @@ _UNITS = (
 _PATTERNS = tuple((re.compile(pattern), unit) for pattern, unit in _UNITS)
 
 
+class _Column(NamedTuple):
+    """A channel, and the field that it is taken from."""
+
+    channel: Channel
+    field: str
+    divisor: float = 1.0
+
+
 def read_ulog(path: Path, source: Source) -> FlightLog:
     """Read a ULog file.
 
     Raises ConfigError without pyulog, DataError for a file that it cannot read, or that has no data.
     """
     pyulog = optional_library("pyulog", extra="ulog", what="a ULog file")
-    try:
-        with redirect_stdout(io.StringIO()):  # pyulog prints what it finds damaged
-            log = pyulog.ULog(str(path))
-    except Exception as fault:  # a damaged file may make it raise anything
-        raise DataError(f"{path}: not readable as a ULog file: {type(fault).__name__}.") from None
-    stated = by_geometry({name: value for name, value in log.initial_parameters.items() if _is_number(value)})
-    timed = [
-        topic for topic in log.data_list if _is_number(topic.data.get("timestamp")) and len(topic.data["timestamp"])
-    ]
-    series = [_series(topic, stated or PX4_QUAD_X) for topic in timed]
+    topics: dict[tuple[str, int], list[Rows]] = {}
+    dropped_ms: list[int] = []
+    info: dict[str, Any] = {}
+    stated, damaged = None, False
+    for part in ulog_parts(path):
+        try:
+            with redirect_stdout(io.StringIO()), part:  # pyulog prints what it finds damaged
+                log = pyulog.ULog(part)
+        except Exception as fault:  # a damaged file may make it raise anything
+            raise DataError(f"{path}: not readable as a ULog file: {type(fault).__name__}.") from None
+        timed = [topic for topic in log.data_list if _is_number(topic.data.get("timestamp"))]
+        for topic, rows in zip(timed, stored_together([_rows(topic.data) for topic in timed]), strict=True):
+            topics.setdefault((topic.name, topic.multi_id), []).append(rows)
+        dropped_ms += [each.duration for each in log.dropouts]
+        info, damaged = log.msg_info_dict | info, damaged or log.file_corruption
+        stated = by_geometry({name: value for name, value in log.initial_parameters.items() if _is_number(value)})
+    series = [_series(*topic, rows, stated or PX4_QUAD_X) for topic, rows in sorted(topics.items())]
     if not series:
         raise DataError(f"{path}: a ULog file without data.")
-    notes = [f"{len(log.dropouts)} dropouts, of {sum(each.duration for each in log.dropouts) / 1e3:.3f} s together."]
-    notes = notes if log.dropouts else []
-    if log.file_corruption:
+    notes = [f"{len(dropped_ms)} dropouts, of {sum(dropped_ms) / 1e3:.3f} s together."] if dropped_ms else []
+    if damaged:
         notes.append("parts of the file are damaged and left out.")
     return FlightLog(
         path=path,
         source=source,
-        program=f"ULog of PX4 ({printable(str(log.msg_info_dict.get('ver_hw', 'unknown hardware')))})",
+        program=f"ULog of PX4 ({printable(str(info.get('ver_hw', 'unknown hardware')))})",
         clock="times are the autopilot's, since it started; axes are PX4's: x forward, y right, z down",
         series=tuple(series),
         assumed=_assumed(series, stated),
@@ -84,15 +100,33 @@ def _assumed(series: Sequence[Series], stated: tuple[int, ...] | None) -> tuple[
     return (*numbers, *((f"acc.z is -xyz[2] over {USUAL_GRAVITY_MPS2:g} m/s^2",) if "acc.z" in names else ()))
 
 
-def _series(topic: Any, numbers: tuple[int, ...]) -> Series:
-    name = topic.name if not topic.multi_id else f"{topic.name}_{topic.multi_id}"
-    fields = [field for field, value in topic.data.items() if field != "timestamp" and _is_number(value)]
-    channels = [Channel(printable(field), _unit(topic.name, field)) for field in fields]
-    values = [np.asarray(topic.data[field]) for field in fields]
-    for channel, value in _as_a_crazyflie_s(topic.name, dict(zip(fields, values, strict=True)), numbers):
-        channels.append(crazyflie_channel(channel))
-        values.append(value)
-    return in_memory(printable(name), stored(topic.data["timestamp"] * 1e-6), channels, values)
+def _rows(fields: Mapping[str, Any]) -> Rows:
+    """Return a topic's fields of numbers as records (n,)."""
+    numbers = {name: np.asarray(value) for name, value in fields.items() if _is_number(value)}
+    rows = np.empty(len(numbers["timestamp"]), [(name, value.dtype) for name, value in numbers.items()])
+    for name, value in numbers.items():
+        rows[name] = value
+    return rows
+
+
+def _series(topic: str, number: int, rows: Sequence[Rows], motors: tuple[int, ...]) -> Series:
+    fields = [field for field in rows[0].dtype.names or () if field != "timestamp"]
+    columns = [_Column(Channel(printable(field), _unit(topic, field)), field) for field in fields]
+    columns += [column for column in _as_a_crazyflie_s(topic, motors) if column.field in fields]
+    return Series(
+        name=printable(f"{topic}_{number}" if number else topic),
+        rows=sum(map(len, rows)),
+        channels=tuple(column.channel for column in columns),
+        blocks=partial(_blocks, rows, columns),
+    )
+
+
+def _blocks(rows: Sequence[Rows], columns: Sequence[_Column]) -> Iterator[Array]:
+    for part in rows:
+        for begin in range(0, len(part), BLOCK_ROWS):
+            some = part[begin : begin + BLOCK_ROWS]
+            values = [some[each.field].astype(np.float64) / each.divisor for each in columns]
+            yield np.column_stack([some["timestamp"] * 1e-6, *values])
 
 
 def _is_number(value: Any) -> bool:
@@ -100,20 +134,17 @@ def _is_number(value: Any) -> bool:
     return np.asarray(value).dtype.kind in "biuf"
 
 
-def _as_a_crazyflie_s(
-    topic: str, fields: Mapping[str, Numbers], numbers: tuple[int, ...]
-) -> Iterator[tuple[str, Numbers]]:
+def _as_a_crazyflie_s(topic: str, motors: tuple[int, ...]) -> Iterator[_Column]:
     """Yield the channels that a Crazyflie has too, by its names and in its units."""
-    motors = {"actuator_motors": ("control.m{}", "control[{}]"), "esc_status": ("rpm.m{}", "esc[{}].esc_rpm")}
-    if topic in motors:
-        name, own = motors[topic]
-        for place, motor in enumerate(numbers):
-            if own.format(place) in fields:
-                yield name.format(motor), fields[own.format(place)]
-    if topic == "battery_status" and "voltage_v" in fields:
-        yield "pm.vbat", fields["voltage_v"]
-    if topic == "vehicle_acceleration" and "xyz[2]" in fields:
-        yield "acc.z", stored(-fields["xyz[2]"].astype(np.float64) / USUAL_GRAVITY_MPS2)
+    for_motors = {"actuator_motors": ("control.m{}", "control[{}]"), "esc_status": ("rpm.m{}", "esc[{}].esc_rpm")}
+    if topic in for_motors:
+        name, own = for_motors[topic]
+        for place, motor in enumerate(motors):
+            yield _Column(crazyflie_channel(name.format(motor)), own.format(place))
+    if topic == "battery_status":
+        yield _Column(crazyflie_channel("pm.vbat"), "voltage_v")
+    if topic == "vehicle_acceleration":
+        yield _Column(crazyflie_channel("acc.z"), "xyz[2]", -USUAL_GRAVITY_MPS2)
 
 
 def _unit(topic: str, field: str) -> str:

@@ -17,7 +17,7 @@ from cfid.records.tables.vehicle import VEHICLE_LOG, Rows, read_rows
 GYRO = tuple(f"gyro.{axis}" for axis in "xyz")  # deg/s, as the firmware logs it
 RANGE_DPS = 2000.0  # of every gyro that a Crazyflie has had
 
-# BMI088, data sheet: sensitivity within 1 %, and 1 % of a rate about one axis on another.
+# As for gyros of this kind (BMI088): sensitivity within 1 %, and 1 % of a rate about one axis on another.
 SCALE_STD = 0.01
 ALIGNMENT_STD_RAD = 0.01
 

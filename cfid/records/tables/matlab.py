@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError
-from cfid.large import empty, stored
+from cfid.large import empty, stored_together
 from cfid.lazy import later
 from cfid.records.extras import optional_library
 from cfid.records.files import check_regular
@@ -127,16 +127,26 @@ def _tree(path: Path) -> Tree:
 
 
 def _variables(path: Path) -> Iterator[tuple[str, Tree]]:
-    """Yield the variables of a file of version 5 to 7.2; of a large file one is in memory at a time."""
-    several = path.stat().st_size < _LARGE_BYTES
-    for names in [None] if several else [[name] for name, _, _ in _whosmat(path)]:
-        for name, value in _loadmat(path, simplify_cells=True, variable_names=names).items():
-            if not name.startswith("__"):
-                yield name, stored(value) if _is_float64(value) else value
+    """Yield the variables of a file of version 5 to 7.2; of a large file few are in memory at a time."""
+    if path.stat().st_size < _LARGE_BYTES:
+        yield from _loaded(path, None).items()
+        return
+    waiting: dict[str, npt.NDArray[Any]] = {}
+    for name, _, _ in _whosmat(path):
+        for each, value in _loaded(path, [name]).items():
+            if not isinstance(value, np.ndarray) or value.dtype.kind not in "biuf":
+                yield each, value
+                continue
+            waiting[each] = value
+            if sum(one.nbytes for one in waiting.values()) >= _LARGE_BYTES:
+                yield from zip(waiting, stored_together(list(waiting.values())), strict=True)
+                waiting = {}
+    yield from zip(waiting, stored_together(list(waiting.values())), strict=True)
 
 
-def _is_float64(value: Tree) -> TypeGuard[npt.NDArray[np.float64]]:
-    return isinstance(value, np.ndarray) and value.dtype == np.float64
+def _loaded(path: Path, names: list[str] | None) -> dict[str, Tree]:
+    content = _loadmat(path, simplify_cells=True, variable_names=names)
+    return {name: value for name, value in content.items() if not name.startswith("__")}
 
 
 def _hdf5_tree(file: Any, node: Any) -> Tree:

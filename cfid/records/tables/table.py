@@ -148,8 +148,8 @@ class CsvTable:
 
     @property
     def listing(self) -> str:
-        """The columns' names, for a message."""
-        return short(", ".join(self.names), 200)
+        """The columns' names, for a message; one without a name has its number, by which it can be given."""
+        return short(", ".join(name or f"column {at}" for at, name in enumerate(self.names, start=1)), 200)
 
     def continued(self, content: bytes) -> "CsvTable":
         """Return the table of the lines that follow this one's in the file; `content` are whole lines but for the last.

@@ -1,0 +1,67 @@
+"""Bytes of the logs in a blackbox file, which stay on the disk: orangebox's own reader holds a file in memory."""
+
+import mmap
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+
+class LogBytes:
+    """One log of a blackbox file, to be read by orangebox's Parser: its headers and fields, and its frames' bytes."""
+
+    log_index = 1
+
+    def __init__(self, orangebox: Any, data: mmap.mmap, begin: int, end: int) -> None:
+        """Read the headers of the log between two places in a file; the frames follow them."""
+        self._data, self._end = data, end
+        self._place = begin
+        while self._place < end and data[self._place] == ord("H"):
+            self._place = data.find(b"\n", self._place, end) + 1 or end
+        with tempfile.TemporaryDirectory(prefix="cfid-") as folder:
+            file = Path(folder) / "headers"
+            file.write_bytes(data[begin : self._place])
+            reader = orangebox.reader.Reader(str(file), 1)
+        self.headers, self.field_defs = reader.headers, reader.field_defs
+
+    def set_log_index(self, index: int) -> None:
+        """Choose the one log there is."""
+
+    def value(self) -> int:
+        """Return the next byte without going on."""
+        return self._data[self._place]
+
+    def has_subsequent(self, expected: bytes) -> bool:
+        """Return whether these bytes follow."""
+        return self._data[self._place : self._place + len(expected)] == expected
+
+    def tell(self) -> int:
+        """Return the place of the next byte."""
+        return self._place
+
+    def seek(self, place: int) -> None:
+        """Go to a byte."""
+        self._place = place
+
+    def __iter__(self) -> Iterator[int | None]:
+        """Go on from the next byte."""
+        return self
+
+    def __next__(self) -> int | None:
+        """Return the next byte, None at the end."""
+        if self._place >= self._end:
+            return None  # as orangebox's reader does, whose Parser ends at an event
+        self._place += 1
+        return self._data[self._place - 1]
+
+
+def logs_in(path: Path) -> Iterator[tuple[mmap.mmap, int, int]]:
+    """Yield a file with where each of its logs begins and ends: every one begins with the file's first line."""
+    with path.open("rb") as file:
+        data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    first_line = data[: data.find(b"\n") + 1 or len(data)]
+    begin = 0
+    while begin >= 0:
+        after = data.find(first_line, begin + len(first_line))
+        yield data, begin, after if after >= 0 else len(data)
+        begin = after
