@@ -22,23 +22,26 @@ from cfid.units import DEAD_COMMAND, FULL_COMMAND, MOTORS
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
+_Sensor = tuple[tuple[str, ...], tuple[float, ...], float | None]
 
 _COMMANDS = ("motor.m{}", "pwm.m{}_pwm", "pwm.m{}", "control.m{}")
 _VOLTS = ("pm.vbat", "pm.vbatMV")
 _DOWN = (1.0, -1.0, -1.0)  # of PX4's axes: x forward, y right, z down
 _UP = (1.0, 1.0, 1.0)
-# What sensors are called, in order of preference, with the signs that turn them to forward, left and up.
-_RATES = (
-    (("gyro.x", "gyro.y", "gyro.z"), _UP),
-    (("imu_gyro_x", "imu_gyro_y", "imu_gyro_z"), _UP),
-    (("xyz[0]", "xyz[1]", "xyz[2]"), _DOWN),
-    (("gyroADC[0]", "gyroADC[1]", "gyroADC[2]"), _UP),
+# What sensors are called, in order of preference, with the signs that turn them to forward, left and up, and the
+# cut-off in Hz of the second-order Butterworth filter that the Crazyflie's firmware puts before its log.
+_RATES: tuple[_Sensor, ...] = (
+    (("gyro.x", "gyro.y", "gyro.z"), _UP, 80.0),
+    (("imu_gyro_x", "imu_gyro_y", "imu_gyro_z"), _UP, 80.0),
+    (("gyro_rad[0]", "gyro_rad[1]", "gyro_rad[2]"), _DOWN, None),
+    (("gyroADC[0]", "gyroADC[1]", "gyroADC[2]"), _UP, None),
 )
-_FORCES = (
-    (("acc.x", "acc.y", "acc.z"), _UP),
-    (("xyz[0]", "xyz[1]", "xyz[2]"), _DOWN),
-    (("accSmooth[0]", "accSmooth[1]", "accSmooth[2]"), _UP),
+_FORCES: tuple[_Sensor, ...] = (
+    (("acc.x", "acc.y", "acc.z"), _UP, 30.0),
+    (("accelerometer_m_s2[0]", "accelerometer_m_s2[1]", "accelerometer_m_s2[2]"), _DOWN, None),
+    (("accSmooth[0]", "accSmooth[1]", "accSmooth[2]"), _UP, None),
 )
+_OF_PX4 = ("xyz[0]", "xyz[1]", "xyz[2]")  # of many of its topics
 _RATES_TOPIC, _FORCES_TOPIC = "vehicle_angular_velocity", "vehicle_acceleration"
 _VELOCITY, _QUATERNION = ("vx", "vy", "vz"), ("qw", "qx", "qy", "qz")  # of motion capture, in the world's axes
 
@@ -95,7 +98,8 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
     if missing:
         raise DataError(f"{path}: no {', '.join(missing)}: a flight's thrust is that of all four motors.")
     commands = [log.channel(name) for name in names if name is not None]
-    rates, forces = _sensor(log, _RATES, _RATES_TOPIC, "rates"), _sensor(log, _FORCES, _FORCES_TOPIC, "accelerations")
+    rates, rates_hz = _sensor(log, _RATES, _RATES_TOPIC, "rates")
+    forces, forces_hz = _sensor(log, _FORCES, _FORCES_TOPIC, "accelerations")
     timed = [one[0] for one in (*commands, rates, forces)]
     first = float(commands[0][0][0])
     begin = max(*(float(one[0]) for one in timed), first + (from_s or 0.0))
@@ -108,7 +112,7 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
     if slowest > _SLOWEST_S:
         raise DataError(
             f"{path}: rows {1e3 * slowest:.0f} ms apart (limit {1e3 * _SLOWEST_S:.0f} ms): log motors, gyro and "
-            "accelerometer every 10 ms at least."
+            "accelerometer every 10 ms at least (PX4: the high rate of SDLOG_PROFILE)."
         )
     rows = int((end - begin) / ROW_S)
     at_s = np.asarray(begin + STEP_S * np.arange(rows * ROW_STEPS), dtype=np.float64)
@@ -133,6 +137,7 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
         driven=airborne & ~_late(np.asarray(~within), _SETTLING_S),
         averaged=averaged,
         in_volts=False,
+        low_pass_hz=(forces_hz, rates_hz),
         velocity=velocity,
         attitude=attitude,
     )
@@ -159,16 +164,16 @@ def turned_back(attitude: Array, vector: Array) -> Array:
 
 
 def _sensor(
-    log: FlightLog, kinds: Sequence[tuple[tuple[str, ...], tuple[float, ...]]], topic: str, what: str
-) -> tuple[Array, Array]:
-    """Return the times (n,) of a sensor with three axes, and its values (n, 3) along the vehicle's."""
-    for names, signs in kinds:
+    log: FlightLog, kinds: Sequence[_Sensor], topic: str, what: str
+) -> tuple[tuple[Array, Array], float | None]:
+    """Return a sensor's times (n,) and values (n, 3) along the vehicle's axes, and the cut-off of its filter in Hz."""
+    for names, signs, low_pass_hz in (*kinds, (_OF_PX4, _DOWN, None)):
         for series in log.series:
-            if set(names) <= set(series.names) and (signs is _UP or series.name == topic):
+            if set(names) <= set(series.names) and (names is not _OF_PX4 or series.name == topic):
                 values = np.column_stack([sign * series.values(name) for name, sign in zip(names, signs, strict=True)])
                 known = np.isfinite(values).all(axis=1)
                 if np.count_nonzero(known) > 1:
-                    return series.time_s[known], values[known]
+                    return (series.time_s[known], values[known]), low_pass_hz
     raise DataError(f"{log.path}: no {what} along three axes (as {', '.join(kinds[0][0])}).")
 
 

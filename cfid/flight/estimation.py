@@ -16,7 +16,7 @@ from cfid.errors import FitError
 from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of, sandwich, std_of
 from cfid.flight.likelihood import PAST, White, whitening, without
-from cfid.flight.model import AXES, Flight, FlightEquation, ThrustLag, blocks_of, segments
+from cfid.flight.model import AXES, DAMPING, ROW_S, Flight, FlightEquation, ThrustLag, blocks_of, segments
 
 Array = npt.NDArray[np.float64]
 
@@ -105,6 +105,7 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
     jacobian, residual = np.asarray(result.jac), np.asarray(result.fun)
     covariance = _covariance(jacobian, residual, [len(one.basis) for one in equations.white])
     excess = _excess_of_older_torques(jacobian, residual, equations.white)
+    found = _undamped(found, equations)
     covariance[TURNS, TURNS] += np.diag((excess / math.sqrt(3)) ** 2)
     found, covariance = _levelled(found, covariance, [one for one in equations.at(found) if one.axis is None])
     fitted = tuple((block, _fitted(block, found)) for block in equations.at(found))
@@ -196,6 +197,24 @@ def _covariance(jacobian: Array, residual: Array, lengths: Sequence[int]) -> Arr
     scatter = np.sum(sums**2, axis=0)
     wider = np.sqrt(np.maximum(scatter / np.maximum(np.diag(covariance), 1e-300), 1.0))
     return np.asarray(covariance * np.outer(wider, wider))
+
+
+def _undamped(p: Array, equations: _Equations) -> Array:
+    """Return parameters whose moments are those without damping.
+
+    Within a row, damping that is proportional to the rate takes a part of what the torque gives in that row. The
+    equation has the rate at the row's begin alone, so that part is missing from its gain.
+    """
+    found = p.copy()
+    for axis in range(len(AXES)):
+        damping = [
+            (len(block.shown), float(white.others_in(block.shown - _fitted(block, p))[DAMPING]))
+            for block, white in zip(equations.at(p), equations.white, strict=True)
+            if block.axis == axis
+        ]
+        lost = -ROW_S * sum(rows * each for rows, each in damping) / sum(rows for rows, _ in damping)
+        found[TURNS.start + axis] *= 1 + lost / 2
+    return found
 
 
 def _levelled(p: Array, covariance: Array, vertical: Sequence[FlightEquation]) -> tuple[Array, Array]:

@@ -28,12 +28,17 @@ class White:
     filter: Array
     lengths: tuple[int, ...]
     basis: Array  # (k, q), of the whitened other terms
+    shares: Array  # (q, k), of the other terms in what is whitened
     size: float
 
     def of(self, columns: Array) -> Array:
         """Return columns (n, p) whitened, without each segment's first rows and without what other terms explain."""
         white = _filtered(columns, self.filter, self.lengths)
         return np.asarray((white - self.basis @ (self.basis.T @ white)) / self.size)
+
+    def others_in(self, errors: Array) -> Array:
+        """Return the coefficients (q,) of the equation's other terms in its errors (n,)."""
+        return np.asarray(self.shares @ _filtered(errors[:, np.newaxis], self.filter, self.lengths)[:, 0])
 
 
 def whitening(block: FlightEquation, left: Array) -> White:
@@ -47,7 +52,7 @@ def whitening(block: FlightEquation, left: Array) -> White:
     others = _filtered(block.others, coefficients, block.lengths)
     basis = np.linalg.qr(others / np.maximum(np.linalg.norm(others, axis=0), 1e-300))[0]
     white = _filtered(left[:, np.newaxis], coefficients, block.lengths)[:, 0]
-    return White(coefficients, block.lengths, basis, max(float(np.std(white)), 1e-12))
+    return White(coefficients, block.lengths, basis, gain_of(others), max(float(np.std(white)), 1e-12))
 
 
 def without(values: Array, others: Array) -> Array:

@@ -7,7 +7,7 @@ volts where these are known, lags to w; thrust is c0 + c1 w + c2 w^2 of one roto
     d(rate_x)/dt = (l / J_x) sum(+-T_i) + what else turns the vehicle       and alike about y, and z with q for l
 
 with l the lever of a rotor about x and y, its arm over the root of two, and q its torque over its thrust. Each sensor
-shows this with a delay of its own: air, electronics and the vehicle's filters.
+shows this with a delay of its own, air, electronics and the vehicle's filter, whose shape is known on a Crazyflie.
 """
 
 import math
@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter
 
 from cfid.units import MOTOR_AZIMUTH_DEG, MOTORS, ROTOR_TURNS
 
@@ -29,6 +29,7 @@ ROW_STEPS = 3
 STEP_S = ROW_S / ROW_STEPS  # of drives: rotors take many times longer
 AXES = ("roll", "pitch", "yaw")
 CLIMB_S = 2.0  # over which the climb is integrated from the force: longer, errors of the accelerometer pile up
+DAMPING = 1  # the place of the rate among the other terms of an equation about an axis
 SAG_S = 5.0  # half the shortest period in which the battery's charge changes the thrust
 LEVER = 0.5**0.5  # of an arm, about the axes forward and left
 
@@ -50,6 +51,7 @@ class Flight:
     `velocity` (m, 3) in m/s, None where unknown. `attitude` (m, 4) is the quaternion w, x, y, z that turns these axes
     to the world's. `averaged` is true where rows are means over their 10 ms. `airborne` (m,) marks rows in the air,
     `driven` (m,) those of them at which every rotor has been under a command within its range for a while.
+    `low_pass_hz` are the cut-offs of the Butterworth filters of accelerometer and gyro, None where unknown.
     """
 
     name: str
@@ -60,6 +62,7 @@ class Flight:
     driven: Mask
     averaged: bool
     in_volts: bool
+    low_pass_hz: tuple[float | None, float | None] = (None, None)
     velocity: Array | None = None
     attitude: Array | None = None
 
@@ -112,11 +115,22 @@ def blocks_of(
 ) -> list[FlightEquation]:
     """Return the equation of the vertical force and those of the rates about some axes, for rotors of a lag.
 
-    `delays_s` is how much later the accelerometer and the gyro show it.
+    `delays_s` is how much later the accelerometer and the gyro show it, their filters included.
     """
     late = lag.follow(flight.drive)
-    of_force, of_rates = (_powers(delayed(late, delay_s)) for delay_s in delays_s)
+    of_force, of_rates = (_seen(late, *sensor) for sensor in zip(delays_s, flight.low_pass_hz, strict=True))
     return [_vertical(flight, of_force), *(_turning(flight, of_rates, axis) for axis in axes)]
+
+
+def _seen(late: Array, delay_s: float, low_pass_hz: float | None) -> Array:
+    """Return the powers (3, n, 4) of lagging drives as a sensor shows them, whose filter is a part of the delay."""
+    if low_pass_hz is None:
+        return _powers(delayed(late, delay_s))
+    filtering_s = STEP_S / math.sqrt(2) / math.tan(math.pi * low_pass_hz * STEP_S)  # of slow motion
+    powers = _powers(delayed(late, delay_s - filtering_s))
+    settled = powers[:, :1]
+    b, a = butter(2, low_pass_hz, fs=1 / STEP_S)
+    return np.asarray(settled + lfilter(b, a, powers - settled, axis=1))
 
 
 def _powers(late: Array) -> Array:
@@ -153,8 +167,8 @@ def _vertical(flight: Flight, powers: Array) -> FlightEquation:
 
 
 def _faded(values: Array) -> Array:
-    """Return the integral (m,) of what came before each row, forgotten within seconds."""
-    return np.asarray(lfilter([0.0, ROW_S], [1.0, -math.exp(-ROW_S / CLIMB_S)], values))
+    """Return the integral (m,) up to each row, forgotten within seconds."""
+    return np.asarray(lfilter([ROW_S / 2, ROW_S / 2], [1.0, -math.exp(-ROW_S / CLIMB_S)], values))
 
 
 def _turning(flight: Flight, powers: Array, axis: int) -> FlightEquation:

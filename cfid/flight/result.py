@@ -13,7 +13,6 @@ from cfid.findings import Finding, note, rejection, warning
 from cfid.flight.braking import AxisDrag, fit_drag
 from cfid.flight.data import FlownLog
 from cfid.flight.estimation import THRUST, TURNS, FlightFit, fit_flights
-from cfid.flight.figures import flight_figure
 from cfid.flight.model import AXES, LEVER
 from cfid.flight.values import (
     MOMENTS,
@@ -67,6 +66,8 @@ def fit(flights: Sequence[FlownLog], *, body: Body) -> Result:
     name = flights[0].flight.name
 
     def drawings() -> Figures:
+        from cfid.flight.figures import flight_figure
+
         return {f"fit_flight_{name}": flight_figure(found, drags, findings, title=", ".join(map(_name, flights)))}
 
     result = Result(

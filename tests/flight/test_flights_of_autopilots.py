@@ -1,0 +1,106 @@
+"""A simulated flight written as ULog and as blackbox, with the axes, motors and units of PX4 and Betaflight."""
+
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.errors import DataError
+from cfid.flight.data import read_flight
+from cfid.flight.result import fit
+from tests.flight.flying import STEP, Fleet, fleet, fly
+from tests.flight.test_flight_fits import body_of
+from tests.logs.test_autopilot_logs import message, signed, unsigned
+
+Array = npt.NDArray[np.float64]
+
+G = 9.80665
+FRONT_RIGHT, REAR_RIGHT, REAR_LEFT, FRONT_LEFT = range(4)  # of the Crazyflie's motors
+
+
+Flown = tuple[Fleet, Array, Array, Array]
+
+
+@pytest.fixture(scope="module")
+def flown() -> Flown:
+    """A vehicle, its commands (n, 4) from 0 to 1, its rates (n, 3) in rad/s and specific forces (n, 3) in m/s^2."""
+    rng = np.random.default_rng(4)
+    vehicles = fleet(1, rng)
+    (log,) = fly(vehicles, rng, seconds=18.0)
+    commands = np.column_stack([log.channel(f"motor.m{motor}")[1] / 65535 for motor in (1, 2, 3, 4)])
+    rates, forces = (np.column_stack([log.channel(f"{name}.{axis}")[1] for axis in "xyz"]) for name in ("gyro", "acc"))
+    return vehicles, commands, rates, forces
+
+
+def ulog(commands: Array, rates: Array, forces: Array, *, every: int = 1) -> bytes:
+    """Return a ULog of PX4's quad X, x forward, y right, z down; motors are in every so many rows."""
+    head = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1000) + message("B", bytes(40))
+    head += message("F", b"sensor_combined:uint64_t timestamp;float[3] gyro_rad;float[3] accelerometer_m_s2;")
+    head += message("F", b"actuator_motors:uint64_t timestamp;float[12] control;")
+    head += message("A", struct.pack("<BH", 0, 0) + b"sensor_combined")
+    head += message("A", struct.pack("<BH", 0, 1) + b"actuator_motors")
+    order, down = [FRONT_RIGHT, REAR_LEFT, FRONT_LEFT, REAR_RIGHT], [1, -1, -1]
+    rows = []
+    for at, (command, rate, force) in enumerate(zip(commands[:, order], rates * down, forces * down, strict=True)):
+        now_us = 10_000 + round(1e6 * STEP * at)
+        rows.append(message("D", struct.pack("<HQ6f", 0, now_us, *rate, *force)))
+        if at % every == 0:
+            rows.append(message("D", struct.pack("<HQ12f", 1, now_us, *command, *8 * [float("nan")])))
+    return head + b"".join(rows)
+
+
+def blackbox(commands: Array, rates: Array, forces: Array) -> bytes:
+    """Return a blackbox log of Betaflight's quad X, x forward, y left, z up."""
+    names = [f"{name}[{place}]" for name in ("gyroADC", "accSmooth") for place in range(3)]
+    motors = [f"motor[{place}]" for place in range(4)]
+    head = [
+        "Product:Blackbox flight data recorder by Nicholas Sherlock",
+        "Data version:2",
+        "I interval:1",
+        "P interval:1",
+        "Field I name:" + ",".join(["loopIteration", "time", *names, *motors]),
+        "Field I signed:0,0,1,1,1,1,1,1,0,0,0,0",
+        "Field I predictor:" + ",".join(12 * "0"),
+        "Field I encoding:1,1,0,0,0,0,0,0,1,1,1,1",
+        "Field P predictor:" + ",".join(12 * "0"),
+        "Field P encoding:1,1,0,0,0,0,0,0,1,1,1,1",
+        "motorOutput:0,2000",
+        "motor_poles:14",
+        "Firmware revision:Betaflight 2025.12.1",
+        "gyro_scale:0x3f800000",
+        "acc_1G:2048",
+    ]
+    order = [REAR_RIGHT, FRONT_RIGHT, REAR_LEFT, FRONT_LEFT]
+    shown = np.rint(np.column_stack([np.degrees(rates), 2048 * forces / G])).astype(int)
+    driven = np.rint(2000 * commands[:, order]).astype(int)
+    rows = b""
+    for at, (sensors, outputs) in enumerate(zip(shown.tolist(), driven.tolist(), strict=True)):
+        values = (*map(signed, sensors), *map(unsigned, outputs))
+        rows += b"I" + unsigned(at) + unsigned(1000 + round(1e6 * STEP * at)) + b"".join(values)
+    return "".join(f"H {line}\n" for line in head).encode() + rows + b"E\xffEnd of log\0"
+
+
+@pytest.mark.parametrize(("library", "written"), [("pyulog", ulog), ("orangebox", blackbox)])
+def test_a_flight_of_another_autopilot_gives_the_vehicle_back(
+    tmp_path: Path, flown: Flown, library: str, written: Callable[..., bytes]
+) -> None:
+    pytest.importorskip(library, reason=f"{library} is not installed")
+    vehicles, *signals = flown
+    (tmp_path / "log").write_bytes(written(*signals))
+    result = fit([read_flight(tmp_path / "log")], body=body_of(vehicles, 0))
+    assert result.accepted
+    assert not any("moment" in finding.code or "way" in finding.code for finding in result.findings)
+    for axis, moment in zip(("roll", "pitch", "yaw"), vehicles.moments[0].tolist(), strict=True):
+        found = result.quantities[f"flight.inertia_kg_m2.{axis}"]
+        assert found.value == pytest.approx(moment, abs=3 * found.std)
+        assert found.std < 0.08 * moment
+
+
+def test_px4_s_usual_rate_of_motors_is_refused_with_the_profile_that_serves(tmp_path: Path, flown: Flown) -> None:
+    pytest.importorskip("pyulog", reason="pyulog is not installed")
+    (tmp_path / "log").write_bytes(ulog(*flown[1:], every=50))
+    with pytest.raises(DataError, match=r"rows 100 ms apart .*SDLOG_PROFILE"):
+        read_flight(tmp_path / "log")
