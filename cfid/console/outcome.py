@@ -13,7 +13,7 @@ from cfid.console.messages import in_options, note
 from cfid.console.options import Delivery
 from cfid.console.tables import print_parameters
 from cfid.errors import ConfigError, FitError
-from cfid.findings import SEVERITIES, texts
+from cfid.findings import SEVERITIES, joined, texts
 from cfid.records.parameters import plain
 from cfid.records.result import Result
 
@@ -28,6 +28,9 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
     Raises FitError when a quantity that the command is for was rejected and --force is not set; parameters.toml is
     then unchanged.
     """
+    if delivery.take is not None:
+        delivery.take(result)
+        return
     from cfid.records.plausibility import judged
 
     result = judged(result, rig)
@@ -35,14 +38,14 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
     drawn = _draw(given, delivery)
     kept = result.accepted or delivery.force
     if campaign is not None and given.quantities and kept:
-        campaign.keep(result, figures=drawn, force=delivery.force)
+        campaign.keep(result, figures=drawn, force=delivery.force, options=delivery.asked)
     if delivery.json:
         typer.echo(_as_json(given, accepted=result.accepted))
     else:
         _print(given, drawn, texts(result.findings, *(SEVERITIES if kept else SEVERITIES[:2])))
     if not kept:
         still = " parameters.toml is unchanged." if campaign is not None else ""
-        reasons = " ".join(dict.fromkeys(texts(result.findings, "rejection")))
+        reasons = joined(texts(result.findings, "rejection"))
         raise FitError(f"rejected: {reasons}{still} Use --force to get the numbers anyway.")
 
 

@@ -1,109 +1,115 @@
-"""Repeat a fit through the Python interface, from what its file in fits/ states: command, method, runs and model."""
+"""Repeat a fit by its command, with the options that its file in fits/ states."""
 
+import inspect
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from pathlib import Path, PurePath
+from typing import Any, Literal
 
-from cfid import drag, friction, inertia, latency, loadcell, swing, transfer
+from pydantic import TypeAdapter, ValidationError
+
+from cfid.console.options import Delivery, options_that_count
+from cfid.drag.command import drag
 from cfid.errors import DataError
-from cfid.motors import lag, maps, steps, vibration
-from cfid.motors.lag.data import of_log
-from cfid.motors.vibration.data import Rotors
+from cfid.flight.command import flight
+from cfid.friction.command import friction
+from cfid.inertia.command import inertia, testbody
+from cfid.latency.command import latency
+from cfid.loadcell.command import loadcell
+from cfid.motors.maps.command import speed, thrust, torque
+from cfid.motors.steps.command import dynamics
+from cfid.motors.vibration.command import rotor
 from cfid.quantities.values import is_rows
 from cfid.records.fits import Fit
-from cfid.records.logs.run import log_of_run
 from cfid.records.result import Result
-from cfid.records.rig_file import Rig
-from cfid.records.run import Run
+from cfid.swing.command import swing
+from cfid.transfer.command import identify
 
 Method = Literal["default", "thesis"]
+Command = Callable[..., None]
+
+LABELS = "labels"  # among the options: what was typed for runs, as 20:0.1=RUN
+
+_COMMANDS: Mapping[str, Command] = {
+    "fit swing": swing,
+    "fit friction": friction,
+    "fit inertia": inertia,
+    "fit testbody": testbody,
+    "fit loadcell": loadcell,
+    "fit thrust": thrust,
+    "fit speed": speed,
+    "fit torque": torque,
+    "fit rotor": rotor,
+    "fit dynamics": dynamics,
+    "fit flight": flight,
+    "fit drag": drag,
+    "tf identify": identify,
+    "tf latency": latency,
+}
 
 
-@dataclass(frozen=True, kw_only=True)
-class Recipe:
-    """What a fit is made of: the kept fit, its runs, the rig, and the campaign's thrust over command, if it has one."""
+def options_of(kept: Fit, method: Method | None = None) -> dict[str, Any]:
+    """Return the options of a kept fit, with a `method` in place of its own.
 
-    kept: Fit
-    runs: Sequence[Run]
-    rig: Rig
-    thrust_poly: Sequence[float] | None = None
-    method: Method | None = None  # in place of the kept fit's
-
-    @property
-    def _method(self) -> Any:
-        found = self.method or self.kept.section.method
-        if found not in get_args(Method):
-            raise DataError(f"its method '{found}' is none of {', '.join(get_args(Method))}: fit it by hand.")
-        return found
-
-    @property
-    def _order(self) -> dict[str, Any]:
-        """The order of the map, from the length of its polynomial."""
-        key = f"motor.{self.kept.name}_poly"
-        found = self.kept.section.parameters.get(key)
-        return {} if found is None else {"order": len(found.value) - 1}
-
-    def fit(self) -> Result:
-        """Fit again. Raises DataError for what cannot be repeated, and what the fit raises."""
-        again = _AGAIN.get(self.kept.command)
-        if again is None:
-            raise DataError(f"`cfid {self.kept.command}` is not repeated from its file: fit it by hand.")
-        return again(self)
-
-
-def _inertia(recipe: Recipe) -> Result:
-    swings = recipe.kept.quality.get("swings", ())
+    Raises DataError for a fit that cannot be repeated, and for an option that its command does not take.
+    """
+    swings = kept.quality.get("swings", ())
     known = [str(one.get("axis")) for one in swings if "known_kg_m2" in one] if is_rows(swings) else []
     if known:
         raise DataError(f"axis inertias of {', '.join(known)} were given as numbers: fit it by hand.")
-    repeated = inertia.fit_testbody if recipe.kept.command == "fit testbody" else inertia.fit
-    return repeated(recipe.runs, rig=recipe.rig, method=recipe._method)
+    taken = options_that_count(_command_of(kept))
+    found = dict(_shown_by(kept) if kept.options is None else kept.options)
+    if method is not None and "method" in taken:
+        found["method"] = method
+    return {name: _checked(name, value, taken) for name, value in found.items()}
 
 
-def _thrust(recipe: Recipe) -> Result:
-    gravity = recipe.rig.site.gravity_mps2
-    return maps.fit_thrust(recipe.runs, gravity_mps2=gravity, method=recipe._method, **recipe._order)
+def again(kept: Fit, runs: Sequence[Path], *, campaign: Path, options: Mapping[str, Any]) -> Result:
+    """Fit the runs in these folders as a kept fit, with rig.toml and the earlier fits of a campaign."""
+    command, taken = _command_of(kept), list[Result]()
+    argument = next(iter(inspect.signature(command).parameters))
+    labelled = _with_labels(runs, options.get(LABELS, ()))
+    words: Any = labelled[0] if argument == "run" else labelled
+    asked = {name: value for name, value in options.items() if name not in ("force", LABELS)}
+    command(**{argument: words}, campaign=campaign, delivery=Delivery(take=taken.append), **asked)
+    return taken[0]
 
 
-def _speed(recipe: Recipe) -> Result:
-    return maps.fit_speed(recipe.runs, rotors=Rotors(), method=recipe._method, **recipe._order)
+def _with_labels(runs: Sequence[Path], typed: Sequence[str]) -> list[str]:
+    """Return runs as words, with the labels that were typed for them. Raises DataError for a label of no such run."""
+    labels = {PurePath(run).name: label for label, _, run in (str(word).partition("=") for word in typed)}
+    if lost := labels.keys() - {run.name for run in runs}:
+        raise DataError(f"{labels[min(lost)]}={min(lost)} was typed, which is none of its runs: fit it by hand.")
+    return [f"{labels[run.name]}={run}" if run.name in labels else str(run) for run in runs]
 
 
-def _dynamics(recipe: Recipe) -> Result:
-    run = recipe.runs[0]
-    return lag.fit(of_log(log_of_run(run))) if run.header.kind == "flight" else steps.fit(run)
+def _command_of(kept: Fit) -> Command:
+    command = _COMMANDS.get(kept.command)
+    if command is None:
+        raise DataError(f"`cfid {kept.command}` is not repeated from its file: fit it by hand.")
+    return command
 
 
-def _transfer(recipe: Recipe) -> Result:
-    model = {} if recipe.kept.section.method == "thesis" else recipe.kept.quality
-    chosen: dict[str, Any] = {name: model[name] for name in ("shape", "form") if isinstance(model.get(name), str)}
-    return transfer.fit(recipe.runs, method=recipe._method, thrust_poly=recipe.thrust_poly, **chosen)
+def _shown_by(kept: Fit) -> dict[str, Any]:
+    """Return the options that the result of an older file shows: method, order of a map, shape, terms of drag."""
+    keys, method = " ".join(kept.section.parameters), kept.section.method
+    found: dict[str, Any] = {} if method == "default" else {"method": method}
+    poly = kept.section.parameters.get(f"motor.{kept.name}_poly")
+    if poly is not None:
+        found["order"] = str(len(poly.value) - 1)
+    if kept.command == "tf identify" and method != "thesis":
+        found |= {name: kept.quality[name] for name in ("shape", "form") if isinstance(kept.quality.get(name), str)}
+    if kept.command == "fit drag":
+        terms = {
+            "mended": kept.quality.get("kappa_4_times") == "|v_xy|",
+            "intercepts": "drag.intercepts_n." in keys,
+            "parasitic": "drag.parasitic_kg_per_m." in keys,
+        }
+        found |= {name: True for name, has in terms.items() if has}
+    return found
 
 
-def _drag(recipe: Recipe) -> Result:
-    keys = " ".join(recipe.kept.section.parameters)
-    return drag.fit(
-        recipe.runs,
-        rig=recipe.rig.facts,
-        mended=recipe.kept.quality.get("kappa_4_times") == "|v_xy|",
-        intercepts="drag.intercepts_n." in keys,
-        parasitic="drag.parasitic_kg_per_m." in keys,
-        method=recipe._method,
-    )
-
-
-_AGAIN: Mapping[str, Callable[[Recipe], Result]] = {
-    "fit swing": lambda recipe: swing.fit(recipe.runs[0], rig=recipe.rig, method=recipe._method),
-    "fit friction": lambda recipe: friction.fit(recipe.runs, rig=recipe.rig, method=recipe._method),
-    "fit inertia": _inertia,
-    "fit testbody": _inertia,
-    "fit loadcell": lambda recipe: loadcell.fit(recipe.runs, gravity_mps2=recipe.rig.site.gravity_mps2),
-    "fit thrust": _thrust,
-    "fit speed": _speed,
-    "fit torque": lambda recipe: maps.fit_torque(recipe.runs, method=recipe._method, **recipe._order),
-    "fit rotor": lambda recipe: vibration.fit(recipe.runs[0]),
-    "fit dynamics": _dynamics,
-    "fit drag": _drag,
-    "tf identify": _transfer,
-    "tf latency": lambda recipe: latency.fit(recipe.runs),
-}
+def _checked(name: str, value: Any, taken: Mapping[str, inspect.Parameter]) -> Any:
+    try:
+        return TypeAdapter(list[str] if name == LABELS else taken[name].annotation).validate_python(value)
+    except (KeyError, ValidationError):
+        raise DataError(f"its option {name} = {value!r} is none that this command takes: fit it by hand.") from None

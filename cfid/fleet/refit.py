@@ -10,7 +10,7 @@ from pathlib import Path, PurePath
 from cfid import __version__
 from cfid.errors import CfidError, DataError
 from cfid.fleet.places import Place, at_hand
-from cfid.fleet.recipes import Method, Recipe
+from cfid.fleet.recipes import Method, again, options_of
 from cfid.records.campaign import RUNS_FOLDER, Campaign, open_campaign
 from cfid.records.fits import Fit, list_fits
 from cfid.records.parameters import Section, store_section
@@ -94,18 +94,15 @@ def _readable(found: Iterable[Fit | DataError]) -> list[Fit]:
 
 def _repeat(fit: Fit, own: Campaign, made: Campaign, place: Place, method: Method | None) -> Refit:
     runs, notes = _runs_of(fit, own, place)
-    thrust = made.sections().get("thrust")
-    poly = None if thrust is None else thrust.parameters.get("motor.thrust_poly")
-    recipe = Recipe(
-        kept=fit, runs=runs, rig=own.rig, thrust_poly=None if poly is None else list(poly.value), method=method
-    )
-    result = recipe.fit()
+    options = options_of(fit, method)
+    brought = options | ({"verify": _scales(options["verify"], own, place)} if "verify" in options else {})
+    result = again(fit, [run.folder for run in runs], campaign=made.folder, options=brought)
     before = {source.sha256 for source in fit.section.sources}
     changed = [PurePath(source.path).name for source in result.sources if source.sha256 not in before]
     if changed and not any("left out" in note for note in notes):
         notes += (f"changed since it was fitted: {', '.join(changed)}.",)
     sources = tuple(replace(source, path=place.named(source.path)) for source in result.sources)
-    made.keep(replace(result, sources=sources))
+    made.keep(replace(result, sources=sources), force=options.get("force", False), options=options)
     moved, most = _largest_move(fit.section, made.sections()[fit.name])
     return Refit(name=fit.name, moved=moved, most=most, notes=notes)
 
@@ -130,6 +127,14 @@ def _runs_of(fit: Fit, own: Campaign, place: Place) -> tuple[list[Run], tuple[st
         raise DataError(f"all its runs are excluded now: {', '.join(left)}.")
     notes = (f"left out, since excluded: {', '.join(left)}.",) if left else ()
     return [run for run in runs if not run.header.excluded], notes
+
+
+def _scales(named: Path, own: Campaign, place: Place) -> Path:
+    """Return where the scales are that a fit was verified with: a file, or a run by its name."""
+    if named.exists() or not _RUN_NAME.fullmatch(str(named)):
+        return named
+    place.bring_run(str(named))
+    return own.runs_folder / named
 
 
 def _largest_move(kept: Section, made: Section) -> tuple[float | None, str]:

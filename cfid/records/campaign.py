@@ -1,16 +1,16 @@
 """A campaign folder: the rig, its runs, and what was found from them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ConfigDict
 
 from cfid import __version__
 from cfid.errors import ConfigError, FitError
-from cfid.findings import texts
+from cfid.findings import joined, texts
 from cfid.records.fits import Fit, keep_fit
 from cfid.records.parameters import Section, Source, load_sections, plain, store_section
 from cfid.records.plausibility import judged
@@ -93,17 +93,25 @@ class Campaign(BaseModel):
         ]
         return DataFrame(rows, columns=["quantity", "value", "std", "unit", "section", "accepted", "found"])
 
-    def keep(self, result: Result, *, figures: Sequence[Path] = (), force: bool = False) -> Path:
+    def keep(
+        self,
+        result: Result,
+        *,
+        figures: Sequence[Path] = (),
+        force: bool = False,
+        options: Mapping[str, Any] | None = None,
+    ) -> Path:
         """Keep a result in parameters.toml and fits/, and return the path of the latter.
 
         Rejected quantities are kept only with `force`, and marked, and so are those that the rig's platform cannot
-        have. Raises FitError when a quantity that the analysis is for was rejected and `force` is not set; ConfigError
-        when a file cannot be written.
+        have. `options` are those of the command that differ from its defaults; a fit made in Python states none. Raises
+        FitError when a quantity that the analysis is for was rejected and `force` is not set; ConfigError when a file
+        cannot be written.
         """
         result = judged(result, self.rig)
         if not (result.accepted or force):
             raise FitError(
-                f"rejected: {' '.join(texts(result.findings, 'rejection'))} {self.parameters_file} is unchanged."
+                f"rejected: {joined(texts(result.findings, 'rejection'))} {self.parameters_file} is unchanged."
             )
         given = result if force else result.without_rejected()
         section = Section(
@@ -122,6 +130,7 @@ class Campaign(BaseModel):
             command=given.command,
             section=section,
             quality=plain(given.quality),
+            options=options,
             findings=given.findings,
             lines=given.summary(),
             figures=tuple(self._path_in(str(path)) for path in figures),

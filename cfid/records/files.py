@@ -16,6 +16,7 @@ from pydantic import ValidationError
 
 from cfid.errors import CfidError, DataError
 
+_BEGINNING = 50  # characters of a name, of four bytes each at most: names of files have 255 bytes
 _DEEPEST = 100  # tables and lists inside each other
 
 
@@ -32,7 +33,9 @@ def write_whole(path: Path, content: bytes) -> None:
         raise OSError(errno.ELOOP, os.strerror(errno.ELOOP)) from None
     with contextlib.suppress(FileNotFoundError):
         check_regular(path)
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
+    if path.is_dir():  # the root has no name of which a temporary one could be made
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    temporary = path.with_name(f".{path.name[:_BEGINNING]}.{secrets.token_hex(8)}.tmp")
     try:
         with temporary.open("xb") as file:
             with contextlib.suppress(FileNotFoundError):
@@ -94,6 +97,16 @@ def toml_bytes(content: Mapping[str, Any]) -> bytes:
     A file name that is not UTF-8 gets a question mark for each invalid byte, so that the file stays readable.
     """
     return tomli_w.dumps(content).encode("utf-8", "replace")
+
+
+def check_format(path: Path, found: Any, *, newest: int) -> None:
+    """Raise DataError for a file's format that is no whole number, or newer than the newest that this version reads."""
+    if not isinstance(found, int) or isinstance(found, bool) or found < 1:
+        raise DataError(f"{path}: format: should be a whole number from 1 to {newest}.")
+    if found > newest:
+        raise DataError(
+            f"{path}: has format {found}, written by a newer cfid; this one reads formats up to {newest}. Update cfid."
+        )
 
 
 @contextlib.contextmanager

@@ -7,6 +7,7 @@ report and to compare repeated fits.
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,17 +16,18 @@ from pydantic_core import from_json
 
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, rejection, warning
-from cfid.records.files import check_regular, locked_folder, write_whole
+from cfid.records.files import check_format, check_regular, locked_folder, write_whole
 from cfid.records.parameters import Section, plain, section_fault, with_current_keys
 
-FORMAT = 2  # format 1 had no format number, and sentences without codes
+FORMAT = 3  # format 1 had no format number, and sentences without codes; format 2 no options
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
     """A fit: name of its section, command, and results; the figures' paths are relative to the campaign.
 
-    `quality` and `findings` are those of --json, `lines` the further lines of the terminal output.
+    `quality` and `findings` are those of --json, `lines` the further lines of the terminal output. `options` are those
+    of its command that differ from their defaults, by name; None where nobody stated them.
     """
 
     name: str
@@ -35,6 +37,7 @@ class Fit:
     findings: tuple[Finding, ...] = ()
     lines: tuple[str, ...] = ()
     figures: tuple[str, ...] = ()
+    options: Mapping[str, Any] | None = None
 
     @property
     def hashes(self) -> frozenset[str]:
@@ -87,9 +90,15 @@ def list_fits(folder: Path) -> list[Fit | DataError]:
     return found
 
 
+@cache
+def _validator() -> TypeAdapter[Fit]:
+    """Return what validates a fit; making it takes longer than a file's validation."""
+    return TypeAdapter(Fit)
+
+
 def _read(path: Path) -> Fit:
     try:
-        fit = TypeAdapter(Fit).validate_python(_content(path))
+        fit = _validator().validate_python(_content(path))
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}.") from None
     except ValidationError as error:  # a ValueError, too
@@ -105,15 +114,12 @@ def _read(path: Path) -> Fit:
 
 
 def _content(path: Path) -> Any:
-    """Return a file's content with current keys. Raises DataError for a newer format, ValueError for invalid JSON."""
+    """Return a file's content with current keys. Raises DataError for a format, ValueError for no JSON."""
     check_regular(path)
     content = from_json(path.read_bytes())
     if not isinstance(content, dict):
         return content
-    if isinstance(found := content.pop("format", 1), int) and found > FORMAT:
-        raise DataError(
-            f"{path}: has format {found}, written by a newer cfid; this one reads formats up to {FORMAT}. Update cfid."
-        )
+    check_format(path, content.pop("format", 1), newest=FORMAT)
     findings = [
         *(rejection("of-an-older-version", text) for text in content.pop("doubts", [])),
         *(warning("of-an-older-version", text) for text in content.pop("warnings", [])),
@@ -132,4 +138,4 @@ def _with_sentences(findings: Any) -> Any:
 
 
 def _text(value: Any) -> str:
-    return str(value.isoformat())
+    return str(value) if isinstance(value, Path) else str(value.isoformat())

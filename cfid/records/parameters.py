@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import datetime
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from pydantic import TypeAdapter, ValidationError
 from cfid.errors import ConfigError, DataError
 from cfid.quantities.values import Number, numbers, shape_error
 from cfid.records.covariances import Covariance, common_fault, covariance_fault
-from cfid.records.files import first_fault, locked_folder, read_toml, toml_bytes, write_toml
+from cfid.records.files import check_format, first_fault, locked_folder, read_toml, toml_bytes, write_toml
 
 FORMAT = 2  # format 1 had no format number, covariances, common causes or rejections
 _FORMAT_KEY = "format"
@@ -132,13 +133,7 @@ def _load(path: Path) -> dict[str, Any]:
         content = read_toml(path, DataError)
     except FileNotFoundError:
         return {}
-    found = content.pop(_FORMAT_KEY, 1)
-    if not isinstance(found, int) or isinstance(found, bool) or found < 1:
-        raise DataError(f"{path}: {_FORMAT_KEY}: should be a whole number from 1 to {FORMAT}.")
-    if found > FORMAT:
-        raise DataError(
-            f"{path}: has format {found}, written by a newer cfid; this one reads formats up to {FORMAT}. Update cfid."
-        )
+    check_format(path, content.pop(_FORMAT_KEY, 1), newest=FORMAT)
     return {name: with_current_keys(table) for name, table in content.items()}
 
 
@@ -153,9 +148,15 @@ def with_current_keys(table: Any) -> Any:
     return table | {"accepted": accepted}
 
 
+@cache
+def _validator() -> TypeAdapter[dict[str, Section]]:
+    """Return what validates sections; making it takes longer than a file's validation."""
+    return TypeAdapter(dict[str, Section])
+
+
 def _sections(path: Path, content: dict[str, Any]) -> dict[str, Section]:
     try:
-        sections = TypeAdapter(dict[str, Section]).validate_python(content)
+        sections = _validator().validate_python(content)
     except ValidationError as error:
         fault = first_fault(error, content)
     else:

@@ -1,5 +1,9 @@
-"""Six swings to a matrix as a whole process, against importing numpy, scipy.optimize and pandas."""
+"""Six swings to a matrix as a whole process, against importing numpy, scipy.optimize and pandas.
 
+The goal is of the wall clock; processor time is printed too, because others may use the machine meanwhile.
+"""
+
+import resource
 import statistics
 import subprocess
 import sys
@@ -32,10 +36,12 @@ def write_swings(folder: Path) -> list[str]:
     return [*words, "--geometry", str(rig_file)]
 
 
-def seconds(*command: str) -> float:
-    begin = time.perf_counter()
+def seconds(*command: str) -> tuple[float, float]:
+    """Return the seconds of a process by the wall clock and of processor time."""
+    before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    return time.perf_counter() - begin
+    after, end = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    return end - begin, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 def main() -> None:
@@ -45,10 +51,13 @@ def main() -> None:
         for _ in range(RUNS):
             ours.append(seconds(sys.executable, "-m", "cfid.cli.main", "fit", "inertia", *words, "--json"))
             theirs.append(seconds(sys.executable, "-c", "import numpy, scipy.optimize, pandas"))
-    ratio = statistics.median(a / b for a, b in zip(ours, theirs, strict=True))
-    print(f"cfid fit inertia, six swings             {statistics.median(ours):6.3f} s (median of {RUNS})")
-    print(f"import numpy, scipy.optimize, pandas     {statistics.median(theirs):6.3f} s")
-    print(f"ratio                                    {ratio:6.2f}   (goal: at most 2)")
+    for place, (clock, goal) in enumerate((("by the wall clock", "   (goal: at most 2)"), ("of processor time", ""))):
+        own, other = [one[place] for one in ours], [one[place] for one in theirs]
+        ratio = statistics.median(a / b for a, b in zip(own, other, strict=True))
+        print(f"{clock}, medians of {RUNS}")
+        print(f"cfid fit inertia, six swings             {statistics.median(own):6.3f} s")
+        print(f"import numpy, scipy.optimize, pandas     {statistics.median(other):6.3f} s")
+        print(f"ratio {clock}                  {ratio:6.2f}{goal}")
 
 
 if __name__ == "__main__":

@@ -241,6 +241,83 @@ def test_another_method_takes_the_place_of_that_of_the_fits(cfid: Cfid, campaign
     assert row["fits"][0]["moved_in_std"] > 1
 
 
+OPTIONS = {
+    "swing": {"from_s": 0.75, "to_s": 14.2, "mass_kg": "0.0301:0.0001", "min_angle_deg": 3.0},
+    "friction": {"radius_mm": "2.05:0.01", "gravity_mps2": "9.8123:0.0001"},
+}
+
+
+@pytest.fixture
+def fitted_with_options(three: Path) -> Path:
+    """A campaign whose last fits of a swing and of friction were made with options."""
+    swing = next((three / "c1" / "runs").glob("*swing_x")).name
+    for words in (
+        f"swing {swing} --from 0.75 --to 14.2 --mass-kg 0.0301:0.0001 --min-angle-deg 3",
+        "friction --radius-mm 2.05:0.01 --gravity-mps2 9.8123:0.0001",
+    ):
+        ended = in_this_process(["fit", *words.split(), "--no-figures"], three / "c1")
+        assert ended.returncode == 0, ended.stderr
+    return three / "c1"
+
+
+def last_fit(folder: Path, name: str) -> Path:
+    return max((folder / "fits").glob(f"*{name}*.json"), key=lambda path: path.stat().st_mtime_ns)
+
+
+def test_a_fit_with_options_is_repeated_with_them_to_the_last_bit(
+    cfid: Cfid, fitted_with_options: Path, tmp_path: Path
+) -> None:
+    ended = cfid("fleet", "fit", fitted_with_options, "--out", tmp_path / "out", "--jobs", 1)
+
+    assert ended.returncode == 0, ended.stderr
+    kept, made = (numbers(load_sections(one / "parameters.toml")) for one in (fitted_with_options, tmp_path / "out/c1"))
+    assert made == kept
+    for folder in (fitted_with_options, tmp_path / "out" / "c1"):
+        assert {name: json.loads(last_fit(folder, name).read_text())["options"] for name in OPTIONS} == OPTIONS
+
+
+def test_labels_that_were_typed_are_repeated_and_those_of_other_runs_refused(three: Path, tmp_path: Path) -> None:
+    campaign = three / "c1"
+    drops = sorted(path.name for path in (campaign / "runs").glob("*drop*"))
+    words = [f"{drop.rpartition('_')[2].removesuffix('g')}:0.2={drop}" for drop in drops]
+    ended = in_this_process(["fit", "friction", *words, "--no-figures"], campaign)
+    assert ended.returncode == 0, ended.stderr
+    kept = numbers(load_sections(campaign / "parameters.toml"))
+    file = last_fit(campaign, "friction")
+    content = json.loads(file.read_text())
+
+    assert content["options"] == {"labels": words}
+    assert found_by(refit(str(campaign)), tmp_path / "made")["friction"] == kept["friction"]
+
+    file.write_text(json.dumps(content | {"options": {"labels": ["20:0.2=another"]}}))
+    (fault,) = [fit.fault for fit in refit(str(campaign)).fits if fit.name == "friction"]
+    assert fault == "20:0.2=another was typed, which is none of its runs: fit it by hand."
+
+
+def test_a_fit_of_an_older_file_is_repeated_without_the_options_that_it_does_not_state(
+    fitted_with_options: Path, tmp_path: Path
+) -> None:
+    file = last_fit(fitted_with_options, "friction")
+    content = json.loads(file.read_text())
+    del content["options"]
+    file.write_text(json.dumps(content | {"format": 2}))
+    kept = load_sections(fitted_with_options / "parameters.toml")
+    made = found_by(refit(str(fitted_with_options)), tmp_path / "made")
+
+    assert made["friction"] != numbers(kept)["friction"]
+    assert made["swing x"] == numbers(kept)["swing x"]
+
+
+@pytest.mark.parametrize(("name", "value"), [("from_s", "soon"), ("out", "/tmp"), ("run", "x"), ("colour", 1)])
+def test_an_option_that_its_command_does_not_take_is_named(name: str, value: object, fitted_with_options: Path) -> None:
+    file = last_fit(fitted_with_options, "swing")
+    content = json.loads(file.read_text())
+    file.write_text(json.dumps(content | {"options": {name: value}}))
+    (fault,) = [fit.fault for fit in refit(str(fitted_with_options)).fits if fit.name == "swing x"]
+
+    assert fault == f"its option {name} = {value!r} is none that this command takes: fit it by hand."
+
+
 def test_campaigns_that_cannot_be_read_do_not_stop_the_others(cfid: Cfid, three: Path, tmp_path: Path) -> None:
     shutil.rmtree(three / "c1" / "fits")
     (three / "c2" / "rig.toml").write_text("no [rig")

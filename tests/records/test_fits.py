@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from cfid.errors import DataError
 from cfid.findings import rejection, warning
@@ -124,10 +125,19 @@ def test_a_fit_of_the_first_format_keeps_its_sentences_as_findings(tmp_path: Pat
     assert set(found.section.rejected) == {"inertia.matrix_kg_m2"}
 
 
+@pytest.mark.parametrize("found", ["3", 3.0, True, None, 0, -1, [3]])
+def test_a_format_that_is_no_whole_number_above_zero_is_refused_by_name(found: object, tmp_path: Path) -> None:
+    path = keep_fit(tmp_path, FIT)
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"format": found}))
+    (broken,) = list_fits(tmp_path)
+
+    assert str(broken) == f"{path}: format: should be a whole number from 1 to 3."
+
+
 def test_a_fit_of_a_newer_format_is_refused_by_name(tmp_path: Path) -> None:
     path = keep_fit(tmp_path, FIT)
-    path.write_text(path.read_text().replace('"format": 2', '"format": 3'))
+    path.write_text(path.read_text().replace('"format": 3', '"format": 4'))
     (found,) = list_fits(tmp_path)
 
     assert isinstance(found, DataError)
-    assert "has format 3, written by a newer cfid" in str(found)
+    assert "has format 4, written by a newer cfid" in str(found)
