@@ -57,6 +57,18 @@ def broken(self, instrument):
     take(self, instrument)
 recorder.Recorder._write = broken
 """
+BUG_IN_PREFLIGHT = """
+from cfid.rig.sampling import Memory
+append, turned = Memory.append, []
+def broken(self, device, columns):
+    if turned or (device == "commands" and max(map(max, columns[1:])) > 0):
+        turned.append(1)
+    if len(turned) > 20:
+        raise RuntimeError("a bug")
+    append(self, device, columns)
+Memory.append = broken
+"""
+BUGS = {"a bug": BUG, "a bug in preflight": BUG_IN_PREFLIGHT}
 
 Act = Callable[[Bench, Pilot, "Keyboard | None"], None]
 
@@ -168,6 +180,7 @@ WAYS: dict[str, Way] = {
     "link closed in preflight": Way(PREFLIGHT, vehicle(closed_after_s=0), 3),
     "battery low in preflight": Way(PREFLIGHT, vehicle(low_battery_after_s=0), 3, "not ready: signals"),
     "load cell lost in preflight": Way(PREFLIGHT, loadcell(silent_after_s=0), 3, "not ready: signals"),
+    "a bug in preflight": Way(PREFLIGHT, wait, 1, "RuntimeError: a bug", {"anew": True}),
     "overload in preflight": Way(PREFLIGHT, overload, 3, "not ready: signals"),
     **{signal_name(number): Way(HOLD, signals(number), 0) for number in OTHER_SIGNALS},
 }
@@ -206,8 +219,8 @@ def stop_once(folder: Path, name: str, kind: str, *, afterwards_s: float = AFTER
     """Let motors run, take a way out, and return how that ended."""
     way = WAYS[name]
     with bench_in(folder, crazyflie=VEHICLES[kind]) as bench, contextlib.ExitStack() as opened:
-        if name == "a bug":
-            (folder / "sitecustomize.py").write_text(BUG)
+        if name in BUGS:
+            (folder / "sitecustomize.py").write_text(BUGS[name])
             bench.environment["PYTHONPATH"] = str(folder)
         options, keyboard = dict(way.options), None
         if way.typed:
@@ -233,7 +246,7 @@ def stop_once(folder: Path, name: str, kind: str, *, afterwards_s: float = AFTER
         assert code in codes, f"{pilot.out}{pilot.err}"
         assert way.told in pilot.err
         assert MAY_BE_RUNNING not in pilot.err
-        assert ("Traceback" in pilot.err) == (name == "a bug"), pilot.err
+        assert ("Traceback" in pilot.err) == (name in BUGS), pilot.err
         time.sleep(afterwards_s)
         assert not any(bench.motors), "the motors came on again"
         assert bench.history[-1][0] == last_s

@@ -127,6 +127,17 @@ def test_propellers_out_of_balance_are_named_with_what_to_do(tmp_path: Path) -> 
     assert all("replace this propeller" in answer["advice"] for answer in answers), answers
 
 
+def test_one_bad_propeller_of_four_is_named_alone(tmp_path: Path) -> None:
+    with bench_in(tmp_path, **FULL, rotors={"unbalance_by_motor": (1.0, 1.0, 4.0, 1.0)}) as bench:
+        content = (tmp_path / "rig.toml").read_text().replace("rate_hz = 700\n", "rate_hz = 7000\n")
+        (tmp_path / "rig.toml").write_text(content)
+        pilot = bench.start("rig", "preflight", "--for", 1, "--yes", "--json")
+        assert pilot.end() == 3
+    answers = json.loads(pilot.out)["devices"]["rotors"]
+
+    assert {answer["asked"] for answer in answers if answer["state"] != "ok"} == {"balance 3"}, answers
+
+
 @pytest.mark.parametrize(
     "numbers",
     [(signal.SIGINT,), (signal.SIGINT, signal.SIGINT), (signal.SIGHUP,), (signal.SIGTERM,)],
@@ -198,3 +209,56 @@ def test_what_only_disturbs_is_noted_and_the_recording_goes_on(tmp_path: Path) -
     assert "note: loadcell, other lines: " in pilot.err
     assert "tighten the stand" in pilot.err
     assert run.header.state == "complete"
+
+
+# Many rigs
+
+
+def preflight_of(folder: Path, **truth: Any) -> dict[str, str]:
+    """Return the state of each line, balance included, at 7 kHz."""
+    folder.mkdir()
+    with bench_in(folder, **truth) as bench:
+        content = (folder / "rig.toml").read_text().replace("rate_hz = 700\n", "rate_hz = 7000\n")
+        (folder / "rig.toml").write_text(content)
+        pilot = bench.start("rig", "preflight", "--for", 2, "--yes", "--json")
+        pilot.end()
+    devices = json.loads(pilot.out)["devices"]
+    return {answer["asked"]: answer["state"] for answers in devices.values() for answer in answers}
+
+
+def drawn_rig(rng: np.random.Generator) -> dict[str, Any]:
+    """Draw a sound rig: cells from half full, biases to a tenth of the range, propellers below 1.2 times their thrust.
+
+    A propeller's line is 0.85 times its thrust; times what is drawn here, and 0.8 to 1.2 drawn by the simulation.
+    """
+    bias = rng.uniform(-0.1, 0.1, 6) * (20, 20, 60, 1, 1, 1)
+    return {
+        "battery": {"kind": "lipo", "charge": rng.uniform(0.5, 1.0)},
+        "loadcell": {"bias": tuple(bias)},
+        "rotors": {"unbalance_by_motor": tuple(rng.uniform(0.8, 1.15, 4))},
+    }
+
+
+@pytest.mark.slow
+def test_of_twenty_sound_rigs_none_is_called_faulty(tmp_path: Path) -> None:
+    found = [preflight_of(tmp_path / str(seed), **drawn_rig(np.random.default_rng(seed))) for seed in range(20)]
+    states = [state for rig in found for state in rig.values()]
+    print(f"sound rigs: {len(found)}, lines {len(states)}, warnings {states.count('warning')}")
+
+    assert [line for rig in found for line, state in rig.items() if state == "fault"] == []
+
+
+@pytest.mark.slow
+def test_of_twenty_bad_propellers_each_is_named_and_no_other(tmp_path: Path) -> None:
+    named = []
+    for seed in range(20):
+        rng = np.random.default_rng(100 + seed)
+        truth, bad = drawn_rig(rng), int(rng.integers(4))
+        unbalance = list(truth["rotors"]["unbalance_by_motor"])
+        unbalance[bad] *= rng.uniform(3.5, 6.0)
+        states = preflight_of(tmp_path / str(seed), **truth | {"rotors": {"unbalance_by_motor": tuple(unbalance)}})
+        faults = {line for line, state in states.items() if state == "fault"}
+        named.append(faults == {f"balance {bad + 1}"})
+        print(f"bad propeller {bad + 1} of {np.round(unbalance, 2)}: {faults}")
+
+    assert all(named)
