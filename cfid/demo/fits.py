@@ -1,7 +1,6 @@
 """Run the demo's fits by the operator's own commands, and print the true values beside the estimates."""
 
 import math
-import os
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -80,12 +79,9 @@ class _Processes:
     def run(self, words: str) -> tuple[int, str, str]:
         """Run a command to its end; return exit code, stdout and stderr."""
         drawn = self._drawn if words.startswith(("fit", "tf")) else []
-        # One processor for each command: more threads of the linear algebra would slow each other down.
-        environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         process = subprocess.Popen(
             [sys.executable, "-m", "cfid.cli.main", *words.split(), *drawn],
             cwd=self._folder,
-            env=environment,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,

@@ -15,11 +15,9 @@ from cfid.drag.comparison import DragModels, Method, fit_each, fit_models
 from cfid.drag.data import read_runs
 from cfid.drag.estimation import DragFit, Uncertain
 from cfid.drag.experiments import DragExperiments
-from cfid.drag.figures import drag_figures
 from cfid.drag.model import CROSS_MENDED
 from cfid.drag.thesis import Grouping, Normalised, group_rows, normalise
 from cfid.drag.wind.data import AS_THEY_ARE, WindReading
-from cfid.drawing.rig import load_cell_figure
 from cfid.estimate.common_causes import Effects, moved_by, with_common_causes
 from cfid.findings import Finding, note
 from cfid.quantities.lookup import unit_of
@@ -117,11 +115,15 @@ def _effects(found: DragModels, again: _Again) -> Effects:
 
 
 def _drawings(found: DragModels) -> Figures:
+    from cfid.drag.figures import drag_figures
+
     return {**drag_figures(found), **_of_the_rig(found.experiments)}
 
 
 def _of_the_rig(runs: DragExperiments) -> Figures:
     """Draw how the vehicle stood, if all runs state the same."""
+    from cfid.drawing.rig import load_cell_figure
+
     stated = {(rig.yaw_in_wind_deg, rig.wind.azimuth_deg) for rig in runs.rigs}
     yaw_deg, azimuth_deg = stated.pop() if len(stated) == 1 else (None, None)
     if yaw_deg is None:

@@ -8,7 +8,6 @@ from cfid.errors import ConfigError, DataError, check_positive
 from cfid.findings import Finding, warning
 from cfid.friction.drops import Drop, measure_drop
 from cfid.friction.estimation import COULOMB, SETUP_INERTIA, VISCOUS, FrictionEstimate, fit_friction, thesis_friction
-from cfid.friction.figures import drops_figure, friction_figure
 from cfid.quantities.quantity import Range
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import Given, implausible_inputs, implausible_quantities, taken_as_exact
@@ -73,6 +72,8 @@ def fit(
     unsettled = [record for record, drop in zip(records, measured, strict=True) if not drop.settled]
 
     def drawings() -> Figures:
+        from cfid.friction.figures import drops_figure, friction_figure
+
         labels = [f"{1000 * d.weight_kg:g} g, {r.name}" for d, r in zip(measured, records, strict=True)]
         figures = {"friction_runs": drops_figure(measured, labels=labels)}
         if len(unsettled) < len(measured):

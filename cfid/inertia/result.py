@@ -7,14 +7,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cfid.drawing.rig import mounts_figure
 from cfid.errors import FitError
 from cfid.estimate.linear import weighted_mean
 from cfid.findings import Finding, note, rejection, warning
 from cfid.inertia.data import MeasuredSwings, Peaks, Swing, measure, records_of
 from cfid.inertia.directions import icosahedron_axes, off_diagonal_gain
 from cfid.inertia.estimation import MATRIX, InertiaFit, MeasuredAxes, fit_inertia, measure_axes
-from cfid.inertia.figures import budget_figure
 from cfid.inertia.redundancy import distance_findings, redundancy_findings
 from cfid.inertia.sensitivities import moved_by_inputs
 from cfid.quantities.values import PRODUCTS
@@ -95,6 +93,8 @@ def fit(
     ]
 
     def drawings() -> Figures:
+        from cfid.inertia.figures import budget_figure
+
         return {} if matrix is None else {"inertia": budget_figure(matrix, axes=axes), **_mounts_figure(body, axes)}
 
     return Result(
@@ -121,6 +121,8 @@ def fit(
 
 def _mounts_figure(body: SwungBody, axes: Sequence[str]) -> Figures:
     """Draw the axes that it swung about; a pair of threads has none."""
+    from cfid.drawing.rig import mounts_figure
+
     hung = {axis: body.mounts[axis] for axis in axes if axis in body.mounts and body.mounts[axis].threads is None}
     title = "Axes of the swings, as rig.toml states them"
     return {"inertia_mounts": mounts_figure(hung, title=title)} if hung else {}

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from cfid.findings import Finding, rejection, warning
 from cfid.inertia.comparison import BodyComparison, compare
 from cfid.inertia.data import Peaks, Swing, measure, records_of
-from cfid.inertia.figures import testbody_figure
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig
@@ -66,6 +65,8 @@ def fit_testbody(
     )
 
     def drawings() -> Figures:
+        from cfid.inertia.figures import testbody_figure
+
         return {"testbody": testbody_figure(comparisons)}
 
     return Result(

@@ -24,7 +24,6 @@ from cfid.swing.data import (
     turned_about,
 )
 from cfid.swing.estimation import SwingFit, fit_swing
-from cfid.swing.figures import swing_figure, thesis_swing_figure
 from cfid.swing.free_swing import SMALLEST_PEAK_RAD, FreeSwing
 from cfid.swing.thesis import DampedCosine, fit_damped_cosine, fit_flexible, log_decrement
 from cfid.swing.values import INERTIA, InertiaAbout, findings_about, inertia_about
@@ -132,6 +131,8 @@ def _by_default(record: AngleRecord, swing: FreeSwing) -> _SwingEstimate:
     checks, check_lines = _checks(swing, fitted, cosine)
 
     def drawings() -> Figures:
+        from cfid.swing.figures import swing_figure
+
         return {f"{record.path.stem}_swing": swing_figure(swing, fitted, title=record.name)}
 
     quality = fitted.quality
@@ -207,6 +208,8 @@ def _by_thesis(record: AngleRecord, swing: FreeSwing) -> _SwingEstimate:
     )
 
     def drawings() -> Figures:
+        from cfid.swing.figures import thesis_swing_figure
+
         name = f"{record.path.stem}_swing_thesis"
         return {name: thesis_swing_figure(swing, cosine, flexible, title=record.name)}
 

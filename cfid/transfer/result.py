@@ -16,10 +16,6 @@ from cfid.records.result import Dependent, Figures, Result
 from cfid.records.run import Run
 from cfid.transfer.comparison import Comparison, GainAndLag, Published, compared
 from cfid.transfer.estimation import TransferFit
-from cfid.transfer.figures import (
-    fit_figures,
-    thesis_bode_figure,
-)
 from cfid.transfer.frequency_response import CUTOFF_HZ, SETTLE_S
 from cfid.transfer.identification import Identified, identify_all
 from cfid.transfer.likelihood import Shape
@@ -270,8 +266,12 @@ def _row(periods: int, frequency_rad_s: float, value: complex) -> dict[str, Any]
 
 
 def _fit_figures(found: Identified, thesis: ThesisFit | None, settle_s: float) -> Figures:
+    from cfid.transfer.figures import fit_figures
+
     return fit_figures(found, thesis=thesis, settle_s=settle_s)
 
 
 def _thesis_figures(found: ThesisFits) -> Figures:
+    from cfid.transfer.figures import thesis_bode_figure
+
     return {"tf_bode_thesis": thesis_bode_figure(found.each, found.joint, sample_s=SAMPLE_S)}

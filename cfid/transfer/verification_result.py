@@ -13,7 +13,6 @@ from cfid.findings import Finding, warning
 from cfid.records.parameters import Parameter, Source
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.run import Run
-from cfid.transfer.figures import verification_figure
 from cfid.transfer.frequency_response import SETTLE_S
 from cfid.transfer.model import DifferenceEquation
 from cfid.transfer.sines.alignment import Sign, SineRun, SineSeries, align, with_end
@@ -167,6 +166,8 @@ def _line(own: Verification) -> str:
 
 
 def _figures(compared: Sequence[tuple[SineRun, Verification]]) -> Figures:
+    from cfid.transfer.figures import verification_figure
+
     names = _distinct(f"tf_verify_l{run.sine.periods}" for run, _ in compared)
     return {name: verification_figure(run, own) for name, (run, own) in zip(names, compared, strict=True)}
 

@@ -12,7 +12,6 @@ from cfid.flight.data import FlownLog
 from cfid.flight.model import LEVER, ROW_S
 from cfid.records.result import Figures, Result
 from cfid.units import COVERAGE_95, USUAL_GRAVITY_MPS2
-from cfid.validation.figures import validation_figure
 from cfid.validation.rollout import HORIZONS, QUANTITIES, UNITS, ParameterSet, errors, starts
 
 Array = npt.NDArray[np.float64]
@@ -49,6 +48,8 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Mapping[str
     table = compared(each)
 
     def drawings() -> Figures:
+        from cfid.validation.figures import validation_figure
+
         title = f"{flown.flight.name}: {len(at)} segments of 1 s"
         return {f"validate_{flown.flight.name}": validation_figure(each, title=title)}
 

@@ -11,7 +11,6 @@ from cfid.errors import CfidError, FitError
 from cfid.findings import Finding, note, rejection, warning
 from cfid.motors.lag.data import RotorLog
 from cfid.motors.lag.estimation import LagFit, fit_lag, joined
-from cfid.motors.lag.figures import lag_figure
 from cfid.motors.lag.values import SPEED_POLY, joint_parameters, rotor_maps, rotor_rows, speed_map_findings
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Figures, Result
@@ -42,6 +41,8 @@ def fit(record: RotorLog) -> Result:
     joint, covariances = joint_parameters(accepted.values(), volts=seen.volts)
 
     def drawings() -> Figures:
+        from cfid.motors.lag.figures import lag_figure
+
         return {f"fit_dynamics_{record.name}": lag_figure(fits, title=record.name)}
 
     return Result(

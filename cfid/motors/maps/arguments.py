@@ -7,6 +7,7 @@ from cfid.console.inputs import Workplace, find_recording
 from cfid.console.options import LoadCellOptions, ReadingOptions
 from cfid.console.selection import chosen, labelled
 from cfid.errors import ConfigError, DataError, FitError
+from cfid.findings import joined
 from cfid.motors.maps.data import of_file, of_run
 from cfid.motors.maps.evidence import Evidence, Stand, together
 from cfid.motors.maps.table_data import of_table
@@ -72,7 +73,7 @@ def read_evidence(
             "nothing to fit: give a thrust stand's CSV file, COMMAND=FILE ..., or a RUN of `cfid log thrust` or speed."
         )
     if not any(len(part.points.command) for part in parts):
-        raise FitError(" ".join(["no step settles.", *(part.findings[-1].text for part in parts if part.findings)]))
+        raise FitError(joined(["no step settles.", *(part.findings[-1].text for part in parts if part.findings)]))
     return together(parts)
 
 

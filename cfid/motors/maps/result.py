@@ -18,12 +18,11 @@ from cfid.estimate.common_causes import (
     torque_scales,
     with_common_causes,
 )
-from cfid.findings import Finding, rejection, texts, warning
+from cfid.findings import Finding, joined, rejection, texts, warning
 from cfid.motors.maps import estimation, values
 from cfid.motors.maps.data import of_run
 from cfid.motors.maps.estimation import GIVEN_BY, OVER_SPEED, Method, MotorMap, Order, SpeedThrustMap
 from cfid.motors.maps.evidence import Evidence, Stand, together
-from cfid.motors.maps.figures import map_figure, speed_thrust_figure, staircase_figure, voltage_figure
 from cfid.motors.maps.inverse import invert, maximum_thrust, on_battery
 from cfid.motors.maps.scales import ScalesCheck, scales_thrust_n, verify_thrust
 from cfid.motors.maps.table_data import of_table, read_scales
@@ -172,9 +171,15 @@ def _of_speed_alone(found: Evidence, method: Method, *, robust: bool) -> Result:
         findings=(*found.findings, *mapped.findings),
         sources=found.sources,
         lines=found.lines,
-        drawings=lambda: {"thrust_of_speed": speed_thrust_figure(mapped)},
+        drawings=lambda: _of_speed(mapped),
         folder=found.paths[0].parent if found.paths else Path(),
     )
+
+
+def _of_speed(mapped: SpeedThrustMap) -> Figures:
+    from cfid.motors.maps.figures import speed_thrust_figure
+
+    return {"thrust_of_speed": speed_thrust_figure(mapped)}
 
 
 def fit_torque(
@@ -213,7 +218,7 @@ def _with_findings(found: Evidence) -> Iterator[None]:
     try:
         yield
     except FitError as error:
-        raise FitError(" ".join([str(error), *texts(found.findings, "warning")])) from None
+        raise FitError(joined([str(error), *texts(found.findings, "warning")])) from None
 
 
 def _by_voltage(found: Evidence, *, max_thrust_n: float | None) -> tuple[VoltageComparison | None, Sequence[Finding]]:
@@ -264,6 +269,8 @@ def _verified(
 
 def _result(mapped: MotorMap, found: Evidence, details: _MapDetails) -> Result:
     def drawings() -> Figures:
+        from cfid.motors.maps.figures import map_figure, speed_thrust_figure, staircase_figure, voltage_figure
+
         name = f"fit_{mapped.quantity}"
         pages = {
             f"{name}_{r.name}": staircase_figure(r.time_s, r.thrust_n, r.staircase, title=r.name, thrust=r.thrust)

@@ -9,7 +9,6 @@ from cfid.errors import CfidError, FitError
 from cfid.findings import Finding, note, rejection, warning
 from cfid.motors.steps.data import SpeedRecord, of_run, of_table
 from cfid.motors.steps.estimation import RotorModel, StepFit, fit_rotor_model, fit_steps
-from cfid.motors.steps.figures import dynamics_figure
 from cfid.motors.steps.model import CommandStep, command_steps, followed
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
@@ -39,6 +38,8 @@ def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
         raise type(error)(f"{record.path}: {error}") from None
 
     def drawings() -> Figures:
+        from cfid.motors.steps.figures import dynamics_figure
+
         drawn = dynamics_figure(record.time_s, record.speed_rad_s, lags, model, title=record.name)
         return {f"fit_dynamics_{record.name}": drawn}
 

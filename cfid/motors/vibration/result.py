@@ -13,7 +13,6 @@ from cfid.findings import Finding, rejection, warning
 from cfid.motors.data import RunStaircase, reduce_run
 from cfid.motors.vibration.data import Rotors, VibrationRecord
 from cfid.motors.vibration.estimation import KEY, RotorSpeed
-from cfid.motors.vibration.figures import rotor_figure
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.run import Run
@@ -75,6 +74,8 @@ def fit(
     none = (rejection("vibration-no-window", "no window shows a rotor's speed.", "rotor.*"),)
 
     def drawings() -> Figures:
+        from cfid.motors.vibration.figures import rotor_figure
+
         last = windows[-1]
         title = record.name if last.command is None else f"{record.name}, command {last.command}"
         speed, window_s = last.speed.speed_rad_per_s, (last.begin_s, last.end_s)
