@@ -1,5 +1,6 @@
 """Findings about a result: each has a code, a severity, the quantities it concerns, and a sentence."""
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
@@ -10,6 +11,7 @@ Severity = Literal["note", "warning", "rejection"]
 SEVERITIES: tuple[Severity, ...] = ("note", "warning", "rejection")
 
 _MOST_NAMES = 2  # of places in a sentence
+_WORD = re.compile(r"(?!cfid)(?:a|[a-z]{2,})(?=[ ,'])")  # and no name or symbol
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,9 +82,20 @@ def texts(findings: Iterable[Finding], *severities: Severity) -> tuple[str, ...]
     return tuple(dict.fromkeys(finding.text for finding in merged(findings) if finding.severity in severities))
 
 
+def begun(text: str) -> str:
+    """Return a text as a line begins with it: with a capital, unless its first word is a name or a symbol."""
+    return text[0].upper() + text[1:] if _WORD.match(text) else text
+
+
+def joined(sentences: Iterable[str]) -> str:
+    """Return sentences as one text, each once."""
+    first, *others = dict.fromkeys(sentences) or [""]
+    return " ".join([first, *map(begun, others)])
+
+
 def rejected(findings: Iterable[Finding], keys: Iterable[str]) -> dict[str, str]:
     """Return the rejected quantities with their reasons: among `keys`, and those that a rejection names."""
     against = [finding for finding in findings if finding.severity == "rejection"]
     named = (key for finding in against for key in finding.quantities if "*" not in key)
     reasons = {key: [finding.text for finding in against if finding.concerns(key)] for key in (*keys, *named)}
-    return {key: " ".join(dict.fromkeys(found)) for key, found in reasons.items() if found}
+    return {key: joined(found) for key, found in reasons.items() if found}

@@ -1,7 +1,7 @@
 """Judge a dropped weight as soon as it is recorded, by the fit that will take it."""
 
 from cfid.errors import FitError
-from cfid.findings import texts
+from cfid.findings import joined, texts
 from cfid.friction.result import fit
 from cfid.records.result import Dependent
 from cfid.records.run import Run
@@ -14,6 +14,6 @@ def verdict(run: Run) -> str:
     """
     result = fit([run])
     if any(finding.code == "friction-drop-left-out" for finding in result.findings):
-        raise FitError("the speed never settles: " + " ".join(texts(result.findings, "warning")))
+        raise FitError("the speed never settles: " + joined(texts(result.findings, "warning")))
     line = result.lines[0]
     return " ".join(str(line.value if isinstance(line, Dependent) else line).split()) + "."

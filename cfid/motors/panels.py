@@ -117,8 +117,9 @@ def draw_thrust(axes: Axes, time_s: Array, thrust_n: Array, staircase: Staircase
     draw_line(axes, means.time_s, means.mean, color=RECORDED, lw=0.8, label="means")
     _limit(axes, means.mean, band, named=not all(step.settled for step in staircase.points))
     axes.plot(*_tares(staircase, thrust), color=INK, lw=0.9, ls="--", label="tare")
-    for step in staircase.points:
-        _draw_step(axes, step, thrust)
+    for settled in (True, False):
+        if steps := [step for step in staircase.points if step.settled == settled]:
+            _draw_steps(axes, steps, thrust=thrust)
     _name_unused(axes, staircase.points)
 
 
@@ -201,16 +202,20 @@ def _tares(staircase: Staircase, thrust: int) -> tuple[list[float], list[float]]
     return [float(time) for time, _ in places], [float(value) for _, value in places]
 
 
-def _draw_step(axes: Axes, step: Point, thrust: int) -> None:
-    """Shade a step's window and draw its mean where the load cell showed it: above the tare."""
-    window = sorted((step.begin_s, step.end_s))
-    if step.settled:
-        axes.axvspan(*window, label="window", **_WINDOW)
-    else:
-        axes.axvspan(window[0], window[1], ymax=1 - _HEAD, label="not used", **_UNUSED)
-    shown = float(step.mean[thrust] + step.tare[thrust])
-    if np.isfinite(shown):
-        axes.plot(window, [shown] * 2, color=MODEL, lw=1.8, ls="-" if step.settled else ":", label="mean")
+def _draw_steps(axes: Axes, steps: Sequence[Point], *, thrust: int) -> None:
+    """Shade windows of steps, settled or not, and draw their means where the load cell showed them: above the tare.
+
+    All are one area and one set of lines, since a day on a stand has thousands of steps.
+    """
+    windows = np.array([sorted((step.begin_s, step.end_s)) for step in steps])
+    shown = np.array([float(step.mean[thrust] + step.tare[thrust]) for step in steps])
+    settled = steps[0].settled
+    how, height = ({"label": "window", **_WINDOW}, 1.0) if settled else ({"label": "not used", **_UNUSED}, 1 - _HEAD)
+    spans = list(zip(windows[:, 0], windows[:, 1] - windows[:, 0], strict=True))
+    axes.broken_barh(spans, (0, height), transform=axes.get_xaxis_transform(), **how)
+    known = np.isfinite(shown)
+    line: dict[str, Any] = {"color": MODEL, "lw": 1.8, "ls": "-" if settled else ":", "label": "mean"}
+    axes.hlines(shown[known], *windows[known].T, **line)
 
 
 def _name_unused(axes: Axes, steps: Sequence[Point]) -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from cfid.findings import Finding, rejection, texts
+from cfid.findings import Finding, begun, rejection, texts
 from cfid.quantities.table import EXPERIMENTS
 from cfid.records.files import lies_in
 from cfid.records.fits import Fit
@@ -40,12 +40,12 @@ class Experiment:
     @property
     def rejections(self) -> tuple[str, ...]:
         """The reasons why quantities of it were rejected."""
-        return texts(self.findings, "rejection")
+        return tuple(map(begun, texts(self.findings, "rejection")))
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """Warnings, then notes."""
-        return (*texts(self.findings, "warning"), *texts(self.findings, "note"))
+        return tuple(map(begun, (*texts(self.findings, "warning"), *texts(self.findings, "note"))))
 
     @property
     def anchor(self) -> str:

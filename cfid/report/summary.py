@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from cfid.console.tables import value_and_deviation
 from cfid.guide.status import TaskStatus, next_of, percent
+from cfid.quantities.lookup import find
 from cfid.quantities.values import Number
 from cfid.records.tables.times import SIMULATED
 from cfid.report.experiments import Experiment
@@ -105,15 +106,24 @@ def _weakest(statuses: Sequence[TaskStatus]) -> str:
     if worst is None or not worst.short_by:
         return ""
     enough = "enough for" if worst.short_by <= 1 else "too little for"
-    return f"{worst.aim.key} is known to {percent(worst.std)}, {enough} {worst.aim.purpose}."
+    return f"{_title(worst.aim.key)} is known to {percent(worst.std)}, {enough} {worst.aim.purpose}."
+
+
+def _title(key: str) -> str:
+    """Return what the registry calls a quantity, as a sentence begins."""
+    quantity = find(key)
+    return quantity.title[0].upper() + quantity.title[1:] if quantity else key
 
 
 def _findings(experiments: Sequence[Experiment]) -> Iterator[str]:
-    """Yield what was rejected, then what was warned of, each sentence once with the experiments that it is about."""
+    """Yield what was rejected, then what was warned of, each sentence once with the experiments that it is about.
+
+    That runs are simulated stands above, once for all.
+    """
     for severity in ("rejection", "warning"):
         about: dict[str, list[str]] = {}
         for one in experiments:
             for finding in one.findings:
-                if finding.severity == severity and finding.sentence != SIMULATED:
+                if finding.severity == severity and not finding.sentence.endswith(SIMULATED):
                     about.setdefault(finding.sentence, []).append(one.title)
         yield from (f"{', '.join(dict.fromkeys(titles))}: {sentence}" for sentence, titles in about.items())

@@ -101,7 +101,7 @@ def _http(setting: LoadCellBox) -> tuple[Settings | None, DeviceAnswer]:
         f"{settings.product}, firmware {settings.firmware}, calibration {settings.calibration_serial} "
         f"({settings.configuration}), {settings.counts_per_force:g} counts/{settings.force_unit}, "
         f"{settings.counts_per_torque:g} counts/{settings.torque_unit}, {settings.rate_hz} Hz, "
-        f"{settings.buffer_size} records a datagram"
+        f"{settings.buffer_size} record{'s' if settings.buffer_size > 1 else ''} a datagram"
     )
     if not settings.rdt_enabled:
         return settings, DeviceAnswer(

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import DataError, FitError
-from cfid.findings import texts
+from cfid.findings import joined, texts
 from cfid.records.run import Run
 from cfid.records.tables.angle import angle_record
 from cfid.swing.collocation import NO_THREADS
@@ -28,7 +28,7 @@ def verdict(run: Run) -> str:
     swing = swing_in(record, NO_THREADS if rig is None else threads_of(mount, rig.site.gravity_mps2))
     fitted = fit_swing(swing)
     if not fitted.accepted:
-        raise FitError(" ".join(texts(fitted.findings, "rejection")))
+        raise FitError(joined(texts(fitted.findings, "rejection")))
     degrees = math.degrees(float(np.max(np.abs(swing.peak_angle_rad))))
     frequency, std = fitted.coefficients.natural_frequency_squared_s2, fitted.std.natural_frequency_squared_s2
     return (

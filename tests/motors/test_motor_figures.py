@@ -10,7 +10,6 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
 from cfid.estimate.staircase import Point, Staircase, reduce_staircase
 from cfid.motors.maps.estimation import fit_speed, fit_thrust, fit_thrust_of_speed, fit_torque
@@ -80,8 +79,9 @@ def _without_mean(step: Point, reason: str) -> Point:
 
 
 def _windows(axes: Axes, label: str) -> list[tuple[float, float]]:
-    spans = [patch for patch in axes.patches if isinstance(patch, Rectangle) and patch.get_label() == label]
-    return [(span.get_x(), span.get_x() + span.get_width()) for span in spans]
+    spans = [each for each in axes.collections if isinstance(each, PolyCollection) and each.get_label() == label]
+    corners = [path.vertices for span in spans for path in span.get_paths()]
+    return [(float(each[:, 0].min()), float(each[:, 0].max())) for each in map(np.asarray, corners)]
 
 
 def _line(axes: Axes, label: str) -> tuple[Array, Array]:
@@ -110,8 +110,10 @@ def test_windows_and_means_of_settled_steps_are_the_points(look: Look, steady: t
     thrust = page.panel("(a)")
     assert _windows(thrust, "window") == pytest.approx(np.array([(p.begin_s, p.end_s) for p in found.points]))
     assert _windows(thrust, "not used") == []
-    means = [line for line in thrust.get_lines() if line.get_label() == "mean"]
-    assert [line.get_ydata()[0] for line in means] == pytest.approx([p.mean[2] + p.tare[2] for p in found.points])
+    (means,) = (each for each in thrust.collections if each.get_label() == "mean")
+    assert [path.vertices[0, 1] for path in means.get_paths()] == pytest.approx(
+        [p.mean[2] + p.tare[2] for p in found.points]
+    )
     assert page.red() == ""
     assert page.overlapping() == []
 

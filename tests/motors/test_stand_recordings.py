@@ -1,6 +1,8 @@
 """A table with times is a recording: reduced step by step, or refused; a spoilt part does not spoil the rest."""
 
 import math
+import subprocess
+import sys
 from pathlib import Path
 from typing import NamedTuple
 
@@ -86,6 +88,19 @@ def test_a_record_without_a_command_gives_the_same_by_the_changes_it_shows(tmp_p
 
     one = sweep()
     assert off(fit_speed(write(tmp_path, one._replace(pulse_us=np.full(len(one.time_s), math.nan))))) < 3
+
+
+def test_no_warning_of_a_library_reaches_the_terminal_where_a_rate_too_low_is_given(tmp_path: Path) -> None:
+    table = write(tmp_path, sweep())
+    lines = [line.partition(",")[2] for line in table.read_text().splitlines()]
+    table.write_text("\n".join([*lines, ""]))  # without times
+
+    words = [sys.executable, "-m", "cfid.cli.main", "fit", "dynamics", str(table), "--rate-hz", "8"]
+    ended = subprocess.run(words, capture_output=True, text=True, check=False, cwd=tmp_path)
+
+    assert ended.returncode in (0, 5), ended.stderr
+    for trace in ("Warning", "warns", ".py", "numpy"):
+        assert trace not in ended.stderr
 
 
 def test_a_flight_read_as_a_table_of_motors_is_refused_as_unsteady(tmp_path: Path) -> None:

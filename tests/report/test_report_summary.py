@@ -74,7 +74,7 @@ def test_rejections_come_before_warnings_each_sentence_once_and_notes_stay_below
     rejected = replace(
         EXPERIMENT, title="Torque", findings=(rejection("c", "it is noise.", "x"), warning("a", "it wanders."))
     )
-    simulated = replace(EXPERIMENT, findings=(warning("recording", "recorded on the simulated rig.").at("run"),))
+    simulated = replace(EXPERIMENT, findings=(warning("recording", "a run: recorded on the simulated rig."),))
 
     assert summary(experiments=(warned, rejected, simulated)).findings == (
         "Torque: it is noise.",

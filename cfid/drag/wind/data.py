@@ -18,7 +18,7 @@ from cfid.drag.wind.plan import KIND, WindSetting, setting_of
 from cfid.drag.wind.reduction import WindForce
 from cfid.errors import CfidError, DataError, FitError
 from cfid.estimate.staircase import Point
-from cfid.findings import Finding, note, texts, warning
+from cfid.findings import Finding, joined, note, texts, warning
 from cfid.motors import data as motors
 from cfid.motors.points import rotor_speed_rad_s
 from cfid.motors.vibration.data import Rotors, VibrationRecord
@@ -207,7 +207,7 @@ def _speed_from_vibration(record: WrenchRecord, mean: MeanForce, *, name: str) -
     except CfidError as error:
         raise FitError(f"{name}: {_UNKNOWN}: {error} Give the reading.") from None
     if not found.accepted:
-        raise FitError(f"{name}: {_UNKNOWN}: {' '.join(texts(found.findings, 'rejection'))} Give the reading.")
+        raise FitError(f"{name}: {_UNKNOWN}: {joined(texts(found.findings, 'rejection'))} Give the reading.")
     return float(found.speed_rad_per_s)
 
 
