@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from statistics import fmean
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -13,6 +14,7 @@ from cfid.records.mounts import Mount
 Point = tuple[float, float]
 
 _ARM_MM, _ROTOR_MM = 46.0, 23.0  # of a Crazyflie
+_CUBE_MM = 19.0  # the edge of the thesis' mounting cube (C.1.7)
 _PANEL_IN = 3.0
 _SHORTEST_MM, _LONGER_MM = 24.0, 7.0  # half an axis, and by how much each next one is longer: names stay apart
 _ARROW_MM = 40.0
@@ -21,7 +23,10 @@ _WIND_MM = 95.0
 
 @styled
 def mounts_figure(mounts: Mapping[str, Mount], *, title: str = "") -> Figure:
-    """Return the swings' axes through the vehicle, from above and from its right: points and directions to scale."""
+    """Return the swings' axes through the vehicle, from above and from its right: points and directions to scale.
+
+    Where axes pass within a few millimetres of each other, a cube with their holes sits on the arm.
+    """
     page, grid = figure(1, 2, heights_in=[_PANEL_IN], title=title)
     above, side = (
         _plan(page.add_subplot(grid[0, place]), name) for place, name in enumerate(("from above", "from the right"))
@@ -32,6 +37,9 @@ def mounts_figure(mounts: Mapping[str, Mount], *, title: str = "") -> Figure:
     side.add_patch(Rectangle((-_ARM_MM, -3), 2 * _ARM_MM, 6, fc="none", ec=MUTED))
     _arrow(side, (0, 0), (_ARROW_MM, 0), "x", MUTED)
     _arrow(side, (0, 0), (0, _ARROW_MM), "z", MUTED)
+    for x, y, z in _cubes(mounts):
+        _cube(above, (-y, x), turned_deg=45)
+        _cube(side, (x, z), turned_deg=0)
     for place, (name, mount) in enumerate(mounts.items()):
         (x, y, z), size = (1e3 * length for length in mount.point_m), math.hypot(*mount.direction)
         along = [(_SHORTEST_MM + _LONGER_MM * place) * part / size for part in mount.direction]
@@ -70,6 +78,26 @@ def load_cell_figure(
         _wind(side, (_WIND_MM * math.sin(down), 20 + _WIND_MM * math.cos(down)), (0.0, 20.0))
         side.plot([0, 0], [20, 20 + _WIND_MM], color=MUTED, lw=0.8, ls=":")
     return page
+
+
+def _cubes(mounts: Mapping[str, Mount]) -> list[tuple[float, ...]]:
+    """Return the middles in mm of the points that lie together."""
+    groups: list[list[tuple[float, ...]]] = []
+    for mount in mounts.values():
+        point = tuple(1e3 * length for length in mount.point_m)
+        near = [group for group in groups if math.dist(group[0], point) < _CUBE_MM]
+        near[0].append(point) if near else groups.append([point])
+    return [tuple(map(fmean, zip(*group, strict=True))) for group in groups if len(group) > 1]
+
+
+def _cube(axes: Axes, middle: Point, *, turned_deg: float) -> None:
+    corner = middle[0] - _CUBE_MM / 2, middle[1] - _CUBE_MM / 2
+    axes.add_patch(
+        Rectangle(
+            corner, _CUBE_MM, _CUBE_MM, angle=turned_deg, rotation_point="center", fc=WINDOW, alpha=0.2, ec=INK, lw=0.8
+        )
+    )
+    axes.annotate("cube", middle, xytext=(-40, 16), textcoords="offset points", color=INK, size=8.5)
 
 
 def _plan(axes: Axes, name: str) -> Axes:

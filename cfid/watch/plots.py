@@ -80,6 +80,8 @@ class SpectrumPlot:
         """Draw a spectrum, unless it is drawn already."""
         if lines is None or lines is self._drawn:
             return
+        if self._drawn is None:
+            self.figure.x_range.end = float(lines.frequency_hz[-1])
         self._drawn = lines
         self._source.data = {"f": lines.frequency_hz, "a": 1e3 * lines.force_n}
         self._lines.data = {
