@@ -5,7 +5,7 @@
 
 A line of the file is one fit. What stands there is not repeated, so that a run can be ended and continued. The seeds
 of a row are 0 to n - 1: each draws the values of the row's imperfections from their distributions, and then the
-recording.
+recording. The rows take turns, 20 seeds at a time, so that a run that is ended has about as many of each.
 """
 
 import argparse
@@ -13,7 +13,7 @@ import json
 import math
 import os
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,7 +27,7 @@ from cfid.console.campaign import make_campaign
 from cfid.errors import CfidError
 from cfid.records.campaign import find_campaign
 from cfid.records.result import Result
-from cfid.records.rig_file import change_rig
+from cfid.records.rig_file import RIG_FILE, change_rig
 from cfid.sim.demo import DEMO_TRUTH
 from cfid.sim.imperfections import draw, imperfection
 from cfid.sim.truth_file import SimTruth, as_mounted
@@ -35,6 +35,7 @@ from cfid.units import COVERAGE_95
 from tests.nightly import experiments as on
 
 LIPO = {"battery": {"kind": "lipo"}}
+_TURN = 20  # seeds
 WRONG = 4.0  # standard uncertainties, of what is accepted
 
 
@@ -42,7 +43,7 @@ WRONG = 4.0  # standard uncertainties, of what is accepted
 class Row:
     """An experiment with imperfections (key and size, None for the usual one), and what else the truth file has.
 
-    `rig` has the keys of rig.toml, "table.key", by which the lab states how well it knows its scales.
+    `rig` has the keys of rig.toml, "table.key", by which the lab states how well it knows its scales; None states none.
     """
 
     name: str
@@ -75,6 +76,7 @@ def _row(
 
 _QUICK = (on.swing, on.speed, on.pings)
 _GAIN_OF_1_PERCENT = {"loadcell.gain_std": [0.01] * 6}
+_NO_LINE = {"friction.line_mm": None}
 
 ROWS = (
     _row("swing: ideal", on.swing),
@@ -91,8 +93,8 @@ ROWS = (
     _row("matrix: mass 0.1 g off", on.matrix, "vehicle.mass_error_kg"),
     _row("matrix: two swings swapped", on.swapped_matrix),
     _row("friction: ideal", on.friction),
-    _row("friction: line's thickness neglected", on.friction, "axis.line_diameter_mm"),
-    _row("friction: line in layers", on.friction, "axis.line_diameter_mm", "axis.turns_per_layer"),
+    _row("friction: line's thickness neglected", on.friction, "axis.line_diameter_mm", rig=_NO_LINE),
+    _row("friction: line in layers", on.friction, "axis.line_diameter_mm", "axis.turns_per_layer", rig=_NO_LINE),
     _row("friction: 20 and 50 g exchanged", on.swapped_friction),
     _row("maps: ideal", on.thrust_and_torque),
     _row("maps: thrust scatters 0.5 %", on.thrust_and_torque, "rotors.thrust_scatter"),
@@ -145,7 +147,7 @@ def measure(place: int, seed: int) -> dict[str, Any]:
         make_campaign(Path(folder) / "lab")
         for key, value in row.rig.items():
             table, name = key.split(".")
-            change_rig(Path(folder) / "lab", table, {name: value})
+            _state(Path(folder) / "lab", table, name, value)
         campaign = find_campaign(Path(folder) / "lab", start=Path(folder))
         assert campaign is not None
         truth = as_mounted(row.truth(for_truth), campaign.rig)
@@ -166,6 +168,17 @@ def measure(place: int, seed: int) -> dict[str, Any]:
                 - {"recording"}  # that it is simulated
             )
     return {**line, "seconds": round(time.monotonic() - began_s, 2)}
+
+
+def _state(folder: Path, table: str, name: str, value: object) -> None:
+    if value is not None:
+        change_rig(folder, table, {name: value})
+        return
+    path = folder / RIG_FILE
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    left = [line for line in lines if not line.startswith(f"{name} =")]
+    assert len(left) == len(lines) - 1, name
+    path.write_text("".join(left), encoding="utf-8")
 
 
 def _given(result: Result) -> Iterable[tuple[str, float, float]]:
@@ -222,6 +235,7 @@ def main() -> None:
     """Measure what the file lacks, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--n", type=int, help="fits a row; default: 1000 of quick ones, else 200")
+    parser.add_argument("--minutes", type=float, default=math.inf, help="begin no further fits after this time")
     parser.add_argument("--rows", default="", help="only rows whose name begins so")
     parser.add_argument("--out", type=Path, default=Path("coverage.jsonl"), help="file of results, continued")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
@@ -235,14 +249,22 @@ def main() -> None:
 def _measure_all(arguments: argparse.Namespace) -> None:
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     known = {(line["row"], line["seed"]) for line in _lines(arguments.out)}
+    ends_s = time.monotonic() + 60 * arguments.minutes
     with arguments.out.open("a", encoding="utf-8") as file, ProcessPoolExecutor(arguments.jobs) as pool:
-        for place, row in enumerate(ROWS):
-            if not row.name.startswith(arguments.rows):
-                continue
-            seeds = [seed for seed in range(arguments.n or row.fits) if (row.name, seed) not in known]
+        for place, turn in turns(arguments.rows, arguments.n):
+            if time.monotonic() > ends_s:
+                return
+            seeds = [seed for seed in turn if (ROWS[place].name, seed) not in known]
             for line in pool.map(measure, [place] * len(seeds), seeds):
                 file.write(json.dumps(line) + "\n")
                 file.flush()
+
+
+def turns(begin: str, fits: int | None) -> Iterator[tuple[int, range]]:
+    """Yield the place of a row and seeds, for the rows whose names begin so, until each has its fits."""
+    rows = [(place, fits or row.fits) for place, row in enumerate(ROWS) if row.name.startswith(begin)]
+    for first in range(0, max((count for _, count in rows), default=0), _TURN):
+        yield from ((place, range(first, min(first + _TURN, count))) for place, count in rows)
 
 
 def _lines(path: Path) -> list[dict[str, Any]]:

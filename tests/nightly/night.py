@@ -51,9 +51,9 @@ def _slow_tests() -> tuple[str, ...]:
 
 
 def _benches() -> tuple[str, ...]:
-    timed = {"encoder_logger", "loadcell_logger"}
+    sized = {"encoder_logger": "BENCH_SECONDS", "loadcell_logger": "BENCH_SECONDS", "fleet": "BENCH_CAMPAIGNS"}
     names = sorted(path.stem for path in ROOT.glob("tests/bench/*.py"))
-    commands = (f"{'BENCH_SECONDS={size} ' if name in timed else ''}python tests/bench/{name}.py" for name in names)
+    commands = (f"{f'{sized[name]}={{size}} ' if name in sized else ''}python tests/bench/{name}.py" for name in names)
     return (*commands, "python tests/bench/transfer_identify.py 7000")
 
 
@@ -67,7 +67,7 @@ STAGES = {
     "consumers": Stage(("bash .ci/consumers",), "", "", 15),
     "slow": Stage(_slow_tests(), "", "--collect-only ", 75, at_once=2),
     "coverage": Stage(
-        ("python -m tests.nightly.coverage --n {size} --jobs 2 --out {folder}/coverage.jsonl",), "20", "1", 50
+        ("python -m tests.nightly.coverage {size} --jobs 2 --out {folder}/coverage.jsonl",), "--minutes 50", "--n 1", 50
     ),
 }  # fmt: skip
 

@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from tests.nightly.coverage import ROWS, measure, table
+from tests.nightly.coverage import ROWS, measure, table, turns
 
 SPEED = next(place for place, row in enumerate(ROWS) if row.name == "speed map: ideal")
 
@@ -24,3 +24,10 @@ def test_the_table_states_coverage_with_its_exact_interval_and_what_was_rejected
     row = table(json.loads(json.dumps([*held, refused]))).splitlines()[-1]
 
     assert row == "| speed map: ideal | k | 4 | +1.2 % | 3.00 | 67 % (9 to 99) | 25 % | 25 % | 25 % |"
+
+
+def test_rows_take_turns_until_each_has_its_fits() -> None:
+    found = [(ROWS[place].name, seeds) for place, seeds in turns("speed map", 30)]
+    names = [row.name for row in ROWS if row.name.startswith("speed map")]
+
+    assert found == [(name, seeds) for seeds in (range(20), range(20, 30)) for name in names]
