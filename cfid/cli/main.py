@@ -1,5 +1,6 @@
 """The program `cfid` with the commands of the table, and the one place where errors become exit codes."""
 
+import os
 import sys
 import warnings
 from collections.abc import Sequence
@@ -54,6 +55,8 @@ def main(words: Sequence[str] | None = None) -> None:
     """
     from cfid.errors import CfidError
 
+    # Threads of the linear algebra wait for each other longer than these small matrices take.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
     with warnings.catch_warnings():
         warnings.showwarning = _as_sentence
         try:

@@ -48,9 +48,13 @@ def list_parameters(
 
 
 def _named(sections: "Mapping[str, Section]", names: Sequence[str]) -> "dict[str, Section]":
-    """Return the sections with only those parameters whose names contain a name. Raises ConfigError where none does."""
+    """Return the sections with only those parameters whose names contain a name.
+
+    Raises ConfigError where none does; a note has each name that is in none.
+    """
     from dataclasses import replace
 
+    from cfid.console.messages import note
     from cfid.errors import ConfigError
 
     kept = {
@@ -59,6 +63,9 @@ def _named(sections: "Mapping[str, Section]", names: Sequence[str]) -> "dict[str
     }
     if not any(kept.values()):
         raise ConfigError(f"{', '.join(names)}: no parameter has this in its name; `cfid parameters` lists all.")
+    for name in names:
+        if not any(name in key for own in kept.values() for key in own):
+            note(f"{name}: no parameter has this in its name; `cfid parameters` lists all.")
     return {section: replace(sections[section], parameters=own) for section, own in kept.items() if own}
 
 

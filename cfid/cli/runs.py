@@ -8,7 +8,7 @@ import typer
 from cfid.console.campaign import here
 from cfid.console.messages import note as print_note
 from cfid.console.messages import printable
-from cfid.console.selection import LAST, name_other_folders
+from cfid.console.selection import LAST, is_glob, is_named, name_other_folders, readable_runs
 
 if TYPE_CHECKING:
     from cfid.errors import DataError
@@ -93,8 +93,6 @@ def _meant(word: str, folder: Path | None) -> "list[Run]":
 
     Raises ConfigError when there is none, DataError for an unreadable one.
     """
-    from fnmatch import fnmatch
-
     from cfid.errors import ConfigError, DataError
     from cfid.records.run import RUN_FILE, list_runs, read_run
 
@@ -103,11 +101,13 @@ def _meant(word: str, folder: Path | None) -> "list[Run]":
     runs_folder = here(folder).runs_folder
     if (runs_folder / word / RUN_FILE).is_file():
         return [read_run(runs_folder / word)]
-    there = list_runs(runs_folder)
-    if word == LAST and there and isinstance(there[-1], DataError):
-        raise there[-1]
-    readable = [run for run in there if not isinstance(run, DataError)]
-    found = readable[-1:] if word == LAST else [run for run in readable if fnmatch(run.folder.name, word)]
+    newest = list_runs(runs_folder)[-1:] if word == LAST else []
+    if newest and isinstance(newest[0], DataError):
+        raise newest[0]
+    if word == LAST or is_glob(word):
+        name_other_folders(runs_folder, [word])
+    readable = readable_runs(runs_folder)
+    found = readable[-1:] if word == LAST else [run for run in readable if is_named(run.folder, word)]
     if not found:
         raise ConfigError(f"{word}: no run of this campaign matches: `cfid runs` lists them.")
     return found

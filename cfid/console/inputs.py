@@ -2,13 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from fnmatch import fnmatch
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cfid.console.lists import NOT_GIVEN, Measured
 from cfid.console.options import RigOptions
-from cfid.console.selection import LAST, RUN_FILE, is_glob, name_other_folders
+from cfid.console.selection import LAST, RUN_FILE, is_glob, is_named, name_other_folders
 from cfid.errors import ConfigError
 from cfid.records.facts import NONE_STATED, RigFacts
 
@@ -74,7 +73,7 @@ def find_recording(word: str, workplace: Workplace) -> Path:
         return folder / word if (folder / word).is_dir() else path
     name_other_folders(folder, [word])
     pattern = "*" if word == LAST else word
-    found = sorted(at.parent for at in folder.glob(f"*/{RUN_FILE}") if fnmatch(at.parent.name, pattern))
+    found = sorted(at.parent for at in folder.glob(f"*/{RUN_FILE}") if is_named(at.parent, pattern))
     if not found or (word != LAST and len(found) > 1):
         fault = "nothing is recorded yet" if word == LAST else f"{len(found) or 'no'} runs match, expected one"
         raise ConfigError(f"{word}: {fault} ({folder}).")

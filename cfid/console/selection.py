@@ -1,5 +1,6 @@
 """Select the runs of a command: by names, globs, `last`, or by kind where none is named."""
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fnmatch import fnmatch
@@ -36,7 +37,7 @@ def chosen(
     """
     words = words or ()
     finding = not words or any(_is_search(word) for word in words)
-    there = _readable(campaign) if campaign is not None and finding else []
+    there = readable_runs(campaign.runs_folder) if campaign is not None and finding else []
     if campaign is not None and finding:
         name_other_folders(campaign.runs_folder, words)
     resumed = {run.header.requested.get("resumes") for run in there if not run.header.excluded}
@@ -92,13 +93,21 @@ def name_other_folders(runs_folder: Path, words: Sequence[str]) -> None:
 
     patterns = [word if is_glob(word) else "*" for word in words if _is_search(word)] or ["*"]
     for folder in folders_without_run(runs_folder):
-        if any(fnmatch(folder.name, pattern) for pattern in patterns):
+        if any(is_named(folder, pattern) for pattern in patterns):
             note(f"{folder} is left out: it has no {RUN_FILE}, so it is no run. Restore {RUN_FILE}, or move it away.")
 
 
 def is_glob(word: str) -> bool:
     """Return whether a word is a pattern of names."""
     return bool(set(word) & set("*?["))
+
+
+def is_named(folder: Path, glob: str) -> bool:
+    """Return whether a glob matches a run folder's name, or, where it has folders itself, the folder's path."""
+    if Path(glob).name == glob:
+        return fnmatch(folder.name, glob)
+    path = folder.absolute() if Path(glob).is_absolute() else os.path.relpath(folder)
+    return fnmatch(os.path.normpath(path), os.path.normpath(glob))
 
 
 def labelled(kind: str, *bodies: str) -> Matches:
@@ -133,7 +142,7 @@ def _taken(runs: "Sequence[Run]", campaign: "Campaign | None", wanted: str) -> l
 def _matching(glob: str, runs: "Sequence[Run]", campaign: "Campaign | None", wanted: str) -> list[str]:
     if campaign is None:
         raise ConfigError(f"{glob}: there is no campaign here whose runs it could match.")
-    named = [run for run in runs if fnmatch(run.folder.name, glob)]
+    named = [run for run in runs if is_named(run.folder, glob)]
     taken, left = [run.folder.name for run in named if run.usable], _left(named)
     if not taken:
         unfit = f" but {left}" if left else ""
@@ -143,11 +152,11 @@ def _matching(glob: str, runs: "Sequence[Run]", campaign: "Campaign | None", wan
     return taken
 
 
-def _readable(campaign: "Campaign") -> "list[Run]":
-    """Return the campaign's readable runs; a note names each unreadable one, which might have been meant."""
+def readable_runs(runs_folder: Path) -> "list[Run]":
+    """Return a campaign's readable runs; a note names each unreadable one, which might have been meant."""
     from cfid.records.run import Run, list_runs
 
-    found = list_runs(campaign.runs_folder)
+    found = list_runs(runs_folder)
     for fault in found:
         if not isinstance(fault, Run):
             note(f"a run is left out: {fault}")

@@ -23,6 +23,18 @@ def test_help_imports_nothing_heavy() -> None:
     assert ended.stdout.strip().endswith("loaded: []")
 
 
+def test_a_fit_that_draws_nothing_does_not_wait_for_matplotlib() -> None:
+    swings = [f"{axis}=3e-05:1e-07" for axis in ("x", "y", "z", "xy", "xz", "yz")]
+    words = (
+        "import sys\ntry:\n    from cfid.cli.main import main\n    main(sys.argv[1:])\nexcept SystemExit:\n    pass\n"
+    )
+    words += "print('loaded:', [name for name in ('matplotlib', 'cfid.inertia.result') if name in sys.modules])"
+    command = [sys.executable, "-c", words, "fit", "inertia", *swings, "--json"]
+    ended = subprocess.run(command, capture_output=True, text=True, check=True)
+
+    assert ended.stdout.strip().endswith("loaded: ['cfid.inertia.result']"), ended.stderr
+
+
 def test_the_version_is_printed(cfid: Cfid) -> None:
     assert cfid("--version").stdout.strip() == f"cfid {__version__}"
 

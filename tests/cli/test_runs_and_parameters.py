@@ -150,6 +150,38 @@ def test_a_folder_that_is_no_run_is_refused_by_name_and_left_out_by_a_glob_of_co
     assert f"{folder} is left out: it has no run.toml" in cfid("runs", *here).stderr
 
 
+@pytest.mark.parametrize("command", [("note", "swapped"), ("exclude",)])
+def test_a_glob_of_runs_to_amend_names_what_it_leaves_out(
+    campaign: Campaign, cfid: Cfid, command: tuple[str, ...]
+) -> None:
+    first, *others = names(campaign)
+    photos = campaign.runs_folder / "2026-11-22_photos"
+    photos.mkdir()
+    (campaign.runs_folder / first / "run.toml").write_text("kind = ")
+
+    amended = cfid("runs", command[0], "2026*", *command[1:])
+
+    assert amended.returncode == 0
+    assert f"{photos} is left out: it has no run.toml" in amended.stderr
+    assert f"a run is left out: {campaign.runs_folder / first}" in amended.stderr
+    assert [line.partition(":")[0] for line in amended.stdout.splitlines()] == others
+
+
+def test_a_quoted_glob_may_have_the_runs_folder(
+    campaign: Campaign, cfid: Cfid, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, second, third, swing, _ = names(campaign)
+    monkeypatch.chdir(campaign.folder)
+
+    for folder in ("runs/", "./runs/", f"{campaign.runs_folder}/"):
+        assert words(campaign, f"{folder}*_drop*") == [first, third]
+        assert f"{second} (interrupted)" in capsys.readouterr().err
+    with pytest.raises(ConfigError, match=r"no complete drops in .* matches"):
+        words(campaign, "fits/*")
+    assert swing in cfid("show", "runs/*_swing_x", "--no-figures").stderr  # two rows are no swing
+    assert cfid("runs", "exclude", "runs/*_swing_x").stdout.startswith(swing)
+
+
 def test_a_glob_finds_complete_runs_of_the_kind_alone(campaign: Campaign, capsys: pytest.CaptureFixture[str]) -> None:
     first, second, third, *_ = names(campaign)
 
@@ -227,6 +259,9 @@ def test_parameters_are_listed_by_parts_of_their_names(cfid: Cfid, campaign: Cam
     assert "arm_m" in str(named)
     assert "rotor_radius_m" not in str(named)
     assert cfid("parameters", "thrust").returncode == 2
+    both = cfid("parameters", "arm", "thrust")
+    assert both.returncode == 0
+    assert "thrust: no parameter has this in its name" in both.stderr
 
 
 def test_a_run_that_is_being_recorded_is_not_touched(cfid: Cfid, campaign: Campaign) -> None:

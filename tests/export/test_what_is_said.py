@@ -147,6 +147,23 @@ def test_a_thrust_beyond_the_measured_commands_is_marked(most: int, marked: bool
     assert any("EXTRAPOLATED" in said for said in caveats(TARGETS["firmware"], known)) == marked
 
 
+@pytest.mark.parametrize(("most", "marked"), [(45000, True), (65535, False)])
+def test_a_speed_map_of_a_log_is_marked_beyond_the_commands_of_its_rotors(most: int, marked: bool) -> None:
+    lag = {"time_constant_s": 0.05, "std_s": 0.001, "delay_s": 0.0, "accepted": True}
+    rotors = [
+        {"rotor": 1, "cmd_from": 20000.0, "cmd_to": float(most), "rising": True, **lag},
+        {"rotor": 1, "cmd_from": float(most), "cmd_to": 20000.0, "rising": False, **lag},
+    ]
+    dynamics = section({"motor.speed_poly": [0.02, 400.0], "dynamics.time_constant_s": rotors})
+    others = {name: one for name, one in sections().items() if "motor.speed_poly" not in one.parameters}
+
+    known = collect(thesis_rig(), {**others, "dynamics": dynamics})
+
+    quantity = known.quantities["speed_of_command"]
+    assert quantity.commands == (20000.0, float(most))
+    assert (f"EXTRAPOLATED at the full command: {most} of 65535" in quantity.caveat) == marked
+
+
 @pytest.mark.parametrize(("most", "marked"), [(37000, True), (37500, False)])
 def test_hovering_beyond_the_measured_commands_is_marked(most: int, marked: bool) -> None:
     table = [{"cmd": 2000.0, "thrust_n": 0.01}, {"cmd": float(most), "thrust_n": 0.1}]
