@@ -18,6 +18,7 @@ from cfid.rig.rdt_port import Inbox, RdtPort
 from cfid.wire.rdt import RECORD_BYTES
 from tests.places import ROOT
 from tests.rig.streaming_rig import ServedRig, served_rig, whole_rows
+from tests.rig_in_a_folder import wait_until
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="preloads a library, reads the kernel's stamps")
 
@@ -87,6 +88,11 @@ def recording_into(process: "subprocess.Popen[str]") -> Path:
     raise AssertionError(process.communicate())
 
 
+def recorded(folder: Path) -> int:
+    file = folder / "encoder.csv"
+    return file.read_bytes().count(b"\n") - 1 if file.exists() else 0  # and the head
+
+
 # The kernel's stamps
 
 
@@ -154,7 +160,7 @@ def test_a_run_during_which_the_computer_was_suspended_ends_there_and_is_failed(
     with served_rig(tmp_path / "campaign") as rig:
         process = start_logging(rig, "encoder", {**stepping(60), "CLOCK_SUSPENDED": "1"})
         folder = recording_into(process)
-        time.sleep(1.0)
+        wait_until(lambda: recorded(folder) > 500, "500 rows")
         (tmp_path / "step").touch()
         _, err = process.communicate(timeout=30)
 
