@@ -6,9 +6,12 @@ cfid's whole fit, with the choice of terms and the budget, against one integrati
 """
 
 import math
+import os
 import statistics
 import time
 from collections.abc import Callable
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # as a command of cfid does: one core is compared
 
 import lmfit
 import numpy as np

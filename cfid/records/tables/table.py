@@ -330,6 +330,6 @@ def _decimal(body: bytes, separator: str | None) -> str:
 
 def _without_comments(body: bytes) -> bytes:
     """Return the body with its comments blanked out, so that lines keep their numbers."""
-    if not any(sign in body for sign in (b"#", b"%", b"//")):
+    if not any(sign in body for sign in (b"#", b"%", b"/")):  # one letter is searched for much faster than `//`
         return body
     return re.sub(rf"(?m)^{COMMENT}[^\n]*".encode(), lambda found: b" " * len(found.group()), body)

@@ -5,6 +5,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from cfid.console.facts import assumed
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, merged, note, of_recording
@@ -168,26 +170,29 @@ class _Reader:
             raise DataError(f"{name}: its crossings are those of {known} too: name each run once.")
         self._names[crossings.source.sha256] = name
         time_s, force_n = self._thrust(loadcell, sine.motor, facts)
-        self._add_moments(self._cells[loadcell], sine, facts)
         reports = Reports(crossings.host_s, crossings.command, crossings.sample, crossings.vehicle_us)
+        self._add_moments(self._cells[loadcell], time_s, reports, sine, facts)
         recorded = RecordedSine(name=name, sine=sine, reports=reports, time_s=time_s, force_n=force_n)
         self.series.setdefault(sine.series or f"motor{sine.motor}", []).append(recorded)
         self.findings += crossings.findings
         self.sources.append(crossings.source)
 
-    def _add_moments(self, cell: WrenchRecord, sine: Sine, facts: RigFacts) -> None:
-        """Add the torque at a sine's frequency, where it is projected on the arm."""
-        if self.channel != "arm" or sine.motor == 0 or not sine.periods or len(cell.time_s) < 2:
+    def _add_moments(self, cell: WrenchRecord, time_s: Array, reports: Reports, sine: Sine, facts: RigFacts) -> None:
+        """Add the torque at a sine's frequency while its reports came, where it is projected on the arm."""
+        if self.channel != "arm" or sine.motor == 0 or not sine.periods or not len(reports.host_s):
+            return
+        own = slice(*np.searchsorted(time_s, (reports.host_s.min(), reports.host_s.max())))
+        if len(time_s[own]) < 2:
             return
         yaw_deg = self._mount(facts)[1]
-        own = torque_moments(
-            cell.time_s,
-            cell.torque_nm,
+        moments = torque_moments(
+            time_s[own],
+            cell.torque_nm[own],
             frequency_hz=sine.periods / (sine.samples * SAMPLE_S),
             motor=sine.motor,
             yaw_deg=yaw_deg,
         )
-        self._moments[yaw_deg] = self._moments.get(yaw_deg, 0) + own
+        self._moments[yaw_deg] = self._moments.get(yaw_deg, 0) + moments
 
     def _thrust(self, path: Path, motor: int, facts: RigFacts) -> tuple[Array, Array]:
         """Return host's times (n,) in s and thrust (n,) in N, with its bias, of a load cell's file or run."""
