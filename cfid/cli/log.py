@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from cfid.console.flat import flat
 from cfid.console.labels import LABEL, LabelOptions
 from cfid.console.lists import comma_list
 from cfid.console.live import LiveLine
 from cfid.console.messages import note
-from cfid.console.options import flat, positive
+from cfid.console.options import positive
 from cfid.console.recording import KeepOptions, Lasting, record, refuse_mixture, rehearse, rig_of
 from cfid.console.vehicle import LinkOptions, reach
 from cfid.lazy import later

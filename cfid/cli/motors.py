@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cfid.console.flat import flat
 from cfid.console.live import LiveLine
 from cfid.console.messages import note, result
-from cfid.console.options import flat, positive
+from cfid.console.options import positive
 from cfid.console.recording import rig_of, stop_line
 from cfid.console.vehicle import LinkOptions, Motor, Unasked, VehicleOptions, confirm, motors_of, reach
 from cfid.units import FULL_COMMAND, MOTORS

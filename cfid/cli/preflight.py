@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from cfid.console.options import flat, positive
+from cfid.console.flat import flat
+from cfid.console.options import positive
 from cfid.console.vehicle import VehicleOptions
 
 if TYPE_CHECKING:

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from cfid.console.flat import flat
 from cfid.console.lists import comma_list
 from cfid.console.messages import in_options, note
-from cfid.console.options import flat, positive
+from cfid.console.options import positive
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign

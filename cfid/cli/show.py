@@ -4,8 +4,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cfid.console.flat import flat
 from cfid.console.inputs import open_workplace
-from cfid.console.options import Delivery, EscUs, LoadCellOptions, LogClock, ReadingOptions, RigOptions, flat, pulses_us
+from cfid.console.options import Delivery, EscUs, LoadCellOptions, LogClock, ReadingOptions, RigOptions, pulses_us
 from cfid.console.outcome import deliver
 from cfid.console.views import View, views_of
 from cfid.records.result import Result

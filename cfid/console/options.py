@@ -1,14 +1,11 @@
-"""The options that several commands share: each group is a dataclass, and `flat` adds its fields to a command."""
+"""The options that several commands share: each group is a dataclass, whose fields `flat` adds to a command."""
 
-import functools
-import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
-from typer.models import OptionInfo, ParameterInfo
 
 if TYPE_CHECKING:
     from cfid.records.tables.angle import Reading
@@ -17,7 +14,6 @@ if TYPE_CHECKING:
 _FILE = "Files that something else wrote"
 _OUTPUT = "Output"
 _RIG = "Vehicle and rig"
-_BESIDE_THE_NUMBERS = {"campaign", "json", "figures", "out", "store"}  # where a result goes, not what it is
 
 Method = Annotated[Literal["default", "thesis"], typer.Option(help="'thesis' applies the thesis method.")]
 
@@ -270,76 +266,3 @@ def pulses_us(text: str | None) -> tuple[float, float] | None:
         return None
     low, high = span(text, "--esc-us", unit="microseconds", example="1000,2000")
     return positive(low, "--esc-us"), high
-
-
-def options_that_count(command: Callable[..., None]) -> dict[str, inspect.Parameter]:
-    """Return a command's options by name, without those on which its numbers do not depend."""
-    parameters = inspect.signature(command).parameters
-    options = {name: one for name, one in parameters.items() if _is(OptionInfo, one.annotation)}
-    return {name: one for name, one in options.items() if name not in _BESIDE_THE_NUMBERS}
-
-
-def _words(command: Callable[..., None], options: Mapping[str, Any]) -> list[str]:
-    """Return what was given for a command's list of runs, AXIS=RUN and the like."""
-    parameters = inspect.signature(command).parameters
-    given = [options.get(name) for name, one in parameters.items() if not _is(OptionInfo, one.annotation)]
-    return [str(word) for words in given if isinstance(words, list) for word in words]
-
-
-def _is(what: type, kind: Any) -> bool:
-    """Return whether a parameter of this kind is an option or an argument."""
-    return any(isinstance(one, what) for one in get_args(kind))
-
-
-def _default(field: "Field[Any]") -> Any:
-    return inspect.Parameter.empty if field.default is MISSING else field.default
-
-
-def flat(command: Callable[..., None]) -> Callable[..., None]:
-    """Replace a command's parameters that are dataclasses of options by those options, one by one.
-
-    In a call from Python, an option that is left out has its default, and a dataclass may be given as a whole.
-    """
-    hints = get_type_hints(command, include_extras=True)
-    bundles: dict[str, Any] = {name: hint for name, hint in hints.items() if is_dataclass(hint)}
-    kinds = {name: _options_of(bundle) for name, bundle in bundles.items()}
-    parameters: list[inspect.Parameter] = []
-    for name, parameter in inspect.signature(command).parameters.items():
-        own = kinds.get(name, {name: (hints[name], parameter.default)})
-        parameters += [
-            inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
-            for key, (kind, default) in own.items()
-        ]
-
-    @functools.wraps(command)
-    def called(**options: Any) -> None:
-        asked = {
-            name: _stated(options[name])
-            for name, one in options_that_count(called).items()
-            if options.get(name, one.default) != one.default
-        }
-        if labels := [word for word in _words(called, options) if "=" in word]:
-            asked["labels"] = labels
-        for name, bundle in bundles.items():
-            if not isinstance(options.get(name), bundle):  # an option may have the name of its dataclass
-                own = {key: options.pop(key, default) for key, (_, default) in kinds[name].items()}
-                options[name] = bundle(**own, **({"asked": asked} if bundle is Delivery else {}))
-        command(**options)
-
-    del called.__wrapped__
-    called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    called.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    return called
-
-
-def _options_of(bundle: Any) -> dict[str, tuple[Any, Any]]:
-    """Return the options and arguments among the fields of a dataclass by name, each with its type and default."""
-    kinds = get_type_hints(bundle, include_extras=True)
-    return {one.name: (kinds[one.name], _default(one)) for one in fields(bundle) if _is(ParameterInfo, kinds[one.name])}
-
-
-def _stated(value: Any) -> Any:
-    """Return an option's value as a file states it: a path to something that exists in full."""
-    if isinstance(value, Path):
-        return str(value.resolve() if value.exists() else value)
-    return value

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from cfid.console.flat import flat
 from cfid.console.inputs import Workplace, find_recording, open_workplace
 from cfid.console.options import (
     Delivery,
@@ -17,7 +18,6 @@ from cfid.console.options import (
     RigOptions,
     YawDeg,
     finite,
-    flat,
 )
 from cfid.console.outcome import deliver
 from cfid.console.selection import chosen, labelled

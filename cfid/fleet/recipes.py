@@ -7,7 +7,8 @@ from typing import Any, Literal
 
 from pydantic import TypeAdapter, ValidationError
 
-from cfid.console.options import Delivery, options_that_count
+from cfid.console.flat import options_that_count
+from cfid.console.options import Delivery
 from cfid.drag.command import drag
 from cfid.errors import DataError
 from cfid.flight.command import flight

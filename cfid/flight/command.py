@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cfid.console.flat import flat
 from cfid.console.inputs import Workplace, find_recording, open_workplace
 from cfid.console.lists import Measured, measured
-from cfid.console.options import CutOptions, Delivery, LogClock, ReadingOptions, RigOptions, flat
+from cfid.console.options import CutOptions, Delivery, LogClock, ReadingOptions, RigOptions
 from cfid.console.outcome import deliver
 
 if TYPE_CHECKING:

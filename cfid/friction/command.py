@@ -7,17 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cfid.console.flat import flat
 from cfid.console.inputs import Workplace, open_workplace, read_recording
 from cfid.console.lists import measured
-from cfid.console.options import (
-    CutOptions,
-    Delivery,
-    GravityMps2,
-    Method,
-    ReadingOptions,
-    RigOptions,
-    flat,
-)
+from cfid.console.options import CutOptions, Delivery, GravityMps2, Method, ReadingOptions, RigOptions
 from cfid.console.outcome import deliver
 from cfid.console.selection import chosen, labelled
 from cfid.units import MM

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cfid.console.flat import flat
 from cfid.console.inputs import Workplace, open_workplace
 from cfid.console.lists import measured
 from cfid.console.options import (
@@ -20,7 +21,6 @@ from cfid.console.options import (
     RigOptions,
     Swings,
     WindowOptions,
-    flat,
 )
 from cfid.console.outcome import deliver
 from cfid.console.selection import chosen, labelled

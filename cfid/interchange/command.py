@@ -7,10 +7,11 @@ from typing import Annotated, Literal
 import typer
 
 from cfid.console.campaign import here
+from cfid.console.flat import flat
 from cfid.console.inputs import find_recording, open_workplace
 from cfid.console.labels import LabelOptions
 from cfid.console.messages import in_options, note
-from cfid.console.options import LoadCellOptions, LogClock, ReadingOptions, RigOptions, flat
+from cfid.console.options import LoadCellOptions, LogClock, ReadingOptions, RigOptions
 
 
 @flat

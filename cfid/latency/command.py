@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from cfid.console.flat import flat
 from cfid.console.inputs import find_recording, open_workplace
-from cfid.console.options import Delivery, RigOptions, flat, positive
+from cfid.console.options import Delivery, RigOptions, positive
 from cfid.console.outcome import deliver
 from cfid.console.recording import DryRun, KeepOptions, rehearse, rig_of
 from cfid.console.selection import chosen, labelled

@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cfid.console.flat import flat
 from cfid.console.inputs import find_recording, open_workplace
 from cfid.console.lists import measured
 from cfid.console.messages import note
-from cfid.console.options import Delivery, GravityMps2, RigOptions, flat, positive
+from cfid.console.options import Delivery, GravityMps2, RigOptions, positive
 from cfid.console.outcome import deliver
 from cfid.console.selection import chosen
 

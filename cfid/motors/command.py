@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from cfid.console.flat import flat
 from cfid.console.messages import clock
-from cfid.console.options import flat, positive
+from cfid.console.options import positive
 from cfid.console.recording import KeepOptions, ResumeOptions, rig_of
 from cfid.console.selection import interrupted
 from cfid.console.vehicle import ExperimentOptions, LogMs, Motor, motors_of

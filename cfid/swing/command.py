@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from cfid.console.flat import flat
 from cfid.console.inputs import open_workplace, read_recording
 from cfid.console.lists import measured
 from cfid.console.options import (
@@ -16,7 +17,6 @@ from cfid.console.options import (
     ReadingOptions,
     RigOptions,
     WindowOptions,
-    flat,
 )
 from cfid.console.outcome import deliver
 

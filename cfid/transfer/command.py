@@ -7,18 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from cfid.console.flat import flat
 from cfid.console.inputs import Workplace, find_recording, open_workplace
 from cfid.console.lists import comma_list, measured
-from cfid.console.options import (
-    Delivery,
-    LoadCellOptions,
-    Method,
-    ReadingOptions,
-    RigOptions,
-    YawDeg,
-    finite,
-    flat,
-)
+from cfid.console.options import Delivery, LoadCellOptions, Method, ReadingOptions, RigOptions, YawDeg, finite
 from cfid.console.outcome import deliver
 from cfid.console.selection import chosen
 from cfid.errors import ConfigError, DataError

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from cfid.console.flat import flat
 from cfid.console.lists import comma_list
-from cfid.console.options import finite, flat, positive
+from cfid.console.options import finite, positive
 from cfid.console.recording import KeepOptions, ResumeOptions, rig_of
 from cfid.console.selection import interrupted
 from cfid.console.vehicle import ExperimentOptions, LogMs

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cfid.console.flat import flat
 from cfid.console.inputs import Workplace, find_recording, open_workplace
 from cfid.console.lists import measured, span
 from cfid.console.options import (
@@ -18,7 +19,6 @@ from cfid.console.options import (
     Method,
     ReadingOptions,
     RigOptions,
-    flat,
     pulses_us,
 )
 from cfid.console.outcome import deliver

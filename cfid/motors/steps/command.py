@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cfid.console.flat import flat
 from cfid.console.inputs import find_recording, open_workplace
 from cfid.console.options import (
     CutOptions,
@@ -15,7 +16,6 @@ from cfid.console.options import (
     LogClock,
     ReadingOptions,
     RigOptions,
-    flat,
     pulses_us,
 )
 from cfid.console.outcome import deliver

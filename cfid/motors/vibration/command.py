@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cfid.console.flat import flat
 from cfid.console.inputs import find_recording, open_workplace
 from cfid.console.lists import span
-from cfid.console.options import CutOptions, Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat, positive
+from cfid.console.options import CutOptions, Delivery, LoadCellOptions, ReadingOptions, RigOptions, positive
 from cfid.console.outcome import deliver
 
 if TYPE_CHECKING:

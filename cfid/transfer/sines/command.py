@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from cfid.console import messages as speech
+from cfid.console.flat import flat
 from cfid.console.lists import comma_list
 from cfid.console.messages import result
-from cfid.console.options import flat, positive
+from cfid.console.options import positive
 from cfid.console.recording import KeepOptions, ResumeOptions, print_json, rig_of, stop_line
 from cfid.console.selection import interrupted
 from cfid.console.vehicle import ExperimentOptions, LogMs, motors_of
