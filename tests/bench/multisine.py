@@ -100,7 +100,7 @@ class Plant(NamedTuple):
 class Bent(RotorTruth):
     """A steady speed less a cube of the command, which at both ends is 5 % of its swing."""
 
-    def steady_rad_per_s(self, command: Array, *, volts: float) -> Array:
+    def steady_rad_per_s(self, command: Array, *, volts: Array | float) -> Array:
         bend = 0.05 * self.rad_per_s_per_command * AMPLITUDE * ((command - MIDDLE) / AMPLITUDE) ** 3
         return np.asarray(super().steady_rad_per_s(command, volts=volts) - np.where(command > 0, bend, 0.0))
 
