@@ -19,6 +19,7 @@ from cfid.records.fits import Fit, list_fits
 from cfid.records.parameters import load_sections
 from cfid.sim.demo import demo_truth, simulate_demo
 from tests.campaigns import Cfid, in_this_process
+from tests.fleet.test_refit import numbers as found_numbers
 
 SECTIONS = {
     "inertia",
@@ -34,6 +35,13 @@ SECTIONS = {
     "drag",
 }
 SEEDS = 50
+OPTIONS = (
+    "fit inertia --peaks 12 --mass-kg 0.028:0.0001",
+    "fit speed --markers 2",
+    "fit torque --order 2",
+    "fit drag --intercepts",
+    "tf identify --cutoff-hz 9 --settle-s 0.6",
+)
 
 
 def command(*words: object) -> list[str]:
@@ -120,6 +128,20 @@ def test_the_truth_lies_within_the_interval_of_nineteen_in_twenty_parameters(tmp
 
     assert low <= 0.95 <= high
     assert {name: np.mean(held) for name, held in inside.items() if np.mean(held) <= 0.85} == {}
+
+
+@pytest.mark.slow
+def test_a_fleet_repeats_every_fit_with_its_options_to_the_last_bit(cfid: Cfid, tmp_path: Path) -> None:
+    fitted_here(tmp_path / "demo", 1)
+    for words in OPTIONS:
+        ended = in_this_process([*words.split(), "--no-figures"], tmp_path / "demo")
+        assert ended.returncode == 0, ended.stderr
+    ended = cfid("fleet", "fit", tmp_path / "demo", "--out", tmp_path / "again", "--jobs", 1)
+
+    assert ended.returncode == 0, ended.stderr
+    kept, made = (load_sections(tmp_path / one / "parameters.toml") for one in ("demo", "again/demo"))
+    assert set(kept) >= SECTIONS
+    assert found_numbers(made) == found_numbers(kept)
 
 
 @pytest.mark.slow
