@@ -137,6 +137,19 @@ def eccentricity_finding(fit: OutputError) -> tuple[Finding, ...]:
     return (note("swing-encoder-eccentric", text),)
 
 
+def spring_finding(fit: OutputError, uncertain_s2: float) -> tuple[Finding, ...]:
+    """Warn of a spring beside gravity, and state by how much it leaves W (standard uncertainty) uncertain."""
+    frequency, spring = fit.coefficients.natural_frequency_squared_s2, fit.setup.spring_per_s2
+    if not spring:
+        return ()
+    text = (
+        f"a spring, as of a cable or a bearing, pulls with {_percent(spring / frequency)} of gravity's stiffness. It "
+        f"is taken out, which leaves the natural frequency squared uncertain by {_percent(uncertain_s2 / frequency)}. "
+        "Free the cable and swing again."
+    )
+    return (warning("swing-spring", text),)
+
+
 def unfinished_finding(unfinished: OutputError | None, shares: Mapping[str, float]) -> tuple[Finding, ...]:
     """Warn of a better model whose fit did not converge."""
     if unfinished is None:

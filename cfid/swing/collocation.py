@@ -39,32 +39,45 @@ class Threads(NamedTuple):
 NO_THREADS = Threads(0.0, 0.0)
 
 
+class Forces(NamedTuple):
+    """What pulls a body back beside gravity: threads, and a spring, as of a cable, over the axis inertia."""
+
+    threads: Threads = NO_THREADS
+    spring_per_s2: float = 0.0
+
+
+GRAVITY_ALONE = Forces()
+
+
 class _Acceleration(NamedTuple):
     value: Array
     by_angle: Array
     by_speed: Array
-    by_coefficient: Array  # (5, n), or (8, n) with the probes
+    by_coefficient: Array  # (5, n), or (9, n) with the probes
 
 
 def _acceleration(
-    angle: Array, speed: Array, step: float, coefficients: Coefficients, threads: Threads, *, probes: bool
+    angle: Array, speed: Array, step: float, coefficients: Coefficients, forces: Forces, *, probes: bool
 ) -> _Acceleration:
     stiffness, viscous, coulomb, quadratic, zero = coefficients
-    sine, cosine = np.sin(angle - zero), np.cos(angle - zero)
+    threads, spring = forces
+    turned = angle - zero
+    sine, cosine = np.sin(turned), np.cos(turned)
     if threads != NO_THREADS:
         sine, cosine, bend = _pull_of_threads(sine, cosine, threads.ratio)
     carried = 1 + stiffness * threads.fall_s2 * sine**2 if threads.fall_s2 else 1.0
-    width = _turning_width(stiffness * sine / carried, speed, coulomb / carried, step)
+    width = _turning_width((stiffness * sine + spring * turned) / carried, speed, coulomb / carried, step)
     direction = np.clip(speed / width, -1, 1)
     turning = np.abs(speed) < width
     drag = speed * np.abs(speed)
     excess = [np.exp(-((speed / low) ** 2)) for low in _PROBED_RAD_PER_S] + [1 - cosine] if probes else []
     level = _Acceleration(
-        value=-stiffness * sine - viscous * speed - coulomb * direction - quadratic * drag,
-        by_angle=-stiffness * cosine,
+        value=-stiffness * sine - spring * turned - viscous * speed - coulomb * direction - quadratic * drag,
+        by_angle=-stiffness * cosine - spring,
         by_speed=-viscous - 2 * quadratic * np.abs(speed) - np.where(turning, coulomb / width, 0.0),
         by_coefficient=np.stack(
-            [-sine, -speed, -direction, -drag, stiffness * cosine, *(-direction * e for e in excess)]
+            [-sine, -speed, -direction, -drag, stiffness * cosine + spring, *(-direction * e for e in excess)]
+            + ([-turned] if probes else [])
         ),
     )
     if not threads.fall_s2:
@@ -118,7 +131,7 @@ def linearised(
     coefficients: Coefficients,
     free: npt.NDArray[np.intp],
     *,
-    threads: Threads = NO_THREADS,
+    forces: Forces = GRAVITY_ALONE,
 ) -> Array:
     """Linearise the collocated equation of motion about `state` (2n,), interleaved angle and speed.
 
@@ -127,14 +140,14 @@ def linearised(
     """
     angle, speed = state[::2], state[1::2]
     probes = len(free) > 0 and int(free[-1]) >= len(coefficients)
-    node = _acceleration(angle, speed, step, coefficients, threads, probes=probes)
+    node = _acceleration(angle, speed, step, coefficients, forces, probes=probes)
     a, a_angle, a_speed = node.value, node.by_angle, node.by_speed
     middle = _acceleration(
         (angle[:-1] + angle[1:]) / 2 + step / 8 * (speed[:-1] - speed[1:]),
         (speed[:-1] + speed[1:]) / 2 + step / 8 * (a[:-1] - a[1:]),
         step,
         coefficients,
-        threads,
+        forces,
         probes=probes,
     )
     left, right = _cells(a_angle, a_speed, middle, step)

@@ -20,6 +20,7 @@ from cfid.swing.checks import (
     hand_finding,
     judge,
     split_finding,
+    spring_finding,
     unfinished_finding,
     varying_finding,
 )
@@ -38,8 +39,10 @@ from cfid.swing.uncertainty import (
     friction_probes,
     inflation,
     moved_by_scale,
+    moved_by_spring,
     scale_error,
     scatter_of_windows,
+    spring_beside,
     standard_uncertainties,
     step_error,
 )
@@ -52,6 +55,7 @@ _HOPELESS_BIC = 100.0
 _DAMPING = Coefficients._fields[1:4]
 _ECCENTRIC_RAD = 0.05  # more is no eccentricity of a disc
 _TRIED_ECCENTRIC = 2  # of the choices of damping, the best
+_SHOWN_STD = 3.0  # of a spring that is tried beside the others
 _CLEARLY_BETTER = 0.95  # of the sum of squares
 _VARIES_STD = 4.0  # of a probe of dry friction: sound swings stay below
 _VARIES_USUALLY = 0.25  # of the Coulomb friction, over the angle: a bearing that nobody measured
@@ -120,6 +124,8 @@ def fit_swing(swing: FreeSwing) -> SwingFit:
     if swing.rate_rad_per_s is None:
         eccentric = [_refit(fit, time, reading, (*chosen_terms(fit), ECCENTRICITY)) for fit in likeliest]
         physical += [fit for fit in eccentric if _acceptable(fit)]
+        if any(_sprung(swing, fit, rounds=1) for fit in _likeliest_of_each(physical)):
+            physical += [one for fit in physical for one in _sprung(swing, fit)]
     ranked = _ranked(physical)
     return _judged(swing, ranked, _unfinished(ranked[0][1], candidates), scale)
 
@@ -139,6 +145,29 @@ def _scaled(
             _refit(fit, swing.hands_off[0], corrected.readings_rad, chosen_terms(fit)) for fit in (base, full)
         )
     return corrected, error, base, full
+
+
+def _likeliest_of_each(fits: list[OutputError]) -> list[OutputError]:
+    """Return the likeliest fit with a centred encoder, and that with an eccentric one, which resembles a spring."""
+    ranked = [fit for _, fit in _ranked(fits)]
+    return [next(fit for fit in ranked if fit.eccentric == kind) for kind in {fit.eccentric for fit in ranked}]
+
+
+def _sprung(swing: FreeSwing, fit: OutputError, rounds: int = 3) -> list[OutputError]:
+    """Return a fit with the spring that the record shows beside it, refined in rounds; none where it shows none."""
+    for _ in range(rounds):
+        size, std, moved = spring_beside(swing, fit)
+        setup = fit.setup._replace(spring_per_s2=fit.setup.spring_per_s2 + size)
+        if setup.spring_per_s2 < _SHOWN_STD * std:
+            return []
+        frequency = fit.coefficients.natural_frequency_squared_s2 + moved
+        start = replace(
+            fit, setup=setup, coefficients=fit.coefficients._replace(natural_frequency_squared_s2=frequency)
+        )
+        fit = _refit(start, swing.hands_off[0], swing.readings_rad, chosen_terms(fit))
+        if not _acceptable(fit):
+            return []
+    return [fit]
 
 
 def grid_step(swing: FreeSwing) -> float:
@@ -196,7 +225,7 @@ def _ranked(fits: list[OutputError]) -> list[tuple[float, OutputError]]:
 
 
 def _count(fit: OutputError) -> int:
-    return sum(fit.free) + 2 * fit.eccentric
+    return sum(fit.free) + 2 * fit.eccentric + bool(fit.setup.spring_per_s2)
 
 
 def _unfinished(best: OutputError, candidates: list[OutputError]) -> OutputError | None:
@@ -223,14 +252,15 @@ def _judged(
     fit = ranked[0][1]
     split_bic = ranked[1][0] - ranked[0][0] if len(ranked) > 1 else math.inf
     noise = standard_uncertainties(fit)
-    gyro = np.zeros(len(noise)) if swing.rate_rad_per_s is None else moved_by_scale(swing, fit)
-    std = np.hypot(noise, gyro)
+    gyro, spring = moved_by_scale(swing, fit), moved_by_spring(swing, fit)
+    std = np.sqrt(noise**2 + gyro**2 + spring**2)
     frequency = fit.coefficients.natural_frequency_squared_s2
     drift, drift_std = drift_of_halves(swing, fit)
     instrument = "encoder" if swing.rate_rad_per_s is None else "vehicle"
     shares = {
         "noise": float(noise[0]),
         "scale of the gyro": float(gyro[0]),
+        "spring": float(spring[0]),
         "choice of terms": _spread_of_choices(ranked),
         "grid": step_error(swing, fit),
         f"clock of the {instrument}": 2 * frequency * swing.time_scale_std,
@@ -270,6 +300,7 @@ def _judged(
             *split_finding(terms, split_bic),
             *hand_finding(swing, fit),
             *eccentricity_finding(fit),
+            *spring_finding(fit, float(spring[0])),
             *unfinished_finding(unfinished, shares),
             *varying_finding(varying),
         ),

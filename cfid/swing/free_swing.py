@@ -79,7 +79,7 @@ class FreeSwing:
     @property
     def readings_rad(self) -> Array:
         """What is fitted from when the hand is surely gone: angles, or a gyro's rates as `Setup` has them."""
-        window, (_, per_s) = slice(self.hand_gone, self.end + 1), self.setup
+        window, per_s = slice(self.hand_gone, self.end + 1), self.setup.gyro_per_s
         if self.rate_rad_per_s is None or per_s is None:
             return self.angle_rad[window]
         return self.rate_rad_per_s[window] / per_s

@@ -24,13 +24,13 @@ import numpy.typing as npt
 from scipy.sparse import csr_matrix
 
 from cfid.estimate.signals import smooth
-from cfid.swing.collocation import NO_THREADS, Coefficients, Threads, linearised
+from cfid.swing.collocation import NO_THREADS, Coefficients, Forces, Threads, linearised
 
 Array = npt.NDArray[np.float64]
 
 TERMS = ("viscous", "coulomb", "quadratic")
 PROBES = ("low speed", "low speed", "angle")  # what dry friction may vary with, unlike the model's
-ECCENTRICITY = "eccentricity"
+ECCENTRICITY, SPRING = "eccentricity", "spring"
 
 _MAX_ITERATIONS = 20
 _CONVERGED_RAD = 1e-8  # step of the predicted angle, rms
@@ -50,14 +50,20 @@ CENTRED = Eccentricity(0.0, 0.0)
 
 
 class Setup(NamedTuple):
-    """What is modelled beside a pendulum under an encoder: threads, and a gyro.
+    """What is modelled beside a pendulum under an encoder: threads, a gyro, and a known spring as of a cable.
 
     A gyro's rates are read in rad as those of a swing of the angular frequency `gyro_per_s`, so that residuals of
-    both instruments compare.
+    both instruments compare. The spring is per axis inertia.
     """
 
     threads: Threads = NO_THREADS
     gyro_per_s: float | None = None
+    spring_per_s2: float = 0.0
+
+    @property
+    def forces(self) -> Forces:
+        """What pulls the body back beside gravity."""
+        return Forces(self.threads, self.spring_per_s2)
 
 
 PLAIN = Setup()
@@ -147,7 +153,7 @@ def fit_output_error(
     while not converged and iteration < _MAX_ITERATIONS:
         iteration += 1
         try:
-            columns = linearised(state, begin, step, Coefficients(*values), chosen, threads=setup.threads)
+            columns = linearised(state, begin, step, Coefficients(*values), chosen, forces=setup.forces)
         except np.linalg.LinAlgError:
             break
         seen = sampler @ state
@@ -184,24 +190,25 @@ def fit_output_error(
     )
 
 
-def probed(fit: OutputError, time_s: Array) -> tuple[Array, Array]:
-    """Return what everything that a fit may leave free does to the readings (n, p), W first, and what probes do (n, 3).
+def probed(fit: OutputError, time_s: Array) -> tuple[Array, Array, Array]:
+    """Return what everything that a fit may leave free does to the readings (n, p), W first, and what probes do.
 
-    The probes are excesses of dry friction below two low speeds, and one that grows with 1 - cos phi.
+    The probes (n, 3) are excesses of dry friction below two low speeds, and one that grows with 1 - cos phi; the last
+    (n,) is a spring.
     """
     path, gyro = fit.trajectory, fit.setup.gyro_per_s is not None
     state = np.stack([path.angle_rad, path.speed_rad_per_s], axis=1).ravel()
-    columns = linearised(state, state[:2], path.step_s, fit.coefficients, np.arange(8), threads=fit.setup.threads)[
-        :, 1:
-    ]
+    probes = slice(len(fit.coefficients), len(fit.coefficients) + len(PROBES))
+    everything = np.arange(probes.stop + 1)
+    columns = linearised(state, state[:2], path.step_s, fit.coefficients, everything, forces=fit.setup.forces)[:, 1:]
     sampler = _sampler(time_s, path, fit.setup)
     offsets = np.array([fit.bias_rad] if gyro else fit.eccentricity)
     read = _read_derivatives(
         np.asarray(sampler @ state), np.asarray(sampler @ columns), offsets, free=gyro or fit.eccentric
     )
-    probes = slice(5, 5 + len(PROBES))
     left_out = [4] if gyro else []  # zero does to rates what the start angle does
-    return np.delete(read, [*left_out, *range(probes.start, probes.stop)], axis=1), read[:, probes]
+    own = np.delete(read, [*left_out, *range(probes.start, probes.stop + 1)], axis=1)
+    return own, read[:, probes], read[:, probes.stop]
 
 
 def _read(seen: Array, offsets: Array) -> Array:

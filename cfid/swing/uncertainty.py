@@ -11,7 +11,7 @@ from scipy.special import chdtrc
 from cfid.estimate.linear import sandwich, std_of
 from cfid.estimate.signals import correlation_inflation
 from cfid.swing.free_swing import FreeSwing
-from cfid.swing.model import ECCENTRICITY, PROBES, TERMS, OutputError, first_guess, fit_output_error, probed
+from cfid.swing.model import ECCENTRICITY, PROBES, SPRING, TERMS, OutputError, first_guess, fit_output_error, probed
 
 Array = npt.NDArray[np.float64]
 
@@ -112,7 +112,7 @@ class FrictionProbe(NamedTuple):
 
 def friction_probes(swing: FreeSwing, fit: OutputError) -> tuple[FrictionProbe, ...]:
     """Estimate each of PROBES beside all coefficients, linearly about the fit."""
-    own, probes = probed(fit, swing.hands_off[0])
+    own, probes, _ = probed(fit, swing.hands_off[0])
     found = []
     for name, probe in zip(PROBES, probes.T, strict=True):
         change, std = _beside(fit, own, probe)
@@ -133,10 +133,30 @@ def scale_error(swing: FreeSwing, fit: OutputError, taken: float) -> tuple[float
 
 def moved_by_scale(swing: FreeSwing, fit: OutputError) -> Array:
     """Return by how much the standard uncertainty of a gyro's scale moves each Jacobian column's estimate."""
-    column = _without_bias(swing, fit)
+    if swing.rate_rad_per_s is None:
+        return np.zeros(fit.jacobian.shape[1])
+    return _moved(fit, _without_bias(swing, fit), swing.rate_scale_std)
+
+
+def spring_beside(swing: FreeSwing, fit: OutputError) -> tuple[float, float, float]:
+    """Return a spring's size per inertia that the record shows beside a fit, its std, and what W then changes by.
+
+    Gravity's pull grows with the sine of the angle and a spring's with the angle, so that large swings tell them apart.
+    """
+    change, std = _beside(fit, fit.jacobian, probed(fit, swing.hands_off[0])[2])
+    return float(change[-1]), std, float(change[0])
+
+
+def moved_by_spring(swing: FreeSwing, fit: OutputError) -> Array:
+    """Return by how much the standard uncertainty of a fitted spring moves each Jacobian column's estimate."""
+    if not fit.setup.spring_per_s2:
+        return np.zeros(fit.jacobian.shape[1])
+    return _moved(fit, probed(fit, swing.hands_off[0])[2], spring_beside(swing, fit)[1])
+
+
+def _moved(fit: OutputError, column: Array, std: float) -> Array:
     size = np.linalg.norm(fit.jacobian, axis=0)
-    moved = np.linalg.lstsq(fit.jacobian / size, column, rcond=1e-10)[0] / size
-    return np.asarray(np.abs(moved) * swing.rate_scale_std)
+    return np.asarray(np.abs(np.linalg.lstsq(fit.jacobian / size, column, rcond=1e-10)[0] / size) * std)
 
 
 def _without_bias(swing: FreeSwing, fit: OutputError) -> Array:
@@ -181,7 +201,7 @@ def _windows(swing: FreeSwing, fit: OutputError, count: int) -> tuple[Array, Arr
 def chosen_terms(fit: OutputError) -> tuple[str, ...]:
     """Return the terms that a fit left free."""
     damping = tuple(term for term, free in zip(TERMS, fit.free[1:4], strict=True) if free)
-    return (*damping, ECCENTRICITY) if fit.eccentric else damping
+    return (*damping, *[ECCENTRICITY] * fit.eccentric, *[SPRING] * bool(fit.setup.spring_per_s2))
 
 
 def _samples_a_period(fit: OutputError) -> int:
