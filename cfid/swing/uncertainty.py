@@ -48,7 +48,8 @@ def step_error(swing: FreeSwing, fit: OutputError) -> float:
             eccentricity=fit.eccentricity, setup=fit.setup,
         )  # fmt: skip
         if finer.converged:
-            changes.append(abs(finer.coefficients[0] - fit.coefficients[0]))
+            moved = spring_beside(swing, finer)[2] if fit.setup.spring_per_s2 else 0.0
+            changes.append(abs(finer.coefficients[0] + moved - fit.coefficients[0]))
     return 2 * max(changes)
 
 

@@ -23,8 +23,8 @@ _DAMPING = {
     "swing.quadratic_nms2_per_rad2": "quadratic_per_rad",
 }
 _STIFFNESS = (
-    "one swing does not distinguish a stiff cable or bearing from gravity: 1 % of it makes the inertia 1 % too low. "
-    "Swing about the same axis at a second distance."
+    "a cable or a bearing whose pull grows as gravity's shows in no single swing, and under a gyro no spring does: 1 % "
+    "of it makes the inertia 1 % too low. Swing about the same axis at a second distance."
 )
 
 
