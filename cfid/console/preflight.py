@@ -71,6 +71,7 @@ def of_loadcell(record: DeviceRecord, sampled: Sampled, *, calm: bool = True) ->
     ]
 
 
+_WITHIN_NOISE = ", no more than noise"
 _QUIETER = "look for vibration, a draught, or a cable that touches the vehicle; check the cell's shield"
 _WARMER = "let the cell warm up for half an hour, and keep draughts and hands away"
 _EARTHED = "earth the rig, and move mains adapters, fans and pumps away from it"
@@ -95,6 +96,8 @@ def _six(
     """Judge one number of each axis, in mN and mNm: the `sure` part of it, where noise explains the rest."""
     most = "" if limits is None else _in_milli(limits)
     within = limits is None or bool(np.all((values if sure is None else sure) <= limits))
+    if sure is not None and not np.any(sure):
+        more = _WITHIN_NOISE
     return _answer(line, _in_milli(values) + more, advice, limit=most, within=within)
 
 
@@ -123,7 +126,7 @@ def of_encoder(record: DeviceRecord, sampled: Sampled) -> list[DeviceAnswer]:
         ),
         _answer(
             "drift",
-            f"{abs(quality.drift):.2g} degrees",
+            f"{abs(quality.drift):.2g} degrees{_WITHIN_NOISE * (not _sure_drift(quality))}",
             f"{still}; a cable that relaxes turns it",
             limit=f"{_TURNED_DEG:g} degrees",
             within=_sure_drift(quality) <= _TURNED_DEG,
