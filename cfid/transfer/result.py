@@ -139,8 +139,8 @@ def _negative_delay(delay: Delay) -> list[Finding]:
     if delay.delay_s >= -COVERAGE_95 * delay.std_s:
         return []
     text = (
-        f"the delay is negative, {1e3 * delay.delay_s:.2f} +- {1e3 * delay.std_s:.2g} ms: commands are stamped when "
-        "reports of them arrive by radio, later than they act. It belongs to this link, and is no delay of the motor."
+        f"the force comes {-1e3 * delay.delay_s:.2f} +- {1e3 * delay.std_s:.2g} ms before its command as stamped: reports "
+        "of commands arrive by radio, later than these act. The delay belongs to this link, and is none of the motor's."
     )
     return [warning("transfer-delay-negative", text, "tf.delay_s")]
 

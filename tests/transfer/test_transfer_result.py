@@ -171,7 +171,7 @@ def test_a_delay_is_warned_of_where_it_is_surely_negative(delay_ms: float, told:
     found = _negative_delay(Delay(1e-3 * delay_ms, 0.9e-3, 0.0, 0.2e-3))
 
     assert [one.code for one in found] == ["transfer-delay-negative"] * told
-    assert not told or "the delay is negative, -27.00 +- 0.9 ms" in found[0].text
+    assert not told or "the force comes 27.00 +- 0.9 ms before its command" in found[0].text
 
 
 def test_a_delay_within_its_uncertainty_is_stated_to_be_consistent_with_zero() -> None:
