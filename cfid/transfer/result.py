@@ -139,8 +139,8 @@ def _negative_delay(delay: Delay) -> list[Finding]:
     if delay.delay_s >= -COVERAGE_95 * delay.std_s:
         return []
     text = (
-        f"the force comes {-1e3 * delay.delay_s:.2f} +- {1e3 * delay.std_s:.2g} ms before its command as stamped: reports "
-        "of commands arrive by radio, later than these act. The delay belongs to this link, and is none of the motor's."
+        f"the force comes {-1e3 * delay.delay_s:.2f} +- {1e3 * delay.std_s:.2g} ms before its command as stamped: "
+        "reports of commands arrive by radio, later than these act. It belongs to the link, not to the motor."
     )
     return [warning("transfer-delay-negative", text, "tf.delay_s")]
 
