@@ -41,7 +41,7 @@ def console(*, context: typer.Context, vehicle: VehicleOptions, campaign: Campai
             crazyflie,
             live,
             lambda there, loop: Console(
-                there["commands"], crazyflie.limits, loop=loop, tell=live.task, say=live.tell
+                there["commands"], crazyflie.limits, loop=loop, tell=live.ask, say=live.tell
             ).run(),
         )
 

@@ -109,7 +109,7 @@ def _look(
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
         parts, rate_hz = [loadcell, crazyflie.usual_log()], devices.loadcell.rate_hz + _VEHICLE_ROWS_HZ
     plan = _plan(experiment)
-    live.task(f"looking at the signals for {seconds:g} s")
+    live.task("looking at the signals")
     try:
         sampled = sample(parts, for_s=seconds, show=live.show)
     finally:

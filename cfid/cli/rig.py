@@ -10,7 +10,7 @@ import typer
 
 from cfid.console.flat import flat
 from cfid.console.lists import comma_list
-from cfid.console.messages import in_options, note
+from cfid.console.messages import fitted, in_options, note
 from cfid.console.options import positive
 
 if TYPE_CHECKING:
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from cfid.rig.loop import Ending, Loop
     from cfid.sim.propulsion import OnMotors
     from cfid.sim.service import SimulatedRig
+
+_ANSWERS_AT = 35  # the column in which answers of `cfid rig check` begin
 
 
 def check(
@@ -89,9 +91,10 @@ def report_answers(
     else:
         for name, answer in ((name, answer) for name, own in answers.items() for answer in own):
             limit = f" (limit {answer.limit})" if answer.limit else ""
-            typer.echo(f"{name:9} {answer.asked:15} {answer.state:8} {in_options(answer.answer)}{limit}")
+            line = f"{name:9} {answer.asked:15} {answer.state:8} {in_options(answer.answer)}{limit}"
+            typer.echo(fitted(line, indent=_ANSWERS_AT))
             if answer.advice:
-                typer.echo(f"{'':35}-> {answer.advice}")
+                typer.echo(fitted(f"{'':{_ANSWERS_AT}}-> {answer.advice}", indent=_ANSWERS_AT + 3))
     faulty = [name for name, own in answers.items() if any(answer.state == "fault" for answer in own)]
     if faulty:
         raise DeviceError(f"not ready: {', '.join(faulty)}.")

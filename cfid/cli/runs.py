@@ -68,10 +68,13 @@ def note(
     """Add a note to runs, after those that they have.
 
     A note key=value is an entry of the lab book, over that of rig.toml: operator, battery, propellers, temperature_c
-    or a key of your own.
+    or a key of your own; one like a known key is refused.
 
     Example: [bold]cfid runs note last battery=B4[/bold]
     """
+    from cfid.records.lab_book import check
+
+    check(text)
     _amend(run, campaign, note=text, message=f"note added: {text}" if text else "has no note any more")
 
 

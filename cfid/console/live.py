@@ -5,13 +5,15 @@ import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from cfid.console.messages import in_options, noted
+from cfid.console.messages import clock, in_options, noted
 from cfid.console.screen import Screen
 
 if TYPE_CHECKING:
-    from cfid.rig.recorder import Progress, Recorder
+    from cfid.rig.recorder import Recorder
 
 _EVERY_S = 0.2
+_MINUTES_FROM_S = 100.0
+_SLOWEST_HZ = 0.5
 _BARS = "▁▂▃▄▅▆▇█"
 
 
@@ -28,7 +30,7 @@ class LiveLine:
         self._terminal = None if file is None or not os.isatty(file) or os.environ.get("TERM") == "dumb" else file
         self._next_s = 0.0
         self._length = 0
-        self._task = ""
+        self._task = self._question = ""
         self._quiet = quiet
 
     def ring(self) -> None:
@@ -37,8 +39,13 @@ class LiveLine:
             self._screen.write("\a")
 
     def task(self, text: str) -> None:
-        """Show the present task at the start of the line, from the next block on."""
-        self._task = text
+        """Show the present task at the end of the line, from the next block on; no question is open any more."""
+        self._task, self._question = text, ""
+        self._next_s = 0.0
+
+    def ask(self, text: str) -> None:
+        """Show a question and what is typed of its answer at the start of the line, until the next task."""
+        self._question = text
         self._next_s = 0.0
 
     def show(self, recorder: "Recorder") -> None:
@@ -47,14 +54,7 @@ class LiveLine:
         if self._terminal is None or now_s < self._next_s or not self._screen.idle:
             return
         self._next_s = now_s + _EVERY_S
-        # The most important first, since the end of a long line is cut.
-        progress = recorder.progress
-        read = [own.reading(own.latest) for own in progress.values() if own.reading is not None and own.latest]
-        states = [own.status for own in progress.values() if own.status]
-        lost = sum(own.lost for own in progress.values())
-        counts = [f"{name} {_progress_text(own)}" for name, own in progress.items()]
-        parts = [self._task, *read, *states, f"{lost} LOST" if lost else "", *counts]
-        self._replace(f"{_time_text(recorder)}  " + "  |  ".join(filter(None, parts)))
+        self._replace(line_of(recorder, task=self._task, question=self._question))
 
     def say(self, text: str) -> None:
         """Print a note above the line."""
@@ -83,6 +83,22 @@ class LiveLine:
         self._length = len(text)
 
 
+def line_of(recorder: "Recorder", *, task: str = "", question: str = "") -> str:
+    """Return the line: the most important first, since the end of a long one is cut.
+
+    What is read, as an angle, and the losses and rates are those of the devices that show something.
+    """
+    every = list(recorder.progress.values())
+    shown = [own for own in every if own.reading is not None] or every
+    read = [own.reading(own) for own in shown if own.reading is not None and own.latest]
+    states = [own.status for own in every if own.status]
+    lost = sum(own.lost for own in every)
+    rates = "+".join(f"{own.rate_hz:.0f}" for own in shown if own.rate_hz >= _SLOWEST_HZ)
+    parts = [_time_text(recorder), *read, *states, f"{lost} LOST" if lost else "0 lost", f"{rates} Hz" if rates else ""]
+    trace = sparkline(list(shown[0].trace)) if shown else ""
+    return "  ".join(filter(None, [question, *parts, task, trace]))
+
+
 def sparkline(values: Sequence[float]) -> str:
     """Return values as bars between their smallest and their largest."""
     if not values:
@@ -95,10 +111,7 @@ def sparkline(values: Sequence[float]) -> str:
 
 def _time_text(recorder: "Recorder") -> str:
     """Return the time that is left, else that which has passed."""
-    if recorder.for_s is None:
-        return f"{recorder.seconds:6.1f} s"
-    return f"{max(recorder.for_s - recorder.seconds, 0.0):6.1f} s left"
-
-
-def _progress_text(progress: "Progress") -> str:
-    return f"{progress.rate_hz:.0f} Hz {progress.rows} rows {progress.lost} lost {sparkline(list(progress.trace))}"
+    left = recorder.for_s is not None
+    seconds = max(recorder.for_s - recorder.seconds, 0.0) if recorder.for_s is not None else recorder.seconds
+    shown = f"{seconds:.1f} s" if seconds < _MINUTES_FROM_S else f"{clock(seconds)} min"
+    return f"{shown:>9}{' left' * left}"

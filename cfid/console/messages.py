@@ -4,9 +4,11 @@ import contextlib
 import os
 import re
 import sys
+import textwrap
 
 import typer
 
+_NARROWEST = 20
 _SETTING = re.compile(r"`([a-z]\w*)`")
 # Any other option is its setting's name with hyphens.
 _RENAMED = {"arm_m": "--arm-mm", "folder": "--campaign", "from_s": "--from", "to_s": "--to"}
@@ -49,6 +51,18 @@ def result(text: str) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the rest of the text fails once more
         with contextlib.suppress(OSError):
             note(text)
+
+
+def fitted(text: str, *, indent: int = 0) -> str:
+    """Return a line for stdout: in a terminal wrapped at its width, with further lines indented, else as it is."""
+    try:
+        columns = os.get_terminal_size(sys.stdout.fileno()).columns
+    except (AttributeError, OSError, ValueError):
+        return text
+    if not columns:
+        return text
+    width = max(columns, indent + _NARROWEST)
+    return textwrap.fill(text, width, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False)
 
 
 def clock(seconds: float) -> str:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,6 +34,8 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
     from cfid.records.plausibility import judged
 
     result = judged(result, rig)
+    if campaign is not None:
+        result = _with_names(result, campaign.runs_folder)
     given = result if delivery.force else result.without_rejected()
     drawn = _draw(given, delivery)
     kept = result.accepted or delivery.force
@@ -47,6 +49,19 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
         still = " parameters.toml is unchanged." if campaign is not None else ""
         reasons = joined(texts(result.findings, "rejection"))
         raise FitError(f"rejected: {reasons}{still} Use --force to get the numbers anyway.")
+
+
+def _with_names(result: Result, runs_folder: Path) -> Result:
+    """Return a result whose findings name runs of the campaign as its other commands do, whoever's path they lie at."""
+    from cfid.records.run import by_name
+
+    named = [
+        replace(
+            one, sentence=by_name(one.sentence, runs_folder), where=tuple(by_name(at, runs_folder) for at in one.where)
+        )
+        for one in result.findings
+    ]
+    return replace(result, findings=tuple(named))
 
 
 def _as_json(result: Result, *, accepted: bool) -> str:

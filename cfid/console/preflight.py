@@ -63,12 +63,15 @@ def of_loadcell(record: DeviceRecord, sampled: Sampled, *, calm: bool = True) ->
     return [
         *answers,
         _six("noise", milli * [one.noise_std for one in found], noise, _QUIETER),
-        _six("drift", milli * [_sure_drift(one) for one in found], drift, _WARMER),
+        _six(
+            "drift", milli * [abs(one.drift) for one in found], drift, _WARMER, sure=milli * [*map(_sure_drift, found)]
+        ),
         _six("mains", milli * [one.mains for one in found], lines, _EARTHED),
         _six("other lines", milli * [one.line for one in found], lines, _STIFFER, more=_where(found)),
     ]
 
 
+_WITHIN_NOISE = ", no more than noise"
 _QUIETER = "look for vibration, a draught, or a cable that touches the vehicle; check the cell's shield"
 _WARMER = "let the cell warm up for half an hour, and keep draughts and hands away"
 _EARTHED = "earth the rig, and move mains adapters, fans and pumps away from it"
@@ -87,10 +90,14 @@ def _where(found: Sequence[SignalQuality]) -> str:
     return f", the clearest at {max(clear, key=lambda one: one.line / one.noise_std).line_hz:.0f} Hz"
 
 
-def _six(line: str, values: Array, limits: Array | None, advice: str, *, more: str = "") -> DeviceAnswer:
-    """Judge one number of each axis, in mN and mNm."""
+def _six(
+    line: str, values: Array, limits: Array | None, advice: str, *, sure: Array | None = None, more: str = ""
+) -> DeviceAnswer:
+    """Judge one number of each axis, in mN and mNm: the `sure` part of it, where noise explains the rest."""
     most = "" if limits is None else _in_milli(limits)
-    within = limits is None or bool(np.all(values <= limits))
+    within = limits is None or bool(np.all((values if sure is None else sure) <= limits))
+    if sure is not None and not np.any(sure):
+        more = _WITHIN_NOISE
     return _answer(line, _in_milli(values) + more, advice, limit=most, within=within)
 
 
@@ -119,7 +126,7 @@ def of_encoder(record: DeviceRecord, sampled: Sampled) -> list[DeviceAnswer]:
         ),
         _answer(
             "drift",
-            f"{_sure_drift(quality):.3f} degrees",
+            f"{abs(quality.drift):.2g} degrees{_WITHIN_NOISE * (not _sure_drift(quality))}",
             f"{still}; a cable that relaxes turns it",
             limit=f"{_TURNED_DEG:g} degrees",
             within=_sure_drift(quality) <= _TURNED_DEG,

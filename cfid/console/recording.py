@@ -15,7 +15,7 @@ from cfid import __version__
 from cfid.console.campaign import here
 from cfid.console.inputs import open_workplace
 from cfid.console.live import LiveLine
-from cfid.console.messages import clock, note, printable
+from cfid.console.messages import clock, fitted, note, printable
 from cfid.console.options import LoadCellOptions, ReadingOptions, RigOptions, positive
 from cfid.console.selection import LAST
 from cfid.console.verdicts import Judge, judged, verdict_line
@@ -202,7 +202,7 @@ def print_summary(run: "Run", lines: Sequence[str] = ()) -> None:
         )
     for line in (*lines, verdict_line(run)):
         if line:
-            typer.echo(printable(line))
+            typer.echo(fitted(printable(line)))
     if (stopped_in_s := _stopped_in_s(run)) is not None:
         typer.echo(stop_line(stopped_in_s))
     if run.header.reason and run.header.state != "failed":

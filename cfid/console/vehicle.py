@@ -149,6 +149,8 @@ def confirm(
     question = f"{turns} Is the vehicle fastened and everyone clear? [y/N] "
     typer.echo(question, nl=False, err=True)
     answer = typed_line()
+    if not answer.endswith("\n"):
+        typer.echo(err=True)  # the input ended: the question ends its line
     if not answer:
         raise ConfigError("nobody confirmed that the vehicle is fastened: use --yes in a script.")
     if answer.strip().lower() not in ("y", "yes"):

@@ -17,7 +17,7 @@ Judge = Callable[["Run"], str]  # returns what a run is good for; a CfidError st
 
 def judged(run: "Run", judge: Judge | None) -> "Run":
     """Return a run with its verdict, which run.toml has from now on; a run that is not complete as it is."""
-    from cfid.records.run import Verdict, amend_run
+    from cfid.records.run import Verdict, amend_run, by_name
 
     if judge is None or run.header.state != "complete":
         return run
@@ -26,14 +26,14 @@ def judged(run: "Run", judge: Judge | None) -> "Run":
         note(f"not judged: {size / 1e6:.0f} MB take long to read, and much memory; the fit will judge it.")
         return run
     try:
-        verdict = Verdict(usable=True, text=f"{judge(run)}{_losses(run)}")
+        usable, text = True, f"{judge(run)}{_losses(run)}"
     except CfidError as error:
-        verdict = Verdict(usable=False, text=str(error))
+        usable, text = False, str(error)
     except KeyboardInterrupt:  # the run is complete, and how the motors stopped is still to be printed
         note("not judged: interrupted.")
         return run
     try:
-        return amend_run(run, verdict=verdict)
+        return amend_run(run, verdict=Verdict(usable=usable, text=by_name(text, run.folder.parent)))
     except DataError as error:
         note(f"the verdict was not kept: {error}")
         return run

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from cfid.console.campaign import here
-from cfid.console.messages import note
+from cfid.console.messages import fitted, note, printable
 from cfid.console.vehicle import typed_line
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
     from cfid.guide.plan import Assignment
-    from cfid.guide.status import Next, TaskStatus
+    from cfid.guide.status import Next, TaskStatus, Unusable
     from cfid.records.campaign import Campaign
 
 Kind = Annotated[
@@ -33,12 +33,12 @@ def status(
 
     Example: [bold]cfid status --kind afternoon[/bold]
     """
-    from cfid.guide.status import next_of, status_of
+    from cfid.guide.status import next_of, status_of, unusable_in
 
     found = here(campaign)
     _name_unreadable_runs(found)
     statuses = status_of(found, kind=kind)
-    (_print_json if json else _print)(statuses, next_of(statuses))
+    (_print_json if json else _print)(statuses, unusable_in(found, statuses), next_of(statuses))
 
 
 def next_step(
@@ -102,7 +102,7 @@ def _become(words: tuple[str, ...], campaign: "Campaign") -> None:
     os.execv(sys.executable, [sys.executable, "-m", "cfid.cli.main", *words, *where])
 
 
-def _print(statuses: "tuple[TaskStatus, ...]", step: "Next") -> None:
+def _print(statuses: "tuple[TaskStatus, ...]", unusable: "tuple[Unusable, ...]", step: "Next") -> None:
     from rich.box import SIMPLE
     from rich.console import Console
     from rich.table import Table
@@ -119,11 +119,14 @@ def _print(statuses: "tuple[TaskStatus, ...]", step: "Next") -> None:
     Console().print(table)
     for one in statuses:
         if one.reason:
-            typer.echo(f"{one.task.section}: {one.reason}")
+            typer.echo(fitted(f"{one.task.section}: {printable(one.reason)}", indent=6))
+    for run in unusable:
+        line = f"{run.run}: NOT USABLE: {run.reason} Record it again: cfid {' '.join(run.words)}"
+        typer.echo(fitted(printable(line), indent=6))
     typer.echo(f"next: cfid {' '.join(step.words)}\n      {step.why}")
 
 
-def _print_json(statuses: "tuple[TaskStatus, ...]", step: "Next") -> None:
+def _print_json(statuses: "tuple[TaskStatus, ...]", unusable: "tuple[Unusable, ...]", step: "Next") -> None:
     import json
 
     rows = [
@@ -141,4 +144,5 @@ def _print_json(statuses: "tuple[TaskStatus, ...]", step: "Next") -> None:
         for one in statuses
     ]
     following = {"command": list(step.words), "why": step.why}
-    typer.echo(json.dumps({"command": "status", "tasks": rows, "next": following}, indent=2))
+    again = [{"run": one.run, "reason": one.reason, "command": list(one.words)} for one in unusable]
+    typer.echo(json.dumps({"command": "status", "tasks": rows, "not_usable": again, "next": following}, indent=2))

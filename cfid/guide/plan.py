@@ -30,6 +30,7 @@ class Assignment:
     """A run to record: the words of the command, what to do at the rig before, and how to tell the run by its label.
 
     `questions` are put before, and fill the words' places in braces. `kind` may be the beginning of a run's kind.
+    What `repeats` another recording shows what drifted between the two, and no fit needs it.
     """
 
     words: Words
@@ -37,6 +38,7 @@ class Assignment:
     kind: str
     label: Label = field(default_factory=Label)
     questions: Mapping[str, str] | None = None
+    repeats: bool = False
 
     def is_of(self, kind: str, label: Label) -> bool:
         """Return whether a run of a kind with a label is this recording, or another of the same."""
@@ -88,8 +90,9 @@ def _inertia(rig: Rig, order: str) -> Task:
             reminder=f"Hang the vehicle on mount {mount}, let it rest, and start; then lift it and let go within 5 s.",
             kind="swing",
             label=Label(axis=mount),
+            repeats=place == len(mounts),
         )
-        for mount in (*mounts, *mounts[:1])
+        for place, mount in enumerate((*mounts, *mounts[:1]))
     )
     aim = Aim(key="inertia.matrix_kg_m2", std=0.03, purpose="a rate controller's gains: 3 %")
     return Task(section="inertia", recordings=swings, fit=("fit", "inertia"), aims=(aim,))

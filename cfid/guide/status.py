@@ -48,6 +48,15 @@ class TaskStatus:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Unusable:
+    """A run whose verdict is that it is of no use, and which no later one replaces: why, and how to record it again."""
+
+    run: str
+    reason: str
+    words: Words
+
+
+@dataclass(frozen=True, kw_only=True)
 class Next:
     """The command that comes next, why, and what to do at the rig before."""
 
@@ -64,6 +73,18 @@ def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> tuple[
     order = campaign.folder.resolve().name
     planned = tasks(campaign.rig, kind=kind, order=order)
     return tuple(_status(task, runs, sections.get(task.section), stale) for task in planned)
+
+
+def unusable_in(campaign: Campaign, statuses: Sequence[TaskStatus]) -> tuple[Unusable, ...]:
+    """Return the campaign's runs of no use whose recordings are still lacking."""
+    lacking = [recording for one in statuses for recording in one.lacking if not (one.reason and recording.repeats)]
+    found = []
+    for run in campaign.runs(complete=False):
+        header = run.header
+        again = next((one for one in lacking if one.is_of(header.kind, header.label)), None)
+        if again is not None and header.verdict is not None and not header.verdict.usable and not header.excluded:
+            found.append(Unusable(run=run.folder.name, reason=header.verdict.text, words=again.words))
+    return tuple(found)
 
 
 def next_of(statuses: Sequence[TaskStatus]) -> Next:
@@ -96,12 +117,14 @@ def _status(task: Task, runs: Sequence[Run], section: Section | None, stale: Sta
         state, reason = "rejected", rejected[0]
     elif section is not None and (reasons := stale(section)):
         state, reason = "stale", reasons[0]
-    elif lacking:
+    elif (section is None and lacking) or any(not one.repeats for one in lacking):
         state = "missing"
     elif section is None:
         state, reason = "not fitted", "recorded, not fitted yet."
     elif newer := _newer(section, taken):
         state, reason = "stale", f"{newer} run{'s were' if newer > 1 else ' was'} recorded after the fit."
+    elif lacking:
+        reason = f"`cfid {' '.join(lacking[0].words)}` once more would show what drifted since the first."
     found = tuple(Certainty(aim=aim, std=None if section is None else _relative_std(section, aim)) for aim in task.aims)
     return TaskStatus(task=task, lacking=lacking, state=state, reason=reason, found=found)
 

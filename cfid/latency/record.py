@@ -5,7 +5,6 @@ from contextlib import ExitStack
 from typing import Any
 
 from cfid.console.live import LiveLine
-from cfid.console.messages import clock
 from cfid.console.recording import Found, KeepOptions, Rig, record
 from cfid.console.vehicle import LinkOptions, reach
 from cfid.console.verdicts import Judge
@@ -39,6 +38,7 @@ def record_pings(
             procedure=lambda there, loop: ping_often(
                 there["pings"], count=count, every_s=every_s, loop=loop, tell=live.task
             ),
+            lasts_s=count * every_s,
             facts=RigFacts(lab_book=campaign.rig.lab_book),
             requested={"count": count, "interval_s": every_s},
             simulated=simulated,
@@ -50,6 +50,6 @@ async def ping_often(pings: Pings, *, count: int, every_s: float, loop: Any, tel
     """Ping on a grid, one at a time (C.2.6)."""
     began_s = loop.seconds()
     for number in range(count):
-        tell(f"ping {number + 1} of {count}, {clock((count - number) * every_s)} left")
+        tell(f"ping {number + 1} of {count}")
         await pings.ping()
         await sleep(loop, max(began_s + (number + 1) * every_s - loop.seconds(), 0.0))

@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 from cfid.console.live import LiveLine
-from cfid.console.messages import clock
 from cfid.console.preflight import quick
 from cfid.console.recording import Found, KeepOptions, Rig, effort_of, nothing_found, record
 from cfid.console.vehicle import ExperimentOptions, confirm, reach, refuse
@@ -68,9 +67,10 @@ def record_forces(
         if question is not None:
             parts.append(typed_readings("rpm"))
         procedure = _procedure(staircase, question, live, tare=True)
-        plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested=requested or {})
+        plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested=requested or {}, question=question)
         counts_per_n = (loadcell.record.model_extra or {}).get("counts_per_n")  # None of a cell that sends lines
-        plan = replace(plan, notice=Steps(counts_per_n) if calm and counts_per_n else None, asks=question is not None)
+        notice = Steps(counts_per_n) if calm and counts_per_n else None
+        plan = replace(plan, notice=notice, asks=question is not None, tare_s=staircase.rest_s)
         record(f"log {kind}", plan, parts, live, keep, judge=judge, found=found)
 
 
@@ -103,7 +103,7 @@ def record_speed(
             return [crazyflie.usual_log(log_ms)]
         return [crazyflie.speed_log(log_ms, deck=tachometer == "deck")]
 
-    question = "RPM shown at command {command}" if tachometer == "typed" else None
+    question = "RPM at command {command}" if tachometer == "typed" else None
     _record_readings(
         "speed",
         staircase,
@@ -143,7 +143,7 @@ def record_scales(
             return [log, ready_instrument("scales", sender, held, say=say)]
         return [log] if port is None else [log, ready_scales(port, baud=baud)]
 
-    question = "grams shown at command {command}" if port is None and sender is None else None
+    question = "grams at command {command}" if port is None and sender is None else None
     _record_readings(
         "scales",
         staircase,
@@ -185,7 +185,7 @@ def _record_readings(
             effort += quick([crazyflie.usual_log()], staircase.held)
         confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes, effort=effort)
         procedure = _procedure(staircase, question, live, tare=False)
-        plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested={})
+        plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested={}, question=question)
         record(f"log {kind}", plan, parts, live, keep, judge=judge)
 
 
@@ -201,6 +201,7 @@ def _plan(
     note: str | None,
     procedure: Procedure,
     requested: Mapping[str, Any],
+    question: str | None,
 ) -> Plan:
     campaign, _, simulated = rig
     return Plan(
@@ -208,6 +209,7 @@ def _plan(
         kind=kind,
         label=Label(note=note),
         procedure=procedure,
+        lasts_s=staircase.duration_s if question is None else None,  # nobody knows how long typing takes
         facts=campaign.rig.facts,
         requested={**staircase.to_run(), **requested},
         simulated=simulated,
@@ -223,15 +225,17 @@ def _procedure(staircase: StaircasePlan, question: str | None, live: LiveLine, *
         return lambda there, loop: run_staircase(staircase, there["commands"], loop=loop, tell=live.task)
 
     async def read(there: Mapping[str, Any], loop: Loop) -> None:
-        questions = Questions(loop=loop, tell=live.task, say=live.tell)
+        questions = Questions(loop=loop, tell=live.ask, say=live.tell)
         readings: Readings = there["readings"]
 
         async def ask(command: int) -> float | Answer | None:
             if tare and not command:
                 return None
             live.ring()
-            undo = "" if readings.last is None else f" (u takes {readings.last:g} back)"
-            return await questions.number(question.format(command=command) + undo)
+            undo = "" if readings.last is None else f" (u undoes {readings.last:g})"
+            answer = await questions.number(question.format(command=command) + undo)
+            live.ask("")
+            return answer
 
         questions.open()
         try:
@@ -252,8 +256,7 @@ async def run_staircase(staircase: StaircasePlan, commands: MotorCommands, *, lo
     """Hold each command, then pause (section 3.3.1); other times are recorded as pauses."""
     await sleep(loop, staircase.rest_s)
     for count, step in enumerate(staircase.steps):
-        left_s = (len(staircase.steps) - count) * (staircase.hold_s + staircase.rest_s)
-        tell(f"command {step} ({count + 1} of {len(staircase.steps)}), {clock(left_s)} left")
+        tell(f"command {step} ({count + 1} of {len(staircase.steps)})")
         await commands.set(four(step, staircase.motors))
         await sleep(loop, staircase.hold_s)
         await commands.set(STILL)

@@ -1,11 +1,17 @@
 """The lab book of runs: operator, battery, propellers, temperature, from rig.toml and from notes with `key=value`."""
 
+import math
 import re
 from collections import Counter
 from collections.abc import Sequence
+from difflib import get_close_matches
 
+from cfid.errors import ConfigError
+from cfid.records.facts import LabBook
 from cfid.records.run import Run, RunHeader
 
+_KNOWN = tuple(LabBook.model_fields)
+_SHORTEST = 4  # letters of a key that begins a known one
 _ENTRY = re.compile(r"\s*([a-z][a-z_0-9]*)\s*=\s*(\S.*?)\s*", re.IGNORECASE)
 
 
@@ -15,8 +21,21 @@ def entries(header: RunHeader) -> dict[str, str]:
     A note may have several, with semicolons between: `battery=B3; operator=Kim`.
     """
     stated = {key: f"{value:g}" if isinstance(value, float) else str(value) for key, value in _stated(header).items()}
-    found = [_ENTRY.fullmatch(part) for part in (header.label.note or "").split(";")]
-    return stated | {entry[1].lower(): entry[2] for entry in found if entry}
+    return stated | dict(_entries(header.label.note or ""))
+
+
+def check(note: str) -> None:
+    """Raise ConfigError for a note whose entries have a temperature that is no number, or a key like a known one."""
+    for key, value in _entries(note):
+        if key == "temperature_c" and not _is_number(value):
+            raise ConfigError(
+                f"temperature_c={value}: should be a number of degrees Celsius, as in temperature_c=22.5."
+            )
+        if key not in _KNOWN and (meant := _meant(key)):
+            raise ConfigError(
+                f"{key}={value}: do you mean {meant}? The lab book knows {', '.join(_KNOWN)}; a key of your own should "
+                "be less like these."
+            )
 
 
 def summary(runs: Sequence[Run]) -> dict[str, dict[str, int]]:
@@ -34,6 +53,24 @@ def lines(book: dict[str, dict[str, int]]) -> list[str]:
         f"{key}: " + ", ".join(f"{value} ({count} run{'s' * (count != 1)})" for value, count in values.items())
         for key, values in book.items()
     ]
+
+
+def _entries(note: str) -> list[tuple[str, str]]:
+    found = [_ENTRY.fullmatch(part) for part in note.split(";")]
+    return [(entry[1].lower(), entry[2]) for entry in found if entry]
+
+
+def _meant(key: str) -> str:
+    """Return the known key that another looks like or begins, "" for none."""
+    begun = [known for known in _KNOWN if len(key) >= _SHORTEST and known.startswith(key)]
+    return next(iter(begun or get_close_matches(key, _KNOWN, n=1)), "")
+
+
+def _is_number(value: str) -> bool:
+    try:
+        return math.isfinite(float(value))
+    except ValueError:
+        return False
 
 
 def _stated(header: RunHeader) -> dict[str, object]:

@@ -204,6 +204,13 @@ def refuse_contradiction(where: str, given: Mapping[str, object], own: Mapping[s
             )
 
 
+def by_name(text: str, runs_folder: Path) -> str:
+    """Return a text that names the runs of a folder by their own folders, whatever the path to them."""
+    for folder in dict.fromkeys((str(runs_folder.resolve()), str(runs_folder))):
+        text = text.replace(f"{folder}/", "")
+    return text
+
+
 def amend_run(run: Run, *, excluded: str | None = None, note: str | None = None, verdict: Verdict | None = None) -> Run:
     """Set in run.toml the reason to exclude a run from fits ("" includes it again), its verdict, or add a note.
 

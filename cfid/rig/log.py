@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from twisted.internet.defer import Deferred
 
 from cfid import __version__
@@ -28,10 +27,10 @@ from cfid.rig.lock import DeviceLock
 from cfid.rig.loop import Ending, Loop, run_until_done, until_over
 from cfid.rig.noticing import Notice, Noticing
 from cfid.rig.rdt_port import Inbox, RdtPort
-from cfid.rig.ready_lines import angle_scale, first_value, ready_lines
+from cfid.rig.ready_lines import angle_scale, ready_lines
 from cfid.rig.recorder import Instrument, Nowhere, Reading, Recorder, Say, Sink
 from cfid.rig.serial_line import serial_lines
-from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
+from cfid.rig.shown import degrees, first_force, vertical_force
 
 Open = Callable[[Loop, HostClock], Instrument]
 Procedure = Callable[[Mapping[str, Any], Loop], Coroutine[Any, Any, None]]  # of the run's instruments by name
@@ -42,7 +41,7 @@ class Device:
     """A device that was checked and locked: its description in run.toml, and how a loop opens it.
 
     An `eventful` device may have no rows; any other device without rows is a fault. `reading` is what the live line
-    shows of its latest row.
+    shows of it.
     """
 
     record: DeviceRecord
@@ -55,7 +54,8 @@ class Device:
 class Plan:
     """What to record, where to and for how long; None means until the operator ends it.
 
-    With a `procedure` the run lasts as long as that takes, and counts as interrupted when it ends before.
+    With a `procedure` the run lasts as long as that takes, and counts as interrupted when it ends before; the live
+    line counts `lasts_s` down, and shows forces above those of the first `tare_s`.
     `notice` looks at the rows as they arrive, and what it returns is put before the operator; a procedure that `asks`
     for readings keeps the keyboard. The rig's `facts` and what was `requested` go into run.toml unchanged.
     """
@@ -65,6 +65,8 @@ class Plan:
     label: Label
     for_s: float | None = None
     procedure: Procedure | None = None
+    lasts_s: float | None = None
+    tare_s: float = 0.0
     notice: Notice | None = None
     asks: bool = False
     facts: RigFacts = NONE_STATED
@@ -80,7 +82,7 @@ def ready_encoder(
         scale = angle_scale(setting, counts_per_turn)
         record, opened_lines = ready_lines("encoder", setting, held, say=say, scale=scale)
         turn = counts_per_turn if setting.counted else math.tau
-        return Device(record=record, open=opened_lines, reading=partial(_degrees, turn))
+        return Device(record=record, open=opened_lines, reading=partial(degrees, turn))
     found = find_encoder(setting.port, counts_per_turn=counts_per_turn)
     names = [lock_name(found.port)]
     holding = held.enter_context(ExitStack())
@@ -120,7 +122,7 @@ def ready_encoder(
             "interface": found._asdict(),
         }
     )
-    return Device(record=record, open=opened, reading=partial(_degrees, counts_per_turn))
+    return Device(record=record, open=opened, reading=partial(degrees, counts_per_turn))
 
 
 def ready_loadcell(
@@ -140,7 +142,7 @@ def ready_loadcell(
         if bias:
             raise ConfigError("`bias`: only a Net F/T box has a bias; fits take the zero from pauses.")
         record, opened_lines = ready_lines("loadcell", setting, held, say=say, patient=patient, scale={"units": "n,nm"})
-        return Device(record=record, open=opened_lines, reading=first_value(setting))
+        return Device(record=record, open=opened_lines, reading=partial(first_force, setting.measured[0].name))
     setting = loadcell_box.resolved(setting)
     where = f"{setting.address}:{setting.rdt_port}"
     held.enter_context(DeviceLock.take(where))
@@ -177,20 +179,7 @@ def ready_loadcell(
             "settings": settings._asdict(),
         }
     )
-    return Device(record=record, open=opened, reading=partial(_vertical_force, settings.counts_per_n))
-
-
-def _degrees(counts_per_turn: float | str, latest: tuple[float, ...]) -> str:
-    """Return the angle within a turn of an encoder's latest row."""
-    counts = latest[0]
-    if counts_per_turn == RLS_13BIT_IN_22:
-        counts, counts_per_turn = float(decode_words(np.array([int(counts)])).position[0]), float(STEPS_PER_TURN)
-    return f"{360 * counts / float(counts_per_turn) % 360:5.1f} degrees"
-
-
-def _vertical_force(counts_per_n: float, latest: tuple[float, ...]) -> str:
-    """Return the vertical force of a load cell's latest row."""
-    return f"Fz {1e3 * latest[2] / counts_per_n:5.0f} mN"
+    return Device(record=record, open=opened, reading=partial(vertical_force, settings.counts_per_n))
 
 
 def record_run(
@@ -222,6 +211,7 @@ def drive(
     show: Callable[[Recorder], None],
     stopped: Callable[[float], None],
     into: Sink | None = None,
+    lasts_s: float | None = None,
 ) -> None:
     """Carry out a procedure without a run; `stopped` gets the seconds that the motors' stop took, `into` the rows.
 
@@ -232,6 +222,8 @@ def drive(
         clock = HostClock.now()
         instruments = [device.open(loop, clock) for device in devices]
         recorder = Recorder(instruments, into or Nowhere(), loop=loop, show=lambda: show(recorder))
+        recorder.for_s = lasts_s
+        _add_readings(recorder, instruments, devices)
         try:
             await recorder.record(lambda: _first_of(ending, procedure, instruments, loop))
         finally:
@@ -275,9 +267,9 @@ async def _recorded(
             sink = noticing = Noticing(run, plan.notice, ending=ending, loop=loop, say=say, asks=not plan.asks)
             closing.callback(noticing.close)
         recorder = Recorder(instruments, sink, loop=loop, show=lambda: show(recorder))
-        recorder.for_s = plan.for_s
-        for instrument, device in zip(instruments, devices, strict=True):
-            recorder.progress[instrument.name].reading = device.reading
+        recorder.for_s = plan.lasts_s if plan.for_s is None else plan.for_s
+        recorder.tare_s = plan.tare_s
+        _add_readings(recorder, instruments, devices)
         await recorder.record(lambda: _lasting(plan, instruments, loop, ending))
         sampled = [instrument for instrument, device in zip(instruments, devices, strict=True) if not device.eventful]
         if ending.signal and not any(run.rows(instrument.name) for instrument in sampled):
@@ -292,6 +284,11 @@ async def _recorded(
         if plan.procedure is not None:
             return run.close("interrupted" if early else "complete", reason=early)
         return run.close("complete", reason=early if plan.for_s else "")
+
+
+def _add_readings(recorder: Recorder, instruments: Sequence[Instrument], devices: Sequence[Device]) -> None:
+    for instrument, device in zip(instruments, devices, strict=True):
+        recorder.progress[instrument.name].reading = device.reading
 
 
 def _lasting(plan: Plan, instruments: Sequence[Instrument], loop: Loop, ending: Ending) -> Deferred[None]:

@@ -3,13 +3,12 @@
 import errno
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from cfid.errors import ConfigError, DeviceError
-from cfid.records.line_devices import EncoderLines, LineDevice, LoadCellLines
+from cfid.records.line_devices import EncoderLines, LineDevice
 from cfid.records.run import DeviceRecord
 from cfid.rig.clock import HostClock
 from cfid.rig.e201_port import lock_name, why_not_open
@@ -83,12 +82,3 @@ def angle_scale(setting: EncoderLines, counts_per_turn: float | str) -> dict[str
             f"that {setting.port} sends."
         )
     return {"counts_per_turn": counts_per_turn}
-
-
-def first_value(setting: LoadCellLines) -> Callable[[tuple[float, ...]], str]:
-    """Return what the live line shows of a load cell's latest row."""
-    return partial(_first_value, setting.measured[0].name)
-
-
-def _first_value(name: str, latest: tuple[float, ...]) -> str:
-    return f"{name} {1e3 * latest[0]:5.0f} {'mN' if name.startswith('F') else 'mNm'}"

@@ -1,9 +1,9 @@
 """Finds, locks and connects a vehicle, and offers its instruments as devices of a run."""
 
-import math
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 from cfid.errors import DeviceError
@@ -23,6 +23,7 @@ from cfid.rig.motor_commands import MotorCommands
 from cfid.rig.motors import Firmware, Limits, Motors, SinePlayer, firmware_of
 from cfid.rig.pings import Pings
 from cfid.rig.recorder import Instrument
+from cfid.rig.shown import turning, volts
 from cfid.rig.stock_motors import StockMotors
 from cfid.rig.supervisor import Supervisor, SupervisorLog
 from cfid.rig.thesis_motors import ThesisMotors
@@ -191,7 +192,7 @@ class ReadyVehicle:
             raise DeviceError(f"{self.uri}: this firmware does not log {', '.join(missing)}.")
         device = self.log(INERTIAL, period_ms=period_ms)
         record = device.record.model_copy(update={"rate_hz": 1000 / period_ms, **facts})
-        return replace(device, record=record, reading=_turning)
+        return replace(device, record=record, reading=turning)
 
     def log(self, names: Sequence[str], *, period_ms: int) -> Device:
         """Return a log of variables as a device of a run; those that the vehicle does not have are left out."""
@@ -209,7 +210,7 @@ class ReadyVehicle:
 
         place = 1 + there.index(BATTERY) if BATTERY in there else 0
         device = self._device("crazyflie.csv", ("t", "vehicle_ms", *there), opened, period_ms=period_ms)
-        return replace(device, reading=(lambda latest: f"{latest[place]:.2f} V") if place else None)
+        return replace(device, reading=partial(volts, place) if place else None)
 
     def _device(
         self,
@@ -228,11 +229,6 @@ class ReadyVehicle:
         }
         record = DeviceRecord.model_validate({"file": file, "columns": tuple(columns), **common, **more})
         return Device(record=record, open=opened, eventful=eventful)
-
-
-def _turning(latest: tuple[float, ...]) -> str:
-    """Return the rate of rotation in a row of the inertial log."""
-    return f"{math.hypot(*latest[1:4]):5.0f} deg/s"
 
 
 def connect_vehicle(setting: CrazyflieLink, held: ExitStack) -> ReadyVehicle:

@@ -94,11 +94,11 @@ class Nowhere:
         """Do nothing."""
 
 
-Reading = Callable[[tuple[float, ...]], str]  # what an operator reads from a row, its time left out
-
-
 class Progress:
-    """An instrument's progress: rows, rate, losses and latest values, in bounded memory."""
+    """An instrument's progress: rows, rate, losses and values without their time, in bounded memory.
+
+    `latest` is the last row, `mean` that of the last block, `tare` that of the rows at rest; () for none.
+    """
 
     def __init__(self) -> None:
         """Start with nothing."""
@@ -106,11 +106,14 @@ class Progress:
         self.status = ""
         self.reading: Reading | None = None
         self.latest: tuple[float, ...] = ()
+        self.mean: tuple[float, ...] = ()
+        self.tare: tuple[float, ...] = ()
+        self._rows_at_rest = 0
         self.trace: deque[float] = deque(maxlen=_SHOWN_POINTS)
         self._blocks: deque[tuple[float, int]] = deque(maxlen=_RATE_BLOCKS)
 
-    def add(self, block: Block, now_s: float) -> None:
-        """Take note of a block."""
+    def add(self, block: Block, now_s: float, *, at_rest: bool = False) -> None:
+        """Take note of a block; that of an instrument `at_rest` counts for its tare."""
         rows = len(block.columns[0])
         self.rows += rows
         self.lost += block.lost
@@ -118,7 +121,13 @@ class Progress:
         self._blocks.append((now_s, rows))
         if rows:
             self.latest = tuple(float(column[-1]) for column in block.columns[1:])
+            self.mean = tuple(float(np.mean(column)) for column in block.columns[1:])
             self.trace.append(self.latest[0])
+        if rows and at_rest:
+            self._rows_at_rest += rows
+            share = rows / self._rows_at_rest
+            before = self.tare or self.mean
+            self.tare = tuple(old + share * (new - old) for old, new in zip(before, self.mean, strict=True))
 
     @property
     def rate_hz(self) -> float:
@@ -129,6 +138,9 @@ class Progress:
         return sum(rows for _, rows in list(self._blocks)[1:]) / spent_s if spent_s > 0 else 0.0
 
 
+Reading = Callable[[Progress], str]  # what an operator reads of an instrument
+
+
 class Recorder:
     """Records instruments into a sink. `loop` is Twisted's, or its Clock in a test."""
 
@@ -137,6 +149,7 @@ class Recorder:
         self.progress = {instrument.name: Progress() for instrument in instruments}
         self.began_s = loop.seconds()
         self.for_s: float | None = None  # how long it is to last, where that is known
+        self.tare_s = 0.0  # for which everything is at rest first
         self._instruments = instruments
         self._run = run
         self._loop = loop
@@ -219,7 +232,8 @@ class Recorder:
             self._run.count_lost(instrument.name, block.lost)
         if len(block.columns[0]):
             self._run.append(instrument.name, block.columns)
-        self.progress[instrument.name].add(block, self._loop.seconds())
+        at_rest = self.seconds < self.tare_s
+        self.progress[instrument.name].add(block, self._loop.seconds(), at_rest=at_rest)
         if block.fault:
             raise DeviceError(block.fault)
 

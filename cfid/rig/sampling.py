@@ -76,7 +76,7 @@ def sample(
         await (sleep(loop, for_s) if procedure is None else procedure(there, loop))
         complete = True
 
-    drive(devices, until_done, show=show, stopped=stopped, into=memory)
+    drive(devices, until_done, show=show, stopped=stopped, into=memory, lasts_s=for_s or None)
     if not complete:
         raise KeyboardInterrupt
     names = [device.record.file.removesuffix(".csv") for device in devices]

@@ -244,6 +244,4 @@ class SupervisorLog:
 
 def _status(state: VehicleState | None) -> str:
     """Return how the live line shows a state."""
-    if state is None:
-        return ""
-    return "arming: waits for the rotors' idle speed" if state.name == "arming" else state.name
+    return "" if state is None else state.name

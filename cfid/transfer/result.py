@@ -15,7 +15,7 @@ from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.run import Run
 from cfid.transfer.comparison import Comparison, GainAndLag, Published, compared
-from cfid.transfer.estimation import TransferFit
+from cfid.transfer.estimation import Delay, TransferFit
 from cfid.transfer.frequency_response import CUTOFF_HZ, SETTLE_S
 from cfid.transfer.identification import Identified, identify_all
 from cfid.transfer.likelihood import Shape
@@ -25,6 +25,7 @@ from cfid.transfer.sines.data import SineSet, read_sines
 from cfid.transfer.sines.plan import SAMPLE_S
 from cfid.transfer.summary import convention_lines, fit_lines
 from cfid.transfer.thesis import ThesisFit, ThesisFits, ThesisSettings, fit_all, settings_of
+from cfid.units import COVERAGE_95
 
 Quantities = dict[str, Parameter]
 
@@ -130,7 +131,18 @@ def _findings(found: Identified, joint: Quantities, each: Mapping[str, Quantitie
     if found.fit.dynamics.static_gain_n <= 0:
         text = "the static gain is negative: thrust falls where the command rises. Is the sign that of the channel?"
         findings.append(warning("static-gain-negative", text, "tf.static_gain_n"))
-    return findings
+    return findings + _negative_delay(found.fit.mean_delay)
+
+
+def _negative_delay(delay: Delay) -> list[Finding]:
+    """Return a warning where the force comes before its command as stamped, beyond what noise explains."""
+    if delay.delay_s >= -COVERAGE_95 * delay.std_s:
+        return []
+    text = (
+        f"the force comes {-1e3 * delay.delay_s:.2f} +- {1e3 * delay.std_s:.2g} ms before its command as stamped: "
+        "reports of commands arrive by radio, later than these act. It belongs to the link, not to the motor."
+    )
+    return [warning("transfer-delay-negative", text, "tf.delay_s")]
 
 
 def _of_thesis(found: ThesisFits, sines: SineSet, comparison: Comparison) -> Result:

@@ -4,6 +4,7 @@ from cfid.records.result import Dependent
 from cfid.transfer.estimation import TransferFit
 from cfid.transfer.identification import Identified
 from cfid.transfer.model import Array
+from cfid.units import COVERAGE_95
 
 _FORMS = {
     "hold": "each command is held for a sample and takes effect from then on, hence the numerator's z^-1",
@@ -53,13 +54,14 @@ def _delay_line(name: str, found: Identified) -> str:
     skews = ", ".join(f"{1e6 * line.skew:+.0f} ppm" for line in series.lines)
     clocks = f"; the vehicle's clock is off by {skews}" if skews else "; no stamps of the vehicle"
     return (
-        f"{name}: force comes {_later(delay.delay_s)} than its command as stamped on average, "
-        f"{_later(delay.after_quickest_s)} than as stamped at the quickest{clocks}"
+        f"{name}: force comes {_later(delay.delay_s, delay.std_s)} than its command as stamped on average, "
+        f"{_later(delay.after_quickest_s, delay.after_quickest_std_s)} than as stamped at the quickest{clocks}"
     )
 
 
-def _later(delay_s: float) -> str:
-    return f"{1e3 * abs(delay_s):.2f} ms {'later' if delay_s >= 0 else 'earlier'}"
+def _later(delay_s: float, std_s: float) -> str:
+    zero = "consistent with zero: " if abs(delay_s) <= COVERAGE_95 * std_s else ""
+    return f"{zero}{1e3 * abs(delay_s):.2f} ms {'later' if delay_s >= 0 else 'earlier'}"
 
 
 def _polynomial(coefficients: Array) -> str:

@@ -238,16 +238,16 @@ def started(lab: Lab, terminal: Terminal, *words: object) -> Command:
 def test_a_terminal_shows_a_line_that_lives_and_never_wraps(lab: Lab, device: str) -> None:
     terminal = Terminal()
     log = started(lab, terminal, "log", device)
-    reading = r" *[\d.]+ degrees" if device == "encoder" else r"Fz +-?\d+ mN"
-    line = re.compile(rf"\r +(\d+\.\d) s  {reading}  \|  {device} [1-9]\d* Hz ([1-9]\d+) rows 0 lost [▁-█]+")
+    reading = r" *[\d.]+ deg" if device == "encoder" else r"Fz +-?\d+ mN"
+    line = re.compile(rf"\r +(\d+\.\d) s  {reading}  0 lost  [1-9]\d* Hz  [▁-█]+")
     log.wait_until(lambda: len(line.findall(terminal.shown())) > 3, "a line")
     said = log.ask_to_end()
     shown = terminal.shown()
     terminal.hang_up()
-    rows = [int(count) for _, count in line.findall(shown)]
+    times = [float(seconds) for seconds in line.findall(shown)]
 
     assert said.code == 0
-    assert rows == sorted(rows)
+    assert times == sorted(times)
     for text in shown.split("\r\n")[1:]:  # the first says where the run is
         assert all(len(frame) < COLUMNS for frame in text.split("\r"))
     assert "Traceback" not in shown
@@ -258,7 +258,7 @@ def test_a_terminal_shows_a_line_that_lives_and_never_wraps(lab: Lab, device: st
 def test_a_sentence_stands_on_a_line_of_its_own_on_a_terminal(lab: Lab) -> None:
     terminal = Terminal()
     log = started(lab, terminal, "log", "loadcell")
-    log.wait_until(lambda: re.search(r"rows \d+ lost", terminal.shown()), "a line")
+    log.wait_until(lambda: re.search(r"0 lost  \d+ Hz", terminal.shown()), "a line")
     lab.box.box.status = 0x80010000
     log.wait_until(lambda: "threshold" in terminal.shown(), "a sentence")
     said = log.ask_to_end()
@@ -272,7 +272,7 @@ def test_a_sentence_stands_on_a_line_of_its_own_on_a_terminal(lab: Lab) -> None:
 def test_a_terminal_that_hangs_up_ends_no_recording(lab: Lab) -> None:
     terminal = Terminal()
     log = started(lab, terminal, "log", "loadcell")
-    log.wait_until(lambda: re.search(r"rows \d+ lost", terminal.shown()), "a line")
+    log.wait_until(lambda: re.search(r"0 lost  \d+ Hz", terminal.shown()), "a line")
     terminal.hang_up()
     log.wait_for_rows(500)
     said = log.ask_to_end()
@@ -289,7 +289,7 @@ def test_a_terminal_that_takes_nothing_holds_up_no_recording(lab: Lab, stopped_b
         terminal.fill()
     log = started(lab, terminal, "log", "loadcell")
     if stopped_by == "Ctrl-S":
-        log.wait_until(lambda: re.search(r"rows \d+ lost", terminal.shown()), "a line")
+        log.wait_until(lambda: re.search(r"0 lost  \d+ Hz", terminal.shown()), "a line")
         terminal.press(b"\x13")
     log.wait_for_rows(500)
     lab.box.box.status = 0x80010000  # a sentence is to be said
@@ -306,7 +306,7 @@ def test_a_terminal_that_takes_nothing_holds_up_no_recording(lab: Lab, stopped_b
 def test_a_terminal_that_goes_on_shows_what_was_said_meanwhile(lab: Lab) -> None:
     terminal = Terminal()
     log = started(lab, terminal, "log", "loadcell")
-    log.wait_until(lambda: re.search(r"rows \d+ lost", terminal.shown()), "a line")
+    log.wait_until(lambda: re.search(r"0 lost  \d+ Hz", terminal.shown()), "a line")
     terminal.press(b"\x13")
     lab.box.box.status = 0x80010000
     log.wait_for_rows(500)

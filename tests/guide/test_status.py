@@ -3,6 +3,7 @@
 import contextlib
 import hashlib
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,7 +19,7 @@ from cfid.guide.status import Next, TaskStatus, next_of, status_of
 from cfid.records.campaign import open_campaign
 from cfid.records.parameters import Parameter, Section, Source, store_section
 from cfid.records.rig_file import load_rig
-from cfid.records.run import DeviceRecord, Label, amend_run, list_runs, read_run
+from cfid.records.run import DeviceRecord, Label, Verdict, amend_run, list_runs, read_run
 from cfid.records.run_writer import create_run
 from tests.campaigns import Cfid
 
@@ -107,6 +108,42 @@ def test_recorded_swings_are_fitted_next_and_a_fit_that_is_no_longer_current_aga
     assert (left_out.state, step.words) == ("stale", ("fit", "inertia"))
     assert "the cable touched" in left_out.reason
     assert left_out.recorded == 6
+
+
+def test_a_matrix_of_six_swings_is_accepted_and_a_seventh_is_offered_for_what_it_would_show(
+    cfid: Cfid, folder: Path
+) -> None:
+    axes = swung(folder)
+    last = sorted((folder / "runs").iterdir())[-1]
+    shutil.rmtree(last)
+    unfitted, _ = standing(folder)
+    assert (unfitted.state, unfitted.recorded) == ("missing", 6)
+
+    fitted(folder)
+    accepted, step = standing(folder)
+    assert accepted.state == "accepted"
+    assert step.words[:2] != ("log", "encoder") or "--axis" not in step.words
+    said = cfid("status", "--campaign", folder, "--kind", "inertia").stdout
+    assert f"`cfid log encoder --axis {axes[0]} --for 20` once more would show what drifted" in said
+
+
+def test_a_run_of_no_use_is_named_with_what_to_record_again_until_that_is_done(cfid: Cfid, folder: Path) -> None:
+    bad = read_run(swing(folder, "x", minute=0))
+    amend_run(bad, verdict=Verdict(usable=False, text="no release found."))
+    said = cfid("status", "--campaign", folder, "--kind", "inertia").stdout
+    content = json.loads(cfid("status", "--campaign", folder, "--kind", "inertia", "--json").stdout)
+    sentence = f"{bad.folder.name}: NOT USABLE: no release found. Record it again: cfid log encoder --axis x --for 20"
+
+    assert sentence in said
+    assert content["not_usable"] == [
+        {
+            "run": bad.folder.name,
+            "reason": "no release found.",
+            "command": ["log", "encoder", "--axis", "x", "--for", "20"],
+        }
+    ]
+    swung(folder)
+    assert "NOT USABLE" not in cfid("status", "--campaign", folder, "--kind", "inertia").stdout
 
 
 def test_a_run_recorded_after_the_fit_makes_it_stale(folder: Path) -> None:

@@ -4,11 +4,13 @@ import json
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+import pytest
+
 from cfid.console.campaign import make_campaign
 from cfid.records.facts import LabBook, RigFacts
 from cfid.records.lab_book import entries, lines, summary
 from cfid.records.rig_file import RIG_FILE, load_rig
-from cfid.records.run import DeviceRecord, Label, Run
+from cfid.records.run import DeviceRecord, Label, Run, read_run
 from cfid.records.run_writer import create_run
 from tests.campaigns import Cfid
 
@@ -76,3 +78,23 @@ def test_a_note_that_is_a_sentence_is_no_entry(tmp_path: Path) -> None:
     header = run.header.model_copy(update={"label": Label(note="the cable touched at 3 s; battery=B4; 2 + 2 = 4")})
 
     assert entries(header) == {"battery": "B4"}
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("temperature_c=warm", "temperature_c=warm: should be a number of degrees Celsius"),
+        ("new props; temperature_c=nan", "temperature_c=nan: should be a number"),
+        ("temperature=22", "do you mean temperature_c?"),
+        ("baterry=B4", "do you mean battery?"),
+        ("gust=strong; operater=Kim", "do you mean operator?"),
+    ],
+)
+def test_an_entry_that_cannot_be_meant_so_is_refused(cfid: Cfid, tmp_path: Path, text: str, told: str) -> None:
+    make_campaign(tmp_path)
+    (run,) = recorded(tmp_path, 1, LabBook())
+    ended = cfid("runs", "note", run.folder, text, "--campaign", tmp_path)
+
+    assert ended.returncode == 2
+    assert told in ended.stderr
+    assert read_run(run.folder).header.label.note is None

@@ -12,6 +12,7 @@ import pytest
 
 from cfid.records.campaign import Campaign, find_campaign
 from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.report.formats.numbers import with_power
 from cfid.report.formats.render import Format, rendered
 from tests.report.fits_by_hand import APPENDIX_A, new_campaign, put, put_appendix_a, report_of
 
@@ -143,3 +144,19 @@ def test_the_tex_sheet_compiles(kind: str, request: pytest.FixtureRequest, tmp_p
 
     assert ended.returncode == 0, ended.stdout.decode(errors="replace")[-2000:]
     assert (tmp_path / "report.pdf").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("unit", "power", "shown"),
+    [
+        ("kg", -3, "g"),
+        ("s", -3, "ms"),
+        ("m", -3, "mm"),
+        ("N(cmd)", -3, "mN(cmd)"),
+        ("kg", 0, "kg"),
+        ("kg m^2", -6, "10⁻⁶ kg m²"),
+        ("kg m^2", -3, "10⁻³ kg m²"),
+    ],
+)
+def test_thousandths_of_a_unit_have_its_plain_name(unit: str, power: int, shown: str) -> None:
+    assert with_power(unit, power) == shown

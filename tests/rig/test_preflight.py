@@ -108,6 +108,7 @@ def test_propellers_are_judged_once_the_operator_agrees_and_the_worst_is_named(t
     answers = json.loads(pilot.out)["devices"]["rotors"]
 
     assert "balance         warning  not measured: nobody confirmed" in refused.out
+    assert "everyone clear? [y/N] \n" in refused.err
     assert [answer["asked"] for answer in answers] == [f"balance {motor}" for motor in (1, 2, 3, 4)]
     assert all("% of" in answer["answer"] and answer["limit"] for answer in answers)
     assert "motors stopped, confirmed in" in pilot.err

@@ -11,9 +11,12 @@ from cfid.errors import ConfigError, DataError, FitError
 from cfid.records.run import Run
 from cfid.sim.sine_bench import SimulatedSine
 from cfid.transfer.comparison import Comparison, GainAndLag
+from cfid.transfer.estimation import Delay
 from cfid.transfer.identification import identify_all
 from cfid.transfer.model import EQ_3_15
+from cfid.transfer.result import _negative_delay
 from cfid.transfer.sines.plan import Sine
+from cfid.transfer.summary import _later
 from cfid.transfer.verification_result import Function
 from tests.transfer.sine_recordings import exact
 from tests.transfer.sines_in_a_folder import GAIN_N, LAG_S, noiseless, sines, write_index, write_run
@@ -161,3 +164,16 @@ def test_a_published_function_is_compared_by_its_gain_and_time_constant() -> Non
 
     assert line.value == ("(3.15) of the thesis: static gain 2.383e-06 N (+100.0 %), time constant 77.49 ms (+300.0 %)")
     assert GainAndLag(1e-6, None).text(ours).endswith("no decay that makes a time constant")
+
+
+@pytest.mark.parametrize(("delay_ms", "told"), [(-27.0, True), (-1.0, False), (0.5, False), (27.0, False)])
+def test_a_delay_is_warned_of_where_it_is_surely_negative(delay_ms: float, told: bool) -> None:
+    found = _negative_delay(Delay(1e-3 * delay_ms, 0.9e-3, 0.0, 0.2e-3))
+
+    assert [one.code for one in found] == ["transfer-delay-negative"] * told
+    assert not told or "the force comes 27.00 +- 0.9 ms before its command" in found[0].text
+
+
+def test_a_delay_within_its_uncertainty_is_stated_to_be_consistent_with_zero() -> None:
+    assert _later(-0.0004, 0.0003) == "consistent with zero: 0.40 ms earlier"
+    assert _later(0.027, 0.001) == "27.00 ms later"

@@ -166,7 +166,7 @@ def wind(
         keep=keep,
         note=note,
         judge=later("cfid.drag.wind.verdict", "verdict"),
-        question="RPM shown at command {command}, Enter alone for none" if asks else None,
+        question="RPM at command {command}, Enter for none" if asks else None,
         calm=setting.is_reference,
         requested=setting.to_run(),
         found=lambda run: _missing(_recorded(campaign, simulated=simulated)),

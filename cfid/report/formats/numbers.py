@@ -9,6 +9,8 @@ from cfid.units import COVERAGE_95
 _DIGITS = 7  # of a value whose deviation is unknown; the thesis prints as many
 _MOST_DECIMALS = 12
 _PLAIN = (1e-1, 1e4)  # sizes that need no power of ten
+MILLI = -3
+_THOUSANDTHS = {"kg": "g", "kg/s": "g/s", "s": "ms", "m": "mm", "N": "mN", "Nm": "mNm", "N m": "mN m"}
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -74,7 +76,9 @@ def plain_number(value: float, digits: int = 5) -> str:
 
 
 def with_power(unit: str, power: int) -> str:
-    """Return a unit behind its power of ten: `10⁻⁶ kg m²`."""
+    """Return a unit behind its power of ten, `10⁻⁶ kg m²`, or the plain unit of that size: g, ms, mm, mN."""
+    if power == MILLI and (plain := _THOUSANDTHS.get(unit.partition("(")[0])):
+        return "".join([plain, *unit.partition("(")[1:]])
     words = [f"10{str(power).translate(_SUPERSCRIPTS)}" if power else "", unit_text(unit)]
     return " ".join(filter(None, words))
 

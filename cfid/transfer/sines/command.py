@@ -10,7 +10,7 @@ import typer
 from cfid.console import messages as speech
 from cfid.console.flat import flat
 from cfid.console.lists import comma_list
-from cfid.console.messages import result
+from cfid.console.messages import fitted, printable, result
 from cfid.console.options import positive
 from cfid.console.recording import KeepOptions, ResumeOptions, print_json, rig_of, stop_line
 from cfid.console.selection import interrupted
@@ -218,5 +218,8 @@ def sine(
 
 
 def _sine_line(sine: "Sine", run: "Run") -> str:
-    lines = (f"l = {sine.periods}: {run.header.state} -> {run.folder}", verdict_line(run))
-    return "\n  ".join(filter(None, lines))
+    lines = (
+        f"l = {sine.periods}: {run.header.state} -> {run.folder}",
+        fitted(f"  {printable(verdict_line(run))}", indent=2),
+    )
+    return "\n".join(line for line in lines if line.strip())

@@ -8,7 +8,6 @@ from itertools import chain
 from typing import Any
 
 from cfid.console.live import LiveLine
-from cfid.console.messages import clock
 from cfid.console.messages import note as speech
 from cfid.console.preflight import quick
 from cfid.console.recording import Rig, attempt, effort_of, summary
@@ -27,8 +26,6 @@ from cfid.transfer.sines.during import Felt
 from cfid.transfer.sines.plan import Sine, SineSweep
 from cfid.units import FULL_COMMAND, MOTORS
 from cfid.wire.app import MIDDLE, SAMPLES_PER_S, SineRequest
-
-_REST_S = 1.0  # from the motors' stop to the vehicle's report of it
 
 
 def record_sines(
@@ -67,8 +64,11 @@ def record_sines(
             effort += _quick(cell, crazyflie.usual_log(log_ms), [held for sine in sines for held in sine.held(each_s)])
         confirm(crazyflie, sorted({*chain(*turning)}), (least, largest), yes=vehicle.yes, effort=effort)
         for count, sine in enumerate(sines):
-            tell = partial(_show_task, live, sine.periods, clock((len(sines) - count) * each_s))
+            name = f"l = {sine.periods} ({count + 1} of {len(sines)})"
+            live.task(f"{name}: pause")
+            tell = partial(_show_task, live, name)
             plan = plan_sine(sine, campaign, before_s=before_s, note=note, simulated=simulated, tell=tell)
+            plan = replace(plan, lasts_s=(len(sines) - count) * each_s)  # with the sines after it
             frequency_rad_s = sine.omega_rad * SAMPLES_PER_S
             run, failure = _play(plan, [reports, *crazyflie.watch(log_ms)], cell, live, frequency_rad_s)
             if run is not None:
@@ -85,8 +85,8 @@ def _quick(cell: LoadCellBox | LoadCellLines, log: Device, plan: Sequence[Held])
         return quick([ready_loadcell(cell, stream, buffered=True, bias=False, say=speech, patient=False), log], plan)
 
 
-def _show_task(live: LiveLine, periods: int, left: str, text: str) -> None:
-    live.task(f"l = {periods}: {text} ({left} in all)")
+def _show_task(live: LiveLine, name: str, text: str) -> None:
+    live.task(f"{name}: {text}")
 
 
 def _play(
@@ -124,6 +124,7 @@ def plan_sine(
         procedure=lambda there, loop: play_sine(
             sine.request(), there["crossings"], before_s=before_s, loop=loop, tell=tell
         ),
+        tare_s=before_s,
         facts=campaign.rig.facts,
         requested=sine.to_run(),
         simulated=simulated,
@@ -135,7 +136,7 @@ async def play_sine(
 ) -> None:
     """Pause, which gives the load cell's bias, then play one sine to its end (section 3.4.2)."""
     await sleep(loop, before_s)
-    tell(f"playing, {clock(request.samples / SAMPLES_PER_S + _REST_S)} left")
+    tell("playing")
     await crossings.play(request)
 
 

@@ -1,0 +1,127 @@
+"""What cfid prints on a terminal of 80 columns fits it; a pipe and the files get whole sentences."""
+
+import contextlib
+import fcntl
+import json
+import os
+import pty
+import struct
+import termios
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cfid.cli.rig import report_answers
+from cfid.console.messages import fitted
+from cfid.console.options import Delivery
+from cfid.console.outcome import deliver
+from cfid.console.recording import print_summary
+from cfid.console.verdicts import judged
+from cfid.errors import DataError, DeviceError
+from cfid.findings import warning
+from cfid.records.campaign import open_campaign
+from cfid.records.parameters import Parameter
+from cfid.records.result import Result
+from cfid.records.run import Run, list_runs, read_run
+from cfid.rig.check import DeviceAnswer
+
+COLUMNS = 80
+LONG = "the waveform differs from a pendulum's by 2.4 % of the release angle (limit 0.16 %): a cable. " * 3
+
+
+class Screen:
+    """A terminal that is 80 columns wide, which stdout writes to."""
+
+    def __init__(self, columns: int = COLUMNS) -> None:
+        self._master, slave = pty.openpty()
+        fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
+        self.file = os.fdopen(slave, "w", encoding="utf-8")
+
+    def lines(self, *, of: Callable[[], object]) -> list[str]:
+        """Return the lines that a function prints."""
+        with contextlib.redirect_stdout(self.file):
+            of()
+        self.file.flush()
+        os.set_blocking(self._master, False)
+        return os.read(self._master, 100_000).decode().splitlines()
+
+    def close(self) -> None:
+        self.file.close()
+        os.close(self._master)
+
+
+@pytest.fixture
+def screen() -> Iterator[Screen]:
+    screen = Screen()
+    yield screen
+    screen.close()
+
+
+def first_run(folder: Path) -> Run:
+    return next(run for run in list_runs(folder / "runs") if isinstance(run, Run))
+
+
+def reported(answer: DeviceAnswer) -> None:
+    with pytest.raises(DeviceError, match="not ready: loadcell"):
+        report_answers("rig preflight", {"loadcell": [answer]}, simulated=True, json=False)
+
+
+def test_a_line_of_a_check_and_its_advice_fit_the_terminal(screen: Screen) -> None:
+    axes = "0.12, 0.34, 1.2 mN; 0.012, 0.034, 0.12 mNm"
+    answer = DeviceAnswer("other lines", "fault", f"{axes}, the clearest at 137 Hz", LONG.strip(), axes)
+    lines = screen.lines(of=lambda: reported(answer))
+
+    assert all(len(line) <= COLUMNS for line in lines)
+    assert lines[0].startswith("loadcell  other lines     fault    0.12, 0.34, 1.2 mN")
+    assert " ".join(" ".join(lines).split()).endswith(LONG.strip())
+
+
+def test_a_pipe_gets_a_line_as_it_is() -> None:
+    assert fitted(LONG, indent=3) == LONG
+
+
+def test_a_verdict_is_wrapped_on_the_terminal_and_whole_in_the_run(bodies: Path, screen: Screen) -> None:
+    def judge(_: Run) -> str:
+        raise DataError(LONG.strip())
+
+    run = judged(first_run(bodies), judge)
+    lines = screen.lines(of=lambda: print_summary(run))
+    kept = read_run(run.folder).header.verdict
+
+    assert all(len(line) <= COLUMNS for line in lines if "->" not in line)
+    assert kept is not None
+    assert kept.text == LONG.strip()
+
+
+def test_a_verdict_names_a_run_by_its_folder_alone(bodies: Path) -> None:
+    run = first_run(bodies)
+
+    def judge(run: Run) -> str:
+        raise DataError(f"{run.folder / 'encoder.csv'}: the time goes back.")
+
+    verdict = judged(run, judge).header.verdict
+
+    assert verdict is not None
+    assert verdict.text == f"{run.folder.name}/encoder.csv: the time goes back."
+
+
+def test_a_finding_names_a_run_by_its_folder_alone(bodies: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = first_run(bodies)
+    finding = warning("verification-reuses-run", f"{run.folder.resolve()}/crossings.csv: was used.", "tf.verify.*")
+    result = Result(
+        command="tf verify",
+        section="tf verify",
+        method="default",
+        quantities={"tf.verify.l20.late_s": Parameter(value=0.0, std=0.1)},
+        findings=(finding,),
+    )
+    options: dict[str, Any] = {"json": True, "force": False, "out": None, "figures": False}
+    deliver(result, Delivery(**options), open_campaign(bodies))
+
+    said = json.loads(capsys.readouterr().out)
+    assert said["findings"][0]["text"] == f"{run.folder.name}/crossings.csv: was used."
+    kept = " ".join(path.read_text() for path in (bodies / "fits").rglob("*") if path.is_file())
+    assert f"{run.folder.name}/crossings.csv: was used." in kept
+    assert str(bodies.resolve()) not in kept
