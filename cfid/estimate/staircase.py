@@ -246,6 +246,8 @@ def _averaged(record: StandSignals, stretch: Stretch) -> Level:
     if value.shape[1] < _FEWEST_IN_BASELINE:
         raise DataError(f"fewer than two readings from {stretch.begin_s:.4g} to {stretch.end_s:.4g} s: no mean.")
     mean, std, slope, samples = quiet_mean(value, rate_hz=record.rate_hz / record.held)
+    exact = std < record.finest
+    std, samples = np.where(exact, record.finest, std), np.where(exact, value.shape[1], samples)
     return Level((stretch.begin_s + stretch.end_s) / 2, mean, std, slope, samples * record.block)
 
 

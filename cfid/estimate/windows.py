@@ -31,6 +31,8 @@ CHANGE_SEEN_S = 0.25  # the length of the means between which a change is seen
 _FEWEST, _SHORTEST_S = 64, 1.0
 _THINNED_HZ, _SCREENED_S = 1000.0, 0.2  # the latter for spikes, at once
 _FAMILIES: tuple[Family, ...] = ("netft", "axia")
+_SLOWEST_READING_S = 1.0
+_RESOLVED = 1e-6  # of a channel's range: means of exact numbers would else outweigh all others
 _SURE = 6.0  # deviations of the noise
 _OF_RANGE, _OF_LEVEL = 0.004, 0.02  # a change is larger than these parts of the record's range and of its level
 _PAUSE_OF_RANGE, _BACK, _BACK_TO = 0.015, 0.1, 0.5
@@ -42,7 +44,7 @@ _FEWEST_BLOCKS, _MOST_BLOCKS = 3, 24
 class StandSignals:
     """Channels (k, m) without spikes at times (m,), means of `block` samples each: about 1 kHz; and the thrust slowed.
 
-    Each `held` neighbours are one reading that repeats.
+    Each `held` neighbours are one reading that repeats. `finest` (k,) is the least deviation that a mean can have.
     """
 
     time_s: Array
@@ -52,6 +54,7 @@ class StandSignals:
     slow: Slow
     thrust: int
     held: int
+    finest: Array
     spikes: int
 
 
@@ -92,7 +95,8 @@ def prepared(time_s: Array, channels: Array, *, status: Words | None, thrust: in
         block=block,
         slow=slowed(time_s, value[thrust], rate_hz=rate_hz / block),
         thrust=thrust,
-        held=_held(value[thrust]),
+        held=_held(value[thrust], rate_hz=rate_hz / block),
+        finest=_RESOLVED * np.ptp(value, axis=1),
         spikes=len(spikes),
     )
 
@@ -151,10 +155,14 @@ def _check_status(time_s: Array, status: Words) -> None:
         )
 
 
-def _held(value: Array) -> int:
-    """Return how many neighbours usually repeat one reading, as of an instrument that is slower than its log."""
+def _held(value: Array, *, rate_hz: float) -> int:
+    """Return how many neighbours usually repeat one reading, as of an instrument that is slower than its log.
+
+    What repeats for longer than any instrument's reading is steady: simulated, or rounded by a coarse scale.
+    """
     changes = np.concatenate([begin + np.flatnonzero(step) for begin, step in differences(value)])
-    return int(np.median(np.diff(changes))) if len(changes) > 1 else 1
+    held = int(np.median(np.diff(changes))) if len(changes) > 1 else 1
+    return held if held <= _SLOWEST_READING_S * rate_hz else 1
 
 
 def commanded_intervals(command_time_s: Array, commands: Array, *, begin_s: float, end_s: float) -> list[Interval]:

@@ -54,6 +54,7 @@ _STRUCK_S = 0.5  # around such a specific force
 _SETTLING_S = 0.3  # after a motor left its range, in which rotors forget it
 _TURNED = 34.0  # rad/s, near the range of the gyro, 2000 deg/s
 _MOST_S = 600.0
+_AROUND_S = 5.0  # of rows that are kept before and after, for channels that are logged rarely
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -97,17 +98,16 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
     missing = [f"motor.m{motor}" for motor, name in zip(MOTORS, names, strict=True) if name is None]
     if missing:
         raise DataError(f"{path}: no {', '.join(missing)}: a flight's thrust is that of all four motors.")
-    commands = [log.channel(name) for name in names if name is not None]
+    motors = [name for name in names if name is not None]
+    from_s, to_s = _window(log.channel(motors[0])[0], path, from_s or 0.0, np.inf if to_s is None else to_s)
+    around = from_s - _AROUND_S, to_s + _AROUND_S
+    whole, log = log, replace(log, series=tuple(one.between(*around) for one in log.series))
+    commands = [log.channel(name) for name in motors]
     rates, rates_hz = _sensor(log, _RATES, _RATES_TOPIC, "rates")
     forces, forces_hz = _sensor(log, _FORCES, _FORCES_TOPIC, "accelerations")
     timed = [one[0] for one in (*commands, rates, forces)]
-    first = float(commands[0][0][0])
-    begin = max(*(float(one[0]) for one in timed), first + (from_s or 0.0))
-    end = min(*(float(one[-1]) for one in timed), first + (np.inf if to_s is None else to_s))
-    if not end - begin > 2 * _EDGE_S:
-        raise ConfigError(f"{path}: {max(end - begin, 0.0):.3g} s are left of the log (limit {2 * _EDGE_S:g} s).")
-    if end - begin > _MOST_S:
-        raise ConfigError(f"{path}: {end - begin:.0f} s at once (limit {_MOST_S:g} s): give `from_s` and `to_s`.")
+    begin, end = max(from_s, *(float(one[0]) for one in timed)), min(to_s, *(float(one[-1]) for one in timed))
+    _check_left(end - begin, path)
     slowest = max(float(np.median(np.diff(one))) for one in timed)
     if slowest > _SLOWEST_S:
         raise DataError(
@@ -145,7 +145,7 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
     if volts is not None:
         flight = replace(by_command, drive=by_command.drive * volts[:, np.newaxis], in_volts=True)
     return FlownLog(
-        log=log,
+        log=whole,
         flight=flight,
         by_command=by_command,
         findings=(
@@ -154,6 +154,20 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
             *(warning("recording", text).at(path.name) for text in faults),
         ),
     )
+
+
+def _window(time_s: Array, path: Path, from_s: float, to_s: float) -> tuple[float, float]:
+    """Return from when to when rows of times (n,) are fitted. Raises ConfigError for too long, or too little of it."""
+    begin, end = float(time_s[0]) + from_s, float(min(time_s[-1], time_s[0] + to_s))
+    _check_left(end - begin, path)
+    if end - begin > _MOST_S:
+        raise ConfigError(f"{path}: {end - begin:.0f} s at once (limit {_MOST_S:g} s): give `from_s` and `to_s`.")
+    return begin, end
+
+
+def _check_left(left_s: float, path: Path) -> None:
+    if not left_s > 2 * _EDGE_S:
+        raise ConfigError(f"{path}: {max(left_s, 0.0):.3g} s are left of the log (limit {2 * _EDGE_S:g} s).")
 
 
 def turned_back(attitude: Array, vector: Array) -> Array:

@@ -152,7 +152,10 @@ def _moment_findings(found: FlightFit, body: Body) -> list[Finding]:
             result.append(note("flight-lever-unknown", f"no moment about {axis}: it needs {what}."))
             continue
         gain, std = float(found.values[TURNS][place]), float(found.std[TURNS][place])
-        if gain < 0 and -gain > 3 * std:
+        if gain == 0:
+            text = f"the gyro shows no turning about {axis} at all: does it work, is it in the log?"
+            result.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
+        elif gain < 0 and -gain > 3 * std:
             text = (
                 f"commanded torques turn the vehicle the wrong way about {axis}: the log's axes are not forward, left "
                 "and up, or its motors have other numbers (front right, rear right, rear left, front left)."

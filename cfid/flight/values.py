@@ -67,7 +67,7 @@ def quantities_of(found: FlightFit, body: Body) -> dict[str, Parameter]:
     for place, axis in enumerate(AXES):
         lever = lever_m(axis, body)
         gain, gain_std = float(found.values[TURNS][place]), float(std[TURNS][place])
-        if lever is not None:
+        if lever is not None and gain != 0:  # a dead gyro shows no turning
             moment = lever * body.mass_kg / gain
             quantities[MOMENTS[axis]] = Parameter(value=moment, std=abs(moment * gain_std / gain))
     return quantities

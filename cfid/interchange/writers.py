@@ -101,7 +101,7 @@ class _Columns(Mapping[str, Any]):
         wanted = [(series, name, at) for series in recording.series for at, name in enumerate((TIME, *series.names))]
         names = _different([_matlab_name(f"{one.name}_{name}" if several else name) for one, name, _ in wanted])
         self._read: dict[str, Callable[[], Any]] = {
-            name: partial(_column, series, at) for name, (series, _, at) in zip(names, wanted, strict=True)
+            name: partial(series.column, at) for name, (series, _, at) in zip(names, wanted, strict=True)
         }
         described = {
             "variable": names,
@@ -120,15 +120,6 @@ class _Columns(Mapping[str, Any]):
 
     def __len__(self) -> int:
         return len(self._read)
-
-
-def _column(series: Series, place: int) -> Array:
-    column = np.empty(series.rows)
-    begin = 0
-    for block in series.blocks():
-        column[begin : begin + len(block)] = block[:, place]
-        begin += len(block)
-    return column
 
 
 def _units(series: Series) -> list[str]:

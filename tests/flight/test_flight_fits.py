@@ -147,6 +147,31 @@ def test_a_window_without_rows_is_refused(flown: tuple[Fleet, list[FlightLog]]) 
         flight_of(flown[1][0], from_s=100.0)
 
 
+def test_a_dead_gyro_costs_the_moments_and_no_traceback(flown: tuple[Fleet, list[FlightLog]]) -> None:
+    vehicles, logs = flown
+    read = flight_of(logs[0])
+    dead = replace(read.flight, rates=np.zeros_like(read.flight.rates))
+    result = fit([replace(read, flight=dead)], body=body_of(vehicles, 0))
+    assert any("no turning about pitch" in finding.text for finding in result.findings)
+    assert not any(key.startswith("flight.inertia") for key in result.without_rejected().quantities)
+
+
+def test_a_log_of_hours_is_fitted_between_two_times_and_refused_as_a_whole(
+    flown: tuple[Fleet, list[FlightLog]],
+) -> None:
+    (flight,) = flown[1][0].series
+    block = next(flight.blocks())
+    begins_s = np.arange(200) * (block[-1, 0] + 0.01)
+    later = np.eye(1, block.shape[1])  # of a row, the time
+    series = replace(flight, rows=200 * len(block), blocks=lambda: (block + each * later for each in begins_s))
+    many = replace(flown[1][0], series=(series,))
+    with pytest.raises(ConfigError, match="s at once"):
+        flight_of(many)
+    begin = float(begins_s[100])
+    late, first = (flight_of(many, from_s=at, to_s=at + 10) for at in (begin, 0.0))
+    np.testing.assert_allclose(late.flight.rates[50:950], first.flight.rates[50:950], atol=1e-6)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("captured", [True, False])
 def test_intervals_of_200_flights_contain_the_truth(captured: bool) -> None:

@@ -22,6 +22,7 @@ COLUMNS = {
     **dict.fromkeys(("acc.x", "acc.y", "acc.z", "gyro.x", "gyro.y", "gyro.z", "pm.vbat"), "f"),
     **{f"{name}.m{motor}": "H" for name in ("motor", "rpm") for motor in (1, 2, 3, 4)},
 }
+FLIGHT = "fit flight {log} --from 100 --to 300 --mass-kg 0.03 --no-figures --force"
 WATCHED = """
 import re, sys, threading, time
 from cfid.cli.main import main
@@ -168,9 +169,62 @@ def stand(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     path.unlink()
 
 
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Write a load cell at 7 kHz that feels three sines on board a vehicle, and a long step; and an index of each."""
+    folder = tmp_path_factory.mktemp("cell")
+    count, rate_hz, size = 200_000, 7000, 0
+    draw, periods, samples = np.random.default_rng(8), (100, 200, 400), 20_000  # of 2 ms
+    head = "t,Fx,Fy,Fz,Tx,Ty,Tz,status\n"
+
+    def rows(time_s: Array) -> str:
+        thrust = 0.3 * (time_s > 500) * (1 - np.exp(-20 * (time_s - 500).clip(0)))
+        for run, of_run in enumerate(periods):
+            own = time_s - 300 - 50 * run
+            turn = 2 * np.pi * of_run / (0.002 * samples)
+            swing = 0.03 * (np.exp(1j * turn * own) / (1 + 0.07j * turn)).real
+            thrust += (0.1 + swing) * ((own > 0) & (own < 0.002 * samples))
+        wrench = np.outer(thrust, [0.02, 0.01, 1.0, 0.0326, -0.0326, 0.01])
+        counts = np.rint(1e6 * (wrench + draw.normal(0, 1e-3, wrench.shape))).astype(int)
+        columns = zip(time_s.tolist(), counts.tolist(), strict=True)
+        return "".join(f"{t:.6f},{','.join(map(str, row))},0\n" for t, row in columns)
+
+    with (folder / "cell.csv").open("w") as file:
+        file.write(head)
+        for block in itertools.count():
+            size += file.write(rows((block * count + np.arange(count)) / rate_hz))
+            if size > SIZE_MB * 1_000_000:
+                break
+    (folder / "still.csv").write_text(head + rows(480 + np.arange(60 * 500) / 500))
+    (folder / "drag.csv").write_text(
+        "command,angle_deg,wind_min_mps,wind_max_mps,tach_rpm,loadcell,from_s,to_s\n"
+        "37300,48.4,2.0,3.7,31600,cell.csv,550,600\n37300,48.4,0,0,31600,still.csv,,\n"
+    )
+    index = ["l,n,amplitude,motor,loadcell,crossings\n"]
+    for run, of_run in enumerate(periods):
+        places = np.append(0, np.ceil((np.arange(2 * of_run) + 0.5) * samples / (2 * of_run)))
+        commands = np.rint(10_000 * np.cos(2 * np.pi * of_run * places / samples) + 30_000)
+        reports = [
+            f"{300 + 50 * run + 0.002 * at + 0.005:.6f},{u:.0f},{at:.0f}\n"
+            for at, u in zip(places, commands, strict=True)
+        ]
+        end = f"{340.006 + 50 * run:.6f},0,{samples}\n"
+        (folder / f"crossings{run}.csv").write_text("".join(["t,thrust_rec,sample\n", *reports, end]))
+        index.append(f"{of_run},{samples},10000,1,cell.csv,crossings{run}.csv\n")
+    (folder / "sines.csv").write_text("".join(index))
+    yield folder
+    shutil.rmtree(folder)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("words", ["fit drag --index {log}/drag.csv", "tf identify --index {log}/sines.csv"])
+def test_a_large_recording_of_a_load_cell_takes_little_memory(cell: Path, tmp_path: Path, words: str) -> None:
+    _check_peak(cell, tmp_path, f"{words} --no-figures --force")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "words", ["show {log}", "convert {log} --to parquet --out {out}", "fit dynamics {log} --rotor 1 --to 700"]
+    "words", ["show {log}", "convert {log} --to parquet --out {out}", "fit dynamics {log} --rotor 1 --to 700", FLIGHT]
 )
 def test_a_large_ulog_file_takes_little_memory(ulog: Path, tmp_path: Path, words: str) -> None:
     pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
@@ -202,6 +256,7 @@ def test_a_large_table_of_angles_takes_little_memory(angles: Path, tmp_path: Pat
         "import {log} --campaign {campaign}",
         "show {log} --no-figures",
         "fit dynamics {log} --rotor 1 --to 700 --no-figures",
+        FLIGHT,
     ],
 )
 def test_a_large_log_takes_little_memory(log: Path, tmp_path: Path, words: str) -> None:

@@ -134,3 +134,23 @@ def test_a_stretch_in_which_the_load_cell_was_dead_costs_only_its_steps(tmp_path
 
     assert off(result, widest=0.02) < 3  # four points are left
     assert any("'Thrust (N)' is no number in 167 of 1120 rows" in finding.text for finding in result.findings)
+
+
+@pytest.mark.parametrize("rate_hz", [10, 100])
+def test_a_table_of_exact_plateaus_gives_its_own_curve(tmp_path: Path, rate_hz: int) -> None:
+    time_s = np.arange(76 * rate_hz) / rate_hz
+    step = (time_s // HOLD_S).astype(int)  # standing still at exactly 0 first
+    share = np.where(step % 2, 0.1 + 0.05 * step, 0.0)
+    rows = zip(time_s, 1000 + 1000 * share, 5 * share**2, strict=True)
+    path = tmp_path / "exact.csv"
+    lines = [f"{t:.3f},{pulse:.0f},{force:.6f}" for t, pulse, force in rows]
+    path.write_text("\n".join(["Time (s),ESC signal (µs),Thrust (N)", *lines, ""]))
+
+    result = fit_thrust(path, gravity_mps2=9.81)
+
+    largest = result.quantities["motor.max_thrust_n"]
+    assert largest.value == pytest.approx(5.0, rel=2e-4)  # pulses are rounded to a command
+    assert 0 < float(np.max(largest.std)) < 0.01
+    assert "e+" not in " ".join(one.text for one in result.findings)
+    scatter = next(one.text for one in result.findings if "times as far" in one.text)
+    assert float(scatter.split()[3]) < 1000

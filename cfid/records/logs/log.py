@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import DataError
+from cfid.large import empty, joined
 from cfid.records.parameters import Source
 from cfid.units import RPM, USUAL_GRAVITY_MPS2
 
@@ -79,15 +81,29 @@ class Series:
     @property
     def time_s(self) -> Array:
         """The times (rows,) in s by the log's clock."""
-        return self._column(0)
+        return self.column(0)
 
     def values(self, name: str) -> Array:
         """Return a channel (rows,) in its SI unit; ValueError for another name."""
         place = self.names.index(name)
-        return self._column(1 + place) * self.channels[place].factor
+        column = self.column(1 + place)
+        column *= self.channels[place].factor
+        return column
 
-    def _column(self, place: int) -> Array:
-        return np.concatenate([block[:, place] for block in self.blocks()] or [np.zeros(0)])
+    def column(self, place: int) -> Array:
+        """Return raw numbers (rows,): the times for place 0, then the channels. A large column takes no memory."""
+        found, begin = empty(self.rows), 0
+        for block in self.blocks():
+            found[begin : begin + len(block)] = block[:, place]
+            begin += len(block)
+        return found
+
+    def between(self, begin_s: float, end_s: float) -> "Series":
+        """Return the rows between two times."""
+        none = np.zeros((0, 1 + len(self.channels)))
+        inside = (block[(begin_s <= block[:, 0]) & (block[:, 0] <= end_s)] for block in self.blocks())
+        kept = joined(chain([none], inside))
+        return replace(self, rows=len(kept), blocks=lambda: iter([kept] if len(kept) else []))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

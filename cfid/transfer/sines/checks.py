@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.findings import Finding, rejection
+from cfid.large import parts
 from cfid.records.frames import turn_about_z
 from cfid.units import MOTOR_AZIMUTH_DEG
 
@@ -23,13 +24,15 @@ def torque_moments(time_s: Array, torque_nm: Array, *, frequency_hz: float, moto
 
     Torque about the arm's normal is that of thrust. `yaw_deg` turns the cell's vectors into the vehicle's frame.
     """
-    angle, turned = math.radians(MOTOR_AZIMUTH_DEG[motor]), turn_about_z(torque_nm, yaw_deg=yaw_deg)
-    about = math.sin(angle) * turned[:, 0] - math.cos(angle) * turned[:, 1]
-    along = math.cos(angle) * turned[:, 0] + math.sin(angle) * turned[:, 1]
-    both = np.stack([about, along])
-    both -= both.mean(axis=1, keepdims=True)
-    wave = np.hanning(len(time_s)) * np.exp(-2j * math.pi * frequency_hz * (time_s - time_s[0]))
-    at = both @ wave / len(time_s)
+    angle, count = math.radians(MOTOR_AZIMUTH_DEG[motor]), len(time_s)
+    axes = np.array([[math.sin(angle), -math.cos(angle)], [math.cos(angle), math.sin(angle)]])
+    total, mean, waves = np.zeros(2, complex), np.zeros(2), 0j
+    for part in parts(count):
+        both = axes @ turn_about_z(torque_nm[part], yaw_deg=yaw_deg)[:, :2].T
+        hann = 0.5 - 0.5 * np.cos(2 * math.pi * np.arange(part.start, part.stop) / (count - 1))
+        wave = hann * np.exp(-2j * math.pi * frequency_hz * (time_s[part] - time_s[0])) / count
+        total, mean, waves = total + both @ wave, mean + both.sum(axis=1) / count, waves + wave.sum()
+    at = total - mean * waves
     return np.asarray(np.outer(at, at.conj()).real)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from cfid.console.facts import assumed
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, merged, note, of_recording
+from cfid.large import empty, parts
 from cfid.quantities.quantity import Range
 from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts
 from cfid.records.parameters import Source
@@ -202,10 +203,15 @@ class _Reader:
                 raise ConfigError(f"{path}: has no times, which tie a load cell to the vehicle's reports.")
             cell.require(*_AXES_OF[self.channel], purpose=f"thrust by the channel {self.channel}")
             arm_m, yaw_deg = self._mount(facts)
-            thrust = thrust_of(self.channel, cell.force_n, cell.torque_nm, arm_m=arm_m, motor=motor, yaw_deg=yaw_deg)
+            time_s, thrust = empty(len(cell.time_s)), empty(len(cell.time_s))
+            np.add(cell.time_s, cell.begin_s, out=time_s)
+            for part in parts(len(thrust)):
+                force_n, torque_nm = cell.force_n[part], cell.torque_nm[part]
+                thrust[part] = thrust_of(self.channel, force_n, torque_nm, arm_m=arm_m, motor=motor, yaw_deg=yaw_deg)
+            thrust /= 4 if motor == 0 else 1
             std_mm = None if self.arm_std_m is None else self.arm_std_m / MM
             self._rigs.append(RigFacts(loadcell=LoadCellMount(arm_mm=arm_m / MM, arm_std_mm=std_mm)).over(facts))
-            self._thrusts[path, motor] = cell.time_s + cell.begin_s, thrust / 4 if motor == 0 else thrust
+            self._thrusts[path, motor] = time_s, thrust
         return self._thrusts[path, motor]
 
     def _mount(self, facts: RigFacts) -> tuple[float, float]:
