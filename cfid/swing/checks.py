@@ -24,6 +24,7 @@ DISTORTION_LIMIT = 0.0015
 DRIFT_LIMIT = 0.01
 
 IDENTIFIABLE_BIC = 10.0  # [KR]: a difference below it is no strong evidence
+_SPRING_THAT_MATTERS = 1e-3  # of gravity: as much as mass and distance leave uncertain
 _LED_BY_HAND = 0.15  # of the release angle
 
 _ALL = "swing.*"
@@ -137,17 +138,26 @@ def eccentricity_finding(fit: OutputError) -> tuple[Finding, ...]:
     return (note("swing-encoder-eccentric", text),)
 
 
-def spring_finding(fit: OutputError, uncertain_s2: float) -> tuple[Finding, ...]:
-    """Warn of a spring beside gravity, and state by how much it leaves W (standard uncertainty) uncertain."""
+def spring_finding(fit: OutputError, uncertain_s2: float, unseen_s2: float) -> tuple[Finding, ...]:
+    """Warn of a spring beside gravity, or note from which on the record would have shown one.
+
+    A spring leaves W uncertain by `uncertain_s2`; one up to `unseen_s2` raises W by as much and does not show.
+    """
     frequency, spring = fit.coefficients.natural_frequency_squared_s2, fit.setup.spring_per_s2
-    if not spring:
+    if spring:
+        text = (
+            f"a spring, as of a cable or a bearing, pulls with {_percent(spring / frequency)} of gravity's stiffness. "
+            "It is taken out, which leaves the natural frequency squared uncertain by "
+            f"{_percent(uncertain_s2 / frequency)}. Free the cable and swing again."
+        )
+        return (warning("swing-spring", text),)
+    if unseen_s2 < _SPRING_THAT_MATTERS * frequency:
         return ()
     text = (
-        f"a spring, as of a cable or a bearing, pulls with {_percent(spring / frequency)} of gravity's stiffness. It "
-        f"is taken out, which leaves the natural frequency squared uncertain by {_percent(uncertain_s2 / frequency)}. "
-        "Free the cable and swing again."
+        f"this swing does not show a spring, as of a cable or a bearing, below {_percent(unseen_s2 / frequency)} of "
+        "gravity's stiffness, which would raise the natural frequency squared by as much. Release higher, swing longer."
     )
-    return (warning("swing-spring", text),)
+    return (note("swing-spring-unseen", text),)
 
 
 def unfinished_finding(unfinished: OutputError | None, shares: Mapping[str, float]) -> tuple[Finding, ...]:

@@ -124,7 +124,7 @@ def fit_swing(swing: FreeSwing) -> SwingFit:
     if swing.rate_rad_per_s is None:
         eccentric = [_refit(fit, time, reading, (*chosen_terms(fit), ECCENTRICITY)) for fit in likeliest]
         physical += [fit for fit in eccentric if _acceptable(fit)]
-        if any(_sprung(swing, fit, rounds=1) for fit in _likeliest_of_each(physical)):
+        if any(_sprung(swing, fit, rounds=1) for fit in (*likeliest, *eccentric)):
             physical += [one for fit in physical for one in _sprung(swing, fit)]
     ranked = _ranked(physical)
     return _judged(swing, ranked, _unfinished(ranked[0][1], candidates), scale)
@@ -145,12 +145,6 @@ def _scaled(
             _refit(fit, swing.hands_off[0], corrected.readings_rad, chosen_terms(fit)) for fit in (base, full)
         )
     return corrected, error, base, full
-
-
-def _likeliest_of_each(fits: list[OutputError]) -> list[OutputError]:
-    """Return the likeliest fit with a centred encoder, and that with an eccentric one, which resembles a spring."""
-    ranked = [fit for _, fit in _ranked(fits)]
-    return [next(fit for fit in ranked if fit.eccentric == kind) for kind in {fit.eccentric for fit in ranked}]
 
 
 def _sprung(swing: FreeSwing, fit: OutputError, rounds: int = 3) -> list[OutputError]:
@@ -280,6 +274,7 @@ def _judged(
     per_coefficient = np.zeros(len(fit.free))
     per_coefficient[np.flatnonzero(fit.free)] = std[: sum(fit.free)]
     terms = chosen_terms(fit)
+    unseen = _SHOWN_STD * spring_beside(swing, fit)[1] if swing.rate_rad_per_s is None else 0.0
     quality = judge(fit, swing.hands_off[0], resolution_rad=swing.resolution_rad, drift=drift, drift_std=drift_std)
     return SwingFit(
         output_error=fit,
@@ -300,7 +295,7 @@ def _judged(
             *split_finding(terms, split_bic),
             *hand_finding(swing, fit),
             *eccentricity_finding(fit),
-            *spring_finding(fit, float(spring[0])),
+            *spring_finding(fit, shares["spring"], unseen),
             *unfinished_finding(unfinished, shares),
             *varying_finding(varying),
         ),
