@@ -165,7 +165,7 @@ def _climbing(flight: Flight) -> Array:
     """Return two parts (m, 2) of the climb along the vehicle's z, none in the mean, each but for a factor.
 
     Vertical force adds up to the one. The other is sideways velocity that turning makes vertical: the sideways force is
-    the drag of that velocity. Without it thrust's slope scatters by a quarter more than its uncertainty tells.
+    the drag of that velocity. Without it, thrust's slope scatters by a quarter more.
     """
     force = (flight.force - np.mean(flight.force[flight.driven], axis=0)) * flight.airborne[:, np.newaxis]
     turned = flight.rates[:, 0] * force[:, 1] - flight.rates[:, 1] * force[:, 0]
