@@ -86,7 +86,7 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
     found = _start(equations)
     result = OptimizeResult()
     for _ in range(_ROUNDS):
-        white = [whitening(block, _left(block, found)) for block in equations.at(found)]
+        white = [whitening(block, _left(block, found), fed_back=True) for block in equations.at(found)]
         equations = replace(equations, white=tuple(white))
         result = least_squares(
             equations.residual,
@@ -103,7 +103,7 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
         )
         found = np.asarray(result.x)
     jacobian, residual = np.asarray(result.jac), np.asarray(result.fun)
-    covariance = _covariance(jacobian, residual, [len(one.basis) for one in equations.white])
+    covariance = _covariance(jacobian, residual, [one.basis for one in equations.white])
     excess = _excess_of_older_torques(jacobian, residual, equations.white)
     found = _undamped(found, equations)
     covariance[TURNS, TURNS] += np.diag((excess / math.sqrt(3)) ** 2)
@@ -184,12 +184,15 @@ def _excess_of_older_torques(jacobian: Array, residual: Array, white: Sequence[W
     return excess
 
 
-def _covariance(jacobian: Array, residual: Array, lengths: Sequence[int]) -> Array:
-    """Return the covariance (p, p) of a fit to blocks of rows, wider where parts of 5 s scatter more than it allows.
+def _covariance(jacobian: Array, residual: Array, taken: Sequence[Array]) -> Array:
+    """Return the covariance (p, p) of a fit to blocks of rows, from each of which other terms (k, q) were taken.
 
-    A model that is not quite right errs otherwise in each manoeuvre: parts then differ by more than noise explains.
+    A model that is not quite right errs otherwise in each manoeuvre: where parts of 5 s scatter by more than noise
+    explains, it is wider.
     """
-    covariance = sandwich(jacobian, residual, longest=max(len(residual) // (8 * len(lengths)), 10))
+    lengths = [len(one) for one in taken]
+    freedom = 1 - sum(one.shape[1] for one in taken) / len(residual)
+    covariance = sandwich(jacobian, residual, longest=max(len(residual) // (8 * len(lengths)), 10)) / freedom
     influence = gain_of(jacobian).T * residual[:, np.newaxis]
     ends = [end for one in lengths for end in [*range(0, one - _PART // 2, _PART)]]
     starts = np.repeat(np.cumsum([0, *lengths[:-1]]), [len(range(0, one - _PART // 2, _PART)) for one in lengths])

@@ -41,8 +41,12 @@ class White:
         return np.asarray(self.shares @ _filtered(errors[:, np.newaxis], self.filter, self.lengths)[:, 0])
 
 
-def whitening(block: FlightEquation, left: Array) -> White:
-    """Return what whitens an equation whose errors (n,) are `left`."""
+def whitening(block: FlightEquation, left: Array, *, fed_back: bool = False) -> White:
+    """Return what whitens an equation whose errors (n,) are `left`.
+
+    Where an autopilot answers to errors (`fed_back`), past ones count as other terms: what the commands do, and how
+    errors follow from each other, are then found together, and the uncertainty of the one contains the other's.
+    """
     parts = _parts(left, block.lengths)
     past = np.concatenate(
         [np.column_stack([part[PAST - k - 1 : len(part) - k - 1] for k in range(PAST)]) for part in parts]
@@ -50,7 +54,8 @@ def whitening(block: FlightEquation, left: Array) -> White:
     now = np.concatenate([part[PAST:] for part in parts])
     coefficients = np.concatenate([[1.0], -(gain_of(past) @ now)])
     others = _filtered(block.others, coefficients, block.lengths)
-    basis = np.linalg.qr(others / np.maximum(np.linalg.norm(others, axis=0), 1e-300))[0]
+    taken = np.column_stack([others, past]) if fed_back else others
+    basis = np.linalg.qr(taken / np.maximum(np.linalg.norm(taken, axis=0), 1e-300))[0]
     white = _filtered(left[:, np.newaxis], coefficients, block.lengths)[:, 0]
     return White(coefficients, block.lengths, basis, gain_of(others), max(float(np.std(white)), 1e-12))
 
