@@ -13,6 +13,7 @@ import pytest
 from cfid.errors import FitError
 from cfid.motors.maps import fit_thrust
 from cfid.records.result import Result
+from tests.campaigns import Cfid
 
 Array = npt.NDArray[np.float64]
 
@@ -134,6 +135,15 @@ def test_a_stretch_in_which_the_load_cell_was_dead_costs_only_its_steps(tmp_path
 
     assert off(result, widest=0.02) < 3  # four points are left
     assert any("'Thrust (N)' is no number in 167 of 1120 rows" in finding.text for finding in result.findings)
+
+
+def test_dynamics_of_a_stand_whose_tachometer_is_dead_are_refused(cfid: Cfid, tmp_path: Path) -> None:
+    one = sweep()
+    path = write(tmp_path, one._replace(speed_rad_s=np.zeros(len(one.time_s))))
+    ended = cfid("fit", "dynamics", path, "--no-figures")
+
+    assert ended.returncode == 4
+    assert "the speed is 0 or missing under every command: was the tachometer connected?" in ended.stderr
 
 
 @pytest.mark.parametrize("rate_hz", [10, 100])

@@ -50,10 +50,12 @@ class SpeedRecord:
 
 
 def of_table(table: StandTable) -> SpeedRecord:
-    """Take a thrust stand's record over time. Raises DataError for a table of settled points."""
+    """Take a thrust stand's record over time. Raises DataError for settled points and for a dead tachometer."""
     speed = table.square_mean_speed_rad_s
     if table.time_s is None or speed is None or np.isnan(table.command).all():
         raise DataError(f"{table.path}: no speeds and commands over time: there is no step to fit.")
+    if not np.any(speed[table.command > 0] > 0):
+        raise DataError(f"{table.path}: the speed is 0 or missing under every command: was the tachometer connected?")
     return SpeedRecord(
         name=table.path.stem,
         path=table.path,
