@@ -22,6 +22,7 @@ Array = npt.NDArray[np.float64]
 MISFIT_LIMIT = 0.02
 DISTORTION_LIMIT = 0.0015
 DRIFT_LIMIT = 0.01
+SPRING_LIMIT = 0.03  # of gravity's stiffness
 
 IDENTIFIABLE_BIC = 10.0  # [KR]: a difference below it is no strong evidence
 _SPRING_THAT_MATTERS = 1e-3  # of gravity: as much as mass and distance leave uncertain
@@ -139,11 +140,17 @@ def eccentricity_finding(fit: OutputError) -> tuple[Finding, ...]:
 
 
 def spring_finding(fit: OutputError, uncertain_s2: float, unseen_s2: float) -> tuple[Finding, ...]:
-    """Warn of a spring beside gravity, or note from which on the record would have shown one.
+    """Warn of a spring beside gravity, reject a stiff one, or note from which on the record would have shown one.
 
     A spring leaves W uncertain by `uncertain_s2`; one up to `unseen_s2` raises W by as much and does not show.
     """
     frequency, spring = fit.coefficients.natural_frequency_squared_s2, fit.setup.spring_per_s2
+    if spring > SPRING_LIMIT * frequency:
+        text = (
+            f"a spring pulls with {_percent(spring / frequency)} of gravity's stiffness (limit "
+            f"{_percent(SPRING_LIMIT)}): free the cable, and check the angle's unit."
+        )
+        return (rejection("swing-spring-stiff", text, _ALL),)
     if spring:
         text = (
             f"a spring, as of a cable or a bearing, pulls with {_percent(spring / frequency)} of gravity's stiffness. "

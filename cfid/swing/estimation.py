@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from cfid.errors import FitError
 from cfid.estimate.signals import GRID_S
-from cfid.findings import Finding
+from cfid.findings import Finding, texts
 from cfid.swing.checks import (
     FitQuality,
     eccentricity_finding,
@@ -56,6 +56,7 @@ _DAMPING = Coefficients._fields[1:4]
 _ECCENTRIC_RAD = 0.05  # more is no eccentricity of a disc
 _TRIED_ECCENTRIC = 2  # of the choices of damping, the best
 _SHOWN_STD = 3.0  # of a spring that is tried beside the others
+_STIFFEST = 0.1  # spring over gravity: an angle in a wrong unit resembles a stiffer one
 _CLEARLY_BETTER = 0.95  # of the sum of squares
 _VARIES_STD = 4.0  # of a probe of dry friction: sound swings stay below
 _VARIES_USUALLY = 0.25  # of the Coulomb friction, over the angle: a bearing that nobody measured
@@ -88,7 +89,7 @@ class SwingFit:
     @property
     def accepted(self) -> bool:
         """Whether the model describes the data."""
-        return not self.quality.findings
+        return not texts(self.findings, "rejection")
 
 
 def fit_swing(swing: FreeSwing) -> SwingFit:
@@ -203,7 +204,8 @@ def _acceptable(fit: OutputError) -> bool:
 
 def _physical(fit: OutputError) -> bool:
     frequency, *damping, _ = fit.coefficients
-    return frequency > 0 and min(damping) >= 0 and math.hypot(*fit.eccentricity) < _ECCENTRIC_RAD
+    centred = math.hypot(*fit.eccentricity) < _ECCENTRIC_RAD
+    return centred and frequency > 0 and min(damping) >= 0 and fit.setup.spring_per_s2 < _STIFFEST * frequency
 
 
 def _ranked(fits: list[OutputError]) -> list[tuple[float, OutputError]]:

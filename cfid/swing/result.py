@@ -107,7 +107,7 @@ def fit(
 def rejections_of(swing: FreeSwing) -> tuple[Finding, ...]:
     """Return why no pendulum describes a record, for a method that has no checks of its own."""
     try:
-        return fit_swing(swing).quality.findings
+        return tuple(one for one in fit_swing(swing).findings if one.severity == "rejection")
     except FitError as error:
         return (rejection("swing-no-pendulum", str(error), "swing.*"),)
 

@@ -14,7 +14,7 @@ import pytest
 from scipy.stats import beta
 
 import cfid.swing
-from cfid.errors import ConfigError
+from cfid.errors import ConfigError, FitError
 from cfid.records.parameters import Source
 from cfid.records.result import Result
 from cfid.records.rig_file import load_rig, new_rig_text
@@ -258,6 +258,27 @@ def test_an_axis_that_contradicts_the_runs_own_label_is_refused_and_both_are_nam
         labelled(record, body="fixture")
     with pytest.raises(ConfigError, match="axis 'x' contradicts"):
         cfid.swing.fit(record, axis="x")
+
+
+@pytest.mark.parametrize("cable", [0.05, 0.08])
+def test_a_stiff_spring_is_rejected(cable: float) -> None:
+    time_s, angle = Trials(np.random.default_rng(3), 1, cable=cable).swung(14.0)
+    fit = fit_swing(find_swing(time_s, encoded(angle[:, 0], np.random.default_rng(5))))
+
+    assert not fit.accepted
+    assert "swing-spring-stiff" in {finding.code for finding in fit.findings if finding.severity == "rejection"}
+
+
+@pytest.mark.parametrize("scale", [0.5, 1.03, 2.1])
+def test_an_angle_in_a_wrong_unit_is_no_spring(scale: float) -> None:
+    time_s, angle, frequency = one_swing()
+    try:
+        fit = fit_swing(find_swing(time_s, scale * encoded(angle, np.random.default_rng(5))))
+    except FitError:
+        return
+    error = fit.coefficients.natural_frequency_squared_s2 / frequency - 1
+
+    assert not fit.accepted or abs(error) < 0.001
 
 
 @pytest.mark.slow
