@@ -27,7 +27,7 @@ from cfid.records.result import Result
 from cfid.records.run import Run, list_runs, read_run
 from cfid.rig.check import DeviceAnswer
 
-COLUMNS = 80
+COLUMNS, MARK = 80, "that was all"
 LONG = "the waveform differs from a pendulum's by 2.4 % of the release angle (limit 0.16 %): a cable. " * 3
 
 
@@ -43,9 +43,11 @@ class Screen:
         """Return the lines that a function prints."""
         with contextlib.redirect_stdout(self.file):
             of()
-        self.file.flush()
-        os.set_blocking(self._master, False)
-        return os.read(self._master, 100_000).decode().splitlines()
+        print(MARK, file=self.file, flush=True)
+        read = b""
+        while MARK.encode() not in read:  # a terminal hands on what was written in pieces
+            read += os.read(self._master, 100_000)
+        return read.decode().splitlines()[:-1]
 
     def close(self) -> None:
         self.file.close()
