@@ -54,7 +54,7 @@ class LiveLine:
         if self._terminal is None or now_s < self._next_s or not self._screen.idle:
             return
         self._next_s = now_s + _EVERY_S
-        self._replace(line_of(recorder, task=self._task, question=self._question))
+        self._replace(fitting(line_of(recorder, task=self._task, question=self._question), self._columns()))
 
     def say(self, text: str) -> None:
         """Print a note above the line."""
@@ -75,16 +75,32 @@ class LiveLine:
         """Overwrite the line."""
         if self._terminal is None:
             return
-        try:
-            text = text[: max(os.get_terminal_size(self._terminal).columns - 1, 0)]
-        except OSError:  # it was closed
-            return
+        text = text[: self._columns()]
         self._screen.write("\r" + text.ljust(self._length) + ("" if text else "\r"))
         self._length = len(text)
 
+    def _columns(self) -> int:
+        """Return how long the line may be, 0 where the terminal was closed."""
+        try:
+            return 0 if self._terminal is None else max(os.get_terminal_size(self._terminal).columns - 1, 0)
+        except OSError:
+            return 0
 
-def line_of(recorder: "Recorder", *, task: str = "", question: str = "") -> str:
-    """Return the line: the most important first, since the end of a long one is cut.
+
+def fitting(parts: Sequence[str], columns: int) -> str:
+    """Return as many whole parts as a line has room for, the last of them without what it has in parentheses."""
+    line = ""
+    for part in parts:
+        longer = f"{line}  {part}" if line else part
+        if len(longer) > columns:
+            shorter = longer.rpartition(" (")[0]
+            return shorter if len(line) < len(shorter) <= columns else line or longer[:columns]
+        line = longer
+    return line
+
+
+def line_of(recorder: "Recorder", *, task: str = "", question: str = "") -> list[str]:
+    """Return the line's parts: the most important first, since the end of a long one is left out.
 
     What is read, as an angle, and the losses and rates are those of the devices that show something.
     """
@@ -96,7 +112,7 @@ def line_of(recorder: "Recorder", *, task: str = "", question: str = "") -> str:
     rates = "+".join(f"{own.rate_hz:.0f}" for own in shown if own.rate_hz >= _SLOWEST_HZ)
     parts = [_time_text(recorder), *read, *states, f"{lost} LOST" if lost else "0 lost", f"{rates} Hz" if rates else ""]
     trace = sparkline(list(shown[0].trace)) if shown else ""
-    return "  ".join(filter(None, [question, *parts, task, trace]))
+    return [part for part in (question, *parts, task, trace) if part]
 
 
 def sparkline(values: Sequence[float]) -> str:
@@ -113,5 +129,5 @@ def _time_text(recorder: "Recorder") -> str:
     """Return the time that is left, else that which has passed."""
     left = recorder.for_s is not None
     seconds = max(recorder.for_s - recorder.seconds, 0.0) if recorder.for_s is not None else recorder.seconds
-    shown = f"{seconds:.1f} s" if seconds < _MINUTES_FROM_S else f"{clock(seconds)} min"
-    return f"{shown:>9}{' left' * left}"
+    shown = f"{seconds:.1f} s" if seconds < _MINUTES_FROM_S else clock(seconds)
+    return f"{shown:>6}{' left' * left}"

@@ -50,8 +50,9 @@ def _losses(run: "Run") -> str:
 
 
 def verdict_line(run: "Run") -> str:
-    """Return what a recording is good for, "" where it was not judged."""
+    """Return what a recording is good for; "" where nothing judges it."""
     verdict = run.header.verdict
     if verdict is None:
-        return ""
+        cut = run.header.state == "interrupted"
+        return "not judged, since it was ended early: fits leave it out unless it is resumed or named." if cut else ""
     return f"good: {verdict.text}" if verdict.usable else f"NOT USABLE: {verdict.text} Record it again."

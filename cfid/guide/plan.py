@@ -122,12 +122,12 @@ def _thrust() -> Task:
 
 
 def _torque() -> Task:
-    torques = Aim(key="motor.torque_poly")
+    torques = Aim(key="motor.torque_poly", purpose="yaw in a simulator")
     return Task(section="torque", recordings=(_staircase("thrust"),), fit=("fit", "torque"), aims=(torques,))
 
 
 def _speed() -> Task:
-    speeds = Aim(key="motor.speed_poly")
+    speeds = Aim(key="motor.speed_poly", purpose="rotors in a simulator")
     return Task(section="speed", recordings=(_staircase("speed"),), fit=("fit", "speed"), aims=(speeds,))
 
 

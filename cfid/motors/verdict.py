@@ -14,14 +14,17 @@ _SHARE = 0.5  # of the steps that must be there
 
 def of_forces(run: Run) -> str:
     """Say how many steps of a load cell's staircase are steady. Raises DataError or FitError where few are."""
-    steps = len(StaircasePlan.of_run(run).steps)
+    steps = sum(command > 0 for command in StaircasePlan.of_run(run).steps)  # at 0 it is the tare
     record = read_wrench(run.folder, WrenchReading())
-    axis, points = record.main_axis, reduce_run(record).reduced.steady()
+    axis, reduced = record.main_axis, reduce_run(record).reduced
+    points = reduced.steady()
+    left_out = [f"command {point.command} is not: {point.reason}" for point in reduced.points if not point.settled]
     if len(points) < _SHARE * steps:
         raise FitError(f"only {len(points)} of {steps} steps are steady: hold them longer, or let the rig settle.")
     unit = "mN" if axis.startswith("F") else "mNm"
     least, most = (1e3 * float(end(point.mean[AXES.index(axis)] for point in points)) for end in (min, max))
-    return f"{len(points)} of {steps} steps are steady, {axis} from {least:.0f} to {most:.0f} {unit}."
+    found = f"{len(points)} of {steps} steps are steady, {axis} from {least:.0f} to {most:.0f} {unit}"
+    return "; ".join([found, *left_out[:1]]) + "."
 
 
 def of_readings(run: Run) -> str:

@@ -18,7 +18,7 @@ def degrees(counts_per_turn: float | str, encoder: Progress) -> str:
 
 def vertical_force(counts_per_n: float, cell: Progress) -> str:
     """Return a load cell's vertical force, above its tare where there is one."""
-    return f"Fz {1e3 * _above_tare(cell, 2) / counts_per_n:5.0f} mN"
+    return f"Fz {1e3 * _above_tare(cell, 2) / counts_per_n:4.0f} mN"
 
 
 def first_force(name: str, cell: Progress) -> str:

@@ -90,6 +90,7 @@ def test_a_run_that_was_cut_is_not_judged(bodies: Path) -> None:
     cut = Run(folder=run.folder, header=run.header.model_copy(update={"state": "interrupted"}))
 
     assert judged(cut, cfid.swing.verdict.verdict).header.verdict is None
+    assert verdict_line(cut) == "not judged, since it was ended early: fits leave it out unless it is resumed or named."
 
 
 def test_a_verdict_that_cannot_be_kept_costs_no_recording(bodies: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cfid.console.live import line_of
+from cfid.console.live import fitting, line_of
 from cfid.rig.recorder import Block, Progress, Recorder
 from cfid.rig.shown import degrees, vertical_force, volts
 
@@ -41,7 +41,7 @@ def recorder_of(**readings: Callable[[Progress], str] | None) -> tuple[Any, Stop
     return recorder, loop
 
 
-def staircase(left_s: float = 823.4) -> Any:
+def staircase(left_s: float = 823.4, state: str = "ready") -> Any:
     """Return a recorder of a staircase: a load cell with an offset of 5 N, a battery, commands and a state."""
     recorder, loop = recorder_of(
         commands=None, loadcell=partial(vertical_force, 1e6), supervisor=None, crazyflie=partial(volts, 1)
@@ -57,7 +57,7 @@ def staircase(left_s: float = 823.4) -> Any:
             columns = [np.zeros(count), *(np.full(count, value) for value in values)]
             lost = 7 if name == "loadcell" and block == 20 else 0
             recorder.progress[name].add(
-                Block(columns, lost, status="deck fault" if name == "supervisor" else ""),
+                Block(columns, lost, status=state if name == "supervisor" else ""),
                 loop.now_s,
                 at_rest=at_rest,
             )
@@ -65,33 +65,42 @@ def staircase(left_s: float = 823.4) -> Any:
     return recorder
 
 
-def test_time_left_force_battery_state_losses_and_rate_fit_80_columns() -> None:
-    line = line_of(staircase(), task="command 20000 (9 of 33)")
+def test_time_left_force_battery_state_losses_rate_and_command_fit_80_columns() -> None:
+    parts = line_of(staircase(state="flying"), task="command 20000 (9 of 33)")
 
-    assert line[: COLUMNS - 1].startswith(
-        "13:43 min left  Fz   123 mN  3.92 V  deck fault  7 LOST  7000+100 Hz  comman"
-    )
+    line = fitting(parts, COLUMNS - 1)
+    assert line == " 13:43 left  Fz  123 mN  3.92 V  flying  7 LOST  7000+100 Hz  command 20000"
+
+
+def test_what_does_not_fit_is_left_out_and_not_cut() -> None:
+    parts = line_of(staircase(state="deck fault, unconfirmed"), task="command 20000 (9 of 33)")
+
+    assert fitting(parts, COLUMNS - 1).endswith("  7000+100 Hz")
+    assert fitting(parts, 100).endswith("  command 20000")
+    assert fitting(parts, 200) == "  ".join(parts)
+    assert len(fitting(["a question (with some words) that no terminal has room for"], 20)) <= 20
+    assert fitting(parts, 0) == ""
 
 
 def test_the_force_is_shown_above_its_tare() -> None:
-    assert "Fz   123 mN" in line_of(staircase())
+    assert "Fz  123 mN" in line_of(staircase())
 
 
 def test_a_question_and_what_is_typed_come_before_all_else() -> None:
     line = line_of(staircase(), question="RPM at command 20000 (u undoes 11800) > 12")
 
-    assert line.startswith("RPM at command 20000 (u undoes 11800) > 12  13:43 min left")
+    assert line[:2] == ["RPM at command 20000 (u undoes 11800) > 12", " 13:43 left"]
 
 
 @pytest.mark.parametrize(
-    ("for_s", "now_s", "shown"), [(20.0, 2.5, "17.5 s left"), (None, 2.5, "2.5 s"), (5.0, 9.0, "0.0 s left")]
+    ("for_s", "now_s", "shown"), [(20.0, 2.5, "17.5 s left"), (None, 2.5, " 2.5 s"), (5.0, 9.0, " 0.0 s left")]
 )
 def test_time_counts_down_where_the_end_is_known(for_s: float | None, now_s: float, shown: str) -> None:
     recorder, loop = recorder_of(encoder=partial(degrees, 360))
     recorder.for_s = for_s
     loop.now_s = now_s
 
-    assert line_of(recorder).strip() == f"{shown}  0 lost"
+    assert line_of(recorder) == [shown, "0 lost"]
 
 
 def test_an_angle_is_that_of_the_latest_row() -> None:
