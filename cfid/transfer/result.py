@@ -9,7 +9,7 @@ import numpy as np
 
 from cfid.errors import CfidError
 from cfid.estimate.common_causes import arm_scales, force_scales, power_law, with_common_causes
-from cfid.findings import Finding, rejection, warning
+from cfid.findings import Finding, note, rejection, warning
 from cfid.records.covariances import Covariance, covariance_between
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Figures, Result
@@ -135,14 +135,14 @@ def _findings(found: Identified, joint: Quantities, each: Mapping[str, Quantitie
 
 
 def _negative_delay(delay: Delay) -> list[Finding]:
-    """Return a warning where the force comes before its command as stamped, beyond what noise explains."""
+    """Return a note where the force comes before its command as stamped, beyond what noise explains."""
     if delay.delay_s >= -COVERAGE_95 * delay.std_s:
         return []
     text = (
         f"the force comes {-1e3 * delay.delay_s:.2f} +- {1e3 * delay.std_s:.2g} ms before its command as stamped: "
         "reports of commands arrive by radio, later than these act. It belongs to the link, not to the motor."
     )
-    return [warning("transfer-delay-negative", text, "tf.delay_s")]
+    return [note("transfer-delay-negative", text, "tf.delay_s")]
 
 
 def _of_thesis(found: ThesisFits, sines: SineSet, comparison: Comparison) -> Result:

@@ -31,3 +31,9 @@ def test_rows_take_turns_until_each_has_its_fits() -> None:
     names = [row.name for row in ROWS if row.name.startswith("speed map")]
 
     assert found == [(name, seeds) for seeds in (range(20), range(20, 30)) for name in names]
+
+
+def test_steps_whose_lags_are_noise_are_refused_by_a_sentence() -> None:
+    wandering = next(place for place, row in enumerate(ROWS) if row.name == "steps: speed wanders")
+
+    assert measure(wandering, 91)["rejected"]

@@ -167,10 +167,10 @@ def test_a_published_function_is_compared_by_its_gain_and_time_constant() -> Non
 
 
 @pytest.mark.parametrize(("delay_ms", "told"), [(-27.0, True), (-1.0, False), (0.5, False), (27.0, False)])
-def test_a_delay_is_warned_of_where_it_is_surely_negative(delay_ms: float, told: bool) -> None:
+def test_a_delay_is_explained_where_it_is_surely_negative(delay_ms: float, told: bool) -> None:
     found = _negative_delay(Delay(1e-3 * delay_ms, 0.9e-3, 0.0, 0.2e-3))
 
-    assert [one.code for one in found] == ["transfer-delay-negative"] * told
+    assert [(one.code, one.severity) for one in found] == [("transfer-delay-negative", "note")] * told
     assert not told or "the force comes 27.00 +- 0.9 ms before its command" in found[0].text
 
 

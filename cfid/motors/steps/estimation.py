@@ -268,7 +268,8 @@ def _start(lags: Sequence[StepFit]) -> Array:
     for way in (True, False):
         own = [lag for lag in lags if lag.rising == way] or lags
         rows = np.array([[1.0, (lag.from_rad_per_s + 3 * lag.to_rad_per_s) / 2] for lag in own])
-        start += (0.9 * nnls(rows, [1 / lag.time_constant_s for lag in own])[0] + 0.1 / rows.mean(axis=0)).tolist()
+        usual = np.abs(rows).mean(axis=0)  # a noisy step may end below 0
+        start += (0.9 * nnls(rows, [1 / lag.time_constant_s for lag in own])[0] + 0.1 / usual).tolist()
     return np.array(start + [level for lag in lags for level in (lag.from_rad_per_s, lag.to_rad_per_s)])
 
 
