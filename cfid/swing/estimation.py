@@ -56,7 +56,7 @@ _DAMPING = Coefficients._fields[1:4]
 _ECCENTRIC_RAD = 0.05  # more is no eccentricity of a disc
 _TRIED_ECCENTRIC = 2  # of the choices of damping, the best
 _SHOWN_STD = 3.0  # of a spring that is tried beside the others
-_STIFFEST = 0.1  # spring over gravity: an angle in a wrong unit resembles a stiffer one
+_STIFFEST = 1.0  # spring over gravity: an angle in a wrong unit resembles a stiffer one
 _CLEARLY_BETTER = 0.95  # of the sum of squares
 _VARIES_STD = 4.0  # of a probe of dry friction: sound swings stay below
 _VARIES_USUALLY = 0.25  # of the Coulomb friction, over the angle: a bearing that nobody measured
@@ -124,8 +124,9 @@ def fit_swing(swing: FreeSwing) -> SwingFit:
     likeliest = [fit for _, fit in _ranked(physical)[:_TRIED_ECCENTRIC]]
     if swing.rate_rad_per_s is None:
         eccentric = [_refit(fit, time, reading, (*chosen_terms(fit), ECCENTRICITY)) for fit in likeliest]
-        physical += [fit for fit in eccentric if _acceptable(fit)]
-        if any(_sprung(swing, fit, rounds=1) for fit in (*likeliest, *eccentric)):
+        sound = [fit for fit in eccentric if _acceptable(fit)]
+        physical += sound
+        if any(_sprung(swing, fit, rounds=1) for fit in (*likeliest, *sound)):
             physical += [one for fit in physical for one in _sprung(swing, fit)]
     ranked = _ranked(physical)
     return _judged(swing, ranked, _unfinished(ranked[0][1], candidates), scale)
@@ -153,9 +154,9 @@ def _sprung(swing: FreeSwing, fit: OutputError, rounds: int = 3) -> list[OutputE
     for _ in range(rounds):
         size, std, moved = spring_beside(swing, fit)
         setup = fit.setup._replace(spring_per_s2=fit.setup.spring_per_s2 + size)
-        if setup.spring_per_s2 < _SHOWN_STD * std:
-            return []
         frequency = fit.coefficients.natural_frequency_squared_s2 + moved
+        if not _SHOWN_STD * std <= setup.spring_per_s2 < _STIFFEST * frequency:
+            return []
         start = replace(
             fit, setup=setup, coefficients=fit.coefficients._replace(natural_frequency_squared_s2=frequency)
         )

@@ -122,6 +122,7 @@ def first_guess(time_s: Array, angle_rad: Array, *, start_s: float, step_s: floa
     return coefficients, Trajectory(start_s, step_s, angle, speed)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of a step that runs away, which ends the fit
 def fit_output_error(
     time_s: Array,
     reading_rad: Array,
@@ -154,13 +155,13 @@ def fit_output_error(
         iteration += 1
         try:
             columns = linearised(state, begin, step, Coefficients(*values), chosen, forces=setup.forces)
+            seen = sampler @ state
+            error = reading_rad - _read(seen, offsets)
+            sampled = _read_derivatives(seen, sampler @ columns, offsets, free=extra > 0)
+            jacobian = sampled[:, 1:]
+            change, moved_rad = _gauss_newton(jacobian, error - sampled[:, 0])
         except np.linalg.LinAlgError:
             break
-        seen = sampler @ state
-        error = reading_rad - _read(seen, offsets)
-        sampled = _read_derivatives(seen, sampler @ columns, offsets, free=extra > 0)
-        jacobian = sampled[:, 1:]
-        change, moved_rad = _gauss_newton(jacobian, error - sampled[:, 0])
         moved = columns[:, 0] + columns[:, 1:] @ np.concatenate([change[: len(chosen)], change[-2:]])
         if not np.max(np.abs(moved[::2])) < _RUNAWAY_RAD:
             break

@@ -17,7 +17,8 @@ import pandas as pd  # half of the start-up time of a fit, and not needed to ref
 
 from cfid.errors import DataError
 from cfid.large import joined
-from cfid.records.tables.head import COMMENT, POINTS, head_of
+from cfid.records.tables.fields import Places, evenly_filled, fields_of_lines, without_comments
+from cfid.records.tables.head import POINTS, head_of
 from cfid.records.tables.text import (
     NUMBER,
     fields_of,
@@ -30,9 +31,7 @@ from cfid.records.tables.text import (
 )
 
 Array = npt.NDArray[np.float64]
-Places = npt.NDArray[np.intp]
 
-_SPACE = 32
 _TRUTHS = (b"rue", b"RUE", b"alse", b"ALSE")
 _REPAIR = "Repair or cut that line."
 _CLOCK_TIME = re.compile(r"\d:\d\d|\d{4}-\d\d-\d\d")
@@ -124,7 +123,7 @@ class CsvTable:
         return chain([next(blocks, self)], blocks)
 
     def _blanked(self, rows: Places) -> "CsvTable":
-        fields, ends = self._fields_of_lines()
+        fields, ends = fields_of_lines(self._body, self._separator)
         starts = np.concatenate([[0], ends[:-1] + 1])
         body, lines = bytearray(self._body), np.flatnonzero(fields)[rows]
         for start, end in zip(starts[lines].tolist(), ends[lines].tolist(), strict=True):
@@ -157,7 +156,7 @@ class CsvTable:
         Only the first block of a large file has a header.
         """
         text, cut = whole_lines(content)
-        body, first_line = _without_comments(text), self._first_line + self._body.count(b"\n")
+        body, first_line = without_comments(text), self._first_line + self._body.count(b"\n")
         shown = self.decimal == "," or b"." in self._body  # whole numbers show no decimal sign
         decimal = self.decimal if shown else _decimal(body, self._separator)
         return replace(self, cut=cut, decimal=decimal, following=None, _body=body, _first_line=first_line)
@@ -178,13 +177,13 @@ class CsvTable:
         """Return the line of the file, counted from 1, that holds a row, counted from 0."""
         for block in self.blocks():
             if row < block._count:
-                return block._first_line + int(np.flatnonzero(block._fields_of_lines()[0])[row])
+                return block._first_line + int(np.flatnonzero(fields_of_lines(block._body, block._separator)[0])[row])
             row -= block._count
         raise IndexError(row)
 
     @property
     def _count(self) -> int:
-        return int(np.count_nonzero(self._fields_of_lines()[0]))
+        return int(np.count_nonzero(fields_of_lines(self._body, self._separator)[0]))
 
     def _rows(self) -> bytes | None:
         """Return the body without quotes and blank lines; None when some row has too many or too few fields.
@@ -195,9 +194,9 @@ class CsvTable:
         if b"\0" in self._body:
             return None
         table = self._unquoted() if b'"' in self._body else self
-        if table._is_even():
+        if evenly_filled(table._body, table._separator, len(table.names)):
             return table._body
-        fields, ends = table._fields_of_lines()
+        fields, ends = fields_of_lines(table._body, table._separator)
         filled = fields > 0
         if np.any(fields[filled] != len(self.names)):
             return None
@@ -243,32 +242,6 @@ class CsvTable:
                 lines[i] = between.join(field.replace(between, "?") for field in fields_of(line, self._separator))
         return replace(self, _body="\n".join(lines).encode("latin-1"))
 
-    def _is_even(self) -> bool:
-        """Return whether every line has the right number of separators and none is blank; fast."""
-        if self._separator not in (",", ";") or len(self.names) < 2:
-            return False
-        body = np.frombuffer(self._body, np.uint8)
-        ends, separators = (np.flatnonzero(body == ord(sign)) for sign in ("\n", self._separator))
-        if len(separators) != len(ends) * (len(self.names) - 1):
-            return False
-        of_lines = separators.reshape(len(ends), -1)
-        return bool(np.all(of_lines[:, -1] < ends) and np.all(of_lines[1:, 0] > ends[:-1]))
-
-    def _fields_of_lines(self) -> tuple[Places, Places]:
-        """Return for every line of the body its number of fields, 0 where it is blank, and where it ends."""
-        body = np.frombuffer(self._body, np.uint8)
-        ends = np.flatnonzero(body == ord("\n"))
-        if self._separator is None:
-            begins = body > _SPACE
-            begins[1:] &= body[:-1] <= _SPACE
-            return np.diff(np.searchsorted(np.flatnonzero(begins), ends), prepend=0), ends
-        separators = np.flatnonzero(body == ord(self._separator))
-        fields = np.diff(np.searchsorted(separators, ends), prepend=0) + 1
-        starts = np.concatenate([[0], ends[:-1] + 1])
-        if np.any(body[starts] <= _SPACE):
-            fields[~np.logical_or.reduceat(body > _SPACE, starts)] = 0
-        return fields, ends
-
     def _check_lines(self, places: Sequence[int]) -> None:
         """Check every line by itself; slow."""
         for line in filled_lines(self._body):
@@ -309,7 +282,7 @@ def table_in(path: Path, content: bytes, *, sha256: str, skip_lines: int = 0) ->
     if not text or text.isspace():
         raise DataError(f"{path}: its only line has no end: the recording was cut before its first row.")
     head = head_of(path, text, skip_lines=skip_lines)
-    body = _without_comments(text[head.row.begin :])
+    body = without_comments(text[head.row.begin :])
     return CsvTable(
         path=path,
         sha256=sha256,
@@ -326,10 +299,3 @@ def table_in(path: Path, content: bytes, *, sha256: str, skip_lines: int = 0) ->
 
 def _decimal(body: bytes, separator: str | None) -> str:
     return "," if has_decimal_commas(body, separator) else "."
-
-
-def _without_comments(body: bytes) -> bytes:
-    """Return the body with its comments blanked out, so that lines keep their numbers."""
-    if not any(sign in body for sign in (b"#", b"%", b"/")):  # one letter is searched for much faster than `//`
-        return body
-    return re.sub(rf"(?m)^{COMMENT}[^\n]*".encode(), lambda found: b" " * len(found.group()), body)
