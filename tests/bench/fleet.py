@@ -110,7 +110,7 @@ def on_cluster(folder: Path, out: Path) -> float:
     """Refit on a cluster of two workers, of which one is killed when a third is done; return the seconds."""
     from distributed import LocalCluster
 
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster:
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as cluster:
         victim = cluster.workers[0].pid
 
         def kill() -> None:

@@ -242,7 +242,7 @@ def test_several_processes_find_the_same(cfid: Cfid, tmp_path: Path) -> None:
 def test_a_cluster_finds_the_same(cfid: Cfid, tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'cfid[fleet]'")
     folders = [campaign(tmp_path / f"c{day}", day, 0.028 + 1e-6 * day) for day in range(3)]
-    with distributed.LocalCluster(n_workers=2, processes=True, dashboard_address=None) as cluster:
+    with distributed.LocalCluster(n_workers=2, processes=True, dashboard_address=":0") as cluster:
         found = compared(cfid, *folders, "--scheduler", cluster.scheduler_address)
 
     assert found == compared(cfid, *folders)

@@ -126,7 +126,7 @@ def test_a_cluster_finds_the_same_to_the_last_bit(cfid: Cfid, campaigns: Path, t
     dask = pytest.importorskip("dask", reason="Dask is not installed: pip install 'cfid[fleet]'")
     distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'cfid[fleet]'")
     patient = dask.config.set({"distributed.comm.timeouts.connect": "120s"})  # a busy machine starts workers slowly
-    with patient, distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
+    with patient, distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0") as cluster:
         ended = cfid(
             "fleet", "fit", campaigns / "c*", "--out", tmp_path / "out", "--scheduler", cluster.scheduler_address
         )

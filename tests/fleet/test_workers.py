@@ -50,7 +50,7 @@ def test_what_a_clusters_worker_that_died_had_is_done_by_another(tmp_path: Path)
     distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'cfid[fleet]'")
     tasks = [str(tmp_path / name) for name in ("a", "b")]
     with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+        n_workers=1, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50
     ) as cluster:
         found = dict(on_cluster(die_once, tasks, cluster.scheduler_address))
 
