@@ -4,7 +4,7 @@ The model is eq. 2.9 of the thesis with its sine kept and two damping terms adde
 
     phi'' = -W sin(phi - zero) - c phi' - s sgn(phi') - q phi' |phi'|,
 
-W = m g r / I_a and c, s, q the damping divided by I_a. An encoder whose disc is eccentric reads
+W = m g r / I_a and c, s, q the damping divided by I_a; a cable that pulls as a spring adds -k (phi - zero).
 phi + a sin phi + b (cos phi - 1), the first harmonic of its error about rest. A gyro reads phi' and a constant,
 its bias; as rates do not show where zero is, the vertical is. A body on two threads turns about the vertical by
 
