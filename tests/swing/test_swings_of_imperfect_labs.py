@@ -26,7 +26,9 @@ from cfid.swing.free_swing import find_swing
 
 Array = npt.NDArray[np.float64]
 
+ROW_S = 1e-3
 STEP_S = 5e-4
+FINE_STEP_S = 1e-4  # a jump of dry friction within a coarse step is worth up to 6e-6 of W, an interval's width
 HELD_S = 1.0
 _SLIP_RAD_PER_S = 2e-3  # dry friction turns its sign within this speed
 
@@ -57,13 +59,15 @@ class Trials:
         pull = self.frequency_squared_s2 * (np.sin(angle) + self.cable * angle)
         return np.asarray(-pull - self.viscous * speed - dry - self.quadratic * speed * np.abs(speed))
 
-    def swung(self, duration_s: float) -> tuple[Array, Array]:
+    def swung(self, duration_s: float, step_s: float = STEP_S) -> tuple[Array, Array]:
         """Return times (t,) every millisecond and angles (t, n): at rest, lifted, held, let go."""
-        lift = np.linspace(0, 1, int(HELD_S / STEP_S))
+        lift = np.linspace(0, 1, round(HELD_S / ROW_S))
         kept = list(np.clip(3 * lift - 1, 0, 1)[:, None] * self.release_rad)
-        angle, speed, h = self.release_rad.copy(), np.zeros_like(self.release_rad), STEP_S
-        for _ in range(int((duration_s - HELD_S) / STEP_S)):
-            kept.append(angle)
+        angle, speed, h = self.release_rad.copy(), np.zeros_like(self.release_rad), step_s
+        steps_a_row = round(ROW_S / h)
+        for step in range(round((duration_s - HELD_S) / h)):
+            if step % steps_a_row == 0:
+                kept.append(angle)
             k1 = self.acceleration(angle, speed)
             second = speed + h / 2 * k1
             k2 = self.acceleration(angle + h / 2 * speed, second)
@@ -73,7 +77,7 @@ class Trials:
             k4 = self.acceleration(angle + h * third, fourth)
             angle = angle + h / 6 * (speed + 2 * second + 2 * third + fourth)
             speed = speed + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        return h * np.arange(0.0, len(kept), 2), np.array(kept[::2])
+        return ROW_S * np.arange(len(kept)), np.array(kept)
 
 
 def encoded(angle_rad: Array, rng: np.random.Generator, *, eccentric_rad: float = 0.0) -> Array:
@@ -296,7 +300,7 @@ def test_an_angle_in_a_wrong_unit_is_no_spring(scale: float) -> None:
 def test_the_table_of_imperfect_swings(name: str, imperfect: dict[str, float], eccentric_rad: float) -> None:
     rng = np.random.default_rng(5)
     trials = Trials(rng, 200, **imperfect)
-    time_s, angle = trials.swung(14.0)
+    time_s, angle = trials.swung(14.0, FINE_STEP_S)
     errors, scores, rejected = [], [], 0
     for column, truth in zip(angle.T, trials.frequency_squared_s2, strict=True):
         fit = fit_swing(find_swing(time_s, encoded(column, rng, eccentric_rad=eccentric_rad)))

@@ -127,7 +127,8 @@ def test_a_zoomed_picture_stays_until_it_is_told_to_follow(show: Show) -> None:
     zoomed = page.value(RANGE)
     before = page.value(FACTS)
     page.wait_for(f"{FACTS} !== {before!r}")
-    assert page.value(RANGE) == zoomed
+    # A picture that was overtaken by the zoom is followed by the same axis, one rounding further, so that it is sent.
+    assert page.value(RANGE) == pytest.approx(zoomed, rel=1e-12)
     page.value("[...Bokeh.documents[0]._all_models.values()].find(m => m.type === 'Toggle').active = false")
     page.wait_for(f"{RANGE}[1] > {zoomed[1]} + 1")
     page.close()
