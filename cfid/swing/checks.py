@@ -167,6 +167,18 @@ def spring_finding(fit: OutputError, uncertain_s2: float, unseen_s2: float) -> t
     return (note("swing-spring-unseen", text),)
 
 
+def spring_or_friction_finding(spring: float, moves: float) -> tuple[Finding, ...]:
+    """Warn of a spring, relative to gravity's stiffness, or a friction like it; `moves` W relatively, 0 for none."""
+    if not moves:
+        return ()
+    text = (
+        f"a spring of {_percent(spring)} of gravity's stiffness shows, but dry friction that varies would look alike: "
+        f"{_percent(moves)} of the natural frequency squared depends on which it is, and is added to the uncertainty. "
+        "Free the cable, clean the bearing and swing again."
+    )
+    return (warning("swing-spring-or-friction", text, "swing.*"),)
+
+
 def unfinished_finding(unfinished: OutputError | None, shares: Mapping[str, float]) -> tuple[Finding, ...]:
     """Warn of a better model whose fit did not converge."""
     if unfinished is None:

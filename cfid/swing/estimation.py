@@ -21,6 +21,7 @@ from cfid.swing.checks import (
     judge,
     split_finding,
     spring_finding,
+    spring_or_friction_finding,
     unfinished_finding,
     varying_finding,
 )
@@ -42,6 +43,7 @@ from cfid.swing.uncertainty import (
     moved_by_spring,
     scale_error,
     scatter_of_windows,
+    shows_despite_friction,
     spring_beside,
     standard_uncertainties,
     step_error,
@@ -163,7 +165,7 @@ def _sprung(swing: FreeSwing, fit: OutputError, rounds: int = 3) -> list[OutputE
         fit = _refit(start, swing.hands_off[0], swing.readings_rad, chosen_terms(fit))
         if not _acceptable(fit):
             return []
-    return [fit]
+    return [fit] if shows_despite_friction(swing, fit, least_std=_SHOWN_STD) else []
 
 
 def grid_step(swing: FreeSwing) -> float:
@@ -271,13 +273,15 @@ def _judged(
     if varying is not None and varying is not over_angle:
         shares["friction at low speed"] = abs(varying.moved_s2)
     moved, shares["friction over the angle"] = over_angle.expected(_VARIES_USUALLY * fit.coefficients.coulomb_per_s2)
+    left_spring, left_std, left_moves = spring_beside(swing, fit) if swing.rate_rad_per_s is None else (0.0, 0.0, 0.0)
+    if left_spring > _SHOWN_STD * left_std:
+        shares["spring or friction"] = abs(left_moves)
     if unfinished is not None:
         shares["model that did not converge"] = abs(unfinished.coefficients.natural_frequency_squared_s2 - frequency)
     std[0] = math.hypot(*shares.values())
     per_coefficient = np.zeros(len(fit.free))
     per_coefficient[np.flatnonzero(fit.free)] = std[: sum(fit.free)]
     terms = chosen_terms(fit)
-    unseen = _SHOWN_STD * spring_beside(swing, fit)[1] if swing.rate_rad_per_s is None else 0.0
     quality = judge(fit, swing.hands_off[0], resolution_rad=swing.resolution_rad, drift=drift, drift_std=drift_std)
     return SwingFit(
         output_error=fit,
@@ -298,7 +302,8 @@ def _judged(
             *split_finding(terms, split_bic),
             *hand_finding(swing, fit),
             *eccentricity_finding(fit),
-            *spring_finding(fit, shares["spring"], unseen),
+            *spring_finding(fit, shares["spring"], _SHOWN_STD * left_std),
+            *spring_or_friction_finding(left_spring / frequency, shares.get("spring or friction", 0.0) / frequency),
             *unfinished_finding(unfinished, shares),
             *varying_finding(varying),
         ),

@@ -105,9 +105,11 @@ class FrictionProbe(NamedTuple):
     def expected(self, usual_per_s2: float) -> tuple[float, float]:
         """Return by how much W moves, and the standard uncertainty of that, where sizes are usually so large.
 
-        The record and the usual size, each with its uncertainty, give the expected size.
+        The record and the usual size, each with its uncertainty, give the expected size. A size that the record shows
+        to be more than usual is taken as the usual one.
         """
-        weight = usual_per_s2**2 / (usual_per_s2**2 + self.std_per_s2**2)
+        variance = max(usual_per_s2**2, self.size_per_s2**2 - self.std_per_s2**2)
+        weight = variance / (variance + self.std_per_s2**2)
         return weight * self.moved_s2, math.sqrt(weight) * abs(self.frequency_change) * self.std_per_s2
 
 
@@ -146,6 +148,19 @@ def spring_beside(swing: FreeSwing, fit: OutputError) -> tuple[float, float, flo
     """
     change, std = _beside(fit, fit.jacobian, probed(fit, swing.hands_off[0])[2])
     return float(change[-1]), std, float(change[0])
+
+
+def shows_despite_friction(swing: FreeSwing, fit: OutputError, *, least_std: float) -> bool:
+    """Return whether a fit's spring shows by so many standard uncertainties also beside each probe of dry friction.
+
+    Dry friction that is larger at low speed shortens small swings' period as well.
+    """
+    own, probes, spring = fit.jacobian, *probed(fit, swing.hands_off[0])[1:]
+    for probe in probes.T:
+        change, std = _beside(fit, np.column_stack([own, probe]), spring)
+        if fit.setup.spring_per_s2 + change[-1] < least_std * std:
+            return False
+    return True
 
 
 def moved_by_spring(swing: FreeSwing, fit: OutputError) -> Array:

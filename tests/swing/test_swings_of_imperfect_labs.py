@@ -77,7 +77,7 @@ class Trials:
             k4 = self.acceleration(angle + h * third, fourth)
             angle = angle + h / 6 * (speed + 2 * second + 2 * third + fourth)
             speed = speed + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        return ROW_S * np.arange(len(kept)), np.array(kept)
+        return ROW_S * np.arange(0.0, len(kept)), np.array(kept)
 
 
 def encoded(angle_rad: Array, rng: np.random.Generator, *, eccentric_rad: float = 0.0) -> Array:
@@ -137,6 +137,30 @@ def test_dry_friction_that_varies_with_the_angle_is_named_and_taken_off() -> Non
     # Without it W is off by far more than noise. The interval is wider: a spring resembles such friction.
     assert abs(fit.output_error.coefficients.natural_frequency_squared_s2 - truth) > 3 * fit.budget_s2["noise"]
     assert fit.budget_s2["friction over the angle"] < std
+
+
+def test_friction_over_the_angle_is_taken_off_where_it_leaves_no_coulomb_friction_to_compare_it_with() -> None:
+    trials = Trials(np.random.default_rng(5), 1)
+    trials.coulomb[:] = 0.9
+    trials.ripple = -0.97 * trials.coulomb  # hardly any friction at rest, and more to either side
+    time_s, angle = trials.swung(14.0, FINE_STEP_S)
+    fit = fit_swing(find_swing(time_s, encoded(angle[:, 0], np.random.default_rng(5))))
+    truth = trials.frequency_squared_s2[0]
+
+    assert abs(fit.coefficients.natural_frequency_squared_s2 - truth) < 3 * fit.std.natural_frequency_squared_s2
+    assert fit.output_error.coefficients.coulomb_per_s2 < 0.2 * trials.coulomb[0]
+    assert abs(fit.output_error.coefficients.natural_frequency_squared_s2 - truth) > 3 * fit.budget_s2["noise"]
+
+
+def test_friction_that_is_larger_at_low_speed_is_no_spring() -> None:
+    trials = Trials(np.random.default_rng(5), 2, stribeck=0.5)
+    time_s, angle = trials.swung(14.0, FINE_STEP_S)
+    for column, truth in zip(angle.T, trials.frequency_squared_s2, strict=True):
+        fit = fit_swing(find_swing(time_s, encoded(column, np.random.default_rng(5))))
+
+        assert "swing-spring" not in {finding.code for finding in fit.findings}
+        error = fit.coefficients.natural_frequency_squared_s2 - truth
+        assert abs(error) < 3 * fit.std.natural_frequency_squared_s2
 
 
 @pytest.mark.parametrize("cable", [0.01, 0.003])
