@@ -223,6 +223,8 @@ def _procedure(staircase: StaircasePlan, question: str | None, live: LiveLine, *
     if question is None:
         return lambda there, loop: run_staircase(staircase, there["commands"], loop=loop, tell=live.task)
 
+    live.left(_steps_left(len(staircase.steps)))
+
     async def read(there: Mapping[str, Any], loop: Loop) -> None:
         questions = Questions(loop=loop, tell=live.ask, say=live.tell)
         readings: Readings = there["readings"]
@@ -237,7 +239,6 @@ def _procedure(staircase: StaircasePlan, question: str | None, live: LiveLine, *
             return answer
 
         questions.open()
-        live.left(_steps_left(len(staircase.steps)))
         try:
             if tare:
                 await sleep(loop, staircase.rest_s)
