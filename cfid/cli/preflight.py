@@ -118,7 +118,7 @@ def _look(
         answers[name] += own
     answers["disk"] = [_disk(sum(part.seconds for part in plan), campaign.runs_folder, rate_hz)]
     if crazyflie is not None and balance:
-        answers["rotors"] = _balances(crazyflie, parts[0], vehicle, live)
+        answers["rotors"] = _balances(crazyflie, parts[0], sampled["crazyflie"], vehicle, live)
 
 
 def _plan(experiment: Experiment) -> "list[Held]":
@@ -157,11 +157,15 @@ def _disk(seconds: float, runs_folder: Path, rate_hz: float) -> "DeviceAnswer":
 
 
 def _balances(
-    crazyflie: "ReadyVehicle", loadcell: "Device", vehicle: VehicleOptions, live: Any
+    crazyflie: "ReadyVehicle", loadcell: "Device", at_rest: "Sampled", vehicle: VehicleOptions, live: Any
 ) -> "list[DeviceAnswer]":
-    """Turn each motor at a low command, once the operator confirms it, and judge its propeller."""
+    """Turn each motor at a low command, once the operator confirms it, and judge its propeller.
+
+    The vehicle's log `at_rest` has the battery.
+    """
     from cfid.cli.motors import stopped_line
     from cfid.console.messages import clock, note
+    from cfid.console.preflight import battery
     from cfid.console.vehicle import confirm
     from cfid.errors import CfidError, ConfigError, DeviceError
     from cfid.motors.plan import StaircasePlan
@@ -173,7 +177,10 @@ def _balances(
     idles = bool(crazyflie.limits.idle_thrust)
     groups = [MOTORS] if idles else [(motor,) for motor in MOTORS]
     plans = [StaircasePlan(steps=(_LOW_COMMAND,), motors=motors, hold_s=_HOLD_S, rest_s=_REST_S) for motors in groups]
-    effort = f", {'together' if idles else 'one after the other'}, for {clock(sum(p.duration_s for p in plans))} min"
+    lasts_s = sum(plan.duration_s for plan in plans)
+    lasting = battery(at_rest, [held for plan in plans for held in plan.held]).answer
+    how = "together" if idles else "one after the other"
+    effort = f", {how}, for {clock(lasts_s)} min (nothing is kept on the disk); battery {lasting}"
     try:
         confirm(crazyflie, MOTORS, [_LOW_COMMAND], yes=vehicle.yes, effort=effort)
     except ConfigError as error:
@@ -187,7 +194,8 @@ def _balances(
     try:
         sampled = sample(
             [crazyflie.commands(), loadcell, *crazyflie.watch()],
-            for_s=0.0,
+            for_s=lasts_s,
+            tare_s=_REST_S,
             procedure=turn,
             show=live.show,
             stopped=stopped_s.append,

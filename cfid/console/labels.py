@@ -14,6 +14,22 @@ if TYPE_CHECKING:
 LABEL = "What is recorded"
 
 
+def _checked(note: str | None) -> str | None:
+    """Return the note of a run to be recorded. Raises ConfigError as `cfid runs note` does."""
+    from cfid.records.lab_book import check
+
+    check(note or "")
+    return note
+
+
+Note = Annotated[
+    str | None,
+    typer.Option(
+        help="A note, kept with the run; key=value enters the lab book.", callback=_checked, rich_help_panel=LABEL
+    ),
+]
+
+
 @dataclass(frozen=True, kw_only=True)
 class LabelOptions:
     """The operator's label of the run."""
@@ -28,7 +44,7 @@ class LabelOptions:
         Literal["crazyflie", "testbody", "fixture"] | None,
         typer.Option(help="What swings; default with --axis: crazyflie.", rich_help_panel=LABEL),
     ] = None
-    note: Annotated[str | None, typer.Option(help="A note, kept with the run.", rich_help_panel=LABEL)] = None
+    note: Note = None
 
     @property
     def kind_of_angles(self) -> str:

@@ -30,7 +30,7 @@ class LiveLine:
         self._terminal = None if file is None or not os.isatty(file) or os.environ.get("TERM") == "dumb" else file
         self._next_s = 0.0
         self._length = 0
-        self._task = self._question = ""
+        self._task = self._question = self._left = ""
         self._quiet = quiet
 
     def ring(self) -> None:
@@ -43,8 +43,12 @@ class LiveLine:
         self._task, self._question = text, ""
         self._next_s = 0.0
 
+    def left(self, text: str) -> None:
+        """Show what is left in place of the time, where nobody knows how long it takes."""
+        self._left = text
+
     def ask(self, text: str) -> None:
-        """Show a question and what is typed of its answer at the start of the line, until the next task."""
+        """Show a question and what is typed of its answer behind what is left, until the next task."""
         self._question = text
         self._next_s = 0.0
 
@@ -54,7 +58,8 @@ class LiveLine:
         if self._terminal is None or now_s < self._next_s or not self._screen.idle:
             return
         self._next_s = now_s + _EVERY_S
-        self._replace(fitting(line_of(recorder, task=self._task, question=self._question), self._columns()))
+        parts = line_of(recorder, task=self._task, question=self._question, left=self._left)
+        self._replace(fitting(parts, self._columns()))
 
     def say(self, text: str) -> None:
         """Print a note above the line."""
@@ -99,20 +104,22 @@ def fitting(parts: Sequence[str], columns: int) -> str:
     return line
 
 
-def line_of(recorder: "Recorder", *, task: str = "", question: str = "") -> list[str]:
+def line_of(recorder: "Recorder", *, task: str = "", question: str = "", left: str = "") -> list[str]:
     """Return the line's parts: the most important first, since the end of a long one is left out.
 
-    What is read, as an angle, and the losses and rates are those of the devices that show something.
+    A question is one part with what is left, by default the time: both stay on a narrow line. What is read, as an
+    angle, and the losses and rates are those of the devices that show something.
     """
     every = list(recorder.progress.values())
     shown = [own for own in every if own.reading is not None] or every
-    read = [own.reading(own) for own in shown if own.reading is not None and own.latest]
+    read = [own.reading.of(own) for own in shown if own.reading is not None and own.latest]
     states = [own.status for own in every if own.status]
     lost = sum(own.lost for own in every)
     rates = "+".join(f"{own.rate_hz:.0f}" for own in shown if own.rate_hz >= _SLOWEST_HZ)
-    parts = [_time_text(recorder), *read, *states, f"{lost} LOST" if lost else "0 lost", f"{rates} Hz" if rates else ""]
+    first = "  ".join(filter(None, [left or _time_text(recorder), question]))
+    parts = [first, *read, *states, f"{lost} LOST" if lost else "0 lost", f"{rates} Hz" if rates else ""]
     trace = sparkline(list(shown[0].trace)) if shown else ""
-    return [part for part in (question, *parts, task, trace) if part]
+    return [part for part in (*parts, task, trace) if part]
 
 
 def sparkline(values: Sequence[float]) -> str:

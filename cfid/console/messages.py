@@ -53,10 +53,10 @@ def result(text: str) -> None:
             note(text)
 
 
-def fitted(text: str, *, indent: int = 0) -> str:
-    """Return a line for stdout: in a terminal wrapped at its width, with further lines indented, else as it is."""
+def fitted(text: str, *, indent: int = 0, err: bool = False) -> str:
+    """Return a line for stdout or stderr: wrapped at a terminal's width, further lines indented, else as it is."""
     try:
-        columns = os.get_terminal_size(sys.stdout.fileno()).columns
+        columns = os.get_terminal_size((sys.stderr if err else sys.stdout).fileno()).columns
     except (AttributeError, OSError, ValueError):
         return text
     if not columns:

@@ -21,6 +21,7 @@ from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
 Array = npt.NDArray[np.float64]
 
 QUICK_S = 1.0  # of signals before each recording with motors
+NOT_READ = "; battery not read"  # without them
 
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 
@@ -71,7 +72,7 @@ def of_loadcell(record: DeviceRecord, sampled: Sampled, *, calm: bool = True) ->
     ]
 
 
-_WITHIN_NOISE = ", no more than noise"
+_CALMER = "mend the noise first, or look for longer (--for)"
 _QUIETER = "look for vibration, a draught, or a cable that touches the vehicle; check the cell's shield"
 _WARMER = "let the cell warm up for half an hour, and keep draughts and hands away"
 _EARTHED = "earth the rig, and move mains adapters, fans and pumps away from it"
@@ -95,10 +96,16 @@ def _six(
 ) -> DeviceAnswer:
     """Judge one number of each axis, in mN and mNm: the `sure` part of it, where noise explains the rest."""
     most = "" if limits is None else _in_milli(limits)
-    within = limits is None or bool(np.all((values if sure is None else sure) <= limits))
-    if sure is not None and not np.any(sure):
-        more = _WITHIN_NOISE
+    sure = values if sure is None else sure
+    within = True if limits is None else _within(values, sure, limits)
     return _answer(line, _in_milli(values) + more, advice, limit=most, within=within)
+
+
+def _within(values: Array | float, sure: Array | float, limits: Array | float) -> bool | None:
+    """Return whether values are within limits, None where noise hides it: the `sure` part is, and not the whole."""
+    if np.all(values <= limits):
+        return True
+    return False if np.any(sure > limits) else None
 
 
 def _in_milli(values: Array) -> str:
@@ -126,10 +133,10 @@ def of_encoder(record: DeviceRecord, sampled: Sampled) -> list[DeviceAnswer]:
         ),
         _answer(
             "drift",
-            f"{abs(quality.drift):.2g} degrees{_WITHIN_NOISE * (not _sure_drift(quality))}",
+            f"{abs(quality.drift):.2g} degrees",
             f"{still}; a cable that relaxes turns it",
             limit=f"{_TURNED_DEG:g} degrees",
-            within=_sure_drift(quality) <= _TURNED_DEG,
+            within=_within(abs(quality.drift), _sure_drift(quality), _TURNED_DEG),
         ),
     ]
     if "device_us" not in sampled.columns:
@@ -247,6 +254,9 @@ def judged(
     return answers
 
 
-def _answer(line: str, answer: str, advice: str, *, limit: str, within: bool) -> DeviceAnswer:
+def _answer(line: str, answer: str, advice: str, *, limit: str, within: bool | None) -> DeviceAnswer:
+    """Return a line; one that noise hides (None) is not judged."""
+    if within is None:
+        return DeviceAnswer(line, "warning", f"{answer}, not judged: noise hides it", _CALMER, limit)
     state: State = "ok" if within else "fault"
     return DeviceAnswer(line, state, answer, "" if within else advice, limit)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cfid.console.lists import comma_list
-from cfid.console.messages import note
+from cfid.console.messages import fitted, note
 from cfid.console.recording import refuse_mixture
 from cfid.errors import ConfigError
 
@@ -146,8 +146,8 @@ def confirm(
         return
     which = f"motor {motors[0]}" if len(motors) == 1 else f"motors {', '.join(map(str, motors))}"
     turns = f"{vehicle.uri}: {which} will turn at commands up to {largest}{effort}."
-    question = f"{turns} Is the vehicle fastened and everyone clear? [y/N] "
-    typer.echo(question, nl=False, err=True)
+    question = fitted(f"{turns} Is the vehicle fastened and everyone clear? [y/N]", err=True)
+    typer.echo(f"{question} ", nl=False, err=True)
     answer = typed_line()
     if not answer.endswith("\n"):
         typer.echo(err=True)  # the input ended: the question ends its line

@@ -7,6 +7,7 @@ import typer
 
 from cfid.console.flat import flat
 from cfid.console.inputs import find_recording, open_workplace
+from cfid.console.labels import Note
 from cfid.console.options import Delivery, RigOptions, positive
 from cfid.console.outcome import deliver
 from cfid.console.recording import DryRun, KeepOptions, rehearse, rig_of
@@ -53,7 +54,7 @@ def ping(
     yes: Unasked = False,
     keep: KeepOptions,
     dry_run: DryRun = False,
-    note: Annotated[str | None, typer.Option(help="Circumstances, kept with the run.")] = None,
+    note: Note = None,
 ) -> None:
     """Measure round trips to the vehicle: mean, standard deviation, least, histogram (table 3.2). No motor turns.
 

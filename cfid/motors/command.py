@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from cfid.console.flat import flat
+from cfid.console.labels import Note
 from cfid.console.messages import clock
 from cfid.console.options import positive
 from cfid.console.recording import KeepOptions, ResumeOptions, rig_of
@@ -64,9 +65,6 @@ class StaircaseOptions:
         hold_s = hold_s if self.hold is None else positive(self.hold, "--hold")
         rest_s = rest_s if self.rest is None else positive(self.rest, "--rest")
         return StaircasePlan(steps=steps, motors=motors, hold_s=hold_s, rest_s=rest_s)
-
-
-Note = Annotated[str | None, typer.Option(help="A note, kept with the run.")]
 
 
 @flat

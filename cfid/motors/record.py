@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from cfid.console.live import LiveLine
-from cfid.console.preflight import quick
+from cfid.console.preflight import NOT_READ, quick
 from cfid.console.recording import Found, KeepOptions, Rig, effort_of, nothing_found, record
 from cfid.console.vehicle import ExperimentOptions, confirm, reach, refuse
 from cfid.console.verdicts import Judge
@@ -60,8 +60,8 @@ def record_forces(
         crazyflie.limits.refuse_idling(staircase.motors)
         effort = _effort(staircase, rig, rate_hz=cell.rate_hz + 1000 / log_ms)
         refuse(crazyflie, staircase.motors, staircase.steps)
-        if not vehicle.no_preflight:
-            effort += quick([loadcell, crazyflie.usual_log(log_ms)], staircase.held, calm=calm)
+        sampled = [loadcell, crazyflie.usual_log(log_ms)]
+        effort += NOT_READ if vehicle.no_preflight else quick(sampled, staircase.held, calm=calm)
         confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes, effort=effort)
         parts = [crazyflie.commands(), loadcell, *crazyflie.watch(log_ms)]
         if question is not None:
@@ -181,8 +181,7 @@ def _record_readings(
             parts.append(typed_readings(value))
         effort = _effort(staircase, rig, rate_hz=_ROWS_A_SECOND)
         refuse(crazyflie, staircase.motors, staircase.steps)
-        if not vehicle.no_preflight:
-            effort += quick([crazyflie.usual_log()], staircase.held)
+        effort += NOT_READ if vehicle.no_preflight else quick([crazyflie.usual_log()], staircase.held)
         confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes, effort=effort)
         procedure = _procedure(staircase, question, live, tare=False)
         plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested={}, question=question)
@@ -224,6 +223,8 @@ def _procedure(staircase: StaircasePlan, question: str | None, live: LiveLine, *
     if question is None:
         return lambda there, loop: run_staircase(staircase, there["commands"], loop=loop, tell=live.task)
 
+    live.left(_steps_left(len(staircase.steps)))
+
     async def read(there: Mapping[str, Any], loop: Loop) -> None:
         questions = Questions(loop=loop, tell=live.ask, say=live.tell)
         readings: Readings = there["readings"]
@@ -241,7 +242,7 @@ def _procedure(staircase: StaircasePlan, question: str | None, live: LiveLine, *
         try:
             if tare:
                 await sleep(loop, staircase.rest_s)
-            await read_at_steps(staircase, there["commands"], readings, ask, loop=loop, tell=live.task, say=live.tell)
+            await read_at_steps(staircase, there["commands"], readings, ask, loop=loop, live=live)
         finally:
             questions.close()
 
@@ -250,6 +251,10 @@ def _procedure(staircase: StaircasePlan, question: str | None, live: LiveLine, *
 
 def _taken_back(command: int, value: float) -> str:
     return f"taken back: {value:g} at command {command}, which is held again after this one."
+
+
+def _steps_left(count: int) -> str:
+    return f"{count} step{'s' * (count != 1)} left"
 
 
 async def run_staircase(staircase: StaircasePlan, commands: MotorCommands, *, loop: Any, tell: Tell) -> None:
@@ -270,8 +275,7 @@ async def read_at_steps(
     ask: Ask,
     *,
     loop: Any,
-    tell: Tell,
-    say: Tell,
+    live: LiveLine,
 ) -> None:
     """Hold each command until the operator has read an instrument, then pause (sections 3.3.1 and 3.3.2).
 
@@ -279,14 +283,16 @@ async def read_at_steps(
     """
     left = list(staircase.steps)
     while left:
+        live.left(_steps_left(len(left)))
         step = left.pop(0)
-        tell(f"command {step} ({len(left)} to follow)")
+        live.task(f"command {step}")
         await commands.set(four(step, staircase.motors))
         await sleep(loop, staircase.hold_s)
         while (value := await ask(step)) is UNDO:
             back = readings.withdraw()
-            say("there is no reading to take back." if back is None else _taken_back(*back))
+            live.tell("there is no reading to take back." if back is None else _taken_back(*back))
             left = left if back is None else [back[0], *left]
+            live.left(_steps_left(1 + len(left)))
         if isinstance(value, float):
             readings.add(step, value)
         await commands.set(STILL)

@@ -5,7 +5,6 @@ from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +81,7 @@ def ready_encoder(
         scale = angle_scale(setting, counts_per_turn)
         record, opened_lines = ready_lines("encoder", setting, held, say=say, scale=scale)
         turn = counts_per_turn if setting.counted else math.tau
-        return Device(record=record, open=opened_lines, reading=partial(degrees, turn))
+        return Device(record=record, open=opened_lines, reading=degrees(turn))
     found = find_encoder(setting.port, counts_per_turn=counts_per_turn)
     names = [lock_name(found.port)]
     holding = held.enter_context(ExitStack())
@@ -122,7 +121,7 @@ def ready_encoder(
             "interface": found._asdict(),
         }
     )
-    return Device(record=record, open=opened, reading=partial(degrees, counts_per_turn))
+    return Device(record=record, open=opened, reading=degrees(counts_per_turn))
 
 
 def ready_loadcell(
@@ -142,7 +141,7 @@ def ready_loadcell(
         if bias:
             raise ConfigError("`bias`: only a Net F/T box has a bias; fits take the zero from pauses.")
         record, opened_lines = ready_lines("loadcell", setting, held, say=say, patient=patient, scale={"units": "n,nm"})
-        return Device(record=record, open=opened_lines, reading=partial(first_force, setting.measured[0].name))
+        return Device(record=record, open=opened_lines, reading=first_force(setting.measured[0].name))
     setting = loadcell_box.resolved(setting)
     where = f"{setting.address}:{setting.rdt_port}"
     held.enter_context(DeviceLock.take(where))
@@ -179,7 +178,7 @@ def ready_loadcell(
             "settings": settings._asdict(),
         }
     )
-    return Device(record=record, open=opened, reading=partial(vertical_force, settings.counts_per_n))
+    return Device(record=record, open=opened, reading=vertical_force(settings.counts_per_n))
 
 
 def record_run(
@@ -212,17 +211,19 @@ def drive(
     stopped: Callable[[float], None],
     into: Sink | None = None,
     lasts_s: float | None = None,
+    tare_s: float = 0.0,
 ) -> None:
     """Carry out a procedure without a run; `stopped` gets the seconds that the motors' stop took, `into` the rows.
 
-    Raises DeviceError like `record_run`; in every case the motors are stopped and checked.
+    The live line counts `lasts_s` down, and shows forces above those of the first `tare_s`. Raises DeviceError like
+    `record_run`; in every case the motors are stopped and checked.
     """
 
     async def main(loop: Loop, ending: Ending) -> None:
         clock = HostClock.now()
         instruments = [device.open(loop, clock) for device in devices]
         recorder = Recorder(instruments, into or Nowhere(), loop=loop, show=lambda: show(recorder))
-        recorder.for_s = lasts_s
+        recorder.for_s, recorder.tare_s = lasts_s, tare_s
         _add_readings(recorder, instruments, devices)
         try:
             await recorder.record(lambda: _first_of(ending, procedure, instruments, loop))

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 from cfid.errors import DeviceError
@@ -192,7 +191,7 @@ class ReadyVehicle:
             raise DeviceError(f"{self.uri}: this firmware does not log {', '.join(missing)}.")
         device = self.log(INERTIAL, period_ms=period_ms)
         record = device.record.model_copy(update={"rate_hz": 1000 / period_ms, **facts})
-        return replace(device, record=record, reading=turning)
+        return replace(device, record=record, reading=turning())
 
     def log(self, names: Sequence[str], *, period_ms: int) -> Device:
         """Return a log of variables as a device of a run; those that the vehicle does not have are left out."""
@@ -210,7 +209,7 @@ class ReadyVehicle:
 
         place = 1 + there.index(BATTERY) if BATTERY in there else 0
         device = self._device("crazyflie.csv", ("t", "vehicle_ms", *there), opened, period_ms=period_ms)
-        return replace(device, reading=partial(volts, place) if place else None)
+        return replace(device, reading=volts(place) if place else None)
 
     def _device(
         self,

@@ -97,7 +97,8 @@ class Nowhere:
 class Progress:
     """An instrument's progress: rows, rate, losses and values without their time, in bounded memory.
 
-    `latest` is the last row, `mean` that of the last block, `tare` that of the rows at rest; () for none.
+    `latest` is the last row, `mean` that of the last block, `tare` that of the rows at rest; () for none. `trace` has
+    what was read of the last blocks.
     """
 
     def __init__(self) -> None:
@@ -122,12 +123,13 @@ class Progress:
         if rows:
             self.latest = tuple(float(column[-1]) for column in block.columns[1:])
             self.mean = tuple(float(np.mean(column)) for column in block.columns[1:])
-            self.trace.append(self.latest[0])
         if rows and at_rest:
             self._rows_at_rest += rows
             share = rows / self._rows_at_rest
             before = self.tare or self.mean
             self.tare = tuple(old + share * (new - old) for old, new in zip(before, self.mean, strict=True))
+        if rows:
+            self.trace.append(self.latest[0] if self.reading is None else self.reading.value(self))
 
     @property
     def rate_hz(self) -> float:
@@ -138,7 +140,15 @@ class Progress:
         return sum(rows for _, rows in list(self._blocks)[1:]) / spent_s if spent_s > 0 else 0.0
 
 
-Reading = Callable[[Progress], str]  # what an operator reads of an instrument
+class Reading(NamedTuple):
+    """What an operator reads of an instrument: a number, and the form in which it is shown, `{:5.1f} deg`."""
+
+    value: Callable[[Progress], float]
+    form: str
+
+    def of(self, progress: Progress) -> str:
+        """Return it as text."""
+        return self.form.format(self.value(progress))
 
 
 class Recorder:

@@ -64,9 +64,11 @@ def sample(
     show: Callable[[Recorder], None],
     procedure: Procedure | None = None,
     stopped: Callable[[float], None] = lambda _: None,
+    tare_s: float = 0.0,
 ) -> dict[str, Sampled]:
-    """Sample devices for `for_s` seconds, or as long as a procedure takes; return each by the stem of its file's name.
+    """Sample devices for `for_s` seconds, or until a procedure that takes as long; return each by its file's stem.
 
+    The live line shows forces above those of the first `tare_s`.
     Raises DeviceError as a recording does, KeyboardInterrupt when a signal ended it; motors are stopped and checked.
     """
     memory, complete = Memory(), False
@@ -76,7 +78,7 @@ def sample(
         await (sleep(loop, for_s) if procedure is None else procedure(there, loop))
         complete = True
 
-    drive(devices, until_done, show=show, stopped=stopped, into=memory, lasts_s=for_s or None)
+    drive(devices, until_done, show=show, stopped=stopped, into=memory, lasts_s=for_s, tare_s=tare_s)
     if not complete:
         raise KeyboardInterrupt
     names = [device.record.file.removesuffix(".csv") for device in devices]

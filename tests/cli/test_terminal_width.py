@@ -84,6 +84,15 @@ def test_a_pipe_gets_a_line_as_it_is() -> None:
     assert fitted(LONG, indent=3) == LONG
 
 
+def test_a_question_on_stderr_is_wrapped_at_its_own_terminal(screen: Screen) -> None:
+    with contextlib.redirect_stderr(screen.file):
+        lines = fitted(LONG, err=True).splitlines()
+
+    assert len(lines) > 1
+    assert all(len(line) <= COLUMNS for line in lines)
+    assert " ".join(lines) == LONG.strip()
+
+
 def test_a_verdict_is_wrapped_on_the_terminal_and_whole_in_the_run(bodies: Path, screen: Screen) -> None:
     def judge(_: Run) -> str:
         raise DataError(LONG.strip())

@@ -1,14 +1,12 @@
 """The line under a recording: what matters most comes first, and fits a terminal of 80 columns."""
 
-from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 
 from cfid.console.live import fitting, line_of
-from cfid.rig.recorder import Block, Progress, Recorder
+from cfid.rig.recorder import Block, Reading, Recorder
 from cfid.rig.shown import degrees, vertical_force, volts
 
 COLUMNS = 80
@@ -32,7 +30,7 @@ class Stopped:
         return self.now_s
 
 
-def recorder_of(**readings: Callable[[Progress], str] | None) -> tuple[Any, Stopped]:
+def recorder_of(**readings: Reading | None) -> tuple[Any, Stopped]:
     loop: Any = Stopped()
     instruments: list[Any] = [Named(name) for name in readings]
     recorder = Recorder(instruments, None, loop=loop, show=lambda: None)  # type: ignore[arg-type]
@@ -43,9 +41,7 @@ def recorder_of(**readings: Callable[[Progress], str] | None) -> tuple[Any, Stop
 
 def staircase(left_s: float = 823.4, state: str = "ready") -> Any:
     """Return a recorder of a staircase: a load cell with an offset of 5 N, a battery, commands and a state."""
-    recorder, loop = recorder_of(
-        commands=None, loadcell=partial(vertical_force, 1e6), supervisor=None, crazyflie=partial(volts, 1)
-    )
+    recorder, loop = recorder_of(commands=None, loadcell=vertical_force(1e6), supervisor=None, crazyflie=volts(1))
     recorder.for_s = 900.0
     rows = {"loadcell": 350, "crazyflie": 5, "supervisor": 1, "commands": 0}
     for block in range(40):
@@ -86,17 +82,29 @@ def test_the_force_is_shown_above_its_tare() -> None:
     assert "Fz  123 mN" in line_of(staircase())
 
 
-def test_a_question_and_what_is_typed_come_before_all_else() -> None:
-    line = line_of(staircase(), question="RPM at command 20000 (u undoes 11800) > 12")
+def test_what_is_left_then_a_question_and_what_is_typed_come_before_all_else() -> None:
+    question = "RPM at command 20000 (u undoes 11800) > 12"
 
-    assert line[:2] == ["RPM at command 20000 (u undoes 11800) > 12", " 13:43 left"]
+    assert line_of(staircase(), question=question)[0] == f" 13:43 left  {question}"
+    assert line_of(staircase(), question=question, left="12 steps left")[0] == f"12 steps left  {question}"
+
+
+def test_the_trace_is_of_what_is_read_not_of_the_first_column() -> None:
+    recorder, loop = recorder_of(loadcell=vertical_force(1e3), crazyflie=volts(1))
+    for block in range(3):
+        recorder.progress["loadcell"].add(Block([np.zeros(5), *np.tile([[9.0], [9.0], [block]], 5)]), loop.now_s)
+        recorder.progress["crazyflie"].add(Block([np.zeros(5), *np.tile([[block], [3.9]], 5)]), loop.now_s)
+
+    assert list(recorder.progress["loadcell"].trace) == [0.0, 1.0, 2.0]
+    assert list(recorder.progress["crazyflie"].trace) == [3.9] * 3
+    assert line_of(recorder)[-1] == "▁▅█"
 
 
 @pytest.mark.parametrize(
     ("for_s", "now_s", "shown"), [(20.0, 2.5, "17.5 s left"), (None, 2.5, " 2.5 s"), (5.0, 9.0, " 0.0 s left")]
 )
 def test_time_counts_down_where_the_end_is_known(for_s: float | None, now_s: float, shown: str) -> None:
-    recorder, loop = recorder_of(encoder=partial(degrees, 360))
+    recorder, loop = recorder_of(encoder=degrees(360))
     recorder.for_s = for_s
     loop.now_s = now_s
 
@@ -104,7 +112,7 @@ def test_time_counts_down_where_the_end_is_known(for_s: float | None, now_s: flo
 
 
 def test_an_angle_is_that_of_the_latest_row() -> None:
-    recorder, loop = recorder_of(encoder=partial(degrees, 360))
+    recorder, loop = recorder_of(encoder=degrees(360))
     recorder.progress["encoder"].add(Block((np.zeros(2), np.array([359, 361]))), loop.now_s)
 
     assert "  1.0 deg" in line_of(recorder)

@@ -10,7 +10,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from cfid.console.preflight import of_encoder
 from cfid.records.campaign import RUNS_FOLDER
+from cfid.records.run import DeviceRecord
+from cfid.rig.sampling import Sampled
 from tests.flying_in_a_folder import Bench, bench_in
 from tests.rig_in_a_folder import Lab, lab_in
 
@@ -109,6 +112,7 @@ def test_propellers_are_judged_once_the_operator_agrees_and_the_worst_is_named(t
 
     assert "balance         warning  not measured: nobody confirmed" in refused.out
     assert "everyone clear? [y/N] \n" in refused.err
+    assert "one after the other, for 0:24 min (nothing is kept on the disk); battery 4." in refused.err
     assert [answer["asked"] for answer in answers] == [f"balance {motor}" for motor in (1, 2, 3, 4)]
     assert all("% of" in answer["answer"] and answer["limit"] for answer in answers)
     assert "motors stopped, confirmed in" in pilot.err
@@ -188,6 +192,25 @@ def test_the_question_states_duration_space_and_battery(tmp_path: Path) -> None:
     assert "for 0:02 min (about 1 MB; " in pilot.err
     assert "battery 4." in pilot.err
     assert "min at this plan's currents. Is the vehicle fastened" in pilot.err
+
+
+def test_the_question_says_that_the_battery_was_not_read_where_nobody_looked(tmp_path: Path) -> None:
+    with bench_in(tmp_path, **FULL) as bench:
+        pilot = bench.start(*STAIRS, "--no-preflight")
+        assert pilot.end() == 2
+    assert "are free); battery not read. Is the vehicle fastened" in pilot.err
+
+
+def test_a_drift_beyond_its_limit_that_noise_hides_is_not_called_ok() -> None:
+    time_s = np.arange(2000) / 1000
+    sampled = Sampled({"t": time_s, "phi": 3 * np.sin(2 * np.pi * time_s)})
+    record = DeviceRecord(file="encoder.csv", columns=("t", "phi"), rate_hz=1000, counts_per_turn=360)
+    answers = {answer.asked: answer for answer in of_encoder(record, sampled)}
+
+    assert answers["noise"].state == "fault"
+    assert answers["drift"].state == "warning"
+    assert "not judged: noise hides it" in answers["drift"].answer
+    assert answers["drift"].advice.startswith("mend the noise first")
 
 
 def test_a_cell_near_its_range_is_not_recorded_unless_nobody_looks(tmp_path: Path) -> None:

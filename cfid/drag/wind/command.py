@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from cfid.console.flat import flat
+from cfid.console.labels import Note
 from cfid.console.lists import comma_list
 from cfid.console.options import finite, positive
 from cfid.console.recording import KeepOptions, ResumeOptions, rig_of
@@ -16,7 +17,7 @@ from cfid.console.selection import interrupted
 from cfid.console.vehicle import ExperimentOptions, LogMs
 from cfid.errors import ConfigError
 from cfid.lazy import later
-from cfid.motors.command import Note, announce
+from cfid.motors.command import announce
 
 if TYPE_CHECKING:
     from cfid.drag.wind.plan import PlannedRun, WindSetting

@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import CfidError, FitError
 from cfid.findings import Finding, note, rejection, warning
+from cfid.motors.delays import delay_text, negative_delay
 from cfid.motors.lag.data import RotorLog
 from cfid.motors.lag.estimation import LagFit, fit_lag, joined
 from cfid.motors.lag.values import SPEED_POLY, joint_parameters, rotor_maps, rotor_rows, speed_map_findings
@@ -65,6 +66,7 @@ def fit(record: RotorLog) -> Result:
             *record.findings,
             *left_out,
             *_about(record, fits, seen.unseen_s),
+            *_delay(joint),
             *(speed_map_findings(joint, accepted, seen.commands, volts=seen.volts) if record.speeds else ()),
             *(() if any(one.accepted for one in fits.values()) else (_NO_LAG,)),
         ),
@@ -141,11 +143,16 @@ def _about(record: RotorLog, fits: Mapping[str, LagFit], unseen_s: float) -> tup
     return tuple(found)
 
 
+def _delay(joint: Mapping[str, Parameter]) -> tuple[Finding, ...]:
+    delay = joint["dynamics.delay_s"]
+    return negative_delay(float(cast(float, delay.value)), float(cast(float, delay.std)), "dynamics.delay_s")
+
+
 def _line(name: str, fit: LagFit) -> str:
     if not fit.accepted:
         return f"{name}: rejected"
-    (rising, falling, delay), std = (1e3 * np.array(values) for values in (fit.lag, fit.std_s))
+    (rising, falling, _), std = (1e3 * np.array(values) for values in (fit.lag, fit.std_s))
     return (
         f"{name}: rising {rising:.1f} +- {std[0]:.1f} ms, falling {falling:.1f} +- {std[1]:.1f} ms, "
-        f"delay {delay:.1f} +- {std[2]:.1f} ms, explains {100 * fit.explained:.1f} %"
+        f"{delay_text(fit.lag.delay_s, fit.std_s.delay_s)}, explains {100 * fit.explained:.1f} %"
     )

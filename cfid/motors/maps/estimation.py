@@ -183,7 +183,9 @@ def fit_thrust_of_speed(points: MotorPoints, *, method: Method = "default", robu
     suffices = square.aicc <= quadratic.aicc
     agree = bool(np.all(np.abs(thrust - square.at(speed)) <= _MISCOUNTED * np.abs(square.at(speed))))
     miscounted = marker_findings(found.command, speed, thrust, quantities=OVER_SPEED, single=not agree)
-    text = f"k w^2 differs from the full quadratic by up to {difference:.2g} N, which describes the points better."
+    text = (
+        f"k w^2 differs from the full quadratic by up to {1e3 * difference:.2g} mN, which describes the points better."
+    )
     return SpeedThrustMap(
         square=square,
         quadratic=quadratic,

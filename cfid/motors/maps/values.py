@@ -198,7 +198,7 @@ def inverse_lines(inverse: InverseMap) -> list[Dependent]:
     """Return range and round trip of the inverse."""
     low, high = inverse.thrust_range_n
     line = (
-        f"command of thrust: from {low:.4g} to {high:.4g} N (commands {inverse.command_range[0]:.0f} to "
+        f"command of thrust: from {1e3 * low:.4g} to {1e3 * high:.4g} mN (commands {inverse.command_range[0]:.0f} to "
         f"{inverse.command_range[1]:.0f}), there and back within {inverse.round_trip_command:.2g} commands, "
         f"{1e3 * inverse.round_trip_n:.2g} mN by rounding"
     )
@@ -209,8 +209,8 @@ def maximum_lines(most: MaximumThrust) -> list[Dependent]:
     """Return what can hover, and at which voltage of the battery."""
     at = "" if most.volts is None else f" at {most.volts:.2f} V, to which the battery sags then"
     line = (
-        f"at most {most.thrust_n:.4g} N a motor{at}, measured {most.measured_n:.4g} N at {most.measured_command:.0f}: "
-        f"four motors hover {1e3 * most.hover_mass_kg:.4g} g"
+        f"at most {1e3 * most.thrust_n:.4g} mN a motor{at}, measured {1e3 * most.measured_n:.4g} mN at "
+        f"{most.measured_command:.0f}: four motors hover {1e3 * most.hover_mass_kg:.4g} g"
     )
     return [Dependent(line, "motor.thrust_poly", "motor.max_thrust_n", "motor.hover_mass_kg")]
 

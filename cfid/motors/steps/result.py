@@ -7,6 +7,7 @@ from pathlib import Path
 
 from cfid.errors import CfidError, FitError
 from cfid.findings import Finding, note, rejection, warning
+from cfid.motors.delays import delay_text, negative_delay
 from cfid.motors.steps.data import SpeedRecord, of_run, of_table
 from cfid.motors.steps.estimation import RotorModel, StepFit, fit_rotor_model, fit_steps
 from cfid.motors.steps.model import CommandStep, command_steps, followed
@@ -62,6 +63,7 @@ def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
             *left_out,
             *_sagged(lags),
             *(finding for lag in lags for finding in _of_row(lag)),
+            *(negative_delay(model.delay_s, model.delay_std_s, _ROWS) if accepted else ()),
             *(model.findings if accepted else (rejection("no-lag-fits", _NO_LAG, "dynamics.*"),)),
         ),
         sources=record.sources,
@@ -109,7 +111,7 @@ def _name(lag: StepFit) -> str:
 
 
 def _line(lag: StepFit) -> str:
-    delay = "" if isnan(lag.delay_std_s) else f", delay {1e3 * lag.delay_s:.0f} ms"
+    delay = "" if isnan(lag.delay_std_s) else f", {delay_text(lag.delay_s, lag.delay_std_s)}"
     return f"{_name(lag)}: {1e3 * lag.time_constant_s:.0f} +- {1e3 * lag.time_constant_std_s:.1f} ms{delay}"
 
 

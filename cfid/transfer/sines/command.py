@@ -9,6 +9,7 @@ import typer
 
 from cfid.console import messages as speech
 from cfid.console.flat import flat
+from cfid.console.labels import Note
 from cfid.console.lists import comma_list
 from cfid.console.messages import fitted, printable, result
 from cfid.console.options import positive
@@ -165,7 +166,7 @@ def sine(
     vehicle: ExperimentOptions,
     log_ms: LogMs = 10,
     keep: KeepOptions,
-    note: Annotated[str | None, typer.Option(help="A note, kept with each run.")] = None,
+    note: Note = None,
     rate_hz: Annotated[int | None, typer.Option(min=1, help="Load cell's rate; default: rig.toml's.")] = None,
 ) -> None:
     """Play sines on board, one after the other, and record load cell and crossings; Ctrl-C stops the motors.

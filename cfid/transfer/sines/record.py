@@ -9,7 +9,7 @@ from typing import Any
 
 from cfid.console.live import LiveLine
 from cfid.console.messages import note as speech
-from cfid.console.preflight import quick
+from cfid.console.preflight import NOT_READ, quick
 from cfid.console.recording import Rig, attempt, effort_of, summary
 from cfid.console.vehicle import ExperimentOptions, confirm, reach, refuse
 from cfid.console.verdicts import Judge, judged
@@ -60,8 +60,8 @@ def record_sines(
             crazyflie.limits.check_turning(motors, least, largest)
         effort = effort_of(len(sines) * each_s, campaign.runs_folder, rate_hz=cell.rate_hz + 1000 / log_ms)
         refuse(crazyflie, sorted({*chain(*turning)}), (least, largest))
-        if not vehicle.no_preflight:
-            effort += _quick(cell, crazyflie.usual_log(log_ms), [held for sine in sines for held in sine.held(each_s)])
+        held_in_all = [held for sine in sines for held in sine.held(each_s)]
+        effort += NOT_READ if vehicle.no_preflight else _quick(cell, crazyflie.usual_log(log_ms), held_in_all)
         confirm(crazyflie, sorted({*chain(*turning)}), (least, largest), yes=vehicle.yes, effort=effort)
         for count, sine in enumerate(sines):
             name = f"l = {sine.periods} ({count + 1} of {len(sines)})"

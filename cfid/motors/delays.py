@@ -1,0 +1,21 @@
+"""How rotors' delays behind their command are stated: one may be consistent with zero, or negative by its stamps."""
+
+from cfid.findings import Finding, note
+from cfid.units import COVERAGE_95
+
+
+def delay_text(delay_s: float, std_s: float) -> str:
+    """Return a delay with its standard uncertainty, and whether it is consistent with zero."""
+    zero = "consistent with zero: " if abs(delay_s) <= COVERAGE_95 * std_s else ""
+    return f"delay {zero}{1e3 * delay_s:.1f} +- {1e3 * std_s:.2g} ms"
+
+
+def negative_delay(delay_s: float, std_s: float, *quantities: str) -> tuple[Finding, ...]:
+    """Return a note where rotors follow before their command as stamped, beyond what noise explains."""
+    if not delay_s < -COVERAGE_95 * std_s:
+        return ()
+    text = (
+        f"the speed changes {-1e3 * delay_s:.1f} +- {1e3 * std_s:.2g} ms before its command as stamped: the stamps of "
+        "commands or speeds are off by that much. It belongs to the link or the log, not to the motor."
+    )
+    return (note("rotor-delay-negative", text, *quantities),)
