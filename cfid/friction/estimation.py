@@ -21,6 +21,7 @@ SETUP_INERTIA = "friction.setup_inertia_kg_m2"
 _HEAVIER = 1.1  # drops of more similar weights may change places by their friction
 _FEWEST_LAYERED = 3
 _LAYERED_STD = 4.0  # widened for the few drops there are
+_BEYOND_STD = 2.5  # of a few drops' mean, widened for their number: a negative inertia that is larger is no noise
 _LAYERED = 0.02  # of the radius, over a fall
 
 
@@ -67,6 +68,7 @@ def fit_friction(
     common = math.hypot(radius_std_m / radius_m, gravity_std_mps2 / gravity_mps2)
     with_speed = math.hypot(common, speed_scale_std)
     inertia = _setup_inertia(settled, viscous, radius_m, with_speed) if viscous.value > 0 else _Estimate(None, None)
+    findings += _negative_inertia(inertia)
     return FrictionEstimate(
         viscous_nms_per_rad=viscous.value,
         viscous_std=_with(viscous.std, viscous.value * with_speed),
@@ -222,6 +224,17 @@ def _setup_inertia(drops: Sequence[Drop], viscous: _Known, radius_m: float, comm
         return _Estimate(float(values.mean()), None)
     shared = float(accelerated.mean()) * math.hypot(viscous.std / viscous.value, common)
     return _Estimate(float(values.mean()), math.hypot(scatter, shared))
+
+
+def _negative_inertia(inertia: _Estimate) -> tuple[Finding, ...]:
+    """Reject all that rests on the radius where the axis would have less than no inertia, beyond noise."""
+    if inertia.value is None or inertia.std is None or inertia.value >= -_BEYOND_STD * inertia.std:
+        return ()
+    text = (
+        f"what turns would have an inertia of {inertia.value:.2g} +- {inertia.std:.1g} kg m^2: the weights fall faster "
+        "than on this radius they can. Check the radius and the weights."
+    )
+    return (rejection("friction-inertia-negative", text, VISCOUS, COULOMB, SETUP_INERTIA),)
 
 
 def _mean_std(values: Array) -> float | None:

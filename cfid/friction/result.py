@@ -10,7 +10,13 @@ from cfid.friction.drops import Drop, measure_drop
 from cfid.friction.estimation import COULOMB, SETUP_INERTIA, VISCOUS, FrictionEstimate, fit_friction, thesis_friction
 from cfid.quantities.quantity import Range
 from cfid.records.parameters import Parameter
-from cfid.records.plausibility import Given, implausible_inputs, implausible_quantities, taken_as_exact
+from cfid.records.plausibility import (
+    Given,
+    implausible_gravity,
+    implausible_inputs,
+    implausible_quantities,
+    taken_as_exact,
+)
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig
 from cfid.records.tables.angle import AngleRecord, Recording, angle_record
@@ -92,6 +98,7 @@ def fit(
             *found.findings,
             *implausible_inputs(_given_numbers(radius_m, measured), rig, "friction.*"),
             *implausible_quantities(quantities, rig),
+            *implausible_gravity(gravity_mps2, "friction.*"),
             *(
                 warning("friction-drop-left-out", "the speed never settles; it is left out.").at(record.name)
                 for record in unsettled

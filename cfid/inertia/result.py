@@ -18,7 +18,7 @@ from cfid.inertia.sensitivities import moved_by_inputs
 from cfid.quantities.values import PRODUCTS
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
-from cfid.records.plausibility import implausible_inputs, implausible_quantities
+from cfid.records.plausibility import implausible_gravity, implausible_inputs, implausible_quantities, platform_of
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig
 from cfid.records.tables.angle import AngleRecord
@@ -90,6 +90,7 @@ def fit(
         *_neglected_fixture(axis_inertias, about),
         *_body_findings(body, axes, about, rig),
         *implausible_quantities(quantities, rig),
+        *implausible_gravity(around.gravity_mps2, "inertia.*"),
     ]
 
     def drawings() -> Figures:
@@ -146,9 +147,10 @@ def _neglected_fixture(axis_inertias: AxisInertias, about: MeasuredAxes) -> list
 
 def _body_findings(body: SwungBody, axes: list[str], about: MeasuredAxes, rig: Rig) -> list[Finding]:
     """Reject what no body and no vehicle of the platform can have."""
+    distances_m = filter(None, map(float, about.distance_m))
     moments = zip(axes, about.about_axis_kg_m2, about.about_centre_kg_m2, about.about_centre_std_kg_m2, strict=True)
     return [
-        *implausible_inputs(given_numbers(body, filter(None, map(float, about.distance_m))), rig, "inertia.*"),
+        *implausible_inputs(given_numbers(body, distances_m, platform_of(rig)), rig, "inertia.*"),
         *(
             finding
             for axis, around, centre, std in moments

@@ -7,6 +7,7 @@ from cfid.findings import Finding, rejection, warning
 from cfid.inertia.comparison import BodyComparison, compare
 from cfid.inertia.data import Peaks, Swing, measure, records_of
 from cfid.records.parameters import Parameter
+from cfid.records.plausibility import implausible_gravity
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig
 from cfid.records.tables.angle import AngleRecord
@@ -53,7 +54,12 @@ def fit_testbody(
     check_mounts((swing.axis for swing in measured.mounted), body.mounts, table="testbody.mounts")
     around = surroundings(rig, gravity_mps2, gravity_std_mps2, measured.fixture)
     comparisons = compare(body, AxisInertias(measured.mounted, swung_test_body(body), around))
-    findings = (*notes, *measured.findings(_resting_on), *_differences(comparisons))
+    findings = (
+        *notes,
+        *measured.findings(_resting_on),
+        *_differences(comparisons),
+        *implausible_gravity(around.gravity_mps2, "testbody.measured_kg_m2.*", "testbody.error.*"),
+    )
     quantities = _quantities(comparisons)
     differences = (
         Dependent(

@@ -156,7 +156,10 @@ def measured(points: MotorPoints, name: str, *, over: str = "command") -> Paired
             found = PairedPoints(source.command, x, y, windows, _errors(source, over), _errors(source, name))
             return found.kept(both)
     if not np.isfinite(points.command).any():
-        raise FitError(f"no row has a command: {name} over {over} cannot be given. Name the column of commands.")
+        raise FitError(
+            f"no row has a command: {name} over {over} cannot be given. Name the column of commands; thrust over speed "
+            "needs none (`cfid fit speed`)."
+        )
     raise FitError(f"no command has both {over} and {name}: they were measured at different ones.")
 
 

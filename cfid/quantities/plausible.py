@@ -22,7 +22,7 @@ _OTHER_UNITS: Mapping[str, Mapping[float, str]] = {
     "s": {1e-3: "milliseconds", 1e-6: "microseconds"},
     "N": {1e-3: "millinewtons", 1e-3 * USUAL_GRAVITY_MPS2: "grams of thrust"},
     "m/s": {1 / 3.6: "km/h", 0.514444: "knots"},
-    "rad/s": {RPM: "rpm"},
+    "rad/s": {RPM: "rpm", 60.0: "turns a second under a head in rpm"},
     "kg m^2": {1e-9: "g mm^2", 1e-7: "g cm^2", 1e-6: "kg mm^2", 1e-3: "g m^2"},
     "N s^2/rad^2": {RPM**-2: "N/rpm^2"},
     "m/s^2": {1e-2: "cm/s^2", USUAL_GRAVITY_MPS2: "multiples of g"},
@@ -59,6 +59,12 @@ def implausible(key: str, value: Any, *, std: Any = None, platform: Platform = "
             if fault := out_of_range(f"{key} is implausible{where}", number, found, unit):
                 return fault
     return _body_fault(key, value) or _product_fault(key, value, std) if key == _INERTIA else ""
+
+
+def range_of(key: str, platform: Platform) -> Range | None:
+    """Return the range of a number that a vehicle of a platform can have, None for a key without one."""
+    quantity = find(key)
+    return RANGES.get(platform, {}).get(key, quantity.plausible if quantity else None)
 
 
 def _narrowed(found: Range | None, quantity: Quantity, value: Any, std: Any) -> Range | None:

@@ -66,6 +66,12 @@ def implausible_inputs(given: Iterable[Given], rig: Rig | None, *resting: str) -
     return tuple(rejection("implausible-input", f"{fault} {_OTHERWISE}", *resting) for fault in faults if fault)
 
 
+def implausible_gravity(gravity_mps2: float, *resting: str) -> tuple[Finding, ...]:
+    """Return a rejection of the quantities that rest on a gravity that is nowhere on earth, of any body."""
+    fault = implausible("gravity_mps2", gravity_mps2)
+    return (rejection("gravity-implausible", fault, *resting),) if fault else ()
+
+
 def platform_of(rig: Rig | None) -> Platform:
     """Return the platform that a rig states; without a rig any small quadrocopter."""
     return "crazyflie" if rig is None else rig.vehicle.platform

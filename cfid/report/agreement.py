@@ -13,6 +13,7 @@ import numpy as np
 from cfid.estimate.differences import Compared, Difference, difference, number_of
 from cfid.findings import Finding, warning
 from cfid.quantities.lookup import unit_of
+from cfid.quantities.plausible import range_of
 from cfid.quantities.values import ENTRIES, is_number
 from cfid.records.fits import Fit
 from cfid.records.parameters import Section, plain
@@ -22,6 +23,7 @@ from cfid.wire.app import MIDDLE
 
 LARGEST_IN_STD = 3.0  # standard uncertainties of the difference, beyond which the two disagree
 _PARALLEL = 1e-3  # rad, between the directions of two mounts
+_AIR_KG_PER_M3, _AIR_STD = 1.2, 0.1  # the latter relative: 0 to 30 degrees C, up to 1000 m
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,7 @@ def agreements_of(known: Known, latest: Mapping[str, Fit]) -> tuple[Agreement, .
     return (
         *_gains(known),
         *_hovering(known),
+        *_power(known),
         *_scales(latest),
         *_time_constants(known),
         *_clocks(known, latest),
@@ -84,7 +87,7 @@ def _gains(known: Known) -> Iterator[Agreement]:
     if map_slope is None:
         return
     series = sorted(key for section in known.sections.values() for key in section.parameters if _is_series_gain(key))
-    for key in ("tf.static_gain_n", *dict.fromkeys(series)):
+    for key in ("tf.static_gain_n", *(dict.fromkeys(series) if len(set(series)) > 1 else ())):
         if (gain := _sound(known, key)) is not None:
             name = key.removeprefix("tf.").removesuffix("static_gain_n").removeprefix("series.").rstrip(".")
             first = f"cfid tf identify{f', {name}' if name else ''}"
@@ -116,6 +119,39 @@ def _hovering(known: Known) -> Iterator[Agreement]:
     yield from _compared("Mass held, at least that weighed", first, ("rig.toml", weighed), "kg", at_least=True)
 
 
+def _power(known: Known) -> Iterator[Agreement]:
+    """Compare a rotor's torque times its speed with the power that its thrust takes at least [Lei].
+
+    No rotor takes less than T^1.5 / sqrt(2 rho A): speeds or torques that are too small show. One whose radius nobody
+    stated is as large as the platform's can be.
+    """
+    maps = [_sound(known, key) for key in ("motor.thrust_poly", "motor.speed_poly", "motor.torque_poly")]
+    expected = range_of("rotor_radius_m", known.rig.vehicle.platform)
+    if None in maps or expected is None:
+        return
+    thrust, speed, torque = (found for found in maps if found is not None)
+    force, turning = _at(thrust, MIDDLE), _at(speed, MIDDLE)
+    stated = known.numbers("rotor_radius_m")
+    radius_m = (stated and stated[0]) or expected.largest
+    if min(force.value, turning.value, radius_m) <= 0:
+        return
+    moment = _at(torque, force.value)
+    ideal_w = force.value**1.5 / math.sqrt(2 * _AIR_KG_PER_M3 * math.pi * radius_m**2)
+    ideal_std_w = ideal_w * math.hypot(1.5 * force.std / force.value, 0.5 * _AIR_STD)
+    taken_std_w = math.hypot(moment.value * turning.std, turning.value * moment.std)
+    first = ("cfid fit torque times cfid fit speed", Compared(moment.value * turning.value, taken_std_w, {}))
+    second = (f"the thrust by a rotor of {1e3 * radius_m:.3g} mm", Compared(ideal_w, ideal_std_w, {}))
+    title = f"Power of a rotor at {MIDDLE:.0f}, at least an ideal one's"
+    yield from _compared(title, first, second, "W", at_least=True)
+
+
+def _at(found: tuple[Section, str], x: float) -> Compared:
+    """Return the value of a map at x, whose highest power comes first."""
+    section, key = found
+    count = len(section.parameters[key].value)
+    return _number(found, [x**power for power in range(count - 1, -1, -1)])
+
+
 def _scales(latest: Mapping[str, Fit]) -> Iterator[Agreement]:
     """Compare the thrust map with scales, as the ratio of the two."""
     quality = latest["thrust"].quality if "thrust" in latest else {}
@@ -145,22 +181,28 @@ def _time_constants(known: Known) -> Iterator[Agreement]:
 
 
 def _clocks(known: Known, latest: Mapping[str, Fit]) -> Iterator[Agreement]:
-    """Compare the rate of the vehicle's clock by pings with that by crossings, which scatters from run to run."""
+    """Compare the rate of the vehicle's clock by pings with that by crossings, which may scatter from run to run."""
     pings = _sound(known, "latency.clock_skew")
     skews = _skews(latest["tf"].quality.get("series")) if "tf" in latest else []
-    if pings is None or len(skews) < 2:
+    if pings is None or not skews:
         return
-    of_runs = Compared(float(np.mean(skews)), float(np.std(skews, ddof=1)), {})
+    values, stds = np.array(skews).T
+    scatter = float(values.std(ddof=1)) if len(values) > 1 else 0.0
+    of_runs = Compared(float(values.mean()), math.hypot(scatter, float(np.sqrt(np.mean(stds**2)))), {})
     sides = ("cfid tf latency", _number(pings)), ("cfid tf identify, crossings", of_runs)
     yield from _compared("Rate of the vehicle's clock, less one", *sides, "1")
 
 
-def _skews(series: Any) -> list[float]:
-    """Return the clock skews of all series; none of what is no such table, as after editing by hand."""
-    tables = series.values() if isinstance(series, Mapping) else ()
-    found = [one.get("clock_skew") for one in tables if isinstance(one, Mapping)]
+def _skews(series: Any) -> list[tuple[float, float]]:
+    """Return the clock skews of all series with their standard uncertainties; none of what is no such table."""
+    tables = [one for one in series.values() if isinstance(one, Mapping)] if isinstance(series, Mapping) else []
+    columns = [(one.get("clock_skew"), one.get("clock_skew_std")) for one in tables]
     return [
-        skew for several in found if isinstance(several, list) for skew in several if is_number(skew) and abs(skew) < 1
+        (skew, std)
+        for skews, stds in columns
+        if isinstance(skews, list) and isinstance(stds, list)
+        for skew, std in zip(skews, stds, strict=False)
+        if is_number(skew) and is_number(std) and abs(skew) < 1 and 0 <= std < 1
     ]
 
 

@@ -134,7 +134,7 @@ def speed_run(truth: SimTruth, rng: np.random.Generator) -> SimulatedRun:
 
 def sine_runs(truth: SimTruth, rng: np.random.Generator) -> list[SimulatedRun]:
     """Play a series of sines, up and down."""
-    bench = Bench(rate_hz=RATE_HZ, radio=truth.radio, loadcell=truth.loadcell)
+    bench = Bench(rate_hz=RATE_HZ, radio=truth.radio, loadcell=truth.loadcell, vehicle_clock=truth_clock(truth))
     found = simulate_sines(truth.rotors, periods=PERIODS, samples=SAMPLES, amplitude=AMPLITUDE, rng=rng, bench=bench)
     begin_s = [float(sine.time_s[0]) for sine in found]
     after_s = [*np.diff(begin_s).tolist(), PAUSE_S]  # on one clock, since the vehicle's runs through all runs

@@ -4,7 +4,8 @@ import math
 from collections.abc import Iterable, Iterator
 
 from cfid.findings import Finding, rejection
-from cfid.quantities.lookup import registered
+from cfid.quantities.platforms import Platform
+from cfid.quantities.plausible import range_of
 from cfid.quantities.quantity import Range
 from cfid.records.plausibility import Given
 from cfid.swing.axis_inertias import SwungBody
@@ -16,9 +17,12 @@ _CENTRE = Range(-0.3, 0.3, "it lies between the rotors")
 _LEAST_STD = 0.01  # of the axis inertia, at which numbers without an uncertainty are taken here
 
 
-def given_numbers(body: SwungBody, distances_m: Iterable[float]) -> Iterator[Given]:
-    """Yield the mass, the centre of mass and the distances (n,) of a body that swings, with their plausible ranges."""
-    mass = registered("mass_kg").plausible
+def given_numbers(body: SwungBody, distances_m: Iterable[float], platform: Platform = "crazyflie") -> Iterator[Given]:
+    """Yield the mass, the centre of mass and the distances (n,) of a body that swings, with their plausible ranges.
+
+    `platform` is that of a vehicle, whose mass is known better than any other body's.
+    """
+    mass = range_of("mass_kg", platform)
     if mass is not None:
         yield Given("mass", body.mass_kg, mass, "kg")
     for axis, value in zip("xyz", body.centre_m, strict=True):

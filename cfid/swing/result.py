@@ -8,7 +8,7 @@ from typing import Any, Literal
 from cfid.errors import FitError
 from cfid.findings import Finding, rejection, warning
 from cfid.records.parameters import Parameter
-from cfid.records.plausibility import implausible_quantities, taken_as_exact
+from cfid.records.plausibility import implausible_gravity, implausible_quantities, platform_of, taken_as_exact
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig, thesis_rig
 from cfid.records.tables.angle import AngleRecord, Recording, angle_record, labelled
@@ -82,6 +82,7 @@ def fit(
         None if body is None or swung is None else inertia_about(found.coefficients, found.std, swung, body[1], around)
     )
     quantities = _quantities(swing, found, inertia)
+    platform = "crazyflie" if record.label.body in _OTHER_BODY else platform_of(rig)
     return Result(
         command="fit swing",
         section=" ".join(filter(None, ("swing", _OTHER_BODY.get(record.label.body or ""), axis or record.name))),
@@ -94,7 +95,8 @@ def fit(
             *found.findings,
             *(replace(finding, where=(mount,), quantities=(INERTIA,)) for mount, finding in directions),
             *implausible_quantities(quantities, rig),
-            *(() if body is None or inertia is None else findings_about(body[0], inertia, rig)),
+            *(() if body is None or inertia is None else findings_about(body[0], inertia, rig, platform)),
+            *(() if inertia is None else implausible_gravity(around.gravity_mps2, *inertia.quantities)),
             *(() if distance_m is None else _exact(mass=mass_std_kg, distance=distance_std_m)),
         ),
         sources=(record.source,),

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from cfid.estimate.propagation import contributions
 from cfid.findings import Finding, note
+from cfid.quantities.platforms import Platform
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import implausible_inputs
 from cfid.records.rig_file import Rig
@@ -72,11 +73,14 @@ def inertia_about(
     )
 
 
-def findings_about(body: SwungBody, inertia: InertiaAbout, rig: Rig | None) -> tuple[Finding, ...]:
-    """Return what is implausible in the numbers given or in the inertia, and what one swing cannot see."""
+def findings_about(body: SwungBody, inertia: InertiaAbout, rig: Rig | None, platform: Platform) -> tuple[Finding, ...]:
+    """Return what is implausible in the numbers given or in the inertia, and what one swing cannot see.
+
+    `platform` is the vehicle's where that swung.
+    """
     resting = tuple(inertia.quantities)
     return (
-        *implausible_inputs(given_numbers(body, filter(None, [inertia.distance_m])), rig, *resting),
+        *implausible_inputs(given_numbers(body, filter(None, [inertia.distance_m]), platform), rig, *resting),
         *moment_fault(
             "this swing", inertia.about_axis_kg_m2, inertia.about_centre_kg_m2, inertia.about_centre_std, *resting
         ),

@@ -247,6 +247,7 @@ def _merits(found: Identified) -> dict[str, Any]:
             name: {
                 "mean_lateness_s": series.mean_lateness_s,
                 "clock_skew": [line.skew for line in series.lines],
+                "clock_skew_std": [line.rate_std / line.rate**2 for line in series.lines],
                 "runs": len(series.runs),
             }
             for name, series in found.aligned.items()

@@ -266,6 +266,9 @@ def test_labels_have_the_weights_and_one_without_is_refused(rig_file: Path) -> N
     assert cfid.friction.fit(records, radius_m=2 * RADIUS_M).quantities["friction.coulomb_nm"].value == pytest.approx(
         2 * coulomb.value, rel=1e-3
     )
+    wide = cfid.friction.fit(records, radius_m=10 * RADIUS_M)
+    assert "check the radius" in wide.rejected["friction.coulomb_nm"].lower()
+    assert {"friction.viscous_nms_per_rad", "friction.setup_inertia_kg_m2"} <= set(wide.rejected)
     with pytest.raises(DataError, match="does not state its weight"):
         cfid.friction.fit([labelled(records[0], weight_g=None)], rig=rig)
     with pytest.raises(ConfigError, match="radius_m"):

@@ -15,6 +15,7 @@ import json
 import os
 import re
 import shlex
+import signal
 import subprocess
 import sys
 import time
@@ -177,6 +178,7 @@ def main() -> None:
     parser.add_argument("--stage", choices=STAGES, help="only this stage")
     parser.add_argument("--page", action="store_true", help="only write the figures into the page")
     arguments = parser.parse_args()
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # started in the background, commands would ignore it
     folder = arguments.folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)
     if arguments.page:

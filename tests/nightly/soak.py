@@ -7,7 +7,6 @@ Printed are rows and losses, and for real time what the recorder's process grew 
 
 import argparse
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -60,7 +59,7 @@ def real(for_s: float, folder: Path) -> None:
             after = {name: _used(logger.pid) for name, logger in loggers.items()}
             codes = {name: logger.wait(for_s + STARTS_WITHIN_S) for name, logger in loggers.items()}
         finally:
-            rig.send_signal(signal.SIGINT)
+            rig.terminate()  # a rig of a job in the background ignores Ctrl-C
     for name, code in codes.items():
         (run,) = (one for one in map(read_run, sorted((folder / "runs").iterdir())) if name in one.header.devices)
         what = f"{name}, {for_s:g} s of real time"

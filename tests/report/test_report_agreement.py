@@ -34,7 +34,7 @@ def tf(campaign: Campaign, *, gain: float = SLOPE, lag_s: float = 0.065) -> None
             "tf.series.motor1.static_gain_n": Parameter(value=gain, std=0.02e-6, unit="N"),
             "tf.time_constant_s": Parameter(value=lag_s, std=0.001, unit="s"),
         },
-        quality={"series": {"motor1": {"clock_skew": [1e-5, 1.2e-5, 0.8e-5]}}},
+        quality={"series": {"motor1": {"clock_skew": [1e-5, 1.2e-5, 0.8e-5], "clock_skew_std": [1e-6, 1e-6, 1e-6]}}},
     )
 
 
@@ -53,7 +53,32 @@ def test_the_static_gain_is_compared_with_the_slope_of_the_thrust_map(tmp_path: 
     assert not apart.agrees
     assert apart.in_std < -20
     assert "standard uncertainties of the difference apart (limit 3)" in apart.findings[0].text
-    assert sum(one.title.startswith("Thrust per command") for one in report_of(campaign).agreements) == 2
+    named = [one for one in report_of(campaign).agreements if one.title.startswith("Thrust per command")]
+    assert len(named) == 1  # its only series says the same
+
+
+def test_torque_times_speed_takes_at_least_the_power_of_an_ideal_rotor(tmp_path: Path) -> None:
+    campaign = new_campaign(tmp_path)
+    thrust(campaign)
+    for markers, agrees in ((1, True), (4, False)):  # a Crazyflie's speeds, and a quarter of them
+        speed = Parameter(value=[0.04 / markers, 380.0 / markers], std=[1e-4, 1.0], unit="rad/s(cmd)")
+        put(campaign, "speed", {"motor.speed_poly": speed})
+        torque = Parameter(value=[0.00596, 1.6e-5], std=[1e-5, 1e-7], unit="Nm(N)")
+        put(campaign, "torque", {"motor.torque_poly": torque})
+        put(campaign, "set", {"rotor_radius_m": Parameter(value=0.0231, unit="m")})
+        power = found(campaign, "Power of a rotor")
+        assert power.agrees is agrees
+    assert "the thrust by a rotor of 23.1 mm" in power.findings[0].text
+
+
+def test_one_skew_of_crossings_is_compared_by_its_own_uncertainty(tmp_path: Path) -> None:
+    campaign = new_campaign(tmp_path)
+    lag = Parameter(value=0.065, std=0.001, unit="s")
+    merits = {"series": {"motor1": {"clock_skew": [-1 / 85], "clock_skew_std": [1e-6]}}}
+    put(campaign, "tf", {"tf.time_constant_s": lag}, quality=merits)
+    for skew, agrees in ((-1 / 85 + 2e-6, True), (0.0, False)):
+        put(campaign, "latency", {"latency.clock_skew": Parameter(value=skew, std=1e-6, unit="1")})
+        assert found(campaign, "Rate of the vehicle's clock").agrees is agrees
 
 
 def test_moments_and_lag_of_flights_are_compared_with_those_of_the_rig(tmp_path: Path) -> None:

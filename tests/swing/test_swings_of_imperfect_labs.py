@@ -256,6 +256,33 @@ def test_a_mass_in_grams_and_a_distance_in_millimetres_are_rejected_with_their_u
     assert "swing.natural_frequency_squared_s2" not in heavy.rejected
 
 
+def test_a_mass_that_the_stated_vehicle_cannot_have_is_rejected(tmp_path: Path) -> None:
+    record = recorded(encoded(one_swing()[1], np.random.default_rng(5)), Label())
+    path = tmp_path / "rig.toml"
+    path.write_text(new_rig_text())
+    heavy = cfid.swing.fit(record, rig=load_rig(path), mass_kg=0.28, distance_m=0.023)
+
+    assert not heavy.accepted
+    assert "the mass is implausible, 0.28 kg" in " ".join(heavy.rejected.values())
+
+
+@pytest.mark.parametrize("platform", ["cf2", "other"])
+@pytest.mark.parametrize(("gravity_mps2", "guess"), [(981.0, "cm/s^2?"), (9.18, "")])
+def test_a_gravity_that_is_nowhere_on_earth_is_rejected(
+    gravity_mps2: float, guess: str, platform: str, tmp_path: Path
+) -> None:
+    record = recorded(encoded(one_swing()[1], np.random.default_rng(5)), Label())
+    path = tmp_path / "rig.toml"
+    path.write_text(new_rig_text().replace('platform = "cf2"', f'platform = "{platform}"'))
+    rig = load_rig(path)
+    wrong = cfid.swing.fit(record, rig=rig, mass_kg=0.028, distance_m=0.023, gravity_mps2=gravity_mps2)
+
+    assert "swing.axis_inertia_kg_m2" in wrong.rejected
+    assert "swing.natural_frequency_squared_s2" not in wrong.rejected
+    assert "gravity_mps2 is implausible" in wrong.rejected["swing.axis_inertia_kg_m2"]
+    assert guess in wrong.rejected["swing.axis_inertia_kg_m2"]
+
+
 def test_uncertainties_of_mass_and_distance_are_lines_of_the_budget_and_none_is_taken_as_exact() -> None:
     record, key = recorded(encoded(one_swing()[1], np.random.default_rng(5)), Label()), "swing.axis_inertia_kg_m2"
     exact = cfid.swing.fit(record, mass_kg=0.028, distance_m=0.023)

@@ -31,6 +31,7 @@ from cfid.motors.vibration.data import Rotors
 from cfid.records.covariances import Covariance
 from cfid.records.facts import RigFacts
 from cfid.records.parameters import Parameter
+from cfid.records.plausibility import implausible_gravity
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.run import Run
 from cfid.records.tables.stand import StandTable, read_stand_table
@@ -110,7 +111,13 @@ def fit_thrust(
             **(values.speed_parameters(over_speed) if over_speed else {}),
         },
         covariances=values.covariances(mapped, most=given, voltage=voltage, over_speed=over_speed),
-        findings=(*findings, *about_voltage, *about_speed, *about_scales),
+        findings=(
+            *findings,
+            *about_voltage,
+            *about_speed,
+            *about_scales,
+            *implausible_gravity(gravity_mps2, "motor.*"),
+        ),
         lines=(*lines, *(values.verification_lines(verification) if verification else ())),
         merits={
             "voltage_rms_n": voltage.voltage_rms if voltage else None,
