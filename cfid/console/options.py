@@ -9,6 +9,7 @@ import typer
 
 if TYPE_CHECKING:
     from cfid.records.tables.angle import Reading
+    from cfid.records.tables.schema import Foreign
     from cfid.records.tables.wrench import WrenchReading
 
 _FILE = "Files that something else wrote"
@@ -127,6 +128,21 @@ class ReadingOptions:
             rate_hz=self.rate_hz,
             skip_lines=self.skip_lines,
             columns=self.column_names,
+        )
+
+    def foreign(self, clock: Literal["true", "84/85"] | None = None) -> "Foreign":
+        """Return how to read a log or a table of motors. Raises ConfigError for what an angle alone has."""
+        from cfid.errors import ConfigError
+        from cfid.records.tables.schema import Foreign
+
+        if self.angle_unit is not None or self.counts_per_turn is not None:
+            raise ConfigError("`angle_unit` and `counts_per_turn` are for a file with an angle: none is read here.")
+        return Foreign(
+            time_unit=self.time_unit,
+            rate_hz=self.rate_hz,
+            skip_lines=self.skip_lines,
+            columns=self.column_names,
+            clock=clock,
         )
 
     @property

@@ -53,19 +53,12 @@ def flight(
     """
     from cfid.flight.data import read_flight
     from cfid.flight.result import fit
-    from cfid.records.tables.schema import Foreign
 
     workplace = open_workplace(rig)
     body = _body(
         workplace, measured(mass_kg, "--mass-kg"), measured(arm_mm, "--arm-mm"), measured(torque_m, "--torque-m")
     )
-    foreign = Foreign(
-        time_unit=reading.time_unit,
-        rate_hz=reading.rate_hz,
-        skip_lines=reading.skip_lines,
-        columns=reading.column_names,
-        clock=clock,
-    )
+    foreign = reading.foreign(clock)
     paths = [find_recording(word, workplace) for word in logs or []]
     result = fit([read_flight(path, foreign, from_s=cut.from_s, to_s=cut.to_s) for path in paths], body=body)
     deliver(replace(result, folder=workplace.figures_folder(paths)), delivery, workplace.campaign, workplace.own_rig)

@@ -4,12 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from cfid.errors import ConfigError
 from cfid.records.logs.any_kind import read_log
 from cfid.records.logs.log import Series
 from cfid.records.logs.run import log_of_run
 from cfid.records.run import RUN_FILE, Run, read_run
-from cfid.records.tables.schema import Foreign
+from cfid.records.tables.schema import Foreign, refuse_for_run
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,8 +25,7 @@ class Recording:
 def recording_at(path: Path, reading: Foreign) -> Recording:
     """Read a run folder, or a file of any kind. Raises DataError or ConfigError as its reader."""
     if path.is_dir():
-        if reading.clock is not None:
-            raise ConfigError(f"{path}: `clock` is for a log; the times of a run are as they were taken.")
+        refuse_for_run(path, reading)
         return _of_run(read_run(path))
     log = read_log(path, reading)
     facts = {"file": path.name, "sha256": log.source.sha256, "program": log.program, "clock": log.clock}

@@ -39,18 +39,11 @@ def validate(
     """
     from cfid.console.messages import note
     from cfid.flight.data import read_flight
-    from cfid.records.tables.schema import Foreign
     from cfid.validation.result import validate as compare
     from cfid.validation.sets import of_campaign, published_set, used_in
 
     workplace = open_workplace(rig)
-    foreign = Foreign(
-        time_unit=reading.time_unit,
-        rate_hz=reading.rate_hz,
-        skip_lines=reading.skip_lines,
-        columns=reading.column_names,
-        clock=clock,
-    )
+    foreign = reading.foreign(clock)
     path = find_recording(log, workplace)
     flown = read_flight(path, foreign, from_s=cut.from_s, to_s=cut.to_s)
     in_volts = flown.flight.in_volts

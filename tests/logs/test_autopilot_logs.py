@@ -4,6 +4,7 @@ import contextlib
 import struct
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from cfid.errors import ConfigError, DataError
 from cfid.records.logs.any_kind import read_log
 from cfid.records.logs.ulog_parts import PART_BYTES
+from cfid.records.tables.schema import Foreign
 
 COUNT = 200
 
@@ -252,3 +254,15 @@ def test_a_parameter_or_a_field_of_another_type_is_left_out_of_a_ulog_file(tmp_p
     log = read_log(tmp_path / "log")
 
     assert "as in PX4's quad X" in " ".join(log.assumed)
+
+
+def test_a_blackbox_log_without_a_time_ends_in_a_sentence(tmp_path: Path) -> None:
+    pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
+    with pytest.raises(DataError, match="log 1 of 1 is a blackbox log without a field 'time'"):
+        read_log(written(tmp_path, blackbox().replace(b"Iteration,time", b"Iteration,tide")))
+
+
+@pytest.mark.parametrize("given", [{"rate_hz": 5.0}, {"time_unit": "ms"}, {"skip_lines": 1}, {"columns": ("t",)}])
+def test_a_log_that_states_its_times_refuses_what_tables_need(tmp_path: Path, given: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError, match=f"`{next(iter(given))}` is for tables"):
+        read_log(written(tmp_path, ulog()), Foreign(**given))

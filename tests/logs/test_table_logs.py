@@ -93,3 +93,10 @@ def test_nanobench_is_read_with_the_firmware_s_names() -> None:
     assert log.channel("stateEstimate.roll")[1].max() < np.pi
     gyro, seen = log.channel("imu_gyro_x")[1], log.channel("wx_vicon")[1]  # by motion capture, late and smoothed
     assert gyro @ seen == pytest.approx(seen @ seen, rel=0.3)
+
+
+def test_a_rate_stands_for_the_column_of_times_and_that_is_said(tmp_path: Path) -> None:
+    log = read_log(written(tmp_path, lines("time,a", "{t},{x}")), Foreign(rate_hz=4.0))
+    assert log.series[0].names == ("a",)
+    assert log.channel("a")[0][-1] == pytest.approx(39 / 4)
+    assert "times are those of `rate_hz` 4: column 'time' is not used." in log.notes

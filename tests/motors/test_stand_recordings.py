@@ -13,6 +13,7 @@ import pytest
 from cfid.errors import FitError
 from cfid.motors.maps import fit_thrust
 from cfid.records.result import Result
+from cfid.records.tables.stand import read_stand_table
 from tests.campaigns import Cfid
 
 Array = npt.NDArray[np.float64]
@@ -164,3 +165,27 @@ def test_a_table_of_exact_plateaus_gives_its_own_curve(tmp_path: Path, rate_hz: 
     assert "e+" not in " ".join(one.text for one in result.findings)
     scatter = next(one.text for one in result.findings if "times as far" in one.text)
     assert float(scatter.split()[3]) < 1000
+
+
+@pytest.mark.parametrize(
+    ("words", "refused"),
+    [
+        ("--columns a,b", "--columns is for"),
+        ("--angle-unit deg", "--angle-unit and --counts-per-turn are for a file with an angle"),
+        ("--rate-hz 40 --time-unit s", "--time-unit is that of a time column"),
+    ],
+)
+@pytest.mark.parametrize("fit", ["dynamics", "thrust"])
+def test_an_option_that_a_stand_s_table_does_not_take_is_an_error(
+    cfid: Cfid, tmp_path: Path, fit: str, words: str, refused: str
+) -> None:
+    ended = cfid("fit", fit, write(tmp_path, sweep()), "--no-figures", *words.split())
+    assert ended.returncode == 2
+    assert refused in " ".join(ended.stderr.split())
+
+
+def test_a_rate_beside_a_stand_s_times_is_noted(tmp_path: Path) -> None:
+    table = read_stand_table(write(tmp_path, sweep()), rate_hz=8.0)
+    texts = " ".join(finding.text for finding in table.findings)
+    assert "times are those of `rate_hz` 8: column 'Time (s)' is not used." in texts
+    assert "time from" not in texts

@@ -479,3 +479,11 @@ def test_greek_names_of_an_angle_are_known(tmp_path: Path, name: str) -> None:
     between = ";" if "," in name else ","
     record = read(tmp_path, text_of(TIME_S, ANGLE_RAD, "t,NAME").replace(",", between).replace("NAME", name))
     assert record.angle_rad == pytest.approx(ANGLE_RAD, abs=1e-8)
+
+
+def test_a_rate_beside_a_column_of_times_is_noted_and_beside_its_unit_refused(tmp_path: Path) -> None:
+    text = "t,phi_rad\n" + "".join(f"{at / 100},{0.3 * (at % 3):.1f}\n" for at in range(40))
+    record = read(tmp_path, text, rate_hz=50.0)
+    assert record.time_s[-1] == pytest.approx(39 / 50)
+    assert any("times are those of `rate_hz` 50: column 't' is not used." in one.text for one in record.findings)
+    assert "`time_unit`" in refusal(tmp_path, text, ConfigError, rate_hz=50.0, time_unit="s")

@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cfid.errors import DataError
+from cfid.errors import ConfigError, DataError
+from cfid.interchange.recording import recording_at
 from cfid.records.run import DeviceRecord, Label, read_run
 from cfid.records.run_writer import create_run
 from cfid.records.tables.angle import Reading, read_angle
+from cfid.records.tables.schema import Foreign
 from cfid.records.tables.wrench import WrenchReading, read_wrench
 
 EPOCH_S = 1_763_712_345.0
@@ -102,3 +104,17 @@ def test_a_frame_of_a_run_that_recorded_nothing_is_refused(tmp_path: Path) -> No
 
     with pytest.raises(DataError, match="none of its devices has rows"):
         read_run(folder).frame("encoder")
+
+
+def test_what_other_programs_files_need_is_named_as_not_used_by_a_run(tmp_path: Path) -> None:
+    folder = encoder(tmp_path)
+    record = read_angle(folder, Reading(rate_hz=1.0, skip_lines=2, counts_per_turn=8192.0))
+    assert record.time_s[-1] == pytest.approx(0.39)
+    assert any("`rate_hz`, `skip_lines`: not used" in note for note in record.notes)
+    with pytest.raises(ConfigError, match="`rate_hz`: not used, the times and columns of a run are"):
+        recording_at(folder, Foreign(rate_hz=1.0))
+
+
+def test_what_other_programs_files_need_is_named_as_not_used_by_a_load_cell_s_run(tmp_path: Path) -> None:
+    record = read_wrench(loadcell(tmp_path, rate_hz=100), WrenchReading(rate_hz=1.0, counts_per_n=1e6))
+    assert any("`rate_hz`: not used" in note for note in record.notes)

@@ -13,6 +13,7 @@ from cfid.motors.maps.evidence import Evidence, Stand, together
 from cfid.motors.maps.table_data import of_table
 from cfid.motors.vibration.data import Rotors
 from cfid.records.run import refuse_contradiction, run_holding
+from cfid.records.tables.schema import refuse_for_run
 from cfid.records.tables.stand import read_stand_table
 from cfid.records.tables.times import run_at
 from cfid.records.tables.wrench import holds_wrench
@@ -40,13 +41,21 @@ def read_evidence(
     Raises ConfigError when there is nothing to read, DataError and FitError that name the file.
     """
 
+    foreign = reading.foreign()
+    runs: list[Path] = []
+    stands: list[Path] = []
+    files: list[str] = []
+
     def of_stand(path: Path) -> Evidence:
+        if foreign.columns:
+            raise ConfigError(f"{path}: `columns` is for a load cell's file; a stand's columns are known by name.")
+        stands.append(path)
         read = read_stand_table(
             path,
             gravity_mps2=workplace.rig.site.gravity_mps2,
-            rate_hz=reading.rate_hz,
-            skip_lines=reading.skip_lines,
-            time_unit=reading.time_unit,
+            rate_hz=foreign.rate_hz,
+            skip_lines=foreign.skip_lines,
+            time_unit=foreign.time_unit,
             esc_us=esc_us,
         )
         return of_table(read, known, workplace.facts)
@@ -58,11 +67,13 @@ def read_evidence(
             at = _command(command, word)
             if (run := run_holding(Path(file))) is not None:
                 refuse_contradiction(word, {"command": at}, {"command": run.header.requested.get("steps")})
+            files.append(file)
             here = known.where(workplace.facts)
             parts.append(of_file(at, Path(file), here, scale.reading(reading), method=method, rotors=rotors))
         else:
             path = find_recording(word, workplace)
             if (run := run_at(path)) is not None:
+                runs.append(path)
                 parts.append(of_run(run, known, scale.reading(reading), rotors=rotors))
             elif holds_wrench(path, scale.reading(reading)):
                 raise DataError(f"{path}: a load cell's file needs its command: write COMMAND={path}.")
@@ -72,6 +83,10 @@ def read_evidence(
         raise ConfigError(
             "nothing to fit: give a thrust stand's CSV file, COMMAND=FILE ..., or a RUN of `cfid log thrust` or speed."
         )
+    if runs and not (stands or files):
+        refuse_for_run(runs[0], foreign)
+    if esc_us is not None and not stands:
+        raise ConfigError("`esc_us` is for a thrust stand's table, and none is given.")
     if not any(len(part.points.command) for part in parts):
         raise FitError(joined(["no step settles.", *(part.findings[-1].text for part in parts if part.findings)]))
     return together(parts)

@@ -56,7 +56,6 @@ def dynamics(
     from cfid.motors.steps import fit
     from cfid.motors.steps.data import of_run, of_table
     from cfid.records.run import Run
-    from cfid.records.tables.schema import Foreign
     from cfid.records.tables.times import run_at
 
     workplace = open_workplace(rig)
@@ -66,13 +65,7 @@ def dynamics(
         raise ConfigError("several runs have several clocks: give one at a time.")
     path = table or find_recording((runs or [])[0], workplace)
     run = None if table is not None else run_at(path)
-    foreign = Foreign(
-        time_unit=reading.time_unit,
-        rate_hz=reading.rate_hz,
-        skip_lines=reading.skip_lines,
-        columns=reading.column_names,
-        clock=clock,
-    )
+    foreign = reading.foreign(clock)
     found = _recorded(path, run, foreign, is_table=table is not None, esc_us=pulses_us(esc_us))
     if isinstance(found, RotorLog):
         log = found if rotor is None else found.only(rotor)
@@ -89,16 +82,31 @@ def _recorded(
     path: Path, run: "Run | None", foreign: "Foreign", *, is_table: bool, esc_us: tuple[float, float] | None
 ) -> "RotorLog | StandTable | Run":
     """Return commands that never rest as a log, steps as they were recorded: a run, or a stand's table."""
+    from cfid.errors import ConfigError
     from cfid.motors.lag.data import of_log, of_stand, rotor_log
     from cfid.records.logs.run import log_of_run
+    from cfid.records.tables.schema import refuse_for_run
     from cfid.records.tables.stand import read_stand_table
 
     if run is not None:
+        refuse_for_run(path, foreign)
+        _refuse_pulses(path, esc_us)
         return of_log(log_of_run(run)) if run.header.kind == "flight" else run
     log = None if is_table else rotor_log(path, foreign)
     if log is not None:
+        _refuse_pulses(path, esc_us)
         return log
+    if foreign.columns:
+        raise ConfigError(f"{path}: `columns` is for a log without a header; a stand's columns are known by name.")
     stand = read_stand_table(
         path, rate_hz=foreign.rate_hz, skip_lines=foreign.skip_lines, time_unit=foreign.time_unit, esc_us=esc_us
     )
     return of_stand(stand) or stand
+
+
+def _refuse_pulses(path: Path, esc_us: tuple[float, float] | None) -> None:
+    """Raise ConfigError for pulse widths beside a recording whose commands are none."""
+    from cfid.errors import ConfigError
+
+    if esc_us is not None:
+        raise ConfigError(f"{path}: `esc_us` is for a thrust stand's table.")

@@ -37,6 +37,9 @@ def read_log(path: Path, reading: Foreign = NO_OPTIONS) -> FlightLog:
         raise DataError(f"{path}: no such file." if not path.is_dir() else f"{path}: a folder, not a file.")
     source = Source(str(path), sha256_of(path))
     reader = _binary_reader(path)
+    stated = next((key for key in ("time_unit", "rate_hz", "skip_lines", "columns") if getattr(reading, key)), None)
+    if reader is not None and stated is not None:
+        raise ConfigError(f"{path}: `{stated}` is for tables; this log states its own times and columns.")
     if reader is read_usd:
         return read_usd(path, source, reading.clock)
     if reading.clock is not None:

@@ -32,7 +32,7 @@ _PLAIN = re.compile(r"(?:motor|eRPM|debug|rcCommand)\[\d\]|loopIteration")
 def read_blackbox(path: Path, source: Source) -> FlightLog:
     """Read a blackbox file.
 
-    Raises ConfigError without orangebox, DataError for a file that it cannot read, or that has no frame.
+    Raises ConfigError without orangebox, DataError for a file that it cannot read, or that has no frame or time.
     """
     orangebox = optional_library("orangebox", extra="blackbox", what="a blackbox log")
     logging.getLogger("orangebox").addHandler(logging.NullHandler())  # it reports headers that it does without
@@ -44,6 +44,8 @@ def read_blackbox(path: Path, source: Source) -> FlightLog:
             parser = orangebox.Parser(LogBytes(orangebox, *place))
         except Exception as fault:  # a damaged file may make it raise anything
             raise DataError(f"{path}: not readable as a blackbox log: {type(fault).__name__}.") from None
+        if _TIME not in parser.field_names:
+            raise DataError(f"{path}: log {number} of {len(logs)} is a blackbox log without a field '{_TIME}'.")
         program = program or printable(str(parser.headers.get("Firmware revision", "unknown firmware")))
         frames, fault_name = _frames(parser)
         if fault_name:

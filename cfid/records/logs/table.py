@@ -46,12 +46,12 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
     whole = _table(path, source.sha256, reading)
     table = next(whole.blocks(), whole)
     time = _SCHEMA.places(table, named=reading.columns[:1], rate_hz=reading.rate_hz).get(TIME)
-    named = [name for name in table.names if name and name != time]
+    named = [name for name in table.names if name and name != time and not _is_replaced(name, table, reading)]
     program, channels = ("table of a MATLAB file" if is_matlab(path) else "CSV log"), tuple(map(_firmware, named))
     assumed: tuple[str, ...] = ()
     if table.names[0] == "Timestamp" and named and all(map(_VARIABLE.fullmatch, named)):
         program = _CLIENT
-        if reading.time_unit is None:
+        if time is not None and reading.time_unit is None:
             reading = replace(reading, time_unit="ms")
             assumed = ("Timestamp is in ms, as that program writes it",)
     elif "wx_vicon" in named:
@@ -90,6 +90,11 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
             *((CUT_LINE,) if cut else ()),
         ),
     )
+
+
+def _is_replaced(name: str, table: CsvTable, reading: Foreign) -> bool:
+    """Return whether a column is a time in whose place the given rate stands."""
+    return reading.rate_hz is not None and table.has_head and TIME_COLUMN.called.fullmatch(name) is not None
 
 
 def _firmware(name: str) -> Channel:

@@ -91,7 +91,7 @@ def read_usd(path: Path, source: Source, clock: Clock | None = None) -> FlightLo
             blocks = partial(_blocks, data, event, offsets, version.seconds)
             series.append(Series(name=event.name, rows=len(offsets), channels=channels, blocks=blocks))
     if not series:
-        raise DataError(f"{path}: a uSD-card log without one whole record. {' '.join(notes)}")
+        raise DataError(f"{' '.join([f'{path}: a uSD-card log without one whole record.', *notes])}")
     empty = [event.name for number, event in events.items() if not len(found.offsets[number])]
     return FlightLog(
         path=path,
@@ -181,9 +181,7 @@ def _faults(found: _Records, size: int, *, whole: bool) -> tuple[str, ...]:
         return (f"{found.fault} at byte {found.end} of {size}: the {rows} records before it are used.",)
     left = size - found.end
     if left == _CRC_BYTES:
-        return (
-            f"its CRC32 does not match: bytes are damaged, or the file was cut. All {rows} whole records are used.",
-        )
+        return (f"its CRC32 does not match: bytes are damaged, or the file was cut. It has {rows} whole records.",)
     if found.fault.startswith("no event") and left > _CRC_BYTES:
         return (
             f"its CRC32 does not match, and {found.fault} at byte {found.end} of {size}: the {rows} records before "

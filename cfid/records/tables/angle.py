@@ -21,7 +21,7 @@ from cfid.records.run import RUN_FILE, Label, Run
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.counts import CountsPerTurn, continuous_angle
 from cfid.records.tables.gyro import Rates, gyro_device, read_gyro
-from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema
+from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema, unused_in_run
 from cfid.records.tables.stamps import stamped_times
 from cfid.records.tables.table import Array
 from cfid.records.tables.times import (
@@ -124,8 +124,9 @@ def read_angle(path: Path, reading: Reading) -> AngleRecord:
         columns=record.columns[:2],
     )
     found, rows = _read(file, own, run.header.label, own=True)
+    unused = unused_in_run(reading, *(["counts_per_turn"] if counted else []))
     name = path.resolve().name
-    about_run = of_recording(name, [*losses(run, record, rows), *gaps(facts)])
+    about_run = of_recording(name, [*losses(run, record, rows), *gaps(facts), *unused])
     return replace(found, run=name, findings=about_run + found.findings)
 
 

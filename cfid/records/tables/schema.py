@@ -2,7 +2,8 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Literal, NamedTuple
 
 from cfid.errors import ConfigError, DataError
@@ -39,6 +40,19 @@ class Foreign:
     skip_lines: int = 0
     columns: tuple[str, ...] = ()
     clock: Literal["true", "84/85"] | None = None
+
+
+def unused_in_run(reading: Foreign, *used: str) -> tuple[str, ...]:
+    """Return a note on settings for other programs' files that were given for a run, but for those `used`."""
+    given = [f"`{one.name}`" for one in fields(reading) if getattr(reading, one.name) != one.default]
+    unused = ", ".join(name for name in given if name.strip("`") not in used)
+    return (f"{unused}: not used, the times and columns of a run are as they were taken.",) if unused else ()
+
+
+def refuse_for_run(path: Path, reading: Foreign) -> None:
+    """Raise ConfigError for settings of other programs' files beside a run."""
+    for note in unused_in_run(reading):
+        raise ConfigError(f"{path}: {note}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -207,7 +207,7 @@ def _understood(table: CsvTable, found: Found, timing: Timing, rows: int) -> str
     columns = ", ".join(
         f"{quantity.partition('_')[0]} from '{', '.join(columns.names)}'"
         for quantity, columns in found.items()
-        if quantity != "time_s" or timing.time_s is not None
+        if quantity != "time_s" or (timing.time_s is not None and timing.rate_hz is None)
     )
     kind = f"{rows} settled points"
     if timing.time_s is not None:

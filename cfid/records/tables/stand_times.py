@@ -76,6 +76,6 @@ def timing_of(table: CsvTable, found: Found, command: Array, *, unit: TimeUnit |
     if rate_hz is None and (not kind or held < _HELD_ROWS):
         return Timing(None, None, ())
     rate = STAND_RATE_HZ if rate_hz is None else rate_hz
-    times, notes = times_of(table, None, command, unit=None, rate_hz=rate)
+    times, notes = times_of(table, None, command, unit=unit, rate_hz=rate)
     assumed = f"a record over time without a time column: {rate:g} Hz is assumed (`rate_hz`)."
     return Timing(times, rate, (*notes, *([assumed] if rate_hz is None else [])))

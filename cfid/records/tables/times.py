@@ -224,15 +224,17 @@ def times_of(
 ) -> tuple[Array, tuple[str, ...]]:
     """Return the times (n,) in seconds since the first, and notes.
 
-    `raw` (n,) are the column's values; with a rate, column and values are ignored. `own` marks a run of cfid, whose
-    unit is known at any rate. A unit that neither the column's name nor `unit` states is the only one in which
-    intervals are at most `slowest_s`. Raises DataError when time goes back, stands still or has another unit,
-    ConfigError for an invalid rate.
+    `raw` (n,) are the column's values; a rate stands for them, and a note names the column. `own` marks a run of
+    cfid, whose unit is known at any rate. A unit that neither the column's name nor `unit` states is the only one in
+    which intervals are at most `slowest_s`. Raises DataError when time goes back, stands still or has another unit,
+    ConfigError for an invalid rate, or one beside a unit.
     """
     if rate_hz is not None:
         if not 0 < rate_hz < np.inf:
             raise ConfigError(f"`rate_hz` {rate_hz:g}: has to be above zero.")
-        return np.arange(len(raw)) / rate_hz, ()
+        if unit is not None:
+            raise ConfigError("`time_unit` is that of a time column, and `rate_hz` stands for one: give one of them.")
+        return np.arange(len(raw)) / rate_hz, _unused_times(table, rate_hz)
     stated = unit_of(table, TIME_COLUMN.called, column or "", unit, "time_unit")
     row = next((at + 1 + int(np.argmax(step < 0)) for at, step in differences(raw) if np.any(step < 0)), 0)
     if row:
@@ -257,6 +259,12 @@ def times_of(
     np.subtract(raw, raw[0], out=time_s)
     time_s *= SECONDS[known]
     return time_s, notes
+
+
+def _unused_times(table: CsvTable, rate_hz: float) -> tuple[str, ...]:
+    """Return a note on a time column whose place a rate takes."""
+    name = next((name for name in table.names if table.has_head and TIME_COLUMN.called.fullmatch(name)), None)
+    return () if name is None else (f"times are those of `rate_hz` {rate_hz:g}: column '{name}' is not used.",)
 
 
 def time_unit_of(

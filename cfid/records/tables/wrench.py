@@ -21,7 +21,7 @@ from cfid.records.line_devices import STAMP
 from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
 from cfid.records.tables.blocks import open_table
-from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema
+from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema, unused_in_run
 from cfid.records.tables.stamps import stamped_times
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.times import (
@@ -171,7 +171,8 @@ def read_wrench(path: Path, reading: WrenchReading) -> WrenchRecord:
     axes = tuple(axis for axis in AXES if axis in record.columns)
     found = _read(file, own, run.header.label, family=facts.family, own=True, axes=axes)
     name = path.resolve().name
-    about_run = of_recording(name, [*losses(run, record, len(found.time_s)), *gaps(facts)])
+    unused = unused_in_run(reading, "gain", *(["counts_per_n", "counts_per_nm"] if counted else []))
+    about_run = of_recording(name, [*losses(run, record, len(found.time_s)), *gaps(facts), *unused])
     return replace(found, run=name, findings=about_run + found.findings, lost=record.lost)
 
 
