@@ -25,6 +25,7 @@ DRIFT_LIMIT = 0.01
 SPRING_LIMIT = 0.03  # of gravity's stiffness
 
 IDENTIFIABLE_BIC = 10.0  # [KR]: a difference below it is no strong evidence
+_SPRING_THAT_MISLEADS = 4e-3  # of gravity: more than all else leaves uncertain
 _SPRING_THAT_MATTERS = 1e-3  # of gravity: as much as mass and distance leave uncertain
 _LED_BY_HAND = 0.15  # of the release angle
 
@@ -140,7 +141,7 @@ def eccentricity_finding(fit: OutputError) -> tuple[Finding, ...]:
 
 
 def spring_finding(fit: OutputError, uncertain_s2: float, unseen_s2: float) -> tuple[Finding, ...]:
-    """Warn of a spring beside gravity, reject a stiff one, or note from which on the record would have shown one.
+    """Warn of a spring beside gravity, reject a stiff one, or state from which on the record would have shown one.
 
     A spring leaves W uncertain by `uncertain_s2`; one up to `unseen_s2` raises W by as much and does not show.
     """
@@ -164,7 +165,9 @@ def spring_finding(fit: OutputError, uncertain_s2: float, unseen_s2: float) -> t
         f"this swing does not show a spring, as of a cable or a bearing, below {_percent(unseen_s2 / frequency)} of "
         "gravity's stiffness, which would raise the natural frequency squared by as much. Release higher, swing longer."
     )
-    return (note("swing-spring-unseen", text),)
+    if unseen_s2 < _SPRING_THAT_MISLEADS * frequency:
+        return (note("swing-spring-unseen", text),)
+    return (warning("swing-spring-hidden", text),)
 
 
 def spring_or_friction_finding(spring: float, moves: float) -> tuple[Finding, ...]:

@@ -315,6 +315,23 @@ def test_an_axis_that_contradicts_the_runs_own_label_is_refused_and_both_are_nam
         cfid.swing.fit(record, axis="x")
 
 
+@pytest.mark.parametrize(
+    ("release_deg", "seconds", "code"),
+    [(60.0, 14.0, ""), (30.0, 14.0, "swing-spring-unseen"), (9.0, 6.0, "swing-spring-hidden")],
+)
+def test_the_least_spring_that_a_swing_would_show_is_stated_and_a_large_one_is_a_warning(
+    release_deg: float, seconds: float, code: str
+) -> None:
+    trials = Trials(np.random.default_rng(3), 1)
+    trials.release_rad = np.radians([release_deg])
+    time_s, angle = trials.swung(seconds)
+    fit = fit_swing(find_swing(time_s, encoded(angle[:, 0], np.random.default_rng(5))))
+    found = [one for one in fit.findings if one.code in {"swing-spring-unseen", "swing-spring-hidden"}]
+
+    assert [one.code for one in found] == [code] * bool(code)
+    assert all("does not show a spring" in one.text for one in found)
+
+
 @pytest.mark.parametrize("cable", [0.05, 0.08])
 def test_a_stiff_spring_is_rejected(cable: float) -> None:
     time_s, angle = Trials(np.random.default_rng(3), 1, cable=cable).swung(14.0)
