@@ -58,6 +58,7 @@ _DAMPING = Coefficients._fields[1:4]
 _ECCENTRIC_RAD = 0.05  # more is no eccentricity of a disc
 _TRIED_ECCENTRIC = 2  # of the choices of damping, the best
 _SHOWN_STD = 3.0  # of a spring that is tried beside the others
+_LIKE_FRICTION = 0.1  # spring over gravity: friction resembles small ones, and of larger ones the model is at fault
 _STIFFEST = 1.0  # spring over gravity: an angle in a wrong unit resembles a stiffer one
 _CLEARLY_BETTER = 0.95  # of the sum of squares
 _VARIES_STD = 4.0  # of a probe of dry friction: sound swings stay below
@@ -274,7 +275,7 @@ def _judged(
         shares["friction at low speed"] = abs(varying.moved_s2)
     moved, shares["friction over the angle"] = over_angle.expected(_VARIES_USUALLY * fit.coefficients.coulomb_per_s2)
     left_spring, left_std, left_moves = spring_beside(swing, fit) if swing.rate_rad_per_s is None else (0.0, 0.0, 0.0)
-    if left_spring > _SHOWN_STD * left_std:
+    if _SHOWN_STD * left_std < left_spring < _LIKE_FRICTION * frequency:
         shares["spring or friction"] = abs(left_moves)
     if unfinished is not None:
         shares["model that did not converge"] = abs(unfinished.coefficients.natural_frequency_squared_s2 - frequency)
