@@ -1,6 +1,9 @@
 """Angles in MATLAB files: each way in which classrooms save them gives the angle that a CSV file gives."""
 
+import io
+import struct
 import sys
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -93,6 +96,21 @@ def test_a_cut_mat_file_ends_in_a_sentence(tmp_path: Path, length: int) -> None:
     savemat(tmp_path / "a.mat", {"t": TIME_S, "theta": ANGLE_RAD})
     (tmp_path / "a.mat").write_bytes((tmp_path / "a.mat").read_bytes()[:length])
     with pytest.raises(DataError, match=r"a\.mat: (?:not readable as a MATLAB file|no arrays of numbers)"):
+        read_angle(tmp_path / "a.mat", Reading(angle_unit="rad"))
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_an_element_of_an_unknown_type_ends_in_a_sentence(tmp_path: Path, compressed: bool) -> None:
+    plain = io.BytesIO()
+    savemat(plain, {"t": TIME_S, "theta": ANGLE_RAD})
+    content = bytearray(plain.getvalue())
+    at = content.index(struct.pack("<II", 9, 8 * len(TIME_S)))  # doubles
+    content[at : at + 4] = struct.pack("<I", 15360)  # SciPy's reader ends the process
+    if compressed:
+        packed = zlib.compress(bytes(content[128:]))
+        content[128:] = struct.pack("<II", 15, len(packed)) + packed
+    (tmp_path / "a.mat").write_bytes(content)
+    with pytest.raises(DataError, match="not readable as a MATLAB file: an element has the unknown type 15360"):
         read_angle(tmp_path / "a.mat", Reading(angle_unit="rad"))
 
 

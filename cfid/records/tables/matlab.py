@@ -16,6 +16,7 @@ from cfid.large import empty, stored_together
 from cfid.lazy import later
 from cfid.records.extras import optional_library
 from cfid.records.files import check_regular
+from cfid.records.tables.matlab_elements import check_elements
 from cfid.records.tables.text import is_number
 
 _loadmat, _whosmat = later("scipy.io", "loadmat"), later("scipy.io", "whosmat")
@@ -71,7 +72,7 @@ def matlab_table(path: Path, columns: Sequence[str]) -> MatlabTable:
     """
     try:
         tree = _tree(path)
-    except ConfigError:
+    except (ConfigError, DataError):
         raise
     except Exception as fault:  # a damaged file may make these libraries raise anything
         raise DataError(f"{path}: not readable as a MATLAB file: {type(fault).__name__}.") from None
@@ -120,6 +121,7 @@ def _tree(path: Path) -> Tree:
     with path.open("rb") as file:
         begin = file.read(len(_BEGINS[0]))
     if begin == _BEGINS[0]:
+        check_elements(path)
         return dict(_variables(path))
     h5py = optional_library("h5py", extra="mat", what="a MATLAB file of version 7.3")
     with h5py.File(path, "r") as file:
