@@ -146,6 +146,14 @@ def test_a_ulog_file_that_its_library_wrote_is_read_alike(tmp_path: Path) -> Non
     np.testing.assert_array_equal(read_log(tmp_path / "again").channel("xyz[1]")[1], -np.arange(COUNT))
 
 
+def test_a_signalling_nan_of_a_damaged_ulog_file_is_a_missing_value_without_a_warning(tmp_path: Path) -> None:
+    pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
+    whole, value = ulog(), struct.pack("<3f", 7 / 8, -7, 0.5)
+    log = read_log(written(tmp_path, whole.replace(value, b"\x01\x00\xa0\x7f" + value[4:])))
+    (rates,) = (series for series in log.series if series.name == "vehicle_angular_velocity")
+    assert sum(int(np.isnan(block).sum()) for block in rates.blocks()) == 1
+
+
 @pytest.mark.parametrize("damaged", [False, True])
 def test_a_ulog_file_that_is_read_in_parts_keeps_every_row(tmp_path: Path, damaged: bool) -> None:
     pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')

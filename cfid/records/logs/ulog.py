@@ -125,7 +125,8 @@ def _blocks(rows: Sequence[Rows], columns: Sequence[_Column]) -> Iterator[Array]
     for part in rows:
         for begin in range(0, len(part), BLOCK_ROWS):
             some = part[begin : begin + BLOCK_ROWS]
-            values = [some[each.field].astype(np.float64) / each.divisor for each in columns]
+            with np.errstate(invalid="ignore"):  # damaged floats that are signalling NaN become quiet ones
+                values = [some[each.field].astype(np.float64) / each.divisor for each in columns]
             yield np.column_stack([some["timestamp"] * 1e-6, *values])
 
 
