@@ -13,7 +13,7 @@ from cfid.flight.data import read_flight
 from cfid.flight.result import fit
 from tests.flight.flying import STEP, Fleet, fleet, fly
 from tests.flight.test_flight_fits import body_of
-from tests.logs.test_autopilot_logs import message, signed, unsigned
+from tests.logs.autopilot_bytes import message, signed, unsigned
 
 Array = npt.NDArray[np.float64]
 

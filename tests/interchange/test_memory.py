@@ -15,6 +15,8 @@ import numpy.typing as npt
 import pytest
 from scipy.integrate import solve_ivp
 
+from tests.logs.autopilot_bytes import BLACKBOX_END, blackbox_head, blackbox_row
+
 Array = npt.NDArray[np.float64]
 
 LIMIT_MB, SIZE_MB = 500, 400
@@ -120,6 +122,25 @@ def ulog(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
             for at, (command, speed) in enumerate(rotors.rows(count)):
                 rows["2"]["x"][:, at], rows["3"]["x"][:, at] = command / 65535, speed
             file.write(rows.tobytes())
+    yield path
+    path.unlink()
+
+
+@pytest.fixture(scope="module")
+def blackbox_log(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Write two hours at 2 kHz, of which every row stands for itself."""
+    path = tmp_path_factory.mktemp("large") / "large.bbl"
+    draw, at = np.random.default_rng(4), 0
+    with path.open("wb") as file:
+        file.write(blackbox_head())
+        while file.tell() < SIZE_MB * 1_000_000:
+            rows = bytearray()
+            for roll in draw.integers(-100, 100, 20_000).tolist():
+                held = 1100 + at // 40 * 7919 % 800
+                rows += blackbox_row(at, gyro=(roll, -(at % 50), 0), motors=[held + 100 * k for k in range(4)])
+                at += 1
+            file.write(rows)
+        file.write(BLACKBOX_END)
     yield path
     path.unlink()
 
@@ -232,6 +253,15 @@ def test_a_large_ulog_file_takes_little_memory(ulog: Path, tmp_path: Path, words
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    "words", ["show {log}", "convert {log} --to parquet --out {out}", "fit dynamics {log} --rotor 1 --to 700 --force"]
+)
+def test_a_large_blackbox_log_takes_little_memory(blackbox_log: Path, tmp_path: Path, words: str) -> None:
+    pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
+    _check_peak(blackbox_log, tmp_path, words)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("words", ["fit thrust {log} --no-figures", "fit torque {log} --no-figures", "show {log}"])
 def test_a_large_table_of_a_stand_takes_little_memory(stand: Path, tmp_path: Path, words: str) -> None:
     _check_peak(stand, tmp_path, words)
@@ -253,6 +283,7 @@ def test_a_large_table_of_angles_takes_little_memory(angles: Path, tmp_path: Pat
         "convert {log} --to parquet --out {out}",
         "convert {log} --to mat --out {out}",
         "convert {log} --to csv --out {out}",
+        "convert {log} --to mcap --out {out}",
         "import {log} --campaign {campaign}",
         "show {log} --no-figures",
         "fit dynamics {log} --rotor 1 --to 700 --no-figures",

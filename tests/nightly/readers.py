@@ -28,7 +28,7 @@ from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
 from cfid.sim.netft import NetFTBox
 from cfid.sim.truth_file import load_truth
 from cfid.wire import app, crtp, e201, netft, rdt, scales, supervisor, ut372
-from tests.logs.test_autopilot_logs import blackbox, ulog
+from tests.logs.autopilot_bytes import blackbox, ulog
 from tests.logs.usd_bytes import single
 from tests.records.test_fits import FIT
 from tests.records.test_thrust_stand_files import text_of
