@@ -92,7 +92,7 @@ def _look(
 ) -> None:
     """Sample the devices of the experiment, and add what their signals show to the answers."""
     from cfid.console.live import LiveLine
-    from cfid.console.preflight import judged
+    from cfid.console.preflight import TARE_S, judged
     from cfid.console.vehicle import reach
     from cfid.rig.log import ready_encoder, ready_loadcell
     from cfid.rig.sampling import sample
@@ -111,7 +111,7 @@ def _look(
     plan = _plan(experiment)
     live.task("looking at the signals")
     try:
-        sampled = sample(parts, for_s=seconds, show=live.show)
+        sampled = sample(parts, for_s=seconds, tare_s=TARE_S, show=live.show)
     finally:
         live.end()
     for name, own in judged(_records(parts), sampled, plan, calm=experiment != "wind").items():

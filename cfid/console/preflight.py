@@ -20,7 +20,9 @@ from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
 
 Array = npt.NDArray[np.float64]
 
+_LASTS = "battery lasts"
 QUICK_S = 1.0  # of signals before each recording with motors
+TARE_S = 0.2  # the live line shows forces above those of the beginning, as in a recording
 NOT_READ = "; battery not read"  # without them
 
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
@@ -195,19 +197,17 @@ def of_vehicle(sampled: Sampled, plan: Sequence[Held]) -> list[DeviceAnswer]:
 def battery(sampled: Sampled, plan: Sequence[Held]) -> DeviceAnswer:
     """Return the battery's voltage, and for how long it lasts; too short is a warning, as the cell may be another."""
     if BATTERY not in sampled.columns:
-        return DeviceAnswer(
-            "battery lasts", "warning", "the vehicle reports no voltage", "charge it before long recordings"
-        )
+        return DeviceAnswer(_LASTS, "warning", "the vehicle reports no voltage", "charge it before long recordings")
     volts = float(np.median(sampled.columns[BATTERY]))
     found = endurance(volts, plan)
     if found is None:
-        return DeviceAnswer("battery lasts", "ok", f"{volts:.2f} V, which is no single lithium cell")
+        return DeviceAnswer(_LASTS, "ok", f"{volts:.2f} V, which is no single lithium cell")
     shown = f"{volts:.2f} V: about {100 * found.charge:.0f} %, lasts {clock(found.lasts_s)} min at this plan's currents"
     takes = f"{clock(found.takes_s)} min, on a cell of {CELL_MAH:g} mAh"
     if found.enough:
-        return DeviceAnswer("battery lasts", "ok", shown, limit=takes)
+        return DeviceAnswer(_LASTS, "ok", shown, limit=takes)
     return DeviceAnswer(
-        "battery lasts",
+        _LASTS,
         "warning",
         shown,
         "charge it, or record in parts with --resume; a supply does not run empty",
@@ -216,27 +216,28 @@ def battery(sampled: Sampled, plan: Sequence[Held]) -> DeviceAnswer:
 
 
 def quick(devices: Sequence[Device], plan: Sequence[Held], *, calm: bool = True) -> str:
-    """Sample load cell and vehicle for a second, and note each limit that is exceeded; return the battery's state.
+    """Sample load cell and vehicle for a second, note each limit that is exceeded; return the battery's state.
 
     Raises DeviceError where a recording would be worthless, or a device failed.
     """
     live = LiveLine()
     live.task("looking at the signals")
     try:
-        sampled = sample(devices, for_s=QUICK_S, show=live.show)
+        sampled = sample(devices, for_s=QUICK_S, tare_s=TARE_S, show=live.show)
     finally:
         live.end()
     records = {device.record.file.removesuffix(".csv"): device.record for device in devices}
     answers = judged(records, sampled, plan, calm=calm)
-    wrong = [(name, one) for name, own in answers.items() for one in own if one.state == "fault"]
+    every = [(name, one) for name, own in answers.items() for one in own]
+    wrong = [
+        (name, one) for name, one in every if one.state == "fault" or (one.asked == _LASTS and one.advice and one.limit)
+    ]
     lines = [f"{name}, {one.asked}: {one.answer} (limit {one.limit}): {one.advice}." for name, one in wrong]
     if any(one.asked in _WORTHLESS and name == "loadcell" for name, one in wrong):
         raise DeviceError(f"not recorded: {' '.join(lines)} `cfid rig preflight` shows more; --no-preflight records.")
     for line in lines:
         note(line)
-    return next(
-        (f"; battery {one.answer}" for own in answers.values() for one in own if one.asked == "battery lasts"), ""
-    )
+    return next((f"; battery {one.answer}" for _, one in every if one.asked == _LASTS), "")
 
 
 def judged(

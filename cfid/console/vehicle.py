@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
@@ -135,11 +135,18 @@ def refuse(vehicle: "ReadyVehicle", motors: Sequence[int], commands: Sequence[in
 
 
 def confirm(
-    vehicle: "ReadyVehicle", motors: Sequence[int], commands: Sequence[int], *, yes: bool, effort: str = ""
+    vehicle: "ReadyVehicle",
+    motors: Sequence[int],
+    commands: Sequence[int],
+    *,
+    yes: bool,
+    effort: str = "",
+    ring: Callable[[], None] = lambda: None,
 ) -> None:
     """Have the operator confirm that the vehicle is fastened, before motors turn at these commands.
 
-    `effort` states how long, and what that takes. Raises ConfigError without a confirmation, and as `refuse` does.
+    `effort` states how long, and what that takes; `ring` calls the operator. Raises ConfigError without a
+    confirmation, and as `refuse` does.
     """
     largest = refuse(vehicle, motors, commands)
     if yes:
@@ -148,6 +155,7 @@ def confirm(
     turns = f"{vehicle.uri}: {which} will turn at commands up to {largest}{effort}."
     question = fitted(f"{turns} Is the vehicle fastened and everyone clear? [y/N]", err=True)
     typer.echo(f"{question} ", nl=False, err=True)
+    ring()
     answer = typed_line()
     if not answer.endswith("\n"):
         typer.echo(err=True)  # the input ended: the question ends its line

@@ -62,7 +62,7 @@ def record_forces(
         refuse(crazyflie, staircase.motors, staircase.steps)
         sampled = [loadcell, crazyflie.usual_log(log_ms)]
         effort += NOT_READ if vehicle.no_preflight else quick(sampled, staircase.held, calm=calm)
-        confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes, effort=effort)
+        confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes, effort=effort, ring=live.ring)
         parts = [crazyflie.commands(), loadcell, *crazyflie.watch(log_ms)]
         if question is not None:
             parts.append(typed_readings("rpm"))
@@ -182,7 +182,7 @@ def _record_readings(
         effort = _effort(staircase, rig, rate_hz=_ROWS_A_SECOND)
         refuse(crazyflie, staircase.motors, staircase.steps)
         effort += NOT_READ if vehicle.no_preflight else quick([crazyflie.usual_log()], staircase.held)
-        confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes, effort=effort)
+        confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes, effort=effort, ring=live.ring)
         procedure = _procedure(staircase, question, live, tare=False)
         plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested={}, question=question)
         record(f"log {kind}", plan, parts, live, keep, judge=judge)

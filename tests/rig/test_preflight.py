@@ -194,6 +194,17 @@ def test_the_question_states_duration_space_and_battery(tmp_path: Path) -> None:
     assert "min at this plan's currents. Is the vehicle fastened" in pilot.err
 
 
+def test_a_battery_that_is_too_small_for_the_plan_is_said_before_the_question(tmp_path: Path) -> None:
+    with bench_in(tmp_path) as bench:
+        pilot = bench.start("log", "thrust")
+        assert pilot.end() == 2
+    said, _, question = pilot.err.partition("will turn at commands")
+
+    assert "battery lasts: 3.70 V: about 13 %" in said
+    assert "(limit 7:12 min, on a cell of 240 mAh): charge it, or record in parts" in said
+    assert "Is the vehicle fastened" in question
+
+
 def test_the_question_says_that_the_battery_was_not_read_where_nobody_looked(tmp_path: Path) -> None:
     with bench_in(tmp_path, **FULL) as bench:
         pilot = bench.start(*STAIRS, "--no-preflight")

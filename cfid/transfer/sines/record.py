@@ -62,7 +62,7 @@ def record_sines(
         refuse(crazyflie, sorted({*chain(*turning)}), (least, largest))
         held_in_all = [held for sine in sines for held in sine.held(each_s)]
         effort += NOT_READ if vehicle.no_preflight else _quick(cell, crazyflie.usual_log(log_ms), held_in_all)
-        confirm(crazyflie, sorted({*chain(*turning)}), (least, largest), yes=vehicle.yes, effort=effort)
+        confirm(crazyflie, sorted({*chain(*turning)}), (least, largest), yes=vehicle.yes, effort=effort, ring=live.ring)
         for count, sine in enumerate(sines):
             name = f"l = {sine.periods} ({count + 1} of {len(sines)})"
             live.task(f"{name}: pause")
