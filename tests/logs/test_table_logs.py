@@ -50,6 +50,14 @@ def test_a_column_of_words_is_left_out_and_named(tmp_path: Path) -> None:
     assert "'flying' in column 'state' is not a number" in log.notes[0]
 
 
+def test_columns_of_one_name_are_left_out_and_the_others_kept(tmp_path: Path) -> None:
+    log = read_log(written(tmp_path, lines("t_s,a,b,a", "{t},{x},{x},1", step=0.01)))
+    assert [channel.name for channel in log.series[0].channels] == ["b"]
+    assert any("the columns 2, 4 are all named 'a': rename them" in text for text in log.notes)
+    with pytest.raises(DataError, match="the columns 2, 3 are all named 'a': rename them"):
+        read_log(written(tmp_path, lines("t_s,a,a", "{t},{x},1", step=0.01)))
+
+
 def test_a_column_that_begins_late_is_kept_with_its_numbers_and_an_empty_one_is_named(tmp_path: Path) -> None:
     rows = "".join(f"{14812 + 2 * at},,{at if at > 20 else ''},{at / 8}\n" for at in range(60))
     path = written(tmp_path, "tick,controller.r_roll,controller.cmd_roll,acc.z\n" + rows)

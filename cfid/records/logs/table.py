@@ -46,7 +46,12 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
     whole = _table(path, source.sha256, reading)
     table = next(whole.blocks(), whole)
     time = _SCHEMA.places(table, named=reading.columns[:1], rate_hz=reading.rate_hz).get(TIME)
-    named = [name for name in table.names if name and name != time and not _is_replaced(name, table, reading)]
+    repeated = _repeated(table, time)
+    named = [
+        name
+        for name in table.names
+        if name and name != time and name not in repeated and not _is_replaced(name, table, reading)
+    ]
     program, channels = ("table of a MATLAB file" if is_matlab(path) else "CSV log"), tuple(map(_firmware, named))
     assumed: tuple[str, ...] = ()
     if table.names[0] == "Timestamp" and named and all(map(_VARIABLE.fullmatch, named)):
@@ -69,7 +74,7 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
         reading = replace(reading, time_unit=time_unit_of(table, time, raw, unit=reading.time_unit))
     faults, missing, rows, cut = _checked(path, source.sha256, reading, time, named)
     if len(faults) == len(named):
-        raise DataError(next(iter(faults.values()), f"{path}: no column but the time."))
+        raise DataError(next(iter({**faults, **repeated}.values()), f"{path}: no column but the time."))
     kept = [(name, channel) for name, channel in zip(named, channels, strict=True) if name not in faults]
     found = tuple(channel for _, channel in kept)
     blocks = partial(_blocks, path, source.sha256, reading, time, [name for name, _ in kept])
@@ -82,7 +87,7 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
         assumed=(*assumed, *assumptions(found)),
         notes=(
             *notes,
-            *(f"left out: {fault}" for fault in faults.values()),
+            *(f"left out: {fault}" for fault in (*repeated.values(), *faults.values())),
             *(
                 f"column '{printable(name)}' has no number in {count} of {rows} rows."
                 for name, count in missing.items()
@@ -90,6 +95,18 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
             *((CUT_LINE,) if cut else ()),
         ),
     )
+
+
+def _repeated(table: CsvTable, time: str | None) -> dict[str, str]:
+    """Return why columns of one name are left out, by name."""
+    places: dict[str, list[str]] = {}
+    for place, name in enumerate(table.names, start=1):
+        places.setdefault(name, []).append(str(place))
+    return {
+        name: f"{table.path}: the columns {', '.join(there)} are all named '{printable(name)}': rename them."
+        for name, there in places.items()
+        if name and name != time and len(there) > 1
+    }
 
 
 def _is_replaced(name: str, table: CsvTable, reading: Foreign) -> bool:
