@@ -141,7 +141,8 @@ def _negative_delay(delay: Delay) -> list[Finding]:
     text = (
         f"the force comes {-1e3 * delay.delay_s:.2f} +- {1e3 * delay.std_s:.2g} ms before its command as stamped: "
         "reports of commands arrive by radio, later than these act. It belongs to the link, not to the motor: where "
-        "the radio's shortest latency wanders, within a minute or so, this delay does so too, by more than it is uncertain."
+        "the radio's shortest latency wanders, within a minute or so, this delay does so too, by more than its "
+        "uncertainty."
     )
     return [note("transfer-delay-negative", text, "tf.delay_s")]
 
