@@ -169,9 +169,9 @@ def test_however_the_look_at_the_balance_ends_the_motors_are_off_and_the_vehicle
 
 
 def test_a_pendulum_that_moves_is_not_ready_and_one_that_hangs_still_is(lab: Lab) -> None:
-    moving = lab.cfid("rig", "preflight", "swing", "--for", 1)
+    moving = lab.cfid("rig", "preflight", "swing", "--for", 3)
     lab.e201._angle_at = lambda time_s: 0.5
-    still = lab.cfid("rig", "preflight", "swing", "--for", 1, "--json")
+    still = lab.cfid("rig", "preflight", "swing", "--for", 3, "--json")
     states = {answer["asked"]: answer["state"] for answer in json.loads(still.out)["devices"]["encoder"]}
 
     assert moving.code == 3
