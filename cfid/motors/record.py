@@ -60,8 +60,8 @@ def record_forces(
         crazyflie.limits.refuse_idling(staircase.motors)
         effort = _effort(staircase, rig, rate_hz=cell.rate_hz + 1000 / log_ms)
         refuse(crazyflie, staircase.motors, staircase.steps)
-        sampled = [loadcell, crazyflie.usual_log(log_ms)]
-        effort += NOT_READ if vehicle.no_preflight else quick(sampled, staircase.held, calm=calm)
+        looked_at = [loadcell, crazyflie.usual_log(log_ms)]
+        effort += NOT_READ if vehicle.no_preflight else quick(looked_at, staircase.held, calm=calm)
         confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes, effort=effort, ring=live.ring)
         parts = [crazyflie.commands(), loadcell, *crazyflie.watch(log_ms)]
         if question is not None:

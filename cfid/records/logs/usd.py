@@ -91,7 +91,7 @@ def read_usd(path: Path, source: Source, clock: Clock | None = None) -> FlightLo
             blocks = partial(_blocks, data, event, offsets, version.seconds)
             series.append(Series(name=event.name, rows=len(offsets), channels=channels, blocks=blocks))
     if not series:
-        raise DataError(f"{' '.join([f'{path}: a uSD-card log without one whole record.', *notes])}")
+        raise DataError(" ".join([f"{path}: a uSD-card log without one whole record.", *notes]))
     empty = [event.name for number, event in events.items() if not len(found.offsets[number])]
     return FlightLog(
         path=path,
