@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from cfid.console.inputs import Workplace, find_recording, read_recording
 from cfid.console.options import LoadCellOptions, ReadingOptions
-from cfid.errors import DataError
+from cfid.errors import ConfigError, DataError
 from cfid.quantities.lookup import unit_of
 from cfid.records.parameters import Parameter, Source
 from cfid.wire.supervisor import VehicleState
@@ -17,8 +17,10 @@ from cfid.wire.supervisor import VehicleState
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from cfid.records.logs.kinds import Kind
     from cfid.records.run import Run
     from cfid.records.tables.angle import AngleRecord
+    from cfid.records.tables.schema import Foreign
     from cfid.records.tables.table import Array
     from cfid.records.tables.wrench import WrenchRecord
 
@@ -65,10 +67,10 @@ def views_of(
 ) -> tuple[list[View], tuple[str, ...]]:
     """Read a RUN; return a view of every device in it, and why another could not be read.
 
-    The columns of a file outside a run decide what it is. Raises DataError when nothing can be read.
+    The columns of a file outside a run decide what it is. Raises DataError when nothing can be read, ConfigError for
+    a setting of another kind of file.
     """
     from cfid.console.log_views import log_views, stand_view
-    from cfid.records.logs.kinds import has_times, kind_at
     from cfid.records.tables.angle import ENCODER
     from cfid.records.tables.times import run_at
     from cfid.records.tables.wrench import LOADCELL, holds_wrench, read_wrench
@@ -79,9 +81,13 @@ def views_of(
         LOADCELL: lambda: _wrench_view(LOADCELL, read_wrench(path, forces)),
     }
     run = run_at(path)
+    kind = None if run is not None else _kind_of(path, forces)
+    if esc_us is not None and kind != "stand":
+        raise ConfigError(f"{path}: `esc_us` is for a thrust stand's table.")
+    if clock is not None and kind != "flight":
+        raise ConfigError(f"{path}: `clock` is for uSD-card logs of a Crazyflie.")
     if run is None:
-        kind = kind_at(path, forces) if path.is_file() else None
-        if kind == "flight" or (kind is None and path.is_file() and has_times(path, forces)):
+        if kind == "flight":
             return log_views(path, replace(forces, clock=clock)), ()
         if kind == "stand":
             return [stand_view(path, forces, esc_us)], ()
@@ -89,6 +95,14 @@ def views_of(
     order = sorted(run.header.devices, key=lambda device: [*readers, device].index(device))
     wanted = [_reader_of(run, device, readers) for device in order]
     return _readable(wanted or [readers[ENCODER]])
+
+
+def _kind_of(path: Path, reading: "Foreign") -> "Kind | None":
+    """Return what a file outside a run is: a log where nothing but a time column is known; None for no file."""
+    from cfid.records.logs.kinds import has_times, kind_at
+
+    kind = kind_at(path, reading) if path.is_file() else None
+    return "flight" if kind is None and path.is_file() and has_times(path, reading) else kind
 
 
 def _reader_of(run: "Run", device: str, readers: Mapping[str, Callable[[], View]]) -> Callable[[], View]:

@@ -16,7 +16,7 @@ from cfid.flight.model import ROW_S, ROW_STEPS, STEP_S, Flight
 from cfid.records.logs.any_kind import NO_OPTIONS, read_log
 from cfid.records.logs.log import FlightLog
 from cfid.records.logs.run import log_of_run
-from cfid.records.tables.schema import Foreign
+from cfid.records.tables.schema import Foreign, refuse_for_run
 from cfid.records.tables.times import run_at
 from cfid.units import DEAD_COMMAND, FULL_COMMAND, MOTORS
 
@@ -85,10 +85,14 @@ def read_flight(
 ) -> FlownLog:
     """Read a run or a log of any kind, between two times since its first row of a command.
 
-    Raises DataError for a log without commands of all motors, rates and accelerations, or sampled too slowly.
+    Raises DataError for a log without commands of all motors, rates and accelerations, or sampled too slowly, and
+    ConfigError for a `reading` beside a run.
     """
     run = run_at(path)
-    return flight_of(read_log(path, reading) if run is None else log_of_run(run), from_s=from_s, to_s=to_s)
+    if run is None:
+        return flight_of(read_log(path, reading), from_s=from_s, to_s=to_s)
+    refuse_for_run(path, reading)
+    return flight_of(log_of_run(run), from_s=from_s, to_s=to_s)
 
 
 def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None = None) -> FlownLog:

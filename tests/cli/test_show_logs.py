@@ -9,6 +9,7 @@ from scipy.io import savemat
 
 from tests.campaigns import Cfid
 from tests.logs.usd_bytes import FIXED, POSE, bytes_of, rows, single, written
+from tests.records.test_sampled_runs import encoder
 
 STAND = "Time (s),ESC signal (µs),Thrust (gf),Motor Optical Speed (RPM),Voltage (V)\n"
 
@@ -82,3 +83,19 @@ def test_what_is_no_recording_gets_the_sentence_of_the_fits(cfid: Cfid, tmp_path
     shown, fitted = cfid("show", path), cfid("fit", "swing", path)
     assert shown.returncode == fitted.returncode == 4
     assert shown.stderr.splitlines()[-1] == fitted.stderr.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ("--esc-us=1000:2000", "--esc-us is for a thrust stand"),
+        ("--clock=true", "--clock is for uSD-card logs"),
+    ],
+)
+def test_an_option_of_another_kind_of_recording_is_refused(cfid: Cfid, tmp_path: Path, option: str, said: str) -> None:
+    angle = tmp_path / "angle.csv"
+    angle.write_text("t,theta_rad\n" + "".join(f"{at / 100},{np.cos(at / 20)}\n" for at in range(300)))
+    for recording in (angle, encoder(tmp_path)):
+        shown = cfid("show", recording, option, "--no-figures")
+        assert shown.returncode == 2
+        assert said in " ".join(shown.stderr.split())

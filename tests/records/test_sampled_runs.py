@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cfid.errors import ConfigError, DataError
+from cfid.flight.data import read_flight
 from cfid.interchange.recording import recording_at
 from cfid.records.run import DeviceRecord, Label, read_run
 from cfid.records.run_writer import create_run
@@ -113,6 +114,8 @@ def test_what_other_programs_files_need_is_named_as_not_used_by_a_run(tmp_path: 
     assert any("`rate_hz`, `skip_lines`: not used" in note for note in record.notes)
     with pytest.raises(ConfigError, match="`rate_hz`: not used, the times and columns of a run are"):
         recording_at(folder, Foreign(rate_hz=1.0))
+    with pytest.raises(ConfigError, match="`rate_hz`: not used"):
+        read_flight(folder, Foreign(rate_hz=1.0))
 
 
 def test_what_other_programs_files_need_is_named_as_not_used_by_a_load_cell_s_run(tmp_path: Path) -> None:
