@@ -255,5 +255,5 @@ def _percent(moved: Array, value: Any, key: str) -> str:
 def _taken_as_exact(unstated: Sequence[str]) -> list[Finding]:
     if not unstated:
         return []
-    text = f"taken as exact: {', '.join(unstated)}: rig.toml states no standard uncertainty."
+    text = f"taken as exact: {', '.join(unstated)}: no standard uncertainty is stated."
     return [note("scale-taken-as-exact", text)]

@@ -130,8 +130,9 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
     if velocity is not None and attitude is not None:
         velocity = turned_back(attitude, velocity)
     share = command[::ROW_STEPS]
-    airborne = _airborne(share, force, spun)
-    within = ((share > DEAD_COMMAND) & (share < FULL_COMMAND)).all(axis=1)
+    unseen, gaps = _unseen(timed, row_s)
+    airborne = _airborne(share, force, spun) & ~unseen
+    within = ~unseen & ((share > DEAD_COMMAND) & (share < FULL_COMMAND)).all(axis=1)
     by_command = Flight(
         name=path.stem,
         drive=command / FULL_COMMAND,
@@ -155,9 +156,20 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
         findings=(
             *of_recording(path.name, log.notes),
             *(note("recording", f"assumed: {text}.").at(path.name) for text in log.assumed),
-            *(warning("recording", text).at(path.name) for text in faults),
+            *(warning("recording", text).at(path.name) for text in (*faults, *gaps)),
         ),
     )
+
+
+def _unseen(timed: Sequence[Array], row_s: Array) -> tuple[Mask, tuple[str, ...]]:
+    """Return the rows (m,) at which some channel is silent for long, and a sentence on them; `timed` are its times."""
+    unseen = np.zeros(len(row_s), bool)
+    for time_s in timed:
+        for place in np.flatnonzero(np.diff(time_s) > _SLOWEST_S):
+            unseen |= (row_s > time_s[place] - ROW_S) & (row_s < time_s[place + 1] + ROW_S)
+    lost_s = ROW_S * int(np.count_nonzero(unseen))
+    text = f"{lost_s:.3g} s in gaps without rows (above {1e3 * _SLOWEST_S:.0f} ms), and what follows, are left out."
+    return unseen, (text,) if unseen.any() else ()
 
 
 def _window(time_s: Array, path: Path, from_s: float, to_s: float) -> tuple[float, float]:

@@ -33,7 +33,7 @@ _SMOOTH = 10  # rows over which noise is averaged before judging how much is exp
 _PART = 500  # rows: 5 s, in which a flight's manoeuvres change
 _OLDER = 2  # rows, so that no row of an error's difference is in an instrument's
 LAGS, DELAYS, THRUST, TURNS = slice(0, 2), slice(2, 4), slice(4, 7), slice(7, 10)  # of the parameters
-_GRID_S = STEP_S / 10  # by which lags err on the grid of the drives: in calm air they came out 0.2 to 0.3 ms long
+_GRID_S = STEP_S / 8  # by which lags err on the grid of the drives: in calm air they came out 0.3 to 0.4 ms long
 _STEP = 1e-3  # of a time constant or delay, over which a slope is taken
 
 

@@ -12,10 +12,12 @@ from cfid.estimate.common_causes import power_law, with_common_causes
 from cfid.findings import Finding, note, rejection, warning
 from cfid.flight.braking import AxisDrag, fit_drag
 from cfid.flight.data import FlownLog
-from cfid.flight.estimation import THRUST, TURNS, FlightFit, fit_flights
+from cfid.flight.estimation import DELAYS, THRUST, TURNS, FlightFit, fit_flights
 from cfid.flight.model import AXES, LEVER
 from cfid.flight.values import (
+    DELAY,
     MOMENTS,
+    SINGLE,
     TIMES,
     Body,
     causes_of,
@@ -25,6 +27,7 @@ from cfid.flight.values import (
     lever_m,
     quantities_of,
     thrust_key,
+    times_of,
 )
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Figures, Result
@@ -38,6 +41,7 @@ _LOOSE_LAG, _LOOSE = 0.1, 0.1  # of a value: the largest accepted standard uncer
 _LEAST_SPEED_MPS = 0.3  # root mean square along an axis
 _EXPLAINED_DRAG = 0.8  # of the horizontal specific force: else wind or a tilted sensor decides
 _LEAST_TURN_RAD_PER_S2 = 5.0  # root mean square; with 0.6 about yaw a public log gave 8e-5 kg m^2, others publish 3e-5
+_FIRST_S, _LAST_S = -0.005, 0.045  # of a sensor's delay: stamps err by some ms, and the fit searches up to 50 ms
 _FED_BACK = 0.03  # of a moment, from where a warning names what older torques would change
 _MANOEUVRES = {
     "roll": "tilt quickly to the right and left, several times a second, for 20 s",
@@ -122,17 +126,7 @@ def _thrust_findings(found: FlightFit) -> list[Finding]:
             f"{100 * _EXPLAINED:.0f} %): {climb}. Moments need the thrust."
         )
         return [rejection("flight-thrust-not-excited", text, *concerned)]
-    share, name, tau_s = max(
-        (float(found.std[place]) / float(found.values[place]), name, float(found.values[place]))
-        for place, name in enumerate(("rising", "falling"))
-    )
-    result = []
-    if not share < _LOOSE_LAG:
-        text = (
-            f"the time constant of {name} thrust, {1e3 * tau_s:.0f} ms, is open by {100 * share:.0f} % (limit "
-            f"{100 * _LOOSE_LAG:.0f} %): {climb}."
-        )
-        result.append(rejection("flight-lag-not-excited", text, *TIMES, *MOMENTS.values()))
+    result = [*_delay_findings(found, concerned), *_lag_findings(found, climb)]
     slope = np.array([0.0, 1.0, 2 * found.drive])
     gain, std = float(slope @ found.thrust), math.sqrt(float(slope @ found.covariance[THRUST, THRUST] @ slope))
     if not (gain > 0 and std < _LOOSE * gain):
@@ -142,6 +136,32 @@ def _thrust_findings(found: FlightFit) -> list[Finding]:
         )
         result.append(rejection("flight-thrust-not-excited", text, thrust_key(found), *MOMENTS.values()))
     return result
+
+
+def _lag_findings(found: FlightFit, climb: str) -> list[Finding]:
+    """Reject each time constant that is open, and with the sum of lag and delay the moments, which rest on it."""
+    result = []
+    for key, (tau_s, std_s) in times_of(found).items():
+        if key != DELAY and not std_s < _LOOSE_LAG * tau_s:
+            text = (
+                f"{key.removeprefix('flight.').removesuffix('_s').replace('_', ' ')}, {1e3 * tau_s:.0f} ms, is open by "
+                f"{100 * std_s / tau_s:.0f} % (limit {100 * _LOOSE_LAG:.0f} %): {climb}."
+            )
+            result.append(rejection("flight-lag-not-excited", text, key, *(MOMENTS.values() if key == SINGLE else ())))
+    return result
+
+
+def _delay_findings(found: FlightFit, concerned: Sequence[str]) -> list[Finding]:
+    """Reject everything where a sensor shows what rotors do before they are told to, or much later."""
+    for sensor, delay_s, std_s in zip(("accelerometer", "gyro"), found.values[DELAYS], found.std[DELAYS], strict=True):
+        if not (delay_s + 3 * std_s > _FIRST_S and delay_s < _LAST_S):
+            text = (
+                f"the {sensor} shows what rotors do {1e3 * abs(delay_s):.0f} ms "
+                f"{'before' if delay_s < 0 else 'after'} their command: its times and those of the commands do not "
+                "belong together."
+            )
+            return [rejection("flight-delay-implausible", text, *concerned)]
+    return []
 
 
 def _moment_findings(found: FlightFit, body: Body) -> list[Finding]:
@@ -160,12 +180,17 @@ def _moment_findings(found: FlightFit, body: Body) -> list[Finding]:
                 f"commanded torques turn the vehicle the wrong way about {axis}: the log's axes are not forward, left "
                 "and up, or its motors have other numbers (front right, rear right, rear left, front left)."
             )
-            result.append(rejection("flight-wrong-way", text, MOMENTS[axis]))
-        elif not std < _LOOSE * abs(gain) or found.excitation[axis] < _LEAST_TURN_RAD_PER_S2:
+            result.append(rejection("flight-wrong-way", text, *TIMES, MOMENTS[axis]))
+        elif not std < _LOOSE * abs(gain):
             text = (
-                f"the moment about {axis} is open by {100 * std / abs(gain):.0f} % (limit {100 * _LOOSE:.0f} %), and "
-                f"rotors' torques moved the rate by {found.excitation[axis]:.2g} rad/s^2 rms (at least "
-                f"{_LEAST_TURN_RAD_PER_S2:g}): {_MANOEUVRES[axis]}."
+                f"the moment about {axis} is open by {100 * std / abs(gain):.0f} % (limit {100 * _LOOSE:.0f} %): "
+                f"{_MANOEUVRES[axis]}."
+            )
+            result.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
+        elif found.excitation[axis] < _LEAST_TURN_RAD_PER_S2:
+            text = (
+                f"rotors' torques moved the rate about {axis} by {found.excitation[axis]:.2g} rad/s^2 rms (at least "
+                f"{_LEAST_TURN_RAD_PER_S2:g}): {_MANOEUVRES[axis]}. Is the gyro in rad/s?"
             )
             result.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
         elif found.feedback[place] > _FED_BACK:

@@ -19,14 +19,14 @@ Array = npt.NDArray[np.float64]
 
 MOMENTS = {axis: f"flight.inertia_kg_m2.{axis}" for axis in AXES}
 _RISING, _FALLING, _MEAN = "flight.rising_s", "flight.falling_s", "flight.time_constant_s"
-_DELAY, _SINGLE = "flight.delay_s", "flight.single_lag_s"
+DELAY, SINGLE = "flight.delay_s", "flight.single_lag_s"
 # What these are of the time constants and the delays of accelerometer and gyro.
 _TIMES = {
     _RISING: (1.0, 0.0, 0.0, 0.0),
     _FALLING: (0.0, 1.0, 0.0, 0.0),
     _MEAN: (0.5, 0.5, 0.0, 0.0),
-    _DELAY: (0.0, 0.0, 0.0, 1.0),
-    _SINGLE: (0.5, 0.5, 1.0, 0.0),
+    DELAY: (0.0, 0.0, 0.0, 1.0),
+    SINGLE: (0.5, 0.5, 1.0, 0.0),
 }
 TIMES = tuple(_TIMES)
 
@@ -55,14 +55,9 @@ def quantities_of(found: FlightFit, body: Body) -> dict[str, Parameter]:
     """Return thrust, times and the moments whose lever is known; mass, arm and torque are taken as exact."""
     value, covariance = _of_thrust(found, body)
     std = found.std
-    times = np.array(list(_TIMES.values()))
-    times_std = std_of(times @ found.covariance[: DELAYS.stop, : DELAYS.stop] @ times.T)
     quantities = {
         thrust_key(found): Parameter(value=value.tolist(), std=std_of(covariance).tolist()),
-        **{
-            key: Parameter(value=float(each), std=float(wide))
-            for key, each, wide in zip(_TIMES, times @ found.values[: DELAYS.stop], times_std, strict=True)
-        },
+        **{key: Parameter(value=value_s, std=std_s) for key, (value_s, std_s) in times_of(found).items()},
     }
     for place, axis in enumerate(AXES):
         lever = lever_m(axis, body)
@@ -71,6 +66,14 @@ def quantities_of(found: FlightFit, body: Body) -> dict[str, Parameter]:
             moment = lever * body.mass_kg / gain
             quantities[MOMENTS[axis]] = Parameter(value=moment, std=abs(moment * gain_std / gain))
     return quantities
+
+
+def times_of(found: FlightFit) -> dict[str, tuple[float, float]]:
+    """Return the time constants, the gyro's delay and sums of them in s, each with its standard uncertainty."""
+    times = np.array(list(_TIMES.values()))
+    stds = std_of(times @ found.covariance[: DELAYS.stop, : DELAYS.stop] @ times.T)
+    values = times @ found.values[: DELAYS.stop]
+    return {key: (float(value), float(std)) for key, value, std in zip(_TIMES, values, stds, strict=True)}
 
 
 def lever_m(axis: str, body: Body) -> float | None:
@@ -100,7 +103,7 @@ def covariances_of(found: FlightFit, body: Body) -> tuple[Covariance, ...]:
 
 def causes_of(body: Body) -> tuple[dict[str, dict[Cause, float]], dict[str, dict[str, float]]]:
     """Return the causes by the unit they scale, and the powers with which quantities have them."""
-    mass = Cause("mass", body.mass_std_kg / body.mass_kg)
+    mass = Cause("mass", body.mass_std_kg / body.mass_kg if body.mass_std_kg else None)
     arm = Cause("arm", None if not body.arm_m or body.arm_std_m is None else body.arm_std_m / body.arm_m)
     torque_std = None if not body.torque_m or body.torque_std_m is None else body.torque_std_m / body.torque_m
     torque = Cause("torque over thrust", torque_std)

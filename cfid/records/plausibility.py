@@ -41,8 +41,8 @@ def judged(result: Result, rig: Rig | None) -> Result:
     own = tuple(one for one in result.findings if one.code not in _BY_PLATFORM)
     if platform_of(rig) == "other":
         return replace(result, findings=(*own, *implausible_quantities(result.quantities, rig)))
-    known = {key for one in result.findings if one.code == "implausible" for key in one.quantities}
-    rest = {key: found for key, found in result.quantities.items() if key not in known}
+    lost = [one for one in result.findings if one.severity == "rejection"]
+    rest = {key: found for key, found in result.quantities.items() if not any(one.concerns(key) for one in lost)}
     return replace(result, findings=(*result.findings, *implausible_quantities(rest, rig)))
 
 

@@ -129,7 +129,7 @@ def test_scales_that_nobody_stated_are_named_once_and_change_nothing() -> None:
 
     notes = [one.text for one in result.findings if one.code == "scale-taken-as-exact"]
     assert len(notes) == 1
-    assert notes[0].startswith("taken as exact: gain of Fz, linearity of the load cell, tachometer: rig.toml states no")
+    assert notes[0].startswith("taken as exact: gain of Fz, linearity of the load cell, tachometer: no standard")
     assert result.common == {}
 
 

@@ -76,6 +76,8 @@ def test_one_lag_of_the_climbing_flight_is_its_authors() -> None:
     single = result.quantities["flight.single_lag_s"]
     print(f"log10: one lag {1e3 * single.value:.1f} +- {1e3 * single.std:.1f} ms")
     assert 0.070 < single.value < 0.078
+    assert "flight.rising_s" in result.rejected  # open by more than 10 %, where the sum is not
+    assert "flight.single_lag_s" not in result.rejected
 
 
 def test_moments_are_the_same_in_both_directions_of_regression() -> None:
