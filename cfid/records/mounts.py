@@ -51,7 +51,8 @@ def _unit(axis: BodyAxis) -> tuple[int, int, int]:
 class ThreadPair(RigTable):
     """Two threads of one length that a body hangs on: their distance from each other above and below, and the length.
 
-    The vertical through the centre of mass lies in the middle between them, above and below.
+    The vertical through the centre of mass lies in the middle between them, above and below, but for an error along the
+    line that joins them, of standard uncertainty `centre_std_mm`.
     """
 
     above_mm: Positive
@@ -60,11 +61,14 @@ class ThreadPair(RigTable):
     below_std_mm: Spread = 0.0
     length_mm: Positive
     length_std_mm: Spread = 0.0
+    centre_std_mm: Spread = 1.0
 
     @model_validator(mode="after")
     def _long_enough(self) -> Self:
         if self.length_mm <= abs(self.above_mm - self.below_mm) / 2:
             raise ValueError("threads of this length do not reach from above_mm to below_mm")
+        if self.centre_std_mm > self.below_mm / 8:
+            raise ValueError("centre_std_mm is more than an eighth of below_mm: balance the body between the threads")
         return self
 
     @property
@@ -72,6 +76,16 @@ class ThreadPair(RigTable):
         """Both distances and the length, and their standard uncertainties."""
         values = MM * self.above_mm, MM * self.below_mm, MM * self.length_mm
         return values, (MM * self.above_std_mm, MM * self.below_std_mm, MM * self.length_std_mm)
+
+    @property
+    def off_centre(self) -> tuple[float, float]:
+        """What the threads lose of their torque, relatively, as the one nearer the centre of mass carries more.
+
+        Threads x and y from it below have x y where those of the middle have a quarter of the square of the distance:
+        the mean over the error of the centre, whatever its side, and its standard uncertainty.
+        """
+        mean = (2 * self.centre_std_mm / self.below_mm) ** 2
+        return mean, math.sqrt(2) * mean
 
 
 class Mount(RigTable):

@@ -164,7 +164,9 @@ def _draw_threads(mount: Mount, *, rng: np.random.Generator) -> tuple[float, flo
     if mount.threads is None:
         return None
     above, below, length = rng.normal(*mount.threads.lengths_m)
-    return above, below, length
+    off = 2 * rng.normal(0.0, mount.threads.centre_std_mm) / mount.threads.below_mm
+    as_in_the_middle = math.sqrt(1 - off**2)  # threads this much closer turn a body back alike
+    return as_in_the_middle * above, as_in_the_middle * below, length
 
 
 def _draw_direction(mount: Mount, *, rng: np.random.Generator) -> Array:

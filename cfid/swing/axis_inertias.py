@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.estimate.propagation import Input
-from cfid.records.mounts import Mount, Vector
+from cfid.records.mounts import Mount, ThreadPair, Vector
 from cfid.records.rig_file import Cuboid, Fixture, TestBody
 from cfid.units import MM
 
@@ -125,7 +125,7 @@ class _Mounts(NamedTuple):
     """The mount of each swing: point (n, 3), the axes of its numbers (n, 3, 3), unit vectors of its directions.
 
     `directions` (2, n, 3) are those of the matrix and of the distance, `asides` (2, 2, n, 3) the two vectors across
-    each along which it tilts; `points`, `tilts`, `threads` and `swing` are the places (n, 3), (n, 2), (n, 3) and (n,)
+    each along which it tilts; `points`, `tilts`, `threads` and `swing` are the places (n, 3), (n, 2), (n, 4) and (n,)
     of the inputs, those of threads for a body that hangs `on_threads` (n,).
     """
 
@@ -156,8 +156,8 @@ class _Mounts(NamedTuple):
             tilts=_places(place, [[f"{swing.axis} tilt {j}" for j in range(2)] for swing in swings]).reshape(-1, 2),
             on_threads=np.array([mount.threads is not None for mount in mounts], dtype=bool),
             threads=np.array(
-                [[place.get(f"{swing.axis} thread {j}", 0) for j in range(3)] for swing in swings], dtype=np.intp
-            ).reshape(-1, 3),
+                [[place.get(f"{swing.axis} thread {j}", 0) for j in range(4)] for swing in swings], dtype=np.intp
+            ).reshape(-1, 4),
             swing=_places(place, [f"swing {i}" for i in range(len(swings))]),
         )
 
@@ -176,9 +176,9 @@ class _Mounts(NamedTuple):
         """Return what mass times gravity is multiplied by (n,): the distance, or a b / h of threads."""
         if not self.on_threads.any():
             return distance_m
-        above, below, length = values[self.threads].T
+        above, below, length, lost = values[self.threads].T
         height = np.sqrt(np.where(self.on_threads, length**2 - ((above - below) / 2) ** 2, 1.0))
-        return np.where(self.on_threads, above * below / (4 * height), distance_m)
+        return np.where(self.on_threads, above * below * (1 - lost) / (4 * height), distance_m)
 
 
 def _places(place: Mapping[str, int], names: Sequence[object]) -> npt.NDArray[np.intp]:
@@ -197,7 +197,7 @@ def _inputs(swings: Sequence[MountedSwing], body: SwungBody, around: Surrounding
         mount = body.mounts[axis]
         for j, std in enumerate(mount.point_std_mm):
             inputs.append(Input(name=f"{axis} point {j}", group="mount distances", value=0.0, std=MM * std))
-        for j, (value, std) in enumerate(zip(*mount.threads.lengths_m, strict=True) if mount.threads else ()):
+        for j, (value, std) in enumerate(_numbers(mount.threads) if mount.threads else ()):
             inputs.append(Input(name=f"{axis} thread {j}", group="threads", value=value, std=std))
         for j in range(2):
             tilt = float(np.radians(mount.direction_std_deg))
@@ -219,6 +219,11 @@ def _inputs(swings: Sequence[MountedSwing], body: SwungBody, around: Surrounding
             else Input(name="fixture swing", group="fixture", value=swung.value, std=swung.std),
         ]
     return inputs
+
+
+def _numbers(threads: ThreadPair) -> list[tuple[float, float]]:
+    """Return both distances, the length, and what is lost off the centre, each with its standard uncertainty."""
+    return [*zip(*threads.lengths_m, strict=True), threads.off_centre]
 
 
 def _unit(vector: Vector) -> Array:

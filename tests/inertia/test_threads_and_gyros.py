@@ -26,7 +26,7 @@ SITE = Surroundings(gravity_mps2=G, gravity_std_mps2=0.003)
 
 
 def threads(**spread: float) -> ThreadPair:
-    return ThreadPair(above_mm=80.0, below_mm=60.0, length_mm=400.0, **spread)
+    return ThreadPair(above_mm=80.0, below_mm=60.0, length_mm=400.0, **{"centre_std_mm": 0.0, **spread})
 
 
 def body(mounts: dict[str, Mount]) -> SwungBody:
@@ -64,6 +64,22 @@ def test_the_lengths_of_threads_are_a_line_of_the_budget() -> None:
     relative = math.hypot(0.4 / 80, 0.3 / 60, 2.0 / 400 * 1.0)
 
     assert fit.budget["threads"][0, 0] / TRUTH[0, 0] == pytest.approx(relative, rel=0.02)
+
+
+def test_a_centre_off_the_middle_of_the_threads_is_a_line_of_the_budget_that_contains_it() -> None:
+    """By statics: the threads' loads balance the weight about the centre of mass, and lean towards it alike above."""
+    errors_mm = np.random.default_rng(3).normal(0.0, 1.5, 400)
+    to_one, to_other = 0.03 + 1e-3 * errors_mm, 0.03 - 1e-3 * errors_mm
+    loads = to_other / 0.06, to_one / 0.06  # of the weight
+    torque = sum(load * (0.08 / 0.06 * arm) * arm for load, arm in zip(loads, (to_one, to_other), strict=True))
+    hung, swings = on_threads(centre_std_mm=1.5)
+    fit = fit_inertia(AxisInertias(swings, hung, SITE))
+    stated = fit.budget["threads"][0, 0] / TRUTH[0, 0]
+    found = fit.matrix_kg_m2[0, 0] / TRUTH[0, 0] * (0.04 * 0.03) / torque - 1  # W is larger in the middle
+    assert abs(np.mean(found)) < 0.2 * stated
+    assert np.std(found) == pytest.approx(stated, rel=0.15)
+    with pytest.raises(ValueError, match="centre_std_mm is more than an eighth"):
+        threads(centre_std_mm=10.0)
 
 
 def test_threads_change_the_equation_by_their_ratios_and_an_axis_does_not() -> None:
