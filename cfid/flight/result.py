@@ -7,7 +7,7 @@ from fnmatch import fnmatchcase
 import numpy as np
 import numpy.typing as npt
 
-from cfid.errors import ConfigError, DataError
+from cfid.errors import ConfigError, DataError, FitError
 from cfid.estimate.common_causes import power_law, with_common_causes
 from cfid.findings import Finding, note, rejection, warning
 from cfid.flight.braking import AxisDrag, fit_drag
@@ -95,6 +95,15 @@ def fit(flights: Sequence[FlownLog], *, body: Body) -> Result:
     return with_common_causes(result, power_law(quantities, *causes_of(body)))
 
 
+def contradictions(flown: FlownLog) -> tuple[Finding, ...]:
+    """Return what a flight shows that no vehicle does with such axes, motors and times; none where too little flew."""
+    try:
+        found = fit_flights([flown.flight])
+    except FitError:
+        return ()
+    return (*_delay_findings(found, ()), *_wrong_ways(found))
+
+
 def _check(flights: Sequence[FlownLog]) -> None:
     if not flights:
         raise ConfigError("nothing to fit: give a LOG of a flight.")
@@ -165,7 +174,7 @@ def _delay_findings(found: FlightFit, concerned: Sequence[str]) -> list[Finding]
 
 
 def _moment_findings(found: FlightFit, body: Body) -> list[Finding]:
-    result = []
+    result = _wrong_ways(found)
     for place, axis in enumerate(AXES):
         if lever_m(axis, body) is None:
             what = "the torque of a rotor over its thrust (`torque_m`)" if axis == "yaw" else "the arm (`arm_mm`)"
@@ -176,11 +185,7 @@ def _moment_findings(found: FlightFit, body: Body) -> list[Finding]:
             text = f"the gyro shows no turning about {axis} at all: does it work, is it in the log?"
             result.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
         elif gain < 0 and -gain > 3 * std:
-            text = (
-                f"commanded torques turn the vehicle the wrong way about {axis}: the log's axes are not forward, left "
-                "and up, or its motors have other numbers (front right, rear right, rear left, front left)."
-            )
-            result.append(rejection("flight-wrong-way", text, *TIMES, MOMENTS[axis]))
+            continue
         elif not std < _LOOSE * abs(gain):
             text = (
                 f"the moment about {axis} is open by {100 * std / abs(gain):.0f} % (limit {100 * _LOOSE:.0f} %): "
@@ -202,6 +207,20 @@ def _moment_findings(found: FlightFit, body: Body) -> list[Finding]:
             )
             result.append(warning("flight-older-torques-differ", text, MOMENTS[axis]))
     return result
+
+
+def _wrong_ways(found: FlightFit) -> list[Finding]:
+    return [
+        rejection(
+            "flight-wrong-way",
+            f"commanded torques turn the vehicle the wrong way about {axis}: the log's axes are not forward, left "
+            "and up, or its motors have other numbers (front right, rear right, rear left, front left).",
+            *TIMES,
+            MOMENTS[axis],
+        )
+        for place, axis in enumerate(AXES)
+        if found.values[TURNS][place] < -3 * found.std[TURNS][place] and found.excitation[axis] > 0
+    ]
 
 
 def _drag_findings(drags: Mapping[str, AxisDrag | None]) -> list[Finding]:

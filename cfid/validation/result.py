@@ -10,6 +10,7 @@ import numpy.typing as npt
 from cfid.errors import ConfigError, DataError
 from cfid.flight.data import FlownLog
 from cfid.flight.model import LEVER, ROW_S
+from cfid.flight.result import contradictions
 from cfid.records.result import Figures, Result
 from cfid.units import COVERAGE_95, USUAL_GRAVITY_MPS2
 from cfid.validation.rollout import HORIZONS, QUANTITIES, UNITS, ParameterSet, errors, starts
@@ -57,7 +58,7 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Mapping[str
         command="validate",
         method="default",
         quantities={},
-        findings=flown.findings,
+        findings=(*flown.findings, *contradictions(flown)),
         merits={
             "segments": len(at),
             "sets": {one.name: one.origin for one in sets},

@@ -174,3 +174,12 @@ def test_a_campaign_fitted_to_one_flight_is_validated_by_another(cfid: Cfid, tmp
     again = cfid("validate", log15, *words, folder=campaign)
     assert again.returncode == 4
     assert "validate with another flight" in again.stderr
+
+
+def test_a_log_whose_axes_or_motors_are_others_is_named(flown: tuple[ParameterSet, FlownLog]) -> None:
+    true, flight = flown
+    assert not validate(flight, [true], used={}).rejected
+    turned = replace(flight.flight, rates=flight.flight.rates * [-1.0, 1.0, 1.0])
+    mirrored = replace(flight, flight=turned, by_command=replace(flight.by_command, rates=turned.rates))
+    findings = validate(mirrored, [true], used={}).findings
+    assert any("the wrong way about roll" in finding.text for finding in findings)
