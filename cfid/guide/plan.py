@@ -56,14 +56,16 @@ class Task:
     aims: tuple[Aim, ...]
 
 
-def tasks(rig: Rig, *, kind: CampaignKind | None = None, order: str = "") -> tuple[Task, ...]:
+def tasks(rig: Rig, *, kind: CampaignKind | None = None, order: str = "", by_gyro: bool = False) -> tuple[Task, ...]:
     """Return a campaign's tasks; `kind` replaces that of rig.toml.
+
+    The vehicle's gyro records swings where it does so already (`by_gyro`), and those on threads, which have no encoder.
 
     Mounts come in an order drawn by `order`, so that no drift of a day looks like a difference between axes. The first
     is swung about once more at the end: what differs then has drifted.
     """
     every = {
-        "inertia": _inertia(rig, order),
+        "inertia": _inertia(rig, order, by_gyro=by_gyro),
         "friction": _friction(rig),
         "thrust": _thrust(),
         "torque": _torque(),
@@ -81,21 +83,30 @@ def tasks(rig: Rig, *, kind: CampaignKind | None = None, order: str = "") -> tup
     return tuple(every[name] for name in sections[kind or rig.campaign.kind] if every[name].recordings)
 
 
-def _inertia(rig: Rig, order: str) -> Task:
+def _inertia(rig: Rig, order: str, *, by_gyro: bool) -> Task:
     mounts = sorted(rig.mounts)
     random.Random(order).shuffle(mounts)
     swings = tuple(
-        Assignment(
-            words=("log", "encoder", "--axis", mount, "--for", "20"),
-            reminder=f"Hang the vehicle on mount {mount}, let it rest, and start; then lift it and let go within 5 s.",
-            kind="swing",
-            label=Label(axis=mount),
-            repeats=place == len(mounts),
-        )
+        _swing(mount, rig, by_gyro=by_gyro, repeats=place == len(mounts))
         for place, mount in enumerate((*mounts, *mounts[:1]))
     )
     aim = Aim(key="inertia.matrix_kg_m2", std=0.03, purpose="a rate controller's gains: 3 %")
     return Task(section="inertia", recordings=swings, fit=("fit", "inertia"), aims=(aim,))
+
+
+def _swing(mount: str, rig: Rig, *, by_gyro: bool, repeats: bool) -> Assignment:
+    words: Words = ("log", "encoder", "--axis", mount, "--for", "20")
+    reminder = f"Hang the vehicle on mount {mount}, let it rest, and start; then lift it and let go within 5 s."
+    if rig.mounts[mount].threads is not None:
+        words = ("log", "gyro", "--axis", mount, "--for", "30")
+        reminder = (
+            f"Hang the vehicle on the threads of mount {mount}, turn it on, let it rest, and start; then turn it by 30 "
+            "to 60 degrees and let go within 5 s."
+        )
+    elif by_gyro:
+        words = ("log", "gyro", "--axis", mount, "--for", "30")
+        reminder = f"Turn it on. {reminder}"
+    return Assignment(words=words, reminder=reminder, kind="swing", label=Label(axis=mount), repeats=repeats)
 
 
 def _friction(rig: Rig) -> Task:

@@ -12,6 +12,7 @@ from cfid.records.parameters import Section
 from cfid.records.rig_file import CampaignKind
 from cfid.records.run import Run
 from cfid.records.stale import Stale, stale_in
+from cfid.records.tables.angle import ENCODER
 
 State = Literal["missing", "not fitted", "stale", "rejected", "accepted"]
 
@@ -71,7 +72,9 @@ def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> tuple[
     stale = stale_in(campaign.folder, campaign.runs(complete=False))
     sections = campaign.sections()
     order = campaign.folder.resolve().name
-    planned = tasks(campaign.rig, kind=kind, order=order)
+    swings = [run.header.devices for run in runs if run.header.kind == "swing"]
+    by_gyro = bool(swings) and ENCODER not in swings[-1]
+    planned = tasks(campaign.rig, kind=kind, order=order, by_gyro=by_gyro)
     return tuple(_status(task, runs, sections.get(task.section), stale) for task in planned)
 
 

@@ -8,6 +8,8 @@ import subprocess
 import sys
 import time
 import tomllib
+import urllib.request
+from http import HTTPStatus
 from pathlib import Path
 
 import pytest
@@ -88,9 +90,27 @@ def test_the_tour_of_the_readme_runs_in_an_empty_environment_with_the_wheel(tmp_
         subprocess.run([python, "-m", "venv", environment], check=True)
         if not any(tmp_path.glob("*.whl")):
             subprocess.run([programs / "pip", "wheel", "-q", "--no-deps", "-w", tmp_path, source], check=True)
-        subprocess.run([programs / "pip", "install", "-q", *tmp_path.glob("*.whl")], check=True)
+        (wheel,) = tmp_path.glob("*.whl")
+        subprocess.run([programs / "pip", "install", "-q", f"{wheel}[watch]"], check=True)
         _walk(programs / "cfid", lab)
         print(f"{python.parts[-3]}: the tour's {len(tour())} commands ran")
+
+
+def _look(command: list[str], lab: Path) -> None:
+    """Open the page of what serves until Ctrl-C."""
+    quiet = {**os.environ, "BROWSER": "true"}  # a program that does nothing
+    with subprocess.Popen(
+        command, cwd=lab, env=quiet, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+    ) as page:
+        said = ""
+        while not (found := re.search(r"http://\S+", said)):
+            line = page.stdout.readline() if page.stdout else ""
+            assert line, said
+            said += line
+        with urllib.request.urlopen(found.group()) as answer:
+            assert answer.status == HTTPStatus.OK
+        page.send_signal(signal.SIGINT)
+    assert page.returncode == 0, said
 
 
 def _walk(program: Path, lab: Path) -> None:
@@ -113,7 +133,10 @@ def _walk(program: Path, lab: Path) -> None:
             while not (lab / SIM_FILE).exists() and time.monotonic() < end_s:
                 time.sleep(0.1)
             for words in tour():
-                cfid(f"{words} --for 14" if words.startswith("log") else words, lab)
+                if words.startswith("watch"):
+                    _look([str(program), *words.split()], lab)
+                else:
+                    cfid(f"{words} --for 14" if words.startswith("log") else words, lab)
         finally:
             rig.send_signal(signal.SIGINT)
     assert (lab / "report.html").exists()

@@ -36,12 +36,12 @@ def folder(cfid: Cfid, tmp_path: Path) -> Path:
     return tmp_path / "lab"
 
 
-def swing(folder: Path, axis: str, *, minute: int) -> Path:
-    devices = {"encoder": ENCODER}
+def swing(folder: Path, axis: str, *, minute: int, by: str = "encoder") -> Path:
+    devices = {by: ENCODER}
     started = BEGAN + timedelta(minutes=minute)
     how = {"kind": "swing", "label": Label(axis=axis), "devices": devices, "started": started, "cfid_version": "0.2.0"}
     with create_run(folder / "runs", **how) as writer:  # type: ignore[arg-type]
-        writer.append("encoder", (1.7e9 + np.arange(10) * 1e-3, np.arange(10)))
+        writer.append(by, (1.7e9 + np.arange(10) * 1e-3, np.arange(10)))
     return writer.folder
 
 
@@ -73,6 +73,26 @@ def fitted(
 def standing(folder: Path, *, task: str = "inertia") -> tuple[TaskStatus, Next]:
     statuses = status_of(open_campaign(folder), kind="inertia")
     return next(one for one in statuses if one.task.section == task), next_of(statuses)
+
+
+def test_swings_by_gyro_go_on_by_gyro(folder: Path) -> None:
+    first = standing(folder)[1].words
+    assert first[:2] == ("log", "encoder")
+    swing(folder, first[3], minute=1, by="gyro")
+    asked = standing(folder)[1]
+    assert asked.words[:2] == ("log", "gyro")
+    assert asked.recording is not None
+    assert asked.recording.reminder.startswith("Turn it on.")
+
+
+def test_a_body_on_threads_is_swung_by_its_gyro(folder: Path) -> None:
+    threads = "threads = { above_mm = 65.0, below_mm = 65.0, length_mm = 400.0 }"
+    vehicle = "[vehicle]\nmass_kg = 0.028\ncentre_of_mass_mm = [0, 0, 0]\n"
+    (folder / "rig.toml").write_text(f"{vehicle}[mounts.z]\ndirection = [0, 0, 1]\n{threads}\n", "utf-8")
+    asked = standing(folder)[1]
+    assert asked.words == ("log", "gyro", "--axis", "z", "--for", "30")
+    assert asked.recording is not None
+    assert "on the threads of mount z" in asked.recording.reminder
 
 
 def swung(folder: Path) -> list[str]:
