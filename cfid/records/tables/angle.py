@@ -55,7 +55,11 @@ _ANGLE = Column(
     column_name(r"(?:phi|angle|theta|alpha|[φϕθϑα]|pos|position|enc|encoder)_?\d?", ("rad", "deg", "counts")),
     "of angle (phi, angle, theta)",
 )
-SCHEMA = TableSchema(columns=(TIME_COLUMN, _ANGLE), words=("TIME", "ANGLE"))
+SCHEMA = TableSchema(
+    columns=(TIME_COLUMN, _ANGLE),
+    words=("TIME", "ANGLE"),
+    hint="A log of a swing by a vehicle's gyro becomes a run by `cfid import --axis`, and fits take that.",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
