@@ -55,4 +55,5 @@ def verdict_line(run: "Run") -> str:
     if verdict is None:
         cut = run.header.state == "interrupted"
         return "not judged, since it was ended early: fits leave it out unless it is resumed or named." if cut else ""
-    return f"good: {verdict.text}" if verdict.usable else f"NOT USABLE: {verdict.text} Record it again."
+    good = "usable, but with losses" if _losses(run) else "good"
+    return f"{good}: {verdict.text}" if verdict.usable else f"NOT USABLE: {verdict.text} Record it again."

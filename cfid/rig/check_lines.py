@@ -67,8 +67,10 @@ def _resolution(setting: LineDevice, value: LineValue, numbers: npt.NDArray[np.f
     """Return the latest value, the smallest step between two different ones, and the scatter."""
     shown = setting.factor(value) * numbers
     steps = np.diff(np.unique(shown))
-    step = f"steps of {steps.min():.2g}, scatter {shown.std():.2g}" if len(steps) else "no change"
-    return DeviceAnswer(value.name, "ok", f"{shown[-1]:.6g} {setting.column_unit(value)}, {step}")
+    now = f"{shown[-1]:.6g} {setting.column_unit(value)}"
+    if not len(steps):
+        return DeviceAnswer(value.name, "ok", f"{now}, no change in {len(shown)} lines", "touch it: it has to change")
+    return DeviceAnswer(value.name, "ok", f"{now}, steps of {steps.min():.2g}, scatter {shown.std():.2g}")
 
 
 def _readings(setting: LineDevice, reader: LineReader) -> tuple[list[tuple[float, ...]], float, int]:

@@ -5,13 +5,16 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import cfid.friction.verdict
+import cfid.loadcell.verdict
 import cfid.swing.verdict
 from cfid.console.verdicts import judged, verdict_line
 from cfid.records.run import Run, Verdict, amend_run, list_runs, read_run
 from tests.campaigns import Cfid
+from tests.records.test_sampled_runs import recorded
 from tests.rig_in_a_folder import Lab, lab_in
 
 pytestmark = pytest.mark.usefixtures("in_time")
@@ -115,6 +118,25 @@ def test_a_command_ends_with_the_verdict_and_lists_tell_what_is_not_usable(lab: 
     listed = json.loads(cfid("runs", "--campaign", lab.folder, "--json").stdout)["runs"]
     assert "not usable: " in listed[-1]["note"]
     assert lab.cfid("log", "loadcell", "--for", 0.5).out.splitlines()[-1].startswith("good: Fz ")
+
+
+def test_a_cell_whose_force_never_changes_is_not_usable(tmp_path: Path) -> None:
+    values = [np.full(200, 5_000_000)] * 6
+    facts = {"counts_per_n": 1e6, "counts_per_nm": 1e6}
+    frozen = recorded(tmp_path, "loadcell", (1.7e9 + np.arange(200) / 80, *values), "t,Fx,Fy,Fz,Tx,Ty,Tz", **facts)
+    run = judged(read_run(frozen), cfid.loadcell.verdict.verdict)
+
+    assert verdict_line(run).startswith("NOT USABLE: Fz is 5000 in all 200 samples: press on the cell")
+
+
+def test_a_recording_that_lost_a_tenth_is_not_called_good(tmp_path: Path) -> None:
+    values = (1.7e9 + np.arange(200) / 80, np.arange(200))
+    lossy = recorded(tmp_path, "encoder", values, "t,phi", counts_per_turn=8192.0)
+    header = lossy / "run.toml"
+    header.write_text(header.read_text("utf-8").replace("lost = 0", "lost = 20"), "utf-8")
+    run = judged(read_run(lossy), lambda run: "9 peaks.")
+
+    assert verdict_line(run).startswith("usable, but with losses: 9 peaks. 20 of 220 samples of encoder are lost")
 
 
 def test_a_verdict_stays_when_a_note_is_written(bodies: Path) -> None:
