@@ -67,7 +67,7 @@ class FitQuality:
                     "swing-waveform-distorted",
                     f"within a period the motion differs from a pendulum's by {_percent(self.distortion)} of the "
                     f"start angle (limit {_percent(self.distortion_limit)}). Likely causes: a soft arm, a cable, a "
-                    "loose mount, a hand.",
+                    "loose mount, a hand; on threads, that they are not alike.",
                     _ALL,
                 )
             )

@@ -91,13 +91,22 @@ def test_stamps_that_run_at_84_85_of_real_time_are_refused_and_not_corrected_twi
         read(folder)
 
 
-def test_a_gyro_at_the_end_of_its_range_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("range_dps", [2000, 500, 250])
+def test_a_gyro_at_the_end_of_its_range_is_refused(tmp_path: Path, range_dps: int) -> None:
     time_s = np.arange(0, 10, 0.002)
-    rate = np.clip(rocking(time_s, amplitude_rad=6.0)[1], -34.9, 34.9) / 0.8
-    folder = gyro_run(tmp_path, rate, stamps_ms=None, arrivals_s=time_s, bias_dps=0.0)
+    rate = rocking(time_s, amplitude_rad=6.0 * range_dps / 2000)[1]
+    clipped = np.clip(rate, *np.radians([-range_dps, range_dps]) / 0.8) if range_dps < 2000 else rate
+    folder = gyro_run(tmp_path, clipped, stamps_ms=None, arrivals_s=time_s, bias_dps=0.0)
 
-    with pytest.raises(DataError, match=r"reached \d+ deg/s, the end of its range \(2000 deg/s\)"):
+    with pytest.raises(DataError, match=r"reached \d+ deg/s, the end of its range"):
         read(folder)
+
+
+@pytest.mark.parametrize("rate_hz", [1000, 100])
+def test_round_peaks_of_a_coarse_gyro_are_no_end_of_its_range(tmp_path: Path, rate_hz: int) -> None:
+    time_s = np.arange(0, 10, 1 / rate_hz)
+    rate = np.radians(np.round(np.degrees(rocking(time_s, per_s=3.0, amplitude_rad=1.5)[1]) * 0.8) / 0.8)
+    assert read(gyro_run(tmp_path, rate, stamps_ms=None, arrivals_s=time_s)).rates is not None
 
 
 def test_a_turn_that_begins_at_rest_loses_its_bias_there() -> None:

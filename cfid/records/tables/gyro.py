@@ -29,6 +29,9 @@ _FLAT = 0.1  # of the fastest rate: below, noise may reverse it
 _NARROW = 0.1  # of the widest half-swing
 _FEWEST_MIDDLES = 4
 _AT_THE_END = 0.999  # of the range
+# Rates of which as many are equal show an end of the range: of a cosine above 0.9 of its peak, a tenth is above 0.999.
+_LEAST_RANGE_DPS = 100.0
+_FAST, _FEWEST_FLAT, _FLAT_SHARE = 0.9, 20, 0.4
 
 
 class Rates(NamedTuple):
@@ -66,15 +69,26 @@ def read_gyro(run: Run, device: str = VEHICLE_LOG) -> Turned:
     time, scale_std = _times(rows)
     if len(time) < 2 or not np.all(np.diff(time) > 0):
         raise DataError(f"{where}: the times of its rows do not increase.")
-    if (reached := float(np.abs(np.degrees(rates)).max())) > _AT_THE_END * RANGE_DPS:
+    fastest = np.degrees(rates[:, np.argmax(np.abs(rates).max(axis=0))])
+    if (reached := float(np.abs(fastest).max())) > _AT_THE_END * RANGE_DPS or _clipped(fastest):
         raise DataError(
-            f"{where}: the gyro reached {reached:.0f} deg/s, the end of its range ({RANGE_DPS:g} deg/s), and shows no "
-            "more than that. Release lower, or drop a lighter weight."
+            f"{where}: the gyro reached {reached:.0f} deg/s, the end of its range, and shows no more than that. Set a "
+            "larger range, release lower, or drop a lighter weight."
         )
     found = about_one_axis(rates)
     angle, level = integrated(time, found.rate_rad_per_s)
     found = found._replace(rate_rad_per_s=found.rate_rad_per_s - level)
     return Turned(rows, time, angle, found, scale_std)
+
+
+def _clipped(rate: Array) -> bool:
+    """Return whether the fastest of rates (n,) in deg/s are one value: peaks of a swing are round, a range ends flat."""
+    fast = np.abs(rate)
+    if fast.max() < _LEAST_RANGE_DPS:
+        return False
+    fast = fast[fast > _FAST * fast.max()]
+    same = int(np.count_nonzero(fast > _AT_THE_END * fast.max()))
+    return same >= _FEWEST_FLAT and same > _FLAT_SHARE * len(fast)
 
 
 def about_one_axis(rates_rad_per_s: Array) -> Rates:
