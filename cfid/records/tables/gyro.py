@@ -82,7 +82,7 @@ def read_gyro(run: Run, device: str = VEHICLE_LOG) -> Turned:
 
 
 def _clipped(rate: Array) -> bool:
-    """Return whether the fastest of rates (n,) in deg/s are one value: peaks of a swing are round, a range ends flat."""
+    """Return whether the fastest of rates (n,) in deg/s are one value: peaks of a swing are round."""
     fast = np.abs(rate)
     if fast.max() < _LEAST_RANGE_DPS:
         return False
