@@ -328,6 +328,14 @@ def test_a_maximum_far_from_what_was_measured_is_called_extrapolated() -> None:
     assert "extrapolated: 40000" in remarks(maximum_thrust(thrust, gravity_mps2=9.81))[0]
 
 
+def test_a_maximum_that_three_points_far_below_leave_open_is_rejected() -> None:
+    few = fit_thrust(made(np.array([20000.0, 22000.0, 24000.0])))
+    (finding,) = maximum_thrust(few, gravity_mps2=9.81).findings
+
+    assert (finding.code, finding.severity) == ("maximum-open", "rejection")
+    assert "24000 is the largest that was measured, and of unknown uncertainty" in finding.text
+
+
 # Scales
 
 

@@ -9,12 +9,13 @@ import numpy.typing as npt
 from cfid.errors import FitError
 from cfid.estimate.linear import fit_linear
 from cfid.estimate.polynomials import PolynomialFit, fit_polynomial
-from cfid.findings import Finding, warning
+from cfid.findings import Finding, rejection, warning
 from cfid.motors.maps.estimation import MotorMap
 from cfid.motors.maps.voltage import VoltageComparison
 from cfid.motors.points import Array
 from cfid.units import DEAD_COMMAND, FULL_COMMAND, NEAR_FULL, ROTORS
 
+_OPEN = 0.25  # of the thrust at full command, where it is extrapolated: the largest accepted standard uncertainty
 _MAXIMUM = ("motor.max_thrust_n", "motor.hover_mass_kg")
 _FURTHER = 2.0
 _ROUNDS = 20  # of thrust and voltage at full command, which follow from each other
@@ -103,6 +104,11 @@ def maximum_thrust(thrust_map: MotorMap, *, gravity_mps2: float) -> MaximumThrus
     beyond = warning("maximum-extrapolated", text, *_MAXIMUM)
     thrust, beyond_std = float(fit.at(FULL_COMMAND)), missed(fit, FULL_COMMAND) if far else 0.0
     std = math.hypot(float(fit.std_at(FULL_COMMAND)[0]), beyond_std)
+    if far and not std < _OPEN * thrust:  # also where nothing is left to tell how far it is off
+        open_by = (
+            f"open by {100 * std / thrust:.0f} % (limit {100 * _OPEN:.0f} %)" if std > 0 else "of unknown uncertainty"
+        )
+        beyond = rejection("maximum-open", f"{text.removesuffix('.')}, and {open_by}.", *_MAXIMUM)
     return MaximumThrust(
         thrust_n=thrust,
         std_n=std,
