@@ -58,7 +58,7 @@ _ANGLE = Column(
 SCHEMA = TableSchema(
     columns=(TIME_COLUMN, _ANGLE),
     words=("TIME", "ANGLE"),
-    hint="A log of a swing by a vehicle's gyro becomes a run by `cfid import --axis`, and fits take that.",
+    hint="A log of a swing by a vehicle's gyro becomes a run by `cfid import` with its `axis`, and fits take that.",
 )
 
 

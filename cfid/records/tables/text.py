@@ -66,7 +66,7 @@ def check_text(path: Path, content: bytes) -> None:
         raise DataError(
             f"{path}: not a CSV file: it holds binary data (or text in UTF-16: save that as UTF-8). "
             "`cfid fit dynamics` fits logs of vehicles; `cfid show`, `cfid convert` and `cfid import` read them; "
-            "with `--axis`, `cfid import` makes of a swing by gyro a run that `cfid fit swing` takes."
+            "with its `axis`, `cfid import` makes of a swing by gyro a run that `cfid fit swing` takes."
         )
 
 
