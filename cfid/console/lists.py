@@ -69,7 +69,8 @@ def measured(text: str | None, option: str) -> Measured:
         value = std = math.nan
     if not (0 < value < math.inf and (std is None or 0 <= std < value)):
         raise ConfigError(
-            f"{option} {text}: has to be above zero, a number alone or with its standard uncertainty, as 0.23:0.001."
+            f"{option} {text}: has to be above zero, a number alone or with its standard uncertainty, as 0.23:0.001; "
+            "that is not negative, and smaller than the number."
         )
     return Measured(value, std)
 

@@ -93,6 +93,16 @@ def test_a_changed_byte_is_found_by_the_crc(tmp_path: Path) -> None:
     assert "CRC32 does not match" in note
 
 
+def test_a_second_variable_of_one_name_is_told_apart(tmp_path: Path) -> None:
+    number, name, variables = FIXED
+    twice = (number, name, (variables[0], variables[0], *variables[2:]))
+    log = read_log(written(tmp_path, bytes_of([twice], rows(10))))
+    first = log.series[0].names[0]
+
+    assert log.series[0].names[1] == f"{first}_2"
+    assert any(f"variable 2 is named {first} again: it is read as {first}_2" in text for text in log.notes)
+
+
 def test_reading_stops_at_a_record_of_no_known_event(tmp_path: Path) -> None:
     content = bytearray(single())
     content[-4 - 40 * 23] ^= 0x55

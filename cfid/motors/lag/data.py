@@ -211,7 +211,10 @@ def of_log(log: FlightLog) -> RotorLog:
     """Find commands, speeds, voltage and acceleration in a log. Raises DataError without commands."""
     commands = _of_motors(log, _COMMANDS)
     if not commands:
-        raise DataError(f"{log.path}: no command of a motor (motor.m1, pwm.m1_pwm, PX4's actuator_motors).")
+        raise DataError(
+            f"{log.path}: no command of a motor (motor.m1, pwm.m1_pwm, PX4's actuator_motors; the pulse widths of its "
+            "actuator_outputs are not read)."
+        )
     speeds = {motor: name for motor, name in _of_motors(log, _SPEEDS).items() if motor in commands}
     volts = _first(log, _VOLTS)
     seen = _seen(log, commands, speeds, volts)

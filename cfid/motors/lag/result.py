@@ -19,6 +19,7 @@ from cfid.records.result import Dependent, Figures, Result
 Array = npt.NDArray[np.float64]
 
 _THRUST = "thrust of all rotors"
+_OF_ONE_MOTOR = ("dynamics.rising", "dynamics.falling", "dynamics.delay_s")
 _ROWS = "dynamics.time_constant_s"
 _NO_LAG = rejection(
     "no-lag-fits", "no rotor is described by a first-order lag: see the warnings.", "dynamics.*", SPEED_POLY
@@ -139,7 +140,7 @@ def _about(record: RotorLog, fits: Mapping[str, LagFit], unseen_s: float) -> tup
         )
         found.append(note("lag-command-between-rows", text, "dynamics.delay_s"))
     if not record.speeds:
-        found.append(rejection("lag-from-acceleration", _OF_ACCELERATION, "dynamics.rising", "dynamics.falling"))
+        found.append(rejection("lag-from-acceleration", _OF_ACCELERATION, *_OF_ONE_MOTOR))
     return tuple(found)
 
 

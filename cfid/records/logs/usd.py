@@ -87,7 +87,9 @@ def read_usd(path: Path, source: Source, clock: Clock | None = None) -> FlightLo
     for number, event in events.items():
         offsets = _before(found.offsets[number], stop)
         if len(offsets):
-            channels = tuple(map(crazyflie_channel, event.names))
+            names, doubled = _told_apart(event.names)
+            notes += tuple(f"{event.name}: {text}" for text in doubled)
+            channels = tuple(map(crazyflie_channel, names))
             blocks = partial(_blocks, data, event, offsets, version.seconds)
             series.append(Series(name=event.name, rows=len(offsets), channels=channels, blocks=blocks))
     if not series:
@@ -102,6 +104,18 @@ def read_usd(path: Path, source: Source, clock: Clock | None = None) -> FlightLo
         assumed=assumptions(tuple(channel for one in series for channel in one.channels)),
         notes=(*notes, *((f"no record of {', '.join(empty)}.",) if empty else ())),
     )
+
+
+def _told_apart(names: tuple[str, ...]) -> tuple[list[str], list[str]]:
+    """Return names of which none is there twice, and a sentence for each that was."""
+    told: list[str] = []
+    notes = []
+    for place, name in enumerate(names):
+        number = names[:place].count(name) + 1
+        told.append(name if number == 1 else f"{name}_{number}")
+        if number > 1:
+            notes.append(f"variable {place + 1} is named {name} again: it is read as {told[-1]}.")
+    return told, notes
 
 
 def _header(path: Path, data: mmap.mmap) -> tuple[_Version, dict[int, _Event], int]:

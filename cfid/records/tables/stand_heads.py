@@ -70,8 +70,8 @@ _KNOWN = (
         "torque_nm",
         "torque",
         {
-            r"n[.u]*m": 1.0,
-            r"n[.u]*mm": 1e-3,
+            r"n[.u-]*m": 1.0,
+            r"n[.u-]*mm": 1e-3,
             r"lbf?[.u]*in": _POUND_FORCE_N * _INCH_M,
             r"lbf?[.u]*ft": _POUND_FORCE_N * 12 * _INCH_M,
             r"ozf?[.u]*in": _POUND_FORCE_N * _INCH_M / 16,
