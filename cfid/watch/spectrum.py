@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from cfid.errors import FitError
 from cfid.motors.vibration.estimation import EVIDENCE_LIMIT, PLAUSIBLE_RAD_PER_S, aliased, rotor_comb
-from cfid.motors.vibration.lines import Spectrum, spectrum
+from cfid.motors.vibration.spectrum import Spectrum, spectrum
 
 Array = npt.NDArray[np.float64]
 

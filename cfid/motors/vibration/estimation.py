@@ -15,7 +15,8 @@ from scipy.special import chdtrc
 from cfid.errors import FitError
 from cfid.estimate.propagation import widened
 from cfid.findings import Finding, note, rejection, texts, warning
-from cfid.motors.vibration.lines import Comb, Family, LineFit, even_times, fit_lines, fit_parts, spectrum
+from cfid.motors.vibration.lines import Family, LineFit, fit_lines, fit_parts
+from cfid.motors.vibration.spectrum import Comb, even_times, spectrum
 
 Array = npt.NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cfid.drawing.style import MODEL, RECORDED, draw_line, figure, name_panel, styled
-from cfid.motors.vibration.lines import spectrum
+from cfid.motors.vibration.spectrum import spectrum
 from cfid.records.tables.wrench import WrenchRecord
 
 Array = npt.NDArray[np.float64]

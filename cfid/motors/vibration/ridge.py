@@ -17,7 +17,8 @@ from cfid.motors.vibration.estimation import (
     clear_lines,
     rotor_comb,
 )
-from cfid.motors.vibration.lines import Family, even_times, fit_lines, spectrum
+from cfid.motors.vibration.lines import Family, fit_lines
+from cfid.motors.vibration.spectrum import even_times, spectrum
 
 Array = npt.NDArray[np.float64]
 
