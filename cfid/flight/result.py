@@ -161,7 +161,7 @@ def _lag_findings(found: FlightFit, climb: str) -> list[Finding]:
 
 
 def _delay_findings(found: FlightFit, concerned: Sequence[str]) -> list[Finding]:
-    """Reject everything where a sensor shows what rotors do before they are told to, or much later."""
+    """Reject everything where a sensor shows what rotors do before their command, or much later."""
     for sensor, delay_s, std_s in zip(("accelerometer", "gyro"), found.values[DELAYS], found.std[DELAYS], strict=True):
         if not (delay_s + 3 * std_s > _FIRST_S and delay_s < _LAST_S):
             text = (

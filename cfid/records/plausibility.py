@@ -21,6 +21,7 @@ _ALIKE = {  # what rests on the same force, arm or wind
     "tf.static_gain_n": ("tf.numerator", "tf.series.*.static_gain_n", "tf.series.*.numerator", "tf.frequency_response"),
     "drag.simple_kg_per_rad": ("drag.*",),
 }  # fmt: skip
+_SAYS_NOTHING = "-not-excited"  # ends the codes of quantities that a recording does not show at all
 _OTHERWISE = 'For another kind of body write platform = "other" under [vehicle] in rig.toml.'
 
 
@@ -41,8 +42,8 @@ def judged(result: Result, rig: Rig | None) -> Result:
     own = tuple(one for one in result.findings if one.code not in _BY_PLATFORM)
     if platform_of(rig) == "other":
         return replace(result, findings=(*own, *implausible_quantities(result.quantities, rig)))
-    lost = [one for one in result.findings if one.severity == "rejection"]
-    rest = {key: found for key, found in result.quantities.items() if not any(one.concerns(key) for one in lost)}
+    named = [one for one in result.findings if one.code == "implausible" or one.code.endswith(_SAYS_NOTHING)]
+    rest = {key: found for key, found in result.quantities.items() if not any(one.concerns(key) for one in named)}
     return replace(result, findings=(*result.findings, *implausible_quantities(rest, rig)))
 
 

@@ -93,7 +93,7 @@ def test_a_changed_byte_is_found_by_the_crc(tmp_path: Path) -> None:
     assert "CRC32 does not match" in note
 
 
-def test_a_second_variable_of_one_name_is_told_apart(tmp_path: Path) -> None:
+def test_a_second_variable_of_one_name_gets_a_number(tmp_path: Path) -> None:
     number, name, variables = FIXED
     twice = (number, name, (variables[0], variables[0], *variables[2:]))
     log = read_log(written(tmp_path, bytes_of([twice], rows(10))))

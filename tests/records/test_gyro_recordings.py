@@ -103,6 +103,20 @@ def test_a_gyro_at_the_end_of_its_range_is_refused(tmp_path: Path, range_dps: in
 
 
 @pytest.mark.parametrize("rate_hz", [1000, 100])
+@pytest.mark.parametrize("over", [1.05, 1.1, 1.5])
+def test_a_gyro_that_a_swing_exceeds_by_little_is_refused_too(tmp_path: Path, rate_hz: int, over: float) -> None:
+    time_s = np.arange(0, 20, 1 / rate_hz)
+    rng = np.random.default_rng(2)
+    rate = np.radians(300.0 * np.exp(-0.01 * time_s) * np.sin(6.0 * time_s) + rng.normal(0, 0.1, len(time_s)))
+    assert read(gyro_run(tmp_path, rate, stamps_ms=None, arrivals_s=time_s)).rates is not None
+    clipped = np.clip(rate, *(np.radians([-300.0, 300.0]) / over))
+    folder = gyro_run(tmp_path, clipped, stamps_ms=None, arrivals_s=time_s, bias_dps=0.0)
+
+    with pytest.raises(DataError, match=r"reached \d+ deg/s, the end of its range"):
+        read(folder)
+
+
+@pytest.mark.parametrize("rate_hz", [1000, 100])
 def test_round_peaks_of_a_coarse_gyro_are_no_end_of_its_range(tmp_path: Path, rate_hz: int) -> None:
     time_s = np.arange(0, 10, 1 / rate_hz)
     rate = np.radians(np.round(np.degrees(rocking(time_s, per_s=3.0, amplitude_rad=1.5)[1]) * 0.8) / 0.8)

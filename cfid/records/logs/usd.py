@@ -87,7 +87,7 @@ def read_usd(path: Path, source: Source, clock: Clock | None = None) -> FlightLo
     for number, event in events.items():
         offsets = _before(found.offsets[number], stop)
         if len(offsets):
-            names, doubled = _told_apart(event.names)
+            names, doubled = _distinct(event.names)
             notes += tuple(f"{event.name}: {text}" for text in doubled)
             channels = tuple(map(crazyflie_channel, names))
             blocks = partial(_blocks, data, event, offsets, version.seconds)
@@ -106,16 +106,18 @@ def read_usd(path: Path, source: Source, clock: Clock | None = None) -> FlightLo
     )
 
 
-def _told_apart(names: tuple[str, ...]) -> tuple[list[str], list[str]]:
+def _distinct(names: tuple[str, ...]) -> tuple[list[str], list[str]]:
     """Return names of which none is there twice, and a sentence for each that was."""
-    told: list[str] = []
+    found: list[str] = []
     notes = []
-    for place, name in enumerate(names):
-        number = names[:place].count(name) + 1
-        told.append(name if number == 1 else f"{name}_{number}")
-        if number > 1:
-            notes.append(f"variable {place + 1} is named {name} again: it is read as {told[-1]}.")
-    return told, notes
+    for place, name in enumerate(names, start=1):
+        own, number = name, 2
+        while own in found or (own != name and own in names):
+            own, number = f"{name}_{number}", number + 1
+        if own != name:
+            notes.append(f"variable {place} is named {name} again: it is read as {own}.")
+        found.append(own)
+    return found, notes
 
 
 def _header(path: Path, data: mmap.mmap) -> tuple[_Version, dict[int, _Event], int]:

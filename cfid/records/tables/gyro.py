@@ -29,9 +29,8 @@ _FLAT = 0.1  # of the fastest rate: below, noise may reverse it
 _NARROW = 0.1  # of the widest half-swing
 _FEWEST_MIDDLES = 4
 _AT_THE_END = 0.999  # of the range
-# Rates of which as many are equal show an end of the range: of a cosine above 0.9 of its peak, a tenth is above 0.999.
-_LEAST_RANGE_DPS = 100.0
-_FAST, _FEWEST_FLAT, _FLAT_SHARE = 0.9, 20, 0.4
+_ROUND = 1e-3  # of a rate, within which it is at the end of a range
+_FEWEST_HALVES, _FEWEST_FLAT, _FLAT_SHARE = 2, 2, 0.06  # half-swings at it, samples in one, and of its samples
 
 
 class Rates(NamedTuple):
@@ -82,13 +81,15 @@ def read_gyro(run: Run, device: str = VEHICLE_LOG) -> Turned:
 
 
 def _clipped(rate: Array) -> bool:
-    """Return whether the fastest of rates (n,) in deg/s are one value: peaks of a swing are round."""
+    """Return whether several half-swings of a rate (n,) end at one value: an end of the gyro's range.
+
+    A peak is round: of a cosine, the samples within 1/1000 of its top take a thirty-fifth of a half-swing.
+    """
     fast = np.abs(rate)
-    if fast.max() < _LEAST_RANGE_DPS:
-        return False
-    fast = fast[fast > _FAST * fast.max()]
-    same = int(np.count_nonzero(fast > _AT_THE_END * fast.max()))
-    return same >= _FEWEST_FLAT and same > _FLAT_SHARE * len(fast)
+    top = fast >= (1 - _ROUND) * fast.max()
+    halves = np.split(top, np.flatnonzero(np.diff(np.signbit(rate))) + 1)
+    flat = [half for half in halves if np.count_nonzero(half) > max(_FEWEST_FLAT, _FLAT_SHARE * len(half))]
+    return len(flat) >= _FEWEST_HALVES
 
 
 def about_one_axis(rates_rad_per_s: Array) -> Rates:
