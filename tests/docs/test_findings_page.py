@@ -15,7 +15,7 @@ PAGE = ROOT / "docs" / "reference" / "findings.md"
 
 # What rejects one row of several: a warning of the result, which has the other rows.
 OF_A_ROW = {
-    *("step-held-too-short", "step-lag-misfit", "step-lag-noisy"),
+    *("step-held-too-short", "step-lag-misfit", "step-lag-noisy", "step-lag-unseen"),
     *("lag-log-too-slow", "lag-misfit", "lag-not-excited"),
     *("vibration-aliased", "vibration-lines-on-hum", "vibration-no-rotor", "vibration-octave-ambiguous"),
     "vibration-speed-drifts",

@@ -161,3 +161,22 @@ def test_a_lag_that_is_longer_than_its_step_is_judged_without_a_warning() -> Non
     assert "its final speed is not known" in " ".join(rejections(ramp))
     assert still.explained == 0
     assert not still.accepted
+
+
+@pytest.mark.parametrize("tau_s", [0.006, 0.015, 0.022])
+def test_a_lag_that_ends_between_two_readings_is_left_open(tau_s: float) -> None:
+    time_s, lag = TIME_S[::10], 1 / tau_s
+    speed = followed_speed((lag, 0.0), (lag, 0.0))[::10] + noise(3, 0.5)[::10]
+    steps = command_steps(time_s=time_s, command=COMMAND[::10])
+    for found in fit_steps(time_s=time_s, value=speed, steps=steps):
+        assert not found.accepted
+        assert "between two readings, 50 ms apart" in " ".join(rejections(found))
+
+
+def test_a_lag_as_long_as_the_time_between_two_readings_is_found() -> None:
+    time_s = TIME_S[::10]
+    speed = followed_speed((20.0, 0.0), (20.0, 0.0))[::10] + noise(3, 0.5)[::10]
+    steps = command_steps(time_s=time_s, command=COMMAND[::10])
+    for found in fit_steps(time_s=time_s, value=speed, steps=steps):
+        assert found.accepted
+        assert abs(found.time_constant_s - 0.05) < 3 * found.time_constant_std_s < 0.005

@@ -23,6 +23,7 @@ Array = npt.NDArray[np.float64]
 _QUICKEST, _SLOWEST = 1e-3, 10.0  # time constants over the time a command holds
 _SMOOTH = 0.25  # time constants over which noise is averaged before judging how much the lag explains
 _EXPLAINED, _LOOSE = 0.95, 0.2  # r^2, and the deviation over the time constant
+_SEEN = 0.5  # of the interval between readings: of a faster lag the fit finds one of several, or none
 _HELD = 1.5  # time constants that a step needs to show where it leads
 _MOST = 150  # means of a step's samples, whose covariance is taken for that of its noise
 _SAG_STD = 0.25  # of what a battery's sag changes: its voltage follows the load late, and is read ten times a second
@@ -241,14 +242,14 @@ def _fit_step(data: StepData, part: Part, sag: float) -> tuple[StepFit, Array]:
         delay_std_s=float(std[3]),
         explained=explained,
         sag=sag,
-        findings=_rejections(hold_s, fit.x[2], std[2], explained),
+        findings=_rejections(part, fit.x[2], std[2], explained),
     )
     return lag, noise
 
 
-def _rejections(hold_s: float, tau_s: float, std_s: float, explained: float) -> tuple[Finding, ...]:
+def _rejections(part: Part, tau_s: float, std_s: float, explained: float) -> tuple[Finding, ...]:
     """Return why the time constant of a step, one of the rows of the key, is rejected."""
-    key = "dynamics.time_constant_s"
+    key, hold_s = "dynamics.time_constant_s", part.step.until_s - part.step.at_s
     found = []
     if explained < _EXPLAINED:
         text = f"a first-order lag explains only {100 * explained:.0f} % of this step (limit {100 * _EXPLAINED:.0f} %)."
@@ -256,7 +257,13 @@ def _rejections(hold_s: float, tau_s: float, std_s: float, explained: float) -> 
     if hold_s < _HELD * tau_s:
         text = f"it held for only {hold_s / tau_s:.1f} time constants (limit {_HELD:g}): its final speed is not known."
         found.append(rejection("step-held-too-short", text, key))
-    if not std_s < _LOOSE * tau_s:
+    if tau_s < _SEEN * part.interval_s:
+        text = (
+            f"the speed settled between two readings, {1e3 * part.interval_s:.0f} ms apart: they do not show how fast. "
+            "Record speeds faster."
+        )
+        found.append(rejection("step-lag-unseen", text, key))
+    elif not std_s < _LOOSE * tau_s:
         text = f"noise leaves the time constant open by {100 * std_s / tau_s:.0f} % (limit {100 * _LOOSE:.0f} %)."
         found.append(rejection("step-lag-noisy", text, key))
     return tuple(found)

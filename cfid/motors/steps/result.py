@@ -20,7 +20,7 @@ from cfid.records.tables.times import run_at
 from cfid.records.tables.wrench import WrenchReading
 
 _ROWS = "dynamics.time_constant_s"
-_NO_LAG = "no step is described by a first-order lag."
+_WAYS = {"dynamics.rising": True, "dynamics.falling": False}
 
 
 def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
@@ -45,12 +45,13 @@ def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
         return {f"fit_dynamics_{record.name}": drawn}
 
     accepted = [lag for lag in lags if lag.accepted]
+    lost = _without_lag(lags)
     coefficients = {"dynamics.rising": list(model.rising), "dynamics.falling": list(model.falling)}
     return Result(
         command="fit dynamics",
         method="default",
         quantities=_quantities(lags, model),
-        wanted=("dynamics.*",),
+        wanted=tuple(key for key in _WAYS if key not in lost) if accepted else ("dynamics.*",),
         covariances=covariance_between(coefficients, model.covariance),
         merits={
             "steps": len(lags),
@@ -64,7 +65,8 @@ def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
             *_sagged(lags),
             *(finding for lag in lags for finding in _of_row(lag)),
             *(negative_delay(model.delay_s, model.delay_std_s, _ROWS) if accepted else ()),
-            *(model.findings if accepted else (rejection("no-lag-fits", _NO_LAG, "dynamics.*"),)),
+            *lost.values(),
+            *(model.findings if accepted else ()),
         ),
         sources=record.sources,
         lines=tuple(Dependent(_line(lag), _ROWS) for lag in accepted),
@@ -104,6 +106,18 @@ def _sagged(lags: Sequence[StepFit]) -> tuple[Finding, ...]:
 def _of_row(lag: StepFit) -> Sequence[Finding]:
     """Return why a step's row was rejected: for the key, which has other rows, these are warnings."""
     return [replace(one, severity="warning", where=(_name(lag),)) for one in lag.findings]
+
+
+def _without_lag(lags: Sequence[StepFit]) -> dict[str, Finding]:
+    """Return a rejection for each key whose steps are none that a lag describes, of all keys where no step is one."""
+    if not any(lag.accepted for lag in lags):
+        return {"dynamics.*": rejection("no-lag-fits", "no step is described by a first-order lag.", "dynamics.*")}
+    lost = {key: way for key, way in _WAYS.items() if not any(lag.accepted for lag in lags if lag.rising == way)}
+    return {
+        key: rejection("no-lag-fits", f"no {key.partition('.')[2]} step is described by a first-order lag.", key)
+        for key, way in lost.items()
+        if any(lag.rising == way for lag in lags)
+    }
 
 
 def _name(lag: StepFit) -> str:
