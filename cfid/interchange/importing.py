@@ -62,11 +62,15 @@ def kind_of(path: Path, reading: Foreign) -> Kind:
     Raises ConfigError where its columns do not show it, DataError where it cannot be read.
     """
     kind = kind_at(path, reading)
-    if kind is None or kind == "stand":
+    if kind == "stand":
+        raise ConfigError(
+            f"{path}: a table of a thrust stand, which is not imported: `cfid fit thrust`, `cfid fit speed` and `cfid "
+            "fit torque` read it as it is."
+        )
+    if kind is None:
         raise ConfigError(
             f"{path}: its columns ({open_table(path, skip_lines=reading.skip_lines).listing}) do not show what was "
-            "recorded: give `kind` angle, wrench or flight. A table of a thrust stand is not imported: `cfid fit "
-            "thrust` and `cfid fit speed` read it as it is."
+            "recorded: give `kind` angle, wrench or flight."
         )
     return kind
 

@@ -12,6 +12,7 @@ from cfid.records.parameters import Parameter, plain
 from cfid.records.result import Result
 from cfid.records.rig_file import Rig
 
+LARGER_MOTOR = "motor-of-larger-vehicle"  # the code of a recording of a motor that drives no small quadrocopter
 _BY_PLATFORM = ("implausible", "implausible-input", "speed-unusual")  # codes of what a quadrocopter cannot have
 _ALIKE = {  # what rests on the same force, arm or wind
     "motor.thrust_poly": (
@@ -37,11 +38,13 @@ class Given(NamedTuple):
 def judged(result: Result, rig: Rig | None) -> Result:
     """Return a result with a rejection of each quantity that the rig's platform cannot have.
 
-    A rig of any body takes back the rejections that rest on what a quadrocopter can have.
+    A rig of any body takes back the rejections that rest on what a quadrocopter can have; so does a recording of a
+    larger motor, where no rig states the vehicle.
     """
     own = tuple(one for one in result.findings if one.code not in _BY_PLATFORM)
-    if platform_of(rig) == "other":
-        return replace(result, findings=(*own, *implausible_quantities(result.quantities, rig)))
+    larger = rig is None and any(one.code == LARGER_MOTOR for one in result.findings)
+    if larger or platform_of(rig) == "other":
+        return replace(result, findings=(*own, *_implausible(result.quantities, "other")))
     named = [one for one in result.findings if one.code == "implausible" or one.code.endswith(_SAYS_NOTHING)]
     rest = {key: found for key, found in result.quantities.items() if not any(one.concerns(key) for one in named)}
     return replace(result, findings=(*result.findings, *implausible_quantities(rest, rig)))
@@ -49,7 +52,10 @@ def judged(result: Result, rig: Rig | None) -> Result:
 
 def implausible_quantities(quantities: Mapping[str, Parameter], rig: Rig | None) -> tuple[Finding, ...]:
     """Return a rejection for each quantity outside what the rig's platform can have, and for what has its inputs."""
-    platform = platform_of(rig)
+    return _implausible(quantities, platform_of(rig))
+
+
+def _implausible(quantities: Mapping[str, Parameter], platform: Platform) -> tuple[Finding, ...]:
     advice = f" {_OTHERWISE}" if platform != "other" else ""
     found: list[Finding] = []
     for key, one in quantities.items():

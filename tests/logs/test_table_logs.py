@@ -108,3 +108,24 @@ def test_a_rate_stands_for_the_column_of_times_and_that_is_said(tmp_path: Path) 
     assert log.series[0].names == ("a",)
     assert log.channel("a")[0][-1] == pytest.approx(39 / 4)
     assert "times are those of `rate_hz` 4: column 'time' is not used." in log.notes
+
+
+def test_a_stands_units_stand_in_its_heads_and_its_empty_columns_are_one_sentence(tmp_path: Path) -> None:
+    head = "Time (s),ESC signal (µs),Servo 1 (µs),Servo 2 (µs),Thrust (gf),Torque (N·m),Motor Optical Speed (RPM)"
+    head += ",Vibration (g)"
+    rows = "".join(f"{2.1 * at},{1000 + 50 * at},,,{at * at},{at / 100},{900 * at},0.1\n" for at in range(12))
+    log = read_log(written(tmp_path, f"{head}\n{rows}"))
+    units = {channel.name.partition(" (")[0]: channel.own_unit for channel in log.series[0].channels}
+    assert units == {
+        "ESC signal": "us",
+        "Thrust": "gf",
+        "Torque": "N m",
+        "Motor Optical Speed": "rpm",
+        "Vibration": "",
+    }
+    assert [note for note in log.notes if "empty" in note] == [
+        "left out: columns 'Servo 1 (µs)', 'Servo 2 (µs)' are empty."
+    ]
+    assert log.channel("Motor Optical Speed (RPM)")[1][1] == pytest.approx(900 * np.pi / 30)
+    assert log.series[0].time_s[1] == pytest.approx(2.1)
+    assert "firmware" not in " ".join(log.assumed)

@@ -189,3 +189,28 @@ def test_a_rate_beside_a_stand_s_times_is_noted(tmp_path: Path) -> None:
     texts = " ".join(finding.text for finding in table.findings)
     assert "times are those of `rate_hz` 8: column 'Time (s)' is not used." in texts
     assert "time from" not in texts
+
+
+def test_a_stand_of_a_larger_motor_gives_its_map_where_no_rig_states_a_smaller_vehicle(
+    cfid: Cfid, tmp_path: Path
+) -> None:
+    one = sweep()
+    table = write(tmp_path, one._replace(thrust_n=40 * one.thrust_n))
+
+    alone = cfid("fit", "thrust", table)
+    assert alone.returncode == 0, alone.stderr
+    assert "more than a motor of a small quadrocopter has (10 N)" in " ".join(alone.stderr.split())
+
+    assert cfid("new", tmp_path / "lab").returncode == 0
+    within = cfid("fit", "thrust", table, "--campaign", tmp_path / "lab")
+    assert within.returncode == 5
+    assert "implausible" in within.stderr
+
+
+def test_a_stands_table_is_not_imported_and_the_command_that_reads_it_is_named(cfid: Cfid, tmp_path: Path) -> None:
+    table = write(tmp_path, sweep())
+    assert cfid("new", tmp_path / "lab").returncode == 0
+    said = cfid("import", table, "--campaign", tmp_path / "lab")
+    assert said.returncode == 2
+    assert "a table of a thrust stand, which is not imported" in " ".join(said.stderr.split())
+    assert "--kind" not in said.stderr

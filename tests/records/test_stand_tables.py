@@ -278,3 +278,40 @@ def test_greek_speeds_are_known(tmp_path: Path) -> None:
     found = read_stand_table(path).speeds_rad_s
     assert found is not None
     assert found[:, 0].tolist() == [0, 900, 1500]
+
+
+def test_columns_of_one_name_are_left_out_where_others_can_be_fitted(tmp_path: Path) -> None:
+    path = tmp_path / "stand.csv"
+    path.write_text("cmd,thrust_n,torque_nm,torque_nm\n0,0,0,7\n20000,0.1,0.001,7\n")
+    table = read_stand_table(path)
+    assert table.torque_nm is None
+    assert table.thrust_n is not None
+    said = " ".join(one.text for one in table.findings)
+    assert "the columns 3, 4 are all named 'torque_nm': none is used. Rename all but one." in said
+    assert "no known unit" not in said
+
+
+def test_a_table_whose_only_measurement_is_there_twice_is_refused_with_what_would_do(tmp_path: Path) -> None:
+    said = refusal(tmp_path, "cmd,thrust_n,thrust_n\n0,0,7\n20000,0.1,7\n")
+    assert "the columns 2, 3 are all named 'thrust_n': none is used. Rename all but one." in said
+
+
+def test_noise_below_zero_of_rotors_that_stand_does_not_condemn_a_table(tmp_path: Path) -> None:
+    path = tmp_path / "stand.csv"
+    path.write_text("cmd,thrust_n,rpm\n0,0,-9\n0,0,4\n0,0,-2\n20000,0.1,9000\n40000,0.2,14000\n")
+    table = read_stand_table(path)
+    assert table.speeds_rad_s is not None
+    assert table.speeds_rad_s[[0, 2], 0].tolist() == [0, 0]
+    assert "2 speeds just below zero" in " ".join(one.text for one in table.findings)
+
+
+def test_a_load_cell_that_is_not_tared_does_not_make_a_standing_rotor_a_dead_sensor(tmp_path: Path) -> None:
+    path = tmp_path / "stand.csv"
+    rows = "".join(
+        f"{at / 10},{at // 50 * 10000 % 30000},{0.02 + at // 50 % 3 * 0.05},{at // 50 % 3 * 4000}\n"
+        for at in range(200)
+    )
+    path.write_text("t_s,pwm,thrust_n,rpm\n" + rows)
+    table = read_stand_table(path)
+    assert table.speeds_rad_s is not None
+    assert np.isfinite(table.speeds_rad_s).all()

@@ -4,7 +4,7 @@ The header tells which: variables of the firmware keep their names, `imu_acc_x` 
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,8 +19,9 @@ from cfid.records.parameters import Source
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.matlab import is_matlab
 from cfid.records.tables.schema import TIME, Foreign, TableSchema
+from cfid.records.tables.stand_heads import heads_of, shows_stand
 from cfid.records.tables.table import CsvTable
-from cfid.records.tables.times import CUT_LINE, TIME_COLUMN, seconds_of, time_unit_of, times_of
+from cfid.records.tables.times import CUT_LINE, TIME_COLUMN, seconds_of, time_unit_of, times_of, unit_of
 
 _SCHEMA = TableSchema(columns=(TIME_COLUMN,), words=("TIME",))
 _VARIABLE = re.compile(r"\w+\.\w+")  # of the firmware
@@ -34,6 +35,9 @@ _NANOBENCH = {
 }
 _NANOBENCH |= {f"imu_gyro_{axis}": "rad/s" for axis in "xyz"}  # as its motion capture shows; the firmware's are deg/s
 _CRAZYSWARM = {**dict.fromkeys("xyz", "m"), **dict.fromkeys(("qw", "qx", "qy", "qz"), "1")}
+_EMPTY = " is empty. "
+_IN_BRACKETS = re.compile(r"[(\[](?P<unit>[A-Za-zµμ°%][\w/^·.*°% ]{0,7})[)\]]\s*$")
+_SPELT = {"rpm": "rpm", "n·m": "N m", "n.m": "N m", "nm": "N m", "n*m": "N m", "°": "deg"}
 _CLIENT = "CSV log of the Crazyflie client"
 
 
@@ -65,10 +69,10 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
     elif set(named) == set(_CRAZYSWARM):
         program = "CSV file of Crazyswarm2's simulator"
         channels = tuple(Channel(name, _CRAZYSWARM[name]) for name in named)
-    elif any(channel.own_unit for channel in channels):
+    elif any(crazyflie_channel(name).own_unit for name in named):
         assumed = ("columns with the firmware's names are in the firmware's units",)
     raw = table.numbers([time])[:, 0] if time else np.zeros(2)
-    stated = reading.time_unit is not None
+    stated = reading.time_unit is not None or _is_slow_stand(table, time)
     _, notes = times_of(table, time, raw, unit=reading.time_unit, rate_hz=reading.rate_hz, own=stated)
     if time is not None:
         reading = replace(reading, time_unit=time_unit_of(table, time, raw, unit=reading.time_unit))
@@ -87,7 +91,7 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
         assumed=(*assumed, *assumptions(found)),
         notes=(
             *notes,
-            *(f"left out: {fault}" for fault in (*repeated.values(), *faults.values())),
+            *(f"left out: {fault}" for fault in (*repeated.values(), *_merged(faults))),
             *(
                 f"column '{printable(name)}' has no number in {count} of {rows} rows."
                 for name, count in missing.items()
@@ -109,6 +113,12 @@ def _repeated(table: CsvTable, time: str | None) -> dict[str, str]:
     }
 
 
+def _is_slow_stand(table: CsvTable, time: str | None) -> bool:
+    """Return whether a thrust stand's time column names its unit: one row a step is slow, not wrong."""
+    named = time is not None and unit_of(table, TIME_COLUMN.called, time, None, "") is not None
+    return named and table.has_head and shows_stand(heads_of(table.names))
+
+
 def _is_replaced(name: str, table: CsvTable, reading: Foreign) -> bool:
     """Return whether a column is a time in whose place the given rate stands."""
     return reading.rate_hz is not None and table.has_head and TIME_COLUMN.called.fullmatch(name) is not None
@@ -117,7 +127,14 @@ def _is_replaced(name: str, table: CsvTable, reading: Foreign) -> bool:
 def _firmware(name: str) -> Channel:
     """Return the channel of a column that may have the name of a variable of the firmware."""
     variable = crazyflie_channel(name)
-    return variable if variable.own_unit else Channel(printable(name))
+    return variable if variable.own_unit else Channel(printable(name), _bracketed(name))
+
+
+def _bracketed(name: str) -> str:
+    """Return the unit that ends a column's name in brackets, "" for none, and for a g, which may be a gram."""
+    found = _IN_BRACKETS.search(name)
+    unit = found["unit"].replace("µ", "u").replace("μ", "u") if found else ""
+    return "" if unit == "g" else _SPELT.get(unit.lower(), unit)
 
 
 def _nanobench(name: str) -> Channel:
@@ -188,6 +205,15 @@ def _fault(table: CsvTable, name: str) -> str:
     except DataError as fault:
         return str(fault)
     return ""
+
+
+def _merged(faults: Mapping[str, str]) -> list[str]:
+    """Return the faults, of several columns whose first field is empty one sentence."""
+    empty = [name for name, fault in faults.items() if _EMPTY in fault]
+    if len(empty) < 2:
+        return list(faults.values())
+    listed = ", ".join(f"'{printable(name)}'" for name in empty)
+    return [f"columns {listed} are empty.", *(fault for name, fault in faults.items() if name not in empty)]
 
 
 def _blocks(path: Path, sha256: str, reading: Foreign, time: str | None, names: Sequence[str]) -> Iterator[Array]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from cfid.findings import Finding, note, of_recording
 from cfid.large import empty, parts, stored
+from cfid.quantities.plausible import range_of
 from cfid.records.parameters import Source
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import TimeUnit
@@ -114,8 +115,24 @@ def read_stand_table(
         findings=(
             note("file-read", _understood(table, found, timing, len(command))).at(path.name),
             *of_recording(path.name, notes),
+            *(one.at(path.name) for one in _larger_motor(found, thrust)),
         ),
     )
+
+
+def _larger_motor(found: Found, thrust_n: Array | None) -> tuple[Finding, ...]:
+    """Return a note on a motor with its own controller whose thrust (n,) is more than a small quadrocopter's."""
+    expected = range_of("motor.max_thrust_n", "crazyflie")
+    if thrust_n is None or expected is None or "command" not in found or found["command"].head.kind != "esc":
+        return ()
+    most = float(np.nanmax(thrust_n))
+    if most <= expected.largest:
+        return ()
+    text = (
+        f"{most:.3g} N are more than a motor of a small quadrocopter has ({expected.largest:g} N): where no rig.toml "
+        "states the vehicle, the numbers are judged by physics alone."
+    )
+    return (note("motor-of-larger-vehicle", text),)
 
 
 def _is_total(found: Found) -> bool:
@@ -172,7 +189,8 @@ def _speeds(
         fastest = np.array([fastest[command <= one].max() for one in command])
     turning = fastest > _TURNING_RAD_S
     if thrust_n is not None and columns.head.kind == "motor" and np.isfinite(thrust_n).any():
-        turning |= np.nan_to_num(thrust_n) > _LEAST_THRUST * np.nanmax(thrust_n)
+        driven = command != 0  # a load cell that is not tared shows thrust at rest too
+        turning |= driven & (np.nan_to_num(thrust_n) > _LEAST_THRUST * np.nanmax(thrust_n))
     notes = []
     for name, speed in zip(columns.names, value.T, strict=True):
         dead = (speed == 0) & turning

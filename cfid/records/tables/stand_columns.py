@@ -8,13 +8,14 @@ import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError
 from cfid.large import PART_ROWS, empty, side_by_side, stored
-from cfid.records.tables.stand_heads import HEADS, ColumnHead, check_heads, heads_of
+from cfid.records.tables.stand_heads import HEADS, ColumnHead, check_heads, heads_of, shows_stand
 from cfid.records.tables.table import Array, CsvTable
 from cfid.units import FULL_COMMAND
 
 USUAL_ESC_US = (1000.0, 2000.0)  # pulse widths of standstill and full throttle, by convention
 
 _MOST_VOLTS = 60.0  # more than any battery that flies, and less than its millivolts
+_REST_NOISE = 1e-3  # of the fastest: so much below zero is noise
 _IMPOSSIBLE_SHARE = 0.1  # of a column's values, below which these alone are left out
 _ROW_BY_ROW = ("time_s", "command")  # without them a row is of no use
 
@@ -44,14 +45,15 @@ def columns_of(table: CsvTable) -> tuple[CsvTable, Found, tuple[str, ...]]:
     if not table.has_head:
         raise DataError(f"{table.path}: no header for its {len(table.names)} columns. Known names: {HEADS}.")
     called = heads_of(table.names)
+    doubled = _without_doubled(table, called)
     names = [name for columns in called.values() for _, name in columns]
     values = dict(zip(names, table.known_numbers(names).T, strict=True))
     empty = [name for name, value in values.items() if not np.isfinite(value).any()]
     used = {quantity: [one for one in columns if one[1] not in empty] for quantity, columns in called.items()}
     used = {quantity: columns for quantity, columns in used.items() if columns}
-    notes = [f"'{name}' holds no number: it is not used." for name in empty]
+    notes = [*doubled.values(), *(f"'{name}' holds no number: it is not used." for name in empty)]
     notes += _one_of_two_speeds(used, values)
-    notes += check_heads(table, used, empty)
+    notes += check_heads(table, used, [*empty, *doubled])
     found = {
         quantity: Columns(columns[0][0], tuple(n for _, n in columns), side_by_side([values[n] for _, n in columns]))
         for quantity, columns in used.items()
@@ -104,6 +106,34 @@ def turned(value: Array, drive: Array) -> tuple[Array, bool]:
     return (-value, True) if falls else (value, False)
 
 
+def _without_doubled(table: CsvTable, called: dict[str, list[tuple[ColumnHead, str]]]) -> dict[str, str]:
+    """Leave out quantities whose columns bear one name, and say so by that name.
+
+    Raises DataError for a table of which nothing to fit is left then.
+    """
+    notes = {}
+    for quantity in list(called):
+        name = called[quantity][0][1]
+        places = [str(place) for place, one in enumerate(table.names, start=1) if one == name]
+        if len(places) > 1:
+            del called[quantity]
+            notes[name] = f"the columns {', '.join(places)} are all named '{name}': none is used. Rename all but one."
+    if notes and not shows_stand(called):
+        raise DataError(f"{table.path}: {next(iter(notes.values()))}")
+    return notes
+
+
+def _at_rest(speeds: Columns, command: Columns | None) -> list[str]:
+    """Set speeds a little below zero to zero at the lowest command: noise of a sensor whose rotor stands."""
+    if command is None:
+        return []
+    lowest = command.raw <= np.nanmin(command.raw)
+    noise = lowest & (speeds.raw < 0) & (speeds.raw >= -_REST_NOISE * np.nanmax(speeds.raw))
+    speeds.raw[noise] = 0.0
+    count = int(np.count_nonzero(noise))
+    return [f"{count} speeds just below zero at the lowest command are noise: taken as 0."] if count else []
+
+
 def _one_of_two_speeds(called: dict[str, list[tuple[ColumnHead, str]]], values: Mapping[str, Array]) -> list[str]:
     """Leave one of an electrical and an optical speed in place: the one that is seen in more rows."""
     speeds = called.get("speeds_rad_s", [])
@@ -146,6 +176,7 @@ def _check(table: CsvTable, found: Found) -> list[str]:
         if command.head.kind == "pwm" and 0 < np.nanmax(raw) <= 100:
             raise DataError(f"{table.path}: no pwm above 100: is it in per cent? Then name the column pwm_percent.")
     if speeds := found.get("speeds_rad_s"):
+        notes += _at_rest(speeds, command)
         notes += _impossible(table, speeds, speeds.raw < 0, "a speed is zero or more.")
     if battery := found.get("vbat_v"):
         wrong = (battery.raw <= 0) | (battery.raw > _MOST_VOLTS)

@@ -48,7 +48,12 @@ def _of_stand(quantity: str, stem: str, units: Mapping[str, float], kind: str) -
 _KNOWN = (
     ColumnHead("command", r"cmd|command"),
     ColumnHead("command", r"pwm", kind="pwm"),
-    ColumnHead("command", r"pwm_percent|pwm\[%\]", FULL_COMMAND / 100, "percent"),
+    ColumnHead(
+        "command",
+        r"pwm_percent|pwm\[%\]|(?:esc(?:signal|throttle)?|throttle|pwm)[ab]?\(%\)",
+        FULL_COMMAND / 100,
+        "percent",
+    ),
     ColumnHead("command", r"(?:esc(?:signal|throttle)?|throttle|pwm)(?:[ab]?\(us\)|\[us\]|_us)", kind="esc"),
     ColumnHead("thrust_n", r"thrust_n"),
     ColumnHead("thrust_n", r"thrust\[n\]", kind="total"),
@@ -123,7 +128,7 @@ def check_heads(
 ) -> tuple[str, ...]:
     """Refuse several columns of one quantity and a table of nothing measured; name columns without a known unit.
 
-    `empty` are the names of columns without any number.
+    `empty` are the names of columns that give nothing: without any number, or of one name.
     """
     for quantity, columns in called.items():
         names = ", ".join(name for _, name in columns)
