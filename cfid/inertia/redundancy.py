@@ -22,6 +22,7 @@ Array = npt.NDArray[np.float64]
 DISTANCES_APART_STD = 3.0
 
 _PARALLEL = math.cos(math.radians(2))
+_ALIKE = math.cos(math.radians(10))  # nearer directions a gyro may not tell apart beside what rig.toml states
 _OTHER_DISTANCE = 1.05
 _NAMED = 4  # suspects in a sentence
 
@@ -84,11 +85,15 @@ class _Swings(NamedTuple):
 def _exchanges(axis_inertias: AxisInertias, swings: _Swings) -> Iterator[tuple[str, Array]]:
     """Yield each pair of swings that, exchanged, contradict nothing, and the entries that they give then.
 
-    The uncertainties are taken as those of the swings as they stand.
+    The uncertainties are taken as those of the swings as they stand. Where a gyro showed about what a swing turned, no
+    exchange with another direction passes.
     """
+    directions = axis_inertias.evaluate(axis_inertias.values).direction
     for i, j in combinations(range(len(axis_inertias.swings)), 2):
         one, other = axis_inertias.swings[i], axis_inertias.swings[j]
         if one.axis == other.axis or one.known or other.known:
+            continue
+        if (one.seen or other.seen) and abs(float(directions[i] @ directions[j])) < _ALIKE:
             continue
         exchanged = list(axis_inertias.swings)
         exchanged[i], exchanged[j] = replace(other, axis=one.axis), replace(one, axis=other.axis)
@@ -135,11 +140,12 @@ def _unchecked(axis_inertias: AxisInertias, swings: _Swings, fit: InertiaFit) ->
     mounts = list(dict.fromkeys(swing.axis for swing in axis_inertias.swings))
     if len(mounts) > UNKNOWNS and not unseen:
         return ()
+    unsure = "distance" if all(swing.seen for swing in axis_inertias.swings) else "distance or direction"
     first = [next(i for i, swing in enumerate(axis_inertias.swings) if swing.axis == mount) for mount in mounts]
     x, y, z = checking_axis(axis_inertias.evaluate(axis_inertias.values).direction[first])
     passing = [
         *([f"exchanged files of {_listed(list(dict.fromkeys(unseen)), 'or')}"] if unseen else []),
-        *(["a wrong distance or direction of a mount"] if len(mounts) <= UNKNOWNS else []),
+        *([f"a wrong {unsure} of a mount"] if len(mounts) <= UNKNOWNS else []),
     ]
     text = (
         f"{len(mounts)} mounts do not check each other: {' and '.join(passing)} would pass. Swing each mount twice, "

@@ -30,13 +30,14 @@ _SHAPE, _SHAPE_STD = 2.0, 1 / math.sqrt(3)
 class MountedSwing:
     """What was measured about one mount: a natural frequency squared, or an axis inertia already known.
 
-    `value` is in s^-2 when `known` is false, else in kg m^2.
+    `value` is in s^-2 when `known` is false, else in kg m^2. `seen` is whether a gyro showed about what it turned.
     """
 
     axis: str
     value: float
     std: float
     known: bool = False
+    seen: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

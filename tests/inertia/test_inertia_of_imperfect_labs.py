@@ -247,6 +247,15 @@ def test_six_swings_ask_for_a_seventh_and_state_what_they_cannot_show() -> None:
         assert part in asked.text
 
 
+def test_where_a_gyro_showed_the_axes_no_exchange_of_files_would_pass() -> None:
+    fit, axis_inertias = Lab().fitted(np.random.default_rng(2))
+    seen = replace(axis_inertias, swings=[replace(swing, seen=True) for swing in axis_inertias.swings])
+    (asked,) = redundancy_findings(seen, fit)
+
+    assert "exchanged" not in asked.text
+    assert "do not check each other: a wrong distance of a mount would pass" in asked.text
+
+
 def test_the_eighth_swing_names_the_one_whose_distance_is_wrong() -> None:
     lab = Lab(axes=EIGHT)
     swings = lab.swings(np.random.default_rng(4))
