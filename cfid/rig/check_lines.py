@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 import serial
+from scipy.ndimage import median_filter
 
 from cfid.errors import DeviceError
 from cfid.records.line_devices import LineDevice, LineValue
@@ -19,6 +20,7 @@ _LOOK_S = 1.0
 _FEWEST_PERIODS = 10
 _LONGEST_LOOK_S = 5.0
 _OFF = 0.1  # of the rate that rig.toml states
+_ALONE = 20.0  # of what three readings in a row usually differ by: no motion brings one alone so far
 _TORN = 0.01  # of the lines that may not match
 
 
@@ -70,7 +72,17 @@ def _resolution(setting: LineDevice, value: LineValue, numbers: npt.NDArray[np.f
     now = f"{shown[-1]:.6g} {setting.column_unit(value)}"
     if not len(steps):
         return DeviceAnswer(value.name, "ok", f"{now}, no change in {len(shown)} lines", "touch it: it has to change")
+    if alone := _outliers(shown):
+        advice = "numbers that lost digits? Let the device end its lines with a checksum, shorten the cable"
+        return DeviceAnswer(value.name, "warning", f"{now}, {alone} of {len(shown)} readings far off alone", advice)
     return DeviceAnswer(value.name, "ok", f"{now}, steps of {steps.min():.2g}, scatter {shown.std():.2g}")
+
+
+def _outliers(shown: npt.NDArray[np.float64]) -> int:
+    """Return how many of a device's readings (n,) are far from both their neighbours."""
+    off = np.abs(shown - median_filter(shown, 3, mode="nearest"))
+    usual = max(float(np.diff(np.unique(shown)).min()), float(np.median(np.abs(np.diff(shown)))))
+    return int(np.count_nonzero(off > _ALONE * usual))
 
 
 def _readings(setting: LineDevice, reader: LineReader) -> tuple[list[tuple[float, ...]], float, int]:

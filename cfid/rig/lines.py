@@ -19,6 +19,7 @@ _BROKEN_S = 0.4  # without a line while motors run, after which they are stopped
 _PAUSE_S = 0.25  # without a line, which is a gap
 _PERIODS = 4  # of a slow rate: a shorter silence is neither absence nor gap
 _SEARCH_S = 0.5
+_OFF, _FEWEST = 0.1, 20  # of the rate that rig.toml states; lines that show a rate
 
 
 class Lines:
@@ -51,7 +52,8 @@ class Lines:
         self._begun = self._stopped = False  # begun with the first line
         self._gone_s: float | None = None
         self._gaps: list[dict[str, float | str]] = []
-        self._missing = self._counted = 0
+        self._missing = self._counted = self._sent = 0
+        self._sending_s = 0.0  # without gaps
 
     def start(self) -> None:
         """Open the port. Raises DeviceError naming why it cannot be opened."""
@@ -65,6 +67,8 @@ class Lines:
             return
         if self._begun and now_s - self._received_s > self._longest(_PAUSE_S):
             self._note_gap(now_s, "no line came")
+        elif self._begun:
+            self._sent, self._sending_s = self._sent + len(readings), self._sending_s + now_s - self._received_s
         self._begun, self._received_s = True, now_s
         self._times += [now_s] * len(readings)
         self._readings += readings
@@ -100,6 +104,7 @@ class Lines:
         silent_s = now_s - self._received_s
         if self._begun and silent_s > self._longest(_PAUSE_S):
             self._note_gap(now_s, "silent at the end" if self._gone_s is None else "unplugged")
+        self._say_rate()
         if self._gone_s is not None and self._patient:
             raise DeviceError(
                 f"{self._device.port}: unplugged {now_s - self._gone_s:.0f} s before the end, and not plugged in again."
@@ -141,6 +146,15 @@ class Lines:
         begin_s, to_s = self._clock.unix_s(np.array([self._received_s, end_s])).tolist()
         self._gaps.append({"from_s": begin_s, "to_s": to_s, "reason": reason})
         self._missing += max(round((end_s - self._received_s) * self._device.rate_hz) - 1, 0)
+
+    def _say_rate(self) -> None:
+        """Say when the device sends at another rate than rig.toml states: losses in gaps are counted by that."""
+        stated_hz, sent = self._device.rate_hz, self._sent + self._reader.rejected
+        if sent >= _FEWEST and abs(sent / self._sending_s - stated_hz) > _OFF * stated_hz:
+            self._say(
+                f"the {self.name} sent {sent / self._sending_s:.4g} lines a second; rig.toml states {stated_hz:g}: set "
+                f"devices.{self.name}.rate_hz to what it sends."
+            )
 
     def _longest(self, usual_s: float) -> float:
         """Return how long a silence may be at this rate before it is significant."""

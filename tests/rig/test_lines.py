@@ -200,6 +200,30 @@ def test_a_plug_that_comes_back_is_a_gap(session: Session) -> None:
     assert "back" in session.said[1]
 
 
+def test_another_rate_than_the_stated_one_is_said_at_the_end(session: Session) -> None:
+    instrument, cable = cell(session)
+
+    _, failure = session.record(instrument, for_s=4, also=sending(cable, line, period_s=0.025))
+
+    assert failure is None
+    assert re.match(r"the loadcell sent (39|40|41)\S* lines a second; rig.toml states 80: set devices", session.said[0])
+
+
+def test_the_stated_rate_is_not_commented_where_lines_do_not_match_or_a_plug_was_pulled(session: Session) -> None:
+    instrument, cable = cell(session)
+    send = sending(cable, lambda n: line(n) if n % 3 else b"torn\r\n")
+
+    def step(now_s: float) -> None:
+        if 1 < now_s < 2 and cable.there:
+            cable.pull()
+        cable.there = cable.there or now_s >= 2
+        send(now_s)
+
+    session.record(instrument, for_s=5, also=step)
+
+    assert not any("rig.toml states" in text for text in session.said)
+
+
 def test_a_plug_that_stays_away_fails_the_run(session: Session) -> None:
     instrument, cable = cell(session)
     send = sending(cable, line)
@@ -375,6 +399,20 @@ def test_check_shows_rate_and_resolution(board: Board) -> None:
     assert found["lines"][0] == "ok"
     assert float(found["lines"][1].split()[0]) == pytest.approx(80, rel=0.1)
     assert "steps of 0.0049," in found["Fz"][1]
+
+
+def test_check_shows_numbers_that_lost_a_digit(board: Board) -> None:
+    state, answer, advice = checked(board, lambda n: line(n) if n % 25 else b"%d,9\r\n" % (12500 * n))["Fz"]
+
+    assert state == "warning"
+    assert re.search(r"\b[23456] of \d+ readings far off alone", answer)
+    assert "checksum" in advice
+
+
+def test_check_takes_a_swinging_bodys_readings_as_they_are(board: Board) -> None:
+    state, _, _ = checked(board, lambda n: b"%d,%d\r\n" % (12500 * n, round(3000 * np.sin(0.1 * n))))["Fz"]
+
+    assert state == "ok"
 
 
 def test_check_shows_a_rate_that_is_not_the_stated_one(board: Board) -> None:
