@@ -18,7 +18,7 @@ from cfid.records.logs.log import FlightLog
 from cfid.records.logs.run import log_of_run
 from cfid.records.tables.schema import Foreign, refuse_for_run
 from cfid.records.tables.times import run_at
-from cfid.units import DEAD_COMMAND, FULL_COMMAND, MOTORS
+from cfid.units import DEAD_COMMAND, FULL_COMMAND, MOTORS, USUAL_GRAVITY_MPS2
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -49,6 +49,7 @@ _SLOWEST_S = 0.021  # between rows of a sensor: slower, rates change unseen
 _AVERAGED_S = ROW_S / 2  # between rows of a sensor, below which they are averaged
 _LIFTED = 0.8  # of the median sum of squared drives, above which the vehicle is in the air
 _EDGE_S = 1.0  # from there on, and before its end: the ground's air, and touching it
+_WEIGHT = (0.2, 5.0)  # of gravity, which a median specific force is nearly: beyond, its unit is another
 _CRASH_MPS2 = 60.0
 _STRUCK_S = 0.5  # around such a specific force
 _SETTLING_S = 0.3  # after a motor left its range, in which rotors forget it
@@ -130,6 +131,7 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
     if velocity is not None and attitude is not None:
         velocity = turned_back(attitude, velocity)
     share = command[::ROW_STEPS]
+    _check_weight(force[(share > 0).all(axis=1)], path)
     unseen, gaps = _unseen(timed, row_s)
     airborne = _airborne(share, force, spun) & ~unseen
     within = ~unseen & ((share > DEAD_COMMAND) & (share < FULL_COMMAND)).all(axis=1)
@@ -205,6 +207,24 @@ def _sensor(
                 if np.count_nonzero(known) > 1:
                     return (series.time_s[known], values[known]), low_pass_hz
     raise DataError(f"{log.path}: no {what} along three axes (as {', '.join(kinds[0][0])}).")
+
+
+def _check_weight(force: Array, path: Path) -> None:
+    """Raise DataError where specific forces (n, 3) under running motors are not about gravity, upwards."""
+    if not len(force):
+        return
+    size = float(np.median(np.linalg.norm(force, axis=1))) / USUAL_GRAVITY_MPS2
+    if not _WEIGHT[0] < size < _WEIGHT[1]:
+        reason = "in m/s^2, not in g" if size > _WEIGHT[1] else "in g, not in m/s^2"
+        raise DataError(
+            f"{path}: accelerations of {size:.2g} g while the motors run, where a flight has about 1: are they "
+            f"{reason}? Scale these columns."
+        )
+    if float(np.median(force[:, 2])) < 0:
+        raise DataError(
+            f"{path}: the acceleration along z is {np.median(force[:, 2]):.2g} m/s^2 while motors run, and a flight "
+            "has +9.8: z points down in this log. Turn the axes to x forward, y left, z up."
+        )
 
 
 def _motion(log: FlightLog, at_s: Array) -> tuple[Array | None, Array | None]:

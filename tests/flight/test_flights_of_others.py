@@ -1,16 +1,19 @@
 """Public logs of flights: what their authors found, and what must not depend on how the fit is written."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.flight.data import FlownLog, read_flight
+from cfid.errors import DataError
+from cfid.flight.data import FlownLog, flight_of, read_flight
 from cfid.flight.estimation import THRUST, TURNS, FlightFit, fit_flights
 from cfid.flight.likelihood import PAST, whitening, without
 from cfid.flight.result import fit
 from cfid.flight.values import Body
+from cfid.records.logs.any_kind import read_log
 from tests.places import DATA
 
 Array = npt.NDArray[np.float64]
@@ -121,3 +124,22 @@ def test_circles_and_helices_give_drag_and_refuse_the_rest() -> None:
         assert one.value - 1.96 * one.std < 0.42
         assert one.value + 1.96 * one.std > 0.39
         assert one.std < 0.02
+
+
+@pytest.mark.parametrize(
+    ("factors", "said"),
+    [
+        ({"acc.x": 9.81, "acc.y": 9.81, "acc.z": 9.81}, "are they in m/s\\^2, not in g"),
+        ({"acc.x": 1 / 9.81, "acc.y": 1 / 9.81, "acc.z": 1 / 9.81}, "are they in g, not in m/s\\^2"),
+        ({"acc.y": -1.0, "acc.z": -1.0}, "z points down in this log"),
+    ],
+)
+def test_accelerations_in_another_unit_or_downwards_are_refused_with_what_they_look_like(
+    factors: dict[str, float], said: str
+) -> None:
+    name, from_s, to_s = LOG10
+    log = read_log(FLIGHTS / name)
+    (series,) = log.series
+    channels = tuple(replace(one, scale=one.scale * factors.get(one.name, 1.0)) for one in series.channels)
+    with pytest.raises(DataError, match=said):
+        flight_of(replace(log, series=(replace(series, channels=channels),)), from_s=from_s, to_s=to_s)
