@@ -29,7 +29,7 @@ from cfid.flight.values import (
     thrust_key,
     times_of,
 )
-from cfid.records.parameters import Parameter
+from cfid.records.parameters import Parameter, plain
 from cfid.records.result import Dependent, Figures, Result
 
 Array = npt.NDArray[np.float64]
@@ -42,6 +42,7 @@ _LEAST_SPEED_MPS = 0.3  # root mean square along an axis
 _EXPLAINED_DRAG = 0.8  # of the horizontal specific force: else wind or a tilted sensor decides
 _LEAST_TURN_RAD_PER_S2 = 5.0  # root mean square; with 0.6 about yaw a public log gave 8e-5 kg m^2, others publish 3e-5
 _FIRST_S, _LAST_S = -0.005, 0.045  # of a sensor's delay: stamps err by some ms, and the fit searches up to 50 ms
+_OF_ARM = 0.08, 0.9  # the moment over mass times arm squared: published quadrocopters have 0.2 to 0.4
 _FED_BACK = 0.03  # of a moment, from where a warning names what older torques would change
 _MANOEUVRES = {
     "roll": "tilt quickly to the right and left, several times a second, for 20 s",
@@ -65,6 +66,7 @@ def fit(flights: Sequence[FlownLog], *, body: Body) -> Result:
         *(finding for one in flights for finding in one.findings),
         *_thrust_findings(found),
         *_moment_findings(found, body),
+        *_unlike_arm(measured, body),
         *_drag_findings(drags),
     )
     name = flights[0].flight.name
@@ -206,6 +208,23 @@ def _moment_findings(found: FlightFit, body: Body) -> list[Finding]:
                 "The standard uncertainty contains it."
             )
             result.append(warning("flight-older-torques-differ", text, MOMENTS[axis]))
+    return result
+
+
+def _unlike_arm(quantities: Mapping[str, Parameter], body: Body) -> list[Finding]:
+    """Reject moments that no quadrocopter with such an arm has: its mass lies between its middle and its motors."""
+    if body.arm_m is None:
+        return []
+    result = []
+    for axis in ("roll", "pitch"):
+        one = quantities.get(MOMENTS[axis])
+        share = 0.0 if one is None else plain(one.value) / (body.mass_kg * body.arm_m**2)
+        if share > 0 and not _OF_ARM[0] < share < _OF_ARM[1]:
+            text = (
+                f"the moment about {axis} is {share:.2g} times mass times arm squared, and quadrocopters have 0.2 to "
+                f"0.4 (limits {_OF_ARM[0]:g} and {_OF_ARM[1]:g}): is the arm of {1e3 * body.arm_m:g} mm right?"
+            )
+            result.append(rejection("flight-moment-unlike-arm", text, MOMENTS[axis]))
     return result
 
 

@@ -13,7 +13,12 @@ from cfid.records.result import Result
 from cfid.records.rig_file import Rig
 
 LARGER_MOTOR = "motor-of-larger-vehicle"  # the code of a recording of a motor that drives no small quadrocopter
-_BY_PLATFORM = ("implausible", "implausible-input", "speed-unusual")  # codes of what a quadrocopter cannot have
+_BY_PLATFORM = (
+    "implausible",
+    "implausible-input",
+    "speed-unusual",
+    "flight-moment-unlike-arm",
+)  # codes of what a quadrocopter cannot have
 _ALIKE = {  # what rests on the same force, arm or wind
     "motor.thrust_poly": (
         "motor.command_of_thrust", "motor.max_thrust_n", "motor.hover_mass_kg", "motor.thrust_voltage_poly",

@@ -143,3 +143,11 @@ def test_accelerations_in_another_unit_or_downwards_are_refused_with_what_they_l
     channels = tuple(replace(one, scale=one.scale * factors.get(one.name, 1.0)) for one in series.channels)
     with pytest.raises(DataError, match=said):
         flight_of(replace(log, series=(replace(series, channels=channels),)), from_s=from_s, to_s=to_s)
+
+
+@pytest.mark.parametrize(("arm_m", "kept"), [(0.0046, False), (0.028, True), (0.046, True), (0.46, False)])
+def test_a_moment_that_no_quadrocopter_with_such_an_arm_has_is_rejected(arm_m: float, *, kept: bool) -> None:
+    result = fit([read(*LOG15)], body=replace(ARM, arm_m=arm_m))
+    for axis in ("roll", "pitch"):
+        assert (f"flight.inertia_kg_m2.{axis}" not in result.rejected) is kept
+    assert any("is the arm of" in one.text for one in result.findings) is not kept
