@@ -24,7 +24,9 @@ from cfid.records.parameters import Source
 
 BEGIN = b"H Product:Blackbox"
 
-_TIME = "time"
+_TIME, _LOOP = "time", "loopIteration"
+_WHOLE = "I"  # frames with numbers; the others have differences from the ones before
+_LONGEST_US, _LONGEST_LOOPS = 10_000_000, 5000  # between two frames, as in Betaflight's viewer
 _GYRO = re.compile(r"gyro(?:ADC|Unfilt)\[\d\]")
 _PLAIN = re.compile(r"(?:motor|eRPM|debug|rcCommand)\[\d\]|loopIteration")
 
@@ -47,7 +49,10 @@ def read_blackbox(path: Path, source: Source) -> FlightLog:
         if _TIME not in parser.field_names:
             raise DataError(f"{path}: log {number} of {len(logs)} is a blackbox log without a field '{_TIME}'.")
         program = program or printable(str(parser.headers.get("Firmware revision", "unknown firmware")))
-        frames, fault_name = _frames(parser)
+        frames, fault_name, lost = _frames(parser)
+        if lost:
+            many = "frame does" if lost == 1 else "frames do"
+            notes.append(f"log {number} of {len(logs)}: {lost} {many} not follow from those before: left out.")
         if fault_name:
             notes.append(
                 f"log {number} of {len(logs)} has a frame that cannot be read; {len(frames)} before it are used."
@@ -73,15 +78,33 @@ def _assumed(series: Sequence[Series]) -> tuple[str, ...]:
     return (numbering(BETAFLIGHT_QUAD_X, "motor[{}]", why="as in Betaflight's quad X"),)
 
 
-def _frames(parser: Any) -> tuple[Array, str]:
-    """Return the frames (n, fields), NaN where a field has no value yet, and what ended them before their end."""
-    fault_name, width = "", len(parser.field_names)
+def _frames(parser: Any) -> tuple[Array, str, int]:
+    """Return the frames (n, fields), NaN where a field has no value yet, and what ended them before their end.
+
+    Where time or loops go back or jump, bytes are damaged: the next frame is looked for from the next byte on, which
+    orangebox does not do, and frames are left out up to a whole one. The last number counts them.
+    """
+    fault_name, width, lost, broken = "", len(parser.field_names), 0, False
+    counted = [parser.field_names.index(name) for name in (_TIME, _LOOP) if name in parser.field_names]
+    most, last = (_LONGEST_US, _LONGEST_LOOPS)[: len(counted)], None
 
     def rows() -> Iterator[list[float]]:
-        nonlocal fault_name
+        nonlocal fault_name, lost, broken, last
+        looked_at = parser.reader.tell()
         try:
             for frame in parser.frames():
-                if len(frame.data) == width:
+                if len(frame.data) != width:
+                    continue
+                now = [frame.data[place] for place in counted]
+                follows = last is None or all(0 <= b - a <= c for a, b, c in zip(last, now, most, strict=True))
+                broken = not follows or (broken and frame.type.value != _WHOLE)
+                if not follows:
+                    parser.reader.seek(looked_at + 1)
+                looked_at = parser.reader.tell()
+                if broken:
+                    lost += 1
+                else:
+                    last = now
                     yield [np.nan if value == "" else float(value) for value in frame.data]
         except Exception as fault:  # as above
             fault_name = type(fault).__name__
@@ -89,7 +112,7 @@ def _frames(parser: Any) -> tuple[Array, str]:
     rest = rows()
     blocks = iter(lambda: list(islice(rest, BLOCK_ROWS)), [])
     found = joined(chain([np.zeros((0, width))], (np.array(block) for block in blocks)))
-    return found, fault_name
+    return found, fault_name, lost
 
 
 def _series(name: str, parser: Any, frames: Array) -> Series:
