@@ -1,5 +1,6 @@
 """ULog and blackbox: files composed byte by byte are read with their own libraries."""
 
+import re
 import struct
 import sys
 from pathlib import Path
@@ -109,7 +110,7 @@ def test_a_ulog_file_that_is_read_in_parts_keeps_every_row(tmp_path: Path, damag
     np.testing.assert_array_equal(np.sort(last), [at for at in range(rows) if at % 10])
     np.testing.assert_array_equal(log.channel("y")[1], np.arange(rows // 2, rows) % 200)
     assert f"{rows - rows // 2} dropouts" in log.notes[0]
-    assert (log.notes[1:] == ("parts of the file are damaged and left out.",)) == damaged
+    assert (log.notes[1:] == ("the file is damaged or cut after 99.6 % of it: what follows may be missing.",)) == damaged
 
 
 def test_a_ulog_file_without_data_ends_in_a_sentence(tmp_path: Path) -> None:
@@ -217,3 +218,27 @@ def test_a_blackbox_log_without_a_time_ends_in_a_sentence(tmp_path: Path) -> Non
 def test_a_log_that_states_its_times_refuses_what_tables_need(tmp_path: Path, given: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match=f"`{next(iter(given))}` is for tables"):
         read_log(written(tmp_path, ulog()), Foreign(**given))
+
+
+@pytest.mark.parametrize("damage", [b"\xff", b"\0\0\0", -1, -20])
+def test_a_ulog_file_that_breaks_off_within_says_where(tmp_path: Path, damage: bytes | int) -> None:
+    pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
+    content = ulog()
+    middle = len(content) // 2
+    torn = content[:middle] + (content[middle - damage :] if isinstance(damage, int) else damage + content[middle:])
+    log = read_log(written(tmp_path, torn))
+    assert re.search(r"the file is damaged or cut after (49|50)\.\d % of it", " ".join(log.notes))
+
+
+def test_a_damaged_time_of_a_ulog_file_costs_its_row(tmp_path: Path) -> None:
+    pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
+    content = ulog()
+    for at, wrong in ((50, 90_000_000), (120, 3)):
+        right = struct.pack("<HQ", 0, 10_000 + 4000 * at)
+        assert content.count(right) == 1
+        content = content.replace(right, struct.pack("<HQ", 0, wrong))
+    log = read_log(written(tmp_path, content))
+    series = next(one for one in log.series if one.name == "vehicle_angular_velocity")
+    assert np.all(np.diff(series.time_s) > 0)
+    assert series.rows == COUNT - 2
+    assert "2 rows whose time is not between those of their neighbours are left out." in log.notes

@@ -21,7 +21,7 @@ from cfid.records.extras import optional_library
 from cfid.records.logs.crazyflie_names import crazyflie_channel
 from cfid.records.logs.log import BLOCK_ROWS, Array, Channel, FlightLog, Series, printable
 from cfid.records.logs.motor_numbers import PX4_QUAD_X, by_geometry, numbering
-from cfid.records.logs.ulog_parts import ulog_parts
+from cfid.records.logs.ulog_parts import damaged_at, ulog_parts
 from cfid.records.parameters import Source
 from cfid.units import USUAL_GRAVITY_MPS2
 
@@ -63,7 +63,7 @@ def read_ulog(path: Path, source: Source) -> FlightLog:
     topics: dict[tuple[str, int], list[Rows]] = {}
     dropped_ms: list[int] = []
     info: dict[str, Any] = {}
-    stated, damaged = None, False
+    stated, damaged, back = None, False, 0
     for part in ulog_parts(path):
         try:
             with redirect_stdout(io.StringIO()), part:  # pyulog prints what it finds damaged
@@ -71,7 +71,9 @@ def read_ulog(path: Path, source: Source) -> FlightLog:
         except Exception as fault:  # a damaged file may make it raise anything
             raise DataError(f"{path}: not readable as a ULog file: {type(fault).__name__}.") from None
         timed = [topic for topic in log.data_list if _is_number(topic.data.get("timestamp"))]
-        for topic, rows in zip(timed, stored_together([_rows(topic.data) for topic in timed]), strict=True):
+        ordered = [_in_order(_rows(topic.data)) for topic in timed]
+        back += sum(len(topic.data["timestamp"]) - len(rows) for topic, rows in zip(timed, ordered, strict=True))
+        for topic, rows in zip(timed, stored_together(ordered), strict=True):
             topics.setdefault((topic.name, topic.multi_id), []).append(rows)
         dropped_ms += [each.duration for each in log.dropouts]
         info, damaged = log.msg_info_dict | info, damaged or log.file_corruption
@@ -80,7 +82,11 @@ def read_ulog(path: Path, source: Source) -> FlightLog:
     if not series:
         raise DataError(f"{path}: a ULog file without data.")
     notes = [f"{len(dropped_ms)} dropouts, of {sum(dropped_ms) / 1e3:.3f} s together."] if dropped_ms else []
-    if damaged:
+    if back:
+        notes.append(f"{back} rows whose time is not between those of their neighbours are left out.")
+    if (part_of := damaged_at(path)) is not None:
+        notes.append(f"the file is damaged or cut after {100 * part_of:.1f} % of it: what follows may be missing.")
+    elif damaged:
         notes.append("parts of the file are damaged and left out.")
     return FlightLog(
         path=path,
@@ -107,6 +113,16 @@ def _rows(fields: Mapping[str, Any]) -> Rows:
     for name, value in numbers.items():
         rows[name] = value
     return rows
+
+
+def _in_order(rows: Rows) -> Rows:
+    """Return a topic's rows (n,) without those of damaged times: above the next one's, or below one before."""
+    time = rows["timestamp"].astype(np.int64)
+    above = np.zeros(len(time), bool)
+    above[:-1] = time[:-1] > time[1:]
+    above[1:-1] &= time[:-2] <= time[2:]
+    kept = np.where(above, np.iinfo(np.int64).min, time)
+    return rows[~above & (kept >= np.maximum.accumulate(kept))]
 
 
 def _series(topic: str, number: int, rows: Sequence[Rows], motors: tuple[int, ...]) -> Series:

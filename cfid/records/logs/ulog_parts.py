@@ -3,6 +3,7 @@
 import io
 import mmap
 import struct
+from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
@@ -39,6 +40,17 @@ def ulog_parts(path: Path) -> Iterator[IO[bytes]]:
         if kind == _SUBSCRIPTION:
             later += data[first:end]
     yield io.BytesIO(b"".join([definitions, subscribed, memoryview(data)[begin:]]))
+
+
+def damaged_at(path: Path) -> float | None:
+    """Return at which part of a file its messages break off, from 0 to 1, None where they reach its end."""
+    with path.open("rb") as file:
+        data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    if data[_FLAGS_AT] == ord("B") and data[_APPENDED_AT] & 1:  # what was appended need not begin at a message's end
+        return None
+    end = deque((end for _, end, _ in _messages(data)), maxlen=1)
+    place = end[0] if end else _BEGIN_BYTES
+    return None if place == len(data) else place / len(data)
 
 
 def _messages(data: mmap.mmap) -> Iterator[tuple[int, int, int]]:
