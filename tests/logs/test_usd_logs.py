@@ -107,9 +107,16 @@ def test_reading_stops_at_a_record_of_no_known_event(tmp_path: Path) -> None:
     content = bytearray(single())
     content[-4 - 40 * 23] ^= 0x55
     log = read_log(written(tmp_path, bytes(content)))
-    assert len(gyro(log)) == 60
+    assert len(gyro(log)) == 59
     assert "no event has the id" in log.notes[0]
-    assert "60 records before it" in log.notes[0]
+    assert "59 records before the last one there" in log.notes[0]
+
+
+def test_the_record_in_which_bytes_are_lost_is_left_out(tmp_path: Path) -> None:
+    whole = single()
+    place = len(whole) - 4 - 40 * 23 + 12  # in the numbers of record 60
+    found = gyro(read_log(written(tmp_path, whole[:place] + whole[place + 1 :])))
+    assert found == pytest.approx([at / 8 for at in range(60)])
 
 
 @pytest.mark.parametrize(("stamp", "kept"), [(2**40, 60), (1, 60)])

@@ -73,7 +73,7 @@ def read_usd(path: Path, source: Source, clock: Clock | None = None) -> FlightLo
         raise ConfigError(f"{path}: `clock` is for logs in microseconds: {version.clock}.")
     end = len(data) - _CRC_BYTES
     whole = end >= begin and zlib.crc32(memoryview(data)[:end]) == int.from_bytes(data[end:], "little")
-    found = _records(data, events, begin, end if whole else len(data))
+    found = _records(data, events, begin, end if whole else len(data), whole=whole)
     notes = _faults(found, len(data), whole=whole)
     stop, wrong = min((_first_damage(data, event, found.offsets[number]) for number, event in events.items()))
     notes += (wrong,) if wrong else ()
@@ -167,22 +167,27 @@ def _event(name: str, words: list[str], version: _Version) -> _Event:
     return _Event(name, tuple(word[:-3] for word in words), np.dtype(fields))
 
 
-def _records(data: mmap.mmap, events: dict[int, _Event], begin: int, end: int) -> _Records:
-    """Walk from record to record; stop at an unknown event, or where the last one is not whole."""
+def _records(data: mmap.mmap, events: dict[int, _Event], begin: int, end: int, *, whole: bool) -> _Records:
+    """Walk from record to record; stop at an unknown event, or where the last one is not whole.
+
+    A file whose checksum fails may have lost bytes in the record before an unknown event: that is left out.
+    """
     sizes = {number: event.record.itemsize for number, event in events.items()}
     offsets = {number: array("q") for number in events}
-    place, fault = begin, ""
+    place, last, fault = begin, -1, ""
     while place + 2 <= end:
         number = data[place] | data[place + 1] << 8
         size = sizes.get(number)
         if size is None:
             fault = f"no event has the id {number}"
+            if not whole and last in offsets and end - place > _CRC_BYTES:
+                offsets[last].pop()
             break
         if place + size > end:
             fault = "the last record is not whole"
             break
         offsets[number].append(place)
-        place += size
+        place, last = place + size, number
     found = {
         number: np.frombuffer(each, np.int64) if each else np.zeros(0, np.int64) for number, each in offsets.items()
     }
@@ -201,7 +206,7 @@ def _faults(found: _Records, size: int, *, whole: bool) -> tuple[str, ...]:
     if found.fault.startswith("no event") and left > _CRC_BYTES:
         return (
             f"its CRC32 does not match, and {found.fault} at byte {found.end} of {size}: the {rows} records before "
-            "it are used.",
+            "the last one there are used.",
         )
     return (
         f"the file was cut, without its CRC32: the {rows} whole records are used, {left} bytes after them are not.",
