@@ -129,3 +129,11 @@ def test_a_stands_units_stand_in_its_heads_and_its_empty_columns_are_one_sentenc
     assert log.channel("Motor Optical Speed (RPM)")[1][1] == pytest.approx(900 * np.pi / 30)
     assert log.series[0].time_s[1] == pytest.approx(2.1)
     assert "firmware" not in " ".join(log.assumed)
+
+
+def test_whole_numbers_of_more_digits_than_a_float_has_are_named(tmp_path: Path) -> None:
+    rows = "".join(f"{at / 100},{2**53 + at},{2**53 - at}\n" for at in range(20))
+    log = read_log(written(tmp_path, f"t_s,nanoseconds,below\n{rows}"))
+    assert [note for note in log.notes if "2^53" in note] == [
+        "column 'nanoseconds' has numbers above 2^53, which lose their last digits here."
+    ]

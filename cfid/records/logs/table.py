@@ -36,6 +36,7 @@ _NANOBENCH = {
 _NANOBENCH |= {f"imu_gyro_{axis}": "rad/s" for axis in "xyz"}  # as its motion capture shows; the firmware's are deg/s
 _CRAZYSWARM = {**dict.fromkeys("xyz", "m"), **dict.fromkeys(("qw", "qx", "qy", "qz"), "1")}
 _EMPTY = " is empty. "
+_EXACT_BELOW = 2.0**53
 _IN_BRACKETS = re.compile(r"[(\[](?P<unit>[A-Za-zµμ°%][\w/^·.*°% ]{0,7})[)\]]\s*$")
 _SPELT = {"rpm": "rpm", "n·m": "N m", "n.m": "N m", "nm": "N m", "n*m": "N m", "°": "deg"}
 _CLIENT = "CSV log of the Crazyflie client"
@@ -76,7 +77,7 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
     _, notes = times_of(table, time, raw, unit=reading.time_unit, rate_hz=reading.rate_hz, own=stated)
     if time is not None:
         reading = replace(reading, time_unit=time_unit_of(table, time, raw, unit=reading.time_unit))
-    faults, missing, rows, cut = _checked(path, source.sha256, reading, time, named)
+    faults, missing, inexact, rows, cut = _checked(path, source.sha256, reading, time, named)
     if len(faults) == len(named):
         raise DataError(next(iter({**faults, **repeated}.values()), f"{path}: no column but the time."))
     kept = [(name, channel) for name, channel in zip(named, channels, strict=True) if name not in faults]
@@ -95,6 +96,10 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
             *(
                 f"column '{printable(name)}' has no number in {count} of {rows} rows."
                 for name, count in missing.items()
+            ),
+            *(
+                f"column '{printable(name)}' has numbers above 2^53, which lose their last digits here."
+                for name in inexact
             ),
             *((CUT_LINE,) if cut else ()),
         ),
@@ -156,10 +161,14 @@ def _table(path: Path, sha256: str, reading: Foreign) -> CsvTable:
 
 
 class _Checked(NamedTuple):
-    """Why columns are left out, how many rows lack a number in the others, how many there are, whether it is cut."""
+    """Why columns are left out, how many rows lack a number in the others, and which of these have too many digits.
+
+    Then how many rows there are, and whether the file is cut.
+    """
 
     faults: dict[str, str]
     missing: dict[str, int]
+    inexact: list[str]
     rows: int
     cut: bool
 
@@ -167,13 +176,15 @@ class _Checked(NamedTuple):
 def _checked(path: Path, sha256: str, reading: Foreign, time: str | None, names: Sequence[str]) -> _Checked:
     faults: dict[str, str] = {}
     missing = dict.fromkeys(names, 0)
+    largest = dict.fromkeys(names, 0.0)
     whole = _table(path, sha256, reading)
     rows, last = 0, -np.inf
     for table in whole.blocks():
         good = [name for name in names if name not in faults]
         values = _numbers(table, time, good)
         known = np.isfinite(values[:, len(_given(time)) :])
-        for name, there in zip(good, known.T, strict=True):
+        for name, there, value in zip(good, known.T, values[:, len(_given(time)) :].T, strict=True):
+            largest[name] = float(np.abs(value).max(initial=largest[name], where=there))
             missing[name] += int(np.count_nonzero(~there))
             if not rows and not there.any():
                 faults[name] = _fault(table, name)
@@ -187,7 +198,8 @@ def _checked(path: Path, sha256: str, reading: Foreign, time: str | None, names:
                 )
             last = values[-1, 0]
     missing = {name: count for name, count in missing.items() if count and name not in faults}
-    return _Checked(faults, missing, rows, whole.cut)
+    inexact = [name for name, number in largest.items() if number > _EXACT_BELOW]
+    return _Checked(faults, missing, inexact, rows, whole.cut)
 
 
 def _numbers(table: CsvTable, time: str | None, names: Sequence[str]) -> Array:
