@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from cfid.console.verdicts import judged, verdict_line
 from cfid.records.run import Run, Verdict, amend_run, list_runs, read_run
 from tests.campaigns import Cfid
 from tests.records.test_sampled_runs import recorded
-from tests.rig_in_a_folder import Lab, lab_in
+from tests.rig_in_a_folder import Command, Lab, lab_in
 
 pytestmark = pytest.mark.usefixtures("in_time")
 
@@ -94,6 +94,53 @@ def test_a_run_that_was_cut_is_not_judged(bodies: Path) -> None:
 
     assert judged(cut, cfid.swing.verdict.verdict).header.verdict is None
     assert verdict_line(cut) == "not judged, since it was ended early: fits leave it out unless it is resumed or named."
+
+
+def silence(lab: Lab, log: Command) -> None:
+    lab.loadcell_suffers(silent_after_s=0)
+    log.wait_until_said("is silent; requesting the stream again")
+
+
+def saturate(lab: Lab, log: Command) -> None:
+    lab.box.box.load_cell.overload()
+
+
+def unplug(lab: Lab, log: Command) -> None:
+    lab.pull_plug()
+    log.wait_until_said("unplugged; waiting for the encoder")
+
+
+@pytest.mark.parametrize(
+    ("words", "ruin", "verdict"),
+    [
+        (("loadcell",), silence, "sent nothing more for"),
+        (("loadcell",), saturate, "saturation"),
+        (("encoder", "--axis", "x"), unplug, "and not plugged in again"),
+    ],
+)
+def test_a_recording_that_a_fault_ends_keeps_the_fault_as_its_verdict(
+    lab: Lab, words: tuple[str, ...], ruin: Callable[[Lab, Command], None], verdict: str
+) -> None:
+    log = lab.start("log", *words, "--for", 60, "--json")
+    log.wait_for_rows(20)
+    ruin(lab, log)
+    said = log.end() if ruin is saturate else log.ask_to_end()
+    kept = lab.run().header.verdict
+
+    assert said.code == 3
+    assert kept is not None
+    assert not kept.usable
+    assert verdict in kept.text
+    assert json.loads(said.out)["verdict"] == {"usable": False, "text": kept.text}
+
+
+def test_the_summary_of_a_run_that_a_fault_ended_says_the_fault_once(bodies: Path) -> None:
+    run = runs_of(bodies, "swing")[0]
+    failed = Run(folder=run.folder, header=run.header.model_copy(update={"state": "failed", "reason": "the plug."}))
+    stairs = Run(folder=run.folder, header=failed.header.model_copy(update={"requested": {"steps": [0, 2000]}}))
+
+    assert verdict_line(failed) == "NOT USABLE: the fault below ended it. Record it again."
+    assert verdict_line(stairs).endswith("Record it again, or with --resume what it lacks.")
 
 
 def test_a_verdict_that_cannot_be_kept_costs_no_recording(bodies: Path, capsys: pytest.CaptureFixture[str]) -> None:
