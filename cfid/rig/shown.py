@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from cfid.rig.recorder import Progress, Reading
+from cfid.rig.progress import Progress, Reading
 from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from cfid.console.live import fitting, line_of
-from cfid.rig.recorder import Block, Reading, Recorder
+from cfid.rig.progress import Reading
+from cfid.rig.recorder import Block, Recorder
 from cfid.rig.shown import degrees, vertical_force, volts
 
 COLUMNS = 80
@@ -116,3 +117,40 @@ def test_an_angle_is_that_of_the_latest_row() -> None:
     recorder.progress["encoder"].add(Block((np.zeros(2), np.array([359, 361]))), loop.now_s)
 
     assert "  1.0 deg" in line_of(recorder)
+
+
+def shown_after(arrivals_s: list[float], *, until_s: float) -> list[str]:
+    """Return what a battery's voltage shows whose rows arrive at these times, block after block."""
+    recorder, _ = recorder_of(crazyflie=volts(0))
+    shown = []
+    for block in range(round(until_s / BLOCK_S)):
+        came = any(round(arrival_s / BLOCK_S) == block for arrival_s in arrivals_s)
+        columns = [np.zeros(int(came)), np.full(int(came), 3.92)]
+        recorder.progress["crazyflie"].add(Block(columns), block * BLOCK_S)
+        shown.append(line_of(recorder)[1])
+    return shown
+
+
+def test_a_silent_vehicle_shows_no_old_voltage() -> None:
+    shown = shown_after([0.1 * row for row in range(10)], until_s=2.15)
+
+    assert shown[20] == "3.92 V"
+    assert shown[-1] == "crazyflie: no data 1.2 s"
+
+
+def test_a_device_that_never_sends_is_silent_from_the_beginning() -> None:
+    assert shown_after([], until_s=1.55)[-1] == "crazyflie: no data 1.5 s"
+
+
+def test_a_device_that_sends_a_row_a_second_is_not_silent_in_between() -> None:
+    shown = shown_after([1.0 * row for row in range(6)], until_s=15.05)
+
+    assert {"3.92 V"} == set(shown[20:160])
+    assert shown[-1] == "crazyflie: no data 10.0 s"
+
+
+def test_a_silence_that_ended_makes_the_next_no_longer() -> None:
+    regular = [0.1 * row for row in range(10)]
+    shown = shown_after([*regular, *(5.0 + row for row in regular)], until_s=7.05)
+
+    assert shown[-1] == "crazyflie: no data 1.1 s"
