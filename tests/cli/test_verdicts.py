@@ -12,7 +12,7 @@ import cfid.friction.verdict
 import cfid.loadcell.verdict
 import cfid.swing.verdict
 from cfid.console.verdicts import judged, verdict_line
-from cfid.records.run import Run, Verdict, amend_run, list_runs, read_run
+from cfid.records.run import Run, Verdict, amend_run, list_runs, read_run, write_header
 from tests.campaigns import Cfid
 from tests.records.test_sampled_runs import recorded
 from tests.rig_in_a_folder import Command, Lab, lab_in
@@ -165,6 +165,29 @@ def test_a_command_ends_with_the_verdict_and_lists_tell_what_is_not_usable(lab: 
     listed = json.loads(cfid("runs", "--campaign", lab.folder, "--json").stdout)["runs"]
     assert "not usable: " in listed[-1]["note"]
     assert lab.cfid("log", "loadcell", "--for", 0.5).out.splitlines()[-1].startswith("good: Fz ")
+
+
+def test_the_list_of_runs_states_what_is_not_usable_and_show_says_why(bodies: Path, cfid: Cfid) -> None:
+    spoilt, stopped, *_ = runs_of(bodies, "swing")
+    text = "the waveform differs from a pendulum's by 2.4 % of the release angle (limit 0.16 %): a cable, or a hand."
+    amend_run(spoilt, verdict=Verdict(usable=False, text=text))
+    header = stopped.header.model_copy(update={"state": "failed", "reason": text})
+    write_header(stopped.folder, header)
+    judged(read_run(stopped.folder), None)
+    listed = {line.split()[0]: line for line in cfid("runs", "--campaign", bodies).stdout.splitlines() if line.strip()}
+    shown = cfid("show", spoilt.folder, "--no-figures", "--json").stdout
+    row = next(
+        row
+        for row in json.loads(cfid("runs", "--campaign", bodies, "--json").stdout)["runs"]
+        if row["run"] == spoilt.folder.name
+    )
+
+    assert " not usable " in listed[spoilt.folder.name]
+    assert " failed " in listed[stopped.folder.name]
+    assert "a cable, or a hand" not in str(listed)
+    assert text in str(json.loads(shown)["findings"])
+    assert (row["state"], row["usable"]) == ("complete", False)
+    assert row["note"].endswith(f"not usable: {text}")
 
 
 def test_a_cell_whose_force_never_changes_is_not_usable(tmp_path: Path) -> None:
