@@ -18,8 +18,9 @@ _SILENT_S, _USUAL_PAUSES = 0.5, 4  # without a row, and so many times as long as
 class Progress:
     """An instrument's progress: rows, rate, losses and values without their time, in bounded memory.
 
-    `latest` is the last row, `mean` that of the last block, `tare` that of the rows at rest; () for none. `trace` has
-    what was read of the last blocks. `silent_s` is how long no row came, 0 where that is usual.
+    `first` and `latest` are the first and the last row, `mean` that of the last block, `tare` that of the rows at rest;
+    () for none. `trace` has what was read of the last blocks. `silent_s` is how long no row came, 0 where that is
+    usual.
     """
 
     def __init__(self) -> None:
@@ -27,6 +28,7 @@ class Progress:
         self.rows = self.lost = 0
         self.status = ""
         self.reading: Reading | None = None
+        self.first: tuple[float, ...] = ()
         self.latest: tuple[float, ...] = ()
         self.mean: tuple[float, ...] = ()
         self.tare: tuple[float, ...] = ()
@@ -46,6 +48,7 @@ class Progress:
         self._blocks.append((now_s, rows))
         self._note_silence(now_s, rows)
         if rows:
+            self.first = self.first or tuple(float(column[0]) for column in block.columns[1:])
             self.latest = tuple(float(column[-1]) for column in block.columns[1:])
             self.mean = tuple(float(np.mean(column)) for column in block.columns[1:])
         if rows and at_rest:

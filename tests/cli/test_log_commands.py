@@ -240,7 +240,7 @@ def started(lab: Lab, terminal: Terminal, *words: object) -> Command:
 def test_a_terminal_shows_a_line_that_lives_and_never_wraps(lab: Lab, device: str) -> None:
     terminal = Terminal()
     log = started(lab, terminal, "log", device)
-    reading = r" *[\d.]+ deg" if device == "encoder" else r"Fz +-?\d+ mN"
+    reading = r" *-?[\d.]+ deg" if device == "encoder" else r"Fz +-?\d+ mN"
     line = re.compile(rf"\r +(\d+\.\d) s  {reading}  0 lost  [1-9]\d* Hz  [▁-█]+")
     log.wait_until(lambda: len(line.findall(terminal.shown())) > 3, "a line")
     said = log.ask_to_end()
