@@ -1,6 +1,8 @@
 """`cfid runs`: list a campaign's runs, exclude them from fits, and write notes."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from textwrap import shorten
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -11,9 +13,12 @@ from cfid.console.messages import printable
 from cfid.console.selection import LAST, is_glob, is_named, name_other_folders, readable_runs
 
 if TYPE_CHECKING:
+    from rich.text import Text
+
     from cfid.errors import DataError
     from cfid.records.run import Run
 
+_LONGEST_REASON = 60  # letters in the table; `cfid show` has the whole verdict
 _QUIET_S = 2.0  # a run whose files changed within this time is being recorded
 
 CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")]
@@ -27,7 +32,7 @@ def show_runs(
     campaign: CampaignFolder = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """List the campaign's runs: what, when, state, rows, losses.
+    """List the campaign's runs: what, when, state, rows, losses. [bold]cfid show RUN[/bold] has a verdict in full.
 
     Example: [bold]cfid runs --only swing --newest 5[/bold]
     """
@@ -126,13 +131,13 @@ def _changed_lately(run: "Run") -> bool:
 def _print_runs(runs: "list[Run | DataError]", *, only: str, newest: int | None, json: bool) -> None:
     from cfid.errors import DataError
 
-    rows = [_row(run) for run in runs if not isinstance(run, DataError)]
-    rows = [row for row in rows if any(only in row[key] for key in ("run", "state", "note"))][-(newest or 0) :]
+    every = [(_row(run), run) for run in runs if not isinstance(run, DataError)]
+    rows = [one for one in every if any(only in one[0][key] for key in ("run", "state", "note"))][-(newest or 0) :]
     broken = [str(run) for run in runs if isinstance(run, DataError)]
     if json:
         import json as encoder
 
-        typer.echo(encoder.dumps({"command": "runs", "runs": rows, "warnings": broken}, indent=2))
+        typer.echo(encoder.dumps({"command": "runs", "runs": [row for row, _ in rows], "warnings": broken}, indent=2))
         return
     if not rows and not broken:
         typer.echo(f"no run has '{only}' in its name, state or note" if only else "no runs yet")
@@ -140,40 +145,61 @@ def _print_runs(runs: "list[Run | DataError]", *, only: str, newest: int | None,
     from rich.box import SIMPLE
     from rich.console import Console
     from rich.table import Table
-    from rich.text import Text
 
     # Other commands take a run's name: it is never shortened.
     table = Table(box=SIMPLE, pad_edge=False)
-    table.add_column("run", no_wrap=True, min_width=max((len(row["run"]) for row in rows), default=0))
+    table.add_column("run", no_wrap=True, min_width=max((len(row["run"]) for row, _ in rows), default=0))
     for heading in ("state", "rows", "lost"):
         table.add_column(heading, justify="left" if heading == "state" else "right", no_wrap=True)
     table.add_column("note", overflow="fold")
-    for row in rows:
-        table.add_row(*(Text(printable(str(row[key]))) for key in ("run", "state", "rows", "lost", "note")))
+    for row, run in rows:
+        table.add_row(*_cells(row, run))
     Console().print(table)
     for sentence in broken:
         print_note(sentence)
+
+
+def _cells(row: Mapping[str, Any], run: "Run") -> "list[Text]":
+    """Return a row of the table: a complete run that is not usable is so called, and long reasons are cut short."""
+    from rich.text import Text
+
+    unusable = row["usable"] is False and row["state"] == "complete"
+    state = "not usable" if unusable else row["state"]
+    cells = (row["run"], state, row["rows"], row["lost"], _note(run, whole=False))
+    return [Text(printable(str(cell))) for cell in cells]
 
 
 def _row(run: "Run") -> dict[str, Any]:
     header, devices = run.header, run.header.devices.values()
     label = header.label
     weight = None if label.weight_g is None else f"{label.weight_g:g} g"
-    excluded = f"excluded: {header.excluded}" if header.excluded else ""
-    unusable = "" if header.verdict is None or header.verdict.usable else f"not usable: {header.verdict.text}"
-    slow = [f"{name}: {device.achieved}" for name, device in header.devices.items() if device.achieved]
     known = [device.rows for device in devices if device.rows is not None]
     return {
         "run": run.folder.name,
         "what": " ".join(filter(None, [header.kind, label.body, label.axis, weight])),
         "started": header.started.isoformat(),
         "state": "cut" if run.cut else header.state,
+        "usable": None if header.verdict is None else header.verdict.usable,
         "rows": sum(known) if known else "?",
         "lost": sum(device.lost for device in devices),
         "skipped": sum(device.skipped or 0 for device in devices),
         "simulated": header.simulated,
         "excluded": header.excluded,
-        "note": "; ".join(
-            filter(None, ["simulated" * header.simulated, excluded, *slow, unusable, label.note, header.reason])
-        ),
+        "note": _note(run, whole=True),
     }
+
+
+def _note(run: "Run", *, whole: bool) -> str:
+    """Return what is notable about a run, reasons that cfid wrote in full or their beginning."""
+    header, verdict = run.header, run.header.verdict
+    excluded = f"excluded: {header.excluded}" if header.excluded else ""
+    slow = [f"{name}: {device.achieved}" for name, device in header.devices.items() if device.achieved]
+    unusable = "" if verdict is None or verdict.usable else verdict.text
+    reason = "" if unusable and header.state == "failed" else header.reason  # the verdict has it
+    if not whole:
+        unusable, reason = (shorten(text, _LONGEST_REASON, placeholder=" ...") for text in (unusable, reason))
+    elif unusable:
+        unusable = f"not usable: {unusable}"
+    return "; ".join(
+        filter(None, ["simulated" * header.simulated, excluded, *slow, unusable, header.label.note, reason])
+    )

@@ -13,6 +13,7 @@ from cfid.records.result import Result
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from matplotlib.figure import Figure
 
@@ -54,7 +55,7 @@ def _outcome(views: "Sequence[View]", faults: tuple[str, ...], *, draws: bool) -
     def drawings() -> "dict[str, Figure]":
         return {view.figure_name: view.draw() for view in views}
 
-    notes = [note for view in views for note in view.notes]
+    notes = [*_verdict(views[0].path), *(note for view in views for note in view.notes)]
     return Result(
         command="show",
         method="",
@@ -65,6 +66,15 @@ def _outcome(views: "Sequence[View]", faults: tuple[str, ...], *, draws: bool) -
         drawings=drawings if draws else None,
         folder=views[0].path.parent,
     )
+
+
+def _verdict(path: "Path") -> list[str]:
+    """Return why a run is not usable, of its verdict; nothing of any other recording."""
+    from cfid.records.run import run_holding
+
+    run = run_holding(path)
+    verdict = None if run is None else run.header.verdict
+    return [] if verdict is None or verdict.usable else [f"not usable: {verdict.text}"]
 
 
 def _parameters(views: "Sequence[View]") -> "dict[str, Parameter]":

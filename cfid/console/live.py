@@ -9,6 +9,7 @@ from cfid.console.messages import clock, in_options, noted
 from cfid.console.screen import Screen
 
 if TYPE_CHECKING:
+    from cfid.rig.progress import Progress
     from cfid.rig.recorder import Recorder
 
 _EVERY_S = 0.2
@@ -112,7 +113,7 @@ def line_of(recorder: "Recorder", *, task: str = "", question: str = "", left: s
     """
     every = list(recorder.progress.values())
     shown = [own for own in every if own.reading is not None] or every
-    read = [own.reading.of(own) for own in shown if own.reading is not None and own.latest]
+    read = [text for name, own in recorder.progress.items() if (text := _read(name, own))]
     states = [own.status for own in every if own.status]
     lost = sum(own.lost for own in every)
     rates = "+".join(f"{own.rate_hz:.0f}" for own in shown if own.rate_hz >= _SLOWEST_HZ)
@@ -120,6 +121,15 @@ def line_of(recorder: "Recorder", *, task: str = "", question: str = "", left: s
     parts = [first, *read, *states, f"{lost} LOST" if lost else "0 lost", f"{rates} Hz" if rates else ""]
     trace = sparkline(list(shown[0].trace)) if shown else ""
     return [part for part in (*parts, task, trace) if part]
+
+
+def _read(name: str, own: "Progress") -> str:
+    """Return what is read of an instrument; of a silent one how long no row came, since the last is old."""
+    if own.reading is None:
+        return ""
+    if own.silent_s:
+        return f"{name}: no data {own.silent_s:.1f} s"
+    return own.reading.of(own) if own.latest else ""
 
 
 def sparkline(values: Sequence[float]) -> str:

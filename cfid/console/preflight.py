@@ -32,6 +32,8 @@ _NOISE, _DRIFT, _LINE, _LOAD = 1e-3, 2e-4, 2.5e-4, 0.8
 _SURE = 3.0  # standard uncertainties by which a drift exceeds its limit
 _SLOWEST, _MOST_LOST = 0.95, 0.01  # of the rate requested; of the samples
 _STILL_DEG, _TURNED_DEG = 0.5, 0.2  # a pendulum that hangs still: between its extremes, and by drift
+_RETURNS, _OUTER = 4, 0.2  # of a swing through its middle, beyond this part of the whole
+_SMOOTH = 0.5  # the correlation of a swing's neighbouring samples
 _STAMPS_S = 0.005  # from a device's stamp to its arrival, about the mean
 _FEWEST = 64
 _WORTHLESS = {"load", "rate", "losses"}  # faults with which a recording is of no use
@@ -122,10 +124,28 @@ def of_encoder(record: DeviceRecord, sampled: Sampled) -> list[DeviceAnswer]:
     assert record.counts_per_turn is not None
     degrees = _degrees(sampled.columns["phi"], record.counts_per_turn)
     rate_hz = (sampled.rows - 1) / float(np.ptp(sampled.columns["t"]))
+    answers = [*_rate(sampled, record.rate_hz or rate_hz), *_at_rest(degrees, rate_hz)]
+    if "device_us" not in sampled.columns:
+        return [*answers, DeviceAnswer("stamps", "ok", "none: samples are placed by their arrival")]
+    late_s = sampled.columns["t"] - 1e-6 * sampled.columns["device_us"]
+    late_s -= np.polyval(np.polyfit(np.arange(len(late_s)), late_s, 1), np.arange(len(late_s)))
+    scatter_s = float(late_s.std())
+    advice = "the computer is busy or the hub shared: end other programs, plug the interface in directly"
+    within = scatter_s <= _STAMPS_S
+    shown = f"arrivals scatter {1e3 * scatter_s:.2g} ms about the device's stamps"
+    return [*answers, _answer("stamps", shown, advice, limit=f"{1e3 * _STAMPS_S:g} ms", within=within)]
+
+
+def _at_rest(degrees: Array, rate_hz: float) -> list[DeviceAnswer]:
+    """Judge noise and drift of an angle (n,) at rest; one that swings is no fault of the rig, and hides both."""
     quality, moved = signal_quality(degrees, rate_hz=rate_hz), float(np.ptp(degrees))
+    if moved > _STILL_DEG and _swings(degrees):
+        hint = "hold it still and check again: noise and drift are judged at rest"
+        return [
+            DeviceAnswer("at rest", "warning", f"it swings by {moved:.2g} degrees", hint, f"{_STILL_DEG:g} degrees")
+        ]
     still = "let the pendulum hang still, and nothing touch it"
-    answers = [
-        *_rate(sampled, record.rate_hz or rate_hz),
+    return [
         _answer(
             "noise",
             f"{quality.noise_std:.3f} degrees, {moved:.2f} between extremes",
@@ -141,15 +161,16 @@ def of_encoder(record: DeviceRecord, sampled: Sampled) -> list[DeviceAnswer]:
             within=_within(abs(quality.drift), _sure_drift(quality), _TURNED_DEG),
         ),
     ]
-    if "device_us" not in sampled.columns:
-        return [*answers, DeviceAnswer("stamps", "ok", "none: samples are placed by their arrival")]
-    late_s = sampled.columns["t"] - 1e-6 * sampled.columns["device_us"]
-    late_s -= np.polyval(np.polyfit(np.arange(len(late_s)), late_s, 1), np.arange(len(late_s)))
-    scatter_s = float(late_s.std())
-    advice = "the computer is busy or the hub shared: end other programs, plug the interface in directly"
-    within = scatter_s <= _STAMPS_S
-    shown = f"arrivals scatter {1e3 * scatter_s:.2g} ms about the device's stamps"
-    return [*answers, _answer("stamps", shown, advice, limit=f"{1e3 * _STAMPS_S:g} ms", within=within)]
+
+
+def _swings(degrees: Array) -> bool:
+    """Return whether an angle (n,) goes to and fro about its line: noise jumps, and a drift does not return."""
+    place = np.arange(len(degrees))
+    off = degrees - np.polyval(np.polyfit(place, degrees, 1), place)
+    outer = off[np.abs(off) > _OUTER * np.ptp(off)]  # without noise about the middle
+    returns = np.count_nonzero(np.diff(np.sign(outer)))
+    alike = float(off[1:] @ off[:-1]) / float(off @ off)
+    return bool(np.ptp(off) > _STILL_DEG and returns >= _RETURNS and alike > _SMOOTH)
 
 
 def _degrees(counts: Array, counts_per_turn: float | str) -> Array:

@@ -11,14 +11,18 @@ if TYPE_CHECKING:
 
 _LARGEST_BYTES = 400_000_000  # of a run: 13 minutes of a load cell at 7 kHz, read in half a minute within 1.5 GB
 _FEW_LOST = 0.01  # of a device's samples
+_AGAIN = "Record it again."
 
 Judge = Callable[["Run"], str]  # returns what a run is good for; a CfidError states why it is not
 
 
 def judged(run: "Run", judge: Judge | None) -> "Run":
-    """Return a run with its verdict, which run.toml has from now on; a run that is not complete as it is."""
-    from cfid.records.run import Verdict, amend_run, by_name
+    """Return a run with its verdict, which run.toml has from now on; a run that was ended early as it is.
 
+    A fault that ended a run is its verdict.
+    """
+    if run.header.state == "failed":
+        return _with_verdict(run, run.header.reason, usable=False)
     if judge is None or run.header.state != "complete":
         return run
     size = sum(run.device_file(name).stat().st_size for name in run.header.devices)
@@ -32,6 +36,12 @@ def judged(run: "Run", judge: Judge | None) -> "Run":
     except KeyboardInterrupt:  # the run is complete, and how the motors stopped is still to be printed
         note("not judged: interrupted.")
         return run
+    return _with_verdict(run, text, usable=usable)
+
+
+def _with_verdict(run: "Run", text: str, *, usable: bool) -> "Run":
+    from cfid.records.run import Verdict, amend_run, by_name
+
     try:
         return amend_run(run, verdict=Verdict(usable=usable, text=by_name(text, run.folder.parent)))
     except DataError as error:
@@ -50,10 +60,16 @@ def _losses(run: "Run") -> str:
 
 
 def verdict_line(run: "Run") -> str:
-    """Return what a recording is good for; "" where nothing judges it."""
+    """Return what a recording is good for; "" where nothing judges it.
+
+    The fault that ended a run is not repeated: it is the error that ends the command.
+    """
     verdict = run.header.verdict
+    if run.header.state == "failed":
+        again = "Record it again, or with --resume what it lacks." if "steps" in run.header.requested else _AGAIN
+        return f"NOT USABLE: the fault below ended it. {again}"
     if verdict is None:
         cut = run.header.state == "interrupted"
         return "not judged, since it was ended early: fits leave it out unless it is resumed or named." if cut else ""
     good = "usable, but with losses" if _losses(run) else "good"
-    return f"{good}: {verdict.text}" if verdict.usable else f"NOT USABLE: {verdict.text} Record it again."
+    return f"{good}: {verdict.text}" if verdict.usable else f"NOT USABLE: {verdict.text} {_AGAIN}"

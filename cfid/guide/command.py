@@ -107,7 +107,7 @@ def _print(statuses: "tuple[TaskStatus, ...]", unusable: "tuple[Unusable, ...]",
     from rich.console import Console
     from rich.table import Table
 
-    from cfid.guide.status import percent
+    from cfid.guide.status import percent, remarks_of
 
     table = Table(box=SIMPLE, pad_edge=False)
     for heading in ("fit", "runs", "state", "how sure", "what for"):
@@ -117,12 +117,8 @@ def _print(statuses: "tuple[TaskStatus, ...]", unusable: "tuple[Unusable, ...]",
         sure = "\n".join(percent(found.std) for found in one.found)
         table.add_row(one.task.section, runs, one.state, sure, "\n".join(found.aim.purpose for found in one.found))
     Console().print(table)
-    for one in statuses:
-        if one.reason:
-            typer.echo(fitted(f"{one.task.section}: {printable(one.reason)}", indent=6))
-    for run in unusable:
-        line = f"{run.run}: NOT USABLE: {run.reason} Record it again: cfid {' '.join(run.words)}"
-        typer.echo(fitted(printable(line), indent=6))
+    for sentence in remarks_of(statuses, unusable):
+        typer.echo(fitted(printable(sentence), indent=6))
     typer.echo(f"next: cfid {' '.join(step.words)}\n      {step.why}")
 
 

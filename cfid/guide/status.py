@@ -90,6 +90,13 @@ def unusable_in(campaign: Campaign, statuses: Sequence[TaskStatus]) -> tuple[Unu
     return tuple(found)
 
 
+def remarks_of(statuses: Iterable[TaskStatus], unusable: Iterable[Unusable]) -> tuple[str, ...]:
+    """Return as sentences why fits stand as they do, what once more would show, and which runs are of no use."""
+    reasons = [f"{one.task.section}: {one.reason}" for one in statuses if one.reason]
+    again = [f"{one.run}: NOT USABLE: {one.reason} Record it again: cfid {' '.join(one.words)}" for one in unusable]
+    return (*reasons, *again)
+
+
 def next_of(statuses: Sequence[TaskStatus]) -> Next:
     """Return what comes next: the first thing to record, then to fit, to repeat, to improve, else the report."""
     for one in statuses:

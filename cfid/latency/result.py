@@ -138,8 +138,10 @@ def _row(circumstances: str, rtt_s: Array) -> str:
 
 
 def _clock_line(line: ClockLine, trips: RoundTrips) -> str:
+    std_s = _clock_quantities(line, trips)["latency.clock_offset_s"].std
     return (
-        f"the vehicle's clock: {1e6 * line.skew:+.1f} ppm against this computer's; its offset is known within "
-        f"{1e3 * trips.offset_bound_s:.2f} ms, for the least one-way latency is not; answers came "
-        f"{1e3 * line.mean_offset_s:.2f} ms later, on average, than the quickest"
+        f"the vehicle's clock: {1e6 * line.skew:+.1f} ppm against this computer's; answers came "
+        f"{1e3 * line.mean_offset_s:.2f} ms later, on average, than the quickest. The standard uncertainty of its "
+        f"offset, {1e3 * std_s:.2f} ms, covers how answers scatter; how the quickest round trip divides into its two "
+        f"ways is unknown, and moves the offset by up to {1e3 * trips.offset_bound_s:.2f} ms more"
     )

@@ -13,6 +13,7 @@ from cfid.records.run import Run, RunHeader
 _KNOWN = tuple(LabBook.model_fields)
 _SHORTEST = 4  # letters of a key that begins a known one
 _ENTRY = re.compile(r"\s*([a-z][a-z_0-9]*)\s*=\s*(\S.*?)\s*", re.IGNORECASE)
+_WITHOUT_VALUE = re.compile(r"\s*([a-z][a-z_0-9]*)\s*=\s*", re.IGNORECASE)
 
 
 def entries(header: RunHeader) -> dict[str, str]:
@@ -25,7 +26,13 @@ def entries(header: RunHeader) -> dict[str, str]:
 
 
 def check(note: str) -> None:
-    """Raise ConfigError for a note whose entries have a temperature that is no number, or a key like a known one."""
+    """Raise ConfigError for a note with a key without a value, a temperature that is no number, or a misspelt key."""
+    for part in note.split(";"):
+        if empty := _WITHOUT_VALUE.fullmatch(part):
+            raise ConfigError(
+                f"{empty[1]}=: has no value: write {empty[1]}=VALUE. An empty text in place of the whole note removes "
+                "all notes of a run."
+            )
     for key, value in _entries(note):
         if key == "temperature_c" and not _is_number(value):
             raise ConfigError(

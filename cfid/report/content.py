@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 from cfid import __version__
 from cfid.errors import DataError
-from cfid.guide.status import status_of
+from cfid.guide.status import remarks_of, status_of, unusable_in
 from cfid.records.campaign import Campaign
 from cfid.records.fits import Fit, list_fits
 from cfid.records.lab_book import lines, summary
@@ -89,11 +89,11 @@ def gather(campaign: Campaign, *, now: datetime) -> Report:
     measured = measurements_of(fits)
     latest = {fit.name: fit for fit in fits}
     commands = {name: fit.command for name, fit in latest.items()}
-    stale = stale_in(campaign.folder, runs)
+    stale, statuses = stale_in(campaign.folder, runs), status_of(campaign)
     experiments = experiments_of(measured, fits, stale, campaign.folder)
     return Report(
         about=_about(campaign, runs, fits, now),
-        summary=summary_of(known, experiments, status_of(campaign)),
+        summary=summary_of(known, experiments, statuses, remarks_of(statuses, unusable_in(campaign, statuses))),
         sheet=sheet_of(known, commands, stale),
         experiments=experiments,
         repeats=repeated_fits(measured),

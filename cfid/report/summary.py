@@ -1,18 +1,24 @@
 """The first screen of a report: the main numbers in plain units, the weakest, what matters, and what comes next."""
 
-from collections.abc import Iterable, Iterator, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from cfid.console.tables import value_and_deviation
+from cfid.estimate.differences import number_of
 from cfid.guide.status import TaskStatus, next_of, percent
 from cfid.quantities.lookup import find
-from cfid.quantities.values import Number
+from cfid.records.covariances import numbers_of
+from cfid.records.parameters import plain
+from cfid.records.rig_file import Rig
 from cfid.records.tables.times import SIMULATED
 from cfid.report.experiments import Experiment
 from cfid.report.known import Known
+from cfid.wire.app import MIDDLE
 
 _MOST_FINDINGS = 5
+_MILLIONTH = "10⁻⁶ "
 
 
 @dataclass(frozen=True)
@@ -26,7 +32,10 @@ class MainNumber:
 
 @dataclass(frozen=True)
 class FirstScreen:
-    """What a reader wants to know first; `weakest` is the least sure of those that are for something."""
+    """What a reader wants to know first; `weakest` is the least sure of those that are for something.
+
+    `remarks` are those of `cfid status`: what to fit again, or record again or once more.
+    """
 
     numbers: tuple[MainNumber, ...]
     weakest: str
@@ -34,31 +43,57 @@ class FirstScreen:
     more_findings: int
     next_command: str
     next_why: str
+    remarks: tuple[str, ...] = ()
+
+
+Weights = Callable[[int, Rig], Sequence[float]]  # of a quantity's so many numbers, for a rig
 
 
 class _Main(NamedTuple):
-    """A number of a quantity, by its key and place, and the plain unit: so many of the quantity's own."""
+    """A weighted sum of a quantity's numbers, by its key, and the plain unit: so many of the quantity's own."""
 
     title: str
     key: str
-    place: str
+    weights: Weights
     scale: float
     unit: str
 
 
+def _only(place: int) -> Weights:
+    """Return the weights that leave one number."""
+    return lambda count, _: [float(number == place) for number in range(count)]
+
+
+def _at_middle(count: int, _: Rig) -> list[float]:
+    """Return the weights with which a polynomial's coefficients, highest power first, give its value at MIDDLE."""
+    return [MIDDLE**power for power in reversed(range(count))]
+
+
+def _slope_at_hover(count: int, rig: Rig) -> list[float]:
+    """Return the weights with which they give its slope where a rotor carries a quarter of the weight."""
+    thrust_n = rig.vehicle.mass_kg * rig.site.gravity_mps2 / 4
+    return [power * thrust_n ** max(power - 1, 0) for power in reversed(range(count))]
+
+
 _MAIN = (
-    _Main("Inertia about x", "inertia.matrix_kg_m2", "xx", 1e6, "10⁻⁶ kg m²"),
-    _Main("Inertia about y", "inertia.matrix_kg_m2", "yy", 1e6, "10⁻⁶ kg m²"),
-    _Main("Inertia about z", "inertia.matrix_kg_m2", "zz", 1e6, "10⁻⁶ kg m²"),
-    _Main("Largest thrust of one motor", "motor.max_thrust_n", "", 1e3, "mN"),
-    _Main("Mass that hovers at most", "motor.hover_mass_kg", "", 1e3, "g"),
-    _Main("Time constant of motor and rotor", "tf.time_constant_s", "", 1e3, "ms"),
-    _Main("Round trip to the vehicle", "latency.rtt_mean_s", "", 1e3, "ms"),
+    _Main("Inertia about x", "inertia.matrix_kg_m2", _only(0), 1e6, "10⁻⁶ kg m²"),
+    _Main("Inertia about y", "inertia.matrix_kg_m2", _only(1), 1e6, "10⁻⁶ kg m²"),
+    _Main("Inertia about z", "inertia.matrix_kg_m2", _only(2), 1e6, "10⁻⁶ kg m²"),
+    _Main("Viscous friction of the axis", "friction.viscous_nms_per_rad", _only(0), 1e6, "10⁻⁶ N m s/rad"),
+    _Main("Largest thrust of one motor", "motor.max_thrust_n", _only(0), 1e3, "mN"),
+    _Main("Mass that hovers at most", "motor.hover_mass_kg", _only(0), 1e3, "g"),
+    _Main(f"Rotor speed at command {MIDDLE:.0f}", "motor.speed_poly", _at_middle, 1.0, "rad/s"),
+    _Main("Torque over thrust of a rotor, in hover", "motor.torque_poly", _slope_at_hover, 1e3, "mN m/N"),
+    _Main("Time constant of motor and rotor", "tf.time_constant_s", _only(0), 1e3, "ms"),
+    _Main("Round trip to the vehicle", "latency.rtt_mean_s", _only(0), 1e3, "ms"),
+    _Main("Drag along x, over speeds of rotors and wind", "drag.simple_kg_per_rad", _only(0), 1e6, "10⁻⁶ kg/rad"),
 )
 
 
-def summary_of(known: Known, experiments: Sequence[Experiment], statuses: Sequence[TaskStatus]) -> FirstScreen:
-    """Return the first screen of a campaign whose tasks stand as given."""
+def summary_of(
+    known: Known, experiments: Sequence[Experiment], statuses: Sequence[TaskStatus], remarks: Sequence[str] = ()
+) -> FirstScreen:
+    """Return the first screen of a campaign whose tasks stand as given, with the guide's remarks on them."""
     step = next_of(statuses)
     findings = tuple(_findings(experiments))
     return FirstScreen(
@@ -68,6 +103,7 @@ def summary_of(known: Known, experiments: Sequence[Experiment], statuses: Sequen
         more_findings=max(len(findings) - _MOST_FINDINGS, 0),
         next_command=f"cfid {' '.join(step.words)}",
         next_why=step.why,
+        remarks=tuple(remarks),
     )
 
 
@@ -81,23 +117,23 @@ def _numbers(known: Known) -> Iterator[MainNumber]:
         found = known.find(one.key)
         if found is None:
             continue
-        numbers: Iterable[Number] = found.parameter.numbers(one.key)
-        number = next((number for number in numbers if number.place == one.place), None)
         if found.rejected:
             yield MainNumber(one.title, "rejected", "")
-        elif number is not None and number.value is not None:
-            yield _main(one.title, number.value, number.std, one.scale, one.unit)
+            continue
+        count = len(numbers_of(one.key, plain(found.parameter.value)))
+        number = number_of(found.section, one.key, one.weights(count, known.rig))
+        if math.isfinite(number.value):
+            yield _main(one.title, number.value, number.std or None, one.scale, one.unit)
 
 
 def _main(title: str, value: float, std: float | None, scale: float, unit: str) -> MainNumber:
     shown, spread = value_and_deviation(scale * value, None if std is None else scale * std)
     relative = "" if std is None or value == 0 else percent(std / abs(value))
-    return MainNumber(title, f"{shown} {unit}" if spread == "-" else _with_spread(shown, spread, unit), relative)
-
-
-def _with_spread(shown: str, spread: str, unit: str) -> str:
-    power, _, plain = unit.rpartition("⁻⁶ ")
-    return f"({shown} ± {spread})·{power}⁻⁶ {plain}" if power else f"{shown} ± {spread} {unit}"
+    value = shown if spread == "-" else f"{shown} ± {spread}"
+    if unit.startswith(_MILLIONTH):
+        value = f"{shown}·" if spread == "-" else f"({value})·"
+        return MainNumber(title, value + unit, relative)
+    return MainNumber(title, f"{value} {unit}", relative)
 
 
 def _weakest(statuses: Sequence[TaskStatus]) -> str:

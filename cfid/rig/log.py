@@ -25,9 +25,10 @@ from cfid.rig.loadcell import LoadCell
 from cfid.rig.lock import DeviceLock
 from cfid.rig.loop import Ending, Loop, run_until_done, until_over
 from cfid.rig.noticing import Notice, Noticing
+from cfid.rig.progress import Reading
 from cfid.rig.rdt_port import Inbox, RdtPort
 from cfid.rig.ready_lines import angle_scale, ready_lines
-from cfid.rig.recorder import Instrument, Nowhere, Reading, Recorder, Say, Sink
+from cfid.rig.recorder import Instrument, Nowhere, Recorder, Say, Sink
 from cfid.rig.serial_line import serial_lines
 from cfid.rig.shown import degrees, first_force, vertical_force
 

@@ -1,7 +1,6 @@
 """Records several instruments into one run: rows every 50 ms, synced to the disk every second; knows no device."""
 
 import contextlib
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
@@ -15,12 +14,11 @@ from twisted.python.failure import Failure
 
 from cfid.errors import CfidError, DeviceError, StopError
 from cfid.rig.clock import suspended_s
+from cfid.rig.progress import Progress
 
 BLOCK_S = 0.05
 SYNC_S = 1.0
-_SHOWN_POINTS = 40
 _LONGEST_SLEEP_S = 0.5
-_RATE_BLOCKS = 20  # over which the rate is averaged
 
 Say = Callable[[str], None]
 
@@ -92,63 +90,6 @@ class Nowhere:
 
     def sync(self) -> None:
         """Do nothing."""
-
-
-class Progress:
-    """An instrument's progress: rows, rate, losses and values without their time, in bounded memory.
-
-    `latest` is the last row, `mean` that of the last block, `tare` that of the rows at rest; () for none. `trace` has
-    what was read of the last blocks.
-    """
-
-    def __init__(self) -> None:
-        """Start with nothing."""
-        self.rows = self.lost = 0
-        self.status = ""
-        self.reading: Reading | None = None
-        self.latest: tuple[float, ...] = ()
-        self.mean: tuple[float, ...] = ()
-        self.tare: tuple[float, ...] = ()
-        self._rows_at_rest = 0
-        self.trace: deque[float] = deque(maxlen=_SHOWN_POINTS)
-        self._blocks: deque[tuple[float, int]] = deque(maxlen=_RATE_BLOCKS)
-
-    def add(self, block: Block, now_s: float, *, at_rest: bool = False) -> None:
-        """Take note of a block; that of an instrument `at_rest` counts for its tare."""
-        rows = len(block.columns[0])
-        self.rows += rows
-        self.lost += block.lost
-        self.status = block.status
-        self._blocks.append((now_s, rows))
-        if rows:
-            self.latest = tuple(float(column[-1]) for column in block.columns[1:])
-            self.mean = tuple(float(np.mean(column)) for column in block.columns[1:])
-        if rows and at_rest:
-            self._rows_at_rest += rows
-            share = rows / self._rows_at_rest
-            before = self.tare or self.mean
-            self.tare = tuple(old + share * (new - old) for old, new in zip(before, self.mean, strict=True))
-        if rows:
-            self.trace.append(self.latest[0] if self.reading is None else self.reading.value(self))
-
-    @property
-    def rate_hz(self) -> float:
-        """Rows per second over the last blocks."""
-        if len(self._blocks) < 2:
-            return 0.0
-        spent_s = self._blocks[-1][0] - self._blocks[0][0]
-        return sum(rows for _, rows in list(self._blocks)[1:]) / spent_s if spent_s > 0 else 0.0
-
-
-class Reading(NamedTuple):
-    """What an operator reads of an instrument: a number, and the form in which it is shown, `{:5.1f} deg`."""
-
-    value: Callable[[Progress], float]
-    form: str
-
-    def of(self, progress: Progress) -> str:
-        """Return it as text."""
-        return self.form.format(self.value(progress))
 
 
 class Recorder:

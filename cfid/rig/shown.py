@@ -4,20 +4,25 @@ import math
 
 import numpy as np
 
-from cfid.rig.recorder import Progress, Reading
+from cfid.rig.progress import Progress, Reading
 from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
 
 
 def degrees(counts_per_turn: float | str) -> Reading:
-    """Return the angle within a turn of an encoder's latest row."""
+    """Return the angle of an encoder's latest row from its first, at which a pendulum hangs still, within half a turn.
+
+    The encoder's own zero may lie anywhere.
+    """
+    words = counts_per_turn == RLS_13BIT_IN_22
+    turn = float(STEPS_PER_TURN if words else counts_per_turn)
 
     def angle(encoder: Progress) -> float:
-        counts, turn = encoder.latest[0], counts_per_turn
-        if turn == RLS_13BIT_IN_22:
-            counts, turn = float(decode_words(np.array([int(counts)])).position[0]), float(STEPS_PER_TURN)
-        return 360 * counts / float(turn) % 360
+        latest, first = encoder.latest[0], encoder.first[0]
+        if words:
+            latest, first = decode_words(np.array([latest, first]).astype(np.int64)).position
+        return (360 * (latest - first) / turn + 180) % 360 - 180
 
-    return Reading(angle, "{:5.1f} deg")
+    return Reading(angle, "{:6.1f} deg")
 
 
 def vertical_force(counts_per_n: float) -> Reading:

@@ -240,7 +240,7 @@ def started(lab: Lab, terminal: Terminal, *words: object) -> Command:
 def test_a_terminal_shows_a_line_that_lives_and_never_wraps(lab: Lab, device: str) -> None:
     terminal = Terminal()
     log = started(lab, terminal, "log", device)
-    reading = r" *[\d.]+ deg" if device == "encoder" else r"Fz +-?\d+ mN"
+    reading = r" *-?[\d.]+ deg" if device == "encoder" else r"Fz +-?\d+ mN"
     line = re.compile(rf"\r +(\d+\.\d) s  {reading}  0 lost  [1-9]\d* Hz  [▁-█]+")
     log.wait_until(lambda: len(line.findall(terminal.shown())) > 3, "a line")
     said = log.ask_to_end()
@@ -255,6 +255,28 @@ def test_a_terminal_shows_a_line_that_lives_and_never_wraps(lab: Lab, device: st
     assert "Traceback" not in shown
     assert shown.endswith("\r\a")
     assert shown.rstrip("\r\a").rpartition("\r")[2].strip() == ""  # the line is wiped off
+
+
+@BOTH
+def test_a_terminal_shows_how_long_a_device_is_silent_in_place_of_its_last_value(lab: Lab, device: str) -> None:
+    terminal = Terminal()
+    log = started(lab, terminal, "log", device)
+    log.wait_until(lambda: re.search(r"0 lost  \d+ Hz", terminal.shown()), "a line")
+    if device == "encoder":
+        lab.encoder_suffers(silent_after_s=0)
+    else:
+        lab.loadcell_suffers(silent_after_s=0)
+    log.wait_until(lambda: re.search(rf"{device}: no data [12]\.\d s", terminal.shown()), "its silence")
+    silent = terminal.shown().rpartition("no data")[0].rpartition("\r")[2]
+    if device == "encoder":
+        lab.encoder_suffers()
+    else:
+        lab.loadcell_suffers()
+    log.wait_until(lambda: re.search(r"(deg|mN)  ", terminal.shown().rpartition("no data")[2]), "a value again")
+    log.ask_to_end()
+    terminal.hang_up()
+
+    assert not re.search(r"deg|mN", silent)
 
 
 def test_a_sentence_stands_on_a_line_of_its_own_on_a_terminal(lab: Lab) -> None:

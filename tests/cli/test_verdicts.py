@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +12,10 @@ import cfid.friction.verdict
 import cfid.loadcell.verdict
 import cfid.swing.verdict
 from cfid.console.verdicts import judged, verdict_line
-from cfid.records.run import Run, Verdict, amend_run, list_runs, read_run
+from cfid.records.run import Run, Verdict, amend_run, list_runs, read_run, write_header
 from tests.campaigns import Cfid
 from tests.records.test_sampled_runs import recorded
-from tests.rig_in_a_folder import Lab, lab_in
+from tests.rig_in_a_folder import Command, Lab, lab_in
 
 pytestmark = pytest.mark.usefixtures("in_time")
 
@@ -96,6 +96,53 @@ def test_a_run_that_was_cut_is_not_judged(bodies: Path) -> None:
     assert verdict_line(cut) == "not judged, since it was ended early: fits leave it out unless it is resumed or named."
 
 
+def silence(lab: Lab, log: Command) -> None:
+    lab.loadcell_suffers(silent_after_s=0)
+    log.wait_until_said("is silent; requesting the stream again")
+
+
+def saturate(lab: Lab, log: Command) -> None:
+    lab.box.box.load_cell.overload()
+
+
+def unplug(lab: Lab, log: Command) -> None:
+    lab.pull_plug()
+    log.wait_until_said("unplugged; waiting for the encoder")
+
+
+@pytest.mark.parametrize(
+    ("words", "ruin", "verdict"),
+    [
+        (("loadcell",), silence, "sent nothing more for"),
+        (("loadcell",), saturate, "saturation"),
+        (("encoder", "--axis", "x"), unplug, "and not plugged in again"),
+    ],
+)
+def test_a_recording_that_a_fault_ends_keeps_the_fault_as_its_verdict(
+    lab: Lab, words: tuple[str, ...], ruin: Callable[[Lab, Command], None], verdict: str
+) -> None:
+    log = lab.start("log", *words, "--for", 60, "--json")
+    log.wait_for_rows(20)
+    ruin(lab, log)
+    said = log.end() if ruin is saturate else log.ask_to_end()
+    kept = lab.run().header.verdict
+
+    assert said.code == 3
+    assert kept is not None
+    assert not kept.usable
+    assert verdict in kept.text
+    assert json.loads(said.out)["verdict"] == {"usable": False, "text": kept.text}
+
+
+def test_the_summary_of_a_run_that_a_fault_ended_says_the_fault_once(bodies: Path) -> None:
+    run = runs_of(bodies, "swing")[0]
+    failed = Run(folder=run.folder, header=run.header.model_copy(update={"state": "failed", "reason": "the plug."}))
+    stairs = Run(folder=run.folder, header=failed.header.model_copy(update={"requested": {"steps": [0, 2000]}}))
+
+    assert verdict_line(failed) == "NOT USABLE: the fault below ended it. Record it again."
+    assert verdict_line(stairs).endswith("Record it again, or with --resume what it lacks.")
+
+
 def test_a_verdict_that_cannot_be_kept_costs_no_recording(bodies: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = runs_of(bodies, "swing")[0]
     (run.folder / "run.toml").unlink()
@@ -118,6 +165,29 @@ def test_a_command_ends_with_the_verdict_and_lists_tell_what_is_not_usable(lab: 
     listed = json.loads(cfid("runs", "--campaign", lab.folder, "--json").stdout)["runs"]
     assert "not usable: " in listed[-1]["note"]
     assert lab.cfid("log", "loadcell", "--for", 0.5).out.splitlines()[-1].startswith("good: Fz ")
+
+
+def test_the_list_of_runs_states_what_is_not_usable_and_show_says_why(bodies: Path, cfid: Cfid) -> None:
+    spoilt, stopped, *_ = runs_of(bodies, "swing")
+    text = "the waveform differs from a pendulum's by 2.4 % of the release angle (limit 0.16 %): a cable, or a hand."
+    amend_run(spoilt, verdict=Verdict(usable=False, text=text))
+    header = stopped.header.model_copy(update={"state": "failed", "reason": text})
+    write_header(stopped.folder, header)
+    judged(read_run(stopped.folder), None)
+    listed = {line.split()[0]: line for line in cfid("runs", "--campaign", bodies).stdout.splitlines() if line.strip()}
+    shown = cfid("show", spoilt.folder, "--no-figures", "--json").stdout
+    row = next(
+        row
+        for row in json.loads(cfid("runs", "--campaign", bodies, "--json").stdout)["runs"]
+        if row["run"] == spoilt.folder.name
+    )
+
+    assert " not usable " in listed[spoilt.folder.name]
+    assert " failed " in listed[stopped.folder.name]
+    assert "a cable, or a hand" not in str(listed)
+    assert text in str(json.loads(shown)["findings"])
+    assert (row["state"], row["usable"]) == ("complete", False)
+    assert row["note"].endswith(f"not usable: {text}")
 
 
 def test_a_cell_whose_force_never_changes_is_not_usable(tmp_path: Path) -> None:

@@ -144,7 +144,15 @@ def test_a_matrix_of_six_swings_is_accepted_and_a_seventh_is_offered_for_what_it
     assert accepted.state == "accepted"
     assert step.words[:2] != ("log", "encoder") or "--axis" not in step.words
     said = cfid("status", "--campaign", folder, "--kind", "inertia").stdout
-    assert f"`cfid log encoder --axis {axes[0]} --for 20` once more would show what drifted" in said
+    again = f"inertia: `cfid log encoder --axis {axes[0]} --for 20` once more would show what drifted since the first."
+    assert again in said
+    assert again in remarks_of_the_report(cfid, folder)
+
+
+def remarks_of_the_report(cfid: Cfid, folder: Path) -> list[str]:
+    assert cfid("report", "--campaign", folder, "--format", "json", "--force").returncode == 0
+    remarks: list[str] = json.loads((folder / "report.json").read_text())["summary"]["remarks"]
+    return remarks
 
 
 def test_a_run_of_no_use_is_named_with_what_to_record_again_until_that_is_done(cfid: Cfid, folder: Path) -> None:
@@ -155,6 +163,7 @@ def test_a_run_of_no_use_is_named_with_what_to_record_again_until_that_is_done(c
     sentence = f"{bad.folder.name}: NOT USABLE: no release found. Record it again: cfid log encoder --axis x --for 20"
 
     assert sentence in said
+    assert remarks_of_the_report(cfid, folder) == [sentence]
     assert content["not_usable"] == [
         {
             "run": bad.folder.name,

@@ -103,6 +103,15 @@ def test_the_offset_is_within_a_millisecond_of_the_truth_where_both_ways_are_ali
     assert offset.value == pytest.approx(ZERO_S, abs=1e-3 + 3 * offset.std, rel=0)
 
 
+def test_the_line_on_the_clock_states_what_its_uncertainty_covers_and_what_comes_on_top(tmp_path: Path) -> None:
+    result = latency.fit([ping_run(tmp_path, count=300)])
+    std_s, least_s = result.quantities["latency.clock_offset_s"].std, result.quantities["latency.rtt_min_s"].value
+    (said,) = (line for line in result.summary() if "the vehicle's clock" in line)
+
+    assert f"{1e3 * std_s:.2f} ms, covers how answers scatter" in said
+    assert f"moves the offset by up to {1e3 * least_s / 2:.2f} ms more" in said
+
+
 def test_several_runs_are_taken_together_with_the_clock_of_the_last_that_has_stamps(tmp_path: Path) -> None:
     runs = [ping_run(tmp_path, seed=seed, count=100, stamped=seed < 2) for seed in range(3)]
     together, last = latency.fit(runs), latency.fit([runs[1]])

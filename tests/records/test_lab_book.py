@@ -85,6 +85,8 @@ def test_a_note_that_is_a_sentence_is_no_entry(tmp_path: Path) -> None:
     [
         ("temperature_c=warm", "temperature_c=warm: should be a number of degrees Celsius"),
         ("new props; temperature_c=nan", "temperature_c=nan: should be a number"),
+        ("battery=", "battery=: has no value: write battery=VALUE."),
+        ("new props; Battery = ", "Battery=: has no value"),
         ("temperature=22", "do you mean temperature_c?"),
         ("baterry=B4", "do you mean battery?"),
         ("gust=strong; operater=Kim", "do you mean operator?"),

@@ -4,11 +4,13 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cfid.findings import note, rejection, warning
 from cfid.guide.plan import Aim, Task
 from cfid.guide.status import Certainty, TaskStatus
+from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter, Section
 from cfid.records.rig_file import thesis_rig
 from cfid.report.experiments import Experiment
@@ -52,6 +54,32 @@ def test_numbers_are_in_plain_units_with_their_relative_uncertainty() -> None:
     )
     assert numbers["Inertia about x"].value == "(16.420 ± 0.024)·10⁻⁶ kg m²"
     assert "Round trip to the vehicle" not in numbers
+
+
+def test_torque_speed_friction_and_drag_have_a_row_each_in_plain_units() -> None:
+    found = section(
+        motor__torque_poly=Parameter(value=[0.006, 1e-5], std=[0.0001, 1e-6], unit="Nm(N)"),
+        motor__speed_poly=Parameter(value=[0.04, 400.0], std=[0.0, 2.0], unit="rad/s(cmd)"),
+        friction__viscous_nms_per_rad=Parameter(value=1.08e-6, std=2.2e-8, unit="N m s/rad"),
+        drag__simple_kg_per_rad=Parameter(value=[-8.5e-7, -8e-7, -9e-7], std=[2.6e-8] * 3, unit="kg/rad"),
+    )
+    numbers = {one.title: (one.value, one.std) for one in summary(found).numbers}
+
+    assert numbers["Torque over thrust of a rotor, in hover"] == ("6.00 ± 0.10 mN m/N", "1.7 %")
+    assert numbers["Rotor speed at command 30000"] == ("1600.0 ± 2.0 rad/s", "0.12 %")
+    assert numbers["Viscous friction of the axis"] == ("(1.080 ± 0.022)·10⁻⁶ N m s/rad", "2 %")
+    assert numbers["Drag along x, over speeds of rotors and wind"][0] == "(-0.850 ± 0.026)·10⁻⁶ kg/rad"
+
+
+def test_the_uncertainty_of_a_speed_takes_that_coefficients_move_together() -> None:
+    values = {"motor.speed_poly": [0.04, 400.0]}
+    together = covariance_between(values, np.outer([1e-4, -3.0], [1e-4, -3.0]))  # it turns about command 30000
+    one = section(motor__speed_poly=Parameter(value=[0.04, 400.0], std=[1e-4, 3.0], unit="rad/s(cmd)"))
+    (shown,) = (
+        number.value for number in summary(replace(one, covariance=together)).numbers if "speed" in number.title
+    )
+
+    assert shown == "1600 rad/s"
 
 
 def test_a_rejected_number_is_named_and_not_printed() -> None:

@@ -1,13 +1,16 @@
 """The line under a recording: what matters most comes first, and fits a terminal of 80 columns."""
 
+import math
 from typing import Any
 
 import numpy as np
 import pytest
 
 from cfid.console.live import fitting, line_of
-from cfid.rig.recorder import Block, Reading, Recorder
+from cfid.rig.progress import Reading
+from cfid.rig.recorder import Block, Recorder
 from cfid.rig.shown import degrees, vertical_force, volts
+from cfid.wire.rls import RLS_13BIT_IN_22, encode_positions
 
 COLUMNS = 80
 SECOND_S, BLOCK_S = 1.0, 0.05
@@ -111,8 +114,65 @@ def test_time_counts_down_where_the_end_is_known(for_s: float | None, now_s: flo
     assert line_of(recorder) == [shown, "0 lost"]
 
 
-def test_an_angle_is_that_of_the_latest_row() -> None:
-    recorder, loop = recorder_of(encoder=degrees(360))
-    recorder.progress["encoder"].add(Block((np.zeros(2), np.array([359, 361]))), loop.now_s)
+@pytest.mark.parametrize(
+    ("counts_per_turn", "counts", "shown"),
+    [
+        (360, [200, 203, 190], "-10.0 deg"),
+        (360, [359, 0, 1], "  2.0 deg"),
+        (360, [5, 365, 720 - 3], " -8.0 deg"),
+        (math.tau, [3.0, 3.0 + math.radians(12)], " 12.0 deg"),
+    ],
+)
+def test_an_angle_is_that_of_the_latest_row_from_the_first_wherever_the_encoders_zero_lies(
+    counts_per_turn: float, counts: list[float], shown: str
+) -> None:
+    recorder, loop = recorder_of(encoder=degrees(counts_per_turn))
+    for count in counts:
+        recorder.progress["encoder"].add(Block((np.zeros(1), np.array([count]))), loop.now_s)
 
-    assert "  1.0 deg" in line_of(recorder)
+    assert shown in line_of(recorder)[1]
+
+
+def test_an_angle_in_words_of_22_bits_is_shown_from_the_first_too() -> None:
+    recorder, loop = recorder_of(encoder=degrees(RLS_13BIT_IN_22))
+    for position in (8000, 8192 - 1, 91):
+        recorder.progress["encoder"].add(Block((np.zeros(1), encode_positions(np.array([position])))), loop.now_s)
+
+    assert line_of(recorder)[1].strip() == f"{360 * (91 + 192) / 8192:.1f} deg"
+
+
+def shown_after(arrivals_s: list[float], *, until_s: float) -> list[str]:
+    """Return what a battery's voltage shows whose rows arrive at these times, block after block."""
+    recorder, _ = recorder_of(crazyflie=volts(0))
+    shown = []
+    for block in range(round(until_s / BLOCK_S)):
+        came = any(round(arrival_s / BLOCK_S) == block for arrival_s in arrivals_s)
+        columns = [np.zeros(int(came)), np.full(int(came), 3.92)]
+        recorder.progress["crazyflie"].add(Block(columns), block * BLOCK_S)
+        shown.append(line_of(recorder)[1])
+    return shown
+
+
+def test_a_silent_vehicle_shows_no_old_voltage() -> None:
+    shown = shown_after([0.1 * row for row in range(10)], until_s=2.15)
+
+    assert shown[20] == "3.92 V"
+    assert shown[-1] == "crazyflie: no data 1.2 s"
+
+
+def test_a_device_that_never_sends_is_silent_from_the_beginning() -> None:
+    assert shown_after([], until_s=1.55)[-1] == "crazyflie: no data 1.5 s"
+
+
+def test_a_device_that_sends_a_row_a_second_is_not_silent_in_between() -> None:
+    shown = shown_after([1.0 * row for row in range(6)], until_s=15.05)
+
+    assert {"3.92 V"} == set(shown[20:160])
+    assert shown[-1] == "crazyflie: no data 10.0 s"
+
+
+def test_a_silence_that_ended_makes_the_next_no_longer() -> None:
+    regular = [0.1 * row for row in range(10)]
+    shown = shown_after([*regular, *(5.0 + row for row in regular)], until_s=7.05)
+
+    assert shown[-1] == "crazyflie: no data 1.1 s"

@@ -1,8 +1,9 @@
 """`cfid rig preflight` and its quick part: what is wrong with the signals is named before anything is recorded."""
 
 import json
+import math
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import pytest
 from cfid.console.preflight import of_encoder
 from cfid.records.campaign import RUNS_FOLDER
 from cfid.records.run import DeviceRecord
+from cfid.rig.check import DeviceAnswer
 from cfid.rig.sampling import Sampled
 from tests.flying_in_a_folder import Bench, bench_in
 from tests.rig_in_a_folder import Lab, lab_in
@@ -212,11 +214,34 @@ def test_the_question_says_that_the_battery_was_not_read_where_nobody_looked(tmp
     assert "are free); battery not read. Is the vehicle fastened" in pilot.err
 
 
+def angles_judged(time_s: Array, degrees: Array) -> dict[str, DeviceAnswer]:
+    record = DeviceRecord(file="encoder.csv", columns=("t", "phi"), rate_hz=1000, counts_per_turn=360)
+    return {answer.asked: answer for answer in of_encoder(record, Sampled({"t": time_s, "phi": degrees}))}
+
+
+def test_a_pendulum_that_swings_is_to_be_held_still_and_is_no_fault_of_the_rig(lab: Lab) -> None:
+    lab.e201._angle_at = lambda time_s: math.radians(6) * math.sin(8 * time_s)
+    swinging = lab.cfid("rig", "preflight", "swing", "--for", 3)
+
+    assert swinging.code == 0
+    assert "at rest         warning  it swings by 12 degrees (limit 0.5 degrees)" in swinging.out
+    assert "-> hold it still and check again: noise and drift are judged at rest" in swinging.out
+    assert "not ready" not in swinging.err
+
+
+@pytest.mark.parametrize("about", [lambda t: 0 * t, lambda t: 5 * t, lambda t: 8 * np.exp(-t)])
+def test_noise_and_a_drift_are_faults_and_no_swing(about: Callable[[Array], Array]) -> None:
+    time_s = np.arange(5000) / 1000
+    noise = np.random.default_rng(2).normal(0, 0.3, len(time_s))
+    answers = angles_judged(time_s, about(time_s) + noise)
+
+    assert answers["noise"].state == "fault"
+    assert "at rest" not in answers
+
+
 def test_a_drift_beyond_its_limit_that_noise_hides_is_not_called_ok() -> None:
     time_s = np.arange(2000) / 1000
-    sampled = Sampled({"t": time_s, "phi": 3 * np.sin(2 * np.pi * time_s)})
-    record = DeviceRecord(file="encoder.csv", columns=("t", "phi"), rate_hz=1000, counts_per_turn=360)
-    answers = {answer.asked: answer for answer in of_encoder(record, sampled)}
+    answers = angles_judged(time_s, np.random.default_rng(1).normal(0, 3, 2000) + 0.2 * time_s)
 
     assert answers["noise"].state == "fault"
     assert answers["drift"].state == "warning"

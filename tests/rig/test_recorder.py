@@ -21,7 +21,8 @@ from cfid.errors import DataError, DeviceError
 from cfid.records.run import DeviceRecord, Label, Run, read_run
 from cfid.records.run_writer import RunWriter, create_run
 from cfid.rig.loop import Ending
-from cfid.rig.recorder import Block, Progress, Recorder, no_rows, sleep
+from cfid.rig.progress import Progress
+from cfid.rig.recorder import Block, Recorder, no_rows, sleep
 from cfid.sim.faults import EncoderFaults
 from cfid.wire.rls import STEPS_PER_TURN, decode_words
 from tests.places import ROOT

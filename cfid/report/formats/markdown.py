@@ -66,6 +66,7 @@ def _summary(summary: FirstScreen) -> Iterator[str]:
         yield f"**Weakest:** {_plain(summary.weakest)}\n"
     yield from (f"- {_plain(text)}" for text in summary.findings)
     yield f"\n**Next:** {_commands(f'`{summary.next_command}`')}: {_plain(summary.next_why)}\n"
+    yield from (f"- {_commands(text)}" for text in summary.remarks)
 
 
 def _quantity(quantity: SheetEntry) -> Iterator[str]:

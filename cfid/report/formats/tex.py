@@ -71,7 +71,7 @@ def _parts(report: Report) -> Iterator[str]:
         yield rf"\textbf{{{about.simulated_runs} of {about.runs} runs are simulated.}}"
     yield r"\subsection*{What was measured, and how sure}"
     yield from _longtable(grids.summary_grid(report.summary), "lll")
-    yield _tex(" ".join(filter(None, [report.summary.weakest, *report.summary.findings])))
+    yield _tex(" ".join(filter(None, [report.summary.weakest, *report.summary.findings, *report.summary.remarks])))
     for group in report.sheet:
         yield rf"\subsection*{{{_tex(group.title)}}}"
         for quantity in group.quantities:
