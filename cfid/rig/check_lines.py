@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import serial
 
+from cfid.counted import counted
 from cfid.errors import DeviceError
 from cfid.records.line_devices import LineDevice, LineValue
 from cfid.rig.check import DeviceAnswer
@@ -69,7 +70,9 @@ def _resolution(setting: LineDevice, value: LineValue, numbers: npt.NDArray[np.f
     steps = np.diff(np.unique(shown))
     now = f"{shown[-1]:.6g} {setting.column_unit(value)}"
     if not len(steps):
-        return DeviceAnswer(value.name, "ok", f"{now}, no change in {len(shown)} lines", "touch it: it has to change")
+        return DeviceAnswer(
+            value.name, "ok", f"{now}, no change in {counted(len(shown), 'line')}", "touch it: it has to change"
+        )
     return DeviceAnswer(value.name, "ok", f"{now}, steps of {steps.min():.2g}, scatter {shown.std():.2g}")
 
 

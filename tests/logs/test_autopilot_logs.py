@@ -46,7 +46,7 @@ def test_topics_of_a_ulog_file_are_series_in_px4_s_units(tmp_path: Path) -> None
     (rates,) = (series for series in log.series if series.name == "vehicle_angular_velocity")
     assert [channel.unit for channel in rates.channels] == ["rad/s"] * 3
     assert "FMU6" in log.program
-    assert "1 dropouts, of 0.025 s" in log.notes[0]
+    assert "1 dropout, of 0.025 s" in log.notes[0]
 
 
 @pytest.mark.parametrize(

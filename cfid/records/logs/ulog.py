@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.large import stored_together
 from cfid.records.extras import optional_library
@@ -79,7 +80,7 @@ def read_ulog(path: Path, source: Source) -> FlightLog:
     series = [_series(*topic, rows, stated or PX4_QUAD_X) for topic, rows in sorted(topics.items())]
     if not series:
         raise DataError(f"{path}: a ULog file without data.")
-    notes = [f"{len(dropped_ms)} dropouts, of {sum(dropped_ms) / 1e3:.3f} s together."] if dropped_ms else []
+    notes = [f"{counted(len(dropped_ms), 'dropout')}, of {sum(dropped_ms) / 1e3:.3f} s together."] if dropped_ms else []
     if damaged:
         notes.append("parts of the file are damaged and left out.")
     return FlightLog(
