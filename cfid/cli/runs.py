@@ -32,7 +32,9 @@ def show_runs(
     campaign: CampaignFolder = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """List the campaign's runs: what, when, state, rows, losses. [bold]cfid show RUN[/bold] has a verdict in full.
+    """List the campaign's runs: what, when, state, rows, losses.
+
+    [bold]cfid show RUN[/bold] has a verdict in full.
 
     Example: [bold]cfid runs --only swing --newest 5[/bold]
     """

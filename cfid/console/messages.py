@@ -9,6 +9,7 @@ import textwrap
 import typer
 
 _NARROWEST = 20
+_HEAD = len("note: ")  # and of `cfid: `: the lines after the first begin below the text
 _SETTING = re.compile(r"`([a-z]\w*)`")
 # Any other option is its setting's name with hyphens.
 _RENAMED = {"arm_m": "--arm-mm", "folder": "--campaign", "from_s": "--from", "to_s": "--to"}
@@ -35,18 +36,18 @@ def note(text: str) -> None:
 
 def noted(text: str) -> str:
     """Return a note as the terminal shows it."""
-    return typer.style(f"note: {in_options(text)}", fg=_colour(typer.colors.YELLOW))
+    return typer.style(fitted(f"note: {in_options(text)}", indent=_HEAD, err=True), fg=_colour(typer.colors.YELLOW))
 
 
 def fault(text: str) -> None:
     """Print the error that ends the command."""
-    typer.secho(f"cfid: {in_options(text)}", err=True, fg=_colour(typer.colors.RED))
+    typer.secho(fitted(f"cfid: {in_options(text)}", indent=_HEAD, err=True), err=True, fg=_colour(typer.colors.RED))
 
 
 def result(text: str) -> None:
     """Print what a command did; where stdout takes nothing, as a terminal that was closed, print it on stderr."""
     try:
-        typer.echo(printable(text))
+        typer.echo(fitted(printable(text)))
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the rest of the text fails once more
         with contextlib.suppress(OSError):
@@ -54,7 +55,10 @@ def result(text: str) -> None:
 
 
 def fitted(text: str, *, indent: int = 0, err: bool = False) -> str:
-    """Return a line for stdout or stderr: wrapped at a terminal's width, further lines indented, else as it is."""
+    """Return a text for stdout or stderr: lines wrapped at a terminal's width, further ones indented, else as it is.
+
+    Lines that fit, as those of tables, stay as they are.
+    """
     try:
         columns = os.get_terminal_size((sys.stderr if err else sys.stdout).fileno()).columns
     except (AttributeError, OSError, ValueError):
@@ -62,7 +66,10 @@ def fitted(text: str, *, indent: int = 0, err: bool = False) -> str:
     if not columns:
         return text
     width = max(columns, indent + _NARROWEST)
-    return textwrap.fill(text, width, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False)
+    wrapper = textwrap.TextWrapper(
+        width, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False
+    )
+    return "\n".join(line if len(line) <= width else wrapper.fill(line) for line in text.split("\n"))
 
 
 def clock(seconds: float) -> str:

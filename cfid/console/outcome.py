@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from cfid import __version__
-from cfid.console.messages import in_options, note
+from cfid.console.messages import fitted, in_options, note
 from cfid.console.options import Delivery
 from cfid.console.tables import print_parameters
 from cfid.errors import ConfigError, FitError
@@ -99,7 +99,7 @@ def _print(result: Result, drawn: Sequence[Path], notes: Sequence[str]) -> None:
     if result.quantities:
         print_parameters(result.quantities, title=f"cfid {result.command}")
     for line in result.summary():
-        typer.echo(in_options(line))
+        typer.echo(fitted(in_options(line)))
     for text in notes:
         note(text)
     for path in drawn:

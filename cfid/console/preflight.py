@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from cfid.console.live import LiveLine
 from cfid.console.messages import clock, note
+from cfid.counted import counted
 from cfid.errors import DeviceError
 from cfid.estimate.battery_endurance import CELL_MAH, Held, endurance
 from cfid.estimate.signal_quality import SignalQuality, signal_quality
@@ -42,7 +43,9 @@ _WORTHLESS = {"load", "rate", "losses"}  # faults with which a recording is of n
 def of_loadcell(record: DeviceRecord, sampled: Sampled, *, calm: bool = True) -> list[DeviceAnswer]:
     """Judge the load cell's signals. A wind that blows is not `calm`: noise, drift and lines then have no limit."""
     if sampled.rows < _FEWEST:
-        return [_answer("rate", f"{sampled.rows} samples", "check power and cable", limit=f"{_FEWEST}", within=False)]
+        return [
+            _answer("rate", counted(sampled.rows, "sample"), "check power and cable", limit=f"{_FEWEST}", within=False)
+        ]
     settings = (record.model_extra or {}).get("settings")
     if settings is None:  # it sends lines, and states no ranges
         return _rate(sampled, record.rate_hz or math.nan)
@@ -120,7 +123,7 @@ def _in_milli(values: Array) -> str:
 def of_encoder(record: DeviceRecord, sampled: Sampled) -> list[DeviceAnswer]:
     """Judge the encoder of a pendulum that hangs still: rate, losses, stamps, noise and drift."""
     if sampled.rows < _FEWEST:
-        return [_answer("rate", f"{sampled.rows} samples", "check the cable", limit=f"{_FEWEST}", within=False)]
+        return [_answer("rate", counted(sampled.rows, "sample"), "check the cable", limit=f"{_FEWEST}", within=False)]
     assert record.counts_per_turn is not None
     degrees = _degrees(sampled.columns["phi"], record.counts_per_turn)
     rate_hz = (sampled.rows - 1) / float(np.ptp(sampled.columns["t"]))

@@ -15,11 +15,13 @@ from cfid import __version__
 from cfid.console.campaign import here
 from cfid.console.inputs import open_workplace
 from cfid.console.live import LiveLine
+from cfid.console.losses import counts_of
 from cfid.console.messages import clock, fitted, note, printable
 from cfid.console.options import LoadCellOptions, ReadingOptions, RigOptions, positive
 from cfid.console.selection import LAST
 from cfid.console.verdicts import Judge, judged, verdict_line
 from cfid.console.views import views_of
+from cfid.counted import counted
 from cfid.errors import CfidError, ConfigError, DataError
 from cfid.findings import rejection
 
@@ -198,7 +200,8 @@ def print_summary(run: "Run", lines: Sequence[str] = ()) -> None:
     for name, device in _devices(run).items():
         skipped = f", {device['skipped']} skipped: {device['achieved']}" if device["achieved"] else ""
         typer.echo(
-            f"{name}: {device['rows']} rows, {device['lost']} lost{_counts(device)}{skipped} -> {device['file']}"
+            f"{name}: {counted(device['rows'], 'row')}, {device['lost']} lost{counts_of(device)}{skipped} -> "
+            f"{device['file']}"
         )
     for line in (*lines, verdict_line(run)):
         if line:
@@ -206,7 +209,7 @@ def print_summary(run: "Run", lines: Sequence[str] = ()) -> None:
     if (stopped_in_s := _stopped_in_s(run)) is not None:
         typer.echo(stop_line(stopped_in_s))
     if run.header.reason and run.header.state != "failed":
-        typer.echo(printable(run.header.reason))
+        typer.echo(fitted(printable(run.header.reason)))
 
 
 def stop_line(stopped_in_s: float) -> str:
@@ -222,13 +225,6 @@ def _stopped_in_s(run: "Run") -> float | None:
 def print_json(content: Mapping[str, Any]) -> None:
     """Print the one object of --json."""
     typer.echo(json.dumps(content, indent=2))
-
-
-def _counts(device: Mapping[str, Any]) -> str:
-    counts = [f"{count} {kind.replace('_', ' ')}" for kind, count in device["kinds"].items() if count]
-    if device["gaps"]:
-        counts.append(f"{device['gaps']} gaps")
-    return f" ({', '.join(counts)})" if counts else ""
 
 
 def summary(

@@ -5,6 +5,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cfid.console.messages import result
+from cfid.counted import counted
+
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
 
@@ -36,9 +39,7 @@ def demo(
         run_all(campaign, FITS_OVER_WIRES if wire else FITS, figures=figures)
         run_all(campaign, ("report",) if wire else HANDED_ON, figures=figures)
         print_comparison(campaign, known)
-        typer.echo(
-            f"the campaign is {folder}: open {folder / 'report.html'}; `cfid parameters` there lists what is known."
-        )
+        result(f"the campaign is {folder}: open {folder / 'report.html'}; `cfid parameters` there lists what is known.")
     except KeyboardInterrupt:
         typer.echo(f"\nstopped: {folder} holds a part of the demo; delete it before you start again.", err=True)
         raise
@@ -53,7 +54,7 @@ def _record(campaign: "Campaign", truth: Path | None, seed: int) -> dict[str, fl
     typer.echo(f"recording on the simulated rig (seed {seed}) ...", err=True)
     known, runs = simulate_demo(campaign.rig, demo_truth(seed) if truth is None else load_truth(truth), seed=seed)
     folders = write_runs(campaign, runs)
-    typer.echo(f"{len(folders)} runs recorded; fitting ...", err=True)
+    typer.echo(f"{counted(len(folders), 'run')} recorded; fitting ...", err=True)
     return known
 
 

@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from cfid.console.messages import result
 from cfid.console.tables import value_and_deviation
 from cfid.errors import FitError
 from cfid.records.campaign import Campaign
@@ -126,7 +127,7 @@ def print_comparison(campaign: Campaign, truth: Mapping[str, float]) -> None:
         )
     Console().print(table)
     inside = sum(covers(true, value, std) for _, true, value, std in rows)
-    typer.echo(
+    result(
         f"{inside} of {len(rows)} lie in their 95 % interval. 'no' is no failure: a 95 % interval misses one time in "
         "twenty, and numbers of one fit miss together. `--seed` draws another lab."
     )

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.findings import Finding, note
 from cfid.records.facts import RigFacts
@@ -103,7 +104,9 @@ def experiments_from_table(
         raise DataError("no row has both wind and turning rotors: without them there is no drag.")
     columns = {name: values[used] for name, values in given.items()}
     rounded = np.rint(columns["velocity_mps"] / _SAME)
-    findings = [standing_left_out(f"{left_out} row(s) without wind or with standing rotors")] if left_out else []
+    findings = (
+        [standing_left_out(f"{counted(left_out, 'row')} without wind or with standing rotors")] if left_out else []
+    )
     return DragExperiments(
         **columns,
         force_std_n=np.ones((count, 3)),

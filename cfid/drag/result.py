@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cfid.counted import counted
 from cfid.drag.causes import distorted
 from cfid.drag.checks import quantities_of, resolves_kappa_4
 from cfid.drag.comparison import DragModels, Method, fit_each, fit_models
@@ -183,7 +184,8 @@ def drag_lines(found: DragModels, quantities: Mapping[str, Parameter]) -> list[s
     """Return how the models compare, and tables of the wanted values."""
     runs = found.experiments
     lines: list[str | Dependent] = [
-        f"{len(runs.command)} experiments in {runs.settings} wind settings; squared errors of each model in N^2:"
+        f"{counted(len(runs.command), 'experiment')} in {counted(runs.settings, 'wind setting')}; squared "
+        "errors of each model in N^2:"
     ]
     for name, fit in found.fits.items():
         left_out = _judged(found, fit)["left_out_sse_n2"]

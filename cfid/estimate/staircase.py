@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from cfid.counted import counted
 from cfid.errors import DataError, FitError
 from cfid.estimate.blocks import block_means
 from cfid.estimate.onsets import Onset, onsets
@@ -116,7 +117,8 @@ class Staircase:
         steady = tuple(point for point in self.points if point.settled)
         if not steady:
             raise FitError(
-                f"none of {len(self.points)} steps settles. The first, from {self.points[0].onset_s:.3g} s on: "
+                f"none of {counted(len(self.points), 'step')} settles. The first, from "
+                f"{self.points[0].onset_s:.3g} s on: "
                 f"{self.points[0].reason}. Hold each command longer, or give the windows by hand."
             )
         return steady
@@ -197,7 +199,9 @@ def _reduced(
         raise NeverRanError("the motors never run in this record: no command, or no change of thrust above its noise.")
     by_hand = [None] * len(steps) if windows is None else windows
     if len(by_hand) != len(steps):
-        raise DataError(f"{len(by_hand)} windows are given for {len(steps)} steps: one each, or None.")
+        raise DataError(
+            f"{counted(len(by_hand), 'window is', 'windows are')} given for {len(steps)} steps: one each, or None."
+        )
     levels = np.array([level(record.slow, interval.begin_s, interval.end_s) for interval in intervals])
     begun = onsets(record.slow, intervals, baseline=levels[0], lag_s=lag_s)
     bounds = _bounds(intervals, begun)

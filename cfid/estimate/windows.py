@@ -15,6 +15,7 @@ import numpy.typing as npt
 from scipy.ndimage import median_filter
 from scipy.signal import find_peaks
 
+from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.estimate.blocks import block_means
 from cfid.estimate.signals import SMOOTHED_S, Runs, Slow, find_spikes, slowed
@@ -139,7 +140,9 @@ def _check(time_s: Array, channels: Array, status: Words | None) -> None:
     if falls is not None:
         raise DataError(f"after sample {falls + 1} the times do not rise: out of order, or two in one.")
     if len(time_s) < _FEWEST or np.ptp(time_s) < _SHORTEST_S:
-        raise DataError(f"the record is too short: {len(time_s)} samples, where {_SHORTEST_S} s are the least.")
+        raise DataError(
+            f"the record is too short: {counted(len(time_s), 'sample')}, where {_SHORTEST_S} s are the least."
+        )
     if status is not None and status.any():
         _check_status(time_s, status)
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import typer
 
 from cfid.console.messages import note
+from cfid.counted import counted
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -55,7 +56,7 @@ def write_samples(known: "ExportInput", folder: Path, *, count: int, seed: int, 
     joint = _joint(known)
     drawn = draw(joint, known, targets, count=count, seed=seed)
     comments = [
-        f"{count} vehicles drawn with seed {seed} from what was measured of {known.vehicle.name}.",
+        f"{counted(count, 'vehicle')} drawn with seed {seed} from what was measured of {known.vehicle.name}.",
         f"{100 * drawn.rejected_share:.1f} % of the draws were no possible vehicle and are not in.",
         *warnings_of(everything, known.vehicle),
     ]
@@ -252,7 +253,7 @@ def _write(folder: Path, files: dict[str, bytes]) -> None:
 
 def _report(joint: "Joint", drawn: Drawn, count: int) -> None:
     why = f": {_told(drawn.reasons)}" if drawn.reasons else ""
-    typer.echo(f"{count} vehicles; {100 * drawn.rejected_share:.1f} % of {drawn.draws} draws rejected{why}.")
+    typer.echo(f"{counted(count, 'vehicle')}; {100 * drawn.rejected_share:.1f} % of {drawn.draws} draws rejected{why}.")
     if joint.exact:
         note(f"no uncertainty is known of {', '.join(joint.exact)}: the same in every vehicle.")
     if joint.independent:

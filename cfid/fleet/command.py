@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cfid.console.messages import note
+from cfid.counted import counted
 
 if TYPE_CHECKING:
     from cfid.errors import CfidError
@@ -57,7 +58,9 @@ def fleet(
         _print_findings(summaries, details=details)
     if faults:
         count = len(summaries) + len(faults)
-        raise DataError("\n  ".join([f"{len(faults)} of {count} campaigns cannot be read:", *map(str, faults)]))
+        raise DataError(
+            "\n  ".join([f"{len(faults)} of {counted(count, 'campaign')} cannot be read:", *map(str, faults)])
+        )
 
 
 def processors() -> int:
@@ -101,7 +104,7 @@ def _hand_out(
 
     if out is not None:
         rows = tables.detail_rows(comparisons, summaries) if details else tables.comparison_rows(comparisons)
-        tables.write_table(out, rows, title=f"{len(summaries)} campaigns")
+        tables.write_table(out, rows, title=counted(len(summaries), "campaign"))
     if json:
         _print_json(comparisons, summaries)
     elif out is not None:

@@ -13,6 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from cfid.console.tables import value_and_deviation
+from cfid.counted import counted
 from cfid.errors import ConfigError
 from cfid.fleet.comparison import ComparedNumber
 from cfid.fleet.summary import Summary
@@ -39,7 +40,10 @@ def print_comparisons(comparisons: Sequence[ComparedNumber], summaries: Sequence
     runs = sum(summary.complete_runs for summary in summaries)
     others = sum(summary.other_runs for summary in summaries)
     console = Console()
-    console.print(f"{len(summaries)} campaigns, {runs} complete runs, {others} not complete", highlight=False)
+    console.print(
+        f"{counted(len(summaries), 'campaign')}, {counted(runs, 'complete run')}, {others} not complete",
+        highlight=False,
+    )
     table = Table(box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
     for heading in ("number", "n", "mean", "std", "scatter", "expected"):
         table.add_column(heading, overflow="fold", no_wrap=heading != "number")

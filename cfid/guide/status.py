@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from cfid.counted import counted
 from cfid.guide.plan import Aim, Assignment, Task, Words, tasks
 from cfid.quantities.values import Number
 from cfid.records.campaign import RUNS_FOLDER, Campaign
@@ -102,7 +103,7 @@ def next_of(statuses: Sequence[TaskStatus]) -> Next:
     for one in statuses:
         if one.state == "missing":
             recording = one.lacking[0]
-            why = f"{one.task.section}: {one.recorded} of {len(one.task.recordings)} runs are recorded."
+            why = f"{one.task.section}: {one.recorded} of {counted(len(one.task.recordings), 'run')} recorded."
             return Next(words=recording.words, why=why, recording=recording)
         if one.state in ("not fitted", "stale"):
             return Next(words=one.task.fit, why=f"{one.task.section}: {one.reason}")
@@ -132,7 +133,7 @@ def _status(task: Task, runs: Sequence[Run], section: Section | None, stale: Sta
     elif section is None:
         state, reason = "not fitted", "recorded, not fitted yet."
     elif newer := _newer(section, taken):
-        state, reason = "stale", f"{newer} run{'s were' if newer > 1 else ' was'} recorded after the fit."
+        state, reason = "stale", f"{counted(newer, 'run was', 'runs were')} recorded after the fit."
     elif lacking:
         reason = f"`cfid {' '.join(lacking[0].words)}` once more would show what drifted since the first."
     found = tuple(Certainty(aim=aim, std=None if section is None else _relative_std(section, aim)) for aim in task.aims)

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from scipy.optimize import brentq
 from scipy.special import chdtrc, chdtri
 
+from cfid.counted import counted
 from cfid.errors import FitError
 from cfid.estimate.linear import gain_of
 from cfid.estimate.propagation import Input, budget
@@ -207,7 +208,9 @@ def _check_axes(rows: Array) -> float:
     independent = int(np.count_nonzero(singular > _INDEPENDENT * singular[0]))
     if independent < UNKNOWNS:
         raise FitError(
-            f"{len(rows)} swings about {independent} independent axes: six are needed for the six entries of the "
+            f"{counted(len(rows), 'swing')} about "
+            f"{counted(independent, 'independent axis', 'independent axes')}: six are needed for the six entries "
+            "of the "
             "matrix. Swing about another axis; six that lie evenly are (0, 1, 1.618), (0, 1, -1.618), (1, 1.618, 0), "
             "(1, -1.618, 0), (1.618, 0, 1), (-1.618, 0, 1)."
         )

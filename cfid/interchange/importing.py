@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid import __version__
+from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.large import parts, usual_step
 from cfid.records.campaign import Campaign
@@ -80,7 +81,7 @@ def import_angle(campaign: Campaign, path: Path, reading: Reading, *, label: Lab
     found = read_angle(path, reading)
     record = DeviceRecord(file="encoder.csv", columns=("t", "phi"), angle_unit="rad")
     rate = 1 / usual_step(found.time_s)
-    rows = f"{len(found.time_s)} rows at {rate:.0f} Hz"
+    rows = f"{counted(len(found.time_s), 'row')} at {rate:.0f} Hz"
     devices = _Devices(
         records={ENCODER: record},
         blocks={ENCODER: _in_parts([found.time_s, found.angle_rad])},
@@ -104,7 +105,9 @@ def import_wrench(campaign: Campaign, path: Path, reading: WrenchReading, *, lab
         records={LOADCELL: DeviceRecord(file="loadcell.csv", columns=columns, units="n,nm")},
         blocks={LOADCELL: _in_parts(values)},
         begin_s=found.begin_s or 0.0,
-        understood=f"{path.name}: forces and torques, {len(found.time_s)} rows at {rate:.0f} Hz; kept in N and N m.",
+        understood=(
+            f"{path.name}: forces and torques, {counted(len(found.time_s), 'row')} at {rate:.0f} Hz; kept in N and N m."
+        ),
         source=found.source,
         program="table of forces",
         notes=found.notes,

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from cfid.counted import counted
 from cfid.records.logs.any_kind import read_log
 from cfid.records.logs.log import Series
 from cfid.records.logs.run import log_of_run
@@ -37,7 +38,7 @@ def recording_at(path: Path, reading: Foreign) -> Recording:
 
 def _of_run(run: Run) -> Recording:
     log = log_of_run(run)
-    rows = ", ".join(f"{one.name} {one.rows} rows" for one in log.series)
+    rows = ", ".join(f"{one.name} {counted(one.rows, 'row')}" for one in log.series)
     return Recording(
         name=run.folder.resolve().name,
         series=log.series,

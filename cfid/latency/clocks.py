@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.estimate.linear import fit_linear, sandwich, std_of
 from cfid.estimate.propagation import widened
@@ -89,7 +90,10 @@ def clock_line(device_s: Array, host_s: Array) -> ClockLine:
     Raises DataError for fewer than three points, or device times that do not change.
     """
     if len(device_s) < _FEWEST or np.ptp(device_s) <= 0:
-        raise DataError(f"{len(device_s)} stamps are too few to compare two clocks: at least {_FEWEST} are needed.")
+        raise DataError(
+            f"{counted(len(device_s), 'stamp is', 'stamps are')} too few to compare two clocks: at least "
+            f"{_FEWEST} are needed."
+        )
     middle, first = float(device_s.mean()), float(host_s[0])
     place, height = device_s - middle, host_s - first - (device_s - device_s[0])
     slope, level = _edge_below(place, height)

@@ -13,6 +13,7 @@ from cfid.console.outcome import deliver
 from cfid.console.recording import DryRun, KeepOptions, rehearse, rig_of
 from cfid.console.selection import chosen, labelled
 from cfid.console.vehicle import LinkOptions, Unasked
+from cfid.counted import counted
 from cfid.errors import FitError
 from cfid.lazy import later
 
@@ -65,7 +66,7 @@ def ping(
     every_s = positive(interval, "--interval")
     rig = rig_of(keep.campaign)
     if dry_run:
-        rehearse(f"{count} pings", rig[0].runs_folder, count * every_s)
+        rehearse(counted(count, "ping"), rig[0].runs_folder, count * every_s)
         return
     record_pings(
         count=count,

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cfid.counted import counted
 from cfid.errors import FitError
 from cfid.estimate.linear import fit_linear
 from cfid.loadcell.model import own_nonlinearity
@@ -66,7 +67,8 @@ def fit_axes(loads: Loads) -> dict[str, AxisFit]:
     determined = {axis: one for axis, one in found.items() if one is not None}
     if not determined:
         raise FitError(
-            f"{len(loads.load)} loads determine no gain: record the cell without a weight and with at least two "
+            f"{counted(len(loads.load), 'load determines', 'loads determine')} no gain: record the cell "
+            "without a weight and with at least two "
             "different ones, in the same orientation."
         )
     return determined

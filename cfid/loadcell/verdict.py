@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.records.run import Run
 from cfid.records.tables.wrench import WrenchReading, read_wrench
@@ -17,7 +18,7 @@ def verdict(run: Run) -> str:
     record = read_wrench(run.folder, WrenchReading())
     axis, shown = record.main_axis, 1e3 * record.values_of(record.main_axis)
     if len(shown) < _FEWEST:
-        raise DataError(f"{len(shown)} samples are too few (at least {_FEWEST}).")
+        raise DataError(f"{counted(len(shown), 'sample is', 'samples are')} too few (at least {_FEWEST}).")
     if not np.ptp(shown):
         raise DataError(f"{axis} is {shown[0]:.6g} in all {len(shown)} samples: press on the cell and see it change.")
     tenth, unit = len(shown) // 10, "mN" if axis.startswith("F") else "mNm"

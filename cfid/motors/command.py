@@ -12,6 +12,7 @@ from cfid.console.options import positive
 from cfid.console.recording import KeepOptions, ResumeOptions, rig_of
 from cfid.console.selection import interrupted
 from cfid.console.vehicle import ExperimentOptions, LogMs, Motor, motors_of
+from cfid.counted import counted
 from cfid.errors import ConfigError
 from cfid.lazy import later
 from cfid.units import FULL_COMMAND
@@ -207,7 +208,8 @@ def announce(staircase: "StaircasePlan") -> None:
     """Print what a staircase would do."""
     motors = ", ".join(map(str, staircase.motors))
     typer.echo(
-        f"{len(staircase.steps)} commands from {min(staircase.steps)} to {max(staircase.steps)} on motors {motors}, "
+        f"{counted(len(staircase.steps), 'command')} from {min(staircase.steps)} to {max(staircase.steps)} on "
+        f"motors {motors}, "
         f"{staircase.hold_s:g} s each with {staircase.rest_s:g} s of pause: {clock(staircase.duration_s)} min"
     )
 

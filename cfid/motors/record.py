@@ -10,6 +10,7 @@ from cfid.console.preflight import NOT_READ, quick
 from cfid.console.recording import Found, KeepOptions, Rig, effort_of, nothing_found, record
 from cfid.console.vehicle import ExperimentOptions, confirm, reach, refuse
 from cfid.console.verdicts import Judge
+from cfid.counted import counted
 from cfid.errors import ConfigError
 from cfid.motors.during import Steps
 from cfid.motors.plan import StaircasePlan
@@ -254,7 +255,7 @@ def _taken_back(command: int, value: float) -> str:
 
 
 def _steps_left(count: int) -> str:
-    return f"{count} step{'s' * (count != 1)} left"
+    return f"{counted(count, 'step')} left"
 
 
 async def run_staircase(staircase: StaircasePlan, commands: MotorCommands, *, loop: Any, tell: Tell) -> None:

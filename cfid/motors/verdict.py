@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from cfid.counted import counted
 from cfid.errors import DataError, FitError
 from cfid.motors.data import reduce_run
 from cfid.motors.plan import StaircasePlan
@@ -36,4 +37,4 @@ def of_readings(run: Run) -> str:
     read = int(np.count_nonzero(np.isfinite(value)))
     if read < _SHARE * steps:
         raise DataError(f"only {read} of {steps} steps have a reading.")
-    return f"{read} readings at {steps} steps, from {value.min():g} to {value.max():g}."
+    return f"{counted(read, 'reading')} at {counted(steps, 'step')}, from {value.min():g} to {value.max():g}."

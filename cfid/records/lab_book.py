@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from difflib import get_close_matches
 
+from cfid.counted import counted
 from cfid.errors import ConfigError
 from cfid.records.facts import LabBook
 from cfid.records.run import Run, RunHeader
@@ -57,7 +58,7 @@ def summary(runs: Sequence[Run]) -> dict[str, dict[str, int]]:
 def lines(book: dict[str, dict[str, int]]) -> list[str]:
     """Return a summary as text: "battery: B3 (12 runs), B4 (1 run)"."""
     return [
-        f"{key}: " + ", ".join(f"{value} ({count} run{'s' * (count != 1)})" for value, count in values.items())
+        f"{key}: " + ", ".join(f"{value} ({counted(count, 'run')})" for value, count in values.items())
         for key, values in book.items()
     ]
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from cfid.counted import counted
 from cfid.errors import DataError
 
 _LOSSES = (errno.EIO, errno.ENOSPC, errno.EDQUOT)  # other errors of a flush: the file system has none
@@ -50,7 +51,7 @@ class RowFile:
             raise ValueError(f"{self.path.name} has the columns {self.columns}, each as long as the others")
         if os.fstat(self._raw.fileno()).st_nlink == 0:
             raise DataError(
-                f"{self.path}: was removed during the recording, with its {self.rows} rows: record it again."
+                f"{self.path}: was removed during the recording, with its {counted(self.rows, 'row')}: record it again."
             )
         try:
             self._write(_lines(columns))

@@ -129,11 +129,10 @@ def _numbers(known: Known) -> Iterator[MainNumber]:
 def _main(title: str, value: float, std: float | None, scale: float, unit: str) -> MainNumber:
     shown, spread = value_and_deviation(scale * value, None if std is None else scale * std)
     relative = "" if std is None or value == 0 else percent(std / abs(value))
-    value = shown if spread == "-" else f"{shown} ± {spread}"
+    text = shown if spread == "-" else f"{shown} ± {spread}"
     if unit.startswith(_MILLIONTH):
-        value = f"{shown}·" if spread == "-" else f"({value})·"
-        return MainNumber(title, value + unit, relative)
-    return MainNumber(title, f"{value} {unit}", relative)
+        return MainNumber(title, f"{text if spread == '-' else f'({text})'}·{unit}", relative)
+    return MainNumber(title, f"{text} {unit}", relative)
 
 
 def _weakest(statuses: Sequence[TaskStatus]) -> str:

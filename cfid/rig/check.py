@@ -6,6 +6,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from cfid.counted import counted
 from cfid.errors import DeviceError
 from cfid.records.devices import EncoderPort, LoadCellBox
 from cfid.rig import box as loadcell_box
@@ -101,7 +102,7 @@ def _http(setting: LoadCellBox) -> tuple[Settings | None, DeviceAnswer]:
         f"{settings.product}, firmware {settings.firmware}, calibration {settings.calibration_serial} "
         f"({settings.configuration}), {settings.counts_per_force:g} counts/{settings.force_unit}, "
         f"{settings.counts_per_torque:g} counts/{settings.torque_unit}, {settings.rate_hz} Hz, "
-        f"{settings.buffer_size} record{'s' if settings.buffer_size > 1 else ''} a datagram"
+        f"{counted(settings.buffer_size, 'record')} a datagram"
     )
     if not settings.rdt_enabled:
         return settings, DeviceAnswer(

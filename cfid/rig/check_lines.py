@@ -8,6 +8,7 @@ import numpy.typing as npt
 import serial
 from scipy.ndimage import median_filter
 
+from cfid.counted import counted
 from cfid.errors import DeviceError
 from cfid.records.line_devices import LineDevice, LineValue
 from cfid.rig.check import DeviceAnswer
@@ -71,7 +72,9 @@ def _resolution(setting: LineDevice, value: LineValue, numbers: npt.NDArray[np.f
     steps = np.diff(np.unique(shown))
     now = f"{shown[-1]:.6g} {setting.column_unit(value)}"
     if not len(steps):
-        return DeviceAnswer(value.name, "ok", f"{now}, no change in {len(shown)} lines", "touch it: it has to change")
+        return DeviceAnswer(
+            value.name, "ok", f"{now}, no change in {counted(len(shown), 'line')}", "touch it: it has to change"
+        )
     if alone := _outliers(shown):
         advice = "numbers that lost digits? Let the device end its lines with a checksum, shorten the cable"
         return DeviceAnswer(value.name, "warning", f"{now}, {alone} of {len(shown)} readings far off alone", advice)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from twisted.internet.defer import Deferred
 
+from cfid.counted import counted
 from cfid.errors import DeviceError
 from cfid.rig.clock import HostClock
 from cfid.rig.motors import STOPPED, Firmware, SinePlayer
@@ -82,7 +83,9 @@ class Crossings:
                     timer.cancel()
         if done.outcome not in (None, AppOutcome.FINISHED):
             since = f": {self._vehicle.stall}" if self._vehicle.stall else ""
-            raise DeviceError(f"{self._vehicle.uri}: the sine {_outcome(done)}, after {done.samples} samples{since}.")
+            raise DeviceError(
+                f"{self._vehicle.uri}: the sine {_outcome(done)}, after {counted(done.samples or 0, 'sample')}{since}."
+            )
         return done
 
     def take(self) -> Block:

@@ -5,6 +5,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from cfid.counted import counted
 from cfid.errors import DeviceError
 from cfid.rig.clock import HostClock
 from cfid.rig.listening import Listen, Port
@@ -235,7 +236,7 @@ class HandHeld:
         if self._gone:
             raise DeviceError(f"{self._where}: the {self.name} was unplugged: plug it in and start again.")
         if silent_s >= _SILENT_S:
-            unread = f"{self._unread_bytes} bytes without a reading, {self._last_bytes!r} the last: "
+            unread = f"{counted(self._unread_bytes, 'byte')} without a reading, {self._last_bytes!r} the last: "
             nothing = "nothing: it is off, not set to send continuously, or not on this port."
             sent = unread + self._parser.explain() if self._unread_bytes else nothing
             raise DeviceError(f"{self._where}: in {silent_s:.0f} s the {self.name} sent {sent}")

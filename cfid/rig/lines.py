@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cfid.counted import counted
 from cfid.errors import DeviceError
 from cfid.records.line_devices import LineDevice
 from cfid.rig.clock import HostClock
@@ -178,7 +179,8 @@ class Lines:
         unread = ""
         if self._reader.rejected:
             unread = (
-                f" {self._reader.rejected} lines do not match what rig.toml states, the last one "
+                f" {counted(self._reader.rejected, 'line does', 'lines do')} not match what rig.toml states, "
+                "the last one "
                 f"'{printable(self._reader.last_rejected)}'."
             )
         raise DeviceError(

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
 from matplotlib.transforms import ScaledTranslation
 
+from cfid.counted import counted
 from cfid.drawing.numbers import plus_minus
 from cfid.drawing.pieces import Piece, pieces
 from cfid.drawing.style import (
@@ -113,7 +114,7 @@ def _draw_recording(axes: Axes, swing: FreeSwing) -> None:
         swing.peak_time_s[:used],
         raw(swing.peak_angle_rad[:used]),
         color=MODEL,
-        label=f"{used} peaks used",
+        label=f"{counted(used, 'peak')} used",
         **found,
     )
     if used < len(swing.peak_time_s):

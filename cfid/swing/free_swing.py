@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.estimate.signals import GRID_S, HalfSwing, check_dense, half_swings, resample, smooth, vertex
 from cfid.findings import Finding, note, warning
@@ -113,7 +114,8 @@ def find_swing(
     kept = (time >= (from_s or 0.0)) & (time <= (math.inf if to_s is None else to_s))
     if np.count_nonzero(kept) < 16:
         raise DataError(
-            f"only {np.count_nonzero(kept)} samples lie in the window requested; the record lasts {time[-1]:.3g} s."
+            f"only {counted(int(np.count_nonzero(kept)), 'sample lies', 'samples lie')} in the window requested; "
+            f"the record lasts {time[-1]:.3g} s."
         )
     check_dense(time[kept])
     first = int(np.flatnonzero(kept)[0])
@@ -287,7 +289,8 @@ def _usable(peak_angle: Array, requested: int | None, smallest: float) -> tuple[
     found = len(peak_angle)
     if found < FEWEST_PEAKS:
         raise DataError(
-            f"{found} usable peaks of at least 1 degree, the highest {math.degrees(np.abs(peak_angle).max()):.2g}: a "
+            f"{counted(found, 'usable peak')} of at least 1 degree, the highest "
+            f"{math.degrees(np.abs(peak_angle).max()):.2g}: a "
             f"fit needs {FEWEST_PEAKS}. Release higher and let it swing until it stops; look at it with `cfid show`; "
             "check the angle's unit and the counts per turn."
         )

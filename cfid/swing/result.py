@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from cfid.counted import counted
 from cfid.errors import FitError
 from cfid.findings import Finding, rejection, warning
 from cfid.records.parameters import Parameter
@@ -266,6 +267,6 @@ def _window_line(swing: FreeSwing) -> str:
     first, last = (abs(math.degrees(swing.peak_angle_rad[i])) for i in (0, swing.peaks_used - 1))
     return (
         f"window: release at {swing.release_s:.2f} s, fitted from {swing.time_s[swing.hand_gone]:.2f} to "
-        f"{swing.time_s[swing.end]:.2f} s, {swing.peaks_used} of {len(swing.peak_time_s)} peaks, "
+        f"{swing.time_s[swing.end]:.2f} s, {swing.peaks_used} of {counted(len(swing.peak_time_s), 'peak')}, "
         f"{first:.1f} down to {last:.1f} degrees"
     )

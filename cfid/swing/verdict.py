@@ -5,6 +5,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from cfid.counted import counted
 from cfid.errors import DataError, FitError
 from cfid.findings import joined, texts
 from cfid.records.run import Run
@@ -32,7 +33,8 @@ def verdict(run: Run) -> str:
     degrees = math.degrees(float(np.max(np.abs(swing.peak_angle_rad))))
     frequency, std = fitted.coefficients.natural_frequency_squared_s2, fitted.std.natural_frequency_squared_s2
     return (
-        f"{swing.peaks_used} peaks from {degrees:.0f} degrees, {1e3 * fitted.residual_rms_rad:.2g} mrad off the "
+        f"{counted(swing.peaks_used, 'peak')} from {degrees:.0f} degrees, {1e3 * fitted.residual_rms_rad:.2g} "
+        "mrad off the "
         f"pendulum, inertia known to {100 * std / frequency:.1g} % from the swing alone."
     )
 

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc
 
+from cfid.counted import counted
 from cfid.errors import FitError
 from cfid.estimate.linear import propagated, std_of
 from cfid.findings import Finding, rejection, warning
@@ -223,7 +224,8 @@ def fit_transfer(measured: Sequence[MeasuredSeries], *, shape: Shape = "first+de
     needed = unknowns(shape, len(measured))
     if 2 * count <= needed or not all(series.responses for series in measured):
         raise FitError(
-            f"{count} frequencies are too few for a transfer function with {needed} parameters: record more sines."
+            f"{counted(count, 'frequency is', 'frequencies are')} too few for a transfer function with "
+            f"{needed} parameters: record more sines."
         )
     if len({response.form for series in measured for response in series.responses}) > 1:
         raise FitError("responses of two forms cannot be fitted together: take all of them in one.")

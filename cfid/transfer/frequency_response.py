@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cfid.counted import counted
 from cfid.errors import DataError, FitError
 from cfid.estimate.blocks import block_means
 from cfid.transfer.model import Form
@@ -83,7 +84,9 @@ def respond(run: SineRun, *, settle_s: float = SETTLE_S, form: Form = "hold") ->
     omega = run.frequency_rad_s
     columns = _columns(time_s, omega)
     if len(force) < 2 * len(columns):
-        raise FitError(f"{run.name}: {len(force)} samples of force after {settle_s:g} s are too few for a sine.")
+        raise FitError(
+            f"{run.name}: {counted(len(force), 'sample')} of force after {settle_s:g} s: too few for a sine."
+        )
     inverse = np.linalg.inv(columns @ columns.T)
     found = inverse @ (columns @ force)
     phasors = found[3::2] - 1j * found[4::2]

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from cfid.counted import counted
 from cfid.errors import DataError, FitError
 from cfid.findings import Finding, note, rejection, warning
 from cfid.transfer.sines.alignment import RecordedSine, Sign
@@ -89,7 +90,8 @@ class ThesisFit:
         elsewhere, count = sum(own.elsewhere for own in self.responses), len(self.responses)
         pole = "its slowest pole is no decay, which no motor has."
         peaks = (
-            f"in {elsewhere} of {count} runs the force's largest peak is not at the sine: are the channel and the "
+            f"in {elsewhere} of {counted(count, 'run')} the force's largest peak is not at the sine: are the "
+            "channel and the "
             "motor those of the runs?"
         )
         return (
@@ -204,7 +206,8 @@ def least_squares(value: Complex, omega_rad: Array, weights: Array, settings: Th
     poles, zeros = np.arange(1, settings.denominator), np.arange(settings.numerator)
     if 2 * len(value) < len(poles) + len(zeros):
         raise FitError(
-            f"{len(value)} frequencies are too few for A = {settings.denominator}, B = {settings.numerator}."
+            f"{counted(len(value), 'frequency is', 'frequencies are')} too few for A = "
+            f"{settings.denominator}, B = {settings.numerator}."
         )
     columns = np.concatenate(
         [value[:, None] * np.exp(-1j * omega_rad[:, None] * poles), -np.exp(-1j * omega_rad[:, None] * zeros)], axis=1

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.flight.data import FlownLog
 from cfid.flight.model import LEVER, ROW_S
@@ -42,7 +43,7 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Mapping[str
     at = starts(flown.by_command)
     if len(at) < FEWEST:
         raise DataError(
-            f"{flown.log.path}: {len(at)} segments of 1 s in the air with every motor within its range "
+            f"{flown.log.path}: {counted(len(at), 'segment')} of 1 s in the air with every motor within its range "
             f"(at least {FEWEST}): fly for longer."
         )
     each = {one.name: errors(flown.flight if one.in_volts else flown.by_command, one, at) for one in sets}
@@ -51,7 +52,7 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Mapping[str
     def drawings() -> Figures:
         from cfid.validation.figures import validation_figure
 
-        title = f"{flown.flight.name}: {len(at)} segments of 1 s"
+        title = f"{flown.flight.name}: {counted(len(at), 'segment')} of 1 s"
         return {f"validate_{flown.flight.name}": validation_figure(each, title=title)}
 
     return Result(
@@ -118,7 +119,10 @@ def _described(one: ParameterSet) -> str:
 
 def _lines(table: Sequence[SetError], flown: FlownLog, count: int) -> list[str]:
     captured = flown.flight.velocity is not None
-    lines = [f"mean errors over {count} segments of 1 s; in brackets how much more than {table[0].name}, with 95 %:"]
+    lines = [
+        f"mean errors over {counted(count, 'segment')} of 1 s; in brackets how much more than "
+        f"{table[0].name}, with 95 %:"
+    ]
     for quantity in QUANTITIES:
         for rows in HORIZONS:
             here = [one for one in table if one.quantity == quantity and one.horizon_s == ROW_S * rows]

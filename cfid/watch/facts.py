@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from html import escape
 
 from cfid.console.messages import clock
+from cfid.counted import counted
 from cfid.records.logs.log import printable
 from cfid.watch.live_run import DeviceProgress, LiveRun
 
@@ -59,5 +60,5 @@ def _of_device(name: str, device: DeviceProgress, run: LiveRun) -> tuple[str, st
     rate = f"{device.rate_hz:.0f}{requested} Hz, " if device.rate_hz > _SLOWEST_HZ else ""
     lost = device.missing if run.recording else record.lost
     losses = "" if lost is None else f", {lost} lost"
-    unreadable = f", {device.tail.unreadable} bytes unreadable" if device.tail.unreadable else ""
-    return name, f"{rate}{device.rows} rows{losses}{unreadable}", bool(lost or device.tail.unreadable)
+    unreadable = f", {counted(device.tail.unreadable, 'byte')} unreadable" if device.tail.unreadable else ""
+    return name, f"{rate}{counted(device.rows, 'row')}{losses}{unreadable}", bool(lost or device.tail.unreadable)

@@ -5,7 +5,9 @@ import fcntl
 import json
 import os
 import pty
+import re
 import struct
+import subprocess
 import termios
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,7 +16,7 @@ from typing import Any
 import pytest
 
 from cfid.cli.rig import report_answers
-from cfid.console.messages import fitted
+from cfid.console.messages import fault, fitted, note
 from cfid.console.options import Delivery
 from cfid.console.outcome import deliver
 from cfid.console.recording import print_summary
@@ -26,6 +28,7 @@ from cfid.records.parameters import Parameter
 from cfid.records.result import Result
 from cfid.records.run import Run, list_runs, read_run
 from cfid.rig.check import DeviceAnswer
+from tests.rig_in_a_folder import lab_in
 
 COLUMNS, MARK = 80, "that was all"
 LONG = "the waveform differs from a pendulum's by 2.4 % of the release angle (limit 0.16 %): a cable. " * 3
@@ -91,6 +94,46 @@ def test_a_question_on_stderr_is_wrapped_at_its_own_terminal(screen: Screen) -> 
     assert len(lines) > 1
     assert all(len(line) <= COLUMNS for line in lines)
     assert " ".join(lines) == LONG.strip()
+
+
+@pytest.mark.parametrize("said", [fault, note])
+def test_an_error_and_a_note_fit_the_terminal_line_by_line(screen: Screen, said: Callable[[str], None]) -> None:
+    def speak() -> None:
+        with contextlib.redirect_stderr(screen.file):
+            said(f"{LONG.strip()}\nNot read either: a table\n  with a row")
+
+    lines = [re.sub(r"\x1b\[\d+m", "", line) for line in screen.lines(of=speak)]
+
+    assert all(len(line) <= COLUMNS for line in lines)
+    assert all(line.startswith("      ") for line in lines[1:-2])
+    assert lines[-2:] == ["Not read either: a table", "  with a row"]
+    assert " ".join(" ".join(lines[:-2]).split()).endswith(LONG.strip())
+
+
+def test_the_end_of_input_at_next_and_a_silent_cell_are_said_within_80_columns(tmp_path: Path, screen: Screen) -> None:
+    with lab_in(tmp_path) as lab:
+        lab.start("next", stdin=subprocess.DEVNULL, stderr=screen.file).process.wait(60)
+        log = lab.start("log", "loadcell", stderr=screen.file)
+        log.wait_for_rows(20)
+        lab.loadcell_suffers(silent_after_s=0)
+        log.process.wait(60)
+        frames = [frame for line in screen.lines(of=lambda: None) for frame in line.split("\r")]
+    said = " ".join(" ".join(frames).split())
+
+    assert all(len(re.sub(r"\x1b\[\d+m", "", frame)) <= COLUMNS for frame in frames if str(tmp_path) not in frame)
+    assert "standard input ended before an answer, nothing was started. Run `cfid next`" in said
+    assert "sent nothing more for" in said
+    assert "`cfid rig check` finds which." in said
+
+
+def test_the_lines_of_a_result_fit_the_terminal_and_tables_stay(screen: Screen) -> None:
+    row = "first      1.0000     2.0000"
+    result = Result(command="tf latency", section="", method="default", quantities={}, lines=(row, LONG.strip()))
+    lines = screen.lines(of=lambda: deliver(result, Delivery(), None))
+
+    assert lines[0] == row
+    assert all(len(line) <= COLUMNS for line in lines)
+    assert " ".join(lines[1:]) == LONG.strip()
 
 
 def test_a_verdict_is_wrapped_on_the_terminal_and_whole_in_the_run(bodies: Path, screen: Screen) -> None:

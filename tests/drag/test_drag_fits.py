@@ -317,7 +317,7 @@ def copy_file(tunnel: WindFolder) -> None:
 NOISE = "t,Fx,Fy,Fz,Tx,Ty,Tz\n" + "".join(f"{0.0025 * i:.4f},1,2,{i % 7},4,5,6\n" for i in range(2400))
 SPOILT: dict[str, tuple[Spoil, str]] = {
     "wind without an angle": (change(20000, WINDS[1], angle_deg=""), "wind of 2.6 m/s without an angle"),
-    "an angle without wind": (becalm, "run(s) at 77.9 degrees, none with wind"),
+    "an angle without wind": (becalm, "runs at 77.9 degrees, none with wind"),
     "no lowest wind": (change(20000, WINDS[1], wind_min_mps=""), "wind.csv:9: '' in column 'wind_min_mps'"),
     "nan": (change(20000, WINDS[1], wind_max_mps="nan"), "'nan' in column 'wind_max_mps' is not a number"),
     "winds exchanged": (change(20000, WINDS[1], wind_min_mps="9"), "give the lowest reading, then the highest"),
@@ -386,7 +386,7 @@ def test_a_table_states_what_it_lacks(tmp_path: Path) -> None:
     found = drag.read_forces(tmp_path / "forces.csv")
 
     assert [one.code for one in found.findings] == ["drag-standing-rotors", "drag-table-without-noise"]
-    assert found.findings[0].text.startswith("forces.csv: 1 row(s) without wind or with standing rotors")
+    assert found.findings[0].text.startswith("forces.csv: 1 row without wind or with standing rotors")
 
 
 def test_an_unknown_column_is_reported(tunnel: WindFolder) -> None:

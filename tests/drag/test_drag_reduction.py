@@ -67,7 +67,7 @@ def test_standing_rotors_are_recorded_and_unused_and_that_is_noted(runs: list[Wi
 
     assert 0 not in experiments.command
     assert len(experiments.command) == 90
-    assert texts(runs, "note") == ["15 run(s) in wind with standing rotors contain no drag of rotors: not used."]
+    assert texts(runs, "note") == ["15 runs in wind with standing rotors contain no drag of rotors: not used."]
 
 
 def test_the_reference_is_that_of_the_same_command_whatever_the_angle(runs: list[WindForce]) -> None:
@@ -107,7 +107,7 @@ def test_a_battery_that_differs_from_that_of_its_reference_is_reported_with_the_
     (found,) = sagged(runs)
 
     assert (found.code, found.severity) == ("drag-battery-differs", "warning")
-    assert found.text.startswith("35 run(s) had another battery voltage than their reference, run ")
+    assert found.text.startswith("35 runs had another battery voltage than their reference, run ")
     assert "by -1.4 %" in found.text
     assert sagged([replace(run, volts=3.7) for run in runs]) == []
     assert sagged(exact_runs(SIMPLE_AIR)) == []
@@ -125,7 +125,7 @@ def test_a_single_reading_of_a_wind_takes_the_spread_of_the_others() -> None:
 
     np.testing.assert_allclose(alone.wind_relative_std, 0.05)
     np.testing.assert_allclose(among.wind_relative_std, 0.2 / math.sqrt(12))
-    assert "90 run(s) state a single wind speed: a relative standard uncertainty of 5 % is taken, by default." in texts(
+    assert "90 runs state a single wind speed: a relative standard uncertainty of 5 % is taken, by default." in texts(
         runs, "note"
     )
     assert "of 5.8 % is taken, as in the median of the others." in texts(spread, "note")[0]
@@ -135,7 +135,7 @@ def test_runs_whose_reference_is_missing_are_named_and_left_out(runs: list[WindF
     lacking = [run for run in runs if run.windy or run.command not in {20000, 40000}]
     reduced = reduce_forces(lacking)
     whole = reduce_forces(runs)
-    sentence = "no run without wind at command 20000, 40000: 30 run(s) in wind need it"
+    sentence = "no run without wind at command 20000, 40000: 30 runs in wind need it"
 
     assert any(text.startswith(sentence) for text in texts(lacking, "warning"))
     kept = ~np.isin(whole.command, [20000, 40000])
@@ -158,7 +158,7 @@ def test_a_wind_without_an_angle_is_named(runs: list[WindForce]) -> None:
 def test_an_angle_without_wind_is_named_and_not_taken_for_references(runs: list[WindForce]) -> None:
     calm = [placed(run, min_mps=0.0, max_mps=0.0) if run.setting.angle_deg == 48.4 else run for run in runs]
 
-    with pytest.raises(DataError, match=r"35 run\(s\) at 48.4 degrees, none with wind \(run 42\): give their wind"):
+    with pytest.raises(DataError, match=r"35 runs at 48.4 degrees, none with wind \(run 42\): give their wind"):
         reduce_forces(calm)
 
 

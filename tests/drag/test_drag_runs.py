@@ -164,7 +164,7 @@ def test_a_battery_below_that_of_the_reference_is_reported(campaign: Path) -> No
     found = drag.read_runs([blown(campaign, WINDS[0]), blown(campaign, WINDS[2], volts=3.65)])
     (text,) = (one.text for one in found.findings if one.code == "drag-battery-differs")
 
-    assert "2 run(s) had another battery voltage than their reference" in text
+    assert "2 runs had another battery voltage than their reference" in text
     assert "by -1.4 %" in text
 
 

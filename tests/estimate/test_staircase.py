@@ -249,9 +249,7 @@ def test_a_given_window_is_averaged_as_it_is_and_a_given_lag_is_kept() -> None:
     assert {first.lag_s, second.lag_s} == {0.2}
 
 
-@pytest.mark.parametrize(
-    ("windows", "said"), [([(2.5, 3.5)], "1 windows are given for 2"), ([(2.5, 2.5)] * 2, "fewer")]
-)
+@pytest.mark.parametrize(("windows", "said"), [([(2.5, 3.5)], "1 window is given for 2"), ([(2.5, 2.5)] * 2, "fewer")])
 def test_windows_that_are_none_are_refused(windows: list[tuple[float, float]], said: str) -> None:
     with pytest.raises(DataError, match=said):
         reduced(record((20000, 40000)), window_override=windows)

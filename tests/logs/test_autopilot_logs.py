@@ -46,7 +46,7 @@ def test_topics_of_a_ulog_file_are_series_in_px4_s_units(tmp_path: Path) -> None
     (rates,) = (series for series in log.series if series.name == "vehicle_angular_velocity")
     assert [channel.unit for channel in rates.channels] == ["rad/s"] * 3
     assert "FMU6" in log.program
-    assert "1 dropouts, of 0.025 s" in log.notes[0]
+    assert "1 dropout, of 0.025 s" in log.notes[0]
 
 
 @pytest.mark.parametrize(
@@ -242,4 +242,4 @@ def test_a_damaged_time_of_a_ulog_file_costs_its_row(tmp_path: Path) -> None:
     series = next(one for one in log.series if one.name == "vehicle_angular_velocity")
     assert np.all(np.diff(series.time_s) > 0)
     assert series.rows == COUNT - 2
-    assert "2 rows whose time is not between those of their neighbours are left out." in log.notes
+    assert "2 rows with a time that is not between those of the neighbours left out." in log.notes

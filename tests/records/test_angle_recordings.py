@@ -262,7 +262,7 @@ def test_a_time_beyond_all_numbers_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("rows", [1, 15])
 def test_a_handful_of_rows_is_no_recording(tmp_path: Path, rows: int) -> None:
     message = refusal(tmp_path, text_of(TIME_S[:rows], words(ANGLE_RAD[:rows])))
-    assert f"{rows} rows; a recording has at least 16" in message
+    assert f"{'1 row' if rows == 1 else f'{rows} rows'}; a recording has at least 16" in message
 
 
 # Angle
@@ -469,8 +469,7 @@ def test_a_gap_in_a_bare_file_is_named_with_its_line(tmp_path: Path) -> None:
     lines = text_of(TIME_S, ANGLE_RAD, "t,phi_rad").splitlines()
     record = read(tmp_path, "\n".join([*lines[:501], *lines[801:], ""]))
     assert record.notes == (
-        "swing.csv: 1 gap(s) without rows, the longest of 0.301 s after line 501 (0.499 s); rows are usually 1 ms "
-        "apart.",
+        "swing.csv: 1 gap without rows, the longest of 0.301 s after line 501 (0.499 s); rows are usually 1 ms apart.",
     )
 
 

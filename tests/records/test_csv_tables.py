@@ -201,7 +201,7 @@ FAULTS: dict[str, tuple[str | bytes, str]] = {
     "text in spaces": ("t phi\n 0  1\n\n 0.1  x\n", "4: 'x' in column 'phi'"),
     "too many fields": ("t,phi\n0,1\n0.1,2,3\n", "3: 3 fields where the file has 2 columns"),
     "too many fields everywhere": ("t,phi\n0,001,1\n0,002,2\n", "2: 3 fields where the file has 2 columns"),
-    "too few fields": ("t,phi\n0,1\n0.1\n0.2,3\n", "3: 1 fields where the file has 2 columns"),
+    "too few fields": ("t,phi\n0,1\n0.1\n0.2,3\n", "3: 1 field where the file has 2 columns"),
     "too few fields in a column that nobody reads": ("t,phi,x\n0,1,2\n0.1,4\n", "3: 2 fields"),
     "too many fields between spaces": ("t phi\n0 1\n0.1 2 3\n", "3: 3 fields where the file has 2 columns"),
     "a torn row with another after it": ("t,phi\n0.001,4000.002,17\n", "2: 3 fields"),

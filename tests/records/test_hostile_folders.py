@@ -37,7 +37,7 @@ def test_a_run_that_is_removed_while_it_is_recorded_ends_with_the_next_rows(tmp_
     writer.append("encoder", ([1.0], [7]))
     shutil.rmtree(writer.folder)
 
-    with pytest.raises(DataError, match=r"encoder\.csv: was removed during the recording, with its 1 rows"):
+    with pytest.raises(DataError, match=r"encoder\.csv: was removed during the recording, with its 1 row"):
         writer.append("encoder", ([2.0], [8]))
     with pytest.raises(DataError, match=r"run\.toml: cannot be written"):
         writer.close("failed")

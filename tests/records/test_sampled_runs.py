@@ -53,7 +53,7 @@ def test_spans_in_which_an_encoder_gave_nothing_are_said(tmp_path: Path) -> None
 
     notes = read_angle(folder, Reading()).notes
 
-    assert f"{folder.name}: no samples for 1.5 s in 3 gap(s): no position came, unplugged." in notes
+    assert f"{folder.name}: no samples for 1.5 s in 3 gaps: no position came, unplugged." in notes
 
 
 def test_an_encoders_gap_that_makes_no_sense_is_refused_by_key(tmp_path: Path) -> None:

@@ -194,9 +194,7 @@ def test_a_row_without_a_command_is_left_out_and_a_column_of_text_is_not_used(tm
     assert np.asarray(table.thrust_n).tolist() == [0, 0.2]
     assert table.torque_nm is None
     assert "stand.csv: 'torque_nm' holds no number: it is not used." in notes_of(table)
-    assert "stand.csv: 1 rows without a time or command (first: line 3) are left out." in texts(
-        table.findings, "warning"
-    )
+    assert "stand.csv: 1 row without a time or command (first: line 3) is left out." in texts(table.findings, "warning")
 
 
 def test_a_column_of_an_unknown_unit_is_named_where_it_is_not_needed(tmp_path: Path) -> None:
@@ -223,7 +221,7 @@ def test_a_column_of_an_unknown_unit_is_named_where_it_is_not_needed(tmp_path: P
         ("pwm,rpm1,rpm_mean\n1,4,2\n", "more than one column of speeds: rpm1, rpm_mean"),
         ("1,4\n2,5\n", "no header for its 2 columns. Known names: cmd"),
         ("cmd,thrust_n\n2000,bad\n4000,nan\n", "nothing measured among cmd, thrust_n. Known names: cmd"),
-        ("cmd,thrust_n\n2000,0.1\n4000\n", "stand.csv:3: 1 fields where the file has 2 columns"),
+        ("cmd,thrust_n\n2000,0.1\n4000\n", "stand.csv:3: 1 field where the file has 2 columns"),
         ("pwm,thrust_n\n2000,0.1\n-4000,0.1\n", "stand.csv:3: -4000 in column 'pwm': a command is zero or more"),
         ("cmd,thrust_n\n2000,0.1\n70000,0.1\n", "stand.csv:3: 70000 in column 'cmd': the largest is 65535"),
         (

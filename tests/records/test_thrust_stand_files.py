@@ -108,7 +108,7 @@ def test_the_range_of_pulses_is_said_where_it_is_assumed_and_can_be_given(tmp_pa
     assert message in notes_of(read(tmp_path, text_of()))
     given = read(tmp_path, text_of(), esc_us=(1100.0, 2200.0))
     assert given.command == pytest.approx(np.rint([0, 65535 * 150 / 1100, 65535 * 400 / 1100, 65535 * 900 / 1100]))
-    assert "1 rows have pulses below 1100 us: motors stand there, command 0" in " ".join(notes_of(given))
+    assert "1 row has pulses below 1100 us: motors stand there, command 0" in " ".join(notes_of(given))
     assert not any("`esc_us`" in note for note in notes_of(given))
     longer = refusal(tmp_path, text_of(), esc_us=(1000.0, 1900.0))
     assert "stand.csv:5: 2000 us in 'ESC signal (µs)' is longer than the full throttle of `esc_us` 1000,1900" in longer
@@ -146,7 +146,7 @@ def test_rows_that_follow_quickly_are_a_recording_whose_clock_may_jitter(tmp_pat
 
     assert np.asarray(table.time_s) == pytest.approx(0.01 * np.arange(80))
     assert np.asarray(table.thrust_n) == pytest.approx(GF * np.arange(80))
-    assert "time goes back in 1 rows, by 0.01 at most" in " ".join(notes_of(table))
+    assert "time goes back in 1 row, by 0.01 at most" in " ".join(notes_of(table))
     assert "a recording of 0.79 s in 80 rows, 100 Hz" in texts(table.findings, "note")[0]
 
 
@@ -170,7 +170,7 @@ def test_the_speed_is_that_of_the_sensor_that_sees_the_rotor(tmp_path: Path) -> 
     assert any("are 0 throughout: no speed is used" in note for note in notes_of(neither))
     lost = read(tmp_path, text_of([(*row[:5], row[5] if row[1] != 1250 else 0, 0) for row in STEPS]))
     assert np.isnan(np.asarray(lost.speeds_rad_s)[1, 0])
-    assert any("shows 0 in 1 rows in which rotors turn" in note for note in notes_of(lost))
+    assert any("shows 0 in 1 row in which rotors turn" in note for note in notes_of(lost))
 
 
 def test_a_stand_with_two_sensors_of_speed_is_known_as_one(tmp_path: Path) -> None:

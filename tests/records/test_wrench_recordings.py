@@ -129,7 +129,7 @@ def test_what_a_run_lacks_is_said(tmp_path: Path) -> None:
         "the run failed (no power); the recorded rows are used.",
         "40 samples were lost while recording.",
         "recorded on the simulated rig.",
-        "no samples for 3.0 s in 2 gap(s): the stream broke off.",
+        "no samples for 3.0 s in 2 gaps: the stream broke off.",
     ]
 
 

@@ -293,7 +293,7 @@ def test_the_order_of_the_runs_does_not_matter() -> None:
 
 def test_too_few_frequencies_are_refused() -> None:
     found = measured((3, 8))
-    with pytest.raises(FitError, match="1 frequencies are too few for a transfer function with 3 parameters"):
+    with pytest.raises(FitError, match="1 frequency is too few for a transfer function with 3 parameters"):
         fit_transfer([replace(found, responses=found.responses[:1])])
     with pytest.raises(FitError, match="0 frequencies"):
         fit_transfer([replace(found, responses=())])

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from cfid.counted import counted
 from cfid.drag.experiments import UNSTATED_WIND_STD, DragExperiments, standing_left_out
 from cfid.drag.wind.frames import AZIMUTH_DEG, velocity_in_air, wind_speed
 from cfid.drag.wind.plan import FASTEST_MPS, HIGHEST_DEG, WindSetting
@@ -73,7 +74,7 @@ def reduce_forces(forces: Sequence[WindForce]) -> DragExperiments:
     _check_angles(forces)
     windy, unreferenced = _with_reference(windy, references)
     experiments, spread = _experiments(windy, references)
-    left_out = [standing_left_out(f"{len(standing)} run(s) in wind with standing rotors")] if standing else []
+    left_out = [standing_left_out(f"{counted(len(standing), 'run')} in wind with standing rotors")] if standing else []
     left_out += unreferenced
     thrusts = {command: (reference.name, reference.force_n) for command, reference in references.items()}
     swaps = swap_findings(
@@ -104,7 +105,8 @@ def sagged(forces: Sequence[WindForce]) -> list[Finding]:
         return []
     name, most = max(off.items(), key=lambda item: abs(item[1]))
     text = (
-        f"{len(off)} run(s) had another battery voltage than their reference, {name} by {100 * most:+.1f} %: thrust "
+        f"{counted(len(off), 'run')} had another battery voltage than their reference, {name} by "
+        f"{100 * most:+.1f} %: thrust "
         "follows it, and counts as drag along z. Feed the vehicle from a supply of constant voltage."
     )
     return [warning("drag-battery-differs", text, "drag.*")]
@@ -161,7 +163,8 @@ def _relative_spread(spread: Array) -> tuple[Array, tuple[Finding, ...]]:
     usual = UNSTATED_WIND_STD if single.all() else float(np.median(spread[~single]))
     source = "by default" if single.all() else "as in the median of the others"
     text = (
-        f"{int(single.sum())} run(s) state a single wind speed: a relative standard uncertainty of {100 * usual:.2g} % "
+        f"{counted(int(single.sum()), 'run states', 'runs state')} a single wind speed: a relative standard "
+        f"uncertainty of {100 * usual:.2g} % "
         f"is taken, {source}."
     )
     return np.where(single, usual, spread), (note("drag-wind-single-reading", text, "drag.*"),)
@@ -205,7 +208,8 @@ def _check_angles(forces: Sequence[WindForce]) -> None:
         there = [one for one in forces if one.setting.angle_deg == angle]
         if not any(one.windy for one in there):
             raise DataError(
-                f"{len(there)} run(s) at {angle:g} degrees, none with wind ({there[0].name}): give their wind speeds, "
+                f"{counted(len(there), 'run')} at {angle:g} degrees, none with wind ({there[0].name}): give "
+                "their wind speeds, "
                 "or no angle where they are references."
             )
 
@@ -224,7 +228,8 @@ def _with_reference(
         return list(windy), []
     kept = [one for one in windy if one.command in references]
     text = (
-        f"no run without wind at command {', '.join(map(str, lacking))}: {len(windy) - len(kept)} run(s) in wind need "
+        f"no run without wind at command {', '.join(map(str, lacking))}: "
+        f"{counted(len(windy) - len(kept), 'run in wind needs', 'runs in wind need')} "
         "it, as its thrust is subtracted from theirs. Record it with wind 0,0."
     )
     if not kept:

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from scipy.linalg import block_diag
 from scipy.optimize import OptimizeResult, least_squares
 
+from cfid.counted import counted
 from cfid.errors import FitError
 from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of, sandwich, std_of
@@ -94,7 +95,8 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, unseen_s: float = 0.0) 
     measured = np.concatenate([piece.measured.value for piece in pieces]) if pieces else np.zeros(0)
     if len(measured) < _FEWEST:
         raise FitError(
-            f"{len(measured)} samples after the first {SETTLING_S:g} s with the rotors running (limit {_FEWEST})."
+            f"{counted(len(measured), 'sample')} after the first {SETTLING_S:g} s with the rotors running "
+            f"(limit {_FEWEST})."
         )
     shown = (_speed if kind == "speed" else _thrust)(pieces)
     start = _start(pieces, measured)

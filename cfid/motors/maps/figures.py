@@ -12,6 +12,7 @@ from matplotlib.gridspec import GridSpec
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from cfid.counted import counted
 from cfid.drawing.style import (
     INK,
     KEY_IN,
@@ -182,7 +183,7 @@ def _map_coefficients(mapped: MotorMap) -> list[tuple[str, str]]:
 def _map_facts(mapped: MotorMap, verification: ScalesCheck | None, *, unit: str, scale: float) -> list[tuple[str, str]]:
     fit = mapped.fit
     facts = [
-        ("points", f"{len(mapped.x)} at {len(np.unique(mapped.command))} commands"),
+        ("points", f"{len(mapped.x)} at {counted(len(np.unique(mapped.command)), 'command')}"),
         ("order", f"{fit.order}, {'by corrected AIC' if mapped.aicc else 'as given'}"),
         _norm(fit, unit, scale),
         ("scatter", "not stated" if fit.inflation is None else f"{fit.inflation:.3g} × as stated"),

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from cfid.counted import counted
 from cfid.errors import CfidError, DataError, FitError
 from cfid.estimate.staircase import Point, Staircase, mean_in_windows, reduce_staircase
 from cfid.findings import Finding
@@ -166,7 +167,7 @@ def _few(findings: Sequence[Finding], found: Staircase) -> tuple[Finding, ...]:
     if len(left_out) <= _MOST_NAMED:
         return tuple(findings)
     others = [one for one in findings if one.code != "step-left-out"]
-    text = f"{len(left_out)} of {len(found.points)} steps are left out. The first: {left_out[0].text}"
+    text = f"{len(left_out)} of {counted(len(found.points), 'step')} left out. The first: {left_out[0].text}"
     return (*others, replace(left_out[0], sentence=text, where=()))
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import block_diag
 
+from cfid.counted import counted
 from cfid.estimate.polynomials import PolynomialFit
 from cfid.estimate.shared_points import PointFit, joint_covariance
 from cfid.motors.maps.estimation import MotorMap, SpeedThrustMap
@@ -183,7 +184,7 @@ def _polynomial_line(found: MotorMap) -> str:
         for value, power in zip(found.fit.coefficients.tolist(), powers, strict=True)
     ]
     norm = f"norm of residuals {found.fit.residual_norm:.4g} {_Y[found.quantity]}"
-    return f"{found.quantity} = {' '.join(terms)} ({norm}, {len(found.x)} points)"
+    return f"{found.quantity} = {' '.join(terms)} ({norm}, {counted(len(found.x), 'point')})"
 
 
 def _aicc_line(found: MotorMap) -> list[str]:
@@ -225,7 +226,8 @@ def verification_lines(found: ScalesCheck) -> list[Dependent]:
     """Return how far a second instrument is from the map (figure 3.9)."""
     largest = max(abs(value) for value in found.difference_n.tolist())
     line = (
-        f"verification: {len(found.command)} readings, {1e3 * found.rms_n:.3g} mN rms ({found.rms_percent:.2g} %), at "
+        f"verification: {counted(len(found.command), 'reading')}, {1e3 * found.rms_n:.3g} mN rms "
+        f"({found.rms_percent:.2g} %), at "
         f"most {1e3 * largest:.3g} mN from the map"
     )
     return [Dependent(line, "motor.thrust_poly")]

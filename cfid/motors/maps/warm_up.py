@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from cfid.counted import counted
 from cfid.estimate.common_causes import Cause
 from cfid.estimate.linear import weighted_mean
 from cfid.estimate.propagation import widened
@@ -43,7 +44,9 @@ def warm_up(
     duration_s = float(np.ptp(time_s[running]))
     found, found_std = (duration_s * size for size in _mean(np.array(rates), np.array(rate_stds)))
     causes = (Cause(f"drift of the load cell in {name}", math.sqrt(max(found**2 - found_std**2, 0.0))),)
-    return causes if causes[0].std else (), _findings(found, found_std, duration_s, f"{name}: {len(rates)} command(s)")
+    return causes if causes[0].std else (), _findings(
+        found, found_std, duration_s, f"{name}: {counted(len(rates), 'command')}"
+    )
 
 
 def _mean(values: Array, std: Array) -> tuple[float, float]:

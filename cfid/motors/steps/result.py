@@ -5,6 +5,7 @@ from dataclasses import replace
 from math import isnan
 from pathlib import Path
 
+from cfid.counted import counted
 from cfid.errors import CfidError, FitError
 from cfid.findings import Finding, note, rejection, warning
 from cfid.motors.delays import delay_text, negative_delay
@@ -88,7 +89,7 @@ def _steps(record: SpeedRecord) -> tuple[tuple[CommandStep, ...], tuple[Finding,
     steps = command_steps(time_s=record.time_s, command=record.held)
     seen = followed(steps, time_s=record.time_s, value=record.speed_rad_s)
     if steps and not seen:
-        raise FitError(f"of {len(steps)} steps none has enough speeds for a fit: hold each command longer.")
+        raise FitError(f"of {counted(len(steps), 'step')} none has enough speeds for a fit: hold each command longer.")
     missed = len(steps) - len(seen)
     text = f"{missed} of {len(steps)} steps have too few speeds for a fit."
     return seen, (warning("steps-left-out", text, "dynamics.*"),) if missed else ()

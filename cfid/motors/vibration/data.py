@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.estimate.signals import without_spikes
 from cfid.estimate.staircase import Point
@@ -36,7 +37,7 @@ def quiet_channels(record: WrenchRecord) -> Array:
     Raises DataError for a record too short to have a rate.
     """
     if len(record.time_s) < _FEWEST:
-        raise DataError(f"{len(record.time_s)} samples are too few for a rotor speed.")
+        raise DataError(f"{counted(len(record.time_s), 'sample is', 'samples are')} too few for a rotor speed.")
     rate_hz = (len(record.time_s) - 1) / float(record.time_s[-1] - record.time_s[0])
     length = max(round(_SCREENED_S * rate_hz), _FEWEST)
     measured = [AXES.index(axis) for axis in record.axes]

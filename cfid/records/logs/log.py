@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.large import empty, joined
 from cfid.records.parameters import Source
@@ -170,7 +171,7 @@ def _described(series: Series) -> str:
     for channel in series.channels:
         by_unit.setdefault(_UNIT_WORDS.get(channel.own_unit, channel.own_unit), []).append(channel.name)
     columns = ", ".join(f"{_listed(names)} in {unit}" for unit, names in by_unit.items())
-    return f"{series.name}, {series.rows} rows{rate}: {columns}"
+    return f"{series.name}, {counted(series.rows, 'row')}{rate}: {columns}"
 
 
 def _listed(names: list[str]) -> str:

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.large import stored_together
 from cfid.records.extras import optional_library
@@ -81,9 +82,9 @@ def read_ulog(path: Path, source: Source) -> FlightLog:
     series = [_series(*topic, rows, stated or PX4_QUAD_X) for topic, rows in sorted(topics.items())]
     if not series:
         raise DataError(f"{path}: a ULog file without data.")
-    notes = [f"{len(dropped_ms)} dropouts, of {sum(dropped_ms) / 1e3:.3f} s together."] if dropped_ms else []
+    notes = [f"{counted(len(dropped_ms), 'dropout')}, of {sum(dropped_ms) / 1e3:.3f} s together."] if dropped_ms else []
     if back:
-        notes.append(f"{back} rows whose time is not between those of their neighbours are left out.")
+        notes.append(f"{counted(back, 'row')} with a time that is not between those of the neighbours left out.")
     if (part_of := damaged_at(path)) is not None:
         notes.append(f"the file is damaged or cut after {100 * part_of:.1f} % of it: what follows may be missing.")
     elif damaged:

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.records.logs.crazyflie_names import assumptions, crazyflie_channel
 from cfid.records.logs.log import BLOCK_ROWS, Array, FlightLog, Series, printable
@@ -199,7 +200,10 @@ def _faults(found: _Records, size: int, *, whole: bool) -> tuple[str, ...]:
         return ()
     rows = sum(map(len, found.offsets.values()))
     if whole:
-        return (f"{found.fault} at byte {found.end} of {size}: the {rows} records before it are used.",)
+        return (
+            f"{found.fault} at byte {found.end} of {size}: "
+            f"{counted(rows, 'record before it is', 'records before it are')} used.",
+        )
     left = size - found.end
     if left == _CRC_BYTES:
         return (f"its CRC32 does not match: bytes are damaged, or the file was cut. It has {rows} whole records.",)

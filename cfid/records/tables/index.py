@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.findings import Finding, of_recording
 from cfid.records.parameters import Source
@@ -92,7 +93,7 @@ def read_index(path: Path, *, columns: Sequence[str], optional: Sequence[str] = 
     for line in lines:
         fields = fields_of(line.text, separator)
         if len(fields) != len(names):
-            raise DataError(f"{path}:{line.number}: {len(fields)} fields where its header has {len(names)}.")
+            raise DataError(f"{path}:{line.number}: {counted(len(fields), 'field')} where its header has {len(names)}.")
         rows.append(IndexRow(path=path, line=line.number, fields=dict(zip(names, fields, strict=True))))
     if not rows:
         raise DataError(f"{path}: a header and no rows: it names no run.")

@@ -10,6 +10,7 @@ from typing import Literal, cast
 
 import numpy as np
 
+from cfid.counted import counted
 from cfid.findings import Finding, note, of_recording
 from cfid.large import empty, parts, stored
 from cfid.quantities.plausible import range_of
@@ -197,7 +198,8 @@ def _speeds(
         speed[dead] = np.nan
         if count := int(np.count_nonzero(dead)):
             notes.append(
-                f"'{name}' shows 0 in {count} rows in which rotors turn: its sensor is dead there, the values are "
+                f"'{name}' shows 0 in {counted(count, 'row')} in which rotors turn: its sensor is dead there, "
+                "the values are "
                 "missing."
             )
     return value, tuple(notes)
@@ -227,7 +229,7 @@ def _understood(table: CsvTable, found: Found, timing: Timing, rows: int) -> str
         for quantity, columns in found.items()
         if quantity != "time_s" or (timing.time_s is not None and timing.rate_hz is None)
     )
-    kind = f"{rows} settled points"
+    kind = f"{counted(rows, 'settled point')}"
     if timing.time_s is not None:
         length_s = float(timing.time_s[-1] - timing.time_s[0])
         kind = f"a recording of {length_s:.4g} s in {rows} rows, {(rows - 1) / length_s:.3g} Hz"

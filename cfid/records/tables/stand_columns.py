@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.large import PART_ROWS, empty, side_by_side, stored
 from cfid.records.tables.stand_heads import HEADS, ColumnHead, check_heads, heads_of, shows_stand
@@ -90,7 +91,9 @@ def commands_of(table: CsvTable, found: Found, esc_us: tuple[float, float] | Non
         )
     notes = [f"pulse widths are read as `esc_us` {low:g},{high:g}, commands 0 to {FULL_COMMAND}."] if not esc_us else []
     if (below := int(np.count_nonzero(raw < low))) > 0:
-        notes.append(f"{below} rows have pulses below {low:g} us: motors stand there, command 0.")
+        notes.append(
+            f"{counted(below, 'row has', 'rows have')} pulses below {low:g} us: motors stand there, command 0."
+        )
     return stored(np.rint((raw.clip(low) - low) / (high - low) * FULL_COMMAND)), tuple(notes)
 
 
@@ -154,7 +157,8 @@ def _missing(table: CsvTable, found: Found, bad: npt.NDArray[np.intp]) -> list[s
     notes = []
     if len(bad):
         notes.append(
-            f"{len(bad)} rows without a time or command (first: line {table.line_of_row(int(bad[0]))}) are left out."
+            f"{counted(len(bad), 'row')} without a time or command (first: line "
+            f"{table.line_of_row(int(bad[0]))}) {'is' if len(bad) == 1 else 'are'} left out."
         )
     for quantity, columns in found.items():
         for name, value in zip(columns.names, columns.raw.T, strict=True):

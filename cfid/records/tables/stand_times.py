@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.records.tables.schema import TimeUnit
 from cfid.records.tables.stand_columns import Found
@@ -42,7 +43,10 @@ def _in_order(time: Array) -> tuple[npt.NDArray[np.intp] | None, tuple[str, ...]
     usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
     if -steps.min() > max(_JITTER_S, 2 * usual):
         return None, ()
-    text = f"time goes back in {len(back)} rows, by {-steps.min():.3g} at most: rows are taken in the order of times."
+    text = (
+        f"time goes back in {counted(len(back), 'row')}, by {-steps.min():.3g} at most: rows are taken in "
+        "the order of times."
+    )
     return np.argsort(time, kind="stable"), (text,)
 
 

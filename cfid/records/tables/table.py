@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd  # half of the start-up time of a fit, and not needed to refuse a bad file
 
+from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.large import joined
 from cfid.records.tables.fields import Places, evenly_filled, fields_of_lines, without_comments
@@ -255,7 +256,7 @@ class CsvTable:
         fields = fields_of(line, self._separator)
         if len(fields) != len(self.names):
             advice = POINTS if self._separator == "," and len(fields) > len(self.names) else _REPAIR
-            return f"{len(fields)} fields where the file has {len(self.names)} columns. {advice}"
+            return f"{counted(len(fields), 'field')} where the file has {counted(len(self.names), 'column')}. {advice}"
         for place in places:
             field, column = fields[place], f"column '{self.names[place]}'"
             if not field:

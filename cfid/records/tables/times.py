@@ -11,6 +11,7 @@ from typing import TypeVar, cast
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.large import differences, empty, usual_step
 from cfid.records.files import first_fault
@@ -103,13 +104,17 @@ def losses(run: Run, record: DeviceRecord, rows: int) -> list[str]:
     if run.header.state == "failed":
         notes.append(f"the run failed ({run.header.reason or 'no reason given'}); the recorded rows are used.")
     if record.lost:
-        notes.append(f"{record.lost} samples were lost while recording.")
+        notes.append(f"{counted(record.lost, 'sample was', 'samples were')} lost while recording.")
     if record.achieved:
         notes.append(
-            f"{record.skipped} samples were never taken ({record.achieved}): the device or this computer was slow."
+            f"{counted(record.skipped or 0, 'sample was', 'samples were')} never taken ({record.achieved}): the "
+            "device or this computer was slow."
         )
     if record.rows is not None and record.rows != rows:
-        notes.append(f"{record.rows} rows were recorded, but {record.file} has {rows}: the file was changed since.")
+        notes.append(
+            f"{counted(record.rows, 'row was', 'rows were')} recorded, but {record.file} has {rows}: the file "
+            "was changed since."
+        )
     if run.header.simulated:
         notes.append(SIMULATED)
     return notes
@@ -131,7 +136,7 @@ def gaps(facts: Facts) -> list[str]:
         return []
     reasons = ", ".join(dict.fromkeys(gap.reason for gap in facts.gaps))
     total_s = sum(gap.to_s - gap.from_s for gap in facts.gaps)
-    return [f"no samples for {total_s:.1f} s in {len(facts.gaps)} gap(s): {reasons}."]
+    return [f"no samples for {total_s:.1f} s in {counted(len(facts.gaps), 'gap')}: {reasons}."]
 
 
 def pauses(table: CsvTable, time_s: Array) -> tuple[str, ...]:
@@ -145,7 +150,8 @@ def pauses(table: CsvTable, time_s: Array) -> tuple[str, ...]:
         return ()
     row, longest_s = max(found, key=lambda each: each[1])
     return (
-        f"{len(found)} gap(s) without rows, the longest of {longest_s:.3g} s after line {table.line_of_row(int(row))} "
+        f"{counted(len(found), 'gap')} without rows, the longest of {longest_s:.3g} s after line "
+        f"{table.line_of_row(int(row))} "
         f"({time_s[row] - time_s[0]:.4g} s); rows are usually {1e3 * usual_s:.3g} ms apart.",
     )
 
@@ -182,7 +188,7 @@ def numbers_of(table: CsvTable, columns: Sequence[str]) -> Array:
 
 def _enough(table: CsvTable, values: Array) -> Array:
     if len(values) < _FEWEST_ROWS:
-        raise DataError(f"{table.path}: {len(values)} rows; a recording has at least {_FEWEST_ROWS}.")
+        raise DataError(f"{table.path}: {counted(len(values), 'row')}; a recording has at least {_FEWEST_ROWS}.")
     return values
 
 

@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.estimate.linear import mean_of
 from cfid.findings import Finding, note, warning
@@ -129,7 +130,7 @@ def with_end(recorded: Sequence[RecordedSine]) -> tuple[list[RecordedSine], tupl
         return list(recorded), ()
     text = (
         f"{', '.join(run.name for run in lost)}: the report of the end is missing, by the radio or as the run was cut "
-        f"short. {len(lost)} of {len(recorded)} runs left out."
+        f"short. {len(lost)} of {counted(len(recorded), 'run')} left out."
     )
     return [run for run in recorded if run not in lost], (warning("sine-without-end", text, "tf.*"),)
 

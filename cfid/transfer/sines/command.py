@@ -17,6 +17,7 @@ from cfid.console.recording import KeepOptions, ResumeOptions, print_json, rig_o
 from cfid.console.selection import interrupted
 from cfid.console.vehicle import ExperimentOptions, LogMs, motors_of
 from cfid.console.verdicts import verdict_line
+from cfid.counted import counted
 from cfid.errors import ConfigError
 from cfid.lazy import later
 from cfid.units import FULL_COMMAND
@@ -190,7 +191,7 @@ def sine(
     periods = [own.periods for own in sines]
     each_s = seconds_of_each(sweep, before_s=before_s)
     where = f" on motors {', '.join(map(str, sweep.motors))} in turn" if len(sweep.motors) > 1 else ""
-    lasts = f"{len(sines)} sines of {each_s:.0f} s{where}: {len(sines) * each_s / 60:.1f} min"
+    lasts = f"{counted(len(sines), 'sine')} of {each_s:.0f} s{where}: {len(sines) * each_s / 60:.1f} min"
     if sweep.text:
         speech.note(f"l = {', '.join(map(str, dict.fromkeys(periods)))}: {sweep.text}")
     if options.dry_run:

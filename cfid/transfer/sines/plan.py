@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.estimate.battery_endurance import Held
 from cfid.units import MOTORS
@@ -151,5 +152,8 @@ def log_spaced(samples: int) -> SineSweep:
         periods.add(max(nearest if near else round(wanted), _FEWEST_PERIODS))
     rising = sorted(periods)
     whole = sum(l in divisors for l in periods)  # noqa: E741
-    text = f"{len(periods)} sines, evenly over the logarithm of frequency up to {_FASTEST_HZ:g} Hz; {whole} divide N."
+    text = (
+        f"{counted(len(periods), 'sine')}, evenly over the logarithm of frequency up to {_FASTEST_HZ:g} "
+        f"Hz; {whole} divide N."
+    )
     return SineSweep(periods=(*rising[::2], *rising[1::2][::-1]), samples=samples, text=text)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.transfer.sines.plan import SAMPLE_S, Sine
 
@@ -82,7 +83,7 @@ def _check_ends(sine: Sine, reports: Reports, expected: int, first: float) -> No
     lost = _LOST if sine.half_period_s > _UNRESOLVED_S else _LOST_DENSE
     if count < max(min(3, expected), (1 - lost) * expected):
         raise DataError(
-            f"too few crossings: {count} reports, where a sine with l = {sine.periods} makes {expected}. "
+            f"too few crossings: {counted(count, 'report')}, where a sine with l = {sine.periods} makes {expected}. "
             "Record it again, or look whether its file is that of another run."
         )
     if reports.command[-1] != 0:
