@@ -4,6 +4,7 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Annotated
 
 import typer
@@ -48,6 +49,16 @@ def _as_sentence(message: Warning | str, category: type[Warning], *_place: objec
         note(f"a library that cfid uses warns: {text}.")
 
 
+def _drop_output() -> None:
+    """Drop what was printed and cannot be written, which Python would try once more at its end."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            with suppress(OSError, ValueError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
 def main(words: Sequence[str] | None = None) -> None:
     """Run the program with its arguments, or with `words`.
 
@@ -62,8 +73,15 @@ def main(words: Sequence[str] | None = None) -> None:
         try:
             app(words, prog_name="cfid")
         except CfidError as error:
-            fault(str(error))
+            with suppress(OSError):
+                fault(str(error))
             sys.exit(error.exit_code)
+        except OSError as error:  # whatever names no file is stdout or stderr
+            what = "the output cannot be written" if error.filename is None else str(error.filename)
+            with suppress(OSError):
+                fault(f"{what}: {error.strerror or error}.")
+            _drop_output()
+            sys.exit(1)
         finally:
             # Python ends by the signal, not by exit code 130, when Ctrl-C met code that was compiled at run time, also
             # where that was handled. The next such code that ends well clears this.

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from cfid.console.campaign import make_campaign
+from cfid.console.messages import echo
 
 
 def new_campaign(
@@ -16,4 +17,4 @@ def new_campaign(
     Example: [bold]cfid new my-crazyflie[/bold]
     """
     path = make_campaign(folder)
-    typer.echo(f"{path}: put your vehicle's mass, centre of mass and mounts there, then record.")
+    echo(f"{path}: put your vehicle's mass, centre of mass and mounts there, then record.")

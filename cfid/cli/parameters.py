@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cfid.console.campaign import here
-from cfid.console.messages import note
+from cfid.console.messages import echo, note
 
 if TYPE_CHECKING:
     from cfid.quantities.platforms import Platform
@@ -102,7 +102,7 @@ def set_by_hand(
         )
     into = _into_rig if name in _IN_RIG else partial(_into_parameters, unit=unit)
     where = into(found, name, number, std)
-    typer.echo(f"{name} is {number:g}{f' +- {std:g}' if std is not None else ''}: {where}")
+    echo(f"{name} is {number:g}{f' +- {std:g}' if std is not None else ''}: {where}")
 
 
 def _number(word: str, name: str) -> float:
@@ -132,7 +132,7 @@ def _store_cubic(campaign: "Campaign", lowest_first: list[float], std: float | N
     if fault := cubic_fault(lowest_first, max_thrust_n=most_n):
         raise ConfigError(f"{fault} Nothing was changed.")
     where = _into_parameters(campaign, _CUBIC, lowest_first, None, unit=unit_of(_CUBIC))
-    typer.echo(f"{_CUBIC} is {', '.join(f'{number:g}' for number in lowest_first)}: {where}")
+    echo(f"{_CUBIC} is {', '.join(f'{number:g}' for number in lowest_first)}: {where}")
 
 
 def _check(name: str, value: float, std: float | None, *, platform: "Platform") -> None:
@@ -217,7 +217,7 @@ def _print_tables(sections: "dict[str, Section]") -> None:
     from cfid.console.tables import print_parameters
 
     if not sections:
-        typer.echo("no parameters yet: `cfid fit --help` lists the fits, `cfid set` stores a value.")
+        echo("no parameters yet: `cfid fit --help` lists the fits, `cfid set` stores a value.")
     for name, section in sections.items():
         verdict = "" if section.accepted else ", REJECTED"
         method = "" if section.method in ("default", "") else f", {section.method}"

@@ -10,7 +10,7 @@ import typer
 
 from cfid.console.flat import flat
 from cfid.console.lists import comma_list
-from cfid.console.messages import fitted, in_options, note
+from cfid.console.messages import echo, fitted, in_options, note
 from cfid.console.options import positive
 
 if TYPE_CHECKING:
@@ -92,9 +92,9 @@ def report_answers(
         for name, answer in ((name, answer) for name, own in answers.items() for answer in own):
             limit = f" (limit {answer.limit})" if answer.limit else ""
             line = f"{name:9} {answer.asked:15} {answer.state:8} {in_options(answer.answer)}{limit}"
-            typer.echo(fitted(line, indent=_ANSWERS_AT))
+            echo(fitted(line, indent=_ANSWERS_AT))
             if answer.advice:
-                typer.echo(fitted(f"{'':{_ANSWERS_AT}}-> {answer.advice}", indent=_ANSWERS_AT + 3))
+                echo(fitted(f"{'':{_ANSWERS_AT}}-> {answer.advice}", indent=_ANSWERS_AT + 3))
     faulty = [name for name, own in answers.items() if any(answer.state == "fault" for answer in own)]
     if faulty:
         raise DeviceError(f"not ready: {', '.join(faulty)}.")
@@ -191,7 +191,7 @@ async def _serve(
     try:
         devices = devices_at(where, campaign.rig.devices)
         with published(campaign.folder, devices, seed=seed) as path:
-            typer.echo(f"{path}: cfid's commands use the simulated rig until this ends (Ctrl-C).", err=True)
+            echo(f"{path}: cfid's commands use the simulated rig until this ends (Ctrl-C).", err=True)
             await ending.within(for_s)
     finally:
         await rig.close()

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cfid.console.campaign import here
+from cfid.console.messages import echo, printable
 from cfid.console.messages import note as print_note
-from cfid.console.messages import printable
 from cfid.console.selection import LAST, is_glob, is_named, name_other_folders, readable_runs
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def _amend(
         if run.cut and _changed_lately(run):
             raise ConfigError(f"{run.folder.name}: is still being recorded: wait until it has ended.")
         amend_run(run, excluded=excluded, note=note)
-        typer.echo(printable(f"{run.folder.name}: {message}"))
+        echo(printable(f"{run.folder.name}: {message}"))
 
 
 def _meant(word: str, folder: Path | None) -> "list[Run]":
@@ -142,7 +142,7 @@ def _print_runs(runs: "list[Run | DataError]", *, only: str, newest: int | None,
         typer.echo(encoder.dumps({"command": "runs", "runs": [row for row, _ in rows], "warnings": broken}, indent=2))
         return
     if not rows and not broken:
-        typer.echo(f"no run has '{only}' in its name, state or note" if only else "no runs yet")
+        echo(f"no run has '{only}' in its name, state or note" if only else "no runs yet")
         return
     from rich.box import SIMPLE
     from rich.console import Console

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from cfid.console.campaign import here
+from cfid.console.messages import echo
 
 
 def upgrade_campaign(
@@ -20,8 +21,8 @@ def upgrade_campaign(
     campaign = here(folder)
     changed = upgrade_files(campaign)
     for path in changed:
-        typer.echo(path)
+        echo(path)
     if changed:
-        typer.echo(f"{len(changed)} rewritten; as they were: {campaign.folder / KEPT_IN}")
+        echo(f"{len(changed)} rewritten; as they were: {campaign.folder / KEPT_IN}")
     else:
-        typer.echo("nothing to do: every file has the format of this version.")
+        echo("nothing to do: every file has the format of this version.")

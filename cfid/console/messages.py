@@ -21,12 +21,22 @@ def in_options(text: str) -> str:
     The functions that raise it are called from Python too, where there are no options. What it quotes of files and
     devices is made printable.
     """
-    return _SETTING.sub(lambda found: _RENAMED.get(found[1], f"--{found[1].replace('_', '-')}"), printable(text))
+    return _SETTING.sub(lambda found: _RENAMED.get(found[1], f"--{found[1].replace('_', '-')}"), printable_lines(text))
 
 
 def printable(text: str) -> str:
-    """Return a text whose letters a terminal shows and does not obey: all others but ends of lines become ?."""
+    """Return a text in one line whose letters a terminal shows and does not obey: all others become ?."""
+    return printable_lines(text).replace("\n", " ")
+
+
+def printable_lines(text: str) -> str:
+    """Return a text of several lines, as `printable`."""
     return "".join(letter if letter.isprintable() or letter == "\n" else "?" for letter in text.replace("\t", " "))
+
+
+def echo(text: object = "", *, nl: bool = True, err: bool = False) -> None:
+    """Print lines in which there may be what others wrote, as a path, to stdout or stderr."""
+    typer.echo(printable_lines(str(text)), nl=nl, err=err)
 
 
 def note(text: str) -> None:
@@ -36,7 +46,8 @@ def note(text: str) -> None:
 
 def noted(text: str) -> str:
     """Return a note as the terminal shows it."""
-    return typer.style(fitted(f"note: {in_options(text)}", indent=_HEAD, err=True), fg=_colour(typer.colors.YELLOW))
+    line = fitted(f"note: {in_options(printable(text))}", indent=_HEAD, err=True)
+    return typer.style(line, fg=_colour(typer.colors.YELLOW))
 
 
 def fault(text: str) -> None:
@@ -47,7 +58,7 @@ def fault(text: str) -> None:
 def result(text: str) -> None:
     """Print what a command did; where stdout takes nothing, as a terminal that was closed, print it on stderr."""
     try:
-        typer.echo(fitted(printable(text)))
+        typer.echo(fitted(printable_lines(text)))
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the rest of the text fails once more
         with contextlib.suppress(OSError):

@@ -6,10 +6,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import typer
-
 from cfid import __version__
-from cfid.console.messages import fitted, in_options, note
+from cfid.console.messages import echo, fitted, in_options, note, printable
 from cfid.console.options import Delivery
 from cfid.console.tables import print_parameters
 from cfid.errors import ConfigError, FitError
@@ -42,7 +40,7 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
     if campaign is not None and given.quantities and kept:
         campaign.keep(result, figures=drawn, force=delivery.force, options=delivery.asked)
     if delivery.json:
-        typer.echo(_as_json(given, accepted=result.accepted))
+        echo(_as_json(given, accepted=result.accepted))
     else:
         _print(given, drawn, texts(result.findings, *(SEVERITIES if kept else SEVERITIES[:2])))
     if not kept:
@@ -99,9 +97,9 @@ def _print(result: Result, drawn: Sequence[Path], notes: Sequence[str]) -> None:
     if result.quantities:
         print_parameters(result.quantities, title=f"cfid {result.command}")
     for line in result.summary():
-        typer.echo(fitted(in_options(line)))
+        echo(fitted(in_options(printable(line))))
     for text in notes:
         note(text)
     for path in drawn:
         if path.suffix == ".png":
-            typer.echo(f"figure: {path} (and .svg)", err=True)
+            echo(f"figure: {path} (and .svg)", err=True)

@@ -16,7 +16,7 @@ from cfid.console.campaign import here
 from cfid.console.inputs import open_workplace
 from cfid.console.live import LiveLine
 from cfid.console.losses import counts_of
-from cfid.console.messages import clock, fitted, note, printable
+from cfid.console.messages import clock, echo, fitted, note, printable
 from cfid.console.options import LoadCellOptions, ReadingOptions, RigOptions, positive
 from cfid.console.selection import LAST
 from cfid.console.verdicts import Judge, judged, verdict_line
@@ -132,7 +132,7 @@ def space_of(seconds: float, runs_folder: Path, *, rate_hz: float) -> str:
 def rehearse(what: str, runs_folder: Path, for_s: float | None) -> None:
     """Print what would be recorded, where and for how long, without opening a device."""
     lasts = "until Ctrl-C" if for_s is None else f"{for_s:g} s"
-    typer.echo(f"would record {what} into {runs_folder}: {lasts}. Nothing was opened.")
+    echo(f"would record {what} into {runs_folder}: {lasts}. Nothing was opened.")
 
 
 def nothing_found(_: "Run") -> tuple[Mapping[str, Any], Sequence[str]]:
@@ -199,17 +199,17 @@ def print_summary(run: "Run", lines: Sequence[str] = ()) -> None:
     """Print a run's rows, losses and files."""
     for name, device in _devices(run).items():
         skipped = f", {device['skipped']} skipped: {device['achieved']}" if device["achieved"] else ""
-        typer.echo(
+        echo(
             f"{name}: {counted(device['rows'], 'row')}, {device['lost']} lost{counts_of(device)}{skipped} -> "
             f"{device['file']}"
         )
     for line in (*lines, verdict_line(run)):
         if line:
-            typer.echo(fitted(printable(line)))
+            echo(fitted(printable(line)))
     if (stopped_in_s := _stopped_in_s(run)) is not None:
-        typer.echo(stop_line(stopped_in_s))
+        echo(stop_line(stopped_in_s))
     if run.header.reason and run.header.state != "failed":
-        typer.echo(fitted(printable(run.header.reason)))
+        echo(fitted(printable(run.header.reason)))
 
 
 def stop_line(stopped_in_s: float) -> str:
@@ -293,5 +293,5 @@ def _figures(run: "Run", options: KeepOptions) -> list[str]:
         return []
     for path in paths:
         if path.suffix == ".png" and not options.json:
-            typer.echo(f"figure: {path} (and .svg)", err=True)
+            echo(f"figure: {path} (and .svg)", err=True)
     return [str(path) for path in paths]

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cfid.console.messages import result
+from cfid.console.messages import echo, result
 from cfid.counted import counted
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def demo(
         print_comparison(campaign, known)
         result(f"the campaign is {folder}: open {folder / 'report.html'}; `cfid parameters` there lists what is known.")
     except KeyboardInterrupt:
-        typer.echo(f"\nstopped: {folder} holds a part of the demo; delete it before you start again.", err=True)
+        echo(f"\nstopped: {folder} holds a part of the demo; delete it before you start again.", err=True)
         raise
 
 
@@ -51,10 +51,10 @@ def _record(campaign: "Campaign", truth: Path | None, seed: int) -> dict[str, fl
     from cfid.sim.demo import demo_truth, simulate_demo
     from cfid.sim.truth_file import load_truth
 
-    typer.echo(f"recording on the simulated rig (seed {seed}) ...", err=True)
+    echo(f"recording on the simulated rig (seed {seed}) ...", err=True)
     known, runs = simulate_demo(campaign.rig, demo_truth(seed) if truth is None else load_truth(truth), seed=seed)
     folders = write_runs(campaign, runs)
-    typer.echo(f"{counted(len(folders), 'run')} recorded; fitting ...", err=True)
+    echo(f"{counted(len(folders), 'run')} recorded; fitting ...", err=True)
     return known
 
 
@@ -79,6 +79,8 @@ def _check(folder: Path, truth: Path | None) -> None:
     left = (folder / RIG_FILE, folder / "parameters.toml", folder / "fits", *(folder / RUNS_FOLDER).glob("*"))
     if any(path.exists() for path in left):
         raise ConfigError(f"{folder} holds a campaign already: delete it, or give another folder.")
+    if folder.is_dir() and any(folder.iterdir()):
+        raise ConfigError(f"{folder} is not empty: give a new folder.")
     if truth is not None:
         load_truth(truth)
 

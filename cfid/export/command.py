@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from cfid.console.campaign import here
-from cfid.console.messages import in_options, note
+from cfid.console.messages import echo, in_options, note
 
 if TYPE_CHECKING:
     from cfid.export.target import Target
@@ -137,7 +137,7 @@ def _write(text: str, out: str, *, force: bool) -> None:
         return
     path = Path(out)
     try:
-        if path.exists() and not force:
+        if (path.exists() or path.is_symlink()) and not force:
             raise ConfigError(
                 f"{path} exists already: nothing was changed. --force overwrites it, --out names another."
             )
@@ -145,7 +145,7 @@ def _write(text: str, out: str, *, force: bool) -> None:
         write_whole(path, text.encode())
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {error.strerror}.") from None
-    typer.echo(str(path))
+    echo(str(path))
 
 
 def _warn(target: "Target", vehicle: "ExportVehicle") -> None:
@@ -182,7 +182,7 @@ def _print_list(vehicle: "ExportVehicle", *, json: bool) -> None:
 
 def _print_keys(title: str, words: list[str]) -> None:
     for word in words:
-        typer.echo(f"  {title}: {in_options(word)}")
+        echo(f"  {title}: {in_options(word)}")
 
 
 def _row(target: "Target", vehicle: "ExportVehicle") -> dict[str, Any]:

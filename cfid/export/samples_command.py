@@ -5,9 +5,7 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import typer
-
-from cfid.console.messages import note
+from cfid.console.messages import echo, note
 from cfid.counted import counted
 
 if TYPE_CHECKING:
@@ -63,7 +61,7 @@ def write_samples(known: "ExportInput", folder: Path, *, count: int, seed: int, 
     texts = {FILES[target.name]: listed(target, drawn.rendered[target.name], comments).encode() for target in targets}
     _write(folder, {**_tables(joint, drawn, seed, comments), **texts})
     for path in paths:
-        typer.echo(str(path))
+        echo(str(path))
     _report(joint, drawn, count)
     for sentence in warnings_of(everything, known.vehicle):
         note(sentence)
@@ -253,7 +251,7 @@ def _write(folder: Path, files: dict[str, bytes]) -> None:
 
 def _report(joint: "Joint", drawn: Drawn, count: int) -> None:
     why = f": {_told(drawn.reasons)}" if drawn.reasons else ""
-    typer.echo(f"{counted(count, 'vehicle')}; {100 * drawn.rejected_share:.1f} % of {drawn.draws} draws rejected{why}.")
+    echo(f"{counted(count, 'vehicle')}; {100 * drawn.rejected_share:.1f} % of {drawn.draws} draws rejected{why}.")
     if joint.exact:
         note(f"no uncertainty is known of {', '.join(joint.exact)}: the same in every vehicle.")
     if joint.independent:

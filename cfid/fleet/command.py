@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cfid.console.messages import note
+from cfid.console.messages import echo, note
 from cfid.counted import counted
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ def _hand_out(
     if json:
         _print_json(comparisons, summaries)
     elif out is not None:
-        typer.echo(out)
+        echo(out)
     else:
         if details:
             tables.print_details(comparisons, summaries)

@@ -1,5 +1,6 @@
 """`cfid fleet fit`: refit many campaigns from their recordings, into a new folder."""
 
+import os
 import time
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from cfid.console.messages import clock, note
+from cfid.console.messages import clock, note, printable
 from cfid.fleet.command import Index, Jobs, Scheduler, processors
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ def fleet_fit(
 ) -> None:
     """Refit campaigns from their recordings: the last fit of each kind, into a new folder. No campaign is changed.
 
-    The same command goes on where it was interrupted. Compare the results with `cfid fleet OUT/*`.
+    The same command goes on where it was interrupted. Compare the results with `cfid fleet "OUT/*"`.
 
     Example: [bold]cfid fleet fit vehicles/* --out refitted[/bold]
     """
@@ -49,7 +50,7 @@ def fleet_fit(
     from cfid.fleet.results import results_in
     from cfid.fleet.workers import on_cluster, on_processes
 
-    every = campaigns(places or [], index)
+    every = [one for one in campaigns(places or [], index) if one != os.path.realpath(out)]  # which a glob matches too
     work = partial(refit, method=method)
     with results_in(out, method=method) as results:
         left = [one for one in every if one not in results.done]
@@ -139,5 +140,6 @@ def _print_summary(rows: "Sequence[Mapping[str, Any]]", _: Sequence[str]) -> Non
         most, key, where = max(moved, default=(0.0, "", ""))
         shown = (f"{most:.2g} std", key, where) if most else ("0", "", "")
         many = sum(size >= _MOVED for size, _, _ in moved)
-        table.add_row(*map(escape, (name, str(len(made)), str(len(every) - len(made)), str(many), *shown)))
+        cells = (name, str(len(made)), str(len(every) - len(made)), str(many), *shown)
+        table.add_row(*(escape(printable(cell)) for cell in cells))
     Console().print(table)

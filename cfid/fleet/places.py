@@ -20,6 +20,8 @@ from cfid.records.run import RUN_FILE
 
 _ADDRESS = re.compile(r"[A-Za-z][\w+.-]*://")
 _NAME = re.compile(r"[A-Za-z0-9_+-][A-Za-z0-9_.+ -]*")  # of a file that another computer lists: no path, nothing hidden
+_SHOWN = 100  # characters of a name that is none
+_SILENT_S = 20.0
 _LARGEST_INDEX = 1 << 24  # bytes
 
 
@@ -97,11 +99,14 @@ def _matching(word: str) -> list[str]:
         with _faults(word):
             files, root = _files_at(word)
             found = [files.unstrip_protocol(one) for one in sorted(files.glob(root)) if files.isdir(one)]
-    elif is_glob(word) and not Path(word).exists():
-        matches = sorted(glob.glob(word))  # noqa: PTH207 - Path.glob takes no absolute pattern
-        found = [os.path.realpath(one) for one in matches if Path(one).is_dir()]
     else:
-        return [os.path.realpath(word)]  # which a loop of links does not stop
+        try:
+            if not is_glob(word) or Path(word).exists():
+                return [os.path.realpath(word)]  # which a loop of links does not stop
+            matches = sorted(glob.glob(word))  # noqa: PTH207 - Path.glob takes no absolute pattern
+            found = [os.path.realpath(one) for one in matches if Path(one).is_dir()]
+        except (OSError, ValueError) as error:  # a name too long, a zero byte
+            raise ConfigError(f"{word[:_SHOWN]}: is no folder: {error}.") from None
     if not found:
         raise ConfigError(f"{word}: no folder matches.")
     return found
@@ -138,8 +143,17 @@ def _files_at(address: str) -> tuple[Any, str]:
         from fsspec.core import url_to_fs  # noqa: PLC0415 - an extra
     except ImportError:
         raise ConfigError(f"{address}: fsspec is not installed here: pip install 'cfid[fleet]'.") from None
-    files, root = url_to_fs(address)
+    files, root = url_to_fs(address, **_limits(address))
     return files, str(root).rstrip("/")
+
+
+def _limits(address: str) -> dict[str, Any]:
+    """Return options by which a server that is silent for long ends in an error."""
+    if not address.lower().startswith(("http://", "https://")):
+        return {}
+    import aiohttp  # noqa: PLC0415 - comes with the extra
+
+    return {"client_kwargs": {"timeout": aiohttp.ClientTimeout(sock_connect=_SILENT_S, sock_read=_SILENT_S)}}
 
 
 def _listing(files: Any, folder: str) -> list[tuple[str, str]]:

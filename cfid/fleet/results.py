@@ -8,6 +8,7 @@ import json
 import os
 import re
 import shutil
+import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
@@ -16,8 +17,11 @@ from typing import Any
 from cfid import __version__
 from cfid.errors import ConfigError, DataError
 from cfid.fleet.refit import Refitted
+from cfid.records.files import check_regular
 
 MANIFEST = "manifest.jsonl"
+_HALF = ".half-"  # begins the name of a folder that is not complete
+_LARGEST = 1 << 26  # bytes of a manifest
 FORMAT = 1
 
 
@@ -47,9 +51,9 @@ class Results:
                 for fit in refitted.fits
             ],
         }
-        half = self.folder / f".{name}.half"
         try:
-            shutil.rmtree(half, ignore_errors=True)
+            half = Path(tempfile.mkdtemp(prefix=_HALF, dir=self.folder))  # a name that nobody can foretell
+            half.chmod(0o777 & ~_umask())
             for file, content in refitted.files.items():
                 path = half / file
                 path.parent.mkdir(parents=True, exist_ok=True)
@@ -57,7 +61,7 @@ class Results:
             self._append(row)
             half.rename(self.folder / name)
         except OSError as error:
-            raise ConfigError(f"{self.folder / name}: cannot be written: {error.strerror}.") from None
+            raise ConfigError(f"{self.folder / name}: cannot be written: {error.strerror or error}.") from None
         self.done[campaign] = row
         self._taken.add(name)
         return row
@@ -86,21 +90,36 @@ def results_in(folder: Path, *, method: str | None) -> Iterator[Results]:
     path = folder / MANIFEST
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        if path.is_symlink():
+            raise ConfigError(f"{path}: is a link: give a new folder.")
         if not path.exists():
             if any(folder.iterdir()):
                 raise ConfigError(f"{folder}: is not empty, and has no {MANIFEST}: give a new folder.")
             path.write_bytes(_line(head))
+        check_regular(path)
         with path.open("r+b") as file:
             _lock(file.fileno(), folder)
-            rows = list(_rows(file.read(), path))
+            content = file.read(_LARGEST + 1)
+            if len(content) > _LARGEST:
+                raise ConfigError(f"{path}: is larger than {_LARGEST >> 20} MB: give a new folder.")
+            rows = list(_rows(content, path))
             if not rows or rows[0] != head:
                 was = rows[0] if rows else "no first line"
                 raise ConfigError(f"{path}: was begun with {_said(was)}, now {_said(head)}: give a new folder.")
-            file.truncate(sum(len(_line(row)) for row in rows))  # without a line that a crash cut
+            file.truncate(content.rfind(b"\n") + 1)  # without a line that a crash cut
+            for left in folder.glob(f"{_HALF}*"):
+                if left.is_dir() and not left.is_symlink():
+                    shutil.rmtree(left, ignore_errors=True)
             done = {row["campaign"]: row for row in rows[1:] if (folder / row["folder"]).is_dir()}
             yield Results(folder, done, {entry.name for entry in folder.iterdir()})
     except OSError as error:
-        raise ConfigError(f"{folder}: cannot be written: {error.strerror}.") from None
+        raise ConfigError(f"{folder}: cannot be written: {error.strerror or error}.") from None
+
+
+def _umask() -> int:
+    mask = os.umask(0o022)
+    os.umask(mask)
+    return mask
 
 
 def _rows(content: bytes, path: Path) -> Iterator[dict[str, Any]]:
@@ -111,12 +130,30 @@ def _rows(content: bytes, path: Path) -> Iterator[dict[str, Any]]:
             return
         try:
             row = json.loads(line)
-            fits = isinstance(row, dict) and (number == 1 or {"campaign", "folder"} <= row.keys())
-        except ValueError:
+            fits = isinstance(row, dict) and (number == 1 or _is_row(row))
+        except (ValueError, RecursionError):
             fits = False
         if not fits:
             raise DataError(f"{path}:{number}: is no row of a manifest: give a new folder.")
         yield row
+
+
+def _is_row(row: Mapping[str, Any]) -> bool:
+    """Return whether a row is one that `keep` writes, its folder one of this folder's."""
+    texts = [row.get("campaign"), row.get("folder")]
+    fits = row.get("fits")
+    if not isinstance(fits, list) or not all(isinstance(text, str) for text in texts):
+        return False
+    if Path(row["folder"]).name != row["folder"] or not isinstance(row.get("processor_s"), int | float):
+        return False
+    return all(isinstance(fit, dict) and _is_fit(fit) for fit in fits)
+
+
+def _is_fit(fit: Mapping[str, Any]) -> bool:
+    moved = fit.get("moved_in_std")
+    texts = (fit.get("name"), fit.get("most_moved"), fit.get("text"))
+    known = moved is None or (isinstance(moved, int | float) and not isinstance(moved, bool))
+    return isinstance(fit.get("done"), bool) and known and all(isinstance(text, str) for text in texts)
 
 
 def _line(row: Mapping[str, Any]) -> bytes:

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from cfid.console.messages import printable
 from cfid.console.tables import value_and_deviation
 from cfid.counted import counted
 from cfid.errors import ConfigError
@@ -49,7 +50,7 @@ def print_comparisons(comparisons: Sequence[ComparedNumber], summaries: Sequence
         table.add_column(heading, overflow="fold", no_wrap=heading != "number")
     table.add_column("outliers, drift", overflow="fold")
     for one in comparisons:
-        table.add_row(*map(escape, (one.name, str(one.used), *_figures(one), "; ".join(_remarks(one)))))
+        table.add_row(*map(_cell, (one.name, str(one.used), *_figures(one), "; ".join(_remarks(one)))))
     console.print(table)
     apart = [one.name for one in comparisons if one.repeats is not None and not one.repeats.agree]
     if apart:
@@ -66,13 +67,13 @@ def print_details(comparisons: Sequence[ComparedNumber], summaries: Sequence[Sum
         table.add_column(heading, overflow="fold")
     for number, summary in enumerate(summaries, 1):
         counts = str(summary.complete_runs), str(summary.other_runs)
-        table.add_row(str(number), escape(summary.name), escape(summary.vehicle), *counts)
+        table.add_row(str(number), _cell(summary.name), _cell(summary.vehicle), *counts)
     console.print(table)
     for number, summary in enumerate(summaries, 1):
         for line in lab_book.lines(summary.lab_book):
-            console.print(f"  {number:3}  {line}", highlight=False, markup=False)
+            console.print(f"  {number:3}  {printable(line)}", highlight=False, markup=False)
     for one in comparisons:
-        console.print(f"[bold]{escape(one.name)}[/bold], {escape(one.unit)}", highlight=False)
+        console.print(f"[bold]{_cell(one.name)}[/bold], {_cell(one.unit)}", highlight=False)
         for number, (summary, known) in enumerate(zip(summaries, one.values, strict=True), 1):
             if known is not None:
                 value, std = value_and_deviation(known.value, known.std)
@@ -82,7 +83,8 @@ def print_details(comparisons: Sequence[ComparedNumber], summaries: Sequence[Sum
 
 def write_table(path: Path, rows: Sequence[Mapping[str, Any]], *, title: str) -> None:
     """Write rows to a new file in the format of its suffix. Raises ConfigError."""
-    frame = DataFrame(rows)
+    texts = [{key: printable(one) if isinstance(one, str) else one for key, one in row.items()} for row in rows]
+    frame = DataFrame(texts)
     content = BytesIO()
     if path.suffix == ".csv":
         frame.to_csv(content, index=False)
@@ -144,6 +146,11 @@ def detail_rows(comparisons: Sequence[ComparedNumber], summaries: Sequence[Summa
         for summary, known in zip(summaries, one.values, strict=True)
         if known is not None
     ]
+
+
+def _cell(text: str) -> str:
+    """Return a text of a campaign for a table of the terminal, without markup and in one line."""
+    return escape(printable(text))
 
 
 def _figures(one: ComparedNumber) -> tuple[str, str, str, str]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from cfid.console.campaign import here
-from cfid.console.messages import fitted, note, printable
+from cfid.console.messages import echo, fitted, note, printable
 from cfid.console.vehicle import typed_line
 from cfid.errors import ConfigError
 
@@ -55,9 +55,9 @@ def next_step(
     found = here(campaign)
     _name_unreadable_runs(found)
     step = next_of(status_of(found, kind=kind))
-    typer.echo(fitted(step.why))
+    typer.echo(fitted(printable(step.why)))
     words = step.words if step.recording is None else _prepared(step.recording)
-    typer.echo(f"next: cfid {' '.join(words)}")
+    echo(f"next: cfid {' '.join(words)}")
     if not yes and _typed("Start it? [Y/n]").lower() not in ("", "y", "yes"):
         raise typer.Exit
     _become(words, found)
@@ -65,7 +65,7 @@ def next_step(
 
 def _prepared(recording: "Assignment") -> tuple[str, ...]:
     """Say what to do at the rig; return the command's words with what the operator answered."""
-    typer.echo(fitted(recording.reminder))
+    typer.echo(fitted(printable(recording.reminder)))
     questions = recording.questions or {}
     answers = {name: _typed(question) for name, question in questions.items()}
     if empty := [question for name, question in questions.items() if not answers[name]]:
@@ -119,7 +119,7 @@ def _print(statuses: "tuple[TaskStatus, ...]", unusable: "tuple[Unusable, ...]",
     Console().print(table)
     for sentence in remarks_of(statuses, unusable):
         typer.echo(fitted(printable(sentence), indent=6))
-    typer.echo(fitted(f"next: cfid {' '.join(step.words)}\n      {step.why}", indent=6))
+    typer.echo(fitted(f"next: cfid {printable(' '.join(step.words))}\n      {printable(step.why)}", indent=6))
 
 
 def _print_json(statuses: "tuple[TaskStatus, ...]", unusable: "tuple[Unusable, ...]", step: "Next") -> None:

@@ -10,7 +10,7 @@ from cfid.console.campaign import here
 from cfid.console.flat import flat
 from cfid.console.inputs import find_recording, open_workplace
 from cfid.console.labels import LabelOptions
-from cfid.console.messages import fitted, in_options, note
+from cfid.console.messages import echo, fitted, in_options, note
 from cfid.console.options import LoadCellOptions, LogClock, ReadingOptions, RigOptions
 
 
@@ -52,11 +52,11 @@ def import_file(
             label=kept,
             kind="flight" if hung == "encoder" else hung,
         )
-    typer.echo(fitted(in_options(made.understood)))
+    echo(fitted(in_options(made.understood)))
     for text in made.notes:
         note(text)
     rows = ", ".join(f"{name} {device.rows} rows" for name, device in made.run.header.devices.items())
-    typer.echo(f"{made.run.folder}: {rows}")
+    echo(f"{made.run.folder}: {rows}")
 
 
 @flat
@@ -81,8 +81,8 @@ def convert(
     path = find_recording(run, open_workplace(RigOptions(campaign=campaign)))
     found = recording_at(path, replace(reading.reading(), clock=clock))
     paths = conversion.convert(found, to, out)
-    typer.echo(fitted(in_options(found.understood)))
+    echo(fitted(in_options(found.understood)))
     for text in found.notes:
         note(text)
     for path in paths:
-        typer.echo(path)
+        echo(path)

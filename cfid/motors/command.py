@@ -7,7 +7,7 @@ import typer
 
 from cfid.console.flat import flat
 from cfid.console.labels import Note
-from cfid.console.messages import clock
+from cfid.console.messages import clock, echo
 from cfid.console.options import positive
 from cfid.console.recording import KeepOptions, ResumeOptions, rig_of
 from cfid.console.selection import interrupted
@@ -207,7 +207,7 @@ def thrust_staircase(options: StaircaseOptions, motor: list[str] | None = None) 
 def announce(staircase: "StaircasePlan") -> None:
     """Print what a staircase would do."""
     motors = ", ".join(map(str, staircase.motors))
-    typer.echo(
+    echo(
         f"{counted(len(staircase.steps), 'command')} from {min(staircase.steps)} to {max(staircase.steps)} on "
         f"motors {motors}, "
         f"{staircase.hold_s:g} s each with {staircase.rest_s:g} s of pause: {clock(staircase.duration_s)} min"

@@ -17,6 +17,7 @@ from pydantic import ValidationError
 from cfid.errors import CfidError, DataError
 
 _BEGINNING = 50  # characters of a name, of four bytes each at most: names of files have 255 bytes
+_LARGEST = 1 << 26  # bytes
 _DEEPEST = 100  # tables and lists inside each other
 
 
@@ -66,6 +67,16 @@ def check_regular(path: Path) -> None:
     mode = path.stat().st_mode
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise OSError(errno.EINVAL, "a pipe or a device, where a file is expected")
+
+
+def read_small(path: Path) -> bytes:
+    """Return the content of a file that people or cfid write. Raises OSError, also for one of more than 64 MB."""
+    check_regular(path)
+    with path.open("rb") as file:
+        content = file.read(_LARGEST + 1)
+    if len(content) > _LARGEST:
+        raise OSError(errno.EFBIG, f"more than {_LARGEST >> 20} MB, where a small file is expected")
+    return content
 
 
 def lies_in(folder: Path, path: Path) -> bool:
@@ -136,8 +147,7 @@ def read_toml(path: Path, error: type[CfidError]) -> dict[str, Any]:
     Raises FileNotFoundError when it is missing, which callers treat differently, and `error` for any other fault.
     """
     try:
-        check_regular(path)
-        content = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        content = tomllib.loads(read_small(path).decode("utf-8-sig"))
         _check_depth(content, _DEEPEST)
         return content
     except FileNotFoundError:

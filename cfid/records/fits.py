@@ -16,7 +16,7 @@ from pydantic_core import from_json
 
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, rejection, warning
-from cfid.records.files import check_format, check_regular, locked_folder, write_whole
+from cfid.records.files import check_format, check_regular, locked_folder, read_small, write_whole
 from cfid.records.parameters import Section, plain, section_fault, with_current_keys
 
 FORMAT = 3  # format 1 had no format number, and sentences without codes; format 2 no options
@@ -116,7 +116,7 @@ def _read(path: Path) -> Fit:
 def _content(path: Path) -> Any:
     """Return a file's content with current keys. Raises DataError for a format, ValueError for no JSON."""
     check_regular(path)
-    content = from_json(path.read_bytes())
+    content = from_json(read_small(path))
     if not isinstance(content, dict):
         return content
     check_format(path, content.pop("format", 1), newest=FORMAT)

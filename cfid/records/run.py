@@ -13,7 +13,7 @@ from pydantic import AliasChoices, AwareDatetime, BaseModel, ConfigDict, Field, 
 
 from cfid.errors import ConfigError, DataError
 from cfid.records.facts import NONE_STATED, RigFacts
-from cfid.records.files import first_fault, locked_folder, read_toml, write_toml
+from cfid.records.files import check_format, first_fault, locked_folder, read_toml, write_toml
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -172,9 +172,7 @@ def read_run(folder: Path) -> Run:
         content = read_toml(path, DataError)
     except FileNotFoundError:
         raise DataError(f"{folder}: not a run: it has no {RUN_FILE}. Name a run (see `cfid runs`) or a file.") from None
-    written = content.get("format")
-    if isinstance(written, int) and written > FORMAT:
-        raise DataError(f"{path}: written by a newer cfid (format {written}, this one reads {FORMAT}): update cfid.")
+    check_format(path, content.get("format", FORMAT), newest=FORMAT)
     try:
         header = RunHeader.model_validate(content)
     except ValidationError as error:

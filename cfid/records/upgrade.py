@@ -41,7 +41,9 @@ def _outdated(campaign: Campaign) -> Iterator[tuple[Path, bytes]]:
 def _keep(folder: Path, path: Path) -> None:
     """Copy a file into the folder of old ones, where an upgrade that failed may have put it already."""
     kept, content = folder / KEPT_IN / path.relative_to(folder), path.read_bytes()
-    if kept.is_symlink() or (kept.exists() and kept.read_bytes() != content):
+    folders = kept.parents[: len(kept.relative_to(folder).parts) - 1]
+    linked = any(one.is_symlink() for one in (kept, *folders))
+    if linked or (kept.exists() and kept.read_bytes() != content):
         raise ConfigError(f"{kept}: exists already. Move {KEPT_IN} away and upgrade again.")
     kept.parent.mkdir(parents=True, exist_ok=True)
     write_whole(kept, content)

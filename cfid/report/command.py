@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import typer
 
 from cfid.console.campaign import here
-from cfid.console.messages import note
+from cfid.console.messages import echo, note
 
 Format = Literal["html", "md", "json", "tex"]
 
@@ -38,4 +38,4 @@ def report(
     disagreements = [finding.text for one in content.agreements for finding in one.findings]
     for sentence in (*content.unreadable, *disagreements):
         note(sentence)
-    typer.echo(path)
+    echo(path)

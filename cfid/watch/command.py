@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from cfid.console.inputs import find_recording, open_workplace
-from cfid.console.messages import note
+from cfid.console.messages import echo, note
 from cfid.console.options import RigOptions
 from cfid.records.extras import optional_library
 
@@ -49,7 +49,7 @@ def watch(
 
 
 def _announce(address: str, opened: bool) -> None:
-    typer.echo(f"{address} (Ctrl-C ends it)", err=True)
+    echo(f"{address} (Ctrl-C ends it)", err=True)
     if opened:
         import webbrowser
 

@@ -1,5 +1,6 @@
 """How the program starts and ends: quickly, with help for everything, with one sentence for an error."""
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -79,3 +80,24 @@ def test_output_into_a_closed_pipe_is_no_traceback(files: Path) -> None:
 
     assert "Traceback" not in ended.stderr
     assert ended.stdout == "{\n"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux that takes nothing")
+@pytest.mark.parametrize("words", [("--help",), ("--version",), ("fit", "swing", "--help")])
+def test_an_output_that_cannot_be_written_ends_in_a_sentence(words: tuple[str, ...]) -> None:
+    command = [sys.executable, "-m", "cfid.cli.main", *words]
+    with Path("/dev/full").open("w") as full:
+        ended = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert ended.returncode == 1
+    assert ended.stderr == "cfid: the output cannot be written: No space left on device.\n"
+
+
+def test_a_terminal_that_was_closed_ends_a_command_without_a_traceback() -> None:
+    pty = pytest.importorskip("pty", reason="terminals of Unix")
+    far, near = pty.openpty()
+    os.close(far)
+    command = [sys.executable, "-m", "cfid.cli.main", "export", "--help"]
+    ended = subprocess.run(command, stdout=near, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(near)
+    assert ended.returncode == 1
+    assert ended.stderr == "cfid: the output cannot be written: Input/output error.\n"

@@ -59,3 +59,41 @@ def test_a_name_that_is_no_run_is_printed_without_its_escapes(cfid: Cfid, campai
 
     assert said.returncode != 0
     assert harmless(said), said.stderr
+
+
+def test_reasons_and_names_of_runs_are_printed_without_escapes_and_begin_no_line_of_their_own(
+    cfid: Cfid, campaign: Path
+) -> None:
+    devices = {"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi"))}
+    with create_run(
+        campaign / "runs",
+        kind="swing",
+        label=Label(axis="x"),
+        devices=devices,
+        started=datetime(2026, 11, 21, tzinfo=UTC),
+        cfid_version="0",
+    ) as run:
+        run.append("encoder", ([1.0, 2.0], [3, 4]))
+    assert cfid("runs", "exclude", "last", "--because", f"{EVIL}\nFORGED", folder=campaign).returncode == 0
+    for words in (("status",), ("runs",), ("show", "last"), ("fit", "swing", "last"), ("report", "--format", "md")):
+        said = cfid(*words, folder=campaign)
+        assert harmless(said), (words, said.stdout, said.stderr)
+        assert not any(line.startswith("FORGED") for line in (said.stdout + said.stderr).splitlines())
+
+
+def test_a_folder_with_an_evil_name_is_printed_without_its_escapes(cfid: Cfid, tmp_path: Path) -> None:
+    folder = tmp_path / "\x1b[2Jevil\x07"
+    for words in (("new", folder), ("set", "mass_kg", "0.03", "--campaign", folder), ("report", "--campaign", folder)):
+        said = cfid(*words, folder=tmp_path)
+        assert said.returncode == 0, said.stderr
+        assert harmless(said), (words, said.stdout)
+
+
+@pytest.mark.parametrize("name", ["fleet.csv", "fleet.html"])
+def test_a_fleets_table_has_no_escapes_of_its_campaigns(cfid: Cfid, campaign: Path, tmp_path: Path, name: str) -> None:
+    (campaign / RIG_FILE).write_text(new_rig_text().replace('name = "', 'name = "\\u001b[2J\\u0007'))
+    assert cfid("set", "mass_kg", "0.03", folder=campaign).returncode == 0
+    said = cfid("fleet", campaign, "--details", "--out", name, folder=tmp_path)
+    assert said.returncode == 0, said.stderr
+    assert harmless(said), said.stdout
+    assert all(letter.isprintable() or letter == "\n" for letter in (tmp_path / name).read_text())

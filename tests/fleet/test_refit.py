@@ -209,13 +209,14 @@ def test_a_manifest_that_a_crash_cut_is_gone_on_with(cfid: Cfid, campaigns: Path
     cfid("fleet", "fit", campaigns / "c3", "--out", out)
     with (out / "manifest.jsonl").open("ab") as file:
         file.write(b'{"campaign": "half a ro')
-    (out / ".c1.half").mkdir()
-    (out / ".c1.half" / "rig.toml").write_text("cut")
+    (out / ".half-cut").mkdir()
+    (out / ".half-cut" / "rig.toml").write_text("cut")
     ended = cfid("fleet", "fit", campaigns / "c3", campaigns / "c1", "--out", out)
 
     assert ended.returncode == 0, ended.stderr
     rows = [json.loads(line) for line in (out / "manifest.jsonl").read_text().splitlines()]
     assert [row.get("folder") for row in rows] == [None, "c3", "c1"]
+    assert not (out / ".half-cut").exists()
     assert found_in(out)["c1"] == found_in(campaigns)["c1"]
 
 
@@ -358,3 +359,67 @@ def test_a_folder_that_is_named_fit_is_a_campaign_with_its_path(cfid: Cfid, thre
 
     assert cfid("fleet", "./fit", folder=three).returncode == 0
     assert "Missing option '--out'" in cfid("fleet", "fit", folder=three).stderr
+
+
+def test_a_link_planted_where_a_campaign_is_made_is_not_followed(cfid: Cfid, campaigns: Path, tmp_path: Path) -> None:
+    out, victim = tmp_path / "out", tmp_path / "victim"
+    victim.mkdir()
+    (victim / "rig.toml").write_text("ORIGINAL")
+    cfid("fleet", "fit", campaigns / "c3", "--out", out)
+    for name in (".c1.half", ".half-c1"):
+        (out / name).symlink_to(victim)
+    ended = cfid("fleet", "fit", campaigns / "c1", "--out", out)
+
+    assert ended.returncode == 0, ended.stderr
+    assert (victim / "rig.toml").read_text() == "ORIGINAL"
+    assert sorted(victim.iterdir()) == [victim / "rig.toml"]
+    assert not (out / "c1").is_symlink()
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        {"campaign": "c"},
+        {"campaign": 1.5, "folder": "c", "processor_s": 1, "fits": []},
+        {"campaign": "c", "folder": "../c", "processor_s": 1, "fits": []},
+        {"campaign": "c", "folder": "c", "processor_s": 1, "fits": None},
+        {"campaign": "c", "folder": "c", "processor_s": 1, "fits": [{"name": "swing"}]},
+        {"campaign": "c", "folder": "c", "processor_s": 1, "fits": [7]},
+    ],
+)
+def test_a_row_that_is_none_of_a_manifest_is_refused_with_its_line(
+    cfid: Cfid, campaigns: Path, tmp_path: Path, row: dict[str, Any]
+) -> None:
+    out = tmp_path / "out"
+    cfid("fleet", "fit", campaigns / "c3", "--out", out)
+    with (out / "manifest.jsonl").open("a") as file:
+        file.write(json.dumps(row) + "\n")
+    ended = cfid("fleet", "fit", campaigns / "c3", "--out", out)
+    assert ended.returncode == 4
+    assert "manifest.jsonl:3: is no row of a manifest" in ended.stderr
+
+
+def test_a_manifest_of_other_spacing_is_gone_on_with(cfid: Cfid, campaigns: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    cfid("fleet", "fit", campaigns / "c3", "--out", out)
+    rows = [json.loads(line) for line in (out / "manifest.jsonl").read_text().splitlines()]
+    (out / "manifest.jsonl").write_text("".join(json.dumps(row, separators=(",", ":")) + "\n" for row in rows))
+    for _ in range(2):
+        ended = cfid("fleet", "fit", campaigns / "c3", "--out", out)
+        assert ended.returncode == 0, ended.stderr
+        assert b"\0" not in (out / "manifest.jsonl").read_bytes()
+
+
+@pytest.mark.parametrize("word", ["a\0b", f"{'x' * 300}*", "x" * 300])
+def test_a_name_that_no_folder_has_ends_in_a_sentence(cfid: Cfid, tmp_path: Path, word: str) -> None:
+    (tmp_path / "index.txt").write_text(f"{word}\n")
+    for command in (("fleet",), ("fleet", "fit", "--out", tmp_path / "out")):
+        ended = cfid(*command, "--index", tmp_path / "index.txt")
+        assert ended.returncode in (2, 4), ended.stderr
+        assert "Traceback" not in ended.stderr
+
+
+def test_a_folder_of_results_that_a_glob_matches_too_is_no_campaign(cfid: Cfid, three: Path) -> None:
+    for _ in range(2):
+        ended = cfid("fleet", "fit", "*", "--out", "refitted", folder=three)
+        assert ended.returncode == 0, ended.stderr

@@ -11,6 +11,7 @@ import typer
 from cfid.console.flat import flat
 from cfid.console.labels import Note
 from cfid.console.lists import comma_list
+from cfid.console.messages import echo
 from cfid.console.options import finite, positive
 from cfid.console.recording import KeepOptions, ResumeOptions, rig_of
 from cfid.console.selection import interrupted
@@ -149,7 +150,7 @@ def wind(
     if sweep.dry_run and options.wind is None and resume.word is None:
         announce(sweep.staircase())
         for line in _missing(_recorded(campaign, simulated=simulated))[1]:
-            typer.echo(line)
+            echo(line)
         return
     resumed = None if resume.word is None else interrupted(resume.word, campaign, kind=KIND)
     setting, staircase = _requested(options, sweep, resumed)
@@ -200,12 +201,12 @@ def _requested(options: WindOptions, sweep: SweepOptions, resume: Path | None) -
 def _announce(setting: "WindSetting", staircase: "StaircasePlan", done: "Sequence[PlannedRun]", *, asks: bool) -> None:
     from cfid.drag.wind.plan import missing_lines
 
-    typer.echo(setting.sentence)
+    echo(setting.sentence)
     announce(staircase)
     if asks:
-        typer.echo(f"and as long as it takes to read a tachometer {sum(map(bool, staircase.steps))} times")
+        echo(f"and as long as it takes to read a tachometer {sum(map(bool, staircase.steps))} times")
     for line in missing_lines(done):
-        typer.echo(line)
+        echo(line)
 
 
 def _missing(done: "Sequence[PlannedRun]") -> tuple[Mapping[str, Any], Sequence[str]]:

@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
+from typing import BinaryIO
 
 from cfid.errors import ConfigError, DataError
 from cfid.records.files import check_regular, sha256_of
@@ -32,7 +33,7 @@ def open_table(path: Path, *, skip_lines: int = 0, columns: Sequence[str] = (), 
     try:
         check_regular(path)
         with path.open("rb") as file:
-            content = file.read(BLOCK_BYTES) + file.readline()
+            content = _block(file, path)
             size = file.seek(0, 2)
             file.seek(max(size - BLOCK_BYTES, 0))
             end = file.read()
@@ -60,13 +61,21 @@ def _continued(first: CsvTable, content: MatlabTable) -> Iterator[CsvTable]:
         yield table
 
 
+def _block(file: BinaryIO, path: Path) -> bytes:
+    """Return the next whole lines. Raises DataError for a line that no table has, which would fill the memory."""
+    content, rest = file.read(BLOCK_BYTES), file.readline(BLOCK_BYTES)
+    if len(rest) == BLOCK_BYTES and not rest.endswith(b"\n"):
+        raise DataError(f"{path}: a line of more than {BLOCK_BYTES >> 20} MB: not a table of numbers.")
+    return content + rest
+
+
 def _following(first: CsvTable, begin: int) -> Iterator[CsvTable]:
     """Yield the blocks of a file from a byte on, which follow its first."""
     table = first
     try:
         with first.path.open("rb") as file:
             file.seek(begin)
-            while content := file.read(BLOCK_BYTES) + file.readline():
+            while content := _block(file, first.path):
                 table = table.continued(content)
                 yield table
     except OSError as error:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from cfid.errors import DataError
-from cfid.records.files import check_regular
+from cfid.records.files import read_small
 
 _BOM = b"\xef\xbb\xbf"
 _OTHER_BOMS = (b"\xff\xfe", b"\xfe\xff", b"\0\0\xfe\xff")  # UTF-16 and UTF-32
@@ -42,8 +42,7 @@ def read_text(path: Path) -> bytes:
     Raises DataError when it cannot be read, is empty, or is not text in UTF-8 or a one-byte encoding.
     """
     try:
-        check_regular(path)
-        content = path.read_bytes()
+        content = read_small(path)
     except FileNotFoundError:
         raise DataError(f"{path}: no such file.") from None
     except OSError as error:

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Literal
 
-from cfid.console.messages import printable
+from cfid.console.messages import printable_lines
 from cfid.report.content import Report
 from cfid.report.formats.html import as_html
 from cfid.report.formats.markdown import as_markdown
@@ -21,9 +21,9 @@ def rendered(report: Report, form: Format, folder: Path) -> str:
     """
     # Each renderer is imported when it is wanted: a template engine is no use to a program that reads JSON.
     if form == "html":
-        return printable(as_html(report, folder))
+        return printable_lines(as_html(report, folder))
     if form == "md":
-        return printable(as_markdown(report))
+        return printable_lines(as_markdown(report))
     if form == "tex":
-        return printable(as_tex(report))
+        return printable_lines(as_tex(report))
     return json.dumps({"made_by": MARK, **report.as_json()}, indent=1, ensure_ascii=False, allow_nan=False) + "\n"

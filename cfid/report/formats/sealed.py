@@ -12,6 +12,7 @@ from cfid import __version__
 from cfid.errors import ConfigError
 from cfid.records.files import check_regular, write_whole
 
+_LARGEST = 1 << 28  # bytes; no report is so large
 _ZEROS = "0" * 64
 MARK = f"cfid {__version__} report {_ZEROS}"  # what a renderer writes, once
 _MARK = re.compile(rb"(cfid [\w.+-]+ report )([0-9a-f]{64})")
@@ -25,9 +26,11 @@ def write_report(path: Path, text: str, *, force: bool = False) -> None:
     """
     content = _sealed(text.encode("utf-8", "replace"))
     try:
+        if path.is_symlink() and not path.exists() and not force:
+            raise ConfigError(f"{path}: is a link to a file that does not exist. Use `force` to make that file.")
         if path.exists() and not force:
             check_regular(path)
-            if not _is_ours(path.read_bytes()):
+            if path.stat().st_size > _LARGEST or not _is_ours(path.read_bytes()):
                 raise ConfigError(
                     f"{path}: exists already, and is not an unchanged report of cfid. Use `force` to replace it, or "
                     "`out` to write elsewhere."

@@ -11,7 +11,7 @@ from cfid.console import messages as speech
 from cfid.console.flat import flat
 from cfid.console.labels import Note
 from cfid.console.lists import comma_list
-from cfid.console.messages import fitted, printable, result
+from cfid.console.messages import echo, fitted, printable, result
 from cfid.console.options import positive
 from cfid.console.recording import KeepOptions, ResumeOptions, print_json, rig_of, stop_line
 from cfid.console.selection import interrupted
@@ -195,7 +195,7 @@ def sine(
     if sweep.text:
         speech.note(f"l = {', '.join(map(str, dict.fromkeys(periods)))}: {sweep.text}")
     if options.dry_run:
-        typer.echo(lasts)
+        echo(lasts)
         return
     speech.note(lasts)
     runs, failure = record_sines(
@@ -209,7 +209,7 @@ def sine(
         note=note,
         quiet=keep.quiet,
         judge=later("cfid.transfer.sines.verdict", "verdict"),
-        show=lambda own, run: None if keep.json else typer.echo(_sine_line(own, run)),
+        show=lambda own, run: None if keep.json else echo(_sine_line(own, run)),
     )
     if keep.json:
         print_json({"command": "log sine", "runs": runs, "wanted": periods, "version": __version__})
