@@ -5,7 +5,7 @@ import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from cfid.console.messages import clock, fitted, in_options, noted
+from cfid.console.messages import clock, in_options, noted
 from cfid.console.screen import Screen
 
 if TYPE_CHECKING:
@@ -64,13 +64,10 @@ class LiveLine:
 
     def say(self, text: str) -> None:
         """Print a note above the line."""
-        self._print(f"note: {in_options(text)}" if self._terminal is None else noted(text))
+        self.tell(f"note: {in_options(text)}" if self._terminal is None else noted(text))
 
     def tell(self, text: str) -> None:
         """Print a message that is not a note above the line."""
-        self._print(fitted(text, err=True))
-
-    def _print(self, text: str) -> None:
         self._replace("")
         self._screen.write(f"{text}\n")
 

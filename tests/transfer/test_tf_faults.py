@@ -122,7 +122,9 @@ FAULTS: dict[str, tuple[Spoil, int, tuple[str, ...]]] = {
         4,
         ("l = 5 (crossings_5.csv): its crossings are those of l = 5", "name each run once"),
     ),
-    "one frequency": (rewritten("index.csv", lambda lines: lines[:2]), 5, ("1 frequency is too few", "record more sines")),
+    "one frequency": (
+        rewritten("index.csv", lambda lines: lines[:2]), 5, ("1 frequency is too few", "record more sines")
+    ),
 }  # fmt: skip
 
 
