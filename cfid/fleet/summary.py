@@ -54,6 +54,10 @@ def summarise(place: str) -> Summary | CfidError:
     """Return a campaign's summary, or its error, so that one faulty campaign does not hide the others."""
     folder = Path(place)
     try:
+        if is_address(place):
+            raise ConfigError(
+                f"{place}: only `cfid fleet fit` takes addresses: refit the campaign, and compare the results here."
+            )
         campaign = find_campaign(folder, start=folder)
         if campaign is None:
             raise ConfigError(f"{folder}: not a campaign: it has no {RIG_FILE}.")

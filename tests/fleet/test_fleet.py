@@ -253,3 +253,9 @@ def test_a_cluster_that_is_not_there_is_told(cfid: Cfid, tmp_path: Path) -> None
 
     assert ended.returncode == 2
     assert "--scheduler" in ended.stderr
+
+
+def test_a_fleet_is_told_that_addresses_are_for_refits(cfid: Cfid) -> None:
+    ended = cfid("fleet", "memory://c1")
+    assert ended.returncode == 4
+    assert "only `cfid fleet fit` takes addresses" in ended.stderr
