@@ -24,6 +24,7 @@ DISTANCES_APART_STD = 3.0
 _PARALLEL = math.cos(math.radians(2))
 _ALIKE = math.cos(math.radians(10))  # nearer directions a gyro may not tell apart beside what rig.toml states
 _OTHER_DISTANCE = 1.05
+_SAME_FREQUENCY, _TOO_MANY_ALIKE = 5e-4, 3  # of W; two axes of a vehicle may be alike, three are not
 _NAMED = 4  # suspects in a sentence
 
 
@@ -31,7 +32,7 @@ def redundancy_findings(axis_inertias: AxisInertias, fit: InertiaFit) -> tuple[F
     """Name the suspects where swings contradict; else state what would pass, unchecked."""
     found = axis_inertias.evaluate(axis_inertias.values)
     swings = _Swings(matrix_rows(found.direction), found.about_centre_kg_m2, fit.moved)
-    apart = distance_findings(axis_inertias, fit.moved)
+    apart = (*distance_findings(axis_inertias, fit.moved), *_alike(axis_inertias))
     if fit.contradictory:
         return (_suspects(axis_inertias, swings), *apart)
     return (*_unchecked(axis_inertias, swings, fit), *apart)
@@ -59,6 +60,22 @@ def distance_findings(axis_inertias: AxisInertias, moved: Moved) -> tuple[Findin
             resting = (f"inertia.*_kg_m2.{name}" for name in names)
             findings.append(rejection("inertia-distances-differ", text, MATRIX, *resting))
     return tuple(findings)
+
+
+def _alike(axis_inertias: AxisInertias) -> tuple[Finding, ...]:
+    """Reject swings about three mounts and more with one natural frequency: the body was not hung anew between them."""
+    swings = [swing for swing in axis_inertias.swings if not swing.known]
+    best: list[str] = []
+    for one in swings:
+        same = [other.axis for other in swings if abs(other.value / one.value - 1) < _SAME_FREQUENCY]
+        best = max(best, list(dict.fromkeys(same)), key=len)
+    if len(best) < _TOO_MANY_ALIKE:
+        return ()
+    text = (
+        f"the swings of {' and '.join([', '.join(best[:-1]), best[-1]])} have one natural frequency within "
+        f"{100 * _SAME_FREQUENCY:g} %, which no vehicle has about different axes: was it hung anew for each of them?"
+    )
+    return (rejection("inertia-mount-unchanged", text, MATRIX, *(f"inertia.*_kg_m2.{name}" for name in best)),)
 
 
 class _Swings(NamedTuple):
