@@ -82,13 +82,20 @@ def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> tuple[
 def unusable_in(campaign: Campaign, statuses: Sequence[TaskStatus]) -> tuple[Unusable, ...]:
     """Return the campaign's runs of no use whose recordings are still lacking."""
     lacking = [recording for one in statuses for recording in one.lacking if not (one.reason and recording.repeats)]
-    found = []
+    found, usable = [], campaign.runs()
     for run in campaign.runs(complete=False):
         header = run.header
+        if header.verdict is None or header.verdict.usable or header.excluded:
+            continue
         again = next((one for one in lacking if one.is_of(header.kind, header.label)), None)
-        if again is not None and header.verdict is not None and not header.verdict.usable and not header.excluded:
+        if again is not None and not any(_replaces(other, run, again) for other in usable):
             found.append(Unusable(run=run.folder.name, reason=header.verdict.text, words=again.words))
     return tuple(found)
+
+
+def _replaces(other: Run, run: Run, recording: Assignment) -> bool:
+    """Return whether another run is a later one of the same recording."""
+    return recording.is_of(other.header.kind, other.header.label) and other.header.started > run.header.started
 
 
 def remarks_of(statuses: Iterable[TaskStatus], unusable: Iterable[Unusable]) -> tuple[str, ...]:
@@ -127,7 +134,7 @@ def _status(task: Task, runs: Sequence[Run], section: Section | None, stale: Sta
     if section is not None and (rejected := [text for key, text in section.rejected.items() if _aimed(task, key)]):
         state, reason = "rejected", rejected[0]
     elif section is not None and (reasons := stale(section)):
-        state, reason = "stale", reasons[0]
+        state, reason = "stale" if taken else "missing", reasons[0]  # without a run left there is nothing to fit
     elif (section is None and lacking) or any(not one.repeats for one in lacking):
         state = "missing"
     elif section is None:

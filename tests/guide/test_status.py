@@ -175,6 +175,25 @@ def test_a_run_of_no_use_is_named_with_what_to_record_again_until_that_is_done(c
     assert "NOT USABLE" not in cfid("status", "--campaign", folder, "--kind", "inertia").stdout
 
 
+def test_a_run_of_no_use_is_named_no_more_once_a_later_one_of_the_same_is_good(cfid: Cfid, folder: Path) -> None:
+    first = tasks(open_campaign(folder).rig, kind="inertia", order="lab")[0].recordings[0].label.axis
+    assert first is not None
+    amend_run(read_run(swing(folder, first, minute=0)), verdict=Verdict(usable=False, text="no release found."))
+    swing(folder, first, minute=5)  # of which the repeat at the end is still lacking
+
+    assert "NOT USABLE" not in cfid("status", "--campaign", folder, "--kind", "inertia").stdout
+
+
+def test_a_fit_all_of_whose_runs_were_excluded_has_them_recorded_next(cfid: Cfid, folder: Path) -> None:
+    swung(folder)
+    fitted(folder)
+    assert cfid("runs", "exclude", "*_swing_*", "--because", "the cable touched", "--campaign", folder).returncode == 0
+
+    inertia, step = standing(folder)
+    assert (inertia.state, inertia.recorded) == ("missing", 0)
+    assert step.words[:3] == ("log", "encoder", "--axis")
+
+
 def test_a_run_recorded_after_the_fit_makes_it_stale(folder: Path) -> None:
     swung(folder)
     fitted(folder, found=BEGAN)
