@@ -46,7 +46,7 @@ def note(text: str) -> None:
 
 def noted(text: str) -> str:
     """Return a note as the terminal shows it."""
-    line = fitted(f"note: {in_options(printable(text))}", indent=_HEAD, err=True)
+    line = fitted(f"note: {in_options(text)}", indent=_HEAD, err=True)
     return typer.style(line, fg=_colour(typer.colors.YELLOW))
 
 

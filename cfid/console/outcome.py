@@ -99,7 +99,7 @@ def _print(result: Result, drawn: Sequence[Path], notes: Sequence[str]) -> None:
     for line in result.summary():
         echo(fitted(in_options(printable(line))))
     for text in notes:
-        note(text)
+        note(printable(text))
     for path in drawn:
         if path.suffix == ".png":
             echo(f"figure: {path} (and .svg)", err=True)

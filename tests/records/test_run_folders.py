@@ -266,7 +266,9 @@ def test_options_for_bare_files_do_not_touch_a_run_but_a_scale_does(tmp_path: Pa
 def test_a_run_of_a_newer_format_asks_for_a_newer_cfid_whatever_it_holds(tmp_path: Path) -> None:
     folder = recorded(tmp_path)
     (folder / "run.toml").write_text('format = 2\nstate = "dreaming"\n')
-    with pytest.raises(DataError, match=r"written by a newer cfid \(format 2, this one reads 1\): update cfid"):
+    with pytest.raises(
+        DataError, match=r"has format 2, written by a newer cfid; this one reads formats up to 1\. Update cfid"
+    ):
         read_run(folder)
 
 
@@ -281,7 +283,7 @@ def test_keys_that_this_version_does_not_know_are_no_fault(tmp_path: Path) -> No
         (lambda c: c.pop("kind"), "kind is missing"),
         (lambda c: c.pop("started"), "started is missing"),
         (lambda c: c.update(state="done"), "state: should be 'recording', 'complete', 'interrupted' or 'failed'"),
-        (lambda c: c.update(format="one"), "format: should be a valid integer"),
+        (lambda c: c.update(format="one"), "format: should be a whole number from 1 to 1"),
         (lambda c: c.update(started="noon"), "started: should be a valid datetime"),
         (lambda c: c["label"].update(weight_g=-5), "label.weight_g: should be greater than 0, not -5"),
         (lambda c: c["label"].update(weight_g="20"), "label.weight_g: should be a valid number, not '20'"),
