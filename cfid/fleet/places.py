@@ -20,7 +20,7 @@ from cfid.records.run import RUN_FILE
 
 _ADDRESS = re.compile(r"[A-Za-z][\w+.-]*://")
 _NAME = re.compile(r"[A-Za-z0-9_+-][A-Za-z0-9_.+ -]*")  # of a file that another computer lists: no path, nothing hidden
-_SHOWN = 100  # characters of a name that is none
+_SHOWN = 100  # characters of an invalid name that a message quotes
 _SILENT_S = 20.0
 _LARGEST_INDEX = 1 << 24  # bytes
 
