@@ -1,5 +1,6 @@
 """What the tests of all rooms share."""
 
+import gc
 import os
 import signal
 import sys
@@ -33,6 +34,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: item.path.name != "test_tutorial.py")
 
 
+def pytest_collection_finish() -> None:
+    """Keep what was collected for good: to look through it again for garbage takes half a second, over and over."""
+    _keep_what_is_there()
+
+
 @pytest.fixture(autouse=True, scope="session")
 def locks_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Keep the locks that tests take apart from those of the computer's users."""
@@ -53,4 +59,11 @@ def signals_that_are_not_ignored() -> None:
 def in_time() -> Iterator[None]:
     """Keep tests that only compute from delaying this one, whose devices and programs run against a clock."""
     with ahead_of_others():
+        # No simulated device answers while its process looks for garbage, and half a second is a device that is lost.
+        _keep_what_is_there()
         yield
+
+
+def _keep_what_is_there() -> None:
+    gc.collect()
+    gc.freeze()

@@ -223,7 +223,7 @@ def test_a_pendulum_that_swings_is_to_be_held_still_and_is_no_fault_of_the_rig(l
     lab.e201._angle_at = lambda time_s: math.radians(6) * math.sin(8 * time_s)
     swinging = lab.cfid("rig", "preflight", "swing", "--for", 3)
 
-    assert swinging.code == 0
+    assert swinging.code == 0, swinging.out
     assert "at rest         warning  it swings by 12 degrees (limit 0.5 degrees)" in swinging.out
     assert "-> hold it still and check again: noise and drift are judged at rest" in swinging.out
     assert "not ready" not in swinging.err
