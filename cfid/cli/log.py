@@ -96,11 +96,12 @@ def encoder(
         setting = setting.model_copy(update={"port": port})
     if rate_hz is not None:
         setting = setting.sampled_at(positive(rate_hz, "--rate-hz"))
+    turn = counts_per_turn if isinstance(setting, EncoderPort) else setting.turn(counts_per_turn)
     plan = Plan(
         runs_folder=campaign.runs_folder,
         kind=label.kind_of_angles,
         label=kept,
-        notice=Release(counts_per_turn) if swings and isinstance(setting, EncoderPort) else None,
+        notice=Release(turn) if swings else None,
         for_s=lasting.seconds,
         facts=RigFacts(lab_book=campaign.rig.lab_book),
         simulated=simulated,

@@ -24,6 +24,7 @@ Experiment = Literal["thrust", "sine", "wind", "swing"]
 Answers = dict[str, "list[DeviceAnswer]"]
 
 _SWING_S = 60.0
+_SHORTEST_S = 0.5
 _VEHICLE_ROWS_HZ = 100.0
 _LOW_COMMAND, _HOLD_S, _REST_S = 20000, 3.0, 1.5  # of the propellers' balance
 _UNBALANCED, _WORSE = 1.2, 2.0  # the line's amplitude as a part of the thrust, and of the others' median
@@ -50,16 +51,17 @@ def preflight(
     from cfid.cli.rig import report_answers
     from cfid.console.messages import note
     from cfid.console.recording import rig_of
-    from cfid.errors import DeviceError, StopError
+    from cfid.errors import ConfigError, DeviceError, StopError
     from cfid.rig.check import DeviceAnswer
 
-    seconds = positive(for_s, "--for")
+    if positive(for_s, "--for") < _SHORTEST_S:
+        raise ConfigError(f"--for {for_s:g}: noise and drift need {_SHORTEST_S:g} s or more.")
     rig = rig_of(campaign)
     answers: Answers = _identified(experiment, rig)
     if not any(one.state == "fault" for own in answers.values() for one in own):
         try:
             with ExitStack() as held:
-                _look(experiment, rig, answers, held, vehicle, seconds=seconds, balance=balance)
+                _look(experiment, rig, answers, held, vehicle, seconds=for_s, balance=balance)
         except StopError:
             raise
         except DeviceError as error:

@@ -1,6 +1,5 @@
 """The lab book of runs: operator, battery, propellers, temperature, from rig.toml and from notes with `key=value`."""
 
-import math
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -12,6 +11,7 @@ from cfid.records.facts import LabBook
 from cfid.records.run import Run, RunHeader
 
 _KNOWN = tuple(LabBook.model_fields)
+_COLDEST_C, _WARMEST_C = -90.0, 60.0  # of air on Earth
 _SHORTEST = 4  # letters of a key that begins a known one
 _ENTRY = re.compile(r"\s*([a-z][a-z_0-9]*)\s*=\s*(\S.*?)\s*", re.IGNORECASE)
 _WITHOUT_VALUE = re.compile(r"\s*([a-z][a-z_0-9]*)\s*=\s*", re.IGNORECASE)
@@ -27,17 +27,20 @@ def entries(header: RunHeader) -> dict[str, str]:
 
 
 def check(note: str) -> None:
-    """Raise ConfigError for a note with a key without a value, a temperature that is no number, or a misspelt key."""
+    """Raise ConfigError for a key without a value, a value without a key, no temperature of air, or a misspelt key."""
     for part in note.split(";"):
         if empty := _WITHOUT_VALUE.fullmatch(part):
             raise ConfigError(
                 f"{empty[1]}=: has no value: write {empty[1]}=VALUE. An empty text in place of the whole note removes "
                 "all notes of a run."
             )
+        if part.lstrip().startswith("="):
+            raise ConfigError(f"{part.strip()}: has no key: write KEY=VALUE, as in battery=B3.")
     for key, value in _entries(note):
-        if key == "temperature_c" and not _is_number(value):
+        if key == "temperature_c" and not _is_temperature(value):
             raise ConfigError(
-                f"temperature_c={value}: should be a number of degrees Celsius, as in temperature_c=22.5."
+                f"temperature_c={value}: should be a number of degrees Celsius from {_COLDEST_C:g} to {_WARMEST_C:g}, "
+                "as in temperature_c=22.5."
             )
         if key not in _KNOWN and (meant := _meant(key)):
             raise ConfigError(
@@ -74,9 +77,9 @@ def _meant(key: str) -> str:
     return next(iter(begun or get_close_matches(key, _KNOWN, n=1)), "")
 
 
-def _is_number(value: str) -> bool:
+def _is_temperature(value: str) -> bool:
     try:
-        return math.isfinite(float(value))
+        return _COLDEST_C <= float(value) <= _WARMEST_C
     except ValueError:
         return False
 

@@ -155,6 +155,10 @@ class EncoderLines(LineDevice):
         """Whether the angle is in counts."""
         return self.unit(self.measured[0]) == _COUNTS
 
+    def turn(self, counts_per_turn: float | str) -> float | str:
+        """Return a turn in the unit of the recorded angle: counts as `encoder.counts_per_turn` has them, or radians."""
+        return counts_per_turn if self.counted else math.tau
+
 
 class LoadCellLines(LineDevice):
     """A load cell of one axis or several: forces, and torques, measured as such or as a force at an arm."""

@@ -1,6 +1,5 @@
 """Records one run: locks and opens devices, records until the end, and closes them however it ends."""
 
-import math
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -81,8 +80,7 @@ def ready_encoder(
     if isinstance(setting, EncoderLines):
         scale = angle_scale(setting, counts_per_turn)
         record, opened_lines = ready_lines("encoder", setting, held, say=say, scale=scale)
-        turn = counts_per_turn if setting.counted else math.tau
-        return Device(record=record, open=opened_lines, reading=degrees(turn))
+        return Device(record=record, open=opened_lines, reading=degrees(setting.turn(counts_per_turn)))
     found = find_encoder(setting.port, counts_per_turn=counts_per_turn)
     names = [lock_name(found.port)]
     holding = held.enter_context(ExitStack())

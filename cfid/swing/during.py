@@ -16,15 +16,15 @@ class Release:
     """Looks for motion in an encoder's rows: extremes of the angle, in bounded memory; speaks once."""
 
     def __init__(self, counts_per_turn: float | str) -> None:
-        """Take the encoder's scale, as rig.toml has it."""
+        """Take a turn in the unit of the recorded angle, or the word of rig.toml for it."""
         self._words = counts_per_turn == RLS_13BIT_IN_22
         self._turn = float(STEPS_PER_TURN) if self._words else float(counts_per_turn)
         self._begin_s = self._last = math.nan
-        self._place = self._least = self._most = 0.0  # counts from the first sample, across turns
+        self._place = self._least = self._most = 0.0  # from the first sample, across turns
         self._done = False
 
     def __call__(self, device: str, columns: Sequence[Any]) -> str:
-        """Take new rows of the encoder, `t` and counts; return what is wrong, "" for nothing."""
+        """Take new rows of the encoder, `t` and the angle; return what is wrong, "" for nothing."""
         if self._done or device != "encoder":
             return ""
         counts = np.asarray(columns[1])

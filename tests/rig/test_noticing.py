@@ -1,5 +1,6 @@
 """What goes wrong during a recording is said within its first steps, and the operator may end it there."""
 
+import math
 import os
 import pty
 from collections.abc import Sequence
@@ -11,6 +12,7 @@ import numpy.typing as npt
 import pytest
 
 from cfid.motors.during import Steps
+from cfid.records.line_devices import EncoderLines, LineValue
 from cfid.swing.during import Release
 from cfid.transfer.sines.during import Felt
 from tests.flying_in_a_folder import Bench, bench_in
@@ -74,13 +76,13 @@ def test_a_sine_that_the_cell_does_not_feel_is_said_within_three_seconds() -> No
     assert sine(0.02)[0] == []
 
 
-def swing(angle_deg: Any) -> list[tuple[float, str]]:
-    release = Release(8192)
+def swing(angle_deg: Any, turn: float = 8192) -> list[tuple[float, str]]:
+    release = Release(turn)
     said = []
     for begin_s in np.arange(0.0, 40.0, BLOCK_S):
         time_s = begin_s + np.arange(0, BLOCK_S, 0.001)
-        counts = np.rint(8192 * (angle_deg(time_s) / 360 + 0.999)) % 8192  # across the turn's end
-        if text := release("encoder", [time_s, counts.astype(np.int64)]):
+        angles = turn * (angle_deg(time_s) / 360 + 0.999) % turn  # across the turn's end
+        if text := release("encoder", [time_s, np.rint(angles).astype(np.int64) if turn == 8192 else angles]):
             said.append((begin_s, text))
     return said
 
@@ -91,6 +93,16 @@ def test_a_swing_without_a_release_is_said_once_and_a_late_one_is_none() -> None
     assert 19 < after_s < 21
     assert "no release within 20 s: the angle moved by 0.6 degrees" in said
     assert swing(lambda time_s: np.where(time_s > 15, 20 * np.cos(8 * (time_s - 15)), 20.0)) == []
+
+
+@pytest.mark.parametrize(("unit", "turn"), [("deg", math.tau), ("rad", math.tau), ("counts", 4096)])
+def test_a_swing_without_a_release_is_said_of_an_encoder_that_sends_lines(unit: str, turn: float) -> None:
+    setting = EncoderLines(kind="lines", port="port", rate_hz=100, values=(LineValue(name="phi", unit=unit),))
+    ((after_s, said),) = swing(lambda time_s: 0.3 * np.sin(time_s), turn=float(setting.turn(4096)))
+
+    assert setting.turn(4096) == turn
+    assert 19 < after_s < 21
+    assert "the angle moved by 0.6 degrees" in said
 
 
 # Over real wires

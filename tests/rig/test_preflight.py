@@ -219,6 +219,13 @@ def angles_judged(time_s: Array, degrees: Array) -> dict[str, DeviceAnswer]:
     return {answer.asked: answer for answer in of_encoder(record, Sampled({"t": time_s, "phi": degrees}))}
 
 
+def test_signals_too_short_to_judge_are_refused(lab: Lab) -> None:
+    refused = lab.cfid("rig", "preflight", "swing", "--for", 0.1)
+
+    assert refused.code == 2
+    assert "--for 0.1: noise and drift need 0.5 s or more" in refused.err
+
+
 def test_a_pendulum_that_swings_is_to_be_held_still_and_is_no_fault_of_the_rig(lab: Lab) -> None:
     lab.e201._angle_at = lambda time_s: math.radians(6) * math.sin(8 * time_s)
     swinging = lab.cfid("rig", "preflight", "swing", "--for", 3)
