@@ -1,6 +1,7 @@
 """A table with times is a recording: reduced step by step, or refused; a spoilt part does not spoil the rest."""
 
 import math
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -200,6 +201,8 @@ def test_a_stand_of_a_larger_motor_gives_its_map_where_no_rig_states_a_smaller_v
     alone = cfid("fit", "thrust", table)
     assert alone.returncode == 0, alone.stderr
     assert "more than a motor of a small quadrocopter has (10 N)" in " ".join(alone.stderr.split())
+    assert re.search(r"at most \d{5} mN a motor", alone.stdout)
+    assert "e+0" not in alone.stdout
 
     assert cfid("new", tmp_path / "lab").returncode == 0
     within = cfid("fit", "thrust", table, "--campaign", tmp_path / "lab")

@@ -199,7 +199,7 @@ def inverse_lines(inverse: InverseMap) -> list[Dependent]:
     """Return range and round trip of the inverse."""
     low, high = inverse.thrust_range_n
     line = (
-        f"command of thrust: from {1e3 * low:.4g} to {1e3 * high:.4g} mN (commands {inverse.command_range[0]:.0f} to "
+        f"command of thrust: from {_plain(1e3 * low)} to {_plain(1e3 * high)} mN (commands {inverse.command_range[0]:.0f} to "
         f"{inverse.command_range[1]:.0f}), there and back within {inverse.round_trip_command:.2g} commands, "
         f"{1e3 * inverse.round_trip_n:.2g} mN by rounding"
     )
@@ -210,8 +210,8 @@ def maximum_lines(most: MaximumThrust) -> list[Dependent]:
     """Return what can hover, and at which voltage of the battery."""
     at = "" if most.volts is None else f" at {most.volts:.2f} V, to which the battery sags then"
     line = (
-        f"at most {1e3 * most.thrust_n:.4g} mN a motor{at}, measured {1e3 * most.measured_n:.4g} mN at "
-        f"{most.measured_command:.0f}: four motors hover {1e3 * most.hover_mass_kg:.4g} g"
+        f"at most {_plain(1e3 * most.thrust_n)} mN a motor{at}, measured {_plain(1e3 * most.measured_n)} mN at "
+        f"{most.measured_command:.0f}: four motors hover {_plain(1e3 * most.hover_mass_kg)} g"
     )
     return [Dependent(line, "motor.thrust_poly", "motor.max_thrust_n", "motor.hover_mass_kg")]
 
@@ -245,3 +245,8 @@ def figures_of_merit(found: MotorMap, **more: Any) -> dict[str, Any]:
         "aicc": {str(order): value for order, value in found.aicc.items()},
         **more,
     }
+
+
+def _plain(value: float) -> str:
+    """Return a number to four digits and without an exponent: a large motor's thrust is 20340 mN, not 2e+04."""
+    return np.format_float_positional(value, precision=4, fractional=False, trim="-")
