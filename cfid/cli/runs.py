@@ -165,9 +165,7 @@ def _cells(row: Mapping[str, Any], run: "Run") -> "list[Text]":
     """Return a row of the table: a complete run that is not usable is so called, and long reasons are cut short."""
     from rich.text import Text
 
-    unusable = row["usable"] is False and row["state"] == "complete"
-    state = "not usable" if unusable else row["state"]
-    cells = (row["run"], state, row["rows"], row["lost"], _note(run, whole=False))
+    cells = (row["run"], run.outcome, row["rows"], row["lost"], _note(run, whole=False))
     return [Text(printable(str(cell))) for cell in cells]
 
 

@@ -169,9 +169,8 @@ def _left(runs: "Sequence[Run]") -> str:
 
 
 def _why_left(run: "Run") -> str:
-    header = run.header
-    state = "cut" if run.cut else "not usable" if header.state == "complete" else header.state
-    return f"{run.folder.name} ({f'excluded: {header.excluded}' if header.excluded else state})"
+    excluded = run.header.excluded
+    return f"{run.folder.name} ({f'excluded: {excluded}' if excluded else run.outcome})"
 
 
 def interrupted(word: Path, campaign: "Campaign", *, kind: str) -> Path:

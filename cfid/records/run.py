@@ -136,6 +136,13 @@ class Run:
         return self.header.state == "recording"
 
     @property
+    def outcome(self) -> str:
+        """The state in a word: `cut` where nothing closed it, `not usable` where it is complete and judged so."""
+        state, verdict = self.header.state, self.header.verdict
+        unusable = state == "complete" and verdict is not None and not verdict.usable
+        return "cut" if self.cut else "not usable" if unusable else state
+
+    @property
     def usable(self) -> bool:
         """Whether fits take it that select their runs themselves: complete, not excluded, not judged as of no use."""
         header = self.header

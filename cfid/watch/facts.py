@@ -42,7 +42,8 @@ def _of_run(run: LiveRun) -> Iterator[tuple[str, str, bool]]:
     state = f"recording, but no row for {run.quiet_s:.0f} s" if quiet else header.state
     yield "state", ": ".join(filter(None, [state, header.reason])), quiet or header.state == "failed"
     if header.verdict is not None and header.state != "failed":  # of a failed run it is the reason
-        yield "verdict", header.verdict.text, not header.verdict.usable
+        usable = header.verdict.usable
+        yield "verdict", header.verdict.text if usable else f"not usable: {header.verdict.text}", not usable
     left_s = run.left_s
     lasted = f"{clock(run.now_s)} min" + ("" if left_s is None else f", {clock(left_s)} min left")
     yield "time", lasted, False

@@ -188,6 +188,9 @@ def test_the_list_of_runs_states_what_is_not_usable_and_show_says_why(bodies: Pa
     assert text in str(json.loads(shown)["findings"])
     assert (row["state"], row["usable"]) == ("complete", False)
     assert row["note"].endswith(f"not usable: {text}")
+    assert cfid("report", "--campaign", bodies, "--out", bodies / "report.md", "--format", "md").returncode == 0
+    (line,) = [line for line in (bodies / "report.md").read_text().splitlines() if "| not usable |" in line]
+    assert spoilt.folder.name in line.replace("\\", "")
 
 
 def test_a_cell_whose_force_never_changes_is_not_usable(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from cfid.records.run import DeviceRecord, Label, Run, read_run
+from cfid.records.run import DeviceRecord, Label, Run, Verdict, amend_run, read_run
 from cfid.records.run_writer import RunWriter, create_run
 from cfid.watch.facts import facts_html
 from cfid.watch.live_run import LiveRun, newest_run, planned_s
@@ -117,6 +117,14 @@ def test_texts_of_a_run_are_shown_as_text_without_control_characters(recording: 
     shown = facts_html(LiveRun(writer.folder), refused=0)
     assert "&lt;script&gt;x&lt;/script&gt;?[31m &amp; more" in shown
     assert "<script>" not in shown
+
+
+def test_a_recording_that_is_not_usable_is_so_called(recording: Recording) -> None:
+    writer = recording("encoder", ("phi",))
+    writer.close("complete")
+    amend_run(read_run(writer.folder), verdict=Verdict(usable=False, text="no release found: record again"))
+
+    assert "not usable: no release found: record again" in facts_html(LiveRun(writer.folder), refused=0)
 
 
 def test_a_device_of_no_known_kind_is_drawn_in_its_own_columns(recording: Recording) -> None:

@@ -197,9 +197,9 @@ def _aicc_line(found: MotorMap) -> list[str]:
 
 def inverse_lines(inverse: InverseMap) -> list[Dependent]:
     """Return range and round trip of the inverse."""
-    low, high = inverse.thrust_range_n
+    low, high = (_plain(1e3 * thrust_n) for thrust_n in inverse.thrust_range_n)
     line = (
-        f"command of thrust: from {_plain(1e3 * low)} to {_plain(1e3 * high)} mN (commands {inverse.command_range[0]:.0f} to "
+        f"command of thrust: from {low} to {high} mN (commands {inverse.command_range[0]:.0f} to "
         f"{inverse.command_range[1]:.0f}), there and back within {inverse.round_trip_command:.2g} commands, "
         f"{1e3 * inverse.round_trip_n:.2g} mN by rounding"
     )
