@@ -59,6 +59,7 @@ def next_step(
     words = step.words if step.recording is None else _prepared(step.recording)
     echo(f"next: cfid {' '.join(words)}")
     if not yes and _typed("Start it? [Y/n]").lower() not in ("", "y", "yes"):
+        note("nothing was started. Type `cfid next` again, or the command itself.")
         raise typer.Exit
     _become(words, found)
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from cfid.counted import counted
@@ -69,14 +69,15 @@ class Next:
 
 def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> tuple[TaskStatus, ...]:
     """Return how each task of a campaign stands. Raises DataError when parameters.toml is invalid."""
-    runs = campaign.runs()
-    stale = stale_in(campaign.folder, campaign.runs(complete=False))
+    runs, every = campaign.runs(), campaign.runs(complete=False)
+    stale = stale_in(campaign.folder, every)
     sections = campaign.sections()
     order = campaign.folder.resolve().name
     swings = [run.header.devices for run in runs if run.header.kind == "swing"]
     by_gyro = bool(swings) and ENCODER not in swings[-1]
     planned = tasks(campaign.rig, kind=kind, order=order, by_gyro=by_gyro)
-    return tuple(_status(task, runs, sections.get(task.section), stale) for task in planned)
+    found = (_status(task, runs, sections.get(task.section), stale) for task in planned)
+    return tuple(replace(one, lacking=tuple(_completing(left, every) for left in one.lacking)) for one in found)
 
 
 def unusable_in(campaign: Campaign, statuses: Sequence[TaskStatus]) -> tuple[Unusable, ...]:
@@ -145,6 +146,16 @@ def _status(task: Task, runs: Sequence[Run], section: Section | None, stale: Sta
         reason = f"`cfid {' '.join(lacking[0].words)}` once more would show what drifted since the first."
     found = tuple(Certainty(aim=aim, std=None if section is None else _relative_std(section, aim)) for aim in task.aims)
     return TaskStatus(task=task, lacking=lacking, state=state, reason=reason, found=found)
+
+
+def _completing(recording: Assignment, runs: Sequence[Run]) -> Assignment:
+    """Return a recording as what completes its last run, where that is a staircase which ended early."""
+    headers = {run.folder.name: run.header for run in runs if not run.header.excluded}
+    same = {name: header for name, header in headers.items() if recording.is_of(header.kind, header.label)}
+    name, last = next(reversed(same.items()), ("", None))
+    if last is None or last.state == "complete" or "steps" not in last.requested:
+        return recording
+    return replace(recording, words=(*recording.words[:2], "--resume", name), questions=None)
 
 
 def _aimed(task: Task, key: str) -> bool:

@@ -51,6 +51,8 @@ def watch(
 def _announce(address: str, opened: bool) -> None:
     echo(f"{address} (Ctrl-C ends it)", err=True)
     if opened:
+        import threading
         import webbrowser
 
-        webbrowser.open(address)
+        # One that takes the terminal returns when it is closed: the page is served meanwhile.
+        threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()

@@ -194,6 +194,29 @@ def test_a_fit_all_of_whose_runs_were_excluded_has_them_recorded_next(cfid: Cfid
     assert step.words[:3] == ("log", "encoder", "--axis")
 
 
+def test_a_staircase_that_was_interrupted_is_completed_next(cfid: Cfid, folder: Path) -> None:
+    devices = {"commands": DeviceRecord(file="commands.csv", columns=("t", "command"))}
+    with create_run(
+        folder / "runs",
+        kind="thrust",
+        label=Label(),
+        devices=devices,
+        requested={"steps": [9]},
+        started=BEGAN,
+        cfid_version="0.2.0",
+    ) as writer:
+        writer.append("commands", ([1.7e9], [9]))
+        writer.close("interrupted")
+
+    def step() -> str:
+        said = cfid("status", "--campaign", folder, "--kind", "motors").stdout
+        return next(line for line in said.splitlines() if line.startswith("next: "))
+
+    assert step() == f"next: cfid log thrust --resume {writer.folder.name}"
+    assert cfid("runs", "exclude", writer.folder.name, "--because", "gust", "--campaign", folder).returncode == 0
+    assert step() == "next: cfid log thrust"
+
+
 def test_a_run_recorded_after_the_fit_makes_it_stale(folder: Path) -> None:
     swung(folder)
     fitted(folder, found=BEGAN)

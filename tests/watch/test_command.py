@@ -38,6 +38,22 @@ def test_it_waits_for_the_first_run_and_ctrl_c_ends_it_with_0(campaign: Path) ->
     assert len(said.read_text().splitlines()) == 1
 
 
+def test_a_browser_that_takes_the_terminal_is_served(campaign: Path) -> None:
+    program, seen = campaign / "browser", campaign / "seen"
+    fetch = (
+        f"import sys, urllib.request as r; open({str(seen)!r}, 'wb').write(r.urlopen(sys.argv[1], timeout=60).read())"
+    )
+    program.write_text(f'#!/bin/sh\nexec {sys.executable} -c "{fetch}" "$1"\n')
+    program.chmod(0o755)
+    with (campaign / "said").open("wb") as file:
+        browser = {**os.environ, "BROWSER": f"{program} %s"}
+        running = started(["watch", "--open"], cwd=campaign, env=browser, stdout=file, stderr=file)
+    wait_until(lambda: seen.exists() and seen.read_bytes() != b"", "the page in the browser")
+    assert b"<title>cfid watch" in seen.read_bytes()
+    running.send_signal(signal.SIGINT)
+    assert running.wait(60) == 0
+
+
 def test_a_port_in_use_is_named(campaign: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
