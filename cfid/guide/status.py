@@ -195,4 +195,6 @@ def _relative_std(section: Section, aim: Aim) -> float | None:
 
 def percent(std: float | None) -> str:
     """Return a relative standard uncertainty as text."""
-    return "-" if std is None else f"{100 * std:.2g} %"
+    if std is None:
+        return "-"
+    return f"{100 * std:.2g} %" if std < 1 else f"{100 * std:.0f} %"

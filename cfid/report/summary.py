@@ -18,6 +18,8 @@ from cfid.report.known import Known
 from cfid.wire.app import MIDDLE
 
 _MOST_FINDINGS = 5
+_RECORDING = "recording"  # the code of findings about runs
+_BARELY = 2.0  # standard uncertainties from zero: what is nearer is consistent with it
 _MILLIONTH = "10⁻⁶ "
 
 
@@ -129,6 +131,8 @@ def _numbers(known: Known) -> Iterator[MainNumber]:
 def _main(title: str, value: float, std: float | None, scale: float, unit: str) -> MainNumber:
     shown, spread = value_and_deviation(scale * value, None if std is None else scale * std)
     relative = "" if std is None or value == 0 else percent(std / abs(value))
+    if std is not None and abs(value) < _BARELY * std:
+        relative = "consistent with zero"
     text = shown if spread == "-" else f"{shown} ± {spread}"
     if unit.startswith(_MILLIONTH):
         return MainNumber(title, f"{text if spread == '-' else f'({text})'}·{unit}", relative)
@@ -151,14 +155,16 @@ def _title(key: str) -> str:
 
 
 def _findings(experiments: Sequence[Experiment]) -> Iterator[str]:
-    """Yield what was rejected, then what was warned of, each sentence once with the experiments that it is about.
+    """Yield what was rejected, then warnings of results, then of recordings, each sentence once with its experiments.
 
-    That runs are simulated stands above, once for all.
+    A run that lost samples is common, and must not hide what a result suffers from. That runs are simulated stands
+    above, once for all.
     """
-    for severity in ("rejection", "warning"):
+    for severity, recordings in (("rejection", False), ("rejection", True), ("warning", False), ("warning", True)):
         about: dict[str, list[str]] = {}
         for one in experiments:
             for finding in one.findings:
-                if finding.severity == severity and not finding.sentence.endswith(SIMULATED):
+                wanted = finding.severity == severity and (finding.code == _RECORDING) is recordings
+                if wanted and not finding.sentence.endswith(SIMULATED):
                     about.setdefault(finding.sentence, []).append(one.title)
         yield from (f"{', '.join(dict.fromkeys(titles))}: {sentence}" for sentence, titles in about.items())

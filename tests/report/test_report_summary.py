@@ -9,7 +9,7 @@ import pytest
 
 from cfid.findings import note, rejection, warning
 from cfid.guide.plan import Aim, Task
-from cfid.guide.status import Certainty, TaskStatus
+from cfid.guide.status import Certainty, TaskStatus, percent
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter, Section
 from cfid.records.rig_file import thesis_rig
@@ -95,6 +95,24 @@ def test_the_weakest_number_is_that_furthest_from_what_it_is_for(stds: tuple[flo
 
     assert told in weakest
     assert weakest.startswith("number 1" if stds else "")
+
+
+def test_a_number_within_its_uncertainty_of_zero_is_said_to_be() -> None:
+    viscous = Parameter(value=1.6e-6, std=5.3e-6, unit="N m s/rad")
+    numbers = summary(section(friction__viscous_nms_per_rad=viscous)).numbers
+    (number,) = [one for one in numbers if "friction" in one.title]
+
+    assert number.std == "consistent with zero"
+    assert (percent(3.2), percent(0.0032), percent(None)) == ("320 %", "0.32 %", "-")
+
+
+def test_warnings_of_results_come_before_those_of_recordings() -> None:
+    findings = (warning("recording", "run: 12 samples were lost."), warning("a", "it wanders."))
+
+    assert summary(experiments=(replace(EXPERIMENT, findings=findings),)).findings == (
+        "Thrust: it wanders.",
+        "Thrust: run: 12 samples were lost.",
+    )
 
 
 def test_rejections_come_before_warnings_each_sentence_once_and_notes_stay_below() -> None:
