@@ -163,7 +163,11 @@ class Link:
         driver, self._cf.link = self._cf.link, None
         if driver is not None:
             driver.close()
+        updater = self._cf.param.param_updater
         self._cf.close_link()
+        if updater is not None:  # cflib wakes it before it has it end, and so it may wait once more, for good
+            updater.request_queue.put(None)
+            updater.join(_CLOSE_S)
 
     def _give_up(self, spent_s: float, *, answered: bool, foreign: bool) -> None:
         if not answered and spent_s > _SILENT_S:
