@@ -87,8 +87,9 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
         )
     equations = _Equations(flown)
     equations, result = _settled(equations, _start(equations))
-    found, jacobian, residual = (np.asarray(each) for each in (result.x, result.jac, result.fun))
+    found, jacobian, residual = _with_constant(result.x), np.asarray(result.jac), np.asarray(result.fun)
     covariance = _covariance(jacobian, residual, [one.basis for one in equations.white])
+    covariance = np.apply_along_axis(_with_constant, 1, np.apply_along_axis(_with_constant, 0, covariance))
     excess = _excess_of_older_torques(jacobian, residual, equations.white)
     found = _undamped(found, equations)
     covariance[LAGS, LAGS] += _GRID_S**2
@@ -119,21 +120,22 @@ def _settled(equations: "_Equations", found: Array) -> tuple["_Equations", Optim
     for _ in range(_MOST_ROUNDS):
         white = [whitening(block, _left(block, found), fed_back=True) for block in equations.at(found)]
         equations = replace(equations, white=tuple(white))
+        begin = _without_constant(found)
         result = least_squares(
-            equations.residual,
-            found,
-            equations.jacobian,
+            lambda free, to=equations: to.residual(_with_constant(free)),
+            begin,
+            lambda free, to=equations: _without_constant(to.jacobian(_with_constant(free))),
             bounds=(
-                [_QUICKEST_S, _QUICKEST_S, _EARLIEST_S, _EARLIEST_S, *[-np.inf] * 6],
-                [_SLOWEST_S, _SLOWEST_S, _LATEST_S, _LATEST_S, *[np.inf] * 6],
+                [_QUICKEST_S, _QUICKEST_S, _EARLIEST_S, _EARLIEST_S, *[-np.inf] * 5],
+                [_SLOWEST_S, _SLOWEST_S, _LATEST_S, _LATEST_S, *[np.inf] * 5],
             ),
-            x_scale=_scales(found),
+            x_scale=_without_constant(_scales(found)),
             xtol=1e-5,
             ftol=1e-7,
             max_nfev=_STEPS,
         )
-        moved = np.abs(np.asarray(result.x) - found)
-        found = np.asarray(result.x)
+        moved = np.abs(np.asarray(result.x) - begin)
+        found = _with_constant(result.x)
         if np.all(moved <= _SETTLED * np.linalg.norm(gain_of(np.asarray(result.jac)), axis=1)):
             return equations, result
     raise FitError(
@@ -186,7 +188,7 @@ def _excess_of_older_torques(jacobian: Array, residual: Array, white: Sequence[W
     An autopilot that answers to the gyro's noise within a row, or rotors that are no first-order lag, make the two
     differ. Less two standard uncertainties of the difference, so that noise alone changes nothing.
     """
-    turns = jacobian[:, TURNS]
+    turns = jacobian[:, -len(AXES) :]
     older = np.zeros_like(turns)
     begin = 0
     for one in white:
@@ -284,6 +286,16 @@ def _scales(p: Array) -> Array:
     """Return the sizes of the parameters (10,)."""
     thrust = np.full(3, max(float(np.max(np.abs(p[THRUST]))), 1e-6))
     return np.concatenate([p[LAGS], [_DELAY_S, _DELAY_S], thrust, np.maximum(np.abs(p[TURNS]), 1e-3)])
+
+
+def _with_constant(free: npt.ArrayLike) -> Array:
+    """Return the parameters (10,) whose thrust has no constant: the mean force alone tells it, once the others are."""
+    return np.insert(np.asarray(free, dtype=np.float64), THRUST.start, 0.0)
+
+
+def _without_constant(columns: Array) -> Array:
+    """Return parameters (10,), or slopes over them (n, 10), without those of the thrust's constant."""
+    return np.delete(columns, THRUST.start, axis=-1)
 
 
 def _fitted(block: FlightEquation, p: Array) -> Array:

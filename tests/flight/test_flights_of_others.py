@@ -93,6 +93,21 @@ def test_moments_are_the_same_in_both_directions_of_regression() -> None:
         assert forward == pytest.approx(gain, rel=0.01)
 
 
+@pytest.mark.parametrize(("of_drive", "of_force", "of_rates"), [(1.0, 2.0, 1.0), (0.7, 1.0, 1.0), (1.0, 1.0, 1 / 1.5)])
+def test_what_is_found_does_not_depend_on_units(of_drive: float, of_force: float, of_rates: float) -> None:
+    """Where nothing tells a parameter, the optimiser wandered off with it and stopped where its numbers ended."""
+    flight = read(*LOG15).flight
+    scaled = replace(
+        flight, drive=of_drive * flight.drive, force=of_force * flight.force, rates=of_rates * flight.rates
+    )
+    usual, found = fitted(LOG15), fit_flights([scaled])
+
+    sizes = np.concatenate([np.ones(4), of_force / of_drive ** np.arange(3.0), np.full(3, of_rates / of_force)])
+    told = slice(0, 9)  # yaw is not excited in this flight
+    assert found.values[told] / sizes[told] == pytest.approx(usual.values[told], rel=2e-3)
+    assert found.std[told] / sizes[told] == pytest.approx(usual.std[told], rel=1e-2)
+
+
 def test_windows_of_a_flight_give_the_same_moments_within_their_uncertainty() -> None:
     windows = [fitted(one) for one in (LOG15, *HALVES)] + [fitted(LOG10, LOG15)]
     for found in windows:
