@@ -9,6 +9,7 @@ from cfid.sim.crazyflie_glue import IDLE, Glue
 from cfid.sim.crazyflie_log import Log
 from cfid.sim.crazyflie_memories import AbsentMemoryError, answer_memory
 from cfid.sim.crazyflie_modules import PING, SINE, THRUST, App, ModulesOf2015, NoModules, Orders
+from cfid.sim.crazyflie_packets import MEMORY_PORT, SUPERVISOR_PORT, answer_link, framed, new_packet
 from cfid.sim.crazyflie_params import Parameters
 from cfid.sim.crazyflie_platform import COMMAND_CHANNEL, VERSION_CHANNEL, answer_command, answer_version
 from cfid.sim.crazyflie_supervisor import INFO_CHANNEL, UPDATE_STEPS, SimulatedSupervisor
@@ -21,7 +22,6 @@ from cfid.sim.stepping import Array
 from cfid.wire.app import AppPorts, PingChannel, encode_ping_answer
 from cfid.wire.crtp import (
     BY_NAME_CHANNEL,
-    ECHO_CHANNEL,
     ECHO_PORT,
     LOG_DATA_CHANNEL,
     LOG_PORT,
@@ -36,12 +36,7 @@ USUAL_PORTS = AppPorts()
 PROTOCOL = 12  # of CRTP, release 2026.08
 BOOT_S = 1.0
 
-_MEMORY_PORT, _SUPERVISOR_PORT, _PLATFORM_PORT = 4, 9, 13
-_SOURCE_CHANNEL, _NULL_CHANNEL = 1, 3
-# Answers in a packet of their own lack the link's bits in the header; others are the request's packet, filled in.
-_NEW_PACKET = {(PARAMETER_PORT, 0), (LOG_PORT, 0)} | {
-    (port, channel) for port in (_MEMORY_PORT, _SUPERVISOR_PORT) for channel in range(4)
-}
+_PLATFORM_PORT = 13
 _LONGEST_ECHO = LONGEST_PAYLOAD - 8  # the microseconds follow it
 _TICKS_PER_S = 1000
 _IDLE_OF_BRUSHLESS = 7000
@@ -181,10 +176,10 @@ class Crazyflie:
         self._answering: dict[int, Callable[[int, bytes], bytes | None]] = {
             PARAMETER_PORT: self._answer_parameter,
             LOG_PORT: self._answer_log,
-            _SUPERVISOR_PORT: self._answer_supervisor,
+            SUPERVISOR_PORT: self._answer_supervisor,
             _PLATFORM_PORT: self._answer_platform,
-            _MEMORY_PORT: answer_memory,
-            ECHO_PORT: _answer_link,
+            MEMORY_PORT: answer_memory,
+            ECHO_PORT: answer_link,
         }
         self._on = True
         self._powered_s = self._ready_s = self._received_s = powered_s
@@ -221,7 +216,7 @@ class Crazyflie:
         if self._log.streaming and now_s - self._received_s > _CLIENT_GONE_S:
             self._log.reset()
         for row in self._log.due(self._ticks):
-            yield LeavingPacket(now_s, _new_packet(LOG_PORT, LOG_DATA_CHANNEL, row))
+            yield LeavingPacket(now_s, new_packet(LOG_PORT, LOG_DATA_CHANNEL, row))
 
     def _supervise(self) -> None:
         """Advance the commander and the supervisor by this millisecond."""
@@ -276,7 +271,7 @@ class Crazyflie:
                 self.power_off(now_s)  # the firmware stops on a failed assertion
                 return
             if answer is not None:
-                yield _new_packet(port, channel, answer) if packet[:2] in _NEW_PACKET else bytes([header]) + answer
+                yield framed(answer, port=port, channel=channel, header=header)
 
     def _answer_parameter(self, channel: int, payload: bytes) -> bytes | None:
         if channel in (WRITE_CHANNEL, BY_NAME_CHANNEL):
@@ -302,7 +297,7 @@ class Crazyflie:
         now_us = self._microseconds(max(now_s, self._time_s(self._ticks)))  # never before its last tick
         service = self._services[port]
         if self._truth.firmware == "app" and (service, channel) == (PING, PingChannel.PING):
-            yield _new_packet(port, channel, encode_ping_answer(payload[:_LONGEST_ECHO], now_us))
+            yield new_packet(port, channel, encode_ping_answer(payload[:_LONGEST_ECHO], now_us))
             return
         self._stay_awake()
         self._glue.receive(service, channel, payload, now_us=now_us)
@@ -310,15 +305,4 @@ class Crazyflie:
 
     def _app_packets(self) -> Iterator[bytes]:
         for service, channel, payload in self._glue.app.sent():
-            yield _new_packet(self._ports[service], channel, payload)
-
-
-def _answer_link(channel: int, payload: bytes) -> bytes | None:
-    """Return an echo, also of the empty packet that searches for vehicles, or the vehicle's name."""
-    if channel == _SOURCE_CHANNEL:
-        return b"Bitcraze Crazyflie".ljust(LONGEST_PAYLOAD, b"\0")
-    return payload if channel == ECHO_CHANNEL or (channel == _NULL_CHANNEL and not payload) else None
-
-
-def _new_packet(port: int, channel: int, payload: bytes) -> bytes:
-    return bytes([port << 4 | channel]) + payload
+            yield new_packet(self._ports[service], channel, payload)
