@@ -6,7 +6,9 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from cfid.counted import counted
+from cfid.errors import ConfigError, DataError
 from cfid.guide.plan import Aim, Assignment, Task, Words, tasks
+from cfid.motors.plan import missing
 from cfid.quantities.values import Number
 from cfid.records.campaign import RUNS_FOLDER, Campaign
 from cfid.records.parameters import Section
@@ -150,12 +152,14 @@ def _status(task: Task, runs: Sequence[Run], section: Section | None, stale: Sta
 
 def _completing(recording: Assignment, runs: Sequence[Run]) -> Assignment:
     """Return a recording as what completes its last run, where that is a staircase which ended early."""
-    headers = {run.folder.name: run.header for run in runs if not run.header.excluded}
-    same = {name: header for name, header in headers.items() if recording.is_of(header.kind, header.label)}
-    name, last = next(reversed(same.items()), ("", None))
-    if last is None or last.state == "complete" or "steps" not in last.requested:
+    same = [run for run in runs if not run.header.excluded and recording.is_of(run.header.kind, run.header.label)]
+    if not same:
         return recording
-    return replace(recording, words=(*recording.words[:2], "--resume", name), questions=None)
+    try:
+        missing(same[-1].folder, kind=same[-1].header.kind)
+    except (ConfigError, DataError):  # it is no staircase, or lacks nothing
+        return recording
+    return replace(recording, words=(*recording.words[:2], "--resume", same[-1].folder.name), questions=None)
 
 
 def _aimed(task: Task, key: str) -> bool:

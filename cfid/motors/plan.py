@@ -29,10 +29,13 @@ class StaircasePlan:
 
     @classmethod
     def of_run(cls, run: Run) -> "StaircasePlan":
-        """Return the staircase that run.toml states. Raises KeyError for a run of something else."""
+        """Return the staircase that run.toml states.
+
+        Raises KeyError for a run of something else, TypeError or ValueError for what are no numbers.
+        """
         request = run.header.requested
-        steps, motors = tuple(request["steps"]), tuple(request["motors"])
-        return cls(steps=steps, motors=motors, hold_s=request["hold_s"], rest_s=request["rest_s"])
+        steps, motors = tuple(map(int, request["steps"])), tuple(map(int, request["motors"]))
+        return cls(steps=steps, motors=motors, hold_s=float(request["hold_s"]), rest_s=float(request["rest_s"]))
 
     @property
     def duration_s(self) -> float:
@@ -60,7 +63,10 @@ def missing(folder: Path, *, kind: str) -> StaircasePlan:
     run = read_run(folder)
     if run.header.kind != kind or not {"steps", "motors", "hold_s", "rest_s"} <= set(run.header.requested):
         raise ConfigError(f"{folder}: is no run of `cfid log {kind}` that could be resumed.")
-    before = StaircasePlan.of_run(run)
+    try:
+        before = StaircasePlan.of_run(run)
+    except (TypeError, ValueError):
+        raise ConfigError(f"{folder}: run.toml states no staircase that could be resumed.") from None
     if READINGS in run.header.devices:
         typed = read_rows(run, READINGS).columns["command"].tolist() if run.header.devices[READINGS].rows else []
         done = Counter(map(int, typed))

@@ -15,10 +15,10 @@ _MOVED_DEG = 4.0  # between extremes: a swing worth fitting begins with more
 class Release:
     """Looks for motion in an encoder's rows: extremes of the angle, in bounded memory; speaks once."""
 
-    def __init__(self, counts_per_turn: float | str) -> None:
+    def __init__(self, turn: float | str) -> None:
         """Take a turn in the unit of the recorded angle, or the word of rig.toml for it."""
-        self._words = counts_per_turn == RLS_13BIT_IN_22
-        self._turn = float(STEPS_PER_TURN) if self._words else float(counts_per_turn)
+        self._words = turn == RLS_13BIT_IN_22
+        self._turn = float(STEPS_PER_TURN) if self._words else float(turn)
         self._begin_s = self._last = math.nan
         self._place = self._least = self._most = 0.0  # from the first sample, across turns
         self._done = False

@@ -195,17 +195,18 @@ def test_a_fit_all_of_whose_runs_were_excluded_has_them_recorded_next(cfid: Cfid
 
 
 def test_a_staircase_that_was_interrupted_is_completed_next(cfid: Cfid, folder: Path) -> None:
-    devices = {"commands": DeviceRecord(file="commands.csv", columns=("t", "command"))}
+    devices = {"commands": DeviceRecord(file="commands.csv", columns=("t", "m1", "m2", "m3", "m4"))}
+    staircase = {"steps": [10000, 20000], "motors": [1], "hold_s": 1.0, "rest_s": 1.0}
     with create_run(
         folder / "runs",
         kind="thrust",
         label=Label(),
         devices=devices,
-        requested={"steps": [9]},
+        requested=staircase,
         started=BEGAN,
         cfid_version="0.2.0",
     ) as writer:
-        writer.append("commands", ([1.7e9], [9]))
+        writer.append("commands", ([1.7e9], [10000], [0], [0], [0]))
         writer.close("interrupted")
 
     def step() -> str:
