@@ -47,6 +47,7 @@ _VELOCITY, _QUATERNION = ("vx", "vy", "vz"), ("qw", "qx", "qy", "qz")  # of moti
 
 _SLOWEST_S = 0.021  # between rows of a sensor: slower, rates change unseen
 _AVERAGED_S = ROW_S / 2  # between rows of a sensor, below which they are averaged
+_CLOSE_S = 0.005  # between commands: farther apart, those of an autopilot are guessed
 _LIFTED = 0.8  # of the median sum of squared drives, above which the vehicle is in the air
 _EDGE_S = 1.0  # from there on, and before its end: the ground's air, and touching it
 _WEIGHT = (0.2, 5.0)  # of gravity, which a median specific force is nearly: beyond, its unit is another
@@ -159,8 +160,21 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
             *of_recording(path.name, log.notes),
             *(note("recording", f"assumed: {text}.").at(path.name) for text in log.assumed),
             *(warning("recording", text).at(path.name) for text in (*faults, *gaps)),
+            *(one.at(path.name) for one in _between(commands[0][0])),
         ),
     )
+
+
+def _between(time_s: Array) -> list[Finding]:
+    """Return what commands at times (n,) that are far apart do to lags: an autopilot sends two to ten between them."""
+    apart_s = float(np.median(np.diff(time_s)))
+    if apart_s <= _CLOSE_S:
+        return []
+    text = (
+        f"commands are {1e3 * apart_s:.0f} ms apart (limit {1e3 * _CLOSE_S:.0f} ms): those between are not seen, and "
+        "lags can come out nearly twice as long. Log them at 500 Hz for lags."
+    )
+    return [warning("flight-commands-apart", text)]
 
 
 def _unseen(timed: Sequence[Array], row_s: Array) -> tuple[Mask, tuple[str, ...]]:

@@ -78,6 +78,17 @@ def test_manoeuvres_give_the_vehicle_back(flown: tuple[Fleet, list[FlightLog]]) 
         assert [one.std / one.value < 0.05 for one in moments] == [True, True]
 
 
+def test_commands_that_are_far_apart_are_named_as_what_lengthens_lags(flown: tuple[Fleet, list[FlightLog]]) -> None:
+    (series,) = flown[1][0].series
+    (rows,) = series.blocks()
+    sparse = replace(series, rows=len(rows[::5]), blocks=lambda: iter([rows[::5]]))
+    (found,) = [one for one in flight_of(replace(flown[1][0], series=(sparse,))).findings if one.severity == "warning"]
+
+    assert found.code == "flight-commands-apart"
+    assert "commands are 10 ms apart (limit 5 ms)" in found.sentence
+    assert not [one for one in flight_of(flown[1][0]).findings if one.severity == "warning"]
+
+
 def test_the_thrust_of_the_mean_command_carries_the_vehicle(flown: tuple[Fleet, list[FlightLog]]) -> None:
     vehicles, logs = flown
     result = fit([flight_of(logs[0])], body=body_of(vehicles, 0))

@@ -103,9 +103,9 @@ def test_what_is_found_does_not_depend_on_units(of_drive: float, of_force: float
     usual, found = fitted(LOG15), fit_flights([scaled])
 
     sizes = np.concatenate([np.ones(4), of_force / of_drive ** np.arange(3.0), np.full(3, of_rates / of_force)])
-    told = slice(0, 9)  # yaw is not excited in this flight
-    assert found.values[told] / sizes[told] == pytest.approx(usual.values[told], rel=2e-3)
-    assert found.std[told] / sizes[told] == pytest.approx(usual.std[told], rel=1e-2)
+    excited = slice(0, 9)  # yaw is not excited in this flight
+    assert found.values[excited] / sizes[excited] == pytest.approx(usual.values[excited], rel=2e-3)
+    assert found.std[excited] / sizes[excited] == pytest.approx(usual.std[excited], rel=1e-2)
 
 
 def test_windows_of_a_flight_give_the_same_moments_within_their_uncertainty() -> None:
