@@ -1,7 +1,4 @@
-"""Logs of flights as drives, rates, specific forces and velocities along the vehicle's axes, and when it was flying.
-
-Whatever the autopilot's axes, they become x forward, y left, z up.
-"""
+"""Logs of flights as drives, rates, specific forces and velocities along the vehicle's axes, and when it was flying."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,39 +9,17 @@ import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, note, of_recording, warning
+from cfid.flight.channels import at_rows, command_names, commands_of, forces_of, held, motion, rates_of, volts_of
 from cfid.flight.model import ROW_S, ROW_STEPS, STEP_S, Flight
 from cfid.records.logs.any_kind import NO_OPTIONS, read_log
 from cfid.records.logs.log import FlightLog
 from cfid.records.logs.run import log_of_run
 from cfid.records.tables.schema import Foreign, refuse_for_run
 from cfid.records.tables.times import run_at
-from cfid.units import DEAD_COMMAND, FULL_COMMAND, MOTORS, USUAL_GRAVITY_MPS2
+from cfid.units import DEAD_COMMAND, FULL_COMMAND, USUAL_GRAVITY_MPS2
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
-_Sensor = tuple[tuple[str, ...], tuple[float, ...], float | None]
-
-_COMMANDS = ("motor.m{}", "pwm.m{}_pwm", "pwm.m{}", "control.m{}")
-_VOLTS = ("pm.vbat", "pm.vbatMV")
-_DOWN = (1.0, -1.0, -1.0)  # of PX4's axes: x forward, y right, z down
-_UP = (1.0, 1.0, 1.0)
-# What sensors are called, in order of preference, with the signs that turn them to forward, left and up, and the
-# cut-off in Hz of the second-order Butterworth filter that the Crazyflie's firmware puts before its log.
-_RATES: tuple[_Sensor, ...] = (
-    (("gyro.x", "gyro.y", "gyro.z"), _UP, 80.0),
-    (("imu_gyro_x", "imu_gyro_y", "imu_gyro_z"), _UP, 80.0),
-    (("gyro_rad[0]", "gyro_rad[1]", "gyro_rad[2]"), _DOWN, None),
-    (("gyroADC[0]", "gyroADC[1]", "gyroADC[2]"), _UP, None),
-)
-_FORCES: tuple[_Sensor, ...] = (
-    (("acc.x", "acc.y", "acc.z"), _UP, 30.0),
-    (("accelerometer_m_s2[0]", "accelerometer_m_s2[1]", "accelerometer_m_s2[2]"), _DOWN, None),
-    (("accSmooth[0]", "accSmooth[1]", "accSmooth[2]"), _UP, None),
-)
-_OF_PX4 = ("xyz[0]", "xyz[1]", "xyz[2]")  # of many of its topics
-_RATES_TOPIC, _FORCES_TOPIC = "vehicle_angular_velocity", "vehicle_acceleration"
-_VELOCITY, _QUATERNION = ("vx", "vy", "vz"), ("qw", "qx", "qy", "qz")  # of motion capture, in the world's axes
-
 _SLOWEST_S = 0.021  # between rows of a sensor: slower, rates change unseen
 _AVERAGED_S = ROW_S / 2  # between rows of a sensor, below which they are averaged
 _CLOSE_S = 0.005  # between commands: farther apart, those of an autopilot are guessed
@@ -100,17 +75,12 @@ def read_flight(
 def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None = None) -> FlownLog:
     """Take the flight out of a log that was read, as `read_flight`."""
     path = log.path
-    names = [_first(log, _COMMANDS, motor) for motor in MOTORS]
-    missing = [f"motor.m{motor}" for motor, name in zip(MOTORS, names, strict=True) if name is None]
-    if missing:
-        raise DataError(f"{path}: no {', '.join(missing)}: a flight's thrust is that of all four motors.")
-    motors = [name for name in names if name is not None]
-    from_s, to_s = _window(log.channel(motors[0])[0], path, from_s or 0.0, np.inf if to_s is None else to_s)
+    from_s, to_s = _window(log.channel(command_names(log)[0])[0], path, from_s or 0.0, np.inf if to_s is None else to_s)
     around = from_s - _AROUND_S, to_s + _AROUND_S
     whole, log = log, replace(log, series=tuple(one.between(*around) for one in log.series))
-    commands = [log.channel(name) for name in motors]
-    rates, rates_hz = _sensor(log, _RATES, _RATES_TOPIC, "rates")
-    forces, forces_hz = _sensor(log, _FORCES, _FORCES_TOPIC, "accelerations")
+    commands = commands_of(log)
+    rates, rates_hz = rates_of(log)
+    forces, forces_hz = forces_of(log)
     timed = [one[0] for one in (*commands, rates, forces)]
     begin, end = max(from_s, *(float(one[0]) for one in timed)), min(to_s, *(float(one[-1]) for one in timed))
     _check_left(end - begin, path)
@@ -122,13 +92,13 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
         )
     rows = int((end - begin) / ROW_S)
     at_s = np.asarray(begin + STEP_S * np.arange(rows * ROW_STEPS), dtype=np.float64)
-    command = np.column_stack([_held(*one, at_s) for one in commands])
-    volts, faults = _volts(log, at_s)
+    command = np.column_stack([held(*one, at_s) for one in commands])
+    volts, faults = volts_of(log, at_s)
     row_s = np.asarray(begin + ROW_S * np.arange(rows), dtype=np.float64)
     averaged = float(np.median(np.diff(rates[0]))) < _AVERAGED_S
-    force = _at(*forces, row_s, averaged=averaged)
-    spun = _at(*rates, row_s, averaged=averaged)
-    velocity, attitude = _motion(log, row_s)
+    force = at_rows(*forces, row_s, averaged=averaged)
+    spun = at_rows(*rates, row_s, averaged=averaged)
+    velocity, attitude = motion(log, row_s)
     if velocity is not None and attitude is not None:
         velocity = turned_back(attitude, velocity)
     share = command[::ROW_STEPS]
@@ -193,7 +163,10 @@ def _window(time_s: Array, path: Path, from_s: float, to_s: float) -> tuple[floa
     begin, end = float(time_s[0]) + from_s, float(min(time_s[-1], time_s[0] + to_s))
     _check_left(end - begin, path)
     if end - begin > _MOST_S:
-        raise ConfigError(f"{path}: {end - begin:.0f} s at once (limit {_MOST_S:g} s): give `from_s` and `to_s`.")
+        gone = np.diff(time_s[(time_s >= begin) & (time_s <= end)])
+        longest = int(np.argmax(gone))
+        jump = f"; {gone[longest]:.0f} s of them are one gap" if gone[longest] > (end - begin) / 2 else ""
+        raise ConfigError(f"{path}: {end - begin:.0f} s at once (limit {_MOST_S:g} s){jump}: give `from_s` and `to_s`.")
     return begin, end
 
 
@@ -207,20 +180,6 @@ def turned_back(attitude: Array, vector: Array) -> Array:
     w, v = attitude[:, :1], -attitude[:, 1:]
     across = 2 * np.cross(v, vector)
     return np.asarray(vector + w * across + np.cross(v, across))
-
-
-def _sensor(
-    log: FlightLog, kinds: Sequence[_Sensor], topic: str, what: str
-) -> tuple[tuple[Array, Array], float | None]:
-    """Return a sensor's times (n,) and values (n, 3) along the vehicle's axes, and the cut-off of its filter in Hz."""
-    for names, signs, low_pass_hz in (*kinds, (_OF_PX4, _DOWN, None)):
-        for series in log.series:
-            if set(names) <= set(series.names) and (names is not _OF_PX4 or series.name == topic):
-                values = np.column_stack([sign * series.values(name) for name, sign in zip(names, signs, strict=True)])
-                known = np.isfinite(values).all(axis=1)
-                if np.count_nonzero(known) > 1:
-                    return (series.time_s[known], values[known]), low_pass_hz
-    raise DataError(f"{log.path}: no {what} along three axes (as {', '.join(kinds[0][0])}).")
 
 
 def _check_weight(force: Array, path: Path) -> None:
@@ -239,54 +198,6 @@ def _check_weight(force: Array, path: Path) -> None:
             f"{path}: the acceleration along z is {np.median(force[:, 2]):.2g} m/s^2 while motors run, and a flight "
             "has +9.8: z points down in this log. Turn the axes to x forward, y left, z up."
         )
-
-
-def _motion(log: FlightLog, at_s: Array) -> tuple[Array | None, Array | None]:
-    """Return velocity (m, 3) in the world's axes and attitude (m, 4) of motion capture, None where there is none."""
-    for series in log.series:
-        if {*_VELOCITY, *_QUATERNION} <= set(series.names):
-            time_s = series.time_s
-            velocity = np.column_stack([np.interp(at_s, time_s, series.values(name)) for name in _VELOCITY])
-            attitude = np.column_stack([series.values(name) for name in _QUATERNION])
-            flips = np.cumprod(np.where(np.sum(attitude[1:] * attitude[:-1], axis=1) < 0, -1.0, 1.0))
-            attitude[1:] *= flips[:, np.newaxis]
-            attitude = np.column_stack([np.interp(at_s, time_s, column) for column in attitude.T])
-            return velocity, attitude / np.linalg.norm(attitude, axis=1)[:, np.newaxis]
-    return None, None
-
-
-def _volts(log: FlightLog, at_s: Array) -> tuple[Array | None, tuple[str, ...]]:
-    name = _first(log, _VOLTS)
-    if name is None:
-        return None, ()
-    time_s, volts = log.channel(name)
-    known = np.isfinite(volts) & (volts > 1.0) & (volts < 60.0)
-    if not known.all() or not len(volts):
-        return None, ("the battery's voltage has impossible values: it is not used.",)
-    return np.interp(at_s, time_s, volts), ()
-
-
-def _held(time_s: Array, command: Array, at_s: Array) -> Array:
-    """Return the mean command (n,) over each step, which holds from row to row of the log."""
-    known = np.isfinite(command)
-    time_s, command = time_s[known], command[known]
-    total = np.concatenate([[0.0], np.cumsum(command[:-1] * np.diff(time_s))])
-    edges = np.append(at_s, at_s[-1] + STEP_S)
-    place = np.clip(np.searchsorted(time_s, edges, side="right") - 1, 0, len(time_s) - 1)
-    gone = total[place] + command[place] * (edges - time_s[place])
-    return np.asarray(np.diff(gone) / STEP_S)
-
-
-def _at(time_s: Array, values: Array, row_s: Array, *, averaged: bool) -> Array:
-    """Return values (m, 3) at rows: means over each row's 10 ms, or interpolated."""
-    if not averaged:
-        return np.column_stack([np.interp(row_s, time_s, column) for column in values.T])
-    middle = (values[1:] + values[:-1]) / 2 * np.diff(time_s)[:, np.newaxis]
-    total = np.vstack([np.zeros((1, values.shape[1])), np.cumsum(middle, axis=0)])
-    low, high = row_s - ROW_S / 2, row_s + ROW_S / 2
-    return np.column_stack(
-        [(np.interp(high, time_s, column) - np.interp(low, time_s, column)) / ROW_S for column in total.T]
-    )
 
 
 def _airborne(command: Array, force: Array, rates: Array) -> Mask:
@@ -309,8 +220,3 @@ def _late(mask: Mask, for_s: float) -> Mask:
     count = round(for_s / ROW_S)
     total = np.cumsum(np.concatenate([[0], mask.astype(int)]))
     return np.asarray(total[1:] - total[np.maximum(np.arange(len(mask)) - count, 0)] > 0)
-
-
-def _first(log: FlightLog, patterns: Sequence[str], motor: int = 0) -> str | None:
-    there = {name for series in log.series for name in series.names}
-    return next((name for pattern in patterns if (name := pattern.format(motor)) in there), None)

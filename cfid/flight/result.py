@@ -1,54 +1,29 @@
 """What flights tell of a vehicle: quantities, findings, and lines on what was assumed and excited."""
 
-import math
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 
-import numpy as np
-import numpy.typing as npt
-
-from cfid.errors import ConfigError, DataError, FitError
+from cfid.errors import ConfigError, DataError
 from cfid.estimate.common_causes import power_law, with_common_causes
-from cfid.findings import Finding, note, rejection, warning
+from cfid.findings import Finding
 from cfid.flight.braking import AxisDrag, fit_drag
+from cfid.flight.channels import same_flight
+from cfid.flight.checks import findings_of
 from cfid.flight.data import FlownLog
-from cfid.flight.estimation import DELAYS, THRUST, TURNS, FlightFit, fit_flights
-from cfid.flight.model import AXES, LEVER
+from cfid.flight.estimation import FlightFit, fit_flights
+from cfid.flight.model import LEVER
 from cfid.flight.values import (
-    DELAY,
-    MOMENTS,
-    SINGLE,
-    TIMES,
     Body,
     causes_of,
     covariances_of,
     drag_quantities,
     given,
-    lever_m,
     quantities_of,
-    thrust_key,
-    times_of,
 )
-from cfid.records.parameters import Parameter, plain
+from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Figures, Result
 
-Array = npt.NDArray[np.float64]
-
 _DRAG_AXES = ("forward", "left")
-_LEAST_LIFT_MPS2 = 1.0  # root mean square of what rotors did vertically; see docs/decisions/0022
-_EXPLAINED = 0.6  # of the vertical force, as `fit dynamics` asks of a thrust
-_LOOSE_LAG, _LOOSE = 0.1, 0.1  # of a value: the largest accepted standard uncertainty
-_LEAST_SPEED_MPS = 0.3  # root mean square along an axis
-_EXPLAINED_DRAG = 0.8  # of the horizontal specific force: else wind or a tilted sensor decides
-_LEAST_TURN_RAD_PER_S2 = 5.0  # root mean square; with 0.6 about yaw a public log gave 8e-5 kg m^2, others publish 3e-5
-_FIRST_S, _LAST_S = -0.005, 0.045  # of a sensor's delay: stamps err by some ms, and the fit searches up to 50 ms
-_OF_ARM = 0.08, 0.9  # the moment over mass times arm squared: published quadrocopters have 0.2 to 0.4
-_FED_BACK = 0.03  # of a moment, from where a warning names what older torques would change
-_MANOEUVRES = {
-    "roll": "tilt quickly to the right and left, several times a second, for 20 s",
-    "pitch": "tilt quickly forward and back, several times a second, for 20 s",
-    "yaw": "turn quickly left and right about the vertical for 20 s",
-}
 
 
 def fit(flights: Sequence[FlownLog], *, body: Body) -> Result:
@@ -64,10 +39,7 @@ def fit(flights: Sequence[FlownLog], *, body: Body) -> Result:
     quantities = {**measured, **given(body)}
     findings = (
         *(finding for one in flights for finding in one.findings),
-        *_thrust_findings(found),
-        *_moment_findings(found, body),
-        *_unlike_arm(measured, body),
-        *_drag_findings(drags),
+        *findings_of(flights, found, drags, measured, body),
     )
     name = flights[0].flight.name
 
@@ -97,21 +69,13 @@ def fit(flights: Sequence[FlownLog], *, body: Body) -> Result:
     return with_common_causes(result, power_law(quantities, *causes_of(body)))
 
 
-def contradictions(flown: FlownLog) -> tuple[Finding, ...]:
-    """Return what a flight shows that no vehicle does with such axes, motors and times; none where too little flew."""
-    try:
-        found = fit_flights([flown.flight])
-    except FitError:
-        return ()
-    return (*_delay_findings(found, ()), *_wrong_ways(found))
-
-
 def _check(flights: Sequence[FlownLog]) -> None:
     if not flights:
         raise ConfigError("nothing to fit: give a LOG of a flight.")
     for place, one in enumerate(flights):
-        if any(one.log.source.sha256 == before.log.source.sha256 for before in flights[:place]):
-            raise DataError(f"{one.log.path}: the same log as before: name each once.")
+        for before in flights[:place]:
+            if one.log.source.sha256 == before.log.source.sha256 or same_flight(one.log, before.log):
+                raise DataError(f"{one.log.path}: the same flight as {before.log.path.name}: name each once.")
         if one.flight.in_volts != flights[0].flight.in_volts:
             raise DataError(f"{one.log.path}: only some of the logs have the battery's voltage: fit them apart.")
 
@@ -124,145 +88,6 @@ def _wanted(quantities: Mapping[str, Parameter], findings: Sequence[Finding]) ->
     """Return the keys that the flights determine, all where they determine none."""
     lost = [key for one in findings if one.severity == "rejection" for key in one.quantities]
     return tuple(key for key in quantities if not any(fnmatchcase(key, one) for one in lost)) or tuple(quantities)
-
-
-def _thrust_findings(found: FlightFit) -> list[Finding]:
-    concerned = (thrust_key(found), *TIMES, *MOMENTS.values())
-    lift = found.excitation["vertical"]
-    climb = "climb and drop quickly, once or twice a second, for 20 s"
-    if lift < _LEAST_LIFT_MPS2 or found.explained < _EXPLAINED:
-        text = (
-            f"thrust is not excited: the rotors moved the vertical force by {lift:.2g} m/s^2 rms (at least "
-            f"{_LEAST_LIFT_MPS2:g}) and explain {100 * max(found.explained, 0):.0f} % of it (at least "
-            f"{100 * _EXPLAINED:.0f} %): {climb}. Moments need the thrust."
-        )
-        return [rejection("flight-thrust-not-excited", text, *concerned)]
-    result = [*_delay_findings(found, concerned), *_lag_findings(found, climb)]
-    slope = np.array([0.0, 1.0, 2 * found.drive])
-    gain, std = float(slope @ found.thrust), math.sqrt(float(slope @ found.covariance[THRUST, THRUST] @ slope))
-    if not (gain > 0 and std < _LOOSE * gain):
-        text = (
-            f"the slope of thrust over the drive at hovering is {gain:.3g} +- {std:.2g} m/s^2 (limit "
-            f"{100 * _LOOSE:.0f} %): {climb}. Moments need it."
-        )
-        result.append(rejection("flight-thrust-not-excited", text, thrust_key(found), *MOMENTS.values()))
-    return result
-
-
-def _lag_findings(found: FlightFit, climb: str) -> list[Finding]:
-    """Reject each time constant that is open, and with the sum of lag and delay the moments, which rest on it."""
-    result = []
-    for key, (tau_s, std_s) in times_of(found).items():
-        if key != DELAY and not std_s < _LOOSE_LAG * tau_s:
-            text = (
-                f"{key.removeprefix('flight.').removesuffix('_s').replace('_', ' ')}, {1e3 * tau_s:.0f} ms, is open by "
-                f"{100 * std_s / tau_s:.0f} % (limit {100 * _LOOSE_LAG:.0f} %): {climb}."
-            )
-            result.append(rejection("flight-lag-not-excited", text, key, *(MOMENTS.values() if key == SINGLE else ())))
-    return result
-
-
-def _delay_findings(found: FlightFit, concerned: Sequence[str]) -> list[Finding]:
-    """Reject everything where a sensor shows what rotors do before their command, or much later."""
-    for sensor, delay_s, std_s in zip(("accelerometer", "gyro"), found.values[DELAYS], found.std[DELAYS], strict=True):
-        if not (delay_s + 3 * std_s > _FIRST_S and delay_s < _LAST_S):
-            text = (
-                f"the {sensor} shows what rotors do {1e3 * abs(delay_s):.0f} ms "
-                f"{'before' if delay_s < 0 else 'after'} their command: its times and those of the commands do not "
-                "belong together."
-            )
-            return [rejection("flight-delay-implausible", text, *concerned)]
-    return []
-
-
-def _moment_findings(found: FlightFit, body: Body) -> list[Finding]:
-    result = _wrong_ways(found)
-    for place, axis in enumerate(AXES):
-        if lever_m(axis, body) is None:
-            what = "the torque of a rotor over its thrust (`torque_m`)" if axis == "yaw" else "the arm (`arm_mm`)"
-            result.append(note("flight-lever-unknown", f"no moment about {axis}: it needs {what}."))
-            continue
-        gain, std = float(found.values[TURNS][place]), float(found.std[TURNS][place])
-        if gain == 0:
-            text = f"the gyro shows no turning about {axis} at all: does it work, is it in the log?"
-            result.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
-        elif gain < 0 and -gain > 3 * std:
-            continue
-        elif not std < _LOOSE * abs(gain):
-            text = (
-                f"the moment about {axis} is open by {100 * std / abs(gain):.0f} % (limit {100 * _LOOSE:.0f} %): "
-                f"{_MANOEUVRES[axis]}."
-            )
-            result.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
-        elif found.excitation[axis] < _LEAST_TURN_RAD_PER_S2:
-            text = (
-                f"rotors' torques moved the rate about {axis} by {found.excitation[axis]:.2g} rad/s^2 rms (at least "
-                f"{_LEAST_TURN_RAD_PER_S2:g}): {_MANOEUVRES[axis]}. Is the gyro in rad/s?"
-            )
-            result.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
-        elif found.feedback[place] > _FED_BACK:
-            change = 100 * found.feedback[place]
-            text = (
-                f"torques of 20 ms before would change the moment about {axis} by {change:.0f} % more than noise "
-                "explains: the autopilot answers to the gyro's noise, or the rotors are no first-order lag. "
-                "The standard uncertainty contains it."
-            )
-            result.append(warning("flight-older-torques-differ", text, MOMENTS[axis]))
-    return result
-
-
-def _unlike_arm(quantities: Mapping[str, Parameter], body: Body) -> list[Finding]:
-    """Reject moments that no quadrocopter with such an arm has: its mass lies between its middle and its motors."""
-    if body.arm_m is None:
-        return []
-    result = []
-    for axis in ("roll", "pitch"):
-        one = quantities.get(MOMENTS[axis])
-        share = 0.0 if one is None else plain(one.value) / (body.mass_kg * body.arm_m**2)
-        if share > 0 and not _OF_ARM[0] < share < _OF_ARM[1]:
-            text = (
-                f"the moment about {axis} is {share:.2g} times mass times arm squared, and quadrocopters have 0.2 to "
-                f"0.4 (limits {_OF_ARM[0]:g} and {_OF_ARM[1]:g}): is the arm of {1e3 * body.arm_m:g} mm right?"
-            )
-            result.append(rejection("flight-moment-unlike-arm", text, MOMENTS[axis]))
-    return result
-
-
-def _wrong_ways(found: FlightFit) -> list[Finding]:
-    return [
-        rejection(
-            "flight-wrong-way",
-            f"commanded torques turn the vehicle the wrong way about {axis}: the log's axes are not forward, left "
-            "and up, or its motors have other numbers (front right, rear right, rear left, front left).",
-            *TIMES,
-            MOMENTS[axis],
-        )
-        for place, axis in enumerate(AXES)
-        if found.values[TURNS][place] < -3 * found.std[TURNS][place] and found.excitation[axis] > 0
-    ]
-
-
-def _drag_findings(drags: Mapping[str, AxisDrag | None]) -> list[Finding]:
-    if not any(drags.values()):
-        text = "no drag: the logs have no velocity and attitude of motion capture (vx, vy, vz, qw, qx, qy, qz)."
-        return [note("flight-no-velocity", text)]
-    result = []
-    for axis, one in drags.items():
-        keys = f"flight.drag_over_mass_per_s.{axis}", f"flight.drag_kg_per_s.{axis}"
-        if one is not None and (one.speed < _LEAST_SPEED_MPS or one.explained < _EXPLAINED_DRAG):
-            text = (
-                f"drag along {axis} is not excited: {one.speed:.2g} m/s rms (at least {_LEAST_SPEED_MPS:g}), of which "
-                f"it explains {100 * max(one.explained, 0):.0f} % of the specific force (at least "
-                f"{100 * _EXPLAINED_DRAG:.0f} %): fly back and forth along it at 1 m/s and more, without wind."
-            )
-            result.append(rejection("flight-drag-not-excited", text, *keys))
-        elif one is not None and one.rate + 3 * one.std < 0:
-            text = f"drag along {axis} would drive the vehicle: {one.rate:.3g} +- {one.std:.2g} 1/s. Check the axes."
-            result.append(rejection("flight-wrong-way", text, *keys))
-        elif one is not None and not one.std < _LOOSE * abs(one.rate):
-            text = f"drag along {axis} is open by {100 * one.std / abs(one.rate):.0f} %: fly faster, or longer."
-            result.append(warning("flight-drag-loose", text, *keys))
-    return result
 
 
 def _lines(
@@ -292,5 +117,5 @@ def _assumptions(body: Body) -> list[str]:
         "assumed: axes forward, left, up; four alike rotors with thrust along z"
         + arm
         + f"; mass {1e3 * body.mass_kg:g} g; "
-        "the accelerometer's scale exact; no climb in the mean; sensors show thrust a delay later",
+        "scales and times of accelerometer and gyro exact; no climb in the mean; sensors show thrust a delay later",
     ]

@@ -6,14 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import t as student
 
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
+from cfid.flight.checks import contradictions
 from cfid.flight.data import FlownLog
 from cfid.flight.model import LEVER, ROW_S
-from cfid.flight.result import contradictions
 from cfid.records.result import Figures, Result
-from cfid.units import COVERAGE_95, USUAL_GRAVITY_MPS2
+from cfid.units import USUAL_GRAVITY_MPS2
 from cfid.validation.rollout import HORIZONS, QUANTITIES, UNITS, ParameterSet, errors, starts
 
 Array = npt.NDArray[np.float64]
@@ -75,12 +76,13 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Mapping[str
 def compared(each: Mapping[str, Mapping[str, Array]]) -> list[SetError]:
     """Return the table of errors (s, h) of sets by quantity, each set paired with the first over segments."""
     first = next(iter(each.values()))
+    coverage = float(student.ppf(0.975, len(first[QUANTITIES[0]]) - 1))
     table = []
     for quantity in QUANTITIES:
         for place, rows in enumerate(HORIZONS):
             for name, found in each.items():
                 error, more = found[quantity][:, place], (found[quantity] - first[quantity])[:, place]
-                half = COVERAGE_95 * float(np.std(more, ddof=1)) / math.sqrt(len(more))
+                half = coverage * float(np.std(more, ddof=1)) / math.sqrt(len(more))
                 mean = float(np.mean(more))
                 one = SetError(
                     quantity=quantity,

@@ -1,16 +1,21 @@
 """Public logs of flights: what their authors found, and what must not depend on how the fit is written."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 import pytest
+from scipy.ndimage import uniform_filter1d
 
 from cfid.errors import DataError
 from cfid.flight.data import FlownLog, flight_of, read_flight
 from cfid.flight.estimation import THRUST, TURNS, FlightFit, fit_flights
 from cfid.flight.likelihood import PAST, whitening, without
+from cfid.flight.model import Flight
 from cfid.flight.result import fit
 from cfid.flight.values import Body
 from cfid.records.logs.any_kind import read_log
@@ -166,3 +171,76 @@ def test_a_moment_that_no_quadrocopter_with_such_an_arm_has_is_rejected(arm_m: f
     for axis in ("roll", "pitch"):
         assert (f"flight.inertia_kg_m2.{axis}" not in result.rejected) is kept
     assert any("is the arm of" in one.text for one in result.findings) is not kept
+
+
+def turned(values: Array, degrees: float) -> Array:
+    """Return vectors (n, 3) as axes show them that are turned about the vertical."""
+    cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return np.asarray(values @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1.0]]).T)
+
+
+def smoothed(values: Array) -> Array:
+    return np.asarray(uniform_filter1d(values, 5, axis=0))
+
+
+DEFECTS: dict[str, tuple[Callable[[Flight], Flight], str, str]] = {
+    "turned": (lambda one: replace(one, rates=turned(one.rates, -45)), "flight-axes-crossed", "by about 50 degrees"),
+    "exchanged axes": (
+        lambda one: replace(one, rates=one.rates[:, [1, 0, 2]]),
+        "flight-axes-crossed",
+        "rates about roll and pitch are exchanged",
+    ),
+    "exchanged motors": (
+        lambda one: replace(one, drive=one.drive[:, [1, 0, 2, 3]]),
+        "flight-axes-crossed",
+        "motors have other numbers",
+    ),
+    "smoothed gyro": (lambda one: replace(one, rates=smoothed(one.rates)), "flight-torques-contradict", "smoothed"),
+    "scale of 0.7": (lambda one: replace(one, force=0.7 * one.force), "flight-weight-unlike", "0.74 g in the mean"),
+}
+
+
+@pytest.mark.parametrize("defect", DEFECTS)
+def test_axes_motors_and_sensors_that_no_vehicle_has_are_named_and_lags_go_with_them(defect: str) -> None:
+    change, code, words = DEFECTS[defect]
+    flown = read(*LOG15)
+    result = fit([replace(flown, flight=change(flown.flight))], body=ARM)
+    (first, *_) = [one for one in result.findings if one.code == code]
+    print(first.text)
+    assert first.severity == "rejection"
+    assert words in first.text
+    assert {"flight.inertia_kg_m2.roll", "flight.inertia_kg_m2.pitch"} <= set(result.rejected)
+    if code != "flight-weight-unlike":
+        assert {"flight.rising_s", "flight.falling_s", "flight.single_lag_s"} <= set(result.rejected)
+
+
+def test_a_scale_of_two_or_a_tilted_accelerometer_is_a_warning() -> None:
+    flown = read(*LOG15)
+    cos, sin = np.cos(np.radians(12)), np.sin(np.radians(12))
+    tilted = flown.flight.force @ np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]]).T
+    for force, code in ((2 * flown.flight.force, "flight-weight-apart"), (tilted, "flight-force-tilted")):
+        result = fit([replace(flown, flight=replace(flown.flight, force=force))], body=ARM)
+        assert [one.severity for one in result.findings if one.code == code] == ["warning"]
+
+
+def test_a_flight_as_two_formats_is_one(tmp_path: Path) -> None:
+    log = read_log(FLIGHTS / LOG15[0])
+    copy = tmp_path / "copy.csv"
+    (series,) = log.series
+    keys = ["motor.m1", "motor.m2", "motor.m3", "motor.m4", "acc.x", "acc.y", "acc.z", "gyro.x", "gyro.y", "gyro.z"]
+    units = [*[1.0] * 4, *[9.81] * 3, *[np.pi / 180] * 3]
+    columns = {key: series.values(key) / unit for key, unit in zip(keys, units, strict=True)}
+    pd.DataFrame({"t_s": series.time_s, **columns}).to_csv(copy, index=False)
+    with pytest.raises(DataError, match=r"the same flight as eschmann_log15\.usd"):
+        fit([read(*LOG15), read_flight(copy, from_s=LOG15[1], to_s=LOG15[2])], body=ARM)
+
+
+@pytest.mark.parametrize(("scale", "unit"), [(1 / 65535, "shares of one"), (100 / 65535, "per cent")])
+def test_commands_in_another_unit_are_refused_with_what_they_look_like(scale: float, unit: str) -> None:
+    log = read_log(FLIGHTS / LOG10[0])
+    (series,) = log.series
+    channels = tuple(
+        replace(one, scale=one.scale * scale) if one.name.startswith("motor.") else one for one in series.channels
+    )
+    with pytest.raises(DataError, match=unit):
+        flight_of(replace(log, series=(replace(series, channels=channels),)))

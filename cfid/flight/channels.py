@@ -1,0 +1,158 @@
+"""The channels of a log that a flight needs, by what autopilots call them, at the times of the flight's rows.
+
+Whatever the autopilot's axes, they become x forward, y left, z up.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import DataError
+from cfid.flight.model import ROW_S, STEP_S
+from cfid.records.logs.log import FlightLog
+from cfid.units import FULL_COMMAND, MOTORS
+
+Array = npt.NDArray[np.float64]
+_Sensor = tuple[tuple[str, ...], tuple[float, ...], float | None]
+
+_COMMANDS = ("motor.m{}", "pwm.m{}_pwm", "pwm.m{}", "control.m{}")
+_VOLTS = ("pm.vbat", "pm.vbatMV")
+_DOWN = (1.0, -1.0, -1.0)  # of PX4's axes: x forward, y right, z down
+_UP = (1.0, 1.0, 1.0)
+# What sensors are called, in order of preference, with the signs that turn them to forward, left and up, and the
+# cut-off in Hz of the second-order Butterworth filter that the Crazyflie's firmware puts before its log.
+_RATES: tuple[_Sensor, ...] = (
+    (("gyro.x", "gyro.y", "gyro.z"), _UP, 80.0),
+    (("imu_gyro_x", "imu_gyro_y", "imu_gyro_z"), _UP, 80.0),
+    (("gyro_rad[0]", "gyro_rad[1]", "gyro_rad[2]"), _DOWN, None),
+    (("gyroADC[0]", "gyroADC[1]", "gyroADC[2]"), _UP, None),
+)
+_FORCES: tuple[_Sensor, ...] = (
+    (("acc.x", "acc.y", "acc.z"), _UP, 30.0),
+    (("accelerometer_m_s2[0]", "accelerometer_m_s2[1]", "accelerometer_m_s2[2]"), _DOWN, None),
+    (("accSmooth[0]", "accSmooth[1]", "accSmooth[2]"), _UP, None),
+)
+_OF_PX4 = ("xyz[0]", "xyz[1]", "xyz[2]")  # of many of its topics
+_VELOCITY, _QUATERNION = ("vx", "vy", "vz"), ("qw", "qx", "qy", "qz")  # of motion capture, in the world's axes
+_PER_CENT = 100.0
+_TELLING = 100  # rows of commands
+
+
+def command_names(log: FlightLog) -> list[str]:
+    """Return what the commands of motors 1 to 4 are called. Raises DataError where one is missing."""
+    names = [_first(log, _COMMANDS, motor) for motor in MOTORS]
+    missing = [f"motor.m{motor}" for motor, name in zip(MOTORS, names, strict=True) if name is None]
+    if missing:
+        raise DataError(f"{log.path}: no {', '.join(missing)}: a flight's thrust is that of all four motors.")
+    return [name for name in names if name is not None]
+
+
+def commands_of(log: FlightLog) -> list[tuple[Array, Array]]:
+    """Return the times (n,) and commands (n,), 0 to 65535, of each motor. Raises DataError for shares or per cent."""
+    found = [log.channel(name) for name in command_names(log)]
+    most = max(float(np.nanmax(command, initial=0.0)) for _, command in found)
+    if 0 < most <= _PER_CENT:
+        unit = "shares of one" if most <= 1 else "per cent"
+        raise DataError(
+            f"{log.path}: commands of at most {most:.3g}, where full thrust is {FULL_COMMAND:g}: are they {unit}? "
+            "Scale the motors' columns."
+        )
+    return found
+
+
+def same_flight(one: FlightLog, other: FlightLog) -> bool:
+    """Return whether two logs, of whatever kind, hold the same commands: four numbers of 16 bits repeat by chance in
+    no other flight.
+    """
+    sets = [_command_rows(log) for log in (one, other)]
+    fewest = min(map(len, sets))
+    return fewest >= _TELLING and len(sets[0] & sets[1]) > fewest / 2
+
+
+def _command_rows(log: FlightLog) -> set[bytes]:
+    """Return the rows of four commands, which differ from each other, as whole numbers."""
+    commands = commands_of(log)
+    if len({len(command) for _, command in commands}) > 1:
+        return set()
+    rows = np.rint(np.column_stack([command for _, command in commands]))
+    rows = rows[np.isfinite(rows).all(axis=1) & (np.ptp(rows, axis=1) > 0)]
+    return {row.tobytes() for row in rows.astype(np.int64)}
+
+
+def rates_of(log: FlightLog) -> tuple[tuple[Array, Array], float | None]:
+    """Return times (n,) and rates (n, 3) in rad/s, and the cut-off of their filter in Hz, None where unknown."""
+    return _sensor(log, _RATES, "vehicle_angular_velocity", "rates")
+
+
+def forces_of(log: FlightLog) -> tuple[tuple[Array, Array], float | None]:
+    """Return times (n,) and specific forces (n, 3) in m/s^2, and the cut-off of their filter, as `rates_of`."""
+    return _sensor(log, _FORCES, "vehicle_acceleration", "accelerations")
+
+
+def _sensor(
+    log: FlightLog, kinds: Sequence[_Sensor], topic: str, what: str
+) -> tuple[tuple[Array, Array], float | None]:
+    """Return a sensor's times (n,) and values (n, 3) along the vehicle's axes, and the cut-off of its filter in Hz."""
+    for names, signs, low_pass_hz in (*kinds, (_OF_PX4, _DOWN, None)):
+        for series in log.series:
+            if set(names) <= set(series.names) and (names is not _OF_PX4 or series.name == topic):
+                values = np.column_stack([sign * series.values(name) for name, sign in zip(names, signs, strict=True)])
+                known = np.isfinite(values).all(axis=1)
+                if np.count_nonzero(known) > 1:
+                    return (series.time_s[known], values[known]), low_pass_hz
+    raise DataError(f"{log.path}: no {what} along three axes (as {', '.join(kinds[0][0])}).")
+
+
+def motion(log: FlightLog, at_s: Array) -> tuple[Array | None, Array | None]:
+    """Return velocity (m, 3) in the world's axes and attitude (m, 4) of motion capture, None where there is none."""
+    for series in log.series:
+        if {*_VELOCITY, *_QUATERNION} <= set(series.names):
+            time_s = series.time_s
+            velocity = np.column_stack([np.interp(at_s, time_s, series.values(name)) for name in _VELOCITY])
+            attitude = np.column_stack([series.values(name) for name in _QUATERNION])
+            flips = np.cumprod(np.where(np.sum(attitude[1:] * attitude[:-1], axis=1) < 0, -1.0, 1.0))
+            attitude[1:] *= flips[:, np.newaxis]
+            attitude = np.column_stack([np.interp(at_s, time_s, column) for column in attitude.T])
+            return velocity, attitude / np.linalg.norm(attitude, axis=1)[:, np.newaxis]
+    return None, None
+
+
+def volts_of(log: FlightLog, at_s: Array) -> tuple[Array | None, tuple[str, ...]]:
+    """Return the battery's voltage (n,) at times, None where it is not known, and sentences on what is impossible."""
+    name = _first(log, _VOLTS)
+    if name is None:
+        return None, ()
+    time_s, volts = log.channel(name)
+    known = np.isfinite(volts) & (volts > 1.0) & (volts < 60.0)
+    if not known.all() or not len(volts):
+        return None, ("the battery's voltage has impossible values: it is not used.",)
+    return np.interp(at_s, time_s, volts), ()
+
+
+def held(time_s: Array, command: Array, at_s: Array) -> Array:
+    """Return the mean command (n,) over each step, which holds from row to row of the log."""
+    known = np.isfinite(command)
+    time_s, command = time_s[known], command[known]
+    total = np.concatenate([[0.0], np.cumsum(command[:-1] * np.diff(time_s))])
+    edges = np.append(at_s, at_s[-1] + STEP_S)
+    place = np.clip(np.searchsorted(time_s, edges, side="right") - 1, 0, len(time_s) - 1)
+    gone = total[place] + command[place] * (edges - time_s[place])
+    return np.asarray(np.diff(gone) / STEP_S)
+
+
+def at_rows(time_s: Array, values: Array, row_s: Array, *, averaged: bool) -> Array:
+    """Return values (m, 3) at rows: means over each row's 10 ms, or interpolated."""
+    if not averaged:
+        return np.column_stack([np.interp(row_s, time_s, column) for column in values.T])
+    middle = (values[1:] + values[:-1]) / 2 * np.diff(time_s)[:, np.newaxis]
+    total = np.vstack([np.zeros((1, values.shape[1])), np.cumsum(middle, axis=0)])
+    low, high = row_s - ROW_S / 2, row_s + ROW_S / 2
+    return np.column_stack(
+        [(np.interp(high, time_s, column) - np.interp(low, time_s, column)) / ROW_S for column in total.T]
+    )
+
+
+def _first(log: FlightLog, patterns: Sequence[str], motor: int = 0) -> str | None:
+    there = {name for series in log.series for name in series.names}
+    return next((name for pattern in patterns if (name := pattern.format(motor)) in there), None)

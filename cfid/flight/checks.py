@@ -1,0 +1,254 @@
+"""What a flight cannot tell, and what it shows that no vehicle with such axes, motors and times does."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cfid.errors import FitError
+from cfid.findings import Finding, note, rejection, warning
+from cfid.flight.braking import AxisDrag
+from cfid.flight.crossing import crossing_of
+from cfid.flight.data import FlownLog
+from cfid.flight.estimation import DELAYS, THRUST, TURNS, FlightFit, fit_flights
+from cfid.flight.model import AXES
+from cfid.flight.values import DELAY, MOMENTS, SINGLE, TIMES, Body, lever_m, thrust_key, times_of
+from cfid.records.parameters import Parameter, plain
+from cfid.units import USUAL_GRAVITY_MPS2
+
+_LEAST_LIFT_MPS2 = 1.0  # root mean square of what rotors did vertically; see docs/decisions/0022
+_EXPLAINED = 0.6  # of the vertical force, as `fit dynamics` asks of a thrust
+_LOOSE_LAG, _LOOSE = 0.1, 0.1  # of a value: the largest accepted standard uncertainty
+_LEAST_SPEED_MPS = 0.3  # root mean square along an axis
+_EXPLAINED_DRAG = 0.8  # of the horizontal specific force: else wind or a tilted sensor decides
+_LEAST_TURN_RAD_PER_S2 = 5.0  # root mean square; with 0.6 about yaw a public log gave 8e-5 kg m^2, others publish 3e-5
+_FIRST_S, _LAST_S = -0.005, 0.045  # of a sensor's delay: stamps err by some ms, and the fit searches up to 50 ms
+_OF_ARM = 0.08, 0.9  # the moment over mass times arm squared: published quadrocopters have 0.2 to 0.4
+_FED_BACK = 0.03  # of a moment, from where a warning names what older torques would change
+_LIGHTEST, _HEAVIEST = (
+    0.9,
+    1.3,
+)  # g in the mean of a flight: less carries nothing, more is steep flight; logs: 1.01 to 1.05
+_TILTED_DEG = 6.0  # public logs: 0.2 to 1.0
+_MANOEUVRES = {
+    "roll": "tilt quickly to the right and left, several times a second, for 20 s",
+    "pitch": "tilt quickly forward and back, several times a second, for 20 s",
+    "yaw": "turn quickly left and right about the vertical for 20 s",
+}
+
+
+def contradictions(flown: FlownLog) -> tuple[Finding, ...]:
+    """Return what a flight shows that no vehicle does with such axes, motors and times; none where too little flew."""
+    try:
+        found = fit_flights([flown.flight])
+    except FitError:
+        return ()
+    return (*_delay_findings(found, ()), *(_crossed(found) or _wrong_ways(found)))
+
+
+def findings_of(
+    flights: Sequence[FlownLog],
+    found: FlightFit,
+    drags: Mapping[str, AxisDrag | None],
+    quantities: Mapping[str, Parameter],
+    body: Body,
+) -> tuple[Finding, ...]:
+    """Judge what a fit to flights found, by what these excited and by what no quadrocopter does."""
+    of_torques = _crossed(found) or [*_moment_findings(found, body), *_unlike_arm(quantities, body)]
+    return (
+        *(finding for one in flights for finding in _weight_findings(one)),
+        *_thrust_findings(found),
+        *of_torques,
+        *_drag_findings(drags),
+    )
+
+
+def _weight_findings(flown: FlownLog) -> list[Finding]:
+    """Judge specific forces in the air: in the mean they carry the vehicle, along z where it hovers."""
+    force = flown.flight.force[flown.flight.airborne]
+    if not len(force):
+        return []
+    size = float(np.mean(np.linalg.norm(force, axis=1))) / USUAL_GRAVITY_MPS2
+    mean = np.mean(force, axis=0)
+    tilt_deg = math.degrees(math.atan2(math.hypot(mean[0], mean[1]), mean[2]))
+    text = f"the accelerometer shows {size:.2f} g in the mean of the flight, which carries the vehicle with"
+    keys = ("flight.thrust*", *MOMENTS.values())
+    result = []
+    if size < _LIGHTEST:
+        result.append(rejection("flight-weight-unlike", f"{text} 1 g: see its scale.", *keys))
+    elif size > _HEAVIEST:
+        result.append(
+            warning(
+                "flight-weight-apart",
+                f"{text} 1 g where it hovers: without steep turns its scale is wrong, and thrust and moments by as "
+                "much.",
+                *keys,
+            )
+        )
+    if tilt_deg > _TILTED_DEG:
+        text = (
+            f"the specific force is {tilt_deg:.0f} degrees off z in the mean (limit {_TILTED_DEG:g}): fast flight one "
+            "way, wind, or a tilted accelerometer, which makes thrust and moments wrong."
+        )
+        result.append(warning("flight-force-tilted", text, *keys))
+    return [one.at(flown.flight.name) for one in result]
+
+
+def _excited(found: FlightFit) -> bool:
+    return found.excitation["vertical"] >= _LEAST_LIFT_MPS2 and found.explained >= _EXPLAINED
+
+
+def _crossed(found: FlightFit) -> list[Finding]:
+    """Reject everything that rests on torques where these turn the vehicle about other axes than their own."""
+    fault = crossing_of(found).fault() if _excited(found) else None
+    if fault is None:
+        return []
+    text = f"commanded torques turn the vehicle about other axes than their own: {fault}."
+    return [rejection("flight-axes-crossed", text, *TIMES, *MOMENTS.values())]
+
+
+def _thrust_findings(found: FlightFit) -> list[Finding]:
+    concerned = (thrust_key(found), *TIMES, *MOMENTS.values())
+    lift = found.excitation["vertical"]
+    climb = "climb and drop quickly, once or twice a second, for 20 s"
+    if not _excited(found):
+        text = (
+            f"thrust is not excited: the rotors moved the vertical force by {lift:.2g} m/s^2 rms (at least "
+            f"{_LEAST_LIFT_MPS2:g}) and explain {100 * max(found.explained, 0):.0f} % of it (at least "
+            f"{100 * _EXPLAINED:.0f} %): {climb}. Moments need the thrust."
+        )
+        return [rejection("flight-thrust-not-excited", text, *concerned)]
+    result = [*_delay_findings(found, concerned), *_lag_findings(found, climb)]
+    slope = np.array([0.0, 1.0, 2 * found.drive])
+    gain, std = float(slope @ found.thrust), math.sqrt(float(slope @ found.covariance[THRUST, THRUST] @ slope))
+    if not (gain > 0 and std < _LOOSE * gain):
+        text = (
+            f"the slope of thrust over the drive at hovering is {gain:.3g} +- {std:.2g} m/s^2 (limit "
+            f"{100 * _LOOSE:.0f} %): {climb}. Moments need it."
+        )
+        result.append(rejection("flight-thrust-not-excited", text, thrust_key(found), *MOMENTS.values()))
+    return result
+
+
+def _lag_findings(found: FlightFit, climb: str) -> list[Finding]:
+    """Reject each time constant that is open, and with the sum of lag and delay the moments, which rest on it."""
+    result = []
+    for key, (tau_s, std_s) in times_of(found).items():
+        if key != DELAY and not std_s < _LOOSE_LAG * tau_s:
+            text = (
+                f"{key.removeprefix('flight.').removesuffix('_s').replace('_', ' ')}, {1e3 * tau_s:.0f} ms, is open by "
+                f"{100 * std_s / tau_s:.0f} % (limit {100 * _LOOSE_LAG:.0f} %): {climb}."
+            )
+            result.append(rejection("flight-lag-not-excited", text, key, *(MOMENTS.values() if key == SINGLE else ())))
+    return result
+
+
+def _delay_findings(found: FlightFit, concerned: Sequence[str]) -> list[Finding]:
+    """Reject everything where a sensor shows what rotors do before their command, or much later."""
+    for sensor, delay_s, std_s in zip(("accelerometer", "gyro"), found.values[DELAYS], found.std[DELAYS], strict=True):
+        if not (delay_s + 3 * std_s > _FIRST_S and delay_s < _LAST_S):
+            text = (
+                f"the {sensor} shows what rotors do {1e3 * abs(delay_s):.0f} ms "
+                f"{'before' if delay_s < 0 else 'after'} their command: its times and those of the commands do not "
+                "belong together."
+            )
+            return [rejection("flight-delay-implausible", text, *concerned)]
+    return []
+
+
+def _moment_findings(found: FlightFit, body: Body) -> list[Finding]:
+    result = _wrong_ways(found)
+    for place, axis in enumerate(AXES):
+        if lever_m(axis, body) is None:
+            what = "the torque of a rotor over its thrust (`torque_m`)" if axis == "yaw" else "the arm (`arm_mm`)"
+            result.append(note("flight-lever-unknown", f"no moment about {axis}: it needs {what}."))
+            continue
+        gain, std = float(found.values[TURNS][place]), float(found.std[TURNS][place])
+        if gain == 0:
+            text = f"the gyro shows no turning about {axis} at all: does it work, is it in the log?"
+            result.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
+        elif gain < 0 and -gain > 3 * std:
+            continue
+        elif not std < _LOOSE * abs(gain) and found.feedback[place] > _LOOSE:
+            text = (
+                f"torques of 20 ms before would change the moment about {axis} by "
+                f"{100 * found.feedback[place]:.0f} % more than noise explains (limit {100 * _LOOSE:.0f} %): the "
+                "gyro's rows are smoothed or interpolated, commands between rows are missing, or the rotors are no "
+                "first-order lag. Lags rest on the same torques."
+            )
+            result.append(rejection("flight-torques-contradict", text, *TIMES, MOMENTS[axis]))
+        elif not std < _LOOSE * abs(gain):
+            text = (
+                f"the moment about {axis} is open by {100 * std / abs(gain):.0f} % (limit {100 * _LOOSE:.0f} %): "
+                f"{_MANOEUVRES[axis]}."
+            )
+            result.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
+        elif found.excitation[axis] < _LEAST_TURN_RAD_PER_S2:
+            text = (
+                f"rotors' torques moved the rate about {axis} by {found.excitation[axis]:.2g} rad/s^2 rms (at least "
+                f"{_LEAST_TURN_RAD_PER_S2:g}): {_MANOEUVRES[axis]}. Is the gyro in rad/s?"
+            )
+            result.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
+        elif found.feedback[place] > _FED_BACK:
+            change = 100 * found.feedback[place]
+            text = (
+                f"torques of 20 ms before would change the moment about {axis} by {change:.0f} % more than noise "
+                "explains: the autopilot answers to the gyro's noise, or the rotors are no first-order lag. "
+                "The standard uncertainty contains it."
+            )
+            result.append(warning("flight-older-torques-differ", text, MOMENTS[axis]))
+    return result
+
+
+def _unlike_arm(quantities: Mapping[str, Parameter], body: Body) -> list[Finding]:
+    """Reject moments that no quadrocopter with such an arm has: its mass lies between its middle and its motors."""
+    if body.arm_m is None:
+        return []
+    result = []
+    for axis in ("roll", "pitch"):
+        one = quantities.get(MOMENTS[axis])
+        share = 0.0 if one is None else plain(one.value) / (body.mass_kg * body.arm_m**2)
+        if share > 0 and not _OF_ARM[0] < share < _OF_ARM[1]:
+            text = (
+                f"the moment about {axis} is {share:.2g} times mass times arm squared, and quadrocopters have 0.2 to "
+                f"0.4 (limits {_OF_ARM[0]:g} and {_OF_ARM[1]:g}): is the arm of {1e3 * body.arm_m:g} mm right?"
+            )
+            result.append(rejection("flight-moment-unlike-arm", text, MOMENTS[axis]))
+    return result
+
+
+def _wrong_ways(found: FlightFit) -> list[Finding]:
+    return [
+        rejection(
+            "flight-wrong-way",
+            f"commanded torques turn the vehicle the wrong way about {axis}: the log's axes are not forward, left "
+            "and up, or its motors have other numbers (front right, rear right, rear left, front left).",
+            *TIMES,
+            MOMENTS[axis],
+        )
+        for place, axis in enumerate(AXES)
+        if found.values[TURNS][place] < -3 * found.std[TURNS][place] and found.excitation[axis] > 0
+    ]
+
+
+def _drag_findings(drags: Mapping[str, AxisDrag | None]) -> list[Finding]:
+    if not any(drags.values()):
+        text = "no drag: the logs have no velocity and attitude of motion capture (vx, vy, vz, qw, qx, qy, qz)."
+        return [note("flight-no-velocity", text)]
+    result = []
+    for axis, one in drags.items():
+        keys = f"flight.drag_over_mass_per_s.{axis}", f"flight.drag_kg_per_s.{axis}"
+        if one is not None and (one.speed < _LEAST_SPEED_MPS or one.explained < _EXPLAINED_DRAG):
+            text = (
+                f"drag along {axis} is not excited: {one.speed:.2g} m/s rms (at least {_LEAST_SPEED_MPS:g}), of which "
+                f"it explains {100 * max(one.explained, 0):.0f} % of the specific force (at least "
+                f"{100 * _EXPLAINED_DRAG:.0f} %): fly back and forth along it at 1 m/s and more, without wind."
+            )
+            result.append(rejection("flight-drag-not-excited", text, *keys))
+        elif one is not None and one.rate + 3 * one.std < 0:
+            text = f"drag along {axis} would drive the vehicle: {one.rate:.3g} +- {one.std:.2g} 1/s. Check the axes."
+            result.append(rejection("flight-wrong-way", text, *keys))
+        elif one is not None and not one.std < _LOOSE * abs(one.rate):
+            text = f"drag along {axis} is open by {100 * one.std / abs(one.rate):.0f} %: fly faster, or longer."
+            result.append(warning("flight-drag-loose", text, *keys))
+    return result

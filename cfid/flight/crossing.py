@@ -1,0 +1,63 @@
+"""Which torque turns the vehicle about which axis: turned axes and exchanged motors show here, whatever was assumed."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.estimate.linear import gain_of, sandwich, std_of
+from cfid.flight.estimation import TURNS, FlightFit
+from cfid.flight.likelihood import whitening, without
+from cfid.flight.model import AXES
+
+Array = npt.NDArray[np.float64]
+
+_SIGNIFICANT = 4.0  # standard uncertainties
+_CROSSED = 0.2  # of the largest gain: public logs have 0.04 at most, axes turned by 12 degrees 0.2
+_YAW = 2
+
+
+class Crossing(NamedTuple):
+    """Gains (3, 3) from torques about roll, pitch and yaw (columns) to rates (rows), and their standard uncertainties.
+
+    They are in the units of `FlightFit.values[TURNS]`.
+    """
+
+    gains: Array
+    std: Array
+
+    def fault(self) -> str | None:
+        """Return what axes or motors look like where a torque turns the vehicle about another axis, else None."""
+        largest = float(np.max(np.abs(self.gains[:_YAW, :_YAW])))
+        foreign = (np.abs(self.gains) > _CROSSED * largest) & (np.abs(self.gains) > _SIGNIFICANT * self.std)
+        if foreign[:_YAW, _YAW].any():
+            return "motors have other numbers than front right, rear right, rear left, front left"
+        plane = self.gains[:_YAW, :_YAW]
+        if not (foreign[0, 1] and foreign[1, 0]):
+            return None
+        if np.linalg.det(plane) < 0:
+            return "the rates about roll and pitch are exchanged, or motors have other numbers"
+        turned = round(math.degrees(math.atan2(plane[1, 0] - plane[0, 1], plane[0, 0] + plane[1, 1])), -1)
+        return (
+            f"the gyro's axes are turned by about {turned:.0f} degrees about the vertical, or motors have other numbers"
+        )
+
+
+def crossing_of(found: FlightFit) -> Crossing:
+    """Let the torques about all axes turn the vehicle about each, at the lags and delays that were found."""
+    gains, stds = np.zeros((len(AXES), len(AXES))), np.full((len(AXES), len(AXES)), np.inf)
+    turning = [[block for block, _ in found.blocks if block.axis == axis] for axis in range(len(AXES))]
+    torques = [[block.terms @ found.thrust for block in blocks] for blocks in turning]
+    for axis, blocks in enumerate(turning):
+        rows, shown = [], []
+        for place, block in enumerate(blocks):
+            left = without(block.shown - found.values[TURNS][axis] * torques[axis][place], block.others)
+            white = whitening(block, left, fed_back=True)
+            rows.append(white.of(np.column_stack([each[place] for each in torques])))
+            shown.append(white.of(block.shown[:, np.newaxis])[:, 0])
+        of_all, data = np.concatenate(rows), np.concatenate(shown)
+        gains[axis] = gain_of(of_all) @ data
+        longest = max(len(data) // (8 * len(blocks)), 10)
+        stds[axis] = std_of(sandwich(of_all, data - of_all @ gains[axis], longest=longest))
+    return Crossing(gains, stds)
