@@ -8,9 +8,9 @@ from cfid.estimate.common_causes import power_law, with_common_causes
 from cfid.findings import Finding
 from cfid.flight.braking import AxisDrag, fit_drag
 from cfid.flight.channels import same_flight
-from cfid.flight.checks import findings_of
 from cfid.flight.data import FlownLog
 from cfid.flight.estimation import FlightFit, fit_flights
+from cfid.flight.findings import findings_of
 from cfid.flight.model import LEVER
 from cfid.flight.values import (
     Body,

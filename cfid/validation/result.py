@@ -10,8 +10,8 @@ from scipy.stats import t as student
 
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
-from cfid.flight.checks import contradictions
 from cfid.flight.data import FlownLog
+from cfid.flight.findings import contradictions
 from cfid.flight.model import LEVER, ROW_S
 from cfid.records.result import Figures, Result
 from cfid.units import USUAL_GRAVITY_MPS2
