@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -44,6 +45,9 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
     else:
         _print(given, drawn, texts(result.findings, *(SEVERITIES if kept else SEVERITIES[:2])))
     if not kept:
+        if campaign is not None:
+            with suppress(ConfigError):  # a folder that nobody can write to
+                campaign.remember_rejected(result)
         still = " parameters.toml is unchanged." if campaign is not None else ""
         reasons = joined(texts(result.findings, "rejection"))
         raise FitError(f"rejected: {reasons}{still} Use --force to get the numbers anyway.")

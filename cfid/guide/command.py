@@ -33,12 +33,13 @@ def status(
 
     Example: [bold]cfid status --kind afternoon[/bold]
     """
-    from cfid.guide.status import next_of, status_of, unusable_in
+    from cfid.guide.status import beside, next_of, status_of, unusable_in
 
     found = here(campaign)
     _name_unreadable_runs(found)
     statuses = status_of(found, kind=kind)
-    (_print_json if json else _print)(statuses, unusable_in(found, statuses), next_of(statuses))
+    show = _print_json if json else _print
+    show(statuses, unusable_in(found, statuses), beside(found, statuses), next_of(statuses))
 
 
 def next_step(
@@ -103,7 +104,9 @@ def _become(words: tuple[str, ...], campaign: "Campaign") -> None:
     os.execv(sys.executable, [sys.executable, "-m", "cfid.cli.main", *words, *where])
 
 
-def _print(statuses: "tuple[TaskStatus, ...]", unusable: "tuple[Unusable, ...]", step: "Next") -> None:
+def _print(
+    statuses: "tuple[TaskStatus, ...]", unusable: "tuple[Unusable, ...]", others: tuple[str, ...], step: "Next"
+) -> None:
     from rich.box import SIMPLE
     from rich.console import Console
     from rich.table import Table
@@ -120,10 +123,14 @@ def _print(statuses: "tuple[TaskStatus, ...]", unusable: "tuple[Unusable, ...]",
     Console().print(table)
     for sentence in remarks_of(statuses, unusable):
         typer.echo(fitted(printable(sentence), indent=6))
+    if others:
+        typer.echo(fitted(printable(f"beside the plan: {', '.join(others)}: `cfid parameters` shows them."), indent=6))
     typer.echo(fitted(f"next: cfid {printable(' '.join(step.words))}\n      {printable(step.why)}", indent=6))
 
 
-def _print_json(statuses: "tuple[TaskStatus, ...]", unusable: "tuple[Unusable, ...]", step: "Next") -> None:
+def _print_json(
+    statuses: "tuple[TaskStatus, ...]", unusable: "tuple[Unusable, ...]", others: tuple[str, ...], step: "Next"
+) -> None:
     import json
 
     rows = [
@@ -142,4 +149,5 @@ def _print_json(statuses: "tuple[TaskStatus, ...]", unusable: "tuple[Unusable, .
     ]
     following = {"command": list(step.words), "why": step.why}
     again = [{"run": one.run, "reason": one.reason, "command": list(one.words)} for one in unusable]
-    typer.echo(json.dumps({"command": "status", "tasks": rows, "not_usable": again, "next": following}, indent=2))
+    content = {"command": "status", "tasks": rows, "not_usable": again, "beside": list(others), "next": following}
+    typer.echo(json.dumps(content, indent=2))

@@ -73,13 +73,18 @@ def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> tuple[
     """Return how each task of a campaign stands. Raises DataError when parameters.toml is invalid."""
     runs, every = campaign.runs(), campaign.runs(complete=False)
     stale = stale_in(campaign.folder, every)
-    sections = campaign.sections()
+    sections, rejected = campaign.sections(), campaign.rejected_sections()
     order = campaign.folder.resolve().name
     swings = [run.header.devices for run in runs if run.header.kind == "swing"]
     by_gyro = bool(swings) and ENCODER not in swings[-1]
     planned = tasks(campaign.rig, kind=kind, order=order, by_gyro=by_gyro)
-    found = (_status(task, runs, sections.get(task.section), stale) for task in planned)
+    found = (_status(task, runs, sections.get(task.section), rejected.get(task.section), stale) for task in planned)
     return tuple(replace(one, lacking=tuple(_completing(left, every) for left in one.lacking)) for one in found)
+
+
+def beside(campaign: Campaign, statuses: Sequence[TaskStatus]) -> tuple[str, ...]:
+    """Return the fits in parameters.toml that the kind of campaign does not ask for, as those of flights."""
+    return tuple(name for name in campaign.sections() if name not in {one.task.section for one in statuses})
 
 
 def unusable_in(campaign: Campaign, statuses: Sequence[TaskStatus]) -> tuple[Unusable, ...]:
@@ -130,7 +135,10 @@ def next_of(statuses: Sequence[TaskStatus]) -> Next:
     return Next(words=("report",), why="everything is found, and sure enough.")
 
 
-def _status(task: Task, runs: Sequence[Run], section: Section | None, stale: Stale) -> TaskStatus:
+def _status(
+    task: Task, runs: Sequence[Run], section: Section | None, refused: Section | None, stale: Stale
+) -> TaskStatus:
+    """Judge a task by its runs, by its section of parameters.toml, and by the last fit that was rejected whole."""
     lacking, taken = _lacking(task.recordings, runs)
     state: State = "accepted"
     reason = ""
@@ -140,6 +148,8 @@ def _status(task: Task, runs: Sequence[Run], section: Section | None, stale: Sta
         state, reason = "stale" if taken else "missing", reasons[0]  # without a run left there is nothing to fit
     elif (section is None and lacking) or any(not one.repeats for one in lacking):
         state = "missing"
+    elif refused is not None and _still_holds(refused, section, taken) and not stale(refused):
+        state, reason = "rejected", next(iter(refused.rejected.values()))
     elif section is None:
         state, reason = "not fitted", "recorded, not fitted yet."
     elif newer := _newer(section, taken):
@@ -180,8 +190,18 @@ def _lacking(recordings: Iterable[Assignment], runs: Sequence[Run]) -> tuple[tup
 
 
 def _newer(section: Section, runs: Sequence[Run]) -> int:
-    used = {source.path.split("/")[1] for source in section.sources if source.path.startswith(f"{RUNS_FOLDER}/")}
+    used = _used_by(section)
     return sum(run.folder.name not in used and run.header.started > section.found for run in runs)
+
+
+def _still_holds(refused: Section, section: Section | None, runs: Sequence[Run]) -> bool:
+    """Return whether a fit that was rejected used every run there is, and none was accepted after it."""
+    latest = section is None or section.found < refused.found
+    return latest and bool(refused.rejected) and _used_by(refused) >= {run.folder.name for run in runs}
+
+
+def _used_by(section: Section) -> set[str]:
+    return {source.path.split("/")[1] for source in section.sources if source.path.startswith(f"{RUNS_FOLDER}/")}
 
 
 def _relative_std(section: Section, aim: Aim) -> float | None:

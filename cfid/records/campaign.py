@@ -1,6 +1,7 @@
 """A campaign folder: the rig, its runs, and what was found from them."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -114,19 +115,9 @@ class Campaign(BaseModel):
                 f"rejected: {joined(texts(result.findings, 'rejection'))} {self.parameters_file} is unchanged."
             )
         given = result if force else result.without_rejected()
-        section = Section(
-            method=given.method,
-            found=datetime.now(UTC).replace(microsecond=0),
-            cfid_version=__version__,
-            accepted=result.accepted,
-            sources=tuple(Source(self._path_in(source.path), source.sha256) for source in given.sources),
-            parameters=given.quantities,
-            covariance=given.covariances,
-            common=given.common,
-            rejected=result.rejected,
-        )
+        section = self._section_of(given, result)
         fit = Fit(
-            name=given.section or given.command.removeprefix("fit "),
+            name=given.section_name,
             command=given.command,
             section=section,
             quality=plain(given.quality),
@@ -137,6 +128,40 @@ class Campaign(BaseModel):
         )
         store_section(self.parameters_file, fit.name, section)
         return keep_fit(self.fits_folder, fit)
+
+    def remember_rejected(self, result: Result) -> None:
+        """Keep why a fit was rejected whole, without its numbers, so that who asks what comes next does not repeat it.
+
+        Raises ConfigError when the file cannot be written.
+        """
+        try:
+            self.fits_folder.mkdir(exist_ok=True)
+        except OSError as error:
+            raise ConfigError(f"{self.fits_folder}: cannot be made: {error.strerror}.") from None
+        section = self._section_of(replace(result, quantities={}, covariances=(), common={}), result)
+        store_section(self._rejected_file, result.section_name, section)
+
+    def rejected_sections(self) -> dict[str, Section]:
+        """Return, by fit, the last one rejected whole, without numbers. Raises DataError for an invalid file."""
+        return load_sections(self._rejected_file)
+
+    @property
+    def _rejected_file(self) -> Path:
+        return self.fits_folder / "rejected.toml"
+
+    def _section_of(self, given: Result, result: Result) -> Section:
+        """Return what is kept of a result, `given` being the part of it that is."""
+        return Section(
+            method=given.method,
+            found=datetime.now(UTC).replace(microsecond=0),
+            cfid_version=__version__,
+            accepted=result.accepted,
+            sources=tuple(Source(self._path_in(source.path), source.sha256) for source in given.sources),
+            parameters=given.quantities,
+            covariance=given.covariances,
+            common=given.common,
+            rejected=result.rejected,
+        )
 
     def _path_in(self, path: str) -> str:
         """Return a path relative to the campaign's folder where it lies inside, else an absolute path, or address."""

@@ -66,6 +66,11 @@ class Result:
         object.__setattr__(self, "findings", merged(self.findings))
 
     @property
+    def section_name(self) -> str:
+        """The section of parameters.toml that it goes to."""
+        return self.section or self.command.removeprefix("fit ")
+
+    @property
     def rejected(self) -> Mapping[str, str]:
         """The keys of the rejected quantities, each with the reason."""
         return rejected_among(self.findings, self.quantities)

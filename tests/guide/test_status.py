@@ -14,10 +14,12 @@ import numpy as np
 import pytest
 
 from cfid.errors import ConfigError
+from cfid.findings import rejection
 from cfid.guide.plan import tasks
 from cfid.guide.status import Next, TaskStatus, next_of, status_of
 from cfid.records.campaign import open_campaign
 from cfid.records.parameters import Parameter, Section, Source, store_section
+from cfid.records.result import Result
 from cfid.records.rig_file import load_rig
 from cfid.records.run import DeviceRecord, Label, Verdict, amend_run, list_runs, read_run
 from cfid.records.run_writer import create_run
@@ -128,6 +130,52 @@ def test_recorded_swings_are_fitted_next_and_a_fit_that_is_no_longer_current_aga
     assert (left_out.state, step.words) == ("stale", ("fit", "inertia"))
     assert "the cable touched" in left_out.reason
     assert left_out.recorded == 6
+
+
+def refused(folder: Path, runs: list[Path]) -> None:
+    files = [run / "encoder.csv" for run in runs]
+    result = Result(
+        command="fit inertia",
+        method="default",
+        quantities={"inertia.matrix_kg_m2": Parameter(value=MATRIX, std=MATRIX)},
+        findings=(rejection("inertia-mount-unchanged", "hung anew?", "inertia.matrix_kg_m2"),),
+        sources=tuple(Source(str(one), hashlib.sha256(one.read_bytes()).hexdigest()) for one in files),
+    )
+    open_campaign(folder).remember_rejected(result)
+
+
+def test_a_fit_that_was_rejected_whole_is_not_offered_again_until_something_was_recorded(folder: Path) -> None:
+    axes = swung(folder)
+    runs = sorted((folder / "runs").iterdir())
+    refused(folder, runs[:2])
+    assert standing(folder)[0].state == "not fitted"  # two of seven runs say nothing about all
+
+    refused(folder, runs)
+    rejected, step = standing(folder)
+    assert (rejected.state, rejected.reason) == ("rejected", "hung anew?")
+    assert step.words[:2] == ("log", "encoder")
+    assert not (folder / "parameters.toml").exists()
+    assert "1.6e-05" not in (folder / "fits" / "rejected.toml").read_text()
+
+    swing(folder, axes[0], minute=100)
+    amend_run(read_run(runs[0]), excluded="the mount stayed")
+    assert standing(folder)[1].words == ("fit", "inertia")
+
+
+def test_a_later_fit_that_was_accepted_stands_over_one_that_was_rejected(folder: Path) -> None:
+    swung(folder)
+    refused(folder, sorted((folder / "runs").iterdir()))
+    fitted(folder, found=datetime.now(UTC) + timedelta(hours=1))
+    assert standing(folder)[0].state == "accepted"
+
+
+def test_a_fit_that_no_plan_asks_for_is_named(cfid: Cfid, folder: Path) -> None:
+    swung(folder)
+    fitted(folder)
+    store_section(folder / "parameters.toml", "flight", open_campaign(folder).sections()["inertia"])
+    words = ("status", "--kind", "inertia", "--campaign", folder)
+    assert "beside the plan: flight" in cfid(*words).stdout
+    assert json.loads(cfid(*words, "--json").stdout)["beside"] == ["flight"]
 
 
 def test_a_matrix_of_six_swings_is_accepted_and_a_seventh_is_offered_for_what_it_would_show(

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cfid.records.campaign import open_campaign
+
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
 
@@ -141,3 +143,4 @@ def test_two_swings_give_their_axis_inertias_and_no_matrix(cfid: Cfid, bodies: P
     assert set(result["parameters"]) == {f"inertia.{kind}_kg_m2.{axis}" for kind in ("axis", "centre") for axis in "xz"}
     assert rejections(result) == {"inertia-axes-dependent"}
     assert "inertia" not in cfid("parameters", "--json", "--campaign", bodies).stdout
+    assert "inertia" in open_campaign(bodies).rejected_sections()
