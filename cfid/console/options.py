@@ -250,8 +250,8 @@ class Delivery:
     take: Callable[[Any], None] | None = None
 
 
-def positive(value: float, option: str) -> float:
-    """Return a number that has to be above zero.
+def positive(value: float, option: str, *, most: float = float("inf")) -> float:
+    """Return a number that has to be above zero, and finite, and `most` at most.
 
     Raises ConfigError when it is not.
     """
@@ -259,6 +259,8 @@ def positive(value: float, option: str) -> float:
 
     if not 0 < value < float("inf"):
         raise ConfigError(f"{option} {value:g}: has to be above zero.")
+    if value > most:
+        raise ConfigError(f"{option} {value:g}: has to be {most:g} at most.")
     return value
 
 

@@ -57,14 +57,18 @@ class StaircaseOptions:
 
     def staircase(self, motors: tuple[int, ...], *, step: int, hold_s: float, rest_s: float) -> "StaircasePlan":
         """Return the staircase. Raises ConfigError for one without steps."""
-        from cfid.motors.plan import StaircasePlan
+        from cfid.motors.plan import LONGEST_STEP_S, StaircasePlan
 
         steps = tuple(range(self.from_, self.to + 1, self.step or step))
         if not steps:
             raise ConfigError(f"--from {self.from_} --to {self.to}: there is no command between them.")
+        if not any(steps):
+            raise ConfigError(
+                f"--from {self.from_} --to {self.to} --step {self.step or step}: no motor turns at command 0 alone."
+            )
         steps += steps[-2::-1] if self.down else ()
-        hold_s = hold_s if self.hold is None else positive(self.hold, "--hold")
-        rest_s = rest_s if self.rest is None else positive(self.rest, "--rest")
+        hold_s = hold_s if self.hold is None else positive(self.hold, "--hold", most=LONGEST_STEP_S)
+        rest_s = rest_s if self.rest is None else positive(self.rest, "--rest", most=LONGEST_STEP_S)
         return StaircasePlan(steps=steps, motors=motors, hold_s=hold_s, rest_s=rest_s)
 
 

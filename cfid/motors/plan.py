@@ -11,6 +11,7 @@ from cfid.records.run import Run, read_run
 from cfid.records.tables.table import Array
 from cfid.records.tables.vehicle import COMMANDS, READINGS, holds, read_commands, read_rows
 
+LONGEST_STEP_S = 3600.0  # longer than any battery lasts: a slip of the keyboard
 _ENOUGH = 0.98  # of the time that a step is held
 
 

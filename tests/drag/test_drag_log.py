@@ -75,6 +75,7 @@ def test_a_dry_run_says_the_wind_how_long_it_takes_and_what_the_thesis_plan_lack
         ({"wind": "2,3", "angle": 200.0}, "--angle 200: has to be from 0, straight above"),
         ({"wind": "2,3", "angle": 10.0, "azimuth_rad": float("nan")}, "--azimuth-rad nan: has to be a number"),
         ({"wind": "2,3", "angle": 10.0, "fan_voltage": -5.0}, "--fan-voltage -5: has to be above zero"),
+        ({"wind": "2,3", "angle": 10.0, "fan_voltage": 1e9}, "--fan-voltage 1e+09: has to be 1000 at most"),
     ],
 )
 def test_a_wind_that_is_not_whole_is_told(given: dict[str, Any], sentence: str) -> None:

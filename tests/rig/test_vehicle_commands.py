@@ -353,6 +353,10 @@ def test_rig_tomls_limit_is_told_before_anything_is_asked(bench: Bench) -> None:
         ("log sine --n 2000 --l 2,1001", "--periods 1001: has to be from 0 to N/2 = 1000."),
         ("log thrust --from 3000 --to 2000", "--from 3000 --to 2000: there is no command between them."),
         ("log thrust --hold 0", "--hold 0: has to be above zero."),
+        ("log thrust --hold 1e99", "--hold 1e+99: has to be 3600 at most."),
+        ("log thrust --step 100000", "no motor turns at command 0 alone."),
+        ("log sine --before 1e99", "--before 1e+99: has to be 600 at most."),
+        ("log sine --amplitude 0", "greater than or equal to 1"),
         ("log thrust --to 70000", "Invalid value for '--to'"),
         ("log speed --port /dev/x", "--port is the UT372's, and --tachometer is typed."),
         ("motors set 70000", "Invalid value for"),
@@ -735,4 +739,4 @@ def test_a_dry_run_tells_the_time_and_reaches_for_nothing(cfid: Cfid, tmp_path: 
     stairs = cfid("log", "thrust", "--dry-run", "--campaign", str(tmp_path))
     sines = cfid("log", "sine", "--l", "1,2,4", "--dry-run", "--campaign", str(tmp_path))
     assert stairs.stdout == "33 commands from 0 to 64000 on motors 1, 3, 10 s each with 3 s of pause: 7:12 min\n"
-    assert sines.stdout == "3 sines of 12 s: 0.6 min\n"
+    assert sines.stdout == "3 sines of 12 s: 0:34 min\n"

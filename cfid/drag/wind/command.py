@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
 
 _WIND, _COMMANDS = "Wind", "Commands"
+_MOST_FAN_V = 1000.0
 _THESIS_COMMANDS = "0,10000,20000,30000,37300,40000,50000"
 
 AzimuthRad = Annotated[float | None, typer.Option(hidden=True, help="The azimuth in radians, as version 0.1 had it.")]
@@ -76,7 +77,7 @@ class WindOptions:
         if not 0 <= self.angle <= HIGHEST_DEG:
             raise ConfigError(f"--angle {self.angle:g}: has to be from 0, straight above, to {HIGHEST_DEG:g} degrees.")
         from_deg = azimuth(self.azimuth_deg, self.azimuth_rad)
-        fan_v = 0.0 if self.fan_voltage is None else positive(self.fan_voltage, "--fan-voltage")
+        fan_v = 0.0 if self.fan_voltage is None else positive(self.fan_voltage, "--fan-voltage", most=_MOST_FAN_V)
         return WindSetting(angle_deg=self.angle, fan_v=fan_v, min_mps=low, max_mps=high, azimuth_deg=from_deg)
 
     def refuse(self, resume: Path) -> None:
@@ -111,7 +112,7 @@ class SweepOptions:
 
     def staircase(self) -> "StaircasePlan":
         """Return the commands as a staircase of all motors. Raises ConfigError for impossible ones."""
-        from cfid.motors.plan import StaircasePlan
+        from cfid.motors.plan import LONGEST_STEP_S, StaircasePlan
         from cfid.units import FULL_COMMAND, MOTORS
 
         steps = comma_list(self.commands, "--commands", int, least=0, most=FULL_COMMAND, example="0,10000")
@@ -120,8 +121,8 @@ class SweepOptions:
         return StaircasePlan(
             steps=steps,
             motors=MOTORS,
-            hold_s=positive(self.hold, "--hold"),
-            rest_s=positive(self.rest, "--rest"),
+            hold_s=positive(self.hold, "--hold", most=LONGEST_STEP_S),
+            rest_s=positive(self.rest, "--rest", most=LONGEST_STEP_S),
         )
 
 

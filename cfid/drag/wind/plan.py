@@ -53,9 +53,8 @@ class WindSetting:
         """The setting in words."""
         if self.is_reference:
             return "no wind (references)"
-        return (
-            f"wind of {self.min_mps:g} to {self.max_mps:g} m/s at {self.angle_deg:g} degrees, fan at {self.fan_v:g} V"
-        )
+        to = "" if self.max_mps == self.min_mps else f" to {self.max_mps:g}"
+        return f"wind of {self.min_mps:g}{to} m/s at {self.angle_deg:g} degrees, fan at {self.fan_v:g} V"
 
 
 class PlannedRun(NamedTuple):

@@ -11,7 +11,7 @@ from cfid.console import messages as speech
 from cfid.console.flat import flat
 from cfid.console.labels import Note
 from cfid.console.lists import comma_list
-from cfid.console.messages import echo, fitted, printable, result
+from cfid.console.messages import clock, echo, fitted, printable, result
 from cfid.console.options import positive
 from cfid.console.recording import KeepOptions, ResumeOptions, print_json, rig_of, stop_line
 from cfid.console.selection import interrupted
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 _SINE = "Sine"
 _LARGEST_N = 2**32 - 1
 _USUAL_N = 4000
+_MOST_BEFORE_S = 600.0
 _EXTRA_S = 2.5  # of each run: connecting to the load cell, and the second until the vehicle reports the end
 
 
@@ -64,7 +65,7 @@ class SineOptions:
     ] = None
     amplitude: Annotated[
         int | None,
-        typer.Option(min=0, max=FULL_COMMAND, help="A, in commands; default: 20000.", rich_help_panel=_SINE),
+        typer.Option(min=1, max=FULL_COMMAND, help="A, in commands; default: 20000.", rich_help_panel=_SINE),
     ] = None
     motor: Annotated[
         list[str] | None,
@@ -179,7 +180,7 @@ def sine(
     from cfid import __version__
     from cfid.transfer.sines.record import missing_sines, record_sines
 
-    before_s = positive(options.before, "--before")
+    before_s = positive(options.before, "--before", most=_MOST_BEFORE_S)
     if resume.word is None:
         sweep = options.chosen()  # invalid options are refused before any device is looked for
     rig = campaign, _, simulated = rig_of(keep.campaign)
@@ -191,7 +192,7 @@ def sine(
     periods = [own.periods for own in sines]
     each_s = seconds_of_each(sweep, before_s=before_s)
     where = f" on motors {', '.join(map(str, sweep.motors))} in turn" if len(sweep.motors) > 1 else ""
-    lasts = f"{counted(len(sines), 'sine')} of {each_s:.0f} s{where}: {len(sines) * each_s / 60:.1f} min"
+    lasts = f"{counted(len(sines), 'sine')} of {each_s:.0f} s{where}: {clock(len(sines) * each_s)} min"
     if sweep.text:
         speech.note(f"l = {', '.join(map(str, dict.fromkeys(periods)))}: {sweep.text}")
     if options.dry_run:
