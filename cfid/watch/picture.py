@@ -18,6 +18,7 @@ EVERY_MS = 90  # ten pictures a second, with what each of them takes
 TIME, SENT = "time", "sent"
 
 _SPANS = {"10 s": 10.0, "60 s": 60.0, "all": math.inf}
+_PAUSE, _NEXT_BEGAN = "Pause", "Paused: another run began"
 _AHEAD = 1  # pictures that are on their way while the browser draws one
 _WRAPPED = {"flex-wrap": "wrap"}
 
@@ -35,7 +36,8 @@ class Picture:
         self._sent = self._drawn_there = 0
         self._overtaken = False
         self._span = RadioButtonGroup(labels=list(_SPANS), active=0)
-        self._pause = Toggle(label="Pause", width=80)
+        self._span.on_change("active", self._spanned)
+        self._pause = Toggle(label=_PAUSE)
         self._time, self._placed = Range1d(0.0, 1.0, name=TIME), [0.0, 1.0]
         self._time.on_change("start", self._zoomed)
         self._time.on_change("end", self._zoomed)
@@ -55,7 +57,9 @@ class Picture:
         """
         if self._sent - self._drawn_there > _AHEAD:
             return
-        if self._watched.run is not self._run:
+        if self._watched.run is not self._run and self._run is not None and self._pause.active:
+            self._pause.label = _NEXT_BEGAN  # who paused looks at something: the next run waits
+        elif self._watched.run is not self._run:
             self._begin(self._watched.run)
         if self._run is None:
             return
@@ -77,7 +81,7 @@ class Picture:
     def _begin(self, run: LiveRun | None) -> None:
         """Make the plots of another run."""
         self._run, self._drawn = run, ()
-        self._pause.active = False
+        self._pause.active, self._pause.label = False, _PAUSE
         self._plots = [SignalPlot(signal, self._time, self._colours) for signal in (run.signals if run else ())]
         self._spectrum = SpectrumPlot(self._colours) if run and run.loadcell else None
         for plot in self._plots:
@@ -104,6 +108,10 @@ class Picture:
     def _answered(self, _name: str, _old: list[object], new: list[object]) -> None:
         if new[0] != SENT:
             self._drawn_there = int(str(new[1]))
+
+    def _spanned(self, _name: str, _old: int, _new: int) -> None:
+        """Follow the newest rows over another span, also where the picture was paused."""
+        self._pause.active = False
 
     def _follow(self, _event: Any) -> None:
         self._pause.active = False
