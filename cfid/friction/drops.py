@@ -21,6 +21,8 @@ _SHORTEST_S = 0.25
 _STEADY = 0.03  # slope across the window and scatter within it, over the mean speed
 _MOVING = 0.2  # of the highest speed
 _BEFORE_S = 0.3
+_JUMP_RAD = math.pi / 2  # between two samples, more than the one before: no axis does that
+_EVEN = 1.5  # times the usual step: beyond, samples are missing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,6 +88,7 @@ def measure_drop(
     mean = float(inside.mean())
     if mean <= 0:
         raise DataError("the axis stands still in the window: choose another.")
+    _check_turns(time_s - time_s[0], angle_rad, grid[moving.start], grid[window.stop - 1])
     begin, (terminal, tau), model = _fit_fall(grid, angle, moving.start, window.stop, mean)
     fall = slice(moving.start, window.stop)  # behind it the weight may be on the floor
     return Drop(
@@ -108,6 +111,19 @@ def measure_drop(
         speed_per_turn=_speed_per_turn(grid[fall], angle[fall], speed[fall], tau),
         turns=float(angle[window.stop] - angle[moving.start]) / (2 * math.pi),
     )
+
+
+def _check_turns(time_s: Array, angle_rad: Array, from_s: float, to_s: float) -> None:
+    """Raise DataError where the angle (n,) jumps between two times of the fall: turns are then miscounted."""
+    fall = (time_s[1:-1] > from_s) & (time_s[1:-1] < to_s)
+    step_s = np.diff(time_s)
+    even = np.maximum(step_s[1:], step_s[:-1]) < _EVEN * np.median(step_s)
+    jumps = np.flatnonzero(fall & even & (np.abs(np.diff(angle_rad, 2)) > _JUMP_RAD))
+    if len(jumps):
+        raise DataError(
+            f"the angle jumps by more than a quarter of a turn at {time_s[jumps[0] + 1]:.2f} s, within the fall: its "
+            "turns cannot be counted. See to the encoder's cable."
+        )
 
 
 def _moving(speed: Array) -> slice:

@@ -1,7 +1,6 @@
 """Judge a dropped weight as soon as it is recorded, by the fit that will take it."""
 
 from cfid.errors import FitError
-from cfid.findings import joined, texts
 from cfid.friction.result import fit
 from cfid.records.result import Dependent
 from cfid.records.run import Run
@@ -14,6 +13,6 @@ def verdict(run: Run) -> str:
     """
     result = fit([run])
     if any(finding.code == "friction-drop-left-out" for finding in result.findings):
-        raise FitError("the speed never settles: " + joined(texts(result.findings, "warning")))
+        raise FitError("the speed never settles: let the weight fall farther, and see that the axis turns evenly.")
     line = result.lines[0]
     return " ".join(str(line.value if isinstance(line, Dependent) else line).split()) + "."

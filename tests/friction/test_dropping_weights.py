@@ -277,6 +277,17 @@ def test_labels_have_the_weights_and_one_without_is_refused(rig_file: Path) -> N
         cfid.friction.fit(records, rig=rig.model_copy(update={"friction": None}))
 
 
+@pytest.mark.parametrize("turns", [0.3, -0.5, 1.0])
+def test_turns_that_jump_within_the_fall_are_refused_and_before_it_are_not(turns: float) -> None:
+    time_s, angle = fallen(30.0)
+    clean = measured(time_s, angle, 30.0)
+    jumped = angle + 2 * np.pi * turns * (time_s - time_s[0] >= (clean.from_s + clean.to_s) / 2)
+    with pytest.raises(DataError, match="turns cannot be counted"):
+        measured(time_s, jumped, 30.0)
+    before = angle + 2 * np.pi * turns * (np.arange(len(angle)) >= 5)
+    assert measured(time_s, before, 30.0).settled
+
+
 def test_an_axis_that_stands_still_is_refused() -> None:
     time_s = np.arange(0, 3, 0.001)
     with pytest.raises(DataError, match="no weight dropped"):
