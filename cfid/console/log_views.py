@@ -36,7 +36,12 @@ def stand_view(path: Path, reading: "Foreign", esc_us: tuple[float, float] | Non
     from cfid.records.tables.stand import read_stand_table
 
     table = read_stand_table(
-        path, rate_hz=reading.rate_hz, skip_lines=reading.skip_lines, time_unit=reading.time_unit, esc_us=esc_us
+        path,
+        rate_hz=reading.rate_hz,
+        skip_lines=reading.skip_lines,
+        time_unit=reading.time_unit,
+        columns=reading.columns,
+        esc_us=esc_us,
     )
     columns = {"cmd": None if np.isnan(table.command).all() else table.command}
     columns |= {key: getattr(table, key) for key in ("thrust_n", "torque_nm", "vbat_v", "grams")}

@@ -109,7 +109,8 @@ class ReadingOptions:
         str | None,
         typer.Option(
             metavar="NAME,NAME,...",
-            help="Names or numbers of the columns: time and angle, or time, Fx, Fy, Fz, Tx, Ty and Tz.",
+            help="Names or numbers of the columns: time and angle, or time, Fx, Fy, Fz, Tx, Ty and Tz; of a thrust "
+            "stand NAME=COLUMN, as in thrust_n=3.",
             rich_help_panel=_FILE,
         ),
     ] = None

@@ -171,7 +171,7 @@ def test_a_table_of_exact_plateaus_gives_its_own_curve(tmp_path: Path, rate_hz: 
 @pytest.mark.parametrize(
     ("words", "refused"),
     [
-        ("--columns a,b", "--columns is for"),
+        ("--columns a,b", "--columns a: a table of motors takes NAME=COLUMN"),
         ("--angle-unit deg", "--angle-unit and --counts-per-turn are for a file with an angle"),
         ("--rate-hz 40 --time-unit s", "--time-unit is that of a time column"),
     ],

@@ -210,17 +210,23 @@ def test_a_column_of_an_unknown_unit_is_named_where_it_is_not_needed(tmp_path: P
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("throttle,thrust_n\n1,2\n", "no motor command among throttle, thrust_n. Known names: cmd, command or pwm"),
-        ("cmd,vbat_v\n1,4\n", "nothing measured among cmd, vbat_v. Known names: cmd"),
-        ("cmd,lift\n1,4\n", "nothing measured among cmd, lift. Known names: cmd"),
-        ("cmd,thrust\n1,4\n", "column 'thrust' has no known unit. Known names: cmd"),
+        ("throttle,thrust_n\n1,2\n", "no motor command among throttle, thrust_n. Name columns by `columns`"),
+        ("cmd,vbat_v\n1,4\n", "nothing measured among cmd, vbat_v. Name columns"),
+        (
+            "cmd,lift\n1,4\n",
+            "nothing measured among cmd, lift. Name columns by `columns`, as in cmd=1",
+        ),
+        ("cmd,thrust\n1,4\n", "column 'thrust' has no known unit. Name it by `columns`, as in thrust_n=2. Known names"),
         ("cmd,thrust[lbs]\n1,4\n", "column 'thrust[lbs]' has no known unit"),
         ("pwm[ms],thrust_n\n1,4\n", "column 'pwm[ms]' has no known unit"),
-        ("cmd,weight[g],thrust[N]\n1,4,2\n", "more than one column of thrust: weight[g], thrust[N]. Leave one"),
+        (
+            "cmd,weight[g],thrust[N]\n1,4,2\n",
+            "more than one column of thrust: weight[g], thrust[N]. Name one",
+        ),
         ("cmd,pwm,thrust_n\n1,4,2\n", "more than one column of command: cmd, pwm"),
         ("pwm,rpm1,rpm_mean\n1,4,2\n", "more than one column of speeds: rpm1, rpm_mean"),
-        ("1,4\n2,5\n", "no header for its 2 columns. Known names: cmd"),
-        ("cmd,thrust_n\n2000,bad\n4000,nan\n", "nothing measured among cmd, thrust_n. Known names: cmd"),
+        ("1,4\n2,5\n", "no header for its 2 columns. Name them by `columns`, as in cmd=1,thrust_n=2. Known names"),
+        ("cmd,thrust_n\n2000,bad\n4000,nan\n", "nothing measured among cmd, thrust_n. Name columns"),
         ("cmd,thrust_n\n2000,0.1\n4000\n", "stand.csv:3: 1 field where the file has 2 columns"),
         ("pwm,thrust_n\n2000,0.1\n-4000,0.1\n", "stand.csv:3: -4000 in column 'pwm': a command is zero or more"),
         ("cmd,thrust_n\n2000,0.1\n70000,0.1\n", "stand.csv:3: 70000 in column 'cmd': the largest is 65535"),
@@ -285,13 +291,53 @@ def test_columns_of_one_name_are_left_out_where_others_can_be_fitted(tmp_path: P
     assert table.torque_nm is None
     assert table.thrust_n is not None
     said = " ".join(one.text for one in table.findings)
-    assert "the columns 3, 4 are all named 'torque_nm': none is used. Rename all but one." in said
+    assert "the columns 3, 4 are all named 'torque_nm': none is used. Name one by `columns`, as in torque_nm=3." in said
     assert "no known unit" not in said
 
 
 def test_a_table_whose_only_measurement_is_there_twice_is_refused_with_what_would_do(tmp_path: Path) -> None:
     said = refusal(tmp_path, "cmd,thrust_n,thrust_n\n0,0,7\n20000,0.1,7\n")
-    assert "the columns 2, 3 are all named 'thrust_n': none is used. Rename all but one." in said
+    assert "the columns 2, 3 are all named 'thrust_n': none is used. Name one by `columns`, as in thrust_n=2." in said
+
+
+@pytest.mark.parametrize(
+    ("text", "columns", "thrust_n"),
+    [
+        ("cmd,thrust_n,thrust_n\n0,0,7\n20000,0.1,8\n", ("thrust_n=3",), [7, 8]),
+        ("cmd,weight[g],thrust[N]\n0,4,2\n20000,5,4\n", ("thrust[N]=thrust[N]",), [0.5, 1.0]),
+        ("throttle,lift\n0,0\n20000,100\n", ("cmd=throttle", "Thrust (gf)=lift"), [0, 0.980665]),
+        ("0,0.5\n20000,0.75\n", ("cmd=1", "thrust_n=2"), [0.5, 0.75]),
+        ("cmd,lift,thrust_n\n0,1,7\n20000,2,8\n", ("thrust_n=lift",), [1, 2]),
+    ],
+)
+def test_columns_are_what_the_operator_names_them(
+    tmp_path: Path, text: str, columns: tuple[str, ...], thrust_n: list[float]
+) -> None:
+    path = tmp_path / "stand.csv"
+    path.write_text(text)
+    table = read_stand_table(path, columns=columns)
+    assert table.command.tolist() == [0, 20000]
+    assert table.thrust_n is not None
+    assert table.thrust_n == pytest.approx(thrust_n)
+    assert "(`columns`)" in " ".join(one.text for one in table.findings)
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        (("3",), "takes NAME=COLUMN, as in thrust_n=3"),
+        (("lift=3",), "`columns` lift=3: a table of motors takes NAME=COLUMN"),
+        (("thrust_n=2", "torque_nm=2"), "names a column, or a quantity, twice"),
+        (("thrust_n=2", "thrust_n=3"), "names a column, or a quantity, twice"),
+    ],
+)
+def test_columns_that_name_nothing_are_refused(tmp_path: Path, columns: tuple[str, ...], said: str) -> None:
+    text = "cmd,thrust_n,torque_nm\n0,0,7\n20000,0.1,8\n"
+    assert said in refusal(tmp_path, text, ConfigError, columns=columns)
+
+
+def test_a_named_column_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    assert "no column '9'" in refusal(tmp_path, "cmd,thrust_n\n0,0\n2000,1\n", columns=("thrust_n=9",))
 
 
 def test_noise_below_zero_of_rotors_that_stand_does_not_condemn_a_table(tmp_path: Path) -> None:

@@ -47,8 +47,6 @@ def read_evidence(
     files: list[str] = []
 
     def of_stand(path: Path) -> Evidence:
-        if foreign.columns:
-            raise ConfigError(f"{path}: `columns` is for a load cell's file; a stand's columns are known by name.")
         stands.append(path)
         read = read_stand_table(
             path,
@@ -56,6 +54,7 @@ def read_evidence(
             rate_hz=foreign.rate_hz,
             skip_lines=foreign.skip_lines,
             time_unit=foreign.time_unit,
+            columns=foreign.columns,
             esc_us=esc_us,
         )
         return of_table(read, known, workplace.facts)

@@ -82,7 +82,6 @@ def _recorded(
     path: Path, run: "Run | None", foreign: "Foreign", *, is_table: bool, esc_us: tuple[float, float] | None
 ) -> "RotorLog | StandTable | Run":
     """Return commands that never rest as a log, steps as they were recorded: a run, or a stand's table."""
-    from cfid.errors import ConfigError
     from cfid.motors.lag.data import of_log, of_stand, rotor_log
     from cfid.records.logs.run import log_of_run
     from cfid.records.tables.schema import refuse_for_run
@@ -96,10 +95,13 @@ def _recorded(
     if log is not None:
         _refuse_pulses(path, esc_us)
         return log
-    if foreign.columns:
-        raise ConfigError(f"{path}: `columns` is for a log without a header; a stand's columns are known by name.")
     stand = read_stand_table(
-        path, rate_hz=foreign.rate_hz, skip_lines=foreign.skip_lines, time_unit=foreign.time_unit, esc_us=esc_us
+        path,
+        rate_hz=foreign.rate_hz,
+        skip_lines=foreign.skip_lines,
+        time_unit=foreign.time_unit,
+        columns=foreign.columns,
+        esc_us=esc_us,
     )
     return of_stand(stand) or stand
 

@@ -3,7 +3,7 @@
 It resolves column names and units only; settling and the tachometer's markers are the fits' part.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast
@@ -18,6 +18,7 @@ from cfid.records.parameters import Source
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import TimeUnit
 from cfid.records.tables.stand_columns import Found, columns_of, commands_of, turned
+from cfid.records.tables.stand_names import with_named
 from cfid.records.tables.stand_times import Timing, timing_of
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.text import short
@@ -70,16 +71,19 @@ def read_stand_table(
     rate_hz: float | None = None,
     skip_lines: int = 0,
     time_unit: TimeUnit | None = None,
+    columns: Sequence[str] = (),
     esc_us: tuple[float, float] | None = None,
 ) -> StandTable:
     """Read a table whose header names quantities and units, in any order; other columns are ignored with a note.
 
     Rows of a pwm that is held for long are a record over time, at `rate_hz` where no column gives the time. `esc_us`
-    are the pulse widths of commands 0 and 65535. Fields that are no numbers are missing, with a note.
+    are the pulse widths of commands 0 and 65535, `columns` what the header does not tell, as `with_named`. Fields that
+    are no numbers are missing, with a note.
 
     Raises DataError with file, line or column, and next step; ConfigError for an invalid rate or range.
     """
-    table, found, read_notes = columns_of(open_table(path, skip_lines=skip_lines))
+    opened, named = with_named(open_table(path, skip_lines=skip_lines), columns)
+    table, found, read_notes = columns_of(opened)
     command, command_notes = commands_of(table, found, esc_us)
     timing = timing_of(table, found, command, unit=time_unit, rate_hz=rate_hz)
     if timing.order is not None:
@@ -90,6 +94,7 @@ def read_stand_table(
     speeds, speed_notes = _speeds(found, command, thrust, settled=timing.time_s is None)
     kind = found["speeds_rad_s"].head.kind if "speeds_rad_s" in found else None
     notes = (
+        *named,
         *command_notes,
         *thrust_notes,
         *torque_notes,

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.large import PART_ROWS, empty, side_by_side, stored
-from cfid.records.tables.stand_heads import HEADS, ColumnHead, check_heads, heads_of, shows_stand
+from cfid.records.tables.stand_heads import HEADS, ColumnHead, called_as, check_heads, heads_of, shows_stand
 from cfid.records.tables.table import Array, CsvTable
 from cfid.units import FULL_COMMAND
 
@@ -44,7 +44,10 @@ def columns_of(table: CsvTable) -> tuple[CsvTable, Found, tuple[str, ...]]:
     quantity has several columns, when commands or measurements are missing, and for impossible values.
     """
     if not table.has_head:
-        raise DataError(f"{table.path}: no header for its {len(table.names)} columns. Known names: {HEADS}.")
+        raise DataError(
+            f"{table.path}: no header for its {len(table.names)} columns. Name them by `columns`, as in "
+            f"cmd=1,thrust_n=2. Known names: {HEADS}."
+        )
     called = heads_of(table.names)
     doubled = _without_doubled(table, called)
     names = [name for columns in called.values() for _, name in columns]
@@ -120,7 +123,9 @@ def _without_doubled(table: CsvTable, called: dict[str, list[tuple[ColumnHead, s
         places = [str(place) for place, one in enumerate(table.names, start=1) if one == name]
         if len(places) > 1:
             del called[quantity]
-            notes[name] = f"the columns {', '.join(places)} are all named '{name}': none is used. Rename all but one."
+            example = f"{called_as(quantity)}={places[0]}"
+            which = f"the columns {', '.join(places)} are all named '{name}'"
+            notes[name] = f"{which}: none is used. Name one by `columns`, as in {example}."
     if notes and not shows_stand(called):
         raise DataError(f"{table.path}: {next(iter(notes.values()))}")
     return notes

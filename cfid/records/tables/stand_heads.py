@@ -19,6 +19,7 @@ MEASURED = ("thrust_n", "torque_nm", "speeds_rad_s", "grams")
 
 _GRAM_FORCE_N = 9.80665e-3  # by definition
 _POUND_FORCE_N, _INCH_M = 4.4482216152605, 0.0254
+_EXAMPLES = {"command": "cmd", "speeds_rad_s": "rpm", "time_s": "t"}
 _SEVERAL = ("series", "rotors")
 _STEMS = {
     "command": ("cmd", "command", "pwm", "esc"),
@@ -117,6 +118,11 @@ def heads_of(names: Sequence[str]) -> dict[str, list[tuple[ColumnHead, str]]]:
     return called
 
 
+def called_as(quantity: str) -> str:
+    """Return a name by which a quantity's column is known, with its unit."""
+    return _EXAMPLES.get(quantity, quantity)
+
+
 def shows_stand(called: Container[str]) -> bool:
     """Return whether known quantities are a table of motors: a measured one, and a command or thrust over speed."""
     driven = "command" in called or ("thrust_n" in called and "speeds_rad_s" in called)
@@ -134,7 +140,10 @@ def check_heads(
         names = ", ".join(name for _, name in columns)
         if len(columns) > 1 and (columns[0][0].kind not in _SEVERAL or len({head for head, _ in columns}) > 1):
             what = quantity.partition("_")[0]
-            raise DataError(f"{table.path}: more than one column of {what}: {names}. Leave one, rename the others.")
+            raise DataError(
+                f"{table.path}: more than one column of {what}: {names}. Name one by `columns`, as in "
+                f"{called_as(quantity)}={columns[0][1]}."
+            )
     unknown = [
         name
         for name in table.names
@@ -145,6 +154,13 @@ def check_heads(
     if shows_stand(called):
         return tuple(f"column '{name}' has no known unit." for name in unknown)
     if unknown:
-        raise DataError(f"{table.path}: column '{unknown[0]}' has no known unit. Known names: {HEADS}.")
+        place = 1 + table.names.index(unknown[0])
+        raise DataError(
+            f"{table.path}: column '{unknown[0]}' has no known unit. Name it by `columns`, as in "
+            f"thrust_n={place}. Known names: {HEADS}."
+        )
     lacks = "nothing measured" if "command" in called else "no motor command"
-    raise DataError(f"{table.path}: {lacks} among {table.listing}. Known names: {HEADS}.")
+    raise DataError(
+        f"{table.path}: {lacks} among {table.listing}. Name columns by `columns`, as in cmd=1,thrust_n=2. Known names: "
+        f"{HEADS}."
+    )

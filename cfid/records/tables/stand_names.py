@@ -1,0 +1,37 @@
+"""Columns of a table of motors that the operator names, where the header does not tell them or tells several."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from cfid.errors import ConfigError
+from cfid.records.tables.stand_heads import HEADS, heads_of
+from cfid.records.tables.table import CsvTable
+
+
+def with_named(table: CsvTable, columns: Sequence[str]) -> tuple[CsvTable, tuple[str, ...]]:
+    """Return a table whose columns are called as `columns` has it, each a NAME=COLUMN, and a note.
+
+    NAME is one that a header may have, and states the unit; COLUMN is the file's name, or the number counted from 1.
+    Other columns of the same quantity lose their names. Raises ConfigError for an unknown name, DataError for a column
+    that is not there.
+    """
+    if not columns:
+        return table, ()
+    called: dict[int, str] = {}
+    quantities: set[str] = set()
+    for pair in columns:
+        name, equals, column = (part.strip() for part in pair.partition("="))
+        known = heads_of([name])
+        if not (equals and known):
+            raise ConfigError(
+                f"{table.path}: `columns` {pair}: a table of motors takes NAME=COLUMN, as in thrust_n=3. Known names: "
+                f"{HEADS}."
+            )
+        called[table.place(column)] = name
+        quantities |= known.keys()
+    if len(called) < len(columns) or len(set(called.values())) < len(columns):
+        raise ConfigError(f"{table.path}: `columns` {','.join(columns)} names a column, or a quantity, twice.")
+    kept = ("" if heads_of([name]).keys() & quantities else name for name in table.names)
+    names = tuple(called.get(place, name) for place, name in enumerate(kept))
+    stated = (f"'{called[place]}' is column {place + 1}, '{table.names[place]}'" for place in sorted(called))
+    return replace(table, names=names, has_head=True), (f"{', '.join(stated)} (`columns`).",)
