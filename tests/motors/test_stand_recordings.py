@@ -13,6 +13,7 @@ import pytest
 
 from cfid.errors import FitError
 from cfid.motors.maps import fit_thrust
+from cfid.motors.steps import fit as fit_dynamics
 from cfid.records.result import Result
 from cfid.records.tables.stand import read_stand_table
 from tests.campaigns import Cfid
@@ -146,6 +147,16 @@ def test_dynamics_of_a_stand_whose_tachometer_is_dead_are_refused(cfid: Cfid, tm
 
     assert ended.returncode == 4
     assert "the speed is 0 or missing under every command: was the tachometer connected?" in ended.stderr
+
+
+@pytest.mark.parametrize(("times", "kept"), [(1.0, True), (20.0, False)])
+def test_time_constants_of_seconds_are_rejected_with_the_unit_of_the_times(
+    tmp_path: Path, times: float, *, kept: bool
+) -> None:
+    one = sweep()
+    result = fit_dynamics(write(tmp_path, one._replace(time_s=times * one.time_s)))
+    assert ("dynamics.rising" not in result.rejected) is kept
+    assert any("is the time column in another unit?" in finding.text for finding in result.findings) is not kept
 
 
 @pytest.mark.parametrize("rate_hz", [10, 100])

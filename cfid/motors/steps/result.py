@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from math import isnan
 from pathlib import Path
+from statistics import median
 
 from cfid.counted import counted
 from cfid.errors import CfidError, FitError
@@ -20,6 +21,7 @@ from cfid.records.tables.stand import StandTable, read_stand_table
 from cfid.records.tables.times import run_at
 from cfid.records.tables.wrench import WrenchReading
 
+_SLOWEST_S = 1.0  # of a rotor's time constant, as of `fit flight`
 _ROWS = "dynamics.time_constant_s"
 _WAYS = {"dynamics.rising": True, "dynamics.falling": False}
 
@@ -67,6 +69,7 @@ def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
             *(finding for lag in lags for finding in _of_row(lag)),
             *(negative_delay(model.delay_s, model.delay_std_s, _ROWS) if accepted else ()),
             *lost.values(),
+            *_implausible(accepted),
             *(model.findings if accepted else ()),
         ),
         sources=record.sources,
@@ -119,6 +122,18 @@ def _without_lag(lags: Sequence[StepFit]) -> dict[str, Finding]:
         for key, way in lost.items()
         if any(lag.rising == way for lag in lags)
     }
+
+
+def _implausible(lags: Sequence[StepFit]) -> tuple[Finding, ...]:
+    """Reject steps whose time constants no rotor of a quadrocopter has: times in another unit."""
+    middle_s = median(lag.time_constant_s for lag in lags) if lags else _SLOWEST_S
+    if middle_s <= _SLOWEST_S:
+        return ()
+    text = (
+        f"the steps' time constants are {middle_s:.3g} s in the middle (limit {_SLOWEST_S:g} s), and rotors "
+        "have 0.01 to 0.3 s: is the time column in another unit?"
+    )
+    return (rejection("implausible", text, "dynamics.*"),)
 
 
 def _name(lag: StepFit) -> str:
