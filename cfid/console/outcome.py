@@ -106,4 +106,4 @@ def _print(result: Result, drawn: Sequence[Path], notes: Sequence[str]) -> None:
         note(printable(text))
     for path in drawn:
         if path.suffix == ".png":
-            echo(f"figure: {path} (and .svg)", err=True)
+            echo(fitted(f"figure: {path} (and .svg)", indent=2, err=True), err=True)

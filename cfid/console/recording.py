@@ -176,7 +176,7 @@ def attempt(plan: "Plan", devices: "Sequence[Device]", live: LiveLine) -> "tuple
 
     def begun(folder: Path) -> None:
         folders.append(folder)
-        live.tell(f"recording into {folder} ({_until(plan)})")
+        live.tell(fitted(f"recording into {folder} ({_until(plan)})", indent=2, err=True))
 
     try:
         return record_run(plan, devices, show=live.show, begun=begun, say=live.say), None
@@ -199,10 +199,8 @@ def print_summary(run: "Run", lines: Sequence[str] = ()) -> None:
     """Print a run's rows, losses and files."""
     for name, device in _devices(run).items():
         skipped = f", {device['skipped']} skipped: {device['achieved']}" if device["achieved"] else ""
-        echo(
-            f"{name}: {counted(device['rows'], 'row')}, {device['lost']} lost{counts_of(device)}{skipped} -> "
-            f"{device['file']}"
-        )
+        counts = f"{counted(device['rows'], 'row')}, {device['lost']} lost{counts_of(device)}{skipped}"
+        echo(fitted(f"{name}: {counts} -> {device['file']}", indent=2))
     for line in (*lines, verdict_line(run)):
         if line:
             echo(fitted(printable(line)))

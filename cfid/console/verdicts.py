@@ -66,10 +66,18 @@ def verdict_line(run: "Run") -> str:
     """
     verdict = run.header.verdict
     if run.header.state == "failed":
-        again = "Record it again, or with --resume what it lacks." if "steps" in run.header.requested else _AGAIN
-        return f"NOT USABLE: the fault below ended it. {again}"
+        return f"NOT USABLE: the fault below ended it. {_completing(run) or _AGAIN}"
+    if verdict is None and run.header.state == "interrupted":
+        again = _completing(run) or f"Record it again, or name it to a fit: {run.folder.name}."
+        return f"not judged, since it was ended early: fits leave it out. {again}"
     if verdict is None:
-        cut = run.header.state == "interrupted"
-        return "not judged, since it was ended early: fits leave it out unless it is resumed or named." if cut else ""
+        return ""
     good = "usable, but with losses" if _losses(run) else "good"
     return f"{good}: {verdict.text}" if verdict.usable else f"NOT USABLE: {verdict.text} {_AGAIN}"
+
+
+def _completing(run: "Run") -> str:
+    """Return the sentence that names the command which records what a staircase lacks; "" for another run."""
+    if "steps" not in run.header.requested:
+        return ""
+    return f"`cfid log {run.header.kind} --resume {run.folder.name}` records what it lacks."

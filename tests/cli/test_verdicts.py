@@ -93,7 +93,10 @@ def test_a_run_that_was_cut_is_not_judged(bodies: Path) -> None:
     cut = Run(folder=run.folder, header=run.header.model_copy(update={"state": "interrupted"}))
 
     assert judged(cut, cfid.swing.verdict.verdict).header.verdict is None
-    assert verdict_line(cut) == "not judged, since it was ended early: fits leave it out unless it is resumed or named."
+    assert verdict_line(cut) == (
+        "not judged, since it was ended early: fits leave it out. Record it again, or name it to a fit: "
+        f"{run.folder.name}."
+    )
 
 
 def silence(lab: Lab, log: Command) -> None:
@@ -140,7 +143,7 @@ def test_the_summary_of_a_run_that_a_fault_ended_says_the_fault_once(bodies: Pat
     stairs = Run(folder=run.folder, header=failed.header.model_copy(update={"requested": {"steps": [0, 2000]}}))
 
     assert verdict_line(failed) == "NOT USABLE: the fault below ended it. Record it again."
-    assert verdict_line(stairs).endswith("Record it again, or with --resume what it lacks.")
+    assert verdict_line(stairs).endswith(f"`cfid log swing --resume {run.folder.name}` records what it lacks.")
 
 
 def test_a_verdict_that_cannot_be_kept_costs_no_recording(bodies: Path, capsys: pytest.CaptureFixture[str]) -> None:

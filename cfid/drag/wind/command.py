@@ -16,6 +16,7 @@ from cfid.console.options import finite, positive
 from cfid.console.recording import KeepOptions, ResumeOptions, rig_of
 from cfid.console.selection import interrupted
 from cfid.console.vehicle import ExperimentOptions, LogMs
+from cfid.counted import counted
 from cfid.errors import ConfigError
 from cfid.lazy import later
 from cfid.motors.command import announce
@@ -211,11 +212,16 @@ def _announce(setting: "WindSetting", staircase: "StaircasePlan", done: "Sequenc
 
 
 def _missing(done: "Sequence[PlannedRun]") -> tuple[Mapping[str, Any], Sequence[str]]:
-    """Return what is missing from the thesis' plan in the campaign, as --json has it and as lines."""
-    from cfid.drag.wind.plan import missing_lines, missing_runs
+    """Return what is missing from the thesis' plan in the campaign, as --json has it, and lines on winds begun."""
+    from cfid.drag.wind.plan import WHOLE, missing_lines, missing_runs
 
     left = {"value": len(missing_runs(done)), "std": None, "unit": "1"}
-    return {"wind.missing_runs": left}, missing_lines(done)
+    lines = missing_lines(done)
+    begun = [line for line in lines if not line.endswith(WHOLE)]
+    others = (
+        [f"  {counted(len(lines) - len(begun), 'wind')} more: --dry-run lists them"] if len(lines) > len(begun) else []
+    )
+    return {"wind.missing_runs": left}, [*begun, *others]
 
 
 def _recorded(campaign: "Campaign", *, simulated: bool) -> "list[PlannedRun]":

@@ -15,6 +15,7 @@ from cfid.records.run import Run, list_runs
 KIND = "wind"
 HIGHEST_DEG = 180.0  # of the wind generator to the vertical: straight below
 FASTEST_MPS = 100.0  # a faster wind is given in another unit
+WHOLE = "all commands"  # of a wind setting, ends its line
 THESIS_COMMANDS = (0, 10000, 20000, 30000, 37300, 40000, 50000)
 
 
@@ -115,7 +116,7 @@ def missing_lines(done: Sequence[PlannedRun]) -> list[str]:
     for angle_deg, fan_v in dict.fromkeys((run.angle_deg, run.fan_v) for run in left):
         commands = tuple(run.command for run in left if (run.angle_deg, run.fan_v) == (angle_deg, fan_v))
         where = "no wind" if angle_deg is None else f"{angle_deg:g} deg, {fan_v:g} V"
-        lines.append(f"  {where:15} {'all commands' if commands == THESIS_COMMANDS else ', '.join(map(str, commands))}")
+        lines.append(f"  {where:15} {WHOLE if commands == THESIS_COMMANDS else ', '.join(map(str, commands))}")
     return lines
 
 

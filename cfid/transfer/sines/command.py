@@ -222,7 +222,7 @@ def sine(
 
 def _sine_line(sine: "Sine", run: "Run") -> str:
     lines = (
-        f"l = {sine.periods}: {run.header.state} -> {run.folder}",
+        fitted(f"l = {sine.periods}: {run.header.state} -> {run.folder}", indent=2),
         fitted(f"  {printable(verdict_line(run))}", indent=2),
     )
     return "\n".join(line for line in lines if line.strip())
