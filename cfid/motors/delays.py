@@ -19,3 +19,11 @@ def negative_delay(delay_s: float, std_s: float, *quantities: str) -> tuple[Find
         "commands or speeds are off by that much. It belongs to the link or the log, not to the motor."
     )
     return (note("rotor-delay-negative", text, *quantities),)
+
+
+def command_between_rows(row_s: float) -> str:
+    """Return the sentence on a command that a row shows up to `row_s` late."""
+    return (
+        f"the command is known every {1e3 * row_s:.3g} ms and changed up to that long before a row shows it, by which "
+        f"the delay is too short: its standard uncertainty contains {1e3 * row_s / 3**0.5:.2g} ms for that."
+    )

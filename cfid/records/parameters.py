@@ -15,6 +15,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from cfid.errors import ConfigError, DataError
+from cfid.quantities.lookup import find
 from cfid.quantities.values import Number, numbers, shape_error
 from cfid.records.covariances import Covariance, common_fault, covariance_fault
 from cfid.records.files import check_format, first_fault, locked_folder, read_toml, toml_bytes, write_toml
@@ -172,10 +173,8 @@ def section_fault(section: Section) -> str:
     if section.found.tzinfo is None:
         return "found: should have a time zone"
     for key, parameter in section.parameters.items():
-        if fault := shape_error(key, parameter.value, parameter.std):
-            return f"parameters.{key}: {fault}"
-        if any(number < 0 for number in _numbers(parameter.std)):
-            return f"parameters.{key}.std: should not be below zero"
+        if fault := _parameter_fault(key, parameter):
+            return f"parameters.{key}{fault}"
     values = {key: parameter.value for key, parameter in section.parameters.items()}
     for number, covariance in enumerate(section.covariance):
         if fault := covariance_fault(covariance, values):
@@ -184,6 +183,16 @@ def section_fault(section: Section) -> str:
         if fault := common_fault(effects, values):
             return f"common.{cause}: {fault}"
     return ""
+
+
+def _parameter_fault(key: str, parameter: Parameter) -> str:
+    """Return the fault of a parameter's shape, unit or standard uncertainty, "" where none is."""
+    if fault := shape_error(key, parameter.value, parameter.std):
+        return f": {fault}"
+    known = find(key)
+    if parameter.unit and known is not None and parameter.unit != known.unit:
+        return f": its unit is {parameter.unit!r}, and has to be {known.unit!r}"
+    return ".std: should not be below zero" if any(number < 0 for number in _numbers(parameter.std)) else ""
 
 
 def _numbers(value: Value) -> Iterator[float]:

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from cfid.export.vehicle import ExportVehicle, collect
+from cfid.quantities.lookup import unit_of
 from cfid.records.parameters import Parameter, Section, Source
 from cfid.records.rig_file import thesis_rig
 
@@ -51,7 +52,7 @@ def section(parameters: Mapping[str, Any], *, rejected: str = "", run: str = "ru
         accepted=not rejected,
         sources=(Source(f"runs/{run}/loadcell.csv", "0" * 64), Source(f"runs/{run}", "0" * 64)),
         parameters={
-            key: value if isinstance(value, Parameter) else Parameter(value=value, unit="u")
+            key: value if isinstance(value, Parameter) else Parameter(value=value, unit=unit_of(key))
             for key, value in parameters.items()
         },
         rejected=dict.fromkeys(parameters, rejected) if rejected else {},

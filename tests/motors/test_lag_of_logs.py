@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 import pytest
 
 from cfid.errors import ConfigError, DataError, FitError
@@ -164,12 +165,38 @@ def test_parts_that_differ_by_more_than_their_uncertainties_widen_their_mean() -
 def test_a_command_that_changes_between_rows_widens_the_delay_and_is_refused_from_half_a_time_constant() -> None:
     time_s, command, speed = flown(1, 5, rotors=1, noise=5.0, red=0.0)
     segment = LogSegment((Signal(time_s, command[0, 0]),), Signal(time_s, speed[0]))
-    seen, between, slow = (fit_lag([segment], kind="speed", unseen_s=each) for each in (0.0, 0.02, 0.04))
+    seen, between, slow = (fit_lag([segment], kind="speed", row_s=each, moving=True) for each in (0.0, 0.02, 0.04))
     added_s = np.sqrt(between.std_s.delay_s**2 - seen.std_s.delay_s**2)
 
-    assert added_s == pytest.approx(np.std(np.linspace(0, 0.02, 10_001)), rel=1e-3)  # uniform within the interval
+    early_s = np.linspace(0, 0.02, 10_001)  # uniform within the interval, and to one side
+    assert added_s == pytest.approx(np.sqrt(np.mean(early_s**2)), rel=1e-3)
     assert between.accepted
     assert [one.code for one in slow.findings] == ["lag-log-too-slow"]
+
+
+@pytest.mark.parametrize("rate_hz", [100, 500])
+def test_commands_that_change_between_rows_leave_the_delay_within_its_uncertainty(tmp_path: Path, rate_hz: int) -> None:
+    """The plant takes commands at any time; rows show them up to an interval late."""
+    fine_s, rng = 1e-4, np.random.default_rng(2)
+    rows = round(1 / rate_hz / fine_s)
+    command = np.repeat(rng.uniform(20000, 50000, 300), rng.integers(500, 1500, 300))
+    late = np.concatenate([np.full(round(DELAY_S / fine_s), command[0]), command])[: len(command)]
+    speed = np.empty(len(command))
+    now = 0.035 * late[0]
+    for place, to in enumerate(0.035 * late):
+        now += (to - now) * -np.expm1(-fine_s / (0.06 if to > now else 0.09))
+        speed[place] = now
+    path = tmp_path / "log.csv"
+    at = slice(None, None, rows)
+    shown = {"motor.m1": command[at].astype(int), "rpm.m1": 60 / (2 * np.pi) * speed[at]}
+    count = len(shown["motor.m1"])
+    pd.DataFrame({"t_ms": np.arange(count) * 1000 // rate_hz, **shown}).to_csv(path, index=False)
+    result = fit(read(path))
+    delay = result.quantities["dynamics.delay_s"]
+    print(f"{1e3 * delay.value:.2f} +- {1e3 * delay.std:.2f} ms")
+    assert abs(float(delay.value) - DELAY_S) < 2 * float(delay.std)
+    assert float(delay.std) < 0.7 / rate_hz
+    assert any(one.code == "lag-command-between-rows" for one in result.findings)
 
 
 def test_voltage_belongs_to_the_drive(tmp_path: Path) -> None:

@@ -62,7 +62,7 @@ def test_a_campaign_that_has_found_nothing_has_no_sections(tmp_path: Path) -> No
 
 def test_a_section_is_read_back_as_it_was(tmp_path: Path) -> None:
     file = tmp_path / "parameters.toml"
-    whole = section(**{"a.matrix_kg_m2": [[1.0, 2.5], [3e-5, -0.0]], "swing.peaks_used": 12})
+    whole = section(**{"a.matrix_kg_m2": [[1.0, 2.5], [3e-5, -0.0]], "a.peaks": 12})
     store_section(file, "inertia", whole)
     assert load_sections(file) == {"inertia": whole}
     assert load_sections(file)["inertia"].found.tzinfo is not None
@@ -291,7 +291,7 @@ def test_a_value_that_a_calculation_cannot_take_is_refused_by_its_key(
     tmp_path: Path, key: str, value: Any, expected: str
 ) -> None:
     file = tmp_path / "parameters.toml"
-    one = replace(section(), parameters={key: Parameter(value=value, unit="u")})
+    one = replace(section(), parameters={key: Parameter(value=value)})
     store_section(file, "fit", one)
 
     with pytest.raises(DataError) as caught:
@@ -301,7 +301,7 @@ def test_a_value_that_a_calculation_cannot_take_is_refused_by_its_key(
 
 def test_a_deviation_of_another_shape_is_refused_where_a_calculation_takes_it_and_else_left_out(tmp_path: Path) -> None:
     file = tmp_path / "parameters.toml"
-    poly = Parameter(value=[1.0, 2.0], std=[1.0], unit="u")
+    poly = Parameter(value=[1.0, 2.0], std=[1.0])
     store_section(file, "fit", replace(section(), parameters={"motor.speed_poly": poly}))
     with pytest.raises(DataError, match="its std should have the same shape"):
         load_sections(file)
@@ -315,4 +315,13 @@ def test_a_time_without_a_zone_is_refused_for_it_has_no_place_among_others(tmp_p
     store_section(file, "fit", replace(section(), found=FOUND.replace(tzinfo=None)))
 
     with pytest.raises(DataError, match=r"fit\.found: should have a time zone\."):
+        load_sections(file)
+
+
+def test_a_value_in_another_unit_than_its_quantity_has_is_refused(tmp_path: Path) -> None:
+    """It was taken as the quantity's own: 146 g cm^2 went into a prediction as 146 kg m^2."""
+    file = tmp_path / "parameters.toml"
+    one = {"flight.inertia_kg_m2.roll": Parameter(value=146.06, std=1.0, unit="g cm^2")}
+    store_section(file, "flight", replace(section(), parameters=one))
+    with pytest.raises(DataError, match=r"its unit is 'g cm\^2', and has to be 'kg m\^2'"):
         load_sections(file)

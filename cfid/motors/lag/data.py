@@ -48,12 +48,18 @@ class LogPart:
     acceleration: Signal | None = None
 
     @property
-    def unseen_s(self) -> float:
-        """The interval between rows of the commands where these change in most rows, else 0: rows show their steps."""
-        time_s, value = self.commands[min(self.commands)]
+    def row_s(self) -> float:
+        """The interval between rows of the commands, 0 of fewer than two."""
+        time_s, _ = self.commands[min(self.commands)]
+        return float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+
+    @property
+    def moving(self) -> bool:
+        """Whether the commands change in most rows, so that rows do not show their steps."""
+        _, value = self.commands[min(self.commands)]
         on = (value[1:] > 0) & (value[:-1] > 0)
         changed = np.diff(value)[on] != 0
-        return float(np.median(np.diff(time_s))) if len(changed) and np.mean(changed) > _OWN_STEPS else 0.0
+        return bool(len(changed) and np.mean(changed) > _OWN_STEPS)
 
     def of_speed(self, motor: int) -> list[LogSegment]:
         """Return the segments in which one rotor runs, with its speed."""

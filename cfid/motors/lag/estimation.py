@@ -83,12 +83,13 @@ class LagFit:
         return not texts(self.findings, "rejection")
 
 
-def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, unseen_s: float = 0.0) -> LagFit:
+def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, moving: bool = False) -> LagFit:
     """Fit time constants of rising and falling speed, the delay behind the command, and the static map, all at once.
 
     Of kind "speed", measured is the speed in rad/s of one rotor, whose map is joined to its lag. Of kind "thrust",
     measured is the thrust of all rotors together in any unit, quadratic in speeds that are linear in the drive.
-    `unseen_s` is the interval between two rows of the command, where it may have changed between them.
+    `row_s` is the interval between two rows of the command, within which it changed before a row shows it: the delay
+    is too short by any part of that. `moving` is a command that changes in most rows, whose steps these do not show.
     Raises FitError for less than 200 samples.
     """
     pieces = [found for piece in pieces if (found := _thinned(piece)) is not None]
@@ -123,7 +124,7 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, unseen_s: float = 0.0) 
     columns = fit.jac / np.maximum(np.linalg.norm(fit.jac, axis=0), 1e-300)
     singular = np.linalg.svd(columns, compute_uv=False)[-1] < _SINGULAR or bool(np.any(fit.active_mask[3:]))
     covariance = sandwich(fit.jac, fit.fun, longest=len(measured) // 4)
-    covariance[5, 5] += unseen_s**2 / 12
+    covariance[5, 5] += row_s**2 / 3
     explained = _explained(pieces, residual, measured, min(lag.rising_s, lag.falling_s))
     return LagFit(
         kind=kind,
@@ -135,7 +136,7 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, unseen_s: float = 0.0) 
         time_s=np.concatenate([piece.measured.time_s for piece in pieces]),
         measured=measured,
         shown=measured + residual,
-        findings=_rejections(kind, lag, std_of(covariance)[3:], explained, singular=singular, unseen_s=unseen_s),
+        findings=_rejections(kind, lag, std_of(covariance)[3:], explained, singular=singular, unseen_s=moving * row_s),
     )
 
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from cfid.errors import CfidError, FitError
 from cfid.findings import Finding, note, rejection, warning
-from cfid.motors.delays import delay_text, negative_delay
+from cfid.motors.delays import command_between_rows, delay_text, negative_delay
 from cfid.motors.lag.data import RotorLog
 from cfid.motors.lag.estimation import LagFit, fit_lag, joined
 from cfid.motors.lag.values import SPEED_POLY, joint_parameters, rotor_maps, rotor_rows, speed_map_findings
@@ -66,7 +66,7 @@ def fit(record: RotorLog) -> Result:
         findings=(
             *record.findings,
             *left_out,
-            *_about(record, fits, seen.unseen_s),
+            *_about(record, fits, seen.row_s),
             *_delay(joint),
             *(speed_map_findings(joint, accepted, seen.commands, volts=seen.volts) if record.speeds else ()),
             *(() if any(one.accepted for one in fits.values()) else (_NO_LAG,)),
@@ -82,12 +82,12 @@ def fit(record: RotorLog) -> Result:
 
 
 class _Seen(NamedTuple):
-    """The interval of commands that change between rows, 0 for others, and from where to where each rotor's went.
+    """The interval between rows of the commands, and from where to where each rotor's went.
 
     `volts` is the battery's mean voltage while rotors were driven, None where it was not logged.
     """
 
-    unseen_s: float
+    row_s: float
     commands: Mapping[str, tuple[float, float]]
     volts: float | None
 
@@ -98,9 +98,9 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
     fits: dict[str, list[LagFit]] = {name: [] for name in names}
     failed: dict[str, FitError] = {}
     ranges: dict[str, tuple[float, float]] = {}
-    unseen_s, volts, rows = 0.0, 0.0, 0
+    row_s, volts, rows = 0.0, 0.0, 0
     for part in record.parts():
-        unseen_s = max(unseen_s, part.unseen_s)
+        row_s = max(row_s, part.row_s)
         for name, motor in names.items():
             driven = [part.commands[motor]] if motor else list(part.commands.values())
             on = np.concatenate([value[value > 0] for _, value in driven])
@@ -110,9 +110,9 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
             ranges[name] = min(low, float(on.min(initial=np.inf))), max(high, float(on.max(initial=-np.inf)))
             try:
                 fits[name].append(
-                    fit_lag(part.of_speed(motor), kind="speed", unseen_s=part.unseen_s)
+                    fit_lag(part.of_speed(motor), kind="speed", row_s=part.row_s, moving=part.moving)
                     if motor
-                    else fit_lag(part.of_thrust(), kind="thrust", unseen_s=part.unseen_s)
+                    else fit_lag(part.of_thrust(), kind="thrust", row_s=part.row_s, moving=part.moving)
                 )
             except FitError as error:
                 failed[name] = error
@@ -121,7 +121,7 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
         raise next(iter(failed.values()), FitError("no rows of all commands."))
     return (
         found,
-        _Seen(unseen_s, ranges, volts / rows if rows else None),
+        _Seen(row_s, ranges, volts / rows if rows else None),
         tuple(
             warning("lag-rotor-left-out", str(error), "dynamics.*").at(name)
             for name, error in failed.items()
@@ -130,14 +130,11 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
     )
 
 
-def _about(record: RotorLog, fits: Mapping[str, LagFit], unseen_s: float) -> tuple[Finding, ...]:
+def _about(record: RotorLog, fits: Mapping[str, LagFit], row_s: float) -> tuple[Finding, ...]:
     """Return why rotors are rejected, warnings for the keys that have other rotors, and what the numbers contain."""
     found = [replace(one, severity="warning", where=(name,)) for name, fit in fits.items() for one in fit.findings]
-    if unseen_s:
-        text = (
-            f"the command was logged every {1e3 * unseen_s:.3g} ms and may have changed between: it is taken to "
-            f"hold, and the delay's standard uncertainty contains {1e3 * unseen_s / 12**0.5:.2g} ms for that."
-        )
+    if row_s:
+        text = command_between_rows(row_s)
         found.append(note("lag-command-between-rows", text, "dynamics.delay_s"))
     if not record.speeds:
         found.append(rejection("lag-from-acceleration", _OF_ACCELERATION, *_OF_ONE_MOTOR))

@@ -28,7 +28,8 @@ _SURE = 0.02  # of a speed: where its standard uncertainty is larger, within a s
 class SpeedRecord:
     """Speeds (n,) in rad/s at times (n,) in seconds, and the commands (m,) that hold from times (m,) on.
 
-    Each speed is a mean over `blur_s`, NaN where it is not known. The battery's voltage is by the same clock.
+    Each speed is a mean over `blur_s`, NaN where it is not known. The battery's voltage is by the same clock. Commands
+    that are known by rows alone have these `command_row_s` apart.
     """
 
     name: str
@@ -38,6 +39,7 @@ class SpeedRecord:
     command_time_s: Array
     command: Array
     blur_s: float = 0.0
+    command_row_s: float = 0.0
     battery: LoggedBattery | None = None
     findings: tuple[Finding, ...] = ()
     sources: tuple[Source, ...] = ()
@@ -63,6 +65,7 @@ def of_table(table: StandTable) -> SpeedRecord:
         speed_rad_s=speed,
         command_time_s=table.time_s,
         command=table.command,
+        command_row_s=float(np.median(np.diff(table.time_s))),
         battery=None if table.vbat_v is None else LoggedBattery(table.time_s, table.vbat_v),
         findings=table.findings,
         sources=(table.source,),

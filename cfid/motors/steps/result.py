@@ -2,14 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import isnan
+from math import hypot, isnan
 from pathlib import Path
 from statistics import median
 
 from cfid.counted import counted
 from cfid.errors import CfidError, FitError
 from cfid.findings import Finding, note, rejection, warning
-from cfid.motors.delays import delay_text, negative_delay
+from cfid.motors.delays import command_between_rows, delay_text, negative_delay
 from cfid.motors.steps.data import SpeedRecord, of_run, of_table
 from cfid.motors.steps.estimation import RotorModel, StepFit, fit_rotor_model, fit_steps
 from cfid.motors.steps.model import CommandStep, command_steps, followed
@@ -36,10 +36,14 @@ def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
     try:
         steps, left_out = _steps(record)
         time_s, speed, blur_s = record.time_s, record.speed_rad_s, record.blur_s
-        lags = fit_steps(time_s=time_s, value=speed, steps=steps, blur_s=blur_s, battery=record.battery)
+        found = fit_steps(time_s=time_s, value=speed, steps=steps, blur_s=blur_s, battery=record.battery)
         model = fit_rotor_model(time_s=time_s, value=speed, steps=steps, blur_s=blur_s, battery=record.battery)
     except CfidError as error:
         raise type(error)(f"{record.path}: {error}") from None
+
+    late_s = record.command_row_s / 3**0.5  # of a command that changed any time within a row
+    lags = [replace(one, delay_std_s=hypot(one.delay_std_s, late_s)) for one in found]
+    model = replace(model, delay_std_s=hypot(model.delay_std_s, late_s))
 
     def drawings() -> Figures:
         from cfid.motors.steps.figures import dynamics_figure
@@ -65,6 +69,7 @@ def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
         findings=(
             *record.findings,
             *left_out,
+            *_between_rows(record),
             *_sagged(lags),
             *(finding for lag in lags for finding in _of_row(lag)),
             *(negative_delay(model.delay_s, model.delay_std_s, _ROWS) if accepted else ()),
@@ -96,6 +101,11 @@ def _steps(record: SpeedRecord) -> tuple[tuple[CommandStep, ...], tuple[Finding,
     missed = len(steps) - len(seen)
     text = f"{missed} of {len(steps)} steps have too few speeds for a fit."
     return seen, (warning("steps-left-out", text, "dynamics.*"),) if missed else ()
+
+
+def _between_rows(record: SpeedRecord) -> tuple[Finding, ...]:
+    row_s = record.command_row_s
+    return (note("lag-command-between-rows", command_between_rows(row_s), _ROWS),) if row_s else ()
 
 
 def _sagged(lags: Sequence[StepFit]) -> tuple[Finding, ...]:
