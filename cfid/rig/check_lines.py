@@ -22,6 +22,7 @@ _FEWEST_PERIODS = 10
 _LONGEST_LOOK_S = 5.0
 _OFF = 0.1  # of the rate that rig.toml states
 _ALONE = 20.0  # of what three readings in a row usually differ by: no motion brings one alone so far
+_WRAP = 1 << 32  # of a clock in microseconds
 _TORN = 0.01  # of the lines that may not match
 
 
@@ -48,7 +49,8 @@ def _listened(name: str, setting: LineDevice) -> list[DeviceAnswer]:
         last = printable(reader.last_rejected)
         shown = f"{received} bytes, but no line that matches{f': {last!r}' if last else ''}"
         return [opened, DeviceAnswer("lines", "fault", shown, f"compare baud, pattern and values of devices.{name}")]
-    return [opened, _rate(setting, len(readings), reader.rejected, for_s), *_resolutions(setting, readings)]
+    rate = _rate(setting, len(readings), reader.rejected, for_s)
+    return [opened, rate, *_clock(setting, readings, for_s), *_resolutions(setting, readings)]
 
 
 def _rate(setting: LineDevice, count: int, rejected: int, for_s: float) -> DeviceAnswer:
@@ -59,6 +61,20 @@ def _rate(setting: LineDevice, count: int, rejected: int, for_s: float) -> Devic
     if abs(rate_hz - setting.rate_hz) > max(_OFF * setting.rate_hz, 2 / for_s):
         return DeviceAnswer("lines", "warning", shown, f"rig.toml states {setting.rate_hz:g} Hz: set what it sends")
     return DeviceAnswer("lines", "ok", shown)
+
+
+def _clock(setting: LineDevice, readings: Sequence[tuple[float, ...]], for_s: float) -> list[DeviceAnswer]:
+    """Judge how the device's own clock goes, where it sends one."""
+    stamp = setting.stamp
+    if stamp is None:
+        return []
+    ticks = np.array(readings)[:, setting.in_order().index(stamp)]
+    gone_s = 1e-6 * setting.factor(stamp) * float(np.sum(np.diff(ticks) % _WRAP))
+    shown = f"went {gone_s:.3g} s in {for_s:.3g} s"
+    if abs(gone_s - for_s) > _OFF * for_s + 2 / setting.rate_hz:
+        advice = "it counts another unit, stands, or is no clock: are there commas in numbers?"
+        return [DeviceAnswer(stamp.name, "warning", shown, advice)]
+    return [DeviceAnswer(stamp.name, "ok", shown)]
 
 
 def _resolutions(setting: LineDevice, readings: Sequence[tuple[float, ...]]) -> list[DeviceAnswer]:

@@ -20,6 +20,7 @@ _BROKEN_S = 0.4  # without a line while motors run, after which they are stopped
 _PAUSE_S = 0.25  # without a line, which is a gap
 _PERIODS = 4  # of a slow rate: a shorter silence is neither absence nor gap
 _SEARCH_S = 0.5
+_UNLIKE, _TELLING_S = 0.01, 2.0  # of the time by this computer; as long as shows a clock's rate
 _OFF, _FEWEST = 0.1, 20  # of the rate that rig.toml states; lines that show a rate
 
 
@@ -55,6 +56,8 @@ class Lines:
         self._gaps: list[dict[str, float | str]] = []
         self._missing = self._counted = self._sent = 0
         self._sending_s = 0.0  # without gaps
+        self._first: tuple[float, int] | None = None  # by this computer's clock, and the device's, in microseconds
+        self._last = (0.0, 0)
 
     def start(self) -> None:
         """Open the port. Raises DeviceError naming why it cannot be opened."""
@@ -95,7 +98,10 @@ class Lines:
         columns: list[npt.NDArray[Any]] = [self._clock.unix_s(times_s), *measured]
         if (stamp := self._device.stamp) is not None:
             ticks = self._stamps.unwrapped([int(number) for number in numbers[stamp.name]])
-            columns.append(ticks * round(self._device.factor(stamp)))
+            device_us = ticks * round(self._device.factor(stamp))
+            columns.append(device_us)
+            self._first = self._first or (times_s[0], int(device_us[0]))
+            self._last = times_s[-1], int(device_us[-1])
         return Block(columns, self._newly_lost())
 
     async def stop(self) -> None:
@@ -106,6 +112,7 @@ class Lines:
         if self._begun and silent_s > self._longest(_PAUSE_S):
             self._note_gap(now_s, "silent at the end" if self._gone_s is None else "unplugged")
         self._say_rate()
+        self._say_clock()
         if self._gone_s is not None and self._patient:
             raise DeviceError(
                 f"{self._device.port}: unplugged {now_s - self._gone_s:.0f} s before the end, and not plugged in again."
@@ -151,10 +158,22 @@ class Lines:
     def _say_rate(self) -> None:
         """Say when the device sends at another rate than rig.toml states: losses in gaps are counted by that."""
         stated_hz, sent = self._device.rate_hz, self._sent + self._reader.rejected
-        if sent >= _FEWEST and abs(sent / self._sending_s - stated_hz) > _OFF * stated_hz:
+        if self._sending_s and sent >= _FEWEST and abs(sent / self._sending_s - stated_hz) > _OFF * stated_hz:
             self._say(
                 f"the {self.name} sent {sent / self._sending_s:.4g} lines a second; rig.toml states {stated_hz:g}: set "
                 f"devices.{self.name}.rate_hz to what it sends."
+            )
+
+    def _say_clock(self) -> None:
+        """Say when the device's own clock went otherwise than this computer's: fits take its times."""
+        if self._first is None or self._gaps or self._last[0] - self._first[0] < _TELLING_S:
+            return
+        here_s, there_s = self._last[0] - self._first[0], 1e-6 * (self._last[1] - self._first[1])
+        if abs(there_s - here_s) > _UNLIKE * here_s:
+            self._say(
+                f"the {self.name}'s clock, device_us, went {there_s:.4g} s in {here_s:.4g} s: it counts another unit, "
+                f"stands, or was restarted. Correct it, or leave it out of devices.{self.name}.values: times are then "
+                "those of arrival."
             )
 
     def _longest(self, usual_s: float) -> float:

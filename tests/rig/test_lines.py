@@ -224,6 +224,32 @@ def test_the_stated_rate_is_not_commented_where_lines_do_not_match_or_a_plug_was
     assert not any("rig.toml states" in text for text in session.said)
 
 
+@pytest.mark.parametrize(
+    ("ticks", "went"),
+    [
+        (lambda n: 12500 * n, ""),
+        (lambda n: 12750 * n, "went "),
+        (lambda n: 7, "went 0 s"),
+        (lambda n: 12500 * n if n < 200 else 12500 * (n - 200), "went 1."),
+    ],
+)
+def test_a_clock_that_goes_otherwise_is_named_at_the_end(
+    session: Session, ticks: Callable[[int], int], went: str
+) -> None:
+    instrument, cable = cell(session)
+    _, failure = session.record(instrument, for_s=4, also=sending(cable, lambda n: b"%d,%d\r\n" % (ticks(n), n)))
+    assert failure is None
+    assert [text for text in session.said if "'s clock, device_us," in text and went in text] == session.said
+    assert bool(session.said) is bool(went)
+
+
+def test_a_device_none_of_whose_lines_match_fails_with_what_it_sent(session: Session) -> None:
+    instrument, cable = cell(session)
+    _, failure = session.record(instrument, for_s=8, also=sending(cable, lambda n: b"0,301,7,8\r\n"))
+    assert failure is not None
+    assert "0,301,7,8" in str(failure)
+
+
 def test_a_plug_that_stays_away_fails_the_run(session: Session) -> None:
     instrument, cable = cell(session)
     send = sending(cable, line)
@@ -415,6 +441,14 @@ def test_check_takes_a_swinging_bodys_readings_as_they_are(board: Board) -> None
     assert state == "ok"
 
 
+def test_check_shows_a_clock_that_is_none(board: Board) -> None:
+    state, answer, advice = checked(board, lambda n: b"0,%d\r\n" % (301 + n))["device_us"]  # 0,301 is a number there
+
+    assert (state, answer.split(" in ")[0]) == ("warning", "went 0 s")
+    assert "commas" in advice
+    assert checked(board, line)["device_us"][0] == "ok"
+
+
 def test_check_shows_a_rate_that_is_not_the_stated_one(board: Board) -> None:
     state, _, advice = checked(board, line, rate_hz=40)["lines"]
 
@@ -474,7 +508,7 @@ def test_a_simulated_rig_serves_both_and_commands_record_them(tmp_path: Path) ->
             angle = lab.cfid("log", "encoder", "--for", 2)
             force = lab.cfid("log", "loadcell", "--for", 3)
 
-    assert [one["asked"] for one in checks["encoder"]] == ["port", "lines", "phi"]
+    assert [one["asked"] for one in checks["encoder"]] == ["port", "lines", "device_us", "phi"]
     assert [one["asked"] for one in checks["loadcell"]] == ["port", "lines", "Fz"]
     assert angle.code == force.code == 0, angle.err + force.err
     of_angle, of_force = sorted((tmp_path / "runs").iterdir(), key=lambda folder: "loadcell" in folder.name)
