@@ -12,7 +12,7 @@ from cfid.console.options import CutOptions, Delivery, LogClock, ReadingOptions,
 from cfid.console.outcome import deliver
 
 if TYPE_CHECKING:
-    from cfid.records.campaign import Campaign
+    from cfid.validation.measured import Measured
 
 
 @flat
@@ -24,7 +24,7 @@ def validate(
         typer.Option(
             "--with",
             metavar="FILE|NAME",
-            help="Another campaign's folder or parameters.toml, or published: thesis, gym-pybullet-drones, firmware.",
+            help="A campaign's folder, a file of parameters, or published: thesis, gym-pybullet-drones, firmware.",
         ),
     ] = None,
     clock: LogClock = None,
@@ -39,37 +39,38 @@ def validate(
     """
     from cfid.console.messages import note
     from cfid.flight.data import read_flight
+    from cfid.validation.measured import measured_in
     from cfid.validation.result import validate as compare
-    from cfid.validation.sets import of_campaign, published_set, used_in
+    from cfid.validation.sets import published_set, sets_of
 
     workplace = open_workplace(rig)
     foreign = reading.foreign(clock)
     path = find_recording(log, workplace)
     flown = read_flight(path, foreign, from_s=cut.from_s, to_s=cut.to_s)
     in_volts = flown.flight.in_volts
-    campaigns = [] if workplace.campaign is None else [workplace.campaign]
+    used = [] if workplace.campaign is None else [measured_in(workplace.campaign)]
     sets, published = [], []
     for word in others or []:
-        other = _campaign(word)
+        other = _measured(word)
         if other is None:
             published.append(published_set(word, in_volts=in_volts))
         else:
-            campaigns.append(other)
-    for campaign in campaigns:
-        found, missing = of_campaign(campaign, in_volts=in_volts)
+            used.append(other)
+    for measured in used:
+        found, missing = sets_of(measured, in_volts=in_volts)
         sets += found
         for text in missing:
             note(text)
-    used = {str(campaign.folder): used_in(campaign) for campaign in campaigns}
     result = compare(flown, [*sets, *published], used=used)
     deliver(replace(result, folder=workplace.figures_folder([path])), delivery, None, workplace.own_rig)
 
 
-def _campaign(word: str) -> "Campaign | None":
-    """Return the campaign in a folder, or of a parameters.toml beside its rig.toml; None for what is no path."""
-    from cfid.records.campaign import find_campaign
+def _measured(word: str) -> "Measured | None":
+    """Return the parameters in a campaign's folder or in a file; None for what is no path."""
+    from cfid.records.campaign import open_campaign
+    from cfid.validation.measured import measured_file, measured_in
 
     path = Path(word)
     if path.is_dir():
-        return find_campaign(path, start=path)
-    return find_campaign(path.parent, start=path.parent) if path.is_file() else None
+        return measured_in(open_campaign(path))
+    return measured_file(path) if path.is_file() else None

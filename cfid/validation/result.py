@@ -15,7 +15,8 @@ from cfid.flight.findings import contradictions
 from cfid.flight.model import LEVER, ROW_S
 from cfid.records.result import Figures, Result
 from cfid.units import USUAL_GRAVITY_MPS2
-from cfid.validation.rollout import HORIZONS, QUANTITIES, UNITS, ParameterSet, errors, starts
+from cfid.validation.measured import Measured
+from cfid.validation.rollout import HORIZONS, QUANTITIES, UNITS, ParameterSet, Rows, errors, starts, unchanged
 
 Array = npt.NDArray[np.float64]
 
@@ -34,8 +35,8 @@ class SetError:
     half_width: float
 
 
-def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Mapping[str, frozenset[str]]) -> Result:
-    """Compare what sets predict of a flight with its recording. `used` has the SHA-256 of each campaign's recordings.
+def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Measured]) -> Result:
+    """Compare what sets predict of a flight with its recording. `used` are the measured parameters among them.
 
     Raises ConfigError for no set or two of one name, DataError for a log that a set was fitted to, and for one with
     less than 8 s in which all rotors were driven.
@@ -67,7 +68,7 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Mapping[str
             "errors": [vars(one) for one in table],
         },
         sources=(flown.log.source,),
-        lines=(flown.log.understood, *map(_described, sets), *_lines(table, flown, len(at))),
+        lines=(flown.log.understood, *map(_described, sets), *_lines(table, flown, at)),
         drawings=drawings,
         folder=flown.log.path.parent,
     )
@@ -96,16 +97,16 @@ def compared(each: Mapping[str, Mapping[str, Array]]) -> list[SetError]:
     return table
 
 
-def _check(flown: FlownLog, sets: Sequence[ParameterSet], used: Mapping[str, frozenset[str]]) -> None:
+def _check(flown: FlownLog, sets: Sequence[ParameterSet], used: Sequence[Measured]) -> None:
     names = [one.name for one in sets]
     if not names:
         raise ConfigError("no parameter set: work in a campaign that has one, or name one by `with`.")
     if len(set(names)) < len(names):
         raise ConfigError(f"two parameter sets are called {max(names, key=names.count)}: name each once.")
-    for campaign, sources in used.items():
-        if flown.log.source.sha256 in sources:
+    for one in used:
+        if one.fitted_to(flown.log):
             raise DataError(
-                f"{flown.log.path}: parameters of {campaign} were fitted to this log: validate with another flight."
+                f"{flown.log.path}: parameters of {one.name} were fitted to this flight: validate with another flight."
             )
 
 
@@ -119,8 +120,9 @@ def _described(one: ParameterSet) -> str:
     return f"{one.name}: {body}, {lag}; from {one.origin}"
 
 
-def _lines(table: Sequence[SetError], flown: FlownLog, count: int) -> list[str]:
-    captured = flown.flight.velocity is not None
+def _lines(table: Sequence[SetError], flown: FlownLog, at: Rows) -> list[str]:
+    captured, count = flown.flight.velocity is not None, len(at)
+    still = ", ".join(f"{error:.3g}" for error in unchanged(flown.flight, at))
     lines = [
         f"mean errors over {counted(count, 'segment')} of 1 s; in brackets how much more than "
         f"{table[0].name}, with 95 %:"
@@ -136,6 +138,7 @@ def _lines(table: Sequence[SetError], flown: FlownLog, count: int) -> list[str]:
     which = "along all axes, by motion capture" if captured else "along the vehicle's vertical, by the accelerometer"
     return [
         *lines,
+        f"who predicts that rates stay errs by {still} rad/s: a set that errs by more shows nothing of moments there",
         f"assumed: axes forward, left, up; thrust along z; g {USUAL_GRAVITY_MPS2} m/s^2; changes of velocity {which}; "
         "a constant angular acceleration of the whole flight taken away, of every set alike",
     ]

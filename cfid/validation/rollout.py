@@ -73,6 +73,13 @@ def errors(flight: Flight, one: ParameterSet, at: Rows) -> dict[str, Array]:
     }
 
 
+def unchanged(flight: Flight, at: Rows) -> Array:
+    """Return by how much rates change (h,) within each horizon, in the mean: the error of who predicts no change."""
+    return np.array(
+        [float(np.mean(np.linalg.norm(flight.rates[at + rows] - flight.rates[at], axis=1))) for rows in HORIZONS]
+    )
+
+
 def _thrusts(flight: Flight, one: ParameterSet) -> Array:
     """Return the rotors' thrusts (n, 4) in N, three to a row."""
     late = flight.drive if one.lag is None else one.lag.follow(flight.drive)

@@ -1,41 +1,57 @@
 """Parameter sets: of a campaign's rig, of its flights, and published ones that are complete."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import ConfigError
-from cfid.flight.model import ThrustLag
-from cfid.records.campaign import Campaign
-from cfid.records.parameters import Parameter
+from cfid.flight.model import AXES, ThrustLag
+from cfid.records.rig_file import Rig
 from cfid.report import published
 from cfid.report.known import turned
 from cfid.units import FULL_COMMAND, MM, RPM
+from cfid.validation.measured import Measured
 from cfid.validation.rollout import ParameterSet
 
 _NO_YAW = "no torque about yaw, whose moment is unknown: it stands as the sum of the others"
+_BEYOND = 20.0  # times mass times arm squared, or its part: bodies have 0.2 to 2
 ARM_M = 0.046  # of a Crazyflie 2.x, from its centre to a motor's axis, for published sets
 
 
-def of_campaign(campaign: Campaign, *, in_volts: bool) -> tuple[list[ParameterSet], list[str]]:
-    """Return the sets that a campaign has for a log with or without voltage, and what keeps the others from being one.
+def sets_of(measured: Measured, *, in_volts: bool) -> tuple[list[ParameterSet], list[str]]:
+    """Return the sets that parameters make for a log with or without voltage, and what keeps the others from being one.
 
     One is of the rig's experiments, with rig.toml's mass and arm, one of flights, with those they were scaled by.
     """
     found, missing = [], []
-    makers: dict[str, Callable[[Campaign, str, bool], ParameterSet]] = {"rig": _of_rig, "flight": _of_flights}
+    makers: dict[str, Callable[[Measured, str, bool], ParameterSet]] = {"rig": _of_rig, "flight": _of_flights}
     for what, make in makers.items():
         try:
-            found.append(make(campaign, f"{campaign.folder.resolve().name} ({what})", in_volts))
+            one = make(measured, f"{measured.name} ({what})", in_volts)
         except KeyError as error:
-            missing.append(f"{campaign.folder}: no set of the {what}: {error.args[0]} is not there.")
+            missing.append(f"{measured.name}: no set of the {what}: {error.args[0]}")
+            continue
+        if fault := _impossible(one):
+            missing.append(f"{measured.name}: no set of the {what}: {fault}, which no vehicle has.")
+        else:
+            found.append(one)
     return found, missing
 
 
-def used_in(campaign: Campaign) -> frozenset[str]:
-    """Return the SHA-256 of every file that a campaign's parameters come from."""
-    return frozenset(source.sha256 for section in campaign.sections().values() for source in section.sources)
+def _impossible(one: ParameterSet) -> str:
+    """Return what of a set no vehicle has, as words; "" for a possible one."""
+    sizes = {"mass": one.mass_kg, "arm": one.arm_m, **dict(zip(AXES, one.moments_kg_m2, strict=True))}
+    wrong = next((name for name, size in sizes.items() if not 0 < size < math.inf), None)
+    if wrong is not None:
+        return f"{wrong} {sizes[wrong]:g}"
+    of_points = one.mass_kg * one.arm_m**2  # the mass at the motors has twice this about yaw
+    far = next((axis for axis in AXES if not 1 / _BEYOND < sizes[axis] / of_points < _BEYOND), None)
+    if far is not None:
+        return f"moment about {far} of {sizes[far] / of_points:.3g} times mass times arm squared"
+    slow = one.lag is not None and not all(0 <= tau_s < 1 for tau_s in one.lag)
+    return f"lags of {one.lag.rising_s:g} and {one.lag.falling_s:g} s" if one.lag is not None and slow else ""
 
 
 def published_set(name: str, *, in_volts: bool) -> ParameterSet:
@@ -49,17 +65,18 @@ def published_set(name: str, *, in_volts: bool) -> ParameterSet:
     return one
 
 
-def _of_rig(campaign: Campaign, name: str, in_volts: bool) -> ParameterSet:
-    at = _Accepted(campaign)
-    matrix = turned(at["inertia.matrix_kg_m2"].value, campaign.rig.vehicle.body_frame)
+def _of_rig(at: Measured, name: str, in_volts: bool) -> ParameterSet:
+    if at.rig is None:
+        raise KeyError(f"no rig.toml with mass and arm is in {at.folder}.")
+    matrix = turned(at["inertia.matrix_kg_m2"].value, at.rig.vehicle.body_frame)
     lag_s = at["tf.time_constant_s"].value
     thrust_n, in_volts = _thrust(at, "motor", in_volts)
     return ParameterSet(
         name=name,
         origin="the campaign's experiments on the rig",
-        mass_kg=campaign.rig.vehicle.mass_kg,
+        mass_kg=at.rig.vehicle.mass_kg,
         moments_kg_m2=(matrix["roll"], matrix["pitch"], matrix["yaw"]),
-        arm_m=_arm_m(campaign),
+        arm_m=_arm_m(at.rig),
         torque_m=float(at["motor.torque_poly"].value[-2]),
         thrust_n=thrust_n,
         in_volts=in_volts,
@@ -67,8 +84,7 @@ def _of_rig(campaign: Campaign, name: str, in_volts: bool) -> ParameterSet:
     )
 
 
-def _of_flights(campaign: Campaign, name: str, in_volts: bool) -> ParameterSet:
-    at = _Accepted(campaign)
+def _of_flights(at: Measured, name: str, in_volts: bool) -> ParameterSet:
     roll, pitch = (float(at[f"flight.inertia_kg_m2.{axis}"].value) for axis in ("roll", "pitch"))
     yaw, torque = at.get("flight.inertia_kg_m2.yaw"), at.get("motor.torque_poly")
     known = yaw is not None and torque is not None
@@ -89,33 +105,14 @@ def _of_flights(campaign: Campaign, name: str, in_volts: bool) -> ParameterSet:
     )
 
 
-class _Accepted:
-    """A campaign's accepted parameters by key, the latest fit's first."""
-
-    def __init__(self, campaign: Campaign) -> None:
-        sections = sorted(campaign.sections().values(), key=lambda one: one.found)
-        self._found: Mapping[str, Parameter] = {
-            key: parameter
-            for section in sections
-            for key, parameter in section.parameters.items()
-            if key not in section.rejected
-        }
-
-    def get(self, key: str) -> Parameter | None:
-        return self._found.get(key)
-
-    def __getitem__(self, key: str) -> Parameter:
-        return self._found[key]
-
-
-def _arm_m(campaign: Campaign) -> float:
-    arm_mm = campaign.rig.facts.loadcell.arm_mm
+def _arm_m(rig: Rig) -> float:
+    arm_mm = rig.facts.loadcell.arm_mm
     if arm_mm is None:
-        raise KeyError("arm_mm in rig.toml")
+        raise KeyError("arm_mm is not in rig.toml.")
     return MM * arm_mm
 
 
-def _thrust(at: _Accepted, experiment: str, in_volts: bool) -> tuple[tuple[float, ...], bool]:
+def _thrust(at: Measured, experiment: str, in_volts: bool) -> tuple[tuple[float, ...], bool]:
     """Return one rotor's thrust, lowest power first, of volts where log and campaign have them, else of the command."""
     of_volts = at.get(f"{experiment}.thrust_voltage_poly")
     if in_volts and of_volts is not None:

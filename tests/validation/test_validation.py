@@ -1,19 +1,23 @@
 """The set that a flight was flown with predicts it best; a flight that was fitted to is refused, as are half sets."""
 
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from cfid.errors import ConfigError, DataError
-from cfid.flight.data import FlownLog, flight_of
+from cfid.flight.data import FlownLog, flight_of, read_flight
 from cfid.flight.model import LEVER, ThrustLag
 from cfid.records.campaign import open_campaign
-from cfid.records.parameters import Parameter
+from cfid.records.logs.any_kind import read_log
+from cfid.records.parameters import Parameter, Section, Source
+from cfid.validation.measured import Measured, measured_file, measured_in
 from cfid.validation.result import SetError, compared, validate
 from cfid.validation.rollout import HORIZONS, ParameterSet, errors, starts
-from cfid.validation.sets import PUBLISHED, of_campaign, published_set
+from cfid.validation.sets import PUBLISHED, published_set, sets_of
 from tests.campaigns import Cfid
 from tests.flight.flying import GYRO_DELAY_S, LATE_STEPS, STEP, Fleet, fleet, fly
 from tests.places import DATA
@@ -94,17 +98,98 @@ def test_a_set_differs_from_itself_by_nothing(flown: tuple[ParameterSet, FlownLo
 def test_a_flight_that_a_campaign_was_fitted_to_is_refused(flown: tuple[ParameterSet, FlownLog]) -> None:
     true, flight = flown
     with pytest.raises(DataError, match="validate with another flight"):
-        validate(flight, [true], used={"campaign": frozenset({flight.log.source.sha256})})
+        validate(flight, [true], used=[fitted_to(flight.log.source.sha256)])
+
+
+def fitted_to(sha256: str, path: str = "gone.csv", folder: Path = Path()) -> Measured:
+    section = Section(
+        method="default",
+        found=datetime(2026, 1, 1, tzinfo=UTC),
+        cfid_version="0.2.0",
+        accepted=True,
+        sources=(Source(path, sha256),),
+        parameters={},
+    )
+    return Measured(name="campaign", folder=folder, sections={"flight": section}, rig=None)
+
+
+@pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the public flights are not here (CFID_DATA)")
+def test_a_flight_that_was_fitted_to_is_refused_in_another_format_too(tmp_path: Path) -> None:
+    log = read_log(FLIGHTS / "eschmann_log10.usd")
+    (series,) = log.series
+    names = [
+        *(f"motor.m{motor}" for motor in (1, 2, 3, 4)),
+        *(f"{one}.{axis}" for one in ("acc", "gyro") for axis in "xyz"),
+    ]
+    frame = pd.DataFrame({"t_s": series.time_s} | {name: series.values(name) for name in names})
+    frame.loc[:, [f"acc.{axis}" for axis in "xyz"]] /= 9.81
+    frame.loc[:, [f"gyro.{axis}" for axis in "xyz"]] *= 180 / np.pi
+    frame.to_csv(tmp_path / "copy.csv", index=False)
+    used = fitted_to("another", str(FLIGHTS / "eschmann_log10.usd"))
+    with pytest.raises(DataError, match="were fitted to this flight"):
+        validate(read_flight(tmp_path / "copy.csv"), [published_set("thesis", in_volts=False)], used=[used])
+
+
+def flights_section(**changed: object) -> str:
+    """Return a file of parameters of flights, some of them changed."""
+    values: dict[str, object] = {
+        "flight.thrust_poly": [4.4e-11, -1.5e-6, 0.0528],
+        "flight.rising_s": 0.046,
+        "flight.falling_s": 0.074,
+        "flight.delay_s": 0.007,
+        "flight.inertia_kg_m2.roll": 1.45e-5,
+        "flight.inertia_kg_m2.pitch": 1.5e-5,
+        "flight.mass_kg": 0.027,
+        "flight.arm_m": 0.046,
+    }
+    lines = [f'"{key}" = {{ value = {value} }}' for key, value in (values | changed).items() if value is not None]
+    head = '[flight]\nmethod = "default"\nfound = 2026-01-01T00:00:00Z\ncfid_version = "0.2.0"\naccepted = true\n'
+    return f"format = 2\n{head}sources = []\n[flight.parameters]\n" + "\n".join(lines) + "\n"
+
+
+def test_a_file_of_parameters_is_read_by_its_own_name_and_needs_no_rig(tmp_path: Path) -> None:
+    (tmp_path / "parameters.toml").write_text(flights_section())
+    (tmp_path / "edited.toml").write_text(flights_section(**{"flight.inertia_kg_m2.roll": 3e-5}))
+    (own,), missing = sets_of(measured_file(tmp_path / "parameters.toml"), in_volts=False)
+    (edited,), _ = sets_of(measured_file(tmp_path / "edited.toml"), in_volts=False)
+    assert (own.moments_kg_m2[0], edited.moments_kg_m2[0]) == (1.45e-5, 3e-5)
+    assert own.name != edited.name
+    assert "no rig.toml with mass and arm" in missing[0]
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"flight.inertia_kg_m2.roll": 0.0}, "roll 0, which no vehicle has"),
+        ({"flight.inertia_kg_m2.pitch": -1.5e-5}, "pitch -1.5e-05, which no vehicle has"),
+        ({"flight.inertia_kg_m2.roll": 146.0}, "times mass times arm squared, which no vehicle has"),
+        ({"flight.mass_kg": float("nan")}, "mass nan, which no vehicle has"),
+        ({"flight.falling_s": 60.0}, "lags of 0.046 and 60 s, which no vehicle has"),
+        ({"flight.rising_s": None}, "flight.rising_s is not there"),
+    ],
+)
+def test_parameters_that_no_vehicle_has_make_no_set(tmp_path: Path, changed: dict[str, object], said: str) -> None:
+    (tmp_path / "parameters.toml").write_text(flights_section(**changed))
+    found, missing = sets_of(measured_file(tmp_path / "parameters.toml"), in_volts=False)
+    assert found == []
+    assert said in missing[-1]
+
+
+def test_what_was_rejected_is_so_named() -> None:
+    one = fitted_to("")
+    section = replace(one.sections["flight"], rejected={"flight.rising_s": "open by 13 %."})
+    with pytest.raises(KeyError, match=r"flight\.rising_s was rejected: open by 13 %"):
+        replace(one, sections={"flight": section})["flight.rising_s"]
 
 
 def test_no_set_two_of_a_name_and_short_flights_are_refused(flown: tuple[ParameterSet, FlownLog]) -> None:
     true, flight = flown
     with pytest.raises(ConfigError, match="no parameter set"):
-        validate(flight, [], used={})
+        validate(flight, [], used=())
     with pytest.raises(ConfigError, match="name each once"):
-        validate(flight, [true, true], used={})
+        validate(flight, [true, true], used=())
     with pytest.raises(DataError, match="fly for longer"):
-        validate(flight_of(flight.log, to_s=6.0), [true], used={})
+        validate(flight_of(flight.log, to_s=6.0), [true], used=())
 
 
 def test_published_sets_carry_a_crazyflie_and_others_are_refused() -> None:
@@ -121,7 +206,7 @@ def test_published_sets_carry_a_crazyflie_and_others_are_refused() -> None:
 
 def test_a_campaign_without_fits_lacks_sets_and_names_what(cfid: Cfid, tmp_path: Path) -> None:
     assert cfid("new", "empty").returncode == 0
-    found, missing = of_campaign(open_campaign(tmp_path / "empty"), in_volts=False)
+    found, missing = sets_of(measured_in(open_campaign(tmp_path / "empty")), in_volts=False)
     assert found == []
     assert len(missing) == 2
 
@@ -136,7 +221,7 @@ def test_a_rig_gives_a_set_along_forward_left_and_up(tmp_path: Path) -> None:
         ("tf", "tf.time_constant_s", 0.065),
     ):
         put(campaign, section, {key: Parameter(value=value)})
-    (one,), missing = of_campaign(campaign, in_volts=True)
+    (one,), missing = sets_of(measured_in(campaign), in_volts=True)
     forward = "xyz".index(campaign.rig.vehicle.body_frame.forward[-1])
     assert one.moments_kg_m2[0] == matrix[forward][forward]
     full = 2.13e-11 * 65535**2 + 1.0326e-6 * 65535 + 5.48e-4
@@ -151,7 +236,7 @@ def test_a_lag_predicts_a_public_flight_better_than_none() -> None:
 
     flight = read_flight(FLIGHTS / "eschmann_log15.usd", from_s=15.94, to_s=51.36)
     sets = [published_set(name, in_volts=False) for name in ("thesis", "gym-pybullet-drones")]
-    result = validate(flight, sets, used={})
+    result = validate(flight, sets, used=())
     assert result.quality["segments"] == 33
     one = of(table_of(flight, *sets), "rates", 0.1, "gym-pybullet-drones")
     assert one.more > one.half_width
@@ -178,8 +263,8 @@ def test_a_campaign_fitted_to_one_flight_is_validated_by_another(cfid: Cfid, tmp
 
 def test_a_log_whose_axes_or_motors_are_others_is_named(flown: tuple[ParameterSet, FlownLog]) -> None:
     true, flight = flown
-    assert not validate(flight, [true], used={}).rejected
+    assert not validate(flight, [true], used=()).rejected
     turned = replace(flight.flight, rates=flight.flight.rates * [-1.0, 1.0, 1.0])
     mirrored = replace(flight, flight=turned, by_command=replace(flight.by_command, rates=turned.rates))
-    findings = validate(mirrored, [true], used={}).findings
+    findings = validate(mirrored, [true], used=()).findings
     assert any("the wrong way about roll" in finding.text for finding in findings)
