@@ -37,6 +37,11 @@ _DRIFT, _WAVE, _BASELINE_WAVE = 0.05, 0.005, 0.001  # in a window, of a step's h
 _LEAST_HEIGHT = 0.02  # of the highest step: limits are not narrower than there
 _FEWEST_IN_BASELINE = 2  # readings: a tare that is not sure is better than none
 _SEEN, _SILENT = 3.0, "no thrust is seen"  # within so many deviations
+_NO_BASELINE_BEFORE = (
+    "the record begins with the motors driven: thrust counts from the rest after them, and how far the load cell "
+    "drifted until then is not known."
+)
+_UNDER_WAY = "it was under way when the record began"
 _NO_BASELINE_AFTER = "no steady baseline after the last command: how far the load cell drifted is not known."
 
 
@@ -92,6 +97,7 @@ class Staircase:
     """A reduced record: its points as they came, and the load cell's baselines, with the motors off.
 
     `tare_after`, and the `drift` (k,) per second up to there, are None where no baseline follows the last step.
+    `begins_driven` is a record whose first rest, `tare_before`, comes after a step.
     """
 
     points: tuple[Point, ...]
@@ -99,13 +105,15 @@ class Staircase:
     tare_after: Level | None
     drift: Array | None
     spikes: int
+    begins_driven: bool = False
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What is to be known of its means: steps that are left out, a drift that nobody knows."""
         unsettled = [point for point in self.points if not point.settled]
         return (
-            *([] if self.tare_after else [warning("no-baseline-after", _NO_BASELINE_AFTER)]),
+            *([warning("no-baseline-before", _NO_BASELINE_BEFORE)] if self.begins_driven else []),
+            *([] if self.tare_after or self.begins_driven else [warning("no-baseline-after", _NO_BASELINE_AFTER)]),
             *(
                 warning("step-left-out", f"command {point.command}: {point.reason}; it is left out.")
                 for point in unsettled
@@ -141,7 +149,7 @@ def reduce_staircase(
     for. `lag_s` is the rotors' time constant, where it need not be found. Windows may be set by hand, an entry a
     step, None where it shall be found. `status` (n,) are the load cell's words.
 
-    Raises DataError for a record that is too short, out of order, not finite or faulty, that begins without a baseline
+    Raises DataError for a record that is too short, out of order, not finite or faulty, that has no baseline
     or shows no motor running.
     """
     record = prepared(time_s, channels, status=status, thrust=thrust)
@@ -203,29 +211,34 @@ def _reduced(
             f"{counted(len(by_hand), 'window is', 'windows are')} given for {len(steps)} steps: one each, or None."
         )
     levels = np.array([level(record.slow, interval.begin_s, interval.end_s) for interval in intervals])
-    begun = onsets(record.slow, intervals, baseline=levels[0], lag_s=lag_s)
+    rest = next((levels[i] for i, interval in enumerate(intervals) if interval.pause), levels[0])
+    begun = onsets(record.slow, intervals, baseline=rest, lag_s=lag_s)
     bounds = _bounds(intervals, begun)
-    heights = np.abs(levels - levels[0])
+    heights = np.abs(levels - rest)
     baselines = _baselines(
         record, [bounds[i] for i in range(len(bounds)) if i not in steps], wave=_BASELINE_WAVE * heights.max()
     )
-    if not baselines or baselines[0].time_s > bounds[steps[0]][0]:
+    driven = bool(baselines) and baselines[0].time_s > bounds[steps[0]][0]
+    if not baselines or (driven and steps == [0]):
         raise DataError("no baseline before the first command: log for some seconds before the motors start.")
     points = []
     for i, window in zip(steps, by_hand, strict=True):
         height = max(heights[i], _LEAST_HEIGHT * heights.max())
         stretch = Stretch(*window) if window else _steady(record, baselines, bounds[i], height=height)
-        points.append(_point(record, baselines, intervals[i], begun[i - 1], stretch))
+        stretch = stretch if i else stretch._replace(reason=_UNDER_WAY)
+        points.append(_point(record, baselines, intervals[i], begun[max(i - 1, 0)], stretch))
     reasons = [point.reason for point in points if (point.command or 0) > DEAD_COMMAND]
     if reasons and all(reason.startswith(_SILENT) for reason in reasons):
         raise DataError(f"the motors never turn: {reasons[-1]}. Is the vehicle armed, its battery charged?")
-    before, after = baselines[0], baselines[-1] if baselines[-1].time_s > bounds[steps[-1]][1] else None
+    before, ended = baselines[0], baselines[-1].time_s > bounds[steps[-1]][1]
+    after = baselines[-1] if ended and len(baselines) > driven else None
     return Staircase(
         points=tuple(points),
         tare_before=before,
         tare_after=after,
         drift=(after.mean - before.mean) / (after.time_s - before.time_s) if after else None,
         spikes=record.spikes,
+        begins_driven=driven,
     )
 
 

@@ -341,6 +341,22 @@ def test_a_saturated_cell_is_refused_with_the_time_of_its_first_sample_and_a_mer
     assert reduce_staircase(**spoiled(found, status=warned)).points[0].settled
 
 
+def test_a_record_that_begins_with_running_motors_gives_the_later_steps_by_the_rest_that_follows() -> None:
+    found = record((20000, 30000, 40000))
+    whole = reduce_staircase(**spoiled(found))
+    begin_s = (whole.points[0].begin_s + whole.points[0].end_s) / 2
+    late = found.time_s > begin_s
+    cut = {"time_s": found.time_s[late], "channels": found.wrench[late], "status": found.status[late]}
+    reduced = reduce_staircase(**spoiled(found, **cut))
+
+    assert reduced.begins_driven
+    assert [point.settled for point in reduced.points] == [False, True, True]
+    assert "under way" in reduced.points[0].reason
+    assert "no-baseline-before" in {one.code for one in reduced.findings}
+    for one, other in zip(reduced.points[1:], whole.points[1:], strict=True):
+        assert np.all(np.abs(one.mean - other.mean) < 4 * np.hypot(one.std_of_mean, other.std_of_mean))
+
+
 def test_a_record_that_begins_with_running_motors_is_refused() -> None:
     found = record((20000,))
     late = found.time_s > 2

@@ -96,6 +96,18 @@ def test_torque_is_read_in_the_unit_of_its_column(tmp_path: Path, column: str, f
     assert np.asarray(table.torque_nm) == pytest.approx(factor * np.array([0, 0.001, 0.002, 0.004]))
 
 
+def test_a_line_of_units_below_the_head_states_them(tmp_path: Path) -> None:
+    names = "Time,ESC signal,Thrust,Motor Optical Speed,Voltage\ns,us,gf,RPM,V\n"
+    table = read(tmp_path, names + "0,1000,0,0,8\n4,1500,10,9000,7.9\n8,2000,60,22000,7.5\n")
+    assert np.asarray(table.thrust_n) == pytest.approx(GF * np.array([0, 10, 60]))
+    assert np.asarray(table.speeds_rad_s)[:, 0] == pytest.approx(RPM * np.array([0, 9000, 22000]))
+
+
+def test_an_electrical_speed_is_taken_as_the_rotors_with_what_that_needs(tmp_path: Path) -> None:
+    text = "ESC signal (us),Thrust (gf),Motor Electrical Speed (RPM)\n1000,0,0\n1500,10,9000\n2000,60,22000\n"
+    assert "knew the motor's poles" in " ".join(one.text for one in read(tmp_path, text).findings)
+
+
 def test_one_side_of_a_double_stand_is_read_and_two_are_asked_about(tmp_path: Path) -> None:
     head = NAMES.replace("ESC signal", "ESC B").replace("Thrust", "Thrust B").replace("Torque", "Torque B")
     assert read(tmp_path, text_of(head=head)).command.tolist() == [0, 16384, 32768, 65535]

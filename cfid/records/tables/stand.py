@@ -197,7 +197,11 @@ def _speeds(
     if thrust_n is not None and columns.head.kind == "motor" and np.isfinite(thrust_n).any():
         driven = command != 0  # a load cell that is not tared shows thrust at rest too
         turning |= driven & (np.nan_to_num(thrust_n) > _LEAST_THRUST * np.nanmax(thrust_n))
-    notes = []
+    notes = [
+        f"'{name}' is taken as the rotor's speed, which it is where the stand's program knew the motor's poles."
+        for name in columns.names
+        if "electrical" in name.lower()
+    ]
     for name, speed in zip(columns.names, value.T, strict=True):
         dead = (speed == 0) & turning
         speed[dead] = np.nan

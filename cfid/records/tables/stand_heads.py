@@ -43,7 +43,7 @@ class ColumnHead(NamedTuple):
 
 def _of_stand(quantity: str, stem: str, units: Mapping[str, float], kind: str) -> list[ColumnHead]:
     """Return the heads of RCbenchmark's and Tyto's programs: a name, a side of a double stand, a unit in brackets."""
-    return [ColumnHead(quantity, rf"(?:{stem})[ab]?\({unit}\)", factor, kind) for unit, factor in units.items()]
+    return [ColumnHead(quantity, rf"(?:{stem})[ab]?[(\[]{unit}[)\]]", factor, kind) for unit, factor in units.items()]
 
 
 _KNOWN = (
@@ -51,7 +51,7 @@ _KNOWN = (
     ColumnHead("command", r"pwm", kind="pwm"),
     ColumnHead(
         "command",
-        r"pwm_percent|pwm\[%\]|(?:esc(?:signal|throttle)?|throttle|pwm)[ab]?\(%\)",
+        r"pwm_percent|pwm\[%\]|(?:esc(?:signal|throttle)?|throttle|pwm)[ab]?[(\[]%[)\]]",
         FULL_COMMAND / 100,
         "percent",
     ),
@@ -84,7 +84,7 @@ _KNOWN = (
         },
         "",
     ),
-    ColumnHead("vbat_v", r"vbat_v|vbat\[v\]|voltage_v|voltage[ab]?\(v\)"),
+    ColumnHead("vbat_v", r"vbat_v|vbat\[v\]|voltage_v|voltage[ab]?[(\[]v[)\]]"),
     ColumnHead("grams", r"grams"),
     ColumnHead("speeds_rad_s", r"speed_rad_s|(?:omega|ω)(?:_rad_s|\[rad/s\]|\(rad/s\))", kind="motor"),
     ColumnHead("speeds_rad_s", r"rpm", RPM, "motor"),
@@ -110,9 +110,9 @@ def heads_of(names: Sequence[str]) -> dict[str, list[tuple[ColumnHead, str]]]:
     """Return the columns that are known, by quantity, each with the file's own name."""
     called: dict[str, list[tuple[ColumnHead, str]]] = {}
     for name in names:
-        for head in _KNOWN:
-            if re.fullmatch(head.called, spelt(name)):
-                called.setdefault(head.quantity, []).append((head, name))
+        head = next((head for head in _KNOWN if re.fullmatch(head.called, spelt(name))), None)
+        if head is not None:
+            called.setdefault(head.quantity, []).append((head, name))
         if TIME_COLUMN.called.fullmatch(name.strip()):
             called.setdefault("time_s", []).append((ColumnHead("time_s", "", kind="time"), name))
     return called
@@ -152,7 +152,11 @@ def check_heads(
         and any(spelt(name).startswith(stems) and quantity not in called for quantity, stems in _STEMS.items())
     ]
     if shows_stand(called):
-        return tuple(f"column '{name}' has no known unit." for name in unknown)
+        return tuple(
+            f"column '{name}' has no known unit: it is not used. Name it by `columns`, as in NAME="
+            f"{1 + table.names.index(name)} where NAME states the unit."
+            for name in unknown
+        )
     if unknown:
         place = 1 + table.names.index(unknown[0])
         raise DataError(
