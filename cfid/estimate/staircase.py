@@ -2,8 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +12,7 @@ from cfid.errors import DataError, FitError
 from cfid.estimate.blocks import block_means
 from cfid.estimate.onsets import Onset, onsets
 from cfid.estimate.signals import SMOOTHED_S, Slow, quiet_mean
+from cfid.estimate.staircase_points import Level, Point, Staircase
 from cfid.estimate.windows import (
     LAGS,
     Interval,
@@ -25,7 +25,6 @@ from cfid.estimate.windows import (
     prepared,
     steady_stretch,
 )
-from cfid.findings import Finding, warning
 from cfid.units import DEAD_COMMAND
 
 Array = npt.NDArray[np.float64]
@@ -37,99 +36,11 @@ _DRIFT, _WAVE, _BASELINE_WAVE = 0.05, 0.005, 0.001  # in a window, of a step's h
 _LEAST_HEIGHT = 0.02  # of the highest step: limits are not narrower than there
 _FEWEST_IN_BASELINE = 2  # readings: a tare that is not sure is better than none
 _SEEN, _SILENT = 3.0, "no thrust is seen"  # within so many deviations
-_NO_BASELINE_BEFORE = (
-    "the record begins with the motors driven: thrust counts from the rest after them, and how far the load cell "
-    "drifted until then is not known."
-)
 _UNDER_WAY = "it was under way when the record began"
-_NO_BASELINE_AFTER = "no steady baseline after the last command: how far the load cell drifted is not known."
 
 
 class NeverRanError(DataError):
     """A record in which no motor is seen to run."""
-
-
-class Level(NamedTuple):
-    """What the channels (k,) show in a window about a time: see `signals.Mean`."""
-
-    time_s: float
-    mean: Array
-    std: Array
-    slope: Array
-    effective_samples: Array
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Point:
-    """One command: means (k,) of its steady window less the tare, with standard deviations that hold the tare's.
-
-    NaN where it never settled: `reason` states why it did not, or why it should not be used. `tare_shares` (r, k) is
-    what one deviation of each of the record's r baselines does to the tare. `slope` per second is what
-    still changes in the window; `motors`, 1 to 4, are those that ran. The thrust began to follow at `onset_s`, with
-    the time constant `lag_s`, and `delay_s` after its command: what other instruments recorded by the clock of the
-    commands lies so much earlier. Delay, command and motors are not known without a command log.
-    """
-
-    command: int | None
-    motors: tuple[int, ...]
-    begin_s: float
-    end_s: float
-    mean: Array
-    std_of_mean: Array
-    effective_samples: Array
-    slope: Array
-    tare: Array
-    std_of_tare: Array
-    tare_shares: Array
-    onset_s: float
-    lag_s: float
-    delay_s: float | None
-    reason: str
-
-    @property
-    def settled(self) -> bool:
-        """Whether the mean is one."""
-        return not self.reason
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Staircase:
-    """A reduced record: its points as they came, and the load cell's baselines, with the motors off.
-
-    `tare_after`, and the `drift` (k,) per second up to there, are None where no baseline follows the last step.
-    `begins_driven` is a record whose first rest, `tare_before`, comes after a step.
-    """
-
-    points: tuple[Point, ...]
-    tare_before: Level
-    tare_after: Level | None
-    drift: Array | None
-    spikes: int
-    begins_driven: bool = False
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What is to be known of its means: steps that are left out, a drift that nobody knows."""
-        unsettled = [point for point in self.points if not point.settled]
-        return (
-            *([warning("no-baseline-before", _NO_BASELINE_BEFORE)] if self.begins_driven else []),
-            *([] if self.tare_after or self.begins_driven else [warning("no-baseline-after", _NO_BASELINE_AFTER)]),
-            *(
-                warning("step-left-out", f"command {point.command}: {point.reason}; it is left out.")
-                for point in unsettled
-            ),
-        )
-
-    def steady(self) -> tuple[Point, ...]:
-        """Return the points that settled. Raises FitError when none did."""
-        steady = tuple(point for point in self.points if point.settled)
-        if not steady:
-            raise FitError(
-                f"none of {counted(len(self.points), 'step')} settles. The first, from "
-                f"{self.points[0].onset_s:.3g} s on: "
-                f"{self.points[0].reason}. Hold each command longer, or give the windows by hand."
-            )
-        return steady
 
 
 def reduce_staircase(

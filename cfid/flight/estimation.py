@@ -14,9 +14,10 @@ from scipy.optimize import OptimizeResult, least_squares
 
 from cfid.errors import FitError
 from cfid.estimate.blocks import block_means
-from cfid.estimate.linear import gain_of, sandwich, std_of
-from cfid.flight.likelihood import PAST, White, whitening, without
+from cfid.estimate.linear import gain_of, std_of
+from cfid.flight.likelihood import White, whitening, without
 from cfid.flight.model import AXES, DAMPING, ROW_S, STEP_S, Flight, FlightEquation, ThrustLag, blocks_of, segments
+from cfid.flight.uncertainty import covariance_of, excess_of_older_torques
 
 Array = npt.NDArray[np.float64]
 
@@ -30,8 +31,6 @@ _SETTLED = 0.05  # standard uncertainties that a round may move a parameter by
 _FEWEST = 500  # rows: 5 s
 _LEVEL = 100  # rows: 1 s, whose mean forces are taken as independent
 _SMOOTH = 10  # rows over which noise is averaged before judging how much is explained
-_PART = 500  # rows: 5 s, in which a flight's manoeuvres change
-_OLDER = 2  # rows, so that no row of an error's difference is in an instrument's
 LAGS, DELAYS, THRUST, TURNS = slice(0, 2), slice(2, 4), slice(4, 7), slice(7, 10)  # of the parameters
 _GRID_S = STEP_S / 8  # by which lags err on the grid of the drives: in calm air they came out 0.3 to 0.4 ms long
 _STEP = 1e-3  # of a time constant or delay, over which a slope is taken
@@ -88,9 +87,9 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
     equations = _Equations(flown)
     equations, result = _settled(equations, _start(equations))
     found, jacobian, residual = _with_constant(result.x), np.asarray(result.jac), np.asarray(result.fun)
-    covariance = _covariance(jacobian, residual, [one.basis for one in equations.white])
+    covariance = covariance_of(jacobian, residual, [one.basis for one in equations.white])
     covariance = np.apply_along_axis(_with_constant, 1, np.apply_along_axis(_with_constant, 0, covariance))
-    excess = _excess_of_older_torques(jacobian, residual, equations.white)
+    excess = excess_of_older_torques(jacobian, residual, equations.white)
     found = _undamped(found, equations)
     covariance[LAGS, LAGS] += _GRID_S**2
     covariance[TURNS, TURNS] += np.diag((excess / math.sqrt(3)) ** 2)
@@ -180,46 +179,6 @@ class _Equations:
             slow = [column[place] for column in columns]
             each.append(white.of(np.column_stack([*slow, -block.terms * gains, turned])))
         return np.concatenate(each)
-
-
-def _excess_of_older_torques(jacobian: Array, residual: Array, white: Sequence[White]) -> Array:
-    """Return by how much the last three parameters change if torques of two rows before are instruments, less noise.
-
-    An autopilot that answers to the gyro's noise within a row, or rotors that are no first-order lag, make the two
-    differ. Less two standard uncertainties of the difference, so that noise alone changes nothing.
-    """
-    turns = jacobian[:, -len(AXES) :]
-    older = np.zeros_like(turns)
-    begin = 0
-    for one in white:
-        for length in one.lengths:
-            end = begin + length - PAST
-            older[begin + _OLDER : end] = turns[begin : end - _OLDER]
-            begin = end
-    excess = np.zeros(len(AXES))
-    for axis, (now, before) in enumerate(zip(turns.T, older.T, strict=True)):
-        if abs(float(before @ now)) > 0:
-            influence = (before / float(before @ now) - now / float(now @ now)) * residual
-            excess[axis] = max(abs(float(np.sum(influence))) - 2 * math.sqrt(float(influence @ influence)), 0.0)
-    return excess
-
-
-def _covariance(jacobian: Array, residual: Array, taken: Sequence[Array]) -> Array:
-    """Return the covariance (p, p) of a fit to blocks of rows, from each of which other terms (k, q) were taken.
-
-    A model that is not quite right errs otherwise in each manoeuvre: where parts of 5 s scatter by more than noise
-    explains, it is wider.
-    """
-    lengths = [len(one) for one in taken]
-    freedom = 1 - sum(one.shape[1] for one in taken) / len(residual)
-    covariance = sandwich(jacobian, residual, longest=max(len(residual) // (8 * len(lengths)), 10)) / freedom
-    influence = gain_of(jacobian).T * residual[:, np.newaxis]
-    ends = [end for one in lengths for end in [*range(0, one - _PART // 2, _PART)]]
-    starts = np.repeat(np.cumsum([0, *lengths[:-1]]), [len(range(0, one - _PART // 2, _PART)) for one in lengths])
-    sums = np.add.reduceat(influence, starts + np.array(ends, dtype=int), axis=0)
-    scatter = np.sum(sums**2, axis=0)
-    wider = np.sqrt(np.maximum(scatter / np.maximum(np.diag(covariance), 1e-300), 1.0))
-    return np.asarray(covariance * np.outer(wider, wider))
 
 
 def _undamped(p: Array, equations: _Equations) -> Array:

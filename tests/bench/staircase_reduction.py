@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from cfid.estimate.staircase import Point, reduce_single
+from cfid.estimate.staircase import reduce_single
+from cfid.estimate.staircase_points import Point
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.rotors import RotorTruth

@@ -10,7 +10,8 @@ import numpy.typing as npt
 import pytest
 
 from cfid.errors import DataError, FitError
-from cfid.estimate.staircase import Point, Staircase, mean_in_windows, reduce_single, reduce_staircase
+from cfid.estimate.staircase import mean_in_windows, reduce_single, reduce_staircase
+from cfid.estimate.staircase_points import Point, Staircase
 from cfid.motors.maps.thesis import reduce_thesis
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.loadcell import SATURATED, LoadCellTruth

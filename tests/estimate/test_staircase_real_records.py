@@ -11,7 +11,8 @@ import pandas as pd
 import pytest
 
 from cfid.errors import FitError
-from cfid.estimate.staircase import Point, Staircase, reduce_staircase
+from cfid.estimate.staircase import reduce_staircase
+from cfid.estimate.staircase_points import Point, Staircase
 from tests.places import DATA
 
 Array = npt.NDArray[np.float64]

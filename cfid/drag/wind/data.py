@@ -17,7 +17,7 @@ from cfid.drag.wind.mean_forces import MeanForce, mean_force, mean_force_thesis,
 from cfid.drag.wind.plan import KIND, WindSetting, setting_of
 from cfid.drag.wind.reduction import WindForce
 from cfid.errors import CfidError, DataError, FitError
-from cfid.estimate.staircase import Point
+from cfid.estimate.staircase_points import Point
 from cfid.findings import Finding, joined, note, texts, warning
 from cfid.motors import data as motors
 from cfid.motors.points import rotor_speed_rad_s

@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from cfid.errors import DataError
 from cfid.estimate.signals import quiet_mean
-from cfid.estimate.staircase import Point, reduce_single
+from cfid.estimate.staircase import reduce_single
+from cfid.estimate.staircase_points import Point
 from cfid.estimate.windows import Words
 from cfid.findings import Finding, warning
 

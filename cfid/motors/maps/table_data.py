@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from cfid.counted import counted
 from cfid.errors import CfidError, DataError, FitError
-from cfid.estimate.staircase import Point, Staircase, mean_in_windows, reduce_staircase
+from cfid.estimate.staircase import mean_in_windows, reduce_staircase
+from cfid.estimate.staircase_points import Point, Staircase
 from cfid.findings import Finding
 from cfid.large import chosen_rows, side_by_side
 from cfid.motors.maps.evidence import Evidence, Reduced, Stand, line_of, speed_findings, staircase_findings

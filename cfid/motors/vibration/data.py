@@ -9,7 +9,7 @@ import numpy.typing as npt
 from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.estimate.signals import without_spikes
-from cfid.estimate.staircase import Point
+from cfid.estimate.staircase_points import Point
 from cfid.estimate.windows import LAGS
 from cfid.findings import Finding, joined, note, texts, warning
 from cfid.motors.data import channels_of
