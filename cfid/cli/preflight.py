@@ -40,6 +40,7 @@ def preflight(
     ] = True,
     vehicle: VehicleOptions,
     campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="No bell when the signals were seen.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Look at seconds of the real signals before an experiment: value, limit, and what to do. Changes no run.
@@ -61,7 +62,7 @@ def preflight(
     if not any(one.state == "fault" for own in answers.values() for one in own):
         try:
             with ExitStack() as held:
-                _look(experiment, rig, answers, held, vehicle, seconds=for_s, balance=balance)
+                _look(experiment, rig, answers, held, vehicle, seconds=for_s, balance=balance, quiet=quiet)
         except StopError:
             raise
         except DeviceError as error:
@@ -91,6 +92,7 @@ def _look(
     *,
     seconds: float,
     balance: bool,
+    quiet: bool,
 ) -> None:
     """Sample the devices of the experiment, and add what their signals show to the answers."""
     from cfid.console.live import LiveLine
@@ -100,7 +102,7 @@ def _look(
     from cfid.rig.sampling import sample
 
     campaign, devices, simulated = rig
-    live = LiveLine()
+    live = LiveLine(quiet=quiet)
     crazyflie: ReadyVehicle | None = None
     if experiment == "swing":
         counts = campaign.rig.encoder.counts_per_turn

@@ -57,7 +57,7 @@ def next_step(
     _name_unreadable_runs(found)
     step = next_of(status_of(found, kind=kind))
     typer.echo(fitted(printable(step.why)))
-    words = step.words if step.recording is None else _prepared(step.recording)
+    words = step.words if step.recording is None else _prepared(step.recording, found)
     echo(f"next: cfid {' '.join(words)}")
     if not yes and _typed("Start it? [Y/n]").lower() not in ("", "y", "yes"):
         note("nothing was started. Type `cfid next` again, or the command itself.")
@@ -65,14 +65,26 @@ def next_step(
     _become(words, found)
 
 
-def _prepared(recording: "Assignment") -> tuple[str, ...]:
+def _prepared(recording: "Assignment", campaign: "Campaign") -> tuple[str, ...]:
     """Say what to do at the rig; return the command's words with what the operator answered."""
+    from cfid.console.recording import rig_of
+
     typer.echo(fitted(printable(recording.reminder)))
+    if rig_of(campaign.folder)[2] and (set_up := _simulated(recording)):
+        note(f"the rig is simulated: restart it as `cfid rig sim {set_up}` for this, if it is another.")
     questions = recording.questions or {}
     answers = {name: _typed(question) for name, question in questions.items()}
     if empty := [question for name, question in questions.items() if not answers[name]]:
         raise ConfigError(f"{empty[0]}: no answer, nothing was started. Type `cfid next` again.")
     return tuple(word.format(**answers) for word in recording.words)
+
+
+def _simulated(recording: "Assignment") -> str:
+    """Return the words with which the simulated rig is set up for a recording, "" where it serves any."""
+    label = recording.label
+    if label.weight_g is not None:
+        return f"--weight {label.weight_g:g}"
+    return "" if label.axis is None else f"--axis {label.axis}"
 
 
 def _typed(question: str) -> str:
