@@ -22,6 +22,7 @@ from cfid.records import lab_book
 
 SUFFIXES = (".csv", ".parquet", ".html")
 
+_NUMBER_WIDE, _NAME_WIDE = 29, 11  # of most numbers, and of a campaign, where the terminal is narrow
 _MOST_NAMES = 3  # of outliers, in a cell of the terminal's table
 _PAGE = """<!doctype html>
 <html lang="en">
@@ -46,11 +47,12 @@ def print_comparisons(comparisons: Sequence[ComparedNumber], summaries: Sequence
         highlight=False,
     )
     table = Table(box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
-    for heading in ("number", "n", "mean", "std", "scatter", "expected"):
-        table.add_column(heading, overflow="fold", no_wrap=heading != "number")
-    table.add_column("outliers, drift", overflow="fold")
+    table.add_column("number", overflow="fold", min_width=_NUMBER_WIDE)
+    for heading in ("mean", "scatter", "expected"):
+        table.add_column(heading, no_wrap=True)
+    table.add_column("outliers", overflow="fold", min_width=_NAME_WIDE)
     for one in comparisons:
-        table.add_row(*map(_cell, (one.name, str(one.used), *_figures(one), "; ".join(_remarks(one)))))
+        table.add_row(*map(_cell, (one.name, *_figures(one), "; ".join(_remarks(one, of=len(summaries))))))
     console.print(table)
     apart = [one.name for one in comparisons if one.repeats is not None and not one.repeats.agree]
     if apart:
@@ -153,20 +155,22 @@ def _cell(text: str) -> str:
     return escape(printable(text))
 
 
-def _figures(one: ComparedNumber) -> tuple[str, str, str, str]:
-    """Return mean, its standard uncertainty, scatter, and what is expected of it."""
+def _figures(one: ComparedNumber) -> tuple[str, str, str]:
+    """Return the mean with the digits that it is sure of, scatter, and what is expected of it."""
     found = one.repeats
     if found is None:
         alone = next((known for known in one.values if known is not None and known.accepted), None)
-        return (*value_and_deviation(alone and alone.value, alone and alone.std), "", "")
+        return value_and_deviation(alone and alone.value, alone and alone.std)[0], "", ""
     expected = "" if one.expected_scatter is None else f"{one.expected_scatter:.2g}"
     scatter = f"{found.scatter:.2g}{'' if found.agree else ' *'}"
-    return (*value_and_deviation(found.mean, found.mean_std), scatter, expected)
+    return value_and_deviation(found.mean, found.mean_std)[0], scatter, expected
 
 
-def _remarks(one: ComparedNumber) -> list[str]:
-    """Return what a reader should look at: rejected values, outliers by name, a drift beyond its uncertainty."""
+def _remarks(one: ComparedNumber, *, of: int) -> list[str]:
+    """Return what to look at: in how few campaigns it is, rejected values, outliers by name, a drift beyond chance."""
     found, remarks = one.repeats, []
+    if one.used < of:
+        remarks.append(f"in {one.used}")
     if one.rejected:
         remarks.append(f"{len(one.rejected)} rejected")
     if one.outliers:
