@@ -69,8 +69,10 @@ def find_recording(word: str, workplace: Workplace) -> Path:
     if workplace.campaign is None or path.exists():
         return path
     folder = workplace.campaign.runs_folder
+    if word != LAST and (folder / word).is_dir():
+        return folder / word  # also where its name looks like a pattern
     if word != LAST and not is_glob(word):
-        return folder / word if (folder / word).is_dir() else path
+        return path
     name_other_folders(folder, [word])
     pattern = "*" if word == LAST else word
     found = sorted(at.parent for at in folder.glob(f"*/{RUN_FILE}") if is_named(at.parent, pattern))

@@ -103,7 +103,7 @@ def _repeat(fit: Fit, own: Campaign, made: Campaign, place: Place, method: Metho
         notes += (f"changed since it was fitted: {', '.join(changed)}.",)
     sources = tuple(replace(source, path=place.named(source.path)) for source in result.sources)
     made.keep(replace(result, sources=sources), force=options.get("force", False), options=options)
-    moved, most = _largest_move(fit.section, made.sections()[fit.name])
+    moved, most = _largest_move(fit.section, made.sections()[result.section_name])
     return Refit(name=fit.name, moved=moved, most=most, notes=notes)
 
 

@@ -70,7 +70,9 @@ class Campaign(BaseModel):
         if word == LAST:
             named = self.runs(kind=kind or None)[-1:]
         else:
-            named = [run for run in self.runs(complete=False) if fnmatchcase(run.folder.name, name)]
+            every = self.runs(complete=False)
+            named = [run for run in every if run.folder.name == name]  # a name may look like a pattern
+            named = named or [run for run in every if fnmatchcase(run.folder.name, name)]
         if len(named) != 1:
             raise ConfigError(f"{name}: {len(named) or 'no'} runs match, expected one ({self.runs_folder}).")
         return named[0]

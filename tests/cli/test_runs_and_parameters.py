@@ -1,6 +1,7 @@
 """What runs a word stands for, what fits leave out, what a campaign knows, and what is set by hand."""
 
 import json
+import shutil
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -14,7 +15,7 @@ from cfid.cli.parameters import set_by_hand
 from cfid.console.campaign import make_campaign
 from cfid.console.selection import chosen, labelled
 from cfid.errors import ConfigError
-from cfid.records.campaign import Campaign, find_campaign
+from cfid.records.campaign import Campaign, find_campaign, open_campaign
 from cfid.records.parameters import load_sections
 from cfid.records.run import DeviceRecord, Label, Run, amend_run, read_run
 from cfid.records.run_writer import create_run
@@ -148,6 +149,14 @@ def test_a_folder_that_is_no_run_is_refused_by_name_and_left_out_by_a_glob_of_co
     found = cfid("show", "last", "--no-figures", *here)
     assert f"{folder} is left out: it has no run.toml" in found.stderr
     assert f"{folder} is left out: it has no run.toml" in cfid("runs", *here).stderr
+
+
+def test_a_run_whose_name_looks_like_a_pattern_is_shown_by_it(campaign: Campaign, cfid: Cfid) -> None:
+    swing = next(name for name in names(campaign) if name.endswith("swing_x"))
+    odd = swing.replace("swing", "sw[i]ng")
+    shutil.copytree(campaign.runs_folder / swing, campaign.runs_folder / odd)
+    assert odd in cfid("show", odd, "--no-figures").stderr  # two rows are no swing
+    assert open_campaign(campaign.folder).run(odd).folder.name == odd
 
 
 @pytest.mark.parametrize("command", [("note", "swapped"), ("exclude",)])

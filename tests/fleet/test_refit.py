@@ -423,3 +423,10 @@ def test_a_folder_of_results_that_a_glob_matches_too_is_no_campaign(cfid: Cfid, 
     for _ in range(2):
         ended = cfid("fleet", "fit", "*", "--out", "refitted", folder=three)
         assert ended.returncode == 0, ended.stderr
+
+
+def test_a_fit_whose_name_was_edited_is_repeated_by_its_command(three: Path) -> None:
+    path = next((three / "c3" / "fits").glob("*.json"))
+    path.write_text(path.read_text().replace('"name": "swing x"', '"name": "renamed"'))
+    found = refit(str(three / "c3"))
+    assert [(one.name, one.fault) for one in found.fits] == [("renamed", "")]
