@@ -176,3 +176,10 @@ def test_variables_of_a_large_file_are_read_one_by_one(tmp_path: Path) -> None:
     bulk = {f"u{at}": np.zeros(5_000_000) for at in range(2)}  # 80 MB
     savemat(tmp_path / "a.mat", {"theta": {"time": TIME_S, "signals": signals(ANGLE_RAD, labels=("",))}, **bulk})
     assert same(read_angle(tmp_path / "a.mat", Reading(angle_unit="rad", columns=("time", "theta"))))
+
+
+def test_a_file_of_version_4_is_refused_with_how_to_save_it(tmp_path: Path) -> None:
+    path = tmp_path / "swing.mat"
+    savemat(path, {"t": TIME_S, "theta_rad": ANGLE_RAD}, format="4")
+    with pytest.raises(DataError, match="version 4: save it again, with -v7"):
+        read_angle(path, Reading())

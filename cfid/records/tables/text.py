@@ -62,6 +62,10 @@ def check_text(path: Path, content: bytes) -> None:
         if content.startswith(begin):
             raise DataError(f"{path}: {kind} file, which cfid writes and does not read: give what it was made of.")
     if _CONTROL.search(text[:_LOOKED_AT]):
+        if path.suffix.lower() == ".mat":
+            raise DataError(
+                f"{path}: no MATLAB file of version 5 to 7.3, but damaged, or of version 4: save it again, with -v7."
+            )
         raise DataError(
             f"{path}: not a CSV file: it holds binary data (or text in UTF-16: save that as UTF-8). "
             "`cfid fit dynamics` fits logs of vehicles; `cfid show`, `cfid convert` and `cfid import` read them; "
