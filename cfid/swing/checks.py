@@ -203,7 +203,7 @@ def varying_finding(varying: FrictionProbe | None) -> tuple[Finding, ...]:
     text = (
         f"dry friction varies with {varying.varies_with} ({varying.shown_std:.1f} standard uncertainties), which moves "
         f"the natural frequency squared by {varying.moved_s2:.2g} 1/s^2: this is {consequence}. Clean or replace the "
-        "bearing, or end the window at a higher peak."
+        "bearing (on threads, see that nothing rubs), or end the window at a higher peak."
     )
     return (warning("swing-friction-varies", text, "swing.*"),)
 
