@@ -61,9 +61,9 @@ def test_a_plan_is_told_with_its_duration_and_what_of_it_is_made_up(cfid: Cfid, 
         for words in ((), ("--plan", "thesis-second", "--amplitude", "15000"))
     )
 
-    assert usual.stdout == "20 sines of 12 s: 3.8 min\n"
+    assert usual.stdout == "20 sines of 12 s: 3:50 min\n"
     assert "l = 2, 4, 6, 8, 13," in usual.stderr
-    assert thesis.stdout == "40 sines of 20 s: 13.0 min\n"
+    assert thesis.stdout == "40 sines of 20 s: 13:00 min\n"
     assert "reconstructed" in thesis.stderr
     assert "reconstructed" in " ".join(cfid("log", "sine", "--help").stdout.split())
 
@@ -82,7 +82,7 @@ def test_motors_of_a_list_are_driven_one_after_the_other(tmp_path: Path) -> None
     with bench_in(tmp_path) as bench:
         words = ("log", "sine", "--periods", "5", "--samples", 100, "--before", 0.2, "--motor", "3,1")
         rehearsed = bench.start(*words, "--dry-run")
-        assert (rehearsed.end(), rehearsed.out) == (0, "2 sines of 3 s on motors 1, 3 in turn: 0.1 min\n")
+        assert (rehearsed.end(), rehearsed.out) == (0, "2 sines of 3 s on motors 1, 3 in turn: 0:05 min\n")
         pilot = bench.start(*words, "--yes", "--no-preflight")
         assert pilot.end() == 0, pilot.err
         headers = [run.header for run in open_campaign(tmp_path).runs(kind="sine", complete=False)]
@@ -97,6 +97,6 @@ def test_the_duration_stands_before_the_question(tmp_path: Path) -> None:
     with bench_in(tmp_path) as bench:
         pilot = bench.start("log", "sine", "--l", "3,5", "--n", 500)
         assert pilot.end() == 2
-        assert pilot.err.index("2 sines of 4 s: 0.1 min") < pilot.err.index(
+        assert pilot.err.index("2 sines of 4 s: 0:09 min") < pilot.err.index(
             "Is the vehicle fastened and everyone clear?"
         )

@@ -17,7 +17,14 @@ from cfid.report.sheet import SheetEntry
 from cfid.report.summary import FirstScreen
 
 _ESCAPED = str.maketrans(
-    {**{sign: f"\\{sign}" for sign in "\\*_`|[]{}"}, "&": "&amp;", "<": "&lt;", ">": "&gt;", "$": "&#36;"}
+    {
+        **{sign: f"\\{sign}" for sign in "\\*_`|[]{}"},
+        "&": "&amp;",
+        "<": "&lt;",
+        ">": "&gt;",
+        "$": "&#36;",
+        "~": "&#126;",
+    }
 )
 
 
