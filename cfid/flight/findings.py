@@ -25,10 +25,8 @@ _LEAST_TURN_RAD_PER_S2 = 5.0  # root mean square; with 0.6 about yaw a public lo
 _FIRST_S, _LAST_S = -0.005, 0.045  # of a sensor's delay: stamps err by some ms, and the fit searches up to 50 ms
 _OF_ARM = 0.08, 0.9  # the moment over mass times arm squared: published quadrocopters have 0.2 to 0.4
 _FED_BACK = 0.03  # of a moment, from where a warning names what older torques would change
-_LIGHTEST, _HEAVIEST = (
-    0.9,
-    1.3,
-)  # g in the mean of a flight: less carries nothing, more is steep flight; logs: 1.01 to 1.05
+# Of g, in the mean of a flight: less does not carry it, more is steep flight; public logs have 1.01 to 1.05.
+_LIGHTEST, _HEAVIEST = 0.9, 1.3
 _TILTED_DEG = 6.0  # public logs: 0.2 to 1.0
 _MANOEUVRES = {
     "roll": "tilt quickly to the right and left, several times a second, for 20 s",
