@@ -67,11 +67,11 @@ def next_step(
 
 def _prepared(recording: "Assignment", campaign: "Campaign") -> tuple[str, ...]:
     """Say what to do at the rig; return the command's words with what the operator answered."""
-    from cfid.console.recording import rig_of
+    from cfid.rig.sim_file import devices_in
 
     typer.echo(fitted(printable(recording.reminder)))
-    if rig_of(campaign.folder)[2] and (set_up := _simulated(recording)):
-        note(f"the rig is simulated: restart it as `cfid rig sim {set_up}` for this, if it is another.")
+    if devices_in(campaign.folder, campaign.rig)[1] and (set_up := _simulated(recording)):
+        note(f"the rig is simulated: it has to run as `cfid rig sim {set_up}` for this.")
     questions = recording.questions or {}
     answers = {name: _typed(question) for name, question in questions.items()}
     if empty := [question for name, question in questions.items() if not answers[name]]:
