@@ -9,8 +9,10 @@ from cfid.rig.hand_held import HandHeld, Readings, ScalesParser, Ut372Parser
 from cfid.rig.listening import find_ut372, serial_ports, ut372_ports
 from cfid.rig.log import Device, Open
 from cfid.rig.loop import Loop
+from cfid.rig.progress import Reading
 from cfid.rig.ready_lines import ready_lines
 from cfid.rig.recorder import Instrument, Say
+from cfid.rig.shown import displayed
 
 
 def ready_tachometer(port: str | None) -> Device:
@@ -20,13 +22,14 @@ def ready_tachometer(port: str | None) -> Device:
     def opened(loop: Loop, clock: HostClock) -> Instrument:
         return HandHeld(where, Ut372Parser(), listen=ut372_ports(loop), loop=loop, clock=clock)
 
-    return _device("tachometer.csv", Ut372Parser.columns, opened, port=where)
+    return _device("tachometer.csv", Ut372Parser.columns, opened, shown=displayed("rpm"), port=where)
 
 
 def ready_instrument(name: str, setting: LineDevice, held: ExitStack, *, say: Say) -> Device:
     """Return a tachometer or scales that send lines. Raises DeviceError."""
     record, opened = ready_lines(name, setting, held, say=say)
-    return Device(record=record, open=opened, eventful=True)
+    reading = displayed(setting.column_unit(setting.measured[0]))
+    return Device(record=record, open=opened, eventful=True, reading=reading)
 
 
 def ready_scales(port: str, *, baud: int) -> Device:
@@ -35,7 +38,7 @@ def ready_scales(port: str, *, baud: int) -> Device:
     def opened(loop: Loop, clock: HostClock) -> Instrument:
         return HandHeld(port, ScalesParser(), listen=serial_ports(loop, baud=baud), loop=loop, clock=clock)
 
-    return _device("scales.csv", ScalesParser.columns, opened, port=port, baud=baud)
+    return _device("scales.csv", ScalesParser.columns, opened, shown=displayed("g"), port=port, baud=baud)
 
 
 def typed_readings(value: str) -> Device:
@@ -47,6 +50,8 @@ def typed_readings(value: str) -> Device:
     return _device("readings.csv", ("t", "command", value, "withdrawn"), opened, typed=True)
 
 
-def _device(file: str, columns: tuple[str, ...], opened: Open, **more: object) -> Device:
+def _device(
+    file: str, columns: tuple[str, ...], opened: Open, *, shown: Reading | None = None, **more: object
+) -> Device:
     record = DeviceRecord.model_validate({"file": file, "columns": columns, **more})
-    return Device(record=record, open=opened, eventful=True)
+    return Device(record=record, open=opened, eventful=True, reading=shown)

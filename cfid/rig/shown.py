@@ -36,6 +36,11 @@ def first_force(name: str) -> Reading:
     return Reading(lambda cell: 1e3 * _above_tare(cell, 0), f"{name} {{:5.0f}} {unit}")
 
 
+def displayed(unit: str) -> Reading:
+    """Return the number that a hand-held instrument showed last."""
+    return Reading(lambda instrument: instrument.latest[0], f"{{:6.0f}} {unit}")
+
+
 def turning() -> Reading:
     """Return the rate of rotation in the latest row of the inertial log."""
     return Reading(lambda gyro: math.hypot(*gyro.latest[1:4]), "{:5.0f} deg/s")

@@ -9,7 +9,7 @@ import pytest
 from cfid.console.live import fitting, line_of
 from cfid.rig.progress import Reading
 from cfid.rig.recorder import Block, Recorder
-from cfid.rig.shown import degrees, vertical_force, volts
+from cfid.rig.shown import degrees, displayed, vertical_force, volts
 from cfid.wire.rls import RLS_13BIT_IN_22, encode_positions
 
 COLUMNS = 80
@@ -151,6 +151,13 @@ def shown_after(arrivals_s: list[float], *, until_s: float) -> list[str]:
         recorder.progress["crazyflie"].add(Block(columns), block * BLOCK_S)
         shown.append(line_of(recorder)[1])
     return shown
+
+
+def test_a_tachometers_latest_speed_is_shown() -> None:
+    recorder, _ = recorder_of(tachometer=displayed("rpm"), crazyflie=volts(0))
+    for rpm in (9000.2, 13537.4):
+        recorder.progress["tachometer"].add(Block([np.zeros(1), np.full(1, rpm)]), 0.1)
+    assert line_of(recorder)[1].strip() == "13537 rpm"
 
 
 def test_a_silent_vehicle_shows_no_old_voltage() -> None:
