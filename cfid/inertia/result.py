@@ -24,8 +24,8 @@ from cfid.records.rig_file import Rig
 from cfid.records.tables.angle import AngleRecord
 from cfid.swing.axis_inertias import AxisInertias, SwungBody
 from cfid.swing.data import FIXTURE, check_mounts, rig_or_thesis, surroundings, turned_about, vehicle
-from cfid.swing.free_swing import SMALLEST_PEAK_RAD
 from cfid.swing.plausibility import given_numbers, moment_fault
+from cfid.swing.release import SMALLEST_PEAK_RAD
 from cfid.swing.result import Method
 
 Array = npt.NDArray[np.float64]

@@ -13,7 +13,7 @@ from cfid.records.rig_file import Rig
 from cfid.records.tables.angle import AngleRecord
 from cfid.swing.axis_inertias import AxisInertias, swung_test_body
 from cfid.swing.data import FIXTURE, check_mounts, drawn_body, rig_or_thesis, surroundings
-from cfid.swing.free_swing import SMALLEST_PEAK_RAD
+from cfid.swing.release import SMALLEST_PEAK_RAD
 from cfid.swing.result import Method
 
 UNLIKELY_STD = 4.0

@@ -17,7 +17,8 @@ from cfid.records.tables.angle import AngleRecord
 from cfid.records.tables.gyro import ALIGNMENT_STD_RAD, SCALE_STD
 from cfid.swing.axis_inertias import MountedSwing, Surroundings, SwungBody, swung_test_body
 from cfid.swing.collocation import NO_THREADS, Threads
-from cfid.swing.free_swing import FEWEST_PEAKS, FreeSwing, find_swing
+from cfid.swing.free_swing import FreeSwing, find_swing
+from cfid.swing.release import FEWEST_PEAKS
 from cfid.units import MM
 
 Array = npt.NDArray[np.float64]

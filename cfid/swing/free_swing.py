@@ -7,29 +7,32 @@ the release's side are found, the release counting as the first (as in table 2.3
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from cfid.counted import counted
 from cfid.errors import DataError
-from cfid.estimate.signals import GRID_S, HalfSwing, check_dense, half_swings, resample, smooth, vertex
+from cfid.estimate.signals import HalfSwing, check_dense, half_swings
 from cfid.findings import Finding, note, warning
 from cfid.swing.collocation import NO_THREADS, Threads
 from cfid.swing.model import Setup
+from cfid.swing.release import (
+    FEWEST_PEAKS,
+    GROWTH,
+    SMALLEST_PEAK_RAD,
+    by_hand,
+    completed,
+    falls_freely,
+    let_go,
+    moved_again,
+    peak_of,
+)
 
 Array = npt.NDArray[np.float64]
 
-SMALLEST_PEAK_RAD = math.radians(1.0)
-FEWEST_PEAKS = 4
 
 _THRESHOLD_RAD = SMALLEST_PEAK_RAD / 2
-_STANDING_STILL = 0.05  # of the first fall's highest speed
-_HAND_GONE = 0.8  # of the release angle: by then the fingers are open
-_UPPERMOST = 0.95  # of a peak: an eighth of a period around it
-_OFF_A_COSINE = 0.3  # of the amplitude: a swing of 90 degrees is off by less
-_GROWTH = 1.05  # a free swing's peaks only shrink
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,11 +127,12 @@ def find_swing(
     _check_motion(angle[kept])
     halves = half_swings(angle[kept], threshold_rad=_THRESHOLD_RAD)
     halves = [HalfSwing(h.first + first, h.last + first, h.extreme + first, h.side) for h in halves]
-    halves = _completed(angle, halves, last=int(np.flatnonzero(kept)[-1]))
+    halves = completed(angle, halves, last=int(np.flatnonzero(kept)[-1]))
     if not halves:
         raise DataError("no swing: the angle never stays off rest by half a degree. Look at it with `cfid show`.")
-    by_hand = first > 0 and _falls_freely(time, angle, halves, first)
-    begin = _by_hand(time, angle, halves, first) if by_hand else _let_go(time, angle, halves)
+    taken = first > 0 and falls_freely(time, angle, halves, first)
+    begin = by_hand(time, angle, halves, first) if taken else let_go(time, angle, halves)
+    moved = () if taken else moved_again(time, angle, halves, begin)
     peak_time, peak_angle, grows = _peaks(time, angle, begin.peak, begin.later)
     used, fewer = _usable(peak_angle, peaks, max(smallest_peak_rad, SMALLEST_PEAK_RAD))
     return FreeSwing(
@@ -143,64 +147,8 @@ def find_swing(
         peaks_used=used,
         period_s=float((peak_time[used - 1] - peak_time[1]) / (used - 2)),
         resolution_rad=_resolution(angle[kept]),
-        findings=grows + fewer,
+        findings=moved + grows + fewer,
     )
-
-
-class _Begin(NamedTuple):
-    """Where a swing begins: samples of the release and of hands off, first peak, later half-swings of its side."""
-
-    release: int
-    hand_gone: int
-    peak: tuple[float, float]
-    later: list[HalfSwing]
-
-
-def _let_go(time: Array, angle: Array, halves: list[HalfSwing]) -> _Begin:
-    """Find the release in the half-swing that reaches farthest; it counts as the first peak."""
-    start = max(range(len(halves)), key=lambda i: abs(angle[halves[i].extreme]))
-    release = _release(time, angle, halves[start])
-    below = np.flatnonzero(np.abs(angle[release:]) < _HAND_GONE * abs(angle[release]))
-    hand_gone = release + int(below[0]) if len(below) else release
-    peak = float(time[release]), float(angle[release])
-    return _Begin(release, hand_gone, peak, _same_side(halves, start))
-
-
-def _completed(angle: Array, halves: list[HalfSwing], *, last: int) -> list[HalfSwing]:
-    """Return the half-swings without one that the window's last sample cuts before its peak is passed."""
-    if not halves:
-        return []
-    final = halves[-1]
-    passed = np.abs(angle[final.extreme : last + 1]) < _UPPERMOST * abs(angle[final.extreme])
-    return halves if passed.any() else halves[:-1]
-
-
-def _falls_freely(time: Array, angle: Array, halves: list[HalfSwing], first: int) -> bool:
-    """Return whether the body swings by itself at the window's first sample, instead of hanging at rest or in a hand.
-
-    A free one is where a cosine about the first standstill has it.
-    """
-    still = _release(time, angle, halves[0])
-    if still <= first or len(halves) < 2:
-        return True
-    half_period_s = float(np.median(np.diff(time[[half.extreme for half in halves]])))
-    phase = math.pi * float(time[still] - time[first]) / half_period_s
-    return bool(abs(angle[first] - angle[still] * math.cos(min(phase, math.pi))) < _OFF_A_COSINE * abs(angle[still]))
-
-
-def _by_hand(time: Array, angle: Array, halves: list[HalfSwing], first: int) -> _Begin:
-    """Begin at the sample requested; the first peak is the first that the window does not cut."""
-    start = next((i for i, half in enumerate(halves) if _rises_to(angle, half, first)), 0)
-    return _Begin(first, first, _peak(time, angle, halves[start]), _same_side(halves, start))
-
-
-def _rises_to(angle: Array, half: HalfSwing, first: int) -> bool:
-    """Return whether the way up to a half-swing's peak lies in the window too."""
-    return bool(np.any(np.abs(angle[first : half.extreme]) < _UPPERMOST * abs(angle[half.extreme])))
-
-
-def _same_side(halves: list[HalfSwing], start: int) -> list[HalfSwing]:
-    return [half for half in halves[start + 1 :] if half.side == halves[start].side]
 
 
 def _rest(angle: Array) -> float:
@@ -241,31 +189,6 @@ def _resolution(angle: Array) -> float:
     return float(np.min(moving)) if len(moving) < 0.98 * len(steps) and len(moving) else 0.0
 
 
-def _release(time: Array, angle: Array, half: HalfSwing) -> int:
-    """Return the last sample at which the body stood still before its first fall.
-
-    A hand may lift, hold and tremble: all of it lies before the last moment of no speed.
-    """
-    begin, fallen = half.first, min(half.last + 1, len(time) - 1)
-    grid, held = resample(time[begin : fallen + 1], angle[begin : fallen + 1], step_s=GRID_S)
-    if len(grid) < 9:
-        return half.extreme
-    speed = np.abs(smooth(held, length=9, step_s=GRID_S).first)
-    still = np.flatnonzero(speed < _STANDING_STILL * speed[-9:].max())
-    at = grid[still[-1]] if len(still) else grid[0]
-    return int(np.searchsorted(time, at))
-
-
-def _peak(time: Array, angle: Array, half: HalfSwing) -> tuple[float, float]:
-    """Return time and angle of a half-swing's peak, by a parabola through its uppermost part."""
-    inside = slice(half.first, half.last + 1)
-    high = np.abs(angle[inside]) > _UPPERMOST * abs(angle[half.extreme])
-    at = np.flatnonzero(high) + half.first
-    if len(at) < 5:
-        return float(time[half.extreme]), float(angle[half.extreme])
-    return vertex(time[at], angle[at])
-
-
 def _peaks(
     time: Array, angle: Array, begin: tuple[float, float], later: list[HalfSwing]
 ) -> tuple[Array, Array, tuple[Finding, ...]]:
@@ -273,10 +196,10 @@ def _peaks(
     peaks = [begin]
     findings: tuple[Finding, ...] = ()
     for half in later:
-        peak = _peak(time, angle, half)
+        peak = peak_of(time, angle, half)
         if abs(peak[1]) < SMALLEST_PEAK_RAD:
             break
-        if len(peaks) > 1 and abs(peak[1]) > _GROWTH * abs(peaks[-1][1]):
+        if len(peaks) > 1 and abs(peak[1]) > GROWTH * abs(peaks[-1][1]):
             text = f"peak {len(peaks) + 1} is higher than the one before: the free swing ends there."
             findings = (warning("swing-peak-grows", text, "swing.*"),)
             break

@@ -25,7 +25,8 @@ from cfid.swing.data import (
     turned_about,
 )
 from cfid.swing.estimation import SwingFit, fit_swing
-from cfid.swing.free_swing import SMALLEST_PEAK_RAD, FreeSwing
+from cfid.swing.free_swing import FreeSwing
+from cfid.swing.release import SMALLEST_PEAK_RAD
 from cfid.swing.thesis import DampedCosine, fit_damped_cosine, fit_flexible, log_decrement
 from cfid.swing.values import INERTIA, InertiaAbout, findings_about, inertia_about
 

@@ -15,6 +15,7 @@ from cfid.records.tables.angle import AngleRecord
 from cfid.sim.plants import HandRelease, Motion, Pendulum, swing
 from cfid.swing.data import swing_in
 from cfid.swing.free_swing import FreeSwing, find_swing
+from cfid.swing.release import FEWEST_PEAKS
 
 Array = npt.NDArray[np.float64]
 
@@ -88,6 +89,19 @@ def test_a_swing_pushed_again_ends_before_the_push() -> None:
 
     assert found.time_s[found.end] < 4.6
     assert "higher than the one before" in found.findings[0].text
+
+
+def test_a_body_that_is_lifted_again_at_the_end_leaves_the_swing_before() -> None:
+    """It was refused with the advice to release higher, however good the swing before was."""
+    _, angle = recorded(HandRelease(angle_rad=0.8))
+    time_s, again = recorded(HandRelease(angle_rad=0.9))
+    second = np.asarray(again[: round(1000 * (find_swing(time_s, again).release_s + 0.6))])
+    both = np.concatenate([angle[:9000], second])
+    whole, found = find_swing(time_s[:9000], angle[:9000]), find_swing(0.001 * np.arange(len(both)), both)
+    assert found.release_s == pytest.approx(whole.release_s, abs=0.01)
+    assert found.peaks_used > FEWEST_PEAKS
+    assert found.period_s == pytest.approx(whole.period_s, rel=0.01)
+    assert found.findings[0].code == "swing-moved-again"
 
 
 def test_a_window_by_hand_is_kept() -> None:
