@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cfid.console.messages import note
+from cfid.counted import counted
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -118,7 +119,9 @@ def labelled(kind: str, *bodies: str) -> Matches:
 def _every(runs: "Sequence[Run]", campaign: "Campaign | None", wanted: str) -> list[str]:
     taken = _taken(runs, campaign, wanted)
     left = _left(runs)
-    note(f"takes {len(taken)} complete {wanted}" + (f"; left out: {left}." if left else "."))
+    what, *more = wanted.split(" ", 1)  # runs of cfid log thrust
+    which = " ".join([counted(len(taken), f"complete {what.removesuffix('s')}", f"complete {what}"), *more])
+    note(f"takes {which}" + (f"; left out: {left}." if left else "."))
     return taken
 
 

@@ -140,6 +140,7 @@ def _status(
 ) -> TaskStatus:
     """Judge a task by its runs, by its section of parameters.toml, and by the last fit that was rejected whole."""
     lacking, taken = _lacking(task.recordings, runs)
+    own = [run for run in runs if any(one.is_of(run.header.kind, run.header.label) for one in task.recordings)]
     state: State = "accepted"
     reason = ""
     if section is not None and (rejected := [text for key, text in section.rejected.items() if _aimed(task, key)]):
@@ -148,11 +149,11 @@ def _status(
         state, reason = "stale" if taken else "missing", reasons[0]  # without a run left there is nothing to fit
     elif (section is None and lacking) or any(not one.repeats for one in lacking):
         state = "missing"
-    elif refused is not None and _still_holds(refused, section, taken) and not stale(refused):
+    elif refused is not None and _still_holds(refused, section, own) and not stale(refused):
         state, reason = "rejected", next(iter(refused.rejected.values()))
     elif section is None:
         state, reason = "not fitted", "recorded, not fitted yet."
-    elif newer := _newer(section, taken):
+    elif newer := _newer(section, own):
         state, reason = "stale", f"{counted(newer, 'run was', 'runs were')} recorded after the fit."
     elif lacking:
         reason = f"`cfid {' '.join(lacking[0].words)}` once more would show what drifted since the first."

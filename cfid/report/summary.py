@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from cfid.console.tables import value_and_deviation
@@ -91,12 +91,16 @@ _MAIN = (
     _Main("Drag along x, over speeds of rotors and wind", "drag.simple_kg_per_rad", _only(0), 1e6, "10⁻⁶ kg/rad"),
 )
 
+_REPORT = ("report",)
+
 
 def summary_of(
     known: Known, experiments: Sequence[Experiment], statuses: Sequence[TaskStatus], remarks: Sequence[str] = ()
 ) -> FirstScreen:
     """Return the first screen of a campaign whose tasks stand as given, with the guide's remarks on them."""
     step = next_of(statuses)
+    if step.words == _REPORT:  # which this is
+        step = replace(step, words=("export",), why=f"{step.why} Hand it to firmware and simulators.")
     findings = tuple(_findings(experiments))
     return FirstScreen(
         numbers=tuple(_numbers(known)),

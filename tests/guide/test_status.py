@@ -162,6 +162,15 @@ def test_a_fit_that_was_rejected_whole_is_not_offered_again_until_something_was_
     assert standing(folder)[1].words == ("fit", "inertia")
 
 
+def test_a_run_more_than_was_planned_makes_a_fit_stale(folder: Path) -> None:
+    axes = swung(folder)
+    fitted(folder, found=BEGAN + timedelta(hours=1))
+    assert standing(folder)[0].state == "accepted"
+    swing(folder, axes[0], minute=90)
+    left, step = standing(folder)
+    assert (left.state, step.words) == ("stale", ("fit", "inertia"))
+
+
 def test_a_later_fit_that_was_accepted_stands_over_one_that_was_rejected(folder: Path) -> None:
     swung(folder)
     refused(folder, sorted((folder / "runs").iterdir()))

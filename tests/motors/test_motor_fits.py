@@ -430,7 +430,7 @@ def test_without_a_word_the_campaigns_complete_staircases_are_taken(cfid: Cfid, 
     named = found(cfid, "fit", "thrust", run.folder, "--campaign", campaign)["parameters"]
     taken = cfid("fit", "thrust", "--campaign", str(campaign), "--json")
 
-    assert "takes 1 complete runs of cfid log thrust." in taken.stderr
+    assert "takes 1 complete run of cfid log thrust." in taken.stderr
     assert json.loads(taken.stdout)["parameters"]["motor.thrust_poly"] == named["motor.thrust_poly"]
     none = cfid("fit", "speed", "--campaign", str(campaign))
     assert none.returncode == 2

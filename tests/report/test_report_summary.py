@@ -138,3 +138,9 @@ def test_five_findings_are_shown_and_the_others_counted() -> None:
 
 def test_what_comes_next_is_the_guides_own_answer(tmp_path: Path) -> None:
     assert summary().next_command == "cfid fit thrust"
+
+
+def test_a_report_in_which_everything_is_found_does_not_advise_a_report() -> None:
+    done = summary_of(Known(thesis_rig(), {}), (), ())
+    assert done.next_command == "cfid export"
+    assert done.next_why.startswith("everything is found, and sure enough.")

@@ -25,7 +25,8 @@ ABOUT_REPEATS = (
 )
 ABOUT_AGREEMENT = (
     "One property by two experiments, with the difference over its joint uncertainty; causes that both share, as an "
-    "arm, count once. Beyond 3 standard uncertainties one of the two is wrong."
+    "arm, count once. Beyond 3 standard uncertainties one of the two is wrong, but for a first "
+    "one that may exceed the second."
 )
 ABOUT_PUBLISHED = (
     "Published values in one unit, with their difference from yours. Vehicles, propellers, batteries and loads "
@@ -135,7 +136,7 @@ def _agreement_row(one: Agreement) -> tuple[str, ...]:
         with_power(one.unit, power),
         plus_minus_in(one.difference, one.difference_std, power),
         f"{one.in_std:+.1f}",
-        "yes" if one.agrees else "no",
+        ("yes, may exceed it" if one.at_least else "yes") if one.agrees else "no",
     )
 
 
