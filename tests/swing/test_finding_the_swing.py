@@ -97,7 +97,7 @@ def test_a_body_that_is_lifted_again_at_the_end_leaves_the_swing_before() -> Non
     time_s, again = recorded(HandRelease(angle_rad=0.9))
     second = np.asarray(again[: round(1000 * (find_swing(time_s, again).release_s + 0.6))])
     both = np.concatenate([angle[:9000], second])
-    whole, found = find_swing(time_s[:9000], angle[:9000]), find_swing(0.001 * np.arange(len(both)), both)
+    whole, found = find_swing(time_s[:9000], angle[:9000]), find_swing(np.arange(len(both)) / 1000.0, both)
     assert found.release_s == pytest.approx(whole.release_s, abs=0.01)
     assert found.peaks_used > FEWEST_PEAKS
     assert found.period_s == pytest.approx(whole.period_s, rel=0.01)
