@@ -199,6 +199,16 @@ def test_commands_that_change_between_rows_leave_the_delay_within_its_uncertaint
     assert any(one.code == "lag-command-between-rows" for one in result.findings)
 
 
+def test_rotors_of_one_log_share_how_late_rows_show_a_command(tmp_path: Path) -> None:
+    """The mean of four rotors is no better known in that part than one of them."""
+    time_s, command, speed = flown(1, 5, rotors=1, noise=5.0, red=0.0)
+    columns = {f"motor.m{motor}": (65535 * command[0, 0]).astype(int) for motor in (1, 2, 3, 4)}
+    columns |= {f"rpm.m{motor}": NEXT * speed[0] for motor in (1, 2, 3, 4)}
+    pd.DataFrame({"t_ms": (1000 * time_s).astype(int), **columns}).to_csv(tmp_path / "log.csv", index=False)
+    delay = fit(read(tmp_path / "log.csv")).quantities["dynamics.delay_s"]
+    assert float(delay.std) > 1 / RATE_HZ / np.sqrt(3)
+
+
 def test_voltage_belongs_to_the_drive(tmp_path: Path) -> None:
     time_s, command, speed = flown(1, 9, rotors=1, noise=3.0, red=0.0)
     volts = 4.0 - 0.5 * time_s / time_s[-1]

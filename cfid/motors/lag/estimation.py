@@ -52,8 +52,9 @@ class LogSegment(NamedTuple):
 class LagFit:
     """A lag, and the map that it follows, c0 + c1 u + c2 u^2 of the drive u, with the covariance (6, 6) of map and lag.
 
-    `explained` is the part of the variance that it explains, averaged over a quarter of a time constant, `rms` what is
-    left. `time_s`, `measured` and `shown` (n,) are what was compared.
+    `late_s` is how uncertain the delay is beside that, since rows show commands late: rotors and parts of one log have
+    it in common. `explained` is the part of the variance that the lag explains, averaged over a quarter of a time
+    constant, `rms` what is left. `time_s`, `measured` and `shown` (n,) are what was compared.
     """
 
     kind: Kind
@@ -66,11 +67,13 @@ class LagFit:
     measured: Array
     shown: Array
     findings: tuple[Finding, ...]
+    late_s: float = 0.0
 
     @property
     def std_s(self) -> InputLag:
         """The standard uncertainties of the lag."""
-        return InputLag(*std_of(self.covariance)[3:].tolist())
+        rising_s, falling_s, delay_s = std_of(self.covariance)[3:].tolist()
+        return InputLag(rising_s, falling_s, math.hypot(delay_s, self.late_s))
 
     @property
     def map_std(self) -> Array:
@@ -124,7 +127,6 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
     columns = fit.jac / np.maximum(np.linalg.norm(fit.jac, axis=0), 1e-300)
     singular = np.linalg.svd(columns, compute_uv=False)[-1] < _SINGULAR or bool(np.any(fit.active_mask[3:]))
     covariance = sandwich(fit.jac, fit.fun, longest=len(measured) // 4)
-    covariance[5, 5] += row_s**2 / 3
     explained = _explained(pieces, residual, measured, min(lag.rising_s, lag.falling_s))
     return LagFit(
         kind=kind,
@@ -137,6 +139,7 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
         measured=measured,
         shown=measured + residual,
         findings=_rejections(kind, lag, std_of(covariance)[3:], explained, singular=singular, unseen_s=moving * row_s),
+        late_s=row_s / math.sqrt(3),
     )
 
 
@@ -161,6 +164,7 @@ def joined(fits: Sequence[LagFit]) -> LagFit:
         covariance=max(scatter, 1.0) * gain @ covariance @ gain.T,
         explained=float(np.mean([fit.explained for fit in accepted])),
         rms=float(np.sqrt(np.mean([fit.rms**2 for fit in accepted]))),
+        late_s=max(fit.late_s for fit in accepted),
     )
 
 

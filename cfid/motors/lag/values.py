@@ -33,6 +33,7 @@ def joint_parameters(
         outward[[0, 2, 4], [3, 4, 5]] = -1 / rising**2, -1 / falling**2, 1
         outward[[7, 6, 5], [0, 1, 2]] = 1, 1 / full, 1 / full**2
         covariance += outward @ fit.covariance @ outward.T / len(fits) ** 2
+    covariance[4, 4] += max(fit.late_s for fit in fits) ** 2  # of all rotors in common
     std = np.sqrt(np.diag(covariance))
     rates = {"dynamics.rising": slice(0, 2), "dynamics.falling": slice(2, 4)}
     places: dict[str, int | slice] = {**rates, "dynamics.delay_s": 4}
