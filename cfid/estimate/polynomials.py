@@ -258,8 +258,9 @@ def _check_places(rows: Array, x: Array, powers: Sequence[int]) -> None:
 def _solved(rows: Array, y: Array, plain: Estimate, *, robust: bool, least: float) -> _Solved:
     """Return plain least squares as it is, or what Huber's loss makes of it at a scale of at least `least`."""
     residual, freedom = plain.residual, plain.degrees_of_freedom
-    if robust and np.any(residual):
-        return _huber(rows, y, plain.values, least=least)
+    rounding = _ROUNDING * float(np.linalg.norm(y))
+    if robust and float(np.linalg.norm(residual)) > rounding:
+        return _huber(rows, y, plain.values, least=max(least, rounding / math.sqrt(len(y))))
     variance = float(residual @ residual) / freedom if freedom else math.nan
     return _Solved(plain.values, residual, np.ones(len(y)), None, variance, variance)
 

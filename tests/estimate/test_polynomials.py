@@ -272,3 +272,11 @@ def test_errors_that_only_one_point_has_are_no_shared_ones() -> None:
     plain = fit_polynomial(x, y, order=1, std=std)
 
     assert fit_polynomial(x, y, order=1, std=std, shared=np.diag(std)).covariance == pytest.approx(plain.covariance)
+
+
+def test_points_exactly_on_a_curve_are_fitted_robustly_too() -> None:
+    """What rounding leaves of them is no scatter: as a scale it fell to zero, and weights became no numbers."""
+    x = np.repeat(np.arange(5000.0, 70000.0, 5000.0), 2)
+    found = fit_polynomial(x, np.repeat(np.arange(380.0, 2541.0, 180.0), 2), order=1, robust=True)
+    assert found.coefficients == pytest.approx([0.036, 200.0], rel=1e-10)
+    assert np.all(np.isfinite(found.covariance))
