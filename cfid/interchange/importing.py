@@ -1,7 +1,7 @@
 """Import a recording of another program: a run folder with the columns that cfid records, and its origin."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -28,8 +28,11 @@ from cfid.records.tables.vehicle import COMMANDS, VEHICLE_LOG
 from cfid.records.tables.wrench import AXES, LOADCELL, WrenchReading, read_wrench
 from cfid.units import MOTORS
 
+Mask = npt.NDArray[np.bool_]
+
 _UNIX_S = (1e9, 4e9)  # seconds since the epoch, from 2001 to 2096
 _COMMAND_NAMES = tuple(tuple(f"{name}{motor}" for motor in MOTORS) for name in ("motor.m", "pwm.m"))
+_OF_AN_ANGLE = 2  # columns: time and angle
 _NO_COLUMN = re.compile(r'[\s,;"]+')
 
 
@@ -89,9 +92,17 @@ def import_angle(campaign: Campaign, path: Path, reading: Reading, *, label: Lab
         understood=f"{path.name}: an angle, {rows}; kept in radians, continuous over turns.",
         source=found.source,
         program="table of angles",
-        notes=found.notes,
+        notes=(*found.notes, *_others(path, reading.skip_lines, reading.columns)),
     )
     return _imported(campaign, devices, kind=kind, label=label, path=path)
+
+
+def _others(path: Path, skip_lines: int, columns: Sequence[str]) -> tuple[str, ...]:
+    """Return a note on a table that has more columns than the time and the angle which are kept."""
+    table = open_table(path, skip_lines=skip_lines, columns=tuple(columns))
+    if len([name for name in table.names if name]) <= _OF_AN_ANGLE:
+        return ()
+    return (f"of the columns {table.listing} time and angle alone are kept.",)
 
 
 def import_wrench(campaign: Campaign, path: Path, reading: WrenchReading, *, label: Label) -> Imported:
@@ -118,7 +129,8 @@ def import_wrench(campaign: Campaign, path: Path, reading: WrenchReading, *, lab
 def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: Label, kind: str = "flight") -> Imported:
     """Import a log of a vehicle: a device for each series in the log's own units, and the commands of its motors.
 
-    Columns with numbers that are not finite are left out. Raises DataError and ConfigError as `read_log`.
+    A column in which some numbers are missing becomes a device of its own, with the rows that it has; one without any
+    is left out. Raises DataError and ConfigError as `read_log`.
     """
     log = read_log(path, reading)
     main = max(log.series, key=lambda one: (any(map(is_flown, one.names)), one.rows))
@@ -127,23 +139,9 @@ def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: La
     commands: Iterator[Array] | None = None
     notes = list(log.notes)
     for series in log.series:
-        try:
-            finite = _finite_columns(series)
-        except DataError as fault:  # one bad series does not condemn the log
-            notes.append(f"{series.name}: left out: {fault}")
-            continue
-        kept = [name for name, whole in zip(series.names, finite[1:], strict=True) if whole]
-        if left := [name for name in series.names if name not in kept]:
-            notes.append(f"{series.name}: left out, since they hold numbers that are not finite: {', '.join(left)}.")
-        names = [_word(name, _NO_COLUMN) for name in kept]
-        if not names or len(set(names)) < len(names):
-            notes.append(f"{series.name}: left out: {'two columns have one name' if names else 'no column is left'}.")
-            continue
-        device = VEHICLE_LOG if series is main and any(map(is_flown, names)) else _word(series.name)
-        while device in records:
-            device += "_"
-        records[device] = DeviceRecord(file=f"{device}.csv", columns=("t", *names))
-        blocks[device] = _columns(series, finite)
+        flown = series is main and any(map(is_flown, series.names))
+        kept, said = _add(series, VEHICLE_LOG if flown else _word(series.name), records, blocks)
+        notes += said
         motors = next((motors for motors in _COMMAND_NAMES if set(motors) <= set(kept)), None)
         if series is main and motors is not None:
             commands = _changes(series, motors)
@@ -166,6 +164,36 @@ def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: La
         notes=tuple(notes),
     )
     return _imported(campaign, devices, kind=kind, label=label, path=path)
+
+
+def _add(
+    series: Series, device: str, records: dict[str, DeviceRecord], blocks: dict[str, Iterator[Array]]
+) -> tuple[list[str], list[str]]:
+    """Add a series as a device, and each column with gaps as one of its own; return the whole columns, and notes."""
+    try:
+        whole, some = _finite_columns(series)
+    except DataError as fault:  # one bad series does not condemn the log
+        return [], [f"{series.name}: left out: {fault}"]
+    kept = [name for name, all_there in zip(series.names, whole[1:], strict=True) if all_there]
+    gappy = [name for name, any_there in zip(series.names, some[1:], strict=True) if any_there and name not in kept]
+    notes = []
+    if left := [name for name in series.names if name not in kept and name not in gappy]:
+        notes.append(f"{series.name}: left out, since they hold no finite number: {', '.join(left)}.")
+    if gappy:
+        notes.append(f"{series.name}: devices of their own, since some rows have no number: {', '.join(gappy)}.")
+    names = [_word(name, _NO_COLUMN) for name in kept]
+    if not (names or gappy) or len(set(names)) < len(names):
+        why = "two columns have one name" if names else "no column is left"
+        return [], [*notes, f"{series.name}: left out: {why}."]
+    if names:
+        device = _free(device, records)
+        records[device] = DeviceRecord(file=f"{device}.csv", columns=("t", *names))
+        blocks[device] = _columns(series, whole)
+    for name in gappy:
+        own = _free(_word(f"{device}_{name}"), records)
+        records[own] = DeviceRecord(file=f"{own}.csv", columns=("t", _word(name, _NO_COLUMN)))
+        blocks[own] = _known_rows(series, name)
+    return kept, notes
 
 
 def _imported(campaign: Campaign, devices: _Devices, *, kind: str, label: Label, path: Path) -> Imported:
@@ -208,21 +236,40 @@ def _word(name: str, pattern: re.Pattern[str] = re.compile(r"[^A-Za-z0-9_-]+")) 
     return pattern.sub("_", name).strip("_.") or "series"
 
 
-def _finite_columns(series: Series) -> npt.NDArray[np.bool_]:
-    """Return which columns (1 + channels,) have only finite numbers; raises DataError where the times do not serve."""
-    finite = np.ones(1 + len(series.names), dtype=bool)
+def _free(device: str, taken: Container[str]) -> str:
+    """Return a device's name, longer where another one has it."""
+    while device in taken:
+        device += "_"
+    return device
+
+
+def _finite_columns(series: Series) -> tuple[Mask, Mask]:
+    """Return which columns (1 + channels,) have finite numbers only, and which have any.
+
+    Raises DataError where the times do not serve.
+    """
+    whole, some = np.ones(1 + len(series.names), dtype=bool), np.zeros(1 + len(series.names), dtype=bool)
     last = -np.inf
     for block in series.blocks():
-        finite &= np.isfinite(block).all(axis=0)
-        if not finite[0] or np.any(np.diff(block[:, 0], prepend=last) < 0):
+        finite = np.isfinite(block)
+        whole &= finite.all(axis=0)
+        some |= finite.any(axis=0)
+        if not whole[0] or np.any(np.diff(block[:, 0], prepend=last) < 0):
             raise DataError("its times go back, or are missing.")
         last = block[-1, 0]
-    return finite
+    return whole, some
 
 
-def _columns(series: Series, chosen: npt.NDArray[np.bool_]) -> Iterator[Array]:
+def _columns(series: Series, chosen: Mask) -> Iterator[Array]:
     for block in series.blocks():
         yield block[:, chosen]
+
+
+def _known_rows(series: Series, name: str) -> Iterator[Array]:
+    """Yield time and one channel (m, 2) in the rows where that is a finite number."""
+    place = 1 + series.names.index(name)
+    for block in series.blocks():
+        yield block[np.isfinite(block[:, place])][:, [0, place]]
 
 
 def _changes(series: Series, motors: Sequence[str]) -> Iterator[Array]:

@@ -9,6 +9,8 @@ import pytest
 from scipy.io import savemat
 
 from cfid.cli.main import main
+from cfid.records.logs.any_kind import read_log
+from cfid.records.logs.run import log_of_run
 from cfid.records.run import Run, read_run
 from cfid.records.tables.angle import Reading, read_angle
 from cfid.records.tables.vehicle import VEHICLE_LOG, read_commands, read_rows
@@ -126,7 +128,30 @@ def test_a_bad_column_is_left_out_and_named(tmp_path: Path, campaign: Path, caps
     file = written(tmp_path, bytes_of([(65535, "fixedFrequency", ("gyro.x(f)", "pm.vbat(f)"))], records))
     run = imported(campaign, file)
     assert list(read_rows(run, VEHICLE_LOG).columns) == ["gyro.x"]
-    assert "not finite: pm.vbat" in capsys.readouterr().err
+    assert "no finite number: pm.vbat" in capsys.readouterr().err
+
+
+def test_a_column_in_which_one_number_is_missing_keeps_the_others(
+    tmp_path: Path, campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    records: list[Record] = [(65535, 1000 * at, (at, float("nan") if at == 7 else 2 * at)) for at in range(50)]
+    file = written(tmp_path, bytes_of([(65535, "fixedFrequency", ("gyro.x(f)", "rpm.m1(f)"))], records))
+    run = imported(campaign, file)
+    assert "of their own, since some rows have no number: rpm.m1" in capsys.readouterr().err
+    time_s, speed = log_of_run(run).channel("rpm.m1")
+    whole, direct = read_log(file).channel("rpm.m1")
+    np.testing.assert_array_equal(speed, direct[np.isfinite(direct)])
+    np.testing.assert_allclose(np.diff(time_s), np.diff(whole[np.isfinite(direct)]), atol=2e-6)
+    assert len(log_of_run(run).channel("gyro.x")[1]) == 50
+
+
+def test_columns_beside_an_angle_are_named_where_they_are_not_kept(
+    tmp_path: Path, campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = "".join(f"{t:.3f},{phi:.6f},21,x\n" for t, phi in zip(TIME_S, ANGLE_RAD, strict=True))
+    (tmp_path / "a.csv").write_text("time_s,theta_rad,temp_c,label\n" + rows)
+    imported(campaign, tmp_path / "a.csv")
+    assert "of the columns time_s, theta_rad, temp_c, label time and angle alone are kept" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("step_us", "options", "undecided"), [(84e3 / 85, (), False), (1310.0, (), True)])
