@@ -68,7 +68,7 @@ def test_a_column_that_begins_late_is_kept_with_its_numbers_and_an_empty_one_is_
     assert np.isnan(late[:21]).all()
     np.testing.assert_array_equal(late[21:], np.arange(21, 60))
     assert any("column 'controller.r_roll' is empty" in note for note in log.notes)
-    assert "column 'controller.cmd_roll' has no number in 21 of 60 rows." in log.notes
+    assert "column 'controller.cmd_roll' has no finite number in 21 of 60 rows." in log.notes
     assert any("time is read in ms" in note for note in log.notes)
 
 

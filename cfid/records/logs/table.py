@@ -35,7 +35,7 @@ _NANOBENCH = {
 }
 _NANOBENCH |= {f"imu_gyro_{axis}": "rad/s" for axis in "xyz"}  # as its motion capture shows; the firmware's are deg/s
 _CRAZYSWARM = {**dict.fromkeys("xyz", "m"), **dict.fromkeys(("qw", "qx", "qy", "qz"), "1")}
-_EMPTY = " is empty. "
+_EMPTY = " is empty."
 _EXACT_BELOW = 2.0**53
 _IN_BRACKETS = re.compile(r"[(\[](?P<unit>[A-Za-zµμ°%][\w/^·.*°% ]{0,7})[)\]]\s*$")
 _SPELT = {"rpm": "rpm", "n·m": "N m", "n.m": "N m", "nm": "N m", "n*m": "N m", "°": "deg"}
@@ -94,7 +94,7 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
             *notes,
             *(f"left out: {fault}" for fault in (*repeated.values(), *_merged(faults))),
             *(
-                f"column '{printable(name)}' has no number in {count} of {rows} rows."
+                f"column '{printable(name)}' has no finite number in {count} of {rows} rows."
                 for name, count in missing.items()
             ),
             *(
@@ -215,7 +215,7 @@ def _fault(table: CsvTable, name: str) -> str:
     try:
         table.numbers([name])
     except DataError as fault:
-        return str(fault)
+        return str(fault).removesuffix(" Repair or cut that line.")  # it is the whole column
     return ""
 
 
