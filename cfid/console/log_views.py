@@ -33,16 +33,9 @@ def stand_view(path: Path, reading: "Foreign", esc_us: tuple[float, float] | Non
     import numpy as np
 
     from cfid.findings import texts
-    from cfid.records.tables.stand import read_stand_table
+    from cfid.records.tables.stand import read_stand_as
 
-    table = read_stand_table(
-        path,
-        rate_hz=reading.rate_hz,
-        skip_lines=reading.skip_lines,
-        time_unit=reading.time_unit,
-        columns=reading.columns,
-        esc_us=esc_us,
-    )
+    table = read_stand_as(path, reading, esc_us=esc_us)
     columns = {"cmd": None if np.isnan(table.command).all() else table.command}
     columns |= {key: getattr(table, key) for key in ("thrust_n", "torque_nm", "vbat_v", "grams")}
     if table.speeds_rad_s is not None:

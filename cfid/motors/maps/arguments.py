@@ -14,7 +14,7 @@ from cfid.motors.maps.table_data import of_table
 from cfid.motors.vibration.data import Rotors
 from cfid.records.run import refuse_contradiction, run_holding
 from cfid.records.tables.schema import refuse_for_run
-from cfid.records.tables.stand import read_stand_table
+from cfid.records.tables.stand import read_stand_as
 from cfid.records.tables.times import run_at
 from cfid.records.tables.wrench import holds_wrench
 from cfid.units import FULL_COMMAND
@@ -48,15 +48,7 @@ def read_evidence(
 
     def of_stand(path: Path) -> Evidence:
         stands.append(path)
-        read = read_stand_table(
-            path,
-            gravity_mps2=workplace.rig.site.gravity_mps2,
-            rate_hz=foreign.rate_hz,
-            skip_lines=foreign.skip_lines,
-            time_unit=foreign.time_unit,
-            columns=foreign.columns,
-            esc_us=esc_us,
-        )
+        read = read_stand_as(path, foreign, gravity_mps2=workplace.rig.site.gravity_mps2, esc_us=esc_us)
         return of_table(read, known, workplace.facts)
 
     parts = [] if table is None else [of_stand(table)]

@@ -85,7 +85,7 @@ def _recorded(
     from cfid.motors.lag.data import of_log, of_stand, rotor_log
     from cfid.records.logs.run import log_of_run
     from cfid.records.tables.schema import refuse_for_run
-    from cfid.records.tables.stand import read_stand_table
+    from cfid.records.tables.stand import read_stand_as
 
     if run is not None:
         refuse_for_run(path, foreign)
@@ -95,14 +95,7 @@ def _recorded(
     if log is not None:
         _refuse_pulses(path, esc_us)
         return log
-    stand = read_stand_table(
-        path,
-        rate_hz=foreign.rate_hz,
-        skip_lines=foreign.skip_lines,
-        time_unit=foreign.time_unit,
-        columns=foreign.columns,
-        esc_us=esc_us,
-    )
+    stand = read_stand_as(path, foreign, esc_us=esc_us)
     return of_stand(stand) or stand
 
 

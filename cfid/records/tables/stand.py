@@ -16,7 +16,7 @@ from cfid.large import empty, parts, stored
 from cfid.quantities.plausible import range_of
 from cfid.records.parameters import Source
 from cfid.records.tables.blocks import open_table
-from cfid.records.tables.schema import TimeUnit
+from cfid.records.tables.schema import Foreign, TimeUnit
 from cfid.records.tables.stand_columns import Found, columns_of, commands_of, turned
 from cfid.records.tables.stand_names import with_named
 from cfid.records.tables.stand_times import Timing, timing_of
@@ -123,6 +123,25 @@ def read_stand_table(
             *of_recording(path.name, notes),
             *(one.at(path.name) for one in _larger_motor(found, thrust)),
         ),
+    )
+
+
+def read_stand_as(
+    path: Path,
+    reading: Foreign,
+    *,
+    gravity_mps2: float = USUAL_GRAVITY_MPS2,
+    esc_us: tuple[float, float] | None = None,
+) -> StandTable:
+    """Read a table as a command's options for other programs' files have it; see `read_stand_table`."""
+    return read_stand_table(
+        path,
+        gravity_mps2=gravity_mps2,
+        rate_hz=reading.rate_hz,
+        skip_lines=reading.skip_lines,
+        time_unit=reading.time_unit,
+        columns=reading.columns,
+        esc_us=esc_us,
     )
 
 
