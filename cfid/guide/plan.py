@@ -56,16 +56,19 @@ class Task:
     aims: tuple[Aim, ...]
 
 
-def tasks(rig: Rig, *, kind: CampaignKind | None = None, order: str = "", by_gyro: bool = False) -> tuple[Task, ...]:
+def tasks(
+    rig: Rig, *, kind: CampaignKind | None = None, order: str = "", swung: Sequence[str] = (), by_gyro: bool = False
+) -> tuple[Task, ...]:
     """Return a campaign's tasks; `kind` replaces that of rig.toml.
 
     The vehicle's gyro records swings where it does so already (`by_gyro`), and those on threads, which have no encoder.
 
-    Mounts come in an order drawn by `order`, so that no drift of a day looks like a difference between axes. The first
-    is swung about once more at the end: what differs then has drifted.
+    The mounts that were `swung` come first, as they were, then the others in an order drawn by `order`, so that no
+    drift of a day looks like a difference between axes. The first is swung about once more at the end: what differs
+    then has drifted.
     """
     every = {
-        "inertia": _inertia(rig, order, by_gyro=by_gyro),
+        "inertia": _inertia(rig, _mounts(rig, order, swung), by_gyro=by_gyro),
         "friction": _friction(rig),
         "thrust": _thrust(),
         "torque": _torque(),
@@ -83,9 +86,14 @@ def tasks(rig: Rig, *, kind: CampaignKind | None = None, order: str = "", by_gyr
     return tuple(every[name] for name in sections[kind or rig.campaign.kind] if every[name].recordings)
 
 
-def _inertia(rig: Rig, order: str, *, by_gyro: bool) -> Task:
-    mounts = sorted(rig.mounts)
-    random.Random(order).shuffle(mounts)
+def _mounts(rig: Rig, order: str, swung: Sequence[str]) -> list[str]:
+    left = sorted(rig.mounts)
+    random.Random(order).shuffle(left)
+    first = [mount for mount in dict.fromkeys(swung) if mount in rig.mounts]
+    return [*first, *(mount for mount in left if mount not in first)]
+
+
+def _inertia(rig: Rig, mounts: Sequence[str], *, by_gyro: bool) -> Task:
     swings = tuple(
         _swing(mount, rig, by_gyro=by_gyro, repeats=place == len(mounts))
         for place, mount in enumerate((*mounts, *mounts[:1]))

@@ -77,7 +77,9 @@ def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> tuple[
     order = campaign.folder.resolve().name
     swings = [run.header.devices for run in runs if run.header.kind == "swing"]
     by_gyro = bool(swings) and ENCODER not in swings[-1]
-    planned = tasks(campaign.rig, kind=kind, order=order, by_gyro=by_gyro)
+    begun = sorted((run.header for run in every if run.header.kind == "swing"), key=lambda one: one.started)
+    swung = [one.label.axis for one in begun if one.label.axis is not None]
+    planned = tasks(campaign.rig, kind=kind, order=order, swung=swung, by_gyro=by_gyro)
     found = (_status(task, runs, sections.get(task.section), rejected.get(task.section), stale) for task in planned)
     return tuple(replace(one, lacking=tuple(_completing(left, every) for left in one.lacking)) for one in found)
 

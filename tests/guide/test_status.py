@@ -116,6 +116,17 @@ def test_a_new_campaign_asks_for_every_mount_in_a_drawn_order_and_for_the_first_
     assert len(orders) > 3
 
 
+def test_the_mount_that_was_swung_about_first_is_the_one_to_repeat_whatever_the_folder_is_called(folder: Path) -> None:
+    drawn = [one.label.axis or "" for one in tasks(open_campaign(folder).rig, order=folder.name)[0].recordings]
+    swing(folder, drawn[3], minute=0)
+    axes = swung(folder)
+    assert axes == [*(mount for mount in drawn[:6] if mount != drawn[3]), drawn[3]]
+
+    shutil.rmtree(sorted((folder / "runs").iterdir())[-1])
+    renamed = folder.rename(folder.with_name("copy"))
+    assert standing(renamed)[0].lacking[0].label.axis == drawn[3]
+
+
 def test_recorded_swings_are_fitted_next_and_a_fit_that_is_no_longer_current_again(folder: Path) -> None:
     swung(folder)
     recorded, step = standing(folder)
@@ -320,7 +331,7 @@ def test_when_all_is_found_and_sure_the_report_comes_next(folder: Path) -> None:
 
 def test_the_kind_of_a_campaign_stands_in_its_rig_file_and_another_is_refused(cfid: Cfid, folder: Path) -> None:
     rig = folder / "rig.toml"
-    rig.write_text('[campaign]\nkind = "motors"\n' + rig.read_text())
+    rig.write_text(rig.read_text().replace('kind = "full"', 'kind = "motors"'))
     said = cfid("status", "--campaign", folder, "--json")
     assert [task["fit"] for task in json.loads(said.stdout)["tasks"]] == ["thrust", "torque", "speed", "latency", "tf"]
 
