@@ -14,7 +14,7 @@ from cfid.inertia.consistency import entries_of
 from cfid.inertia.directions import checking_axis, matrix_rows
 from cfid.inertia.estimation import MATRIX, InertiaFit, contradictory, deviation, solve
 from cfid.inertia.sensitivities import UNKNOWNS, Moved
-from cfid.swing.axis_inertias import AxisInertias
+from cfid.swing.axis_inertias import AxisInertias, MountedSwing
 from cfid.swing.plausibility import BEYOND_STD
 
 Array = npt.NDArray[np.float64]
@@ -133,6 +133,7 @@ def _suspects(axis_inertias: AxisInertias, swings: _Swings) -> Finding:
     ]
     pairs = list(dict.fromkeys(pair for pair, _ in _exchanges(axis_inertias, swings)))
     found = [
+        *_unlike_repeats(axis_inertias.swings),
         *([f"without {_listed(alone, 'or')} the others agree"] if alone else []),
         *([f"with {_listed(pairs, 'or')} exchanged all agree"] if pairs else []),
     ]
@@ -144,6 +145,21 @@ def _suspects(axis_inertias: AxisInertias, swings: _Swings) -> Finding:
             "the mounts; swing about more axes."
         )
     return note("inertia-suspects", text, MATRIX)
+
+
+def _unlike_repeats(swings: Sequence[MountedSwing]) -> list[str]:
+    """Return what to say of each mount whose swings differ by more than their fits allow; the furthest apart count."""
+    said = []
+    for mount in dict.fromkeys(swing.axis for swing in swings if not swing.known):
+        same = [swing for swing in swings if swing.axis == mount and not swing.known]
+        low, high = (choose(same, key=lambda swing: swing.value) for choose in (min, max))
+        allowed = math.hypot(low.std, high.std)
+        if high.value - low.value > BEYOND_STD * allowed:
+            said.append(
+                f"swings about {mount} differ by {100 * (high.value / low.value - 1):.2g} % in frequency squared (std "
+                f"{100 * allowed / low.value:.2g} %)"
+            )
+    return said
 
 
 def _unchecked(axis_inertias: AxisInertias, swings: _Swings, fit: InertiaFit) -> tuple[Finding, ...]:

@@ -143,13 +143,17 @@ def test_sound_labs_are_covered_and_none_is_rejected() -> None:
     assert all(reaches_93_percent(np.abs(row.scores) < 1.96) for row in rows)
 
 
-def hung_twice(rng: np.random.Generator, *, apart: float) -> tuple[InertiaFit, Array]:
-    """Fit six swings and one more about x, which differs by a part of itself; return its scores too."""
+def swung_again(rng: np.random.Generator, *, apart: float) -> AxisInertias:
+    """Return six swings and one more about the first's mount, which differs by a part of itself."""
     _, axis_inertias = Lab().fitted(rng)
     first = axis_inertias.swings[0]
     again = replace(first, value=first.value * (1 + apart))
-    both = AxisInertias([*axis_inertias.swings, again], axis_inertias.body, axis_inertias.surroundings)
-    fit = fit_inertia(both)
+    return AxisInertias([*axis_inertias.swings, again], axis_inertias.body, axis_inertias.surroundings)
+
+
+def hung_twice(rng: np.random.Generator, *, apart: float) -> tuple[InertiaFit, Array]:
+    """Fit six swings and a repeat; return its scores too."""
+    fit = fit_inertia(swung_again(rng, apart=apart))
     return fit, ((fit.matrix_kg_m2 - TRUTH) / fit.std_kg_m2)[UPPER]
 
 
@@ -167,6 +171,15 @@ def test_a_body_that_is_hung_anew_swings_a_little_differently_and_contradicts_no
     assert np.mean(np.abs(scores) < 1.96) > 0.9
     assert all("hangings" in fit.budget for fit in fits if "inertia-hangings-differ" in codes(fit.findings))
     assert far.contradictory
+
+
+def test_a_repeat_that_differs_too_far_is_named_by_its_mount_and_by_how_much() -> None:
+    case = swung_again(np.random.default_rng(5), apart=0.03)
+    fit = fit_inertia(case)
+
+    assert fit.contradictory
+    (said,) = (one.text for one in redundancy_findings(case, fit) if one.code == "inertia-suspects")
+    assert f"swings about {case.swings[0].axis} differ by 3 % in frequency squared" in said
 
 
 def test_an_exchange_that_no_body_allows_is_rejected_and_named() -> None:
