@@ -52,7 +52,8 @@ def _of_run(run: LiveRun) -> Iterator[tuple[str, str, bool]]:
     if (volts := run.battery_v) is not None:
         yield "battery", f"{volts:.2f} V", volts < _LOW_V
     if (vehicle := run.vehicle_state) is not None:
-        yield "vehicle", vehicle.name + (f": {vehicle.remedy}" if vehicle.remedy else ""), bool(vehicle.remedy)
+        when = "vehicle" if run.recording else "vehicle, last seen"
+        yield when, vehicle.name + (f": {vehicle.remedy}" if vehicle.remedy else ""), bool(vehicle.remedy)
 
 
 def _of_device(name: str, device: DeviceProgress, run: LiveRun) -> tuple[str, str, bool]:

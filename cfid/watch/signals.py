@@ -19,6 +19,8 @@ Convert = Callable[[Array], Array]
 
 SCALE_MN = 1e3  # forces are drawn in mN, torques in mN m
 
+_START_S = 0.3  # at rest in every recording with motors, and before an operator has loaded a cell
+
 _STAMPS = {"t", "vehicle_ms", "vehicle_us", "device_us", "sample", "report", "status", "stable"}
 _UNITS = {"pm": "V", "gyro": "degrees/s", "acc": "g", "rpm": "rpm", "rtt_s": "s", "grams": "g"}
 _TITLES = {"pm": "battery", "motor": "motors, as the vehicle logs them", "rtt_s": "round trip"}
@@ -57,14 +59,15 @@ def signals_of(device: str, record: DeviceRecord) -> list[Trace]:
     if device == LOADCELL and set(AXES) <= set(record.columns):
         in_si = facts.get("units") == "n,nm"
         kinds = (("forces", "mN", AXES[:3], "counts_per_n"), ("torques", "mN m", AXES[3:], "counts_per_nm"))
-        in_si = facts.get("units") == "n,nm"
         return [
             Trace(
                 device=device,
-                title=title,
+                title=f"{title}, less those of the first {_START_S:g} s",
                 unit=unit,
                 names=axes,
-                convert=_picked(record, axes, SCALE_MN / (1.0 if in_si else float(facts.get(scale) or USUAL_COUNTS))),
+                convert=_SinceStart(
+                    _picked(record, axes, SCALE_MN / (1.0 if in_si else float(facts.get(scale) or USUAL_COUNTS)))
+                ),
             )
             for title, unit, axes, scale in kinds
         ]
@@ -94,6 +97,27 @@ def _groups(device: str, record: DeviceRecord) -> Iterator[Trace]:
 def _picked(record: DeviceRecord, names: tuple[str, ...], factor: float) -> Convert:
     places = [record.columns.index(name) for name in names]
     return lambda rows: factor * rows[:, places]
+
+
+class _SinceStart:
+    """Values less their mean over the first moment: a load cell's bias would hide what changes."""
+
+    def __init__(self, convert: Convert) -> None:
+        self._convert = convert
+        self._sum: Array | float = 0.0
+        self._count: Array | float = 0.0
+        self._until_s = -np.inf
+
+    def __call__(self, rows: Array) -> Array:
+        values = self._convert(rows)
+        if not len(rows):
+            return values
+        if not np.isfinite(self._until_s):
+            self._until_s = float(rows[0, 0]) + _START_S
+        early = values[rows[:, 0] < self._until_s]
+        self._sum = self._sum + np.nansum(early, axis=0)
+        self._count = self._count + np.sum(np.isfinite(early), axis=0)
+        return values - self._sum / np.maximum(self._count, 1.0)
 
 
 class _Angle:

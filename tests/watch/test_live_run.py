@@ -16,6 +16,7 @@ from cfid.watch.facts import facts_html
 from cfid.watch.live_run import LiveRun, newest_run, planned_s
 from cfid.watch.spectrum import spectrum_of
 from cfid.wire.rls import encode_positions
+from cfid.wire.supervisor import Bits
 
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 
@@ -60,7 +61,9 @@ def rows(writer: RunWriter, device: str, time_s: np.ndarray, *columns: np.ndarra
     writer.append(device, (time_s, *columns))
 
 
-def test_forces_are_drawn_in_millinewtons_with_losses_rate_and_time_left(recording: Recording) -> None:
+def test_forces_are_drawn_in_millinewtons_above_the_cells_bias_with_losses_rate_and_time_left(
+    recording: Recording,
+) -> None:
     begin_s = time.time()
     writer = recording(
         "loadcell",
@@ -74,13 +77,13 @@ def test_forces_are_drawn_in_millinewtons_with_losses_rate_and_time_left(recordi
     assert not run.read(1.0)
     for first in (0, 500):
         number = np.arange(first, first + 500)
-        force = np.full(500, 2_000_000)
+        force = 7_000_000 + 2_000_000 * (number >= 500)
         lost = 3 * (number >= 700)
         rows(writer, "loadcell", begin_s + number / 1000, force, *[force * 0] * 5, number + 2**32 - 600 + lost)
         assert run.read(1.0)
 
     seen = run.signals[0].extremes.view(0.0, 1.0, 100)
-    assert np.all(seen.low[:, 0] == 2000.0)
+    assert np.all(seen.low[:, 0] == 2000.0 * (seen.time_s >= 0.5))
     device = run.devices["loadcell"]
     assert (device.rows, device.missing) == (1000, 3)
     assert device.rate_hz == pytest.approx(1000, rel=0.01)
@@ -125,6 +128,18 @@ def test_a_recording_that_is_not_usable_is_so_called(recording: Recording) -> No
     amend_run(read_run(writer.folder), verdict=Verdict(usable=False, text="no release found: record again"))
 
     assert "not usable: no release found: record again" in facts_html(LiveRun(writer.folder), refused=0)
+
+
+def test_a_vehicles_state_after_the_end_is_the_one_last_seen(recording: Recording) -> None:
+    writer = recording("supervisor", ("info",))
+    rows(writer, "supervisor", np.array([time.time()]), np.array([Bits.FLYING]))
+    run = LiveRun(writer.folder)
+    assert run.read(1.0)
+    assert "<th>vehicle</th>" in facts_html(run, refused=0)
+
+    writer.close("failed", reason="no link")
+    assert run.read(1.0)
+    assert "<th>vehicle, last seen</th>" in facts_html(run, refused=0)
 
 
 def test_a_device_of_no_known_kind_is_drawn_in_its_own_columns(recording: Recording) -> None:
