@@ -10,7 +10,7 @@ import typer
 
 from cfid.console.flat import flat
 from cfid.console.lists import comma_list
-from cfid.console.messages import echo, fitted, in_options, note
+from cfid.console.messages import echo, fitted, in_options
 from cfid.console.options import positive
 
 if TYPE_CHECKING:
@@ -35,16 +35,12 @@ def check(
 
     Example: [bold]cfid rig check[/bold]
     """
-    from cfid.console.campaign import here
+    from cfid.console.recording import rig_of
     from cfid.records.line_devices import LineDevice
     from cfid.rig.check_crazyflie import check_vehicle
     from cfid.rig.check_lines import check_lines
-    from cfid.rig.sim_file import SIM_FILE, devices_in
 
-    found = here(campaign)
-    devices, simulated = devices_in(found.folder, found.rig)
-    if simulated:
-        note(f"the rig is simulated: {found.folder / SIM_FILE} points at it.")
+    found, devices, simulated = rig_of(campaign)
     hand_held = {"tachometer": devices.tachometer, "scales": devices.scales}
     findings = {
         "encoder": encoder_answers(devices, found.rig),

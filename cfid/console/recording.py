@@ -89,13 +89,18 @@ class Lasting:
 
 
 def rig_of(folder: Path | None) -> Rig:
-    """Return the campaign, its devices and whether they are simulated, with a note if so."""
-    from cfid.rig.sim_file import SIM_FILE, devices_in
+    """Return the campaign, its devices and whether they are simulated, with a note if so or if that has ended."""
+    from cfid.rig.sim_file import SIM_FILE, devices_in, is_left_behind
 
     campaign = here(folder)
     devices, simulated = devices_in(campaign.folder, campaign.rig)
     if simulated:
         note(f"the rig is simulated: {campaign.folder / SIM_FILE} points at it.")
+    elif is_left_behind(campaign.folder):
+        note(
+            f"{campaign.folder / SIM_FILE}: its simulated rig was killed; the devices are the real ones of rig.toml. "
+            "Start `cfid rig sim` again, or delete this file."
+        )
     return campaign, devices, simulated
 
 

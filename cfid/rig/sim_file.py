@@ -42,6 +42,12 @@ def devices_in(folder: Path, rig: Rig) -> tuple[Devices, bool]:
         raise ConfigError(f"{path}: {first_fault(error, content)}") from None
 
 
+def is_left_behind(folder: Path) -> bool:
+    """Return whether a campaign has a rig.sim.toml whose process has ended."""
+    path = folder / SIM_FILE
+    return path.is_file() and not _is_held(path)
+
+
 @contextlib.contextmanager
 def published(folder: Path, devices: Devices, *, seed: int) -> Iterator[Path]:
     """Write rig.sim.toml and lock it; delete it at the end.

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from cfid.console.recording import rig_of
 from cfid.errors import ConfigError, DeviceError
 from cfid.records.devices import Devices, EncoderPort
 from cfid.records.rig_file import RIG_FILE, Rig, load_rig, new_rig_text
@@ -390,6 +391,14 @@ def test_a_second_simulated_rig_is_refused_and_the_first_goes_on(tmp_path: Path,
         with pytest.raises(ConfigError, match="another simulated rig serves"), published(tmp_path, SIMULATED, seed=1):
             pass
         assert devices_in(tmp_path, rig)[0].encoder.port == "/dev/pts/98"
+
+
+def test_that_a_simulated_rig_was_killed_and_the_real_devices_are_meant_is_said(
+    tmp_path: Path, rig: Rig, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / SIM_FILE).write_text("process = 1")
+    assert rig_of(tmp_path)[1:] == (rig.devices, False)
+    assert "its simulated rig was killed; the devices are the real ones" in " ".join(capsys.readouterr().err.split())
 
 
 def test_a_stale_file_that_makes_no_sense_disturbs_nobody(tmp_path: Path, rig: Rig) -> None:
