@@ -84,7 +84,9 @@ class Encoder:
         self._times: list[float] = []
         self._readings: list[e201.EncoderReading] = []
         self._received_s = 0.0
-        self._unanswered = 0  # polls, when the last position arrived
+        self._unanswered = self._skipped = 0  # polls and grid points, when the last position arrived
+        self._ran_s = self._stood_s = 0.0  # when this program ran last, and how long it stood since a position
+        self._silent_places = 0  # grid points that no poll had for the encoder's silence: lost, not skipped
         self._gone_s: float | None = None
         self._gaps: list[dict[str, float | str]] = []
         self._missing = self._late = self._failed_check = self._taken = self._counted = 0
@@ -97,11 +99,12 @@ class Encoder:
 
     def start(self) -> None:
         """Open the port and begin to sample."""
-        self._received_s = self._loop.seconds()
+        self._received_s = self._ran_s = self._loop.seconds()
         self._attach()
 
     def received(self, data: bytes) -> None:
         """Take the bytes that the port received."""
+        self._note_running()
         if self._polls is None:
             readings = self._reader.feed(data)
         else:
@@ -123,6 +126,7 @@ class Encoder:
 
     def take(self) -> Block:
         """Return the new rows. Raises DeviceError when a plugged encoder is silent."""
+        self._note_running()
         if not self._readings:
             self._watch()
             return Block(no_rows(len(self.columns)), self._newly_lost())
@@ -183,7 +187,8 @@ class Encoder:
             "late_replies": polls.late + self._late,
             "unasked": polls.unasked,
         }
-        taken = {"polls": polls.sent, "skipped": polls.skipped, "rate_hz": 1 / self._period_s}
+        skipped = polls.skipped - self._silent_places
+        taken = {"polls": polls.sent, "skipped": skipped, "rate_hz": 1 / self._period_s}
         return {**taken, "losses": losses, "gaps": self._gaps}
 
     def _new_polls(self) -> Polls:
@@ -227,23 +232,40 @@ class Encoder:
         self._note_position(now_s)
 
     def _note_position(self, now_s: float) -> None:
-        self._received_s = now_s
-        self._unanswered = 0 if self._polls is None else self._polls.unanswered
+        self._received_s, self._stood_s = now_s, 0.0
+        if self._polls is not None:
+            self._unanswered, self._skipped = self._polls.unanswered, self._polls.skipped
+
+    def _note_running(self) -> None:
+        """Note for how long this program did not run, as one that is suspended."""
+        now_s = self._loop.seconds()
+        if now_s - self._ran_s > _PAUSE_S:
+            self._stood_s += now_s - self._ran_s
+        self._ran_s = now_s
 
     def _note_gap(self, end_s: float, reason: str) -> None:
-        """Note a span without positions; every sample that the rate implies there is lost, polled or not."""
+        """Note a span without positions: what the rate implies there is lost, or was skipped where this program stood.
+
+        A sample counts once, whichever of them it is.
+        """
+        stood = self._stood_s > (end_s - self._received_s) / 2
+        reason = "this program did not run: suspended, or the computer was too busy" if stood else reason
         begin_s, to_s = self._clock.unix_s(np.array([self._received_s, end_s])).tolist()
         self._gaps.append({"from_s": begin_s, "to_s": to_s, "reason": reason})
-        if self._polls is not None:
-            expected = round((end_s - self._received_s) / self._period_s) - 1
-            self._missing += max(expected - (self._polls.unanswered - self._unanswered), 0)
+        if self._polls is None:
+            return
+        expected = round((end_s - self._received_s) / self._period_s) - 1
+        skipped = self._polls.skipped - self._skipped
+        counted = skipped if stood else 0
+        self._silent_places += skipped - counted
+        self._missing += max(expected - counted - (self._polls.unanswered - self._unanswered), 0)
 
     def _longest(self, usual_s: float) -> float:
         """Return how long a silence may be at this rate before it is significant."""
         return max(usual_s, _PERIODS * self._period_s)
 
     def _watch(self) -> None:
-        silent_s = self._loop.seconds() - self._received_s
+        silent_s = self._loop.seconds() - self._received_s - self._stood_s
         if self._gone_s is None and not self._stopped and silent_s > self._longest(_ABSENT_S):
             polled = "" if self._polls is None else ", though polled"
             if self._polls is not None and self._polls.late:

@@ -179,6 +179,43 @@ def test_a_silence_is_a_gap_in_which_all_that_the_rate_would_have_had_is_lost(se
     check_angles(rows)
 
 
+def test_samples_of_a_time_in_which_the_recorder_itself_stood_were_never_taken_and_the_gap_says_so(
+    session: Session,
+) -> None:
+    instrument, _ = encoder(session, SOUND)
+    stood: list[float] = []
+
+    def stand(now_s: float) -> None:
+        if now_s > 4 and not stood:
+            stood.append(now_s)
+            session.clock.rightNow += 3.0
+
+    run, failure = session.record(instrument, for_s=10, also=stand)
+    rows, device = rows_of(run, "encoder"), run.header.devices["encoder"]
+    (gap,) = facts(run)["gaps"]
+
+    assert failure is None
+    assert gap["reason"].startswith("this program did not run")
+    assert gap["to_s"] - gap["from_s"] == pytest.approx(3.0, abs=0.05)
+    assert device.lost <= 1
+    assert device.skipped == pytest.approx(300, abs=3)
+    assert len(rows) + device.lost + device.skipped == pytest.approx(1000, abs=3)
+
+
+def test_a_silence_of_the_encoder_skips_nothing_beside_what_is_lost(session: Session) -> None:
+    instrument, wires = encoder(session, SOUND)
+
+    def hold_up(now_s: float) -> None:
+        wires[0].device.faults = EncoderFaults(slow_s=0.4 if 4 < now_s < 4.02 else 0.0)
+
+    run, _ = session.record(instrument, for_s=10, also=hold_up)
+    device = run.header.devices["encoder"]
+
+    assert facts(run)["gaps"][0]["reason"] == "no position came"
+    assert device.lost > 30
+    assert len(rows_of(run, "encoder")) + device.lost + (device.skipped or 0) == pytest.approx(1000, abs=3)
+
+
 def test_a_silence_at_the_end_is_a_gap_with_its_losses(session: Session) -> None:
     instrument, _ = encoder(session, EncoderFaults(silent_after_s=3))
 
