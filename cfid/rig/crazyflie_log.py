@@ -61,6 +61,7 @@ class CrazyflieLog:
         """Return the rows, with a fault when the battery is too low. Raises DeviceError when the vehicle refused."""
         if self._refusal is not None:
             raise self._refusal
+        self._vehicle.note_running()
         rows, self._rows = self._rows, []
         if not rows:
             self._watch()

@@ -23,7 +23,7 @@ Place = tuple[int, int]  # port and channel
 
 SILENT_S = 0.5  # cflib pings ten times a second: five answers in a row are missing then
 _STALL_S = 0.2  # between two checks, which come every 0.05 s
-_RECENT_S = 2.0
+_RECENT_S = 5.0  # a log's silence shows up to 3 s later
 _KEPT_S = 20.0
 
 ANSWER_S = 0.15
@@ -96,21 +96,26 @@ class Vehicle:
 
         Of each stall a little counts, so that a lost link is noticed by a program that is always late, too.
         """
-        away_s = sum(length_s - _STALL_S for ended_s, length_s in self._stalls if ended_s > since_s)
+        lengths_s = (min(length_s, ended_s - since_s) for ended_s, length_s in self._stalls)
+        away_s = sum(max(length_s - _STALL_S, 0.0) for length_s in lengths_s)
         return float(self.loop.seconds() - since_s - away_s)
 
     def check(self) -> None:
         """Raise DeviceError when the link failed or no packet arrives any more. Call it with every block of rows."""
-        now_s = self.loop.seconds()
-        if now_s - self._checked_s > _STALL_S:
-            self._stalls = [stall for stall in self._stalls if now_s - stall[0] < _KEPT_S]
-            self._stalls.append((now_s, now_s - self._checked_s))
-        self._checked_s = now_s
+        self.note_running()
         if self.wire.fault:
             raise DeviceError(self.wire.fault)
         silent_s = self.silent_s(self.wire.received_s)
         if silent_s > SILENT_S:
             raise DeviceError(f"{self.uri}: the link was lost: no packet for {silent_s:.1f} s.")
+
+    def note_running(self) -> None:
+        """Note a stall of this program, if there was one since the last call. Call it with every block of rows."""
+        now_s = self.loop.seconds()
+        if now_s - self._checked_s > _STALL_S:
+            self._stalls = [stall for stall in self._stalls if now_s - stall[0] < _KEPT_S]
+            self._stalls.append((now_s, now_s - self._checked_s))
+        self._checked_s = now_s
 
     async def ask(
         self,

@@ -15,11 +15,13 @@ from cfid.records.run import Run
 from cfid.rig.loop import Ending
 from cfid.rig.motor_commands import hold
 from cfid.rig.motors import MAY_BE_RUNNING, Limits
+from cfid.rig.recorder import sleep
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.faults import CrazyflieFaults
 from cfid.sim.radio import RadioTruth
 from cfid.transfer.sines.record import play_sine
 from cfid.wire.app import SineRequest, omega_of
+from cfid.wire.crtp import LOG_CONTROL_CHANNEL, LOG_PORT, encode_stop_log
 from tests.rig.flying import UNIX_S, Flight
 
 KINDS = pytest.mark.parametrize("firmware", ["app", "stock", "old"])
@@ -288,6 +290,25 @@ def test_a_stall_of_cfid_itself_is_not_taken_for_the_vehicles_silence(
 
     assert (expected in str(failure)) if expected else (failure is None)
     assert not any(flight.motors[-1][1])
+
+
+def test_a_log_that_ends_after_a_stall_of_cfid_itself_is_noticed_at_once_and_the_stall_is_named(tmp_path: Path) -> None:
+    """Firmware ends its logs where the link is silent for a second; a stall is over when the next row arrives."""
+    flight = Flight(tmp_path)
+    ended_s: list[float] = []
+
+    async def stall(_: Any) -> None:
+        await sleep(flight.clock, 1.0)
+        flight.clock.pause(4.0)
+        await sleep(flight.clock, 0.04)
+        flight.vehicle.send(LOG_PORT, LOG_CONTROL_CHANNEL, encode_stop_log(200))
+        ended_s.append(flight.clock.seconds())
+        await sleep(flight.clock, 20.0)
+
+    _, failure = flight.record([flight.log()], stall)
+
+    assert "its battery is not monitored: cfid itself was suspended or kept waiting for 4.0 s" in str(failure)
+    assert flight.clock.seconds() - ended_s[0] < 1.0
 
 
 @pytest.mark.parametrize("firmware", ["stock", "old"])
