@@ -286,8 +286,8 @@ class AppMotors:
     def _why(self, taken_back: AppState) -> str:
         """Return why the app dropped the commands, from the state that the supervisor has reported since."""
         seen = self._supervisor.state
-        if self._vehicle.stall and not (seen and seen.remedy):
-            return f"it received no keep-alive, since {self._vehicle.stall}"
+        if (stalled := self._vehicle.stalls.recent) and not (seen and seen.remedy):
+            return f"it received no keep-alive, since {stalled}"
         if Flags.MOTORS_ALLOWED in taken_back.flags and (seen is None or seen.can_fly):
             return "it received no keep-alive for a while, or its supervisor did not let motors run for a moment"
         if seen is None or seen.can_fly:

@@ -61,7 +61,7 @@ class CrazyflieLog:
         """Return the rows, with a fault when the battery is too low. Raises DeviceError when the vehicle refused."""
         if self._refusal is not None:
             raise self._refusal
-        self._vehicle.note_running()
+        self._vehicle.stalls.note()
         rows, self._rows = self._rows, []
         if not rows:
             self._watch()
@@ -133,7 +133,8 @@ class CrazyflieLog:
         monitored = BATTERY in self._names
         longest_s = max(_SILENT_S if monitored else _ABSENT_S, _SILENT_PERIODS * self._period_ms / 1000)
         if self._streaming and silent_s > longest_s:
-            cause = f"{self._vehicle.stall}." if self._vehicle.stall else "does another program use it?"
+            stalled = self._vehicle.stalls.recent
+            cause = f"{stalled}." if stalled else "does another program use it?"
             consequence = ", so its battery is not monitored" if monitored else ""
             raise DeviceError(
                 f"{self._vehicle.uri}: no row of the vehicle's log for {silent_s:.1f} s{consequence}: {cause}"

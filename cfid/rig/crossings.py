@@ -82,7 +82,7 @@ class Crossings:
                 if timer.active():
                     timer.cancel()
         if done.outcome not in (None, AppOutcome.FINISHED):
-            since = f": {self._vehicle.stall}" if self._vehicle.stall else ""
+            since = f": {stalled}" if (stalled := self._vehicle.stalls.recent) else ""
             raise DeviceError(
                 f"{self._vehicle.uri}: the sine {_outcome(done)}, after {counted(done.samples or 0, 'sample')}{since}."
             )

@@ -13,6 +13,7 @@ from cfid.rig.e201_polls import Polls
 from cfid.rig.e201_port import SLOWEST_REPLY_S, FoundPort
 from cfid.rig.e201_stamps import Stamps
 from cfid.rig.recorder import Block, Say, no_rows, sleep
+from cfid.rig.stalls import STOOD, Stalls
 from cfid.wire import e201
 from cfid.wire.rls import RLS_13BIT_IN_22, decode_words
 
@@ -85,7 +86,7 @@ class Encoder:
         self._readings: list[e201.EncoderReading] = []
         self._received_s = 0.0
         self._unanswered = self._skipped = 0  # polls and grid points, when the last position arrived
-        self._ran_s = self._stood_s = 0.0  # when this program ran last, and how long it stood since a position
+        self._stalls = Stalls(loop)
         self._silent_places = 0  # grid points that no poll had for the encoder's silence: lost, not skipped
         self._gone_s: float | None = None
         self._gaps: list[dict[str, float | str]] = []
@@ -99,12 +100,12 @@ class Encoder:
 
     def start(self) -> None:
         """Open the port and begin to sample."""
-        self._received_s = self._ran_s = self._loop.seconds()
+        self._received_s = self._loop.seconds()
         self._attach()
 
     def received(self, data: bytes) -> None:
         """Take the bytes that the port received."""
-        self._note_running()
+        self._stalls.note()
         if self._polls is None:
             readings = self._reader.feed(data)
         else:
@@ -126,7 +127,7 @@ class Encoder:
 
     def take(self) -> Block:
         """Return the new rows. Raises DeviceError when a plugged encoder is silent."""
-        self._note_running()
+        self._stalls.note()
         if not self._readings:
             self._watch()
             return Block(no_rows(len(self.columns)), self._newly_lost())
@@ -232,26 +233,18 @@ class Encoder:
         self._note_position(now_s)
 
     def _note_position(self, now_s: float) -> None:
-        self._received_s, self._stood_s = now_s, 0.0
+        self._received_s = now_s
         if self._polls is not None:
             self._unanswered, self._skipped = self._polls.unanswered, self._polls.skipped
-
-    def _note_running(self) -> None:
-        """Note for how long this program did not run, as one that is suspended."""
-        now_s = self._loop.seconds()
-        if now_s - self._ran_s > _PAUSE_S:
-            self._stood_s += now_s - self._ran_s
-        self._ran_s = now_s
 
     def _note_gap(self, end_s: float, reason: str) -> None:
         """Note a span without positions: what the rate implies there is lost, or was skipped where this program stood.
 
         A sample counts once, whichever of them it is.
         """
-        stood = self._stood_s > (end_s - self._received_s) / 2
-        reason = "this program did not run: suspended, or the computer was too busy" if stood else reason
+        stood = self._stalls.since(self._received_s) > (end_s - self._received_s) / 2
         begin_s, to_s = self._clock.unix_s(np.array([self._received_s, end_s])).tolist()
-        self._gaps.append({"from_s": begin_s, "to_s": to_s, "reason": reason})
+        self._gaps.append({"from_s": begin_s, "to_s": to_s, "reason": STOOD if stood else reason})
         if self._polls is None:
             return
         expected = round((end_s - self._received_s) / self._period_s) - 1
@@ -265,7 +258,7 @@ class Encoder:
         return max(usual_s, _PERIODS * self._period_s)
 
     def _watch(self) -> None:
-        silent_s = self._loop.seconds() - self._received_s - self._stood_s
+        silent_s = self._loop.seconds() - self._received_s - self._stalls.since(self._received_s)
         if self._gone_s is None and not self._stopped and silent_s > self._longest(_ABSENT_S):
             polled = "" if self._polls is None else ", though polled"
             if self._polls is not None and self._polls.late:

@@ -1,5 +1,6 @@
 """Records a device that sends lines of text unprompted; a port that is gone is opened again when it is back."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,6 +14,7 @@ from cfid.rig.clock import HostClock
 from cfid.rig.e201_stamps import Stamps
 from cfid.rig.listening import Listen, Port
 from cfid.rig.recorder import Block, Say, no_rows
+from cfid.rig.stalls import STOOD, Stalls
 from cfid.wire.lines import printable
 
 _ABSENT_S = 5.0  # without a line: a board that restarts when its port is opened takes two seconds
@@ -20,6 +22,8 @@ _BROKEN_S = 0.4  # without a line while motors run, after which they are stopped
 _PAUSE_S = 0.25  # without a line, which is a gap
 _PERIODS = 4  # of a slow rate: a shorter silence is neither absence nor gap
 _SEARCH_S = 0.5
+_LATE_S = 0.3  # after a gap, in which lines still come that the computer kept
+_PROMPT = 2  # lines at the end of a gap that are no burst
 _UNLIKE, _TELLING_S = 0.01, 2.0  # of the time by this computer; as long as shows a clock's rate
 _OFF, _FEWEST = 0.1, 20  # of the rate that rig.toml states; lines that show a rate
 
@@ -55,6 +59,10 @@ class Lines:
         self._gone_s: float | None = None
         self._gaps: list[dict[str, float | str]] = []
         self._missing = self._counted = self._sent = 0
+        self._owed = 0  # lines that the last gap should have had, until those that come late are known
+        self._late = 0  # lines since the end of that gap
+        self._paid_s: float | None = None  # when that gap ended
+        self._stalls = Stalls(loop)
         self._sending_s = 0.0  # without gaps
         self._first: tuple[float, int] | None = None  # by this computer's clock, and the device's, in microseconds
         self._last = (0.0, 0)
@@ -66,14 +74,17 @@ class Lines:
 
     def received(self, data: bytes) -> None:
         """Take the bytes that the port received."""
+        self._stalls.note()
         readings, now_s = self._reader.feed(data), self._loop.seconds()
         if not readings:
             return
         if self._begun and now_s - self._received_s > self._longest(_PAUSE_S):
             self._note_gap(now_s, "no line came")
-        elif self._begun:
+        elif self._begun and self._paid_s is None:  # lines that come late show no rate
             self._sent, self._sending_s = self._sent + len(readings), self._sending_s + now_s - self._received_s
         self._begun, self._received_s = True, now_s
+        if self._paid_s is not None and not self._is_timely(len(readings), now_s - self._paid_s):
+            return
         self._times += [now_s] * len(readings)
         self._readings += readings
 
@@ -89,7 +100,9 @@ class Lines:
 
     def take(self) -> Block:
         """Return the new rows. Raises DeviceError for a plugged device that is silent, and for any fault of motors."""
+        self._stalls.note()
         self._watch()
+        self._settle(after_s=_LATE_S)
         if not self._readings:
             return Block(no_rows(len(self.columns)), self._newly_lost())
         times_s, numbers = np.array(self._times), dict(zip(self._names, zip(*self._readings, strict=True), strict=True))
@@ -111,6 +124,7 @@ class Lines:
         silent_s = now_s - self._received_s
         if self._begun and silent_s > self._longest(_PAUSE_S):
             self._note_gap(now_s, "silent at the end" if self._gone_s is None else "unplugged")
+        self._settle()
         self._say_rate()
         self._say_clock()
         if self._gone_s is not None and self._patient:
@@ -150,10 +164,31 @@ class Lines:
         self._gone_s, self._received_s = None, now_s
 
     def _note_gap(self, end_s: float, reason: str) -> None:
-        """Note a span without lines; every line that the rate implies there is lost."""
+        """Note a span without lines; what the rate implies there is lost, but for lines that come late."""
+        self._settle()
+        stood = self._stalls.since(self._received_s) > (end_s - self._received_s) / 2
         begin_s, to_s = self._clock.unix_s(np.array([self._received_s, end_s])).tolist()
-        self._gaps.append({"from_s": begin_s, "to_s": to_s, "reason": reason})
-        self._missing += max(round((end_s - self._received_s) * self._device.rate_hz) - 1, 0)
+        self._gaps.append({"from_s": begin_s, "to_s": to_s, "reason": STOOD if stood else reason})
+        self._owed, self._paid_s = max(round((end_s - self._received_s) * self._device.rate_hz), 0), end_s
+        self._late = 0
+
+    def _is_timely(self, lines: int, since_s: float) -> bool:
+        """Return whether lines after a gap are kept: of a burst, only a device's own clock tells when each was sent."""
+        self._late += lines
+        if self._device.stamp is None and self._late > _PROMPT + since_s * self._device.rate_hz:
+            return False
+        self._owed -= lines
+        return True
+
+    def _settle(self, *, after_s: float = 0.0) -> None:
+        """Count what the last gap lost, once no line of it comes any more: so long after its end."""
+        if self._paid_s is None or self._loop.seconds() - self._paid_s < after_s:
+            return
+        regular = math.floor(
+            (self._received_s - self._paid_s) * self._device.rate_hz
+        )  # lines since then, up to the last
+        self._missing += max(self._owed + regular, 0)
+        self._paid_s = None
 
     def _say_rate(self) -> None:
         """Say when the device sends at another rate than rig.toml states: losses in gaps are counted by that."""
@@ -188,7 +223,8 @@ class Lines:
     def _watch(self) -> None:
         if self._stopped:
             return
-        where, silent_s = self._device.port, self._loop.seconds() - self._received_s
+        where = self._device.port
+        silent_s = self._loop.seconds() - self._received_s - self._stalls.since(self._received_s)
         if self._gone_s is not None:
             if not self._patient:
                 raise DeviceError(f"{where}: the {self.name} was unplugged while motors run.")

@@ -1,6 +1,5 @@
 """Sends requests to a vehicle over an open link in a loop, awaits the answers, and monitors the link."""
 
-import math
 from collections import defaultdict
 from collections.abc import Callable
 from typing import Any, Protocol, TypeVar
@@ -8,6 +7,7 @@ from typing import Any, Protocol, TypeVar
 from twisted.internet.defer import Deferred
 
 from cfid.errors import DeviceError
+from cfid.rig.stalls import Stalls
 from cfid.wire.crtp import (
     PARAMETER_PORT,
     WRITE_CHANNEL,
@@ -22,9 +22,6 @@ Handler = Callable[[bytes, float], None]
 Place = tuple[int, int]  # port and channel
 
 SILENT_S = 0.5  # cflib pings ten times a second: five answers in a row are missing then
-_STALL_S = 0.2  # between two checks, which come every 0.05 s
-_RECENT_S = 5.0  # a log's silence shows up to 3 s later
-_KEPT_S = 20.0
 
 ANSWER_S = 0.15
 TRIES = 3
@@ -67,8 +64,7 @@ class Vehicle:
         self.wire, self.loop = wire, loop
         self._handlers: dict[Place, list[Handler]] = defaultdict(list)
         self._woken = False
-        self._checked_s = math.inf
-        self._stalls: list[tuple[float, float]] = []  # when each ended, and how long it was
+        self.stalls = Stalls(loop)
         wire.arrived()  # drops earlier packets
         wire.attach(self._wake)
 
@@ -85,37 +81,18 @@ class Vehicle:
         """Send a packet. Raises DeviceError when the link is gone."""
         self.wire.send(Packet(port, channel, payload))
 
-    @property
-    def stall(self) -> str:
-        """How long this program itself was not running a moment ago, in words; empty if it always ran."""
-        recent = [length_s for ended_s, length_s in self._stalls if self.loop.seconds() - ended_s <= _RECENT_S]
-        return f"cfid itself was suspended or kept waiting for {max(recent):.1f} s" if recent else ""
-
     def silent_s(self, since_s: float) -> float:
-        """Return how long nothing arrived since a time, without the stalls of this program, in which packets wait.
-
-        Of each stall a little counts, so that a lost link is noticed by a program that is always late, too.
-        """
-        lengths_s = (min(length_s, ended_s - since_s) for ended_s, length_s in self._stalls)
-        away_s = sum(max(length_s - _STALL_S, 0.0) for length_s in lengths_s)
-        return float(self.loop.seconds() - since_s - away_s)
+        """Return how long nothing arrived since a time, without the stalls of this program, in which packets wait."""
+        return float(self.loop.seconds() - since_s - self.stalls.since(since_s))
 
     def check(self) -> None:
         """Raise DeviceError when the link failed or no packet arrives any more. Call it with every block of rows."""
-        self.note_running()
+        self.stalls.note()
         if self.wire.fault:
             raise DeviceError(self.wire.fault)
         silent_s = self.silent_s(self.wire.received_s)
         if silent_s > SILENT_S:
             raise DeviceError(f"{self.uri}: the link was lost: no packet for {silent_s:.1f} s.")
-
-    def note_running(self) -> None:
-        """Note a stall of this program, if there was one since the last call. Call it with every block of rows."""
-        now_s = self.loop.seconds()
-        if now_s - self._checked_s > _STALL_S:
-            self._stalls = [stall for stall in self._stalls if now_s - stall[0] < _KEPT_S]
-            self._stalls.append((now_s, now_s - self._checked_s))
-        self._checked_s = now_s
 
     async def ask(
         self,

@@ -66,11 +66,11 @@ class Cable:
         self.receiver = None
 
 
-def cell(session: Session, *, patient: bool = True) -> tuple[Lines, Cable]:
+def cell(session: Session, *, patient: bool = True, device: LoadCellLines = CELL) -> tuple[Lines, Cable]:
     cable = Cable()
     instrument = Lines(
         "loadcell",
-        CELL,
+        device,
         listen=cable.listen,
         loop=session.clock,
         clock=session.host,
@@ -140,6 +140,52 @@ def test_a_silence_is_a_gap_with_the_lines_that_the_rate_implies(session: Sessio
     assert run.header.devices["loadcell"].lost == pytest.approx(160, abs=1)
     assert gap["reason"] == "no line came"
     assert gap["to_s"] - gap["from_s"] == pytest.approx(2, abs=0.05)
+
+
+@pytest.mark.parametrize("overflown", [0, 120])
+def test_lines_that_the_computer_kept_while_the_recorder_stood_are_not_lost(session: Session, overflown: int) -> None:
+    instrument, cable = cell(session)
+    send = sending(cable, lambda n: b"" if 80 < n <= 80 + overflown else line(n))
+    stood = False
+
+    def stand(now_s: float) -> None:
+        nonlocal stood
+        if now_s > 1 and not stood:
+            stood = True
+            session.clock.rightNow += 2.0
+        send(session.clock.seconds())
+
+    run, failure = session.record(instrument, for_s=6, also=stand)
+    (gap,) = facts(run)["gaps"]
+
+    assert failure is None
+    assert gap["reason"].startswith("this program did not run")
+    assert run.header.devices["loadcell"].lost == pytest.approx(overflown, abs=2)
+    assert len(rows_of(run, "loadcell")) == pytest.approx(6 * 80 - overflown, abs=3)
+
+
+def test_lines_of_a_burst_count_as_lost_where_nothing_tells_when_each_was_sent(session: Session) -> None:
+    clockless = CELL.model_copy(update={"values": CELL.values[1:]})
+    instrument, cable = cell(session, device=clockless)
+    sent, stood = 0, False
+
+    def step(now_s: float) -> None:
+        nonlocal sent, stood
+        if now_s > 1 and not stood:
+            stood = True
+            session.clock.rightNow += 2.0
+        due = int(session.clock.seconds() / 0.0125)
+        if due > sent:
+            cable.send(b"".join(b"%d\n" % count for count in range(sent, due)))
+            sent = due
+
+    run, failure = session.record(instrument, for_s=6, also=step)
+    rows = rows_of(run, "loadcell")
+
+    assert failure is None
+    assert rows["t"].to_numpy() == pytest.approx(UNIX_S + 0.0125 * (1 + rows["Fz"].to_numpy() / (0.5 * G)), abs=0.006)
+    assert run.header.devices["loadcell"].lost + len(rows) == pytest.approx(6 * 80, abs=3)
+    assert 160 <= run.header.devices["loadcell"].lost <= 190
 
 
 def test_a_silence_for_good_fails_the_run_and_shows_nothing_unprintable(session: Session) -> None:
