@@ -24,10 +24,14 @@ _SMALL = 0.1  # of a value's largest number: smaller ones, as products of inerti
 
 @dataclass(frozen=True, kw_only=True)
 class Certainty:
-    """How sure a quantity is, relative to its largest number, against what it is for; None where it was not found."""
+    """How sure a quantity is, relative to its largest number, against what it is for; None where it was not found.
+
+    `bounded_by` names what rig.toml states and without which it would be sure enough: no recording changes that.
+    """
 
     aim: Aim
     std: float | None
+    bounded_by: str = ""
 
     @property
     def short_by(self) -> float:
@@ -110,9 +114,18 @@ def _replaces(other: Run, run: Run, recording: Assignment) -> bool:
 
 def remarks_of(statuses: Iterable[TaskStatus], unusable: Iterable[Unusable]) -> tuple[str, ...]:
     """Return as sentences why fits stand as they do, what once more would show, and which runs are of no use."""
+    statuses = tuple(statuses)
     reasons = [f"{one.task.section}: {one.reason}" for one in statuses if one.reason]
+    bounded = [
+        f"{found.aim.key} is known to {percent(found.std)} because of the {found.bounded_by}, as rig.toml states it: "
+        "recording again alone does not change that. Measure it better and state it there first; runs keep what was "
+        "stated when they were recorded."
+        for one in statuses
+        for found in one.found
+        if found.bounded_by
+    ]
     again = [f"{one.run}: NOT USABLE: {one.reason} Record it again: cfid {' '.join(one.words)}" for one in unusable]
-    return (*reasons, *again)
+    return (*reasons, *bounded, *again)
 
 
 def next_of(statuses: Sequence[TaskStatus]) -> Next:
@@ -129,12 +142,14 @@ def next_of(statuses: Sequence[TaskStatus]) -> Next:
             recording = one.task.recordings[-1]
             why = f"{one.task.section} was rejected: {one.reason}"
             return Next(words=recording.words, why=why, recording=recording)
-    weak = [(found, one.task) for one in statuses for found in one.found if found.short_by > 1]
-    if weak:
+    unsure = [(found, one.task) for one in statuses for found in one.found if found.short_by > 1]
+    if weak := [pair for pair in unsure if not pair[0].bounded_by]:
         found, task = max(weak, key=lambda pair: pair[0].short_by)
         why = f"{found.aim.key} is known to {percent(found.std)}; {found.aim.purpose}."
         return Next(words=task.recordings[-1].words, why=why, recording=task.recordings[-1])
-    return Next(words=("report",), why="everything is found, and sure enough.")
+    return Next(
+        words=("report",), why=f"everything is found, and {'as sure as rig.toml allows' if unsure else 'sure enough'}."
+    )
 
 
 def _status(
@@ -159,7 +174,7 @@ def _status(
         state, reason = "stale", f"{counted(newer, 'run was', 'runs were')} recorded after the fit."
     elif lacking:
         reason = f"`cfid {' '.join(lacking[0].words)}` once more would show what drifted since the first."
-    found = tuple(Certainty(aim=aim, std=None if section is None else _relative_std(section, aim)) for aim in task.aims)
+    found = tuple(Certainty(aim=aim, std=None) if section is None else _certainty(section, aim) for aim in task.aims)
     return TaskStatus(task=task, lacking=lacking, state=state, reason=reason, found=found)
 
 
@@ -207,17 +222,34 @@ def _used_by(section: Section) -> set[str]:
     return {source.path.split("/")[1] for source in section.sources if source.path.startswith(f"{RUNS_FOLDER}/")}
 
 
-def _relative_std(section: Section, aim: Aim) -> float | None:
-    """Return the largest standard uncertainty relative to its number, or to the largest one where that is small."""
+def _certainty(section: Section, aim: Aim) -> Certainty:
+    """Judge a quantity by its least sure number, relative to that, or to the largest one where that is small."""
     parameter = section.parameters.get(aim.key)
     if aim.std is None or parameter is None or aim.key in section.rejected:
-        return None
-    numbers: list[Number] = [one for one in parameter.numbers(aim.key) if one.value is not None and one.std is not None]
-    sizes = [abs(one.value or 0.0) for one in numbers]
-    if not sizes or max(sizes) == 0:
-        return None
-    ratios = [(one.std or 0.0) / size for one, size in zip(numbers, sizes, strict=True) if size > _SMALL * max(sizes)]
-    return max(ratios) if all(math.isfinite(ratio) for ratio in ratios) else None
+        return Certainty(aim=aim, std=None)
+    places: list[tuple[int, Number]] = [
+        (place, one)
+        for place, one in enumerate(parameter.numbers(aim.key))
+        if one.value is not None and one.std is not None
+    ]
+    largest = max((abs(one.value or 0.0) for _, one in places), default=0.0)
+    ratios = {place: (one.std or 0.0) / abs(one.value or 0.0) for place, one in places
+              if abs(one.value or 0.0) > _SMALL * largest}  # fmt: skip
+    if not ratios or not all(math.isfinite(ratio) for ratio in ratios.values()):
+        return Certainty(aim=aim, std=None)
+    place = max(ratios, key=lambda one: ratios[one])
+    return Certainty(aim=aim, std=ratios[place], bounded_by=_bounding(section, aim, place, ratios[place]))
+
+
+def _bounding(section: Section, aim: Aim, place: int, ratio: float) -> str:
+    """Return the largest cause that rig.toml states, where a number would be sure enough but for those; else ""."""
+    value = list(section.parameters[aim.key].numbers(aim.key))[place].value or math.inf
+    shares = {
+        cause: abs(effects[aim.key][place] / value) for cause, effects in section.common.items() if aim.key in effects
+    }
+    left = math.sqrt(max(ratio**2 - sum(share**2 for share in shares.values()), 0.0))
+    enough = aim.std is None or ratio <= aim.std or left > aim.std
+    return "" if enough or not shares else max(shares, key=lambda cause: shares[cause])
 
 
 def percent(std: float | None) -> str:

@@ -55,8 +55,9 @@ def fitted(
     key: str = "inertia.matrix_kg_m2",
     found: datetime = LATER,
     product: float = 0.0,
+    by_mass: float = 0.0,
 ) -> None:
-    """Store a matrix of the six swings there are, as `cfid fit inertia` does."""
+    """Store a matrix of the six swings there are, as `cfid fit inertia` does; the mass has a part in each moment."""
     files = sorted(folder.glob("runs/*/encoder.csv"))
     sources = tuple(Source(str(p.relative_to(folder)), hashlib.sha256(p.read_bytes()).hexdigest()) for p in files)
     matrix = MATRIX + product * (1 - np.eye(3))
@@ -67,6 +68,7 @@ def fitted(
         accepted=not rejected,
         sources=sources,
         parameters={"inertia.matrix_kg_m2": Parameter(value=matrix, std=np.full((3, 3), std), unit="kg m^2")},
+        common={"mass": {"inertia.matrix_kg_m2": [by_mass] * 3 + [0.0] * 3}} if by_mass else {},
         rejected={key: rejected} if rejected else {},
     )
     store_section(folder / "parameters.toml", "inertia", section)
@@ -305,6 +307,20 @@ def test_a_rejected_matrix_is_to_be_recorded_again_and_one_that_is_not_sure_enou
     unsure, _ = standing(folder)
     assert unsure.found[0].std == pytest.approx(2e-6 / 16e-6)
     assert unsure.found[0].short_by == pytest.approx(2e-6 / 16e-6 / 0.03)
+
+
+def test_what_rig_toml_states_too_vaguely_is_not_recorded_again(cfid: Cfid, folder: Path) -> None:
+    swung(folder)
+    fitted(folder, std=2e-6, by_mass=1.5e-6)  # 12 %, without the mass 8 %
+    assert standing(folder)[0].found[0].bounded_by == ""
+
+    fitted(folder, std=2e-6, by_mass=1.99e-6)  # 1 % without it
+    bounded, _ = standing(folder)
+    assert bounded.found[0].bounded_by == "mass"
+    step = next_of([bounded])
+    assert (step.words, step.why) == (("report",), "everything is found, and as sure as rig.toml allows.")
+    said = " ".join(cfid("status", "--campaign", folder, "--kind", "inertia").stdout.split())
+    assert "inertia.matrix_kg_m2 is known to 12 % because of the mass, as rig.toml states it: recording again" in said
 
 
 def test_small_products_of_inertia_are_judged_by_the_moments(folder: Path) -> None:
