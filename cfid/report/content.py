@@ -6,6 +6,7 @@ from datetime import datetime
 from typing import Any, TypeVar
 
 from cfid import __version__
+from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.guide.status import remarks_of, status_of, unusable_in
 from cfid.records.campaign import Campaign
@@ -41,7 +42,14 @@ class About:
     fitted_with: tuple[str, ...]
     runs: int
     simulated_runs: int
+    unused_runs: int = 0
     lab_book: tuple[str, ...] = ()
+
+    @property
+    def recorded_in(self) -> str:
+        """How many runs there are, and how many of them no fit selects: failed, excluded or judged not usable."""
+        unused = f", {self.unused_runs} of them not usable or excluded" if self.unused_runs else ""
+        return f"{counted(self.runs, 'run')}{unused}"
 
 
 @dataclass(frozen=True)
@@ -123,6 +131,7 @@ def _about(campaign: Campaign, runs: Sequence[Run], fits: Sequence[Fit], now: da
         fitted_with=tuple(sorted({fit.section.cfid_version for fit in fits})),
         runs=len(runs),
         simulated_runs=sum(run.header.simulated for run in runs),
+        unused_runs=sum(not run.usable for run in runs),
         lab_book=tuple(lines(summary(runs))),
     )
 

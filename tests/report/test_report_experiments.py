@@ -155,6 +155,7 @@ def test_a_fit_of_a_recording_that_changed_or_was_excluded_since_is_no_longer_cu
     fit = put(campaign, "thrust", APPENDIX_A["thrust"])
     store_section(campaign.parameters_file, "thrust", replace(fit.section, sources=(fitted,)))
     assert not said_of_thrust(campaign)
+    assert report_of(campaign).about.recorded_in == "1 run"
 
     file.write_text("t,fz\n1,2\n")
     amend_run(run, excluded="the cable touched")
@@ -162,6 +163,7 @@ def test_a_fit_of_a_recording_that_changed_or_was_excluded_since_is_no_longer_cu
         f"Changed since it was fitted: {fitted.path}: fit again.",
         f"Fitted to runs that are now excluded: {run.folder.name} (the cable touched): fit again without them.",
     )
+    assert "in 1 run, 1 of them not usable or excluded." in page_of(campaign)
 
 
 def said_of_thrust(campaign: Campaign) -> tuple[str, ...]:

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import quote
 
-from cfid.counted import counted
 from cfid.report.content import Report
 from cfid.report.experiments import Experiment, title_of
 from cfid.report.formats import grids
@@ -37,7 +36,7 @@ def _parts(report: Report) -> Iterator[str]:
     about = report.about
     yield f"# {_plain(about.vehicle)}\n"
     if about.recorded:
-        yield f"Recorded {about.recorded[0]:%Y-%m-%d} to {about.recorded[1]:%Y-%m-%d} in {counted(about.runs, 'run')}. "
+        yield f"Recorded {about.recorded[0]:%Y-%m-%d} to {about.recorded[1]:%Y-%m-%d} in {about.recorded_in}. "
     yield f"Campaign {_plain(about.campaign)}. Body frame: {_plain(about.body_frame)}. "
     yield f"Written {about.written:%Y-%m-%d %H:%M} UTC by cfid {about.cfid_version}.\n"
     if about.lab_book:

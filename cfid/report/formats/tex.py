@@ -63,8 +63,10 @@ def as_tex(report: Report) -> str:
 def _parts(report: Report) -> Iterator[str]:
     about = report.about
     yield rf"\section*{{{_tex(about.vehicle)}}}"
-    dates = f"Recorded {about.recorded[0]:%Y-%m-%d} to {about.recorded[1]:%Y-%m-%d}. " if about.recorded else ""
-    yield _tex(f"{dates}Body frame: {about.body_frame}. Written {about.written:%Y-%m-%d} by cfid {about.cfid_version}.")
+    if about.recorded:
+        begun, ended = about.recorded
+        yield _tex(f"Recorded {begun:%Y-%m-%d} to {ended:%Y-%m-%d} in {about.recorded_in}.")
+    yield _tex(f"Body frame: {about.body_frame}. Written {about.written:%Y-%m-%d} by cfid {about.cfid_version}.")
     if about.lab_book:
         yield _tex(f"Lab book: {'; '.join(about.lab_book)}.")
     if about.simulated_runs:
