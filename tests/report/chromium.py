@@ -29,7 +29,8 @@ class Look:
     """What a page did: `requests` are paths that it asked for, `said` its lines on the console.
 
     `figures` have their natural width, shown width and place; `overflow_px` is how far the page is wider than its
-    frame; `faint` are texts whose contrast with what lies behind them is below 4.5.
+    frame; `faint` are texts whose contrast with what lies behind them is below 4.5; `cut` are tables that are wider
+    than their place, with all details unfolded.
     """
 
     requests: tuple[str, ...]
@@ -38,6 +39,7 @@ class Look:
     overflow_px: float
     background: str
     faint: tuple[str, ...]
+    cut: tuple[str, ...]
 
 
 def look_at(page: str, folder: Path, *, widths_px: Sequence[int], dark: bool) -> dict[int, Look]:
@@ -62,6 +64,7 @@ def look_at(page: str, folder: Path, *, widths_px: Sequence[int], dark: bool) ->
             overflow_px=content["overflow_px"],
             background=content["background"],
             faint=tuple(content["faint"]),
+            cut=tuple(content["cut"]),
         )
         for width, content in zip(widths_px, json.loads(html.unescape(seen[1])), strict=True)
     }

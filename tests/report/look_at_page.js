@@ -34,9 +34,14 @@ async function look(frame) {
     const box = image.getBoundingClientRect();
     return { name: image.alt, natural_px: image.naturalWidth, shown_px: box.width, height_px: box.height, left_px: box.left };
   });
+  page.querySelectorAll("details").forEach((folded) => (folded.open = true));
+  const cut = [...page.querySelectorAll("table")]
+    .filter((table) => table.parentElement.scrollWidth > table.parentElement.clientWidth)
+    .map((table) => `${table.className}: ${table.textContent.trim().slice(0, 40)}`);
   return {
     figures,
     faint,
+    cut,
     overflow_px: page.documentElement.scrollWidth - page.documentElement.clientWidth,
     background: view.getComputedStyle(page.body).backgroundColor,
     resources: view.performance.getEntriesByType("resource").map((entry) => entry.name).filter((name) => !name.startsWith("data:")),

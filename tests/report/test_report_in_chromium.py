@@ -71,6 +71,10 @@ def test_the_page_is_no_wider_than_its_window(looks: Looks) -> None:
     assert all(look.overflow_px <= 0 for look in looks.values())
 
 
+def test_no_table_is_cut_in_a_narrow_window(looks: Looks) -> None:
+    assert looks[400].cut == ()
+
+
 def test_every_word_stands_out_from_what_is_behind_it(looks: Looks, dark: bool) -> None:
     for look in looks.values():
         assert look.faint == ()

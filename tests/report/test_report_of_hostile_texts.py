@@ -49,7 +49,7 @@ TAGS = (
     " a article b body br caption code dd details div dl dt em figure footer h1 h2 h3 h4 head header html i img li "
     "link main meta nav ol p pre section small span strong style sub summary sup table tbody td th thead title tr ul "
 )
-ATTRIBUTES = " align alt charset class content href http-equiv id lang name rel scope src start style value "
+ATTRIBUTES = " align alt charset class content data-head href http-equiv id lang name rel scope src start style value "
 
 
 class Page(HTMLParser):
