@@ -98,7 +98,7 @@ def rig_of(folder: Path | None) -> Rig:
         note(f"the rig is simulated: {campaign.folder / SIM_FILE} points at it.")
     elif is_left_behind(campaign.folder):
         note(
-            f"{campaign.folder / SIM_FILE}: its simulated rig was killed; the devices are the real ones of rig.toml. "
+            f"{campaign.folder / SIM_FILE}: its simulated rig is gone; the devices are the real ones of rig.toml. "
             "Start `cfid rig sim` again, or delete this file."
         )
     return campaign, devices, simulated

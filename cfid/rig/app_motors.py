@@ -59,6 +59,7 @@ class AppMotors:
 
     def start(self) -> None:
         """Begin to send keep-alives."""
+        self._vehicle.stalls.begin()
         self._answered_s = self._vehicle.loop.seconds()
         self._keep_alive()
 

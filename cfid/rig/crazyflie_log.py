@@ -55,6 +55,7 @@ class CrazyflieLog:
 
     def start(self) -> None:
         """Request the rows; a refusal shows in the next block."""
+        self._vehicle.stalls.begin()
         Deferred.fromCoroutine(self._begin()).addErrback(self._refused)
 
     def take(self) -> Block:

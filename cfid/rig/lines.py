@@ -23,7 +23,7 @@ _PAUSE_S = 0.25  # without a line, which is a gap
 _PERIODS = 4  # of a slow rate: a shorter silence is neither absence nor gap
 _SEARCH_S = 0.5
 _LATE_S = 0.3  # after a gap, in which lines still come that the computer kept
-_PROMPT = 2  # lines at the end of a gap that are no burst
+_PROMPT, _CHUNK_S = 2, 0.02  # lines at the end of a gap that are no burst; a USB adapter passes them on in chunks
 _UNLIKE, _TELLING_S = 0.01, 2.0  # of the time by this computer; as long as shows a clock's rate
 _OFF, _FEWEST = 0.1, 20  # of the rate that rig.toml states; lines that show a rate
 
@@ -175,7 +175,7 @@ class Lines:
     def _is_timely(self, lines: int, since_s: float) -> bool:
         """Return whether lines after a gap are kept: of a burst, only a device's own clock tells when each was sent."""
         self._late += lines
-        if self._device.stamp is None and self._late > _PROMPT + since_s * self._device.rate_hz:
+        if self._device.stamp is None and self._late > _PROMPT + (since_s + _CHUNK_S) * self._device.rate_hz:
             return False
         self._owed -= lines
         return True
@@ -184,10 +184,10 @@ class Lines:
         """Count what the last gap lost, once no line of it comes any more: so long after its end."""
         if self._paid_s is None or self._loop.seconds() - self._paid_s < after_s:
             return
-        regular = math.floor(
-            (self._received_s - self._paid_s) * self._device.rate_hz
-        )  # lines since then, up to the last
-        self._missing += max(self._owed + regular, 0)
+        since_s = max(
+            self._received_s - self._paid_s, 0.0
+        )  # up to the last line, of which none came after a silent end
+        self._missing += max(self._owed + math.floor(since_s * self._device.rate_hz), 0)
         self._paid_s = None
 
     def _say_rate(self) -> None:

@@ -34,7 +34,8 @@ class Pings:
         return ("t", "rtt_s", "vehicle_us") if firmware.kind == "app" else ("t", "rtt_s")
 
     def start(self) -> None:
-        """Do nothing: `ping` sends each ping."""
+        """Begin to monitor the link: `ping` sends each ping."""
+        self._vehicle.stalls.begin()
 
     async def ping(self) -> float | None:
         """Send one and wait for its answer; return the round trip in seconds, None when it was lost."""

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-STOOD = "this program did not run: suspended, or the computer was too busy"
+STOOD = "cfid itself was suspended or kept waiting"
 
 _STALL_S = 0.2  # between two notes, which come every 0.05 s
 _RECENT_S = 5.0  # a silence that follows shows up to 3 s later
@@ -17,6 +17,10 @@ class Stalls:
         """Know of none yet."""
         self._loop, self._ran_s = loop, math.inf
         self._stalls: list[tuple[float, float]] = []  # when each ended, and how long it was
+
+    def begin(self) -> None:
+        """Forget all; a pause before a recording is no stall."""
+        self._ran_s, self._stalls = math.inf, []
 
     def note(self) -> None:
         """Note that this program runs, and a stall if there was one since the last call."""
@@ -38,4 +42,4 @@ class Stalls:
     def recent(self) -> str:
         """How long it did not run a moment ago, in words; empty if it always ran."""
         recent = [length_s for ended_s, length_s in self._stalls if self._loop.seconds() - ended_s <= _RECENT_S]
-        return f"cfid itself was suspended or kept waiting for {max(recent):.1f} s" if recent else ""
+        return f"{STOOD} for {max(recent):.1f} s" if recent else ""

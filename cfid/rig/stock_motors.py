@@ -27,7 +27,8 @@ class StockMotors:
         self._stopped = False
 
     def start(self) -> None:
-        """Do nothing: only the link can be monitored."""
+        """Begin to monitor the link: these modules report nothing."""
+        self._vehicle.stalls.begin()
 
     async def set(self, commands: Four) -> float:
         """Write the commands that differ, and enable them. To stop all motors, disable them first, in one write."""

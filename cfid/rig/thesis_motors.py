@@ -24,7 +24,8 @@ class ThesisMotors:
         self._stopped = False
 
     def start(self) -> None:
-        """Do nothing: only the link can be monitored."""
+        """Begin to monitor the link: these modules report nothing."""
+        self._vehicle.stalls.begin()
 
     @property
     def playing(self) -> bool:

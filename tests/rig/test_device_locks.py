@@ -401,7 +401,7 @@ def test_that_a_simulated_rig_was_killed_and_the_real_devices_are_meant_is_said(
 ) -> None:
     (tmp_path / SIM_FILE).write_text("process = 1")
     assert rig_of(tmp_path)[1:] == (rig.devices, False)
-    assert "its simulated rig was killed; the devices are the real ones" in " ".join(capsys.readouterr().err.split())
+    assert "its simulated rig is gone; the devices are the real ones" in " ".join(capsys.readouterr().err.split())
 
 
 def test_a_stale_file_that_makes_no_sense_disturbs_nobody(tmp_path: Path, rig: Rig) -> None:

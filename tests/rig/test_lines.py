@@ -159,7 +159,7 @@ def test_lines_that_the_computer_kept_while_the_recorder_stood_are_not_lost(sess
     (gap,) = facts(run)["gaps"]
 
     assert failure is None
-    assert gap["reason"].startswith("this program did not run")
+    assert gap["reason"].startswith("cfid itself was suspended")
     assert run.header.devices["loadcell"].lost == pytest.approx(overflown, abs=2)
     assert len(rows_of(run, "loadcell")) == pytest.approx(6 * 80 - overflown, abs=3)
 
@@ -186,6 +186,26 @@ def test_lines_of_a_burst_count_as_lost_where_nothing_tells_when_each_was_sent(s
     assert rows["t"].to_numpy() == pytest.approx(UNIX_S + 0.0125 * (1 + rows["Fz"].to_numpy() / (0.5 * G)), abs=0.006)
     assert run.header.devices["loadcell"].lost + len(rows) == pytest.approx(6 * 80, abs=3)
     assert 160 <= run.header.devices["loadcell"].lost <= 190
+
+
+def test_a_silence_at_the_end_is_a_gap_with_its_losses(session: Session) -> None:
+    instrument, cable = cell(session)
+    run, failure = session.record(instrument, for_s=4, also=sending(cable, lambda n: b"" if n > 160 else line(n)))
+    (gap,) = facts(run)["gaps"]
+
+    assert failure is None
+    assert gap["reason"] == "silent at the end"
+    assert run.header.devices["loadcell"].lost == pytest.approx(160, abs=2)
+
+
+def test_lines_that_come_in_chunks_are_kept_after_a_gap_too(session: Session) -> None:
+    """An adapter passes lines on every 16 ms; a device without a clock of its own that sends 1000 a second."""
+    quick = CELL.model_copy(update={"values": CELL.values[1:], "rate_hz": 1000.0})
+    instrument, cable = cell(session, device=quick)
+    chunks = sending(cable, lambda n: b"" if 60 < n <= 180 else b"1\n" * 16, period_s=0.016)
+    run, _ = session.record(instrument, for_s=6, also=chunks)
+
+    assert run.header.devices["loadcell"].lost == pytest.approx(120 * 16, abs=40)
 
 
 def test_a_silence_for_good_fails_the_run_and_shows_nothing_unprintable(session: Session) -> None:

@@ -292,6 +292,24 @@ def test_a_stall_of_cfid_itself_is_not_taken_for_the_vehicles_silence(
     assert not any(flight.motors[-1][1])
 
 
+def test_a_pause_between_two_recordings_is_no_stall(tmp_path: Path) -> None:
+    flight = Flight(tmp_path)
+    flight.record([flight.log()], lambda _: sleep_for(flight, 1.0))
+    flight.turn(for_s=4.0)
+
+    async def end_log(_: Any) -> None:
+        await sleep(flight.clock, 0.3)
+        flight.vehicle.send(LOG_PORT, LOG_CONTROL_CHANNEL, encode_stop_log(200))
+        await sleep(flight.clock, 20.0)
+
+    _, failure = flight.record([flight.log()], end_log)
+    assert "its battery is not monitored: does another program use it?" in str(failure)
+
+
+async def sleep_for(flight: Flight, seconds: float) -> None:
+    await sleep(flight.clock, seconds)
+
+
 def test_a_log_that_ends_after_a_stall_of_cfid_itself_is_noticed_at_once_and_the_stall_is_named(tmp_path: Path) -> None:
     """Firmware ends its logs where the link is silent for a second; a stall is over when the next row arrives."""
     flight = Flight(tmp_path)
