@@ -43,7 +43,12 @@ class Assignment:
     def is_of(self, kind: str, label: Label) -> bool:
         """Return whether a run of a kind with a label is this recording, or another of the same."""
         same = (self.label.axis, self.label.weight_g) == (label.axis, label.weight_g)
-        return kind.partition("_")[0] == self.kind and same and (label.body or "crazyflie") == "crazyflie"
+        return kind.partition("_")[0] == self.kind and same and is_vehicle(label)
+
+
+def is_vehicle(label: Label) -> bool:
+    """Return whether a run is of the vehicle, and not of another body on its mounts."""
+    return (label.body or "crazyflie") == "crazyflie"
 
 
 @dataclass(frozen=True, kw_only=True)

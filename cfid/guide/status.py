@@ -7,9 +7,8 @@ from typing import Literal
 
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
-from cfid.guide.plan import Aim, Assignment, Task, Words, tasks
+from cfid.guide.plan import Aim, Assignment, Task, Words, is_vehicle, tasks
 from cfid.motors.plan import missing
-from cfid.quantities.values import Number
 from cfid.records.campaign import RUNS_FOLDER, Campaign
 from cfid.records.parameters import Section
 from cfid.records.rig_file import CampaignKind
@@ -82,7 +81,7 @@ def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> tuple[
     swings = [run.header.devices for run in runs if run.header.kind == "swing"]
     by_gyro = bool(swings) and ENCODER not in swings[-1]
     begun = sorted((run.header for run in every if run.header.kind == "swing"), key=lambda one: one.started)
-    swung = [one.label.axis for one in begun if one.label.axis is not None]
+    swung = [one.label.axis for one in begun if one.label.axis is not None and is_vehicle(one.label)]
     planned = tasks(campaign.rig, kind=kind, order=order, swung=swung, by_gyro=by_gyro)
     found = (_status(task, runs, sections.get(task.section), rejected.get(task.section), stale) for task in planned)
     return tuple(replace(one, lacking=tuple(_completing(left, every) for left in one.lacking)) for one in found)
@@ -118,8 +117,8 @@ def remarks_of(statuses: Iterable[TaskStatus], unusable: Iterable[Unusable]) -> 
     reasons = [f"{one.task.section}: {one.reason}" for one in statuses if one.reason]
     bounded = [
         f"{found.aim.key} is known to {percent(found.std)} because of the {found.bounded_by}, as rig.toml states it: "
-        "recording again alone does not change that. Measure it better and state it there first; runs keep what was "
-        "stated when they were recorded."
+        "recording again alone does not change that. Measure it better and state it there first: what is stated of an "
+        "instrument counts for later recordings."
         for one in statuses
         for found in one.found
         if found.bounded_by
@@ -227,14 +226,13 @@ def _certainty(section: Section, aim: Aim) -> Certainty:
     parameter = section.parameters.get(aim.key)
     if aim.std is None or parameter is None or aim.key in section.rejected:
         return Certainty(aim=aim, std=None)
-    places: list[tuple[int, Number]] = [
-        (place, one)
+    numbers = {
+        place: (abs(one.value), one.std)
         for place, one in enumerate(parameter.numbers(aim.key))
         if one.value is not None and one.std is not None
-    ]
-    largest = max((abs(one.value or 0.0) for _, one in places), default=0.0)
-    ratios = {place: (one.std or 0.0) / abs(one.value or 0.0) for place, one in places
-              if abs(one.value or 0.0) > _SMALL * largest}  # fmt: skip
+    }
+    largest = max((size for size, _ in numbers.values()), default=0.0)
+    ratios = {place: std / size for place, (size, std) in numbers.items() if size > _SMALL * largest}
     if not ratios or not all(math.isfinite(ratio) for ratio in ratios.values()):
         return Certainty(aim=aim, std=None)
     place = max(ratios, key=lambda one: ratios[one])

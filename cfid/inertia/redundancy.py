@@ -152,7 +152,7 @@ def _unlike_repeats(swings: Sequence[MountedSwing]) -> list[str]:
     said = []
     for mount in dict.fromkeys(swing.axis for swing in swings if not swing.known):
         same = [swing for swing in swings if swing.axis == mount and not swing.known]
-        low, high = (choose(same, key=lambda swing: swing.value) for choose in (min, max))
+        low, high = min(same, key=lambda swing: swing.value), max(same, key=lambda swing: swing.value)
         allowed = math.hypot(low.std, high.std)
         if high.value - low.value > BEYOND_STD * allowed:
             said.append(

@@ -38,10 +38,16 @@ def folder(cfid: Cfid, tmp_path: Path) -> Path:
     return tmp_path / "lab"
 
 
-def swing(folder: Path, axis: str, *, minute: int, by: str = "encoder") -> Path:
+def swing(folder: Path, axis: str, *, minute: int, by: str = "encoder", body: str | None = None) -> Path:
     devices = {by: ENCODER}
     started = BEGAN + timedelta(minutes=minute)
-    how = {"kind": "swing", "label": Label(axis=axis), "devices": devices, "started": started, "cfid_version": "0.2.0"}
+    how = {
+        "kind": "swing",
+        "label": Label(axis=axis, body=body),
+        "devices": devices,
+        "started": started,
+        "cfid_version": "0.2.0",
+    }
     with create_run(folder / "runs", **how) as writer:  # type: ignore[arg-type]
         writer.append(by, (1.7e9 + np.arange(10) * 1e-3, np.arange(10)))
     return writer.folder
@@ -120,6 +126,7 @@ def test_a_new_campaign_asks_for_every_mount_in_a_drawn_order_and_for_the_first_
 
 def test_the_mount_that_was_swung_about_first_is_the_one_to_repeat_whatever_the_folder_is_called(folder: Path) -> None:
     drawn = [one.label.axis or "" for one in tasks(open_campaign(folder).rig, order=folder.name)[0].recordings]
+    swing(folder, drawn[1], minute=-1, body="testbody")
     swing(folder, drawn[3], minute=0)
     axes = swung(folder)
     assert axes == [*(mount for mount in drawn[:6] if mount != drawn[3]), drawn[3]]
