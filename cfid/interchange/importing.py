@@ -1,5 +1,6 @@
 """Import a recording of another program: a run folder with the columns that cfid records, and its origin."""
 
+import hashlib
 import re
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
@@ -129,8 +130,8 @@ def import_wrench(campaign: Campaign, path: Path, reading: WrenchReading, *, lab
 def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: Label, kind: str = "flight") -> Imported:
     """Import a log of a vehicle: a device for each series in the log's own units, and the commands of its motors.
 
-    A column in which some numbers are missing becomes a device of its own, with the rows that it has; one without any
-    is left out. Raises DataError and ConfigError as `read_log`.
+    Columns with the same gaps become a device of their own, with the rows that they have; one without any number is
+    left out. Raises DataError and ConfigError as `read_log`.
     """
     log = read_log(path, reading)
     main = max(log.series, key=lambda one: (any(map(is_flown, one.names)), one.rows))
@@ -169,13 +170,13 @@ def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: La
 def _add(
     series: Series, device: str, records: dict[str, DeviceRecord], blocks: dict[str, Iterator[Array]]
 ) -> tuple[list[str], list[str]]:
-    """Add a series as a device, and each column with gaps as one of its own; return the whole columns, and notes."""
+    """Add a series as a device, columns with the same gaps as one of their own; return the whole columns, and notes."""
     try:
-        whole, some = _finite_columns(series)
+        whole, gaps = _finite_columns(series)
     except DataError as fault:  # one bad series does not condemn the log
         return [], [f"{series.name}: left out: {fault}"]
     kept = [name for name, all_there in zip(series.names, whole[1:], strict=True) if all_there]
-    gappy = [name for name, any_there in zip(series.names, some[1:], strict=True) if any_there and name not in kept]
+    gappy = [name for names in gaps for name in names]
     notes = []
     if left := [name for name in series.names if name not in kept and name not in gappy]:
         notes.append(f"{series.name}: left out, since they hold no finite number: {', '.join(left)}.")
@@ -189,10 +190,14 @@ def _add(
         device = _free(device, records)
         records[device] = DeviceRecord(file=f"{device}.csv", columns=("t", *names))
         blocks[device] = _columns(series, whole)
-    for name in gappy:
-        own = _free(_word(f"{device}_{name}"), records)
-        records[own] = DeviceRecord(file=f"{own}.csv", columns=("t", _word(name, _NO_COLUMN)))
-        blocks[own] = _known_rows(series, name)
+    for together in gaps:
+        own = _free(_word(f"{device}_{together[0]}"), records)
+        columns = ("t", *(_word(name, _NO_COLUMN) for name in together))
+        if len(set(columns)) < len(columns):
+            notes.append(f"{series.name}: left out, since two of them have one name: {', '.join(together)}.")
+            continue
+        records[own] = DeviceRecord(file=f"{own}.csv", columns=columns)
+        blocks[own] = _known_rows(series, together)
     return kept, notes
 
 
@@ -243,12 +248,13 @@ def _free(device: str, taken: Container[str]) -> str:
     return device
 
 
-def _finite_columns(series: Series) -> tuple[Mask, Mask]:
-    """Return which columns (1 + channels,) have finite numbers only, and which have any.
+def _finite_columns(series: Series) -> tuple[Mask, list[list[str]]]:
+    """Return which columns (1 + channels,) have finite numbers only, and by their gaps those that have some.
 
     Raises DataError where the times do not serve.
     """
     whole, some = np.ones(1 + len(series.names), dtype=bool), np.zeros(1 + len(series.names), dtype=bool)
+    patterns = [hashlib.sha256() for _ in whole]
     last = -np.inf
     for block in series.blocks():
         finite = np.isfinite(block)
@@ -257,7 +263,12 @@ def _finite_columns(series: Series) -> tuple[Mask, Mask]:
         if not whole[0] or np.any(np.diff(block[:, 0], prepend=last) < 0):
             raise DataError("its times go back, or are missing.")
         last = block[-1, 0]
-    return whole, some
+        for place in np.flatnonzero(~whole):
+            patterns[place].update(last.tobytes() + np.packbits(finite[:, place]).tobytes())
+    gaps: dict[bytes, list[str]] = {}
+    for place in np.flatnonzero(some & ~whole):
+        gaps.setdefault(patterns[place].digest(), []).append(series.names[place - 1])
+    return whole, list(gaps.values())
 
 
 def _columns(series: Series, chosen: Mask) -> Iterator[Array]:
@@ -265,11 +276,11 @@ def _columns(series: Series, chosen: Mask) -> Iterator[Array]:
         yield block[:, chosen]
 
 
-def _known_rows(series: Series, name: str) -> Iterator[Array]:
-    """Yield time and one channel (m, 2) in the rows where that is a finite number."""
-    place = 1 + series.names.index(name)
+def _known_rows(series: Series, names: Sequence[str]) -> Iterator[Array]:
+    """Yield time and channels (m, 1 + c) with the same gaps, in the rows where they are finite numbers."""
+    places = [1 + series.names.index(name) for name in names]
     for block in series.blocks():
-        yield block[np.isfinite(block[:, place])][:, [0, place]]
+        yield block[np.isfinite(block[:, places[0]])][:, [0, *places]]
 
 
 def _changes(series: Series, motors: Sequence[str]) -> Iterator[Array]:

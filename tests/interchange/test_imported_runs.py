@@ -145,6 +145,17 @@ def test_a_column_in_which_one_number_is_missing_keeps_the_others(
     assert len(log_of_run(run).channel("gyro.x")[1]) == 50
 
 
+def test_columns_with_the_same_gaps_are_one_device_and_others_another(tmp_path: Path, campaign: Path) -> None:
+    rows = [
+        f"{10 * at},{at},{at if at % 2 else ''},{2 * at if at % 2 else ''},{at if at % 3 else ''}" for at in range(60)
+    ]
+    (tmp_path / "a.csv").write_text("\n".join(["timestamp,gyro.x,rpm.m1,rpm.m2,pm.vbat", *rows, ""]))
+    run = imported(campaign, tmp_path / "a.csv", "--time-unit", "ms", "--kind", "flight")
+    together = {record.columns[1:]: record.rows for record in run.header.devices.values()}
+    assert together == {("gyro.x",): 60, ("rpm.m1", "rpm.m2"): 30, ("pm.vbat",): 40}
+    np.testing.assert_allclose(log_of_run(run).channel("rpm.m2")[1], np.pi / 15 * np.arange(1.0, 60.0, 2.0), rtol=1e-12)
+
+
 def test_columns_beside_an_angle_are_named_where_they_are_not_kept(
     tmp_path: Path, campaign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
