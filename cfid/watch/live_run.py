@@ -81,7 +81,7 @@ class LiveRun:
             name: DeviceProgress(
                 record=record,
                 tail=Tail(folder / record.file, len(record.columns)),
-                signals=signals_of(name, record),
+                signals=signals_of(name, record, rests=self.header.kind != LOADCELL),  # that kind may be loaded first
             )
             for name, record in self.header.devices.items()
         }

@@ -19,7 +19,7 @@ Convert = Callable[[Array], Array]
 
 SCALE_MN = 1e3  # forces are drawn in mN, torques in mN m
 
-_START_S = 0.3  # at rest in every recording with motors, and before an operator has loaded a cell
+_START_S = 0.3  # at rest in every recording with motors
 
 _STAMPS = {"t", "vehicle_ms", "vehicle_us", "device_us", "sample", "report", "status", "stable"}
 _UNITS = {"pm": "V", "gyro": "degrees/s", "acc": "g", "rpm": "rpm", "rtt_s": "s", "grams": "g"}
@@ -50,26 +50,32 @@ class Trace:
         self.extremes.add(time_s, self.convert(rows))
 
 
-def signals_of(device: str, record: DeviceRecord) -> list[Trace]:
-    """Return the signals of a device, of any kind: what is not known is drawn in its own unit."""
+def signals_of(device: str, record: DeviceRecord, *, rests: bool) -> list[Trace]:
+    """Return the signals of a device, of any kind: what is not known is drawn in its own unit.
+
+    A load cell that `rests` first is drawn without its bias.
+    """
     facts = record.model_extra or {}
     if device == ENCODER and "phi" in record.columns:
         convert = _Angle(record, place=record.columns.index("phi"))
         return [Trace(device=device, title="angle", unit="degrees", names=("angle",), convert=convert)]
     if device == LOADCELL and set(AXES) <= set(record.columns):
         in_si = facts.get("units") == "n,nm"
-        kinds = (("forces", "mN", AXES[:3], "counts_per_n"), ("torques", "mN m", AXES[3:], "counts_per_nm"))
+        per_n, per_nm = (float(facts.get(f"counts_per_{unit}") or USUAL_COUNTS) for unit in ("n", "nm"))
+        scales = (SCALE_MN, SCALE_MN) if in_si else (SCALE_MN / per_n, SCALE_MN / per_nm)
+        kinds = (
+            ("forces", "mN", AXES[:3], _picked(record, AXES[:3], scales[0])),
+            ("torques", "mN m", AXES[3:], _picked(record, AXES[3:], scales[1])),
+        )
         return [
             Trace(
                 device=device,
-                title=f"{title}, less those of the first {_START_S:g} s",
+                title=f"{title}, less those of the first {_START_S:g} s" if rests else title,
                 unit=unit,
                 names=axes,
-                convert=_SinceStart(
-                    _picked(record, axes, SCALE_MN / (1.0 if in_si else float(facts.get(scale) or USUAL_COUNTS)))
-                ),
+                convert=_SinceStart(convert) if rests else convert,
             )
-            for title, unit, axes, scale in kinds
+            for title, unit, axes, convert in kinds
         ]
     if device == SUPERVISOR:  # its states are words
         return []

@@ -34,6 +34,7 @@ def recording(tmp_path: Path) -> Iterator[Recording]:
         columns: tuple[str, ...],
         *,
         note: str | None = None,
+        kind: str = "loadcell",
         asked: Mapping[str, object] = MappingProxyType({}),
         **facts: object,
     ) -> RunWriter:
@@ -41,7 +42,7 @@ def recording(tmp_path: Path) -> Iterator[Recording]:
         writers.append(
             create_run(
                 tmp_path,
-                kind="loadcell",
+                kind=kind,
                 label=Label(note=note),
                 devices={device: record},
                 started=datetime.now(UTC),
@@ -71,6 +72,7 @@ def test_forces_are_drawn_in_millinewtons_above_the_cells_bias_with_losses_rate_
         counts_per_n=1e6,
         counts_per_nm=1e6,
         rate_hz=1000,
+        kind="thrust",
         asked={"for_s": 100.0},
     )
     run = LiveRun(writer.folder)
