@@ -20,7 +20,7 @@ from cfid.records.tables.blocks import open_table
 from cfid.records.tables.matlab import is_matlab
 from cfid.records.tables.schema import TIME, Foreign, TableSchema
 from cfid.records.tables.stand_heads import heads_of, shows_stand
-from cfid.records.tables.table import CsvTable
+from cfid.records.tables.table import REPAIR, CsvTable
 from cfid.records.tables.times import CUT_LINE, TIME_COLUMN, seconds_of, time_unit_of, times_of, unit_of
 
 _SCHEMA = TableSchema(columns=(TIME_COLUMN,), words=("TIME",))
@@ -215,7 +215,7 @@ def _fault(table: CsvTable, name: str) -> str:
     try:
         table.numbers([name])
     except DataError as fault:
-        return str(fault).removesuffix(" Repair or cut that line.")  # it is the whole column
+        return str(fault).removesuffix(f" {REPAIR}")  # it is the whole column
     return ""
 
 

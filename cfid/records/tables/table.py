@@ -34,7 +34,7 @@ from cfid.records.tables.text import (
 Array = npt.NDArray[np.float64]
 
 _TRUTHS = (b"rue", b"RUE", b"alse", b"ALSE")
-_REPAIR = "Repair or cut that line."
+REPAIR = "Repair or cut that line."
 _CLOCK_TIME = re.compile(r"\d:\d\d|\d{4}-\d\d-\d\d")
 
 
@@ -252,15 +252,15 @@ class CsvTable:
 
     def _fault(self, line: str, places: Sequence[int]) -> str | None:
         if "\0" in line:
-            return f"zero bytes in the middle of the file. {_REPAIR}"
+            return f"zero bytes in the middle of the file. {REPAIR}"
         fields = fields_of(line, self._separator)
         if len(fields) != len(self.names):
-            advice = POINTS if self._separator == "," and len(fields) > len(self.names) else _REPAIR
+            advice = POINTS if self._separator == "," and len(fields) > len(self.names) else REPAIR
             return f"{counted(len(fields), 'field')} where the file has {counted(len(self.names), 'column')}. {advice}"
         for place in places:
             field, column = fields[place], f"column '{self.names[place]}'"
             if not field:
-                return f"{column} is empty. {_REPAIR}"
+                return f"{column} is empty. {REPAIR}"
             if not is_finite(field.replace(self.decimal, ".")):
                 return f"'{short(field)}' in {column} is not a number. {_advice(field)}"
         return None
@@ -269,7 +269,7 @@ class CsvTable:
 def _advice(field: str) -> str:
     if _CLOCK_TIME.search(field):
         return "Dates and times of day are not read: write seconds, or give `rate_hz` and the other `columns`."
-    return POINTS if has_comma(field) else _REPAIR
+    return POINTS if has_comma(field) else REPAIR
 
 
 def _holds_truths(rows: bytes) -> bool:

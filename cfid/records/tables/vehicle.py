@@ -15,7 +15,7 @@ from cfid.records.files import check_regular
 from cfid.records.parameters import Source
 from cfid.records.run import Run
 from cfid.records.tables.blocks import open_table
-from cfid.records.tables.table import Array
+from cfid.records.tables.table import REPAIR, Array
 from cfid.records.tables.text import is_finite, short
 from cfid.units import MOTORS, RPM
 
@@ -112,5 +112,5 @@ def begin_s(path: Path) -> float:
     if not first:
         raise DataError(f"{path}: has no rows.")
     if not is_finite(first):
-        raise DataError(f"{path}:2: the time is '{short(first)}', not a number. Repair or cut that line.")
+        raise DataError(f"{path}:2: the time is '{short(first)}', not a number. {REPAIR}")
     return float(first)
