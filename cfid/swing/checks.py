@@ -23,6 +23,7 @@ MISFIT_LIMIT = 0.02
 DISTORTION_LIMIT = 0.0015
 DRIFT_LIMIT = 0.01
 SPRING_LIMIT = 0.03  # of gravity's stiffness
+_UNCERTAIN_LIMIT = 0.1  # of W: a pendulum that follows noise as well
 
 IDENTIFIABLE_BIC = 10.0  # [KR]: a difference below it is no strong evidence
 _SPRING_THAT_MISLEADS = 4e-3  # of gravity: more than all else leaves uncertain
@@ -140,6 +141,18 @@ def eccentricity_finding(fit: OutputError) -> tuple[Finding, ...]:
     return (note("swing-encoder-eccentric", text),)
 
 
+def uncertain_finding(fit: OutputError, std_s2: float) -> tuple[Finding, ...]:
+    """Reject a natural frequency squared that the record hardly determines."""
+    relative = std_s2 / fit.coefficients.natural_frequency_squared_s2
+    if relative <= _UNCERTAIN_LIMIT:
+        return ()
+    text = (
+        f"the natural frequency squared is uncertain by {_percent(relative)} (limit {_percent(_UNCERTAIN_LIMIT)}): the "
+        "record is too short or too noisy. Release higher, swing longer; look at it with `cfid show`."
+    )
+    return (rejection("swing-uncertain", text, _ALL),)
+
+
 def spring_finding(fit: OutputError, uncertain_s2: float, unseen_s2: float) -> tuple[Finding, ...]:
     """Warn of a spring beside gravity, reject a stiff one, or state from which on the record would have shown one.
 
@@ -171,13 +184,16 @@ def spring_finding(fit: OutputError, uncertain_s2: float, unseen_s2: float) -> t
 
 
 def spring_or_friction_finding(spring: float, moves: float) -> tuple[Finding, ...]:
-    """Warn of a spring, relative to gravity's stiffness, or a friction like it; `moves` W relatively, 0 for none."""
+    """Warn of a spring, relative to gravity's stiffness, or noise or friction like it.
+
+    It `moves` W relatively, 0 for none.
+    """
     if not moves:
         return ()
     text = (
-        f"a spring of {_percent(spring)} of gravity's stiffness shows, but dry friction that varies would look alike: "
-        f"{_percent(moves)} of the natural frequency squared depends on which it is, and is added to the uncertainty. "
-        "Free the cable, clean the bearing and swing again."
+        f"a spring of {_percent(spring)} of gravity's stiffness shows, too little to tell it from noise or from dry "
+        f"friction that varies: {_percent(moves)} of the natural frequency squared depends on which it is, and is "
+        "added to the uncertainty. Free the cable, clean the bearing, release higher and swing again."
     )
     return (warning("swing-spring-or-friction", text, "swing.*"),)
 

@@ -22,6 +22,7 @@ from cfid.swing.checks import (
     split_finding,
     spring_finding,
     spring_or_friction_finding,
+    uncertain_finding,
     unfinished_finding,
     varying_finding,
 )
@@ -57,9 +58,11 @@ _HOPELESS_BIC = 100.0
 _DAMPING = Coefficients._fields[1:4]
 _ECCENTRIC_RAD = 0.05  # more is no eccentricity of a disc
 _TRIED_ECCENTRIC = 2  # of the choices of damping, the best
-_SHOWN_STD = 3.0  # of a spring that is tried beside the others
+_SHOWN_STD = 3.0  # of a spring that makes W uncertain
+_TAKEN_STD = 5.0  # of a spring that is taken out: noise draws weaker ones, and W then moves by the spring's own size
 _LIKE_FRICTION = 0.1  # spring over gravity: friction resembles small ones, and of larger ones the model is at fault
 _STIFFEST = 1.0  # spring over gravity: an angle in a wrong unit resembles a stiffer one
+_LEAST_ROWS = 16
 _CLEARLY_BETTER = 0.95  # of the sum of squares
 _VARIES_STD = 4.0  # of a probe of dry friction: sound swings stay below
 _VARIES_USUALLY = 0.25  # of the Coulomb friction, over the angle: a bearing that nobody measured
@@ -101,9 +104,11 @@ def fit_swing(swing: FreeSwing) -> SwingFit:
     The subset of viscous, Coulomb and quadratic damping (all >= 0) with the least BIC is taken, samples
     counted by their effective number. W hardly depends on the choice.
 
-    Raises FitError when no model converges.
+    Raises FitError when no model converges, or hardly a row is free.
     """
     time, angle = swing.hands_off
+    if len(time) < _LEAST_ROWS:
+        raise FitError(f"after the release {len(time)} rows of free swing are left: look at it with `cfid show`.")
     step = grid_step(swing)
     coefficients, trajectory = first_guess(time, angle, start_s=swing.release_s, step_s=step)
     if swing.rate_rad_per_s is not None:
@@ -158,7 +163,7 @@ def _sprung(swing: FreeSwing, fit: OutputError, rounds: int = 3) -> list[OutputE
         size, std, moved = spring_beside(swing, fit)
         setup = fit.setup._replace(spring_per_s2=fit.setup.spring_per_s2 + size)
         frequency = fit.coefficients.natural_frequency_squared_s2 + moved
-        if not _SHOWN_STD * std <= setup.spring_per_s2 < _STIFFEST * frequency:
+        if not _TAKEN_STD * std <= setup.spring_per_s2 < _STIFFEST * frequency:
             return []
         start = replace(
             fit, setup=setup, coefficients=fit.coefficients._replace(natural_frequency_squared_s2=frequency)
@@ -166,7 +171,7 @@ def _sprung(swing: FreeSwing, fit: OutputError, rounds: int = 3) -> list[OutputE
         fit = _refit(start, swing.hands_off[0], swing.readings_rad, chosen_terms(fit))
         if not _acceptable(fit):
             return []
-    return [fit] if shows_despite_friction(swing, fit, least_std=_SHOWN_STD) else []
+    return [fit] if shows_despite_friction(swing, fit, least_std=_TAKEN_STD) else []
 
 
 def grid_step(swing: FreeSwing) -> float:
@@ -275,7 +280,8 @@ def _judged(
         shares["friction at low speed"] = abs(varying.moved_s2)
     moved, shares["friction over the angle"] = over_angle.expected(_VARIES_USUALLY * fit.coefficients.coulomb_per_s2)
     left_spring, left_std, left_moves = spring_beside(swing, fit) if swing.rate_rad_per_s is None else (0.0, 0.0, 0.0)
-    if _SHOWN_STD * left_std < left_spring < _LIKE_FRICTION * frequency:
+    alike = max(_LIKE_FRICTION * frequency, min(_TAKEN_STD * left_std, _STIFFEST * frequency))
+    if _SHOWN_STD * left_std < left_spring < alike:
         shares["spring or friction"] = abs(left_moves)
     if unfinished is not None:
         shares["model that did not converge"] = abs(unfinished.coefficients.natural_frequency_squared_s2 - frequency)
@@ -300,6 +306,7 @@ def _judged(
         findings=(
             *swing.findings,
             *quality.findings,
+            *uncertain_finding(fit, float(std[0])),
             *split_finding(terms, split_bic),
             *hand_finding(swing, fit),
             *eccentricity_finding(fit),

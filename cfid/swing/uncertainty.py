@@ -221,6 +221,8 @@ def chosen_terms(fit: OutputError) -> tuple[str, ...]:
 
 
 def _samples_a_period(fit: OutputError) -> int:
-    period = 2 * math.pi / math.sqrt(fit.coefficients.natural_frequency_squared_s2)
+    frequency = fit.coefficients.natural_frequency_squared_s2
     span = (len(fit.trajectory.angle_rad) - 1) * fit.trajectory.step_s
+    # A window of a record that is no swing may swing about upside down, or not at all.
+    period = min(2 * math.pi / math.sqrt(frequency), span) if frequency > 0 else span
     return max(int(len(fit.residual_rad) * period / span), 8)

@@ -177,6 +177,42 @@ def test_a_cable_that_acts_as_a_spring_is_named_and_taken_off(cable: float) -> N
     assert std < cable * truth / 3  # it raises W by as much as it is
 
 
+@pytest.mark.parametrize("seed", [6, 7])
+def test_a_spring_that_shows_too_little_is_left_in_and_its_size_is_added_to_the_uncertainty(seed: int) -> None:
+    rng, trials = np.random.default_rng(seed), Trials(np.random.default_rng(3), 1, cable=0.01)
+    time_s, angle = trials.swung(8.0)
+    read = encoded(angle[:, 0], rng)
+    fit = fit_swing(find_swing(time_s, read + 6e-3 * rng.standard_normal(len(read))))
+    truth, std = trials.frequency_squared_s2[0], fit.std.natural_frequency_squared_s2
+    codes = {finding.code for finding in fit.findings}
+
+    assert "swing-spring-or-friction" in codes
+    assert "swing-spring" not in codes
+    assert fit.coefficients.natural_frequency_squared_s2 / truth == pytest.approx(1.01, abs=1e-3)  # the spring's own
+    assert abs(fit.coefficients.natural_frequency_squared_s2 - truth) < 1.96 * std
+    assert std < 0.02 * truth
+
+
+@pytest.mark.parametrize("noise_rad", [0.02, 0.03])
+def test_a_swing_in_noise_of_degrees_is_within_its_interval_or_rejected(noise_rad: float) -> None:
+    trials = Trials(np.random.default_rng(3), 1)
+    time_s, angle = trials.swung(8.0)
+    truth, rejected = trials.frequency_squared_s2[0], 0
+    for seed in range(5, 9):
+        rng = np.random.default_rng(seed)
+        read = encoded(angle[:, 0], rng) + noise_rad * rng.standard_normal(len(time_s))
+        try:
+            fit = fit_swing(find_swing(time_s, read))
+        except FitError:
+            rejected += 1
+            continue
+        rejected += not fit.accepted
+        off = abs(fit.coefficients.natural_frequency_squared_s2 - truth)
+        assert not fit.accepted or off < 3 * fit.std.natural_frequency_squared_s2 < 0.01 * truth
+
+    assert rejected > 0
+
+
 def test_a_swing_recorded_by_a_busy_computer_is_timed_by_the_encoders_own_clock(tmp_path: Path) -> None:
     columns = ("t", "phi", "device_us")
     encoder = DeviceRecord(file="encoder.csv", columns=columns, counts_per_turn=8192.0)
