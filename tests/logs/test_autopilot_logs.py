@@ -1,8 +1,10 @@
 """ULog and blackbox: files composed byte by byte are read with their own libraries."""
 
+import os
 import re
 import struct
 import sys
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -110,7 +112,7 @@ def test_a_ulog_file_that_is_read_in_parts_keeps_every_row(tmp_path: Path, damag
     np.testing.assert_array_equal(np.sort(last), [at for at in range(rows) if at % 10])
     np.testing.assert_array_equal(log.channel("y")[1], np.arange(rows // 2, rows) % 200)
     assert f"{rows - rows // 2} dropouts" in log.notes[0]
-    broken = ("the file is damaged or cut after 99.6 % of it: what follows may be missing.",)
+    broken = ("the file is damaged or cut after 99.6 % of it: 3 bytes in 1 place left out.",)
     assert (log.notes[1:] == broken) == damaged
 
 
@@ -229,6 +231,63 @@ def test_a_ulog_file_that_breaks_off_within_says_where(tmp_path: Path, damage: b
     torn = content[:middle] + (content[middle - damage :] if isinstance(damage, int) else damage + content[middle:])
     log = read_log(written(tmp_path, torn))
     assert re.search(r"the file is damaged or cut after (49|50)\.\d % of it", " ".join(log.notes))
+
+
+@pytest.mark.parametrize(("damage", "kept"), [(b"\xff", 0), (b"\0\0\0", 0), (bytes(10**5), 0), (-20, 1)])
+def test_damaged_bytes_of_a_ulog_file_cost_the_messages_that_they_are_in(
+    tmp_path: Path, damage: bytes | int, kept: int
+) -> None:
+    pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
+    content = ulog()
+    middle = content.index(struct.pack("<HQ", 0, 10_000 + 4000 * 100)) - 3
+    torn = content[:middle] + (content[middle - damage :] if isinstance(damage, int) else damage + content[middle:])
+    log = read_log(written(tmp_path, torn))
+    series = next(one for one in log.series if one.name == "vehicle_angular_velocity")
+
+    assert series.rows == COUNT - kept
+    assert "in 1 place left out" in " ".join(log.notes)
+
+
+def test_what_was_appended_to_a_ulog_file_after_a_cut_message_is_read(tmp_path: Path) -> None:
+    pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
+    content = ulog()
+    assert content[18:19] == b"B"
+    cut = content[:-7]
+    again = message("D", struct.pack("<HQ3f", 0, 90_000_000, 1, 2, 3))
+    flags = bytes(8) + b"\1" + bytes(7) + struct.pack("<3Q", len(cut), 0, 0)
+    log = read_log(written(tmp_path, cut[:19] + flags + cut[19 + len(flags) :] + again))
+    series = next(one for one in log.series if one.name == "vehicle_angular_velocity")
+
+    assert series.time_s[-1] == pytest.approx(90.0)
+
+
+@pytest.mark.parametrize(
+    "formats",
+    [
+        {"vast": "uint64_t timestamp;float[65535] a;float[65535] b;float[65535] c;float[65535] d;"},
+        {"vast": "uint64_t timestamp;inner[60000] x;", "inner": "float[60000] y;"},
+        {"vast": "uint64_t timestamp;vast x;"},
+    ],
+)
+def test_a_ulog_file_that_states_fields_without_end_ends_in_a_sentence(tmp_path: Path, formats: dict[str, str]) -> None:
+    pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
+    head = b"ULog\x01\x12\x35\x01" + bytes(8) + message("B", bytes(40))
+    stated = b"".join(message("F", f"{name}:{fields}".encode()) for name, fields in formats.items())
+    with pytest.raises(DataError, match="it states more than 200000 fields"):
+        read_log(written(tmp_path, head + stated + message("A", b"\0\0\0vast")))
+
+
+def test_zeros_after_a_ulog_file_cost_neither_time_nor_memory(tmp_path: Path) -> None:
+    pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
+    path = written(tmp_path, ulog())
+    os.truncate(path, 1 << 29)  # sparse
+    tracemalloc.start()
+    log = read_log(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+
+    assert peak < 1 << 25
+    assert "what follows may be missing" in " ".join(log.notes)
 
 
 def test_a_damaged_time_of_a_ulog_file_costs_its_row(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from cfid.records.extras import optional_library
 from cfid.records.logs.crazyflie_names import crazyflie_channel
 from cfid.records.logs.log import BLOCK_ROWS, Array, Channel, FlightLog, Series, printable
 from cfid.records.logs.motor_numbers import PX4_QUAD_X, by_geometry, numbering
-from cfid.records.logs.ulog_parts import damaged_at, ulog_parts
+from cfid.records.logs.ulog_parts import UlogParts
 from cfid.records.parameters import Source
 from cfid.units import USUAL_GRAVITY_MPS2
 
@@ -65,7 +65,8 @@ def read_ulog(path: Path, source: Source) -> FlightLog:
     dropped_ms: list[int] = []
     info: dict[str, Any] = {}
     stated, damaged, back = None, False, 0
-    for part in ulog_parts(path):
+    parts = UlogParts(path)
+    for part in parts:
         try:
             with redirect_stdout(io.StringIO()), part:  # pyulog prints what it finds damaged
                 log = pyulog.ULog(part)
@@ -85,10 +86,7 @@ def read_ulog(path: Path, source: Source) -> FlightLog:
     notes = [f"{counted(len(dropped_ms), 'dropout')}, of {sum(dropped_ms) / 1e3:.3f} s together."] if dropped_ms else []
     if back:
         notes.append(f"{counted(back, 'row')} with a time that is not between those of the neighbours left out.")
-    if (part_of := damaged_at(path)) is not None:
-        notes.append(f"the file is damaged or cut after {100 * part_of:.1f} % of it: what follows may be missing.")
-    elif damaged:
-        notes.append("parts of the file are damaged and left out.")
+    notes += _of_damages(parts, others=damaged)
     return FlightLog(
         path=path,
         source=source,
@@ -98,6 +96,18 @@ def read_ulog(path: Path, source: Source) -> FlightLog:
         assumed=_assumed(series, stated),
         notes=tuple(notes),
     )
+
+
+def _of_damages(parts: UlogParts, *, others: bool) -> Iterator[str]:
+    """Say what is damaged: stretches without whole messages, and `others`."""
+    if parts.damages:
+        first, end = parts.damages[0]
+        size = sum(end - first for first, end in parts.damages)
+        lost = f"{counted(size, 'byte')} in {counted(len(parts.damages), 'place')} left out."
+        missing = "what follows may be missing." if end == len(parts) else lost
+        yield f"the file is damaged or cut after {100 * first / len(parts):.1f} % of it: {missing}"
+    elif others:
+        yield "parts of the file are damaged and left out."
 
 
 def _assumed(series: Sequence[Series], stated: tuple[int, ...] | None) -> tuple[str, ...]:
