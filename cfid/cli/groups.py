@@ -1,6 +1,7 @@
 """Groups of commands: the table lists them, and calling one imports its module."""
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any
 
@@ -9,6 +10,9 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command, get_group
 
 from cfid.cli.table import COMMANDS
+from cfid.console.messages import patience
+
+_OF_FILES = frozenset(("convert", "fit", "import", "report", "show", "tf", "validate"))  # first words
 
 
 class LazyGroup(TyperGroup):
@@ -42,6 +46,8 @@ def _imported(path: str, rest: Sequence[str] = ()) -> Any:
         return get_group(group)
     module, _, function = where.partition(":")
     command = getattr(import_module(module), function)
+    if path.partition(" ")[0] in _OF_FILES:
+        command = _patient(command)
     alone = typer.Typer(add_completion=False)
     alone.command(path.rpartition(" ")[2])(command)
     found = get_command(alone)
@@ -52,3 +58,12 @@ def _imported(path: str, rest: Sequence[str] = ()) -> Any:
     own = typer.Typer(cls=LazyGroup, name=path)
     own.callback(invoke_without_command=True)(command)
     return get_group(own)
+
+
+def _patient(command: Callable[..., None]) -> Callable[..., None]:
+    @functools.wraps(command)
+    def called(*arguments: Any, **options: Any) -> None:
+        with patience():
+            command(*arguments, **options)
+
+    return called

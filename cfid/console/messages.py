@@ -5,10 +5,13 @@ import os
 import re
 import sys
 import textwrap
+import threading
+from collections.abc import Iterator
 
 import typer
 
 _NARROWEST = 20
+_PATIENCE_S = 10.0
 _HEAD = len("note: ")  # and of `cfid: `: the lines after the first begin below the text
 _SETTING = re.compile(r"`([a-z]\w*)`")
 # Any other option is its setting's name with hyphens.
@@ -53,6 +56,25 @@ def noted(text: str) -> str:
 def fault(text: str) -> None:
     """Print the error that ends the command."""
     typer.secho(fitted(f"cfid: {in_options(text)}", indent=_HEAD, err=True), err=True, fg=_colour(typer.colors.RED))
+
+
+@contextlib.contextmanager
+def patience(first_s: float = _PATIENCE_S) -> Iterator[None]:
+    """Say on stderr after some seconds, and each time as long again, that a command goes on."""
+    ended = threading.Event()
+
+    def tell() -> None:
+        waited_s = step_s = first_s
+        while not ended.wait(step_s):
+            with contextlib.suppress(OSError):
+                echo(f"still reading and computing after {waited_s:.0f} s; Ctrl-C ends it", err=True)
+            step_s, waited_s = waited_s, 2 * waited_s
+
+    threading.Thread(target=tell, daemon=True).start()
+    try:
+        yield
+    finally:
+        ended.set()
 
 
 def result(text: str) -> None:

@@ -122,6 +122,15 @@ def test_a_ulog_file_without_data_ends_in_a_sentence(tmp_path: Path) -> None:
         read_log(written(tmp_path, ulog()[:60]))
 
 
+def test_zeros_after_a_blackbox_log_are_passed_over(tmp_path: Path) -> None:
+    pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
+    path = written(tmp_path, blackbox())
+    rows = read_log(path).series[0].rows
+    os.truncate(path, 1 << 28)  # sparse; byte by byte it would take minutes
+
+    assert rows - 1 <= read_log(path).series[0].rows <= rows + 1
+
+
 def test_frames_of_a_blackbox_log_are_rows_in_si_units(tmp_path: Path) -> None:
     pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
     log = read_log(written(tmp_path, blackbox()))

@@ -1,10 +1,13 @@
 """Bytes of the logs in a blackbox file, which stay on the disk: orangebox's own reader holds a file in memory."""
 
 import mmap
+import re
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+_FRAME = re.compile(rb"[IPSGHE]")  # the bytes that a frame begins with
 
 
 class LogBytes:
@@ -23,6 +26,7 @@ class LogBytes:
             file.write_bytes(data[begin : self._place])
             reader = orangebox.reader.Reader(str(file), 1)
         self.headers, self.field_defs = reader.headers, reader.field_defs
+        self._first = self._place
 
     def set_log_index(self, index: int) -> None:
         """Choose the one log there is."""
@@ -40,12 +44,17 @@ class LogBytes:
         return self._place
 
     def seek(self, place: int) -> None:
-        """Go to a byte."""
-        self._place = place
+        """Go to a byte, the first of the frames where Parser means the file's, as before it found any."""
+        self._place = max(place, self._first)
 
     def __iter__(self) -> Iterator[int | None]:
-        """Go on from the next byte."""
-        return self
+        """Yield the bytes at which Parser looks for a frame; after one that begins none, the next that does."""
+        while True:
+            byte = next(self)
+            yield byte
+            if byte is not None and not _FRAME.match(bytes([byte])):
+                found = _FRAME.search(self._data, self._place, self._end)
+                self._place = found.start() if found else self._end
 
     def __next__(self) -> int | None:
         """Return the next byte, None at the end."""
