@@ -353,6 +353,15 @@ def test_rows_are_left_out_of_a_table_of_many_blocks(tmp_path: Path) -> None:
     assert left.line_of_row(149_998) == 150_003
 
 
+def test_lines_that_no_table_has_are_named_as_that(tmp_path: Path) -> None:
+    path = tmp_path / "wide.csv"
+    columns = 200_000
+    rows = [",".join(f"c{at}" for at in range(columns)), *[",".join(["0"] * columns)] * 20]
+    path.write_text("\n".join([*rows, ""]))
+    with pytest.raises(DataError, match=r"lines of \d+ kB or more: not a table"):
+        open_table(path)
+
+
 def test_a_fault_late_in_a_large_file_is_named_with_its_line(tmp_path: Path) -> None:
     rows = [f"{at},{2 * at}" for at in range(200_000)]
     rows[170_000] += ",1"

@@ -162,6 +162,63 @@ def test_version_7_3_is_read_as_version_5(tmp_path: Path, fill: Callable[[Any], 
     assert same(read_angle(tmp_path / "a.mat", Reading(angle_unit="rad")))
 
 
+def _elsewhere(file: Any) -> None:
+    Path(file.filename).with_suffix(".bin").write_bytes(TIME_S.tobytes())
+    place = (str(Path(file.filename).with_suffix(".bin")), 0, TIME_S.nbytes)
+    file.create_dataset("t", TIME_S.shape, TIME_S.dtype, external=[place])
+
+
+def _linked(file: Any) -> None:
+    import h5py
+
+    file["t"] = h5py.ExternalLink("other.mat", "/t")
+
+
+def _virtual(file: Any) -> None:
+    import h5py
+
+    layout = h5py.VirtualLayout(TIME_S.shape, TIME_S.dtype)
+    layout[:] = h5py.VirtualSource("other.mat", "t", TIME_S.shape)
+    file.create_virtual_dataset("t", layout)
+
+
+def _never_written(file: Any) -> None:
+    file.create_dataset("t", (10**9,), np.float64, chunks=(1000,))
+
+
+def _one_array_many_times(file: Any) -> None:
+    import h5py
+
+    file["#refs#/a"] = np.zeros(10**6)
+    file.create_dataset("t", (300,), h5py.ref_dtype)[:] = [file["#refs#/a"].ref] * 300
+
+
+@pytest.mark.parametrize(
+    ("fill", "said"),
+    [
+        (_elsewhere, "in other files"),
+        (_linked, "in other files"),
+        (_virtual, "in other files"),
+        (_never_written, "state to be 8000 MB"),
+        (_one_array_many_times, "state to be"),
+    ],
+)
+def test_version_7_3_has_its_own_numbers_and_no_more_than_its_size_allows(
+    tmp_path: Path, fill: Callable[[Any], None], said: str
+) -> None:
+    h5py = pytest.importorskip("h5py", reason='h5py comes with pip install "cfid[mat]"')
+    with h5py.File(tmp_path / "a.mat", "w") as file:
+        fill(file)
+    with pytest.raises(DataError, match=said):
+        open_table(tmp_path / "a.mat")
+
+
+def test_zeros_packed_a_thousandfold_are_refused_before_they_are_unpacked(tmp_path: Path) -> None:
+    savemat(tmp_path / "a.mat", {"t": np.zeros(20_000_000)}, do_compression=True)
+    with pytest.raises(DataError, match="state to be 160 MB or more: no recording is packed so small"):
+        open_table(tmp_path / "a.mat")
+
+
 def test_a_long_file_is_read_in_blocks_and_every_number_comes_back(tmp_path: Path) -> None:
     time_s = np.arange(70_000) / 1000
     angle_rad = np.random.default_rng(1).normal(size=len(time_s))

@@ -14,6 +14,7 @@ from cfid.records.tables.table import CsvTable, table_in
 from cfid.records.tables.text import check_text, whole_lines
 
 BLOCK_BYTES = 1 << 20
+_FEWEST_LINES = 4  # of a large table's first block: a header, its units, two rows
 
 
 def open_table(path: Path, *, skip_lines: int = 0, columns: Sequence[str] = (), sha256: str | None = None) -> CsvTable:
@@ -41,6 +42,8 @@ def open_table(path: Path, *, skip_lines: int = 0, columns: Sequence[str] = (), 
         raise DataError(f"{path}: no such file.") from None
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}.") from None
+    if size > len(content) and content.count(b"\n") < _FEWEST_LINES:
+        raise DataError(f"{path}: lines of {len(content) // _FEWEST_LINES >> 10} kB or more: not a table of numbers.")
     check_text(path, content)
     table = table_in(path, content, sha256=sha256_of(path) if sha256 is None else sha256, skip_lines=skip_lines)
     if size == len(content):

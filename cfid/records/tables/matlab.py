@@ -12,11 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError
-from cfid.large import empty, stored_together
+from cfid.large import stored_together
 from cfid.lazy import later
 from cfid.records.extras import optional_library
 from cfid.records.files import check_regular
 from cfid.records.tables.matlab_elements import check_elements
+from cfid.records.tables.matlab_hdf5 import Hdf5Tree
 from cfid.records.tables.text import is_number
 
 _loadmat, _whosmat = later("scipy.io", "loadmat"), later("scipy.io", "whosmat")
@@ -125,7 +126,7 @@ def _tree(path: Path) -> Tree:
         return dict(_variables(path))
     h5py = optional_library("h5py", extra="mat", what="a MATLAB file of version 7.3")
     with h5py.File(path, "r") as file:
-        return {name: _hdf5_tree(file, file[name]) for name in file if not name.startswith("#")}
+        return Hdf5Tree(path, file).content()
 
 
 def _variables(path: Path) -> Iterator[tuple[str, Tree]]:
@@ -149,29 +150,6 @@ def _variables(path: Path) -> Iterator[tuple[str, Tree]]:
 def _loaded(path: Path, names: list[str] | None) -> dict[str, Tree]:
     content = _loadmat(path, simplify_cells=True, variable_names=names)
     return {name: value for name, value in content.items() if not name.startswith("__")}
-
-
-def _hdf5_tree(file: Any, node: Any) -> Tree:
-    """Return a struct as a dict, a cell array or an array of structs as lists, text as str, and numbers as an array."""
-    if not hasattr(node, "dtype"):
-        return {name: _hdf5_tree(file, node[name]) for name in node}
-    if node.dtype == object:  # references
-        return [_hdf5_tree(file, file[each]) for each in np.ravel(node[()])]
-    if "MATLAB_empty" in node.attrs:
-        return np.zeros(0)
-    values = np.squeeze(_numbers_of(node))
-    if node.attrs.get("MATLAB_class") == b"char":
-        return "".join(map(chr, np.ravel(values)))
-    return values.T  # MATLAB's arrays are stored column by column
-
-
-def _numbers_of(node: Any) -> npt.NDArray[Any]:
-    if node.dtype != np.float64 or not node.shape:
-        return np.asarray(node[()])
-    values = empty(*node.shape)
-    if values.size:
-        node.read_direct(values)
-    return values
 
 
 def _tables(tree: Tree, name: str, *, place: str) -> Iterator[MatlabTable]:

@@ -15,6 +15,17 @@ _MATRIX, _COMPRESSED = 14, 15
 _TYPES = frozenset((1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18))  # int8 to uint64, single, double, UTF-8 to UTF-32
 _DEEPEST = 64  # structs in structs
 _BLOCK_BYTES = 1 << 16
+_USUAL_BYTES = 1 << 27
+_MOST_TIMES = 30  # its file's size: recordings of noise are 1 to 3 times as large as packed, constants 1000 times
+
+
+def check_size(path: Path, content_bytes: int) -> None:
+    """Raise DataError where a file states to have far more content than it has bytes."""
+    if content_bytes > max(_USUAL_BYTES, _MOST_TIMES * path.stat().st_size):
+        raise DataError(
+            f"{path}: {path.stat().st_size} bytes that state to be {content_bytes / 1e6:.0f} MB or more: no recording "
+            "is packed so small."
+        )
 
 
 class _Source(Protocol):
@@ -26,7 +37,8 @@ class _Source(Protocol):
 
 
 def check_elements(path: Path) -> None:
-    """Check the types and sizes of all elements. Raises DataError where one is unknown or cut."""
+    """Check the types and sizes of all elements. Raises DataError where one is unknown, cut, or vast."""
+    content_bytes = 0
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
         order = ">" if head[_ORDER_AT:] == b"MI" else "<"
@@ -36,6 +48,8 @@ def check_elements(path: Path) -> None:
             if kind == _COMPRESSED:
                 inflated = _Inflated(file, size)
                 kind, inner = struct.unpack(f"{order}II", _whole(inflated.take(8), 8, path))
+                content_bytes += inner
+                check_size(path, content_bytes)
                 _check_element(inflated, kind, inner, order=order, path=path)
             else:
                 _check_element(_Plain(file), kind, size, order=order, path=path)
