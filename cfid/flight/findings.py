@@ -12,6 +12,7 @@ from cfid.flight.crossing import crossing_of
 from cfid.flight.data import FlownLog
 from cfid.flight.estimation import DELAYS, THRUST, TURNS, FlightFit, fit_flights
 from cfid.flight.model import AXES
+from cfid.flight.turning import turning_findings
 from cfid.flight.values import DELAY, MOMENTS, SINGLE, TIMES, Body, lever_m, thrust_key, times_of
 from cfid.records.parameters import Parameter, plain
 from cfid.units import USUAL_GRAVITY_MPS2
@@ -37,11 +38,13 @@ _MANOEUVRES = {
 
 def contradictions(flown: FlownLog) -> tuple[Finding, ...]:
     """Return what a flight shows that no vehicle does with such axes, motors and times; none where too little flew."""
+    unlike = turning_findings(flown.flight)
     try:
         found = fit_flights([flown.flight])
     except FitError:
-        return ()
-    return (*_delay_findings(found, ()), *(_crossed(found) or _wrong_ways(found)))
+        return (*unlike,)
+    # Rates about other axes than the torques' show no delay of their own.
+    return (*unlike, *([] if unlike else _delay_findings(found, ())), *(_crossed(found) or _wrong_ways(found)))
 
 
 def findings_of(
@@ -52,7 +55,8 @@ def findings_of(
     body: Body,
 ) -> tuple[Finding, ...]:
     """Judge what a fit to flights found, by what these excited and by what no quadrocopter does."""
-    of_torques = _crossed(found) or [*_moment_findings(found, body), *_unlike_arm(quantities, body)]
+    unlike = [finding for one in flights for finding in turning_findings(one.flight)]
+    of_torques = unlike or _crossed(found) or [*_moment_findings(found, body), *_unlike_arm(quantities, body)]
     return (
         *(finding for one in flights for finding in _weight_findings(one)),
         *_thrust_findings(found),

@@ -14,6 +14,7 @@ from scipy.ndimage import uniform_filter1d
 from cfid.errors import DataError
 from cfid.flight.data import FlownLog, flight_of, read_flight
 from cfid.flight.estimation import THRUST, TURNS, FlightFit, fit_flights
+from cfid.flight.findings import contradictions
 from cfid.flight.likelihood import PAST, whitening, without
 from cfid.flight.model import Flight
 from cfid.flight.result import fit
@@ -212,6 +213,39 @@ def test_axes_motors_and_sensors_that_no_vehicle_has_are_named_and_lags_go_with_
     assert {"flight.inertia_kg_m2.roll", "flight.inertia_kg_m2.pitch"} <= set(result.rejected)
     if code != "flight-weight-unlike":
         assert {"flight.rising_s", "flight.falling_s", "flight.single_lag_s"} <= set(result.rejected)
+
+
+CIRCLE, HELIX = "nanobench_B2_circle_fast_rep2.csv", "nanobench_B5_helix_fast_rep1.csv"
+UNLIKE_ATTITUDE: dict[str, tuple[Callable[[Flight], Flight], str]] = {
+    "roll the other way": (
+        lambda one: replace(one, rates=one.rates * [-1, 1, 1]),
+        "turns about roll against the attitude about roll:",
+    ),
+    "z down": (
+        lambda one: replace(one, rates=one.rates * [1, -1, -1]),
+        "about pitch against the attitude about pitch, about yaw against the attitude about yaw:",
+    ),
+    "exchanged": (
+        lambda one: replace(one, rates=one.rates[:, [1, 0, 2]]),
+        "about roll as the attitude about pitch, about pitch as the attitude about roll:",
+    ),
+    "from the world to the vehicle": (
+        lambda one: replace(one, attitude=np.asarray(one.attitude) * [1, -1, -1, -1]),
+        "about roll against the attitude about roll",
+    ),
+}
+
+
+@pytest.mark.parametrize("log", [CIRCLE, HELIX])
+@pytest.mark.parametrize("defect", [None, *UNLIKE_ATTITUDE])
+def test_a_gyro_that_turns_unlike_the_attitude_beside_it_is_named(log: str, defect: str | None) -> None:
+    flown = read_flight(FLIGHTS / log)
+    change, words = UNLIKE_ATTITUDE[defect] if defect else (lambda one: one, "")
+    found = contradictions(replace(flown, flight=change(flown.flight)))
+    texts = [one.text for one in found if one.code == "flight-gyro-unlike-attitude"]
+
+    assert len(texts) == (1 if defect else 0)
+    assert all(words in text for text in texts)
 
 
 def test_a_scale_of_two_or_a_tilted_accelerometer_is_a_warning() -> None:

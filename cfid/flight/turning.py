@@ -1,0 +1,46 @@
+"""Whether the gyro turns as the attitude of the same log does, which needs no motors: it shows axes and signs."""
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.findings import Finding, rejection
+from cfid.flight.model import AXES, ROW_S, Flight
+
+Array = npt.NDArray[np.float64]
+
+_SMOOTHED_ROWS = 10  # the attitude's rows jump by noise, and may come at 30 Hz
+_FEWEST_ROWS = 500
+_ALIKE = 0.5  # of a correlation; public logs have 0.7 to 0.9
+_MORE_ALIKE = 0.2  # by so much than the axis of the same name
+
+
+def turning_findings(flight: Flight) -> list[Finding]:
+    """Reject a flight whose gyro and attitude turn about different axes, or opposite ways; none without attitude."""
+    known = flight.airborne[1:] & flight.airborne[:-1]
+    if flight.attitude is None or np.count_nonzero(known) < _FEWEST_ROWS:
+        return []
+    alike = _correlations(flight.rates, flight.attitude, known)
+    faults = []
+    for axis, row in zip(AXES, alike, strict=True):
+        place = int(np.argmax(np.abs(row)))
+        if abs(row[place]) > _ALIKE and abs(row[place]) > row[AXES.index(axis)] + _MORE_ALIKE:
+            way = "as" if row[place] > 0 else "against"
+            faults.append(f"about {axis} {way} the attitude about {AXES[place]}")
+    if not faults:
+        return []
+    text = f"the gyro turns {', '.join(faults)}: one of them has other axes than forward, left and up."
+    return [rejection("flight-gyro-unlike-attitude", text).at(flight.name)]
+
+
+def _correlations(rates: Array, attitude: Array, known: npt.NDArray[np.bool_]) -> Array:
+    """Return those (3, 3) of rates (m, 3), by row, with those of an attitude w, x, y, z (m, 4), by column."""
+    turned = attitude[1:] - attitude[:-1]
+    w, vector = attitude[:-1, :1], attitude[:-1, 1:]
+    # Twice the vector part of the conjugate times the change is the turning vector.
+    of_attitude = 2 / ROW_S * (w * turned[:, 1:] - turned[:, :1] * vector - np.cross(vector, turned[:, 1:]))
+    both = np.column_stack([(rates[1:] + rates[:-1]) / 2, of_attitude])
+    window = np.ones(_SMOOTHED_ROWS) / _SMOOTHED_ROWS
+    smooth = np.column_stack([np.convolve(column, window, "same") for column in both.T])[known]
+    smooth -= smooth.mean(axis=0)
+    size = np.maximum(np.linalg.norm(smooth, axis=0), 1e-12)
+    return np.asarray((smooth.T @ smooth / np.outer(size, size))[: len(AXES), len(AXES) :])
