@@ -20,19 +20,20 @@ _LOSSES = (errno.EIO, errno.ENOSPC, errno.EDQUOT)  # other errors of a flush: th
 class RowFile:
     """A new CSV file with a header, open for rows; `rows` were written, `lost` samples are known to be missing.
 
-    Writing is unbuffered, so that a killed process loses no row that was appended.
+    Writing is unbuffered, so that a killed process loses no row that was appended. Times have microseconds, which
+    hardly a stamp is good to, or `all_digits`, as another program recorded them.
     """
 
-    def __init__(self, path: Path, raw: FileIO, columns: Sequence[str]) -> None:
+    def __init__(self, path: Path, raw: FileIO, columns: Sequence[str], *, all_digits: bool = False) -> None:
         """Wrap an empty file that is open for writing; `create` makes one."""
-        self.path, self.columns = path, tuple(columns)
+        self.path, self.columns, self._all_digits = path, tuple(columns), all_digits
         self.rows = self.lost = 0
         self._raw = raw
 
     @classmethod
-    def create(cls, path: Path, columns: Sequence[str]) -> "RowFile":
+    def create(cls, path: Path, columns: Sequence[str], *, all_digits: bool = False) -> "RowFile":
         """Create the file, open for appending, and write its header. Raises OSError, also when the file exists."""
-        file = cls(path, FileIO(path, "xb", opener=_appending), columns)
+        file = cls(path, FileIO(path, "xb", opener=_appending), columns, all_digits=all_digits)
         try:
             file._write((",".join(columns) + "\n").encode())
         except OSError:
@@ -54,7 +55,7 @@ class RowFile:
                 f"{self.path}: was removed during the recording, with its {counted(self.rows, 'row')}: record it again."
             )
         try:
-            self._write(_lines(columns))
+            self._write(_lines(columns, all_digits=self._all_digits))
         except OSError as error:
             raise DataError(
                 f"{self.path}: {error.strerror} after {self.rows} rows, which are kept: the recording ends there."
@@ -96,14 +97,15 @@ def _appending(path: str, flags: int) -> int:
     return os.open(path, flags | os.O_APPEND, 0o666)
 
 
-def _lines(columns: Sequence[Sequence[float] | Any]) -> bytes:
+def _lines(columns: Sequence[Sequence[float] | Any], *, all_digits: bool) -> bytes:
     """Format all rows at once: at 7000 rows a second, a call per field would cost more than all the rest."""
     times = np.asarray(columns[0], dtype=np.float64)
     if not np.all(np.isfinite(times)):
         raise ValueError("a time is a finite number")
     raw = [np.asarray(column) for column in columns[1:]]
-    line = ",".join(["%.6f", *("%d" if np.issubdtype(column.dtype, np.integer) else "%s" for column in raw)])
-    fields = [times.tolist(), *(_exact(column) for column in raw)]
+    forms = ("%d" if np.issubdtype(column.dtype, np.integer) else "%s" for column in raw)
+    line = ",".join(["%s" if all_digits else "%.6f", *forms])
+    fields = [_exact(times) if all_digits else times.tolist(), *(_exact(column) for column in raw)]
     return ((line + "\n") * len(times) % tuple(itertools.chain.from_iterable(zip(*fields, strict=True)))).encode()
 
 

@@ -171,7 +171,7 @@ def create_run(
         # Reserved, so that run.toml can state the reason at the end even where the disk is full.
         (folder / _RESERVE_FILE).write_bytes(bytes(_RESERVE_BYTES))
         for name, record in devices.items():
-            writer._files[name] = RowFile.create(folder / record.file, record.columns)
+            writer._files[name] = RowFile.create(folder / record.file, record.columns, all_digits=origin is not None)
     except OSError as error:
         for file in writer._files.values():
             file.close()

@@ -99,7 +99,15 @@ def test_an_imported_angle_is_the_angle_of_the_file(tmp_path: Path, campaign: Pa
     assert run.header.kind == "swing"
     assert found.label.axis == "x"
     np.testing.assert_allclose(found.angle_rad, direct.angle_rad, rtol=0, atol=1e-15)
-    np.testing.assert_allclose(found.time_s, direct.time_s, rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(found.time_s, direct.time_s)
+
+
+def test_times_between_microseconds_keep_all_their_digits(tmp_path: Path, campaign: Path) -> None:
+    time_s = TIME_S / 7
+    savemat(tmp_path / "a.mat", {"time": time_s, "theta": ANGLE_RAD})
+    run = imported(campaign, tmp_path / "a.mat", "--angle-unit", "rad")
+    assert code("convert", str(run.folder), "--to", "csv", "--out", str(tmp_path / "back.csv")) == 0
+    np.testing.assert_array_equal(np.loadtxt(tmp_path / "back.csv", delimiter=",", skiprows=1)[:, 0], time_s)
 
 
 def test_imported_forces_are_those_of_the_file(tmp_path: Path, campaign: Path) -> None:
