@@ -1,11 +1,13 @@
 """What each kind of campaign records and fits, in order, and how sure its results should be."""
 
 import random
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 from cfid.records.rig_file import CampaignKind, Rig
 from cfid.records.run import Label
+from cfid.wire.app import MIDDLE
 
 Words = tuple[str, ...]
 
@@ -17,12 +19,14 @@ _WINDS = 6
 class Aim:
     """A quantity, and the relative standard uncertainty that what it is for asks for.
 
-    A polynomial has None: how sure its values are depends on where, and its coefficients alone do not tell.
+    A polynomial is judged where it is used, by the sum of its numbers times `weights`, which takes their count: its
+    coefficients alone do not tell how sure its values are.
     """
 
     key: str
-    std: float | None = None
-    purpose: str = ""
+    std: float
+    purpose: str
+    weights: Callable[[int], Sequence[float]] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +80,7 @@ def tasks(
         "inertia": _inertia(rig, _mounts(rig, order, swung), by_gyro=by_gyro),
         "friction": _friction(rig),
         "thrust": _thrust(),
-        "torque": _torque(),
+        "torque": _torque(rig),
         "speed": _speed(),
         "latency": _latency(),
         "tf": _transfer(),
@@ -145,14 +149,26 @@ def _thrust() -> Task:
     return Task(section="thrust", recordings=(_staircase("thrust"),), fit=("fit", "thrust"), aims=aims)
 
 
-def _torque() -> Task:
-    torques = Aim(key="motor.torque_poly", purpose="yaw in a simulator")
-    return Task(section="torque", recordings=(_staircase("thrust"),), fit=("fit", "torque"), aims=(torques,))
+def _torque(rig: Rig) -> Task:
+    weights = partial(slope_at_hover, rig=rig)
+    aim = Aim(key="motor.torque_poly", std=0.05, purpose="yaw in a simulator, in hover: 5 %", weights=weights)
+    return Task(section="torque", recordings=(_staircase("thrust"),), fit=("fit", "torque"), aims=(aim,))
+
+
+def slope_at_hover(count: int, rig: Rig) -> list[float]:
+    """Return the weights by which a polynomial of thrust, highest power first, gives its slope in hover."""
+    thrust_n = rig.vehicle.mass_kg * rig.site.gravity_mps2 / 4
+    return [power * thrust_n ** max(power - 1, 0) for power in reversed(range(count))]
 
 
 def _speed() -> Task:
-    speeds = Aim(key="motor.speed_poly", purpose="rotors in a simulator")
-    return Task(section="speed", recordings=(_staircase("speed"),), fit=("fit", "speed"), aims=(speeds,))
+    aim = Aim(key="motor.speed_poly", std=0.02, purpose="rotors in a simulator: 2 %", weights=at_middle)
+    return Task(section="speed", recordings=(_staircase("speed"),), fit=("fit", "speed"), aims=(aim,))
+
+
+def at_middle(count: int) -> list[float]:
+    """Return the weights by which a polynomial of the command, highest power first, gives its value at MIDDLE."""
+    return [MIDDLE**power for power in reversed(range(count))]
 
 
 def _staircase(kind: str) -> Assignment:

@@ -1,16 +1,17 @@
 """Where a campaign stands: every task with what is recorded and found, and the one command that comes next."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
+from cfid.estimate.differences import Compared, number_of
 from cfid.guide.plan import Aim, Assignment, Task, Words, is_vehicle, tasks
 from cfid.motors.plan import missing
 from cfid.records.campaign import RUNS_FOLDER, Campaign
-from cfid.records.parameters import Section
+from cfid.records.parameters import Parameter, Section
 from cfid.records.rig_file import CampaignKind
 from cfid.records.run import Run
 from cfid.records.stale import Stale, stale_in
@@ -35,7 +36,7 @@ class Certainty:
     @property
     def short_by(self) -> float:
         """How many times as uncertain it is as it should be, 0 where that is unknown."""
-        return 0.0 if self.std is None or self.aim.std is None else self.std / self.aim.std
+        return 0.0 if self.std is None else self.std / self.aim.std
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,29 +225,35 @@ def _used_by(section: Section) -> set[str]:
 def _certainty(section: Section, aim: Aim) -> Certainty:
     """Judge a quantity by its least sure number, relative to that, or to the largest one where that is small."""
     parameter = section.parameters.get(aim.key)
-    if aim.std is None or parameter is None or aim.key in section.rejected:
+    if parameter is None or aim.key in section.rejected:
         return Certainty(aim=aim, std=None)
-    numbers = {
-        place: (abs(one.value), one.std)
-        for place, one in enumerate(parameter.numbers(aim.key))
-        if one.value is not None and one.std is not None
-    }
-    largest = max((size for size, _ in numbers.values()), default=0.0)
-    ratios = {place: std / size for place, (size, std) in numbers.items() if size > _SMALL * largest}
-    if not ratios or not all(math.isfinite(ratio) for ratio in ratios.values()):
+    numbers = list(_judged(section, parameter, aim))
+    largest = max((abs(one.value) for one in numbers), default=0.0)
+    ratios = [(one.std / abs(one.value), one) for one in numbers if abs(one.value) > _SMALL * largest]
+    if not ratios or not all(math.isfinite(ratio) for ratio, _ in ratios):
         return Certainty(aim=aim, std=None)
-    place = max(ratios, key=lambda one: ratios[one])
-    return Certainty(aim=aim, std=ratios[place], bounded_by=_bounding(section, aim, place, ratios[place]))
+    ratio, least_sure = max(ratios, key=lambda one: one[0])
+    return Certainty(aim=aim, std=ratio, bounded_by=_bounding(least_sure, aim, ratio))
 
 
-def _bounding(section: Section, aim: Aim, place: int, ratio: float) -> str:
+def _judged(section: Section, parameter: Parameter, aim: Aim) -> Iterator[Compared]:
+    """Yield the numbers by which a quantity is judged, those without a standard uncertainty left out."""
+    numbers = list(parameter.numbers(aim.key))
+    if aim.weights is not None:
+        if all(one.std is not None for one in numbers):
+            yield number_of(section, aim.key, aim.weights(len(numbers)))
+        return
+    effects = {cause: moved[aim.key] for cause, moved in section.common.items() if aim.key in moved}
+    for place, one in enumerate(numbers):
+        if one.value is not None and one.std is not None:
+            yield Compared(one.value, one.std, {cause: moved[place] for cause, moved in effects.items()})
+
+
+def _bounding(found: Compared, aim: Aim, ratio: float) -> str:
     """Return the largest cause that rig.toml states, where a number would be sure enough but for those; else ""."""
-    value = list(section.parameters[aim.key].numbers(aim.key))[place].value or math.inf
-    shares = {
-        cause: abs(effects[aim.key][place] / value) for cause, effects in section.common.items() if aim.key in effects
-    }
+    shares = {cause: abs(effect / found.value) for cause, effect in found.effects.items()}
     left = math.sqrt(max(ratio**2 - sum(share**2 for share in shares.values()), 0.0))
-    enough = aim.std is None or ratio <= aim.std or left > aim.std
+    enough = ratio <= aim.std or left > aim.std
     return "" if enough or not shares else max(shares, key=lambda cause: shares[cause])
 
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from cfid.console.tables import value_and_deviation
 from cfid.estimate.differences import number_of
+from cfid.guide.plan import at_middle, slope_at_hover
 from cfid.guide.status import TaskStatus, next_of, percent
 from cfid.quantities.lookup import find
 from cfid.records.covariances import numbers_of
@@ -66,17 +67,6 @@ def _only(place: int) -> Weights:
     return lambda count, _: [float(number == place) for number in range(count)]
 
 
-def _at_middle(count: int, _: Rig) -> list[float]:
-    """Return the weights with which a polynomial's coefficients, highest power first, give its value at MIDDLE."""
-    return [MIDDLE**power for power in reversed(range(count))]
-
-
-def _slope_at_hover(count: int, rig: Rig) -> list[float]:
-    """Return the weights with which they give its slope where a rotor carries a quarter of the weight."""
-    thrust_n = rig.vehicle.mass_kg * rig.site.gravity_mps2 / 4
-    return [power * thrust_n ** max(power - 1, 0) for power in reversed(range(count))]
-
-
 _MAIN = (
     _Main("Inertia about x", "inertia.matrix_kg_m2", _only(0), 1e6, "10⁻⁶ kg m²"),
     _Main("Inertia about y", "inertia.matrix_kg_m2", _only(1), 1e6, "10⁻⁶ kg m²"),
@@ -84,8 +74,8 @@ _MAIN = (
     _Main("Viscous friction of the axis", "friction.viscous_nms_per_rad", _only(0), 1e6, "10⁻⁶ N m s/rad"),
     _Main("Largest thrust of one motor", "motor.max_thrust_n", _only(0), 1e3, "mN"),
     _Main("Mass that hovers at most", "motor.hover_mass_kg", _only(0), 1e3, "g"),
-    _Main(f"Rotor speed at command {MIDDLE:.0f}", "motor.speed_poly", _at_middle, 1.0, "rad/s"),
-    _Main("Torque over thrust of a rotor, in hover", "motor.torque_poly", _slope_at_hover, 1e3, "mN m/N"),
+    _Main(f"Rotor speed at command {MIDDLE:.0f}", "motor.speed_poly", lambda count, _: at_middle(count), 1.0, "rad/s"),
+    _Main("Torque over thrust of a rotor, in hover", "motor.torque_poly", slope_at_hover, 1e3, "mN m/N"),
     _Main("Time constant of motor and rotor", "tf.time_constant_s", _only(0), 1e3, "ms"),
     _Main("Round trip to the vehicle", "latency.rtt_mean_s", _only(0), 1e3, "ms"),
     _Main("Drag along x, over speeds of rotors and wind", "drag.simple_kg_per_rad", _only(0), 1e6, "10⁻⁶ kg/rad"),

@@ -18,6 +18,7 @@ from cfid.findings import rejection
 from cfid.guide.plan import tasks
 from cfid.guide.status import Next, TaskStatus, next_of, status_of
 from cfid.records.campaign import open_campaign
+from cfid.records.covariances import Covariance
 from cfid.records.parameters import Parameter, Section, Source, store_section
 from cfid.records.result import Result
 from cfid.records.rig_file import load_rig
@@ -335,6 +336,25 @@ def test_small_products_of_inertia_are_judged_by_the_moments(folder: Path) -> No
     fitted(folder, std=2e-7, product=5e-7)
 
     assert standing(folder)[0].found[0].std == pytest.approx(2e-7 / 16e-6)
+
+
+def test_torque_and_speed_are_judged_where_they_are_used_and_by_the_covariance_of_their_numbers(folder: Path) -> None:
+    hover_n = load_rig(folder / "rig.toml").vehicle.mass_kg * 9.81 / 4
+    square, slope, least = 0.01, 0.005, 1e-5
+    std = np.array([0.005, 4e-4, 1e-6])
+    correlated = np.outer(std, std) * [[1, -0.9, 0], [-0.9, 1, 0], [0, 0, 1]]
+    torque = Section(
+        method="default", found=LATER, cfid_version="0.2.0", accepted=True, sources=(),
+        parameters={"motor.torque_poly": Parameter(value=[square, slope, least], std=list(std), unit="Nm(N)")},
+        covariance=(Covariance(of=("motor.torque_poly",), matrix=tuple(map(tuple, correlated))),),
+    )  # fmt: skip
+    store_section(folder / "parameters.toml", "torque", torque)
+    (found,) = next(one for one in status_of(open_campaign(folder)) if one.task.section == "torque").found
+    at_hover = np.array([2 * hover_n, 1.0, 0.0])
+
+    relative = np.sqrt(at_hover @ correlated @ at_hover) / (2 * square * hover_n + slope)
+    assert found.std == pytest.approx(relative, rel=1e-3)
+    assert found.short_by == pytest.approx(relative / 0.05, rel=1e-3)
 
 
 def test_what_is_rejected_beside_the_aim_of_a_fit_is_not_recorded_again(folder: Path) -> None:
