@@ -26,6 +26,7 @@ from cfid.swing.checks import (
     unfinished_finding,
     varying_finding,
 )
+from cfid.swing.choice import ranked_by_bic, spread_of_choices
 from cfid.swing.collocation import Coefficients
 from cfid.swing.free_swing import FreeSwing
 from cfid.swing.model import (
@@ -129,15 +130,18 @@ def fit_swing(swing: FreeSwing) -> SwingFit:
         physical = [fit for fit in [_refit(base, time, reading, ())] if _acceptable(fit)]
     if not physical:
         raise FitError("no damped pendulum follows this record: is it a free swing? Look at it with `cfid show`.")
-    likeliest = [fit for _, fit in _ranked(physical)[:_TRIED_ECCENTRIC]]
+    likeliest = [fit for _, fit in ranked_by_bic(physical)[:_TRIED_ECCENTRIC]]
     if swing.rate_rad_per_s is None:
         eccentric = [_refit(fit, time, reading, (*chosen_terms(fit), ECCENTRICITY)) for fit in likeliest]
         sound = [fit for fit in eccentric if _acceptable(fit)]
         physical += sound
         if any(_sprung(swing, fit, rounds=1) for fit in (*likeliest, *sound)):
             physical += [one for fit in physical for one in _sprung(swing, fit)]
-    ranked = _ranked(physical)
-    return _judged(swing, ranked, _unfinished(ranked[0][1], candidates), scale)
+    ranked, weak = ranked_by_bic(physical), None
+    if _weakly_sprung(swing, ranked[0][1]):
+        weak = ranked[0][1]
+        ranked = ranked_by_bic([fit for fit in physical if not fit.setup.spring_per_s2])
+    return _judged(swing, ranked, _unfinished(ranked[0][1], candidates), scale, weak)
 
 
 def _scaled(
@@ -163,7 +167,7 @@ def _sprung(swing: FreeSwing, fit: OutputError, rounds: int = 3) -> list[OutputE
         size, std, moved = spring_beside(swing, fit)
         setup = fit.setup._replace(spring_per_s2=fit.setup.spring_per_s2 + size)
         frequency = fit.coefficients.natural_frequency_squared_s2 + moved
-        if not _TAKEN_STD * std <= setup.spring_per_s2 < _STIFFEST * frequency:
+        if not _SHOWN_STD * std <= setup.spring_per_s2 < _STIFFEST * frequency:
             return []
         start = replace(
             fit, setup=setup, coefficients=fit.coefficients._replace(natural_frequency_squared_s2=frequency)
@@ -171,7 +175,15 @@ def _sprung(swing: FreeSwing, fit: OutputError, rounds: int = 3) -> list[OutputE
         fit = _refit(start, swing.hands_off[0], swing.readings_rad, chosen_terms(fit))
         if not _acceptable(fit):
             return []
-    return [fit] if shows_despite_friction(swing, fit, least_std=_TAKEN_STD) else []
+    return [fit] if shows_despite_friction(swing, fit, least_std=_SHOWN_STD) else []
+
+
+def _weakly_sprung(swing: FreeSwing, fit: OutputError) -> bool:
+    """Return whether a fit has a spring that noise may have drawn."""
+    spring = fit.setup.spring_per_s2
+    return 0 < spring < _TAKEN_STD * spring_beside(swing, fit)[1] or (
+        spring > 0 and not shows_despite_friction(swing, fit, least_std=_TAKEN_STD)
+    )
 
 
 def grid_step(swing: FreeSwing) -> float:
@@ -217,22 +229,6 @@ def _physical(fit: OutputError) -> bool:
     return centred and frequency > 0 and min(damping) >= 0 and fit.setup.spring_per_s2 < _STIFFEST * frequency
 
 
-def _ranked(fits: list[OutputError]) -> list[tuple[float, OutputError]]:
-    """Sort by BIC. The effective number of samples is that of the best-fitting model's residual."""
-    closest = min(fits, key=lambda fit: fit.sum_of_squares_rad2)
-    count = len(closest.residual_rad)
-    effective = max(count / inflation(closest.residual_rad, closest), len(TERMS) + 5)
-    scored = [
-        (effective * math.log(fit.sum_of_squares_rad2 / count) + _count(fit) * math.log(effective), i)
-        for i, fit in enumerate(fits)
-    ]
-    return [(score, fits[i]) for score, i in sorted(scored)]
-
-
-def _count(fit: OutputError) -> int:
-    return sum(fit.free) + 2 * fit.eccentric + bool(fit.setup.spring_per_s2)
-
-
 def _unfinished(best: OutputError, candidates: list[OutputError]) -> OutputError | None:
     """Return a model that describes the record better than the best that converged, but did not converge itself."""
     open_ones = [fit for fit in candidates if not fit.converged and np.all(np.isfinite(fit.residual_rad))]
@@ -244,15 +240,12 @@ def _unfinished(best: OutputError, candidates: list[OutputError]) -> OutputError
     return min(better, key=lambda fit: fit.sum_of_squares_rad2, default=None)
 
 
-def _spread_of_choices(ranked: list[tuple[float, OutputError]]) -> float:
-    """Return how far W scatters over the choices of damping, each as likely as its BIC makes it [HMRV]."""
-    likely = np.exp(-0.5 * np.array([score - ranked[0][0] for score, _ in ranked]))
-    frequencies = np.array([fit.coefficients.natural_frequency_squared_s2 for _, fit in ranked])
-    return float(np.sqrt(likely @ (frequencies - frequencies[0]) ** 2 / likely.sum()))
-
-
 def _judged(
-    swing: FreeSwing, ranked: list[tuple[float, OutputError]], unfinished: OutputError | None, scale: float
+    swing: FreeSwing,
+    ranked: list[tuple[float, OutputError]],
+    unfinished: OutputError | None,
+    scale: float,
+    weakly_sprung: OutputError | None,
 ) -> SwingFit:
     fit = ranked[0][1]
     split_bic = ranked[1][0] - ranked[0][0] if len(ranked) > 1 else math.inf
@@ -266,7 +259,7 @@ def _judged(
         "noise": float(noise[0]),
         "scale of the gyro": float(gyro[0]),
         "spring": float(spring[0]),
-        "choice of terms": _spread_of_choices(ranked),
+        "choice of terms": spread_of_choices(ranked),
         "grid": step_error(swing, fit),
         f"clock of the {instrument}": 2 * frequency * swing.time_scale_std,
         # Halves that disagree by more than noise: the truth lies between them as likely as anywhere else.
@@ -280,8 +273,12 @@ def _judged(
         shares["friction at low speed"] = abs(varying.moved_s2)
     moved, shares["friction over the angle"] = over_angle.expected(_VARIES_USUALLY * fit.coefficients.coulomb_per_s2)
     left_spring, left_std, left_moves = spring_beside(swing, fit) if swing.rate_rad_per_s is None else (0.0, 0.0, 0.0)
-    alike = max(_LIKE_FRICTION * frequency, min(_TAKEN_STD * left_std, _STIFFEST * frequency))
-    if _SHOWN_STD * left_std < left_spring < alike:
+    open_spring = left_spring
+    if weakly_sprung is not None:
+        open_spring = weakly_sprung.setup.spring_per_s2
+        moves = weakly_sprung.coefficients.natural_frequency_squared_s2 - frequency
+        shares["spring or friction"] = abs(moves)
+    elif _SHOWN_STD * left_std < left_spring < _LIKE_FRICTION * frequency:
         shares["spring or friction"] = abs(left_moves)
     if unfinished is not None:
         shares["model that did not converge"] = abs(unfinished.coefficients.natural_frequency_squared_s2 - frequency)
@@ -311,7 +308,7 @@ def _judged(
             *hand_finding(swing, fit),
             *eccentricity_finding(fit),
             *spring_finding(fit, shares["spring"], _SHOWN_STD * left_std),
-            *spring_or_friction_finding(left_spring / frequency, shares.get("spring or friction", 0.0) / frequency),
+            *spring_or_friction_finding(open_spring / frequency, shares.get("spring or friction", 0.0) / frequency),
             *unfinished_finding(unfinished, shares),
             *varying_finding(varying),
         ),
