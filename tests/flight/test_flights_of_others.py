@@ -18,6 +18,7 @@ from cfid.flight.findings import contradictions
 from cfid.flight.likelihood import PAST, whitening, without
 from cfid.flight.model import Flight
 from cfid.flight.result import fit
+from cfid.flight.turning import turning_findings
 from cfid.flight.values import Body
 from cfid.records.logs.any_kind import read_log
 from tests.places import DATA
@@ -241,11 +242,19 @@ UNLIKE_ATTITUDE: dict[str, tuple[Callable[[Flight], Flight], str]] = {
 def test_a_gyro_that_turns_unlike_the_attitude_beside_it_is_named(log: str, defect: str | None) -> None:
     flown = read_flight(FLIGHTS / log)
     change, words = UNLIKE_ATTITUDE[defect] if defect else (lambda one: one, "")
-    found = contradictions(replace(flown, flight=change(flown.flight)))
-    texts = [one.text for one in found if one.code == "flight-gyro-unlike-attitude"]
+    found = turning_findings(change(flown.flight))
 
-    assert len(texts) == (1 if defect else 0)
-    assert all(words in text for text in texts)
+    assert [one.code for one in found] == ["flight-gyro-unlike-attitude"] * bool(defect)
+    assert all(words in one.text for one in found)
+
+
+def test_axes_that_the_attitude_shows_are_named_before_and_in_place_of_a_wrong_clock() -> None:
+    flown = read_flight(FLIGHTS / CIRCLE)
+    exchanged = UNLIKE_ATTITUDE["exchanged"][0](flown.flight)
+    first, *others = [one.code for one in contradictions(replace(flown, flight=exchanged))]
+
+    assert first == "flight-gyro-unlike-attitude"
+    assert "flight-delay-implausible" not in others
 
 
 def test_a_scale_of_two_or_a_tilted_accelerometer_is_a_warning() -> None:
