@@ -181,9 +181,10 @@ def _sprung(swing: FreeSwing, fit: OutputError, rounds: int = 3) -> list[OutputE
 def _weakly_sprung(swing: FreeSwing, fit: OutputError) -> bool:
     """Return whether a fit has a spring that noise may have drawn."""
     spring = fit.setup.spring_per_s2
-    return 0 < spring < _TAKEN_STD * spring_beside(swing, fit)[1] or (
-        spring > 0 and not shows_despite_friction(swing, fit, least_std=_TAKEN_STD)
-    )
+    if not spring:
+        return False
+    shows_alone = spring >= _TAKEN_STD * spring_beside(swing, fit)[1]
+    return not (shows_alone and shows_despite_friction(swing, fit, least_std=_TAKEN_STD))
 
 
 def grid_step(swing: FreeSwing) -> float:
