@@ -47,6 +47,7 @@ from cfid.wire.app import AppPorts
 
 _USB_REPLY_S = 5e-4  # half a frame of full-speed USB, on average
 _LINE_RADIUS_MM = 2.0  # where rig.toml names none
+_CONVERTED_HZ = 2000.0  # of what a converter averages: twice the blades' passing at full command
 _FRICTION_SCATTER = 0.03  # from one drop to the next, as the thesis' speeds scatter (table 2.1)
 
 
@@ -131,7 +132,7 @@ class SimulatedRig:
         self._pty = PtyPort(self.encoder, reactor=reactor, folder=folder)
         self._cell_pty: PtyPort | None = None
         if isinstance(setting := rig.devices.loadcell, LoadCellLines):
-            sender = LineSender(setting, partial(self._load_at, cell), powered_s=opened_s)
+            sender = LineSender(setting, partial(self._load_at, cell, 1 / setting.rate_hz), powered_s=opened_s)
             faulty = FaultyE201(sender, _of_lines(loadcell_faults), opened_s=opened_s)
             self._cell_pty = PtyPort(faulty, reactor=reactor, folder=folder, name="loadcell")
         self._server = NetFTServer(self.loadcell, reactor=reactor, address=address, ports=ports)
@@ -161,10 +162,12 @@ class SimulatedRig:
             powered_s=self._opened_s,
         )
 
-    def _load_at(self, cell: SimulatedLoadCell, time_s: float) -> dict[str, float]:
-        """Return what the load cell shows, in N and N m."""
-        at = np.array([time_s])
-        shown = cell.read(at, self._wrench_at(at))[0][0] / cell.truth.counts_per_unit
+    def _load_at(self, cell: SimulatedLoadCell, period_s: float, time_s: float) -> dict[str, float]:
+        """Return what the load cell shows, in N and N m: the mean over a period, as converters for bridges give it."""
+        count = max(round(period_s * _CONVERTED_HZ), 1)
+        at = np.maximum(np.linspace(time_s - period_s, time_s, count + 1)[1:], self._opened_s)
+        wrench = self._wrench_at(at).mean(axis=0, keepdims=True)
+        shown = cell.read(at[-1:], wrench)[0][0] / cell.truth.counts_per_unit
         return dict(zip(AXES, shown.tolist(), strict=True))
 
     def _angle_at(self, time_s: float) -> float:

@@ -13,6 +13,7 @@ import serial
 from twisted.internet.posixbase import PosixReactorBase
 
 from cfid.errors import ConfigError
+from cfid.records.line_devices import LineValue, LoadCellLines
 from cfid.records.rig_file import thesis_rig
 from cfid.sim.service import SimulatedRig
 from cfid.sim.truth_file import USUAL_TRUTH, SimTruth, load_truth
@@ -51,6 +52,27 @@ def test_both_instruments_watch_something_that_moves(in_reactor: InReactor, swin
     assert words.valid.all()
     assert np.ptp(words.position) > 300
     assert reader.rejected == 0
+
+
+def test_a_cell_that_sends_lines_averages_the_rotors_vibration_over_its_period(
+    reactor: PosixReactorBase, in_reactor: InReactor, tmp_path: Path
+) -> None:
+    rig = thesis_rig()
+    cell = LoadCellLines(kind="lines", port="port", rate_hz=80, values=(LineValue(name="Fz", unit="N"),))
+    rig = rig.model_copy(update={"devices": rig.devices.model_copy(update={"loadcell": cell})})
+    simulated = SimulatedRig(rig, reactor=reactor, folder=tmp_path, seed=7, axis="y", commands=(60000,) * 4)
+    addresses = in_reactor(simulated.open)
+    with serial.Serial(str(addresses.loadcell_port), timeout=2) as port:
+        time.sleep(1.0)  # the rotors reach their speeds
+        port.reset_input_buffer()
+        port.readline()
+        force_n = np.array([float(port.readline().split(b"*")[0]) for _ in range(80)])
+    in_reactor(simulated.close)
+    vibration = 0.15  # N, standard deviation of samples that are not averaged
+    noise = USUAL_TRUTH.loadcell.noise_std[2]
+
+    assert force_n.mean() == pytest.approx(1.4 + 4 * 1.8e-8 * (381 + 0.0408 * 60000) ** 2, rel=0.02)
+    assert noise / 2 < force_n.std() < vibration / 3
 
 
 def test_an_unknown_mount_is_told_with_those_there_are(reactor: PosixReactorBase, tmp_path: Path) -> None:
