@@ -141,6 +141,17 @@ def eccentricity_finding(fit: OutputError) -> tuple[Finding, ...]:
     return (note("swing-encoder-eccentric", text),)
 
 
+def eccentricity_or_noise_finding(degrees: float | None, moves: float) -> tuple[Finding, ...]:
+    """Note an eccentricity in degrees that noise may have drawn, and by how much it `moves` W relatively."""
+    if degrees is None:
+        return ()
+    text = (
+        f"an eccentric disc of {degrees:.2g} degrees shows, too little to tell it from noise: {_percent(moves)} of the "
+        "natural frequency squared depends on which it is, and is added to the uncertainty. Swing longer."
+    )
+    return (note("swing-eccentric-or-noise", text),)
+
+
 def uncertain_finding(fit: OutputError, std_s2: float) -> tuple[Finding, ...]:
     """Reject a natural frequency squared that the record hardly determines."""
     relative = std_s2 / fit.coefficients.natural_frequency_squared_s2

@@ -17,6 +17,7 @@ from cfid.findings import Finding, texts
 from cfid.swing.checks import (
     FitQuality,
     eccentricity_finding,
+    eccentricity_or_noise_finding,
     hand_finding,
     judge,
     split_finding,
@@ -26,7 +27,7 @@ from cfid.swing.checks import (
     unfinished_finding,
     varying_finding,
 )
-from cfid.swing.choice import ranked_by_bic, spread_of_choices
+from cfid.swing.choice import Choice, chosen, ranked_by_bic, spread_of_choices
 from cfid.swing.collocation import Coefficients
 from cfid.swing.free_swing import FreeSwing
 from cfid.swing.model import (
@@ -60,7 +61,6 @@ _DAMPING = Coefficients._fields[1:4]
 _ECCENTRIC_RAD = 0.05  # more is no eccentricity of a disc
 _TRIED_ECCENTRIC = 2  # of the choices of damping, the best
 _SHOWN_STD = 3.0  # of a spring that makes W uncertain
-_TAKEN_STD = 5.0  # of a spring that is taken out: noise draws weaker ones, and W then moves by the spring's own size
 _LIKE_FRICTION = 0.1  # spring over gravity: friction resembles small ones, and of larger ones the model is at fault
 _STIFFEST = 1.0  # spring over gravity: an angle in a wrong unit resembles a stiffer one
 _LEAST_ROWS = 16
@@ -137,11 +137,8 @@ def fit_swing(swing: FreeSwing) -> SwingFit:
         physical += sound
         if any(_sprung(swing, fit, rounds=1) for fit in (*likeliest, *sound)):
             physical += [one for fit in physical for one in _sprung(swing, fit)]
-    ranked, weak = ranked_by_bic(physical), None
-    if _weakly_sprung(swing, ranked[0][1]):
-        weak = ranked[0][1]
-        ranked = ranked_by_bic([fit for fit in physical if not fit.setup.spring_per_s2])
-    return _judged(swing, ranked, _unfinished(ranked[0][1], candidates), scale, weak)
+    choice = chosen(swing, physical)
+    return _judged(swing, choice, _unfinished(choice.ranked[0][1], candidates), scale)
 
 
 def _scaled(
@@ -176,15 +173,6 @@ def _sprung(swing: FreeSwing, fit: OutputError, rounds: int = 3) -> list[OutputE
         if not _acceptable(fit):
             return []
     return [fit] if shows_despite_friction(swing, fit, least_std=_SHOWN_STD) else []
-
-
-def _weakly_sprung(swing: FreeSwing, fit: OutputError) -> bool:
-    """Return whether a fit has a spring that noise may have drawn."""
-    spring = fit.setup.spring_per_s2
-    if not spring:
-        return False
-    shows_alone = spring >= _TAKEN_STD * spring_beside(swing, fit)[1]
-    return not (shows_alone and shows_despite_friction(swing, fit, least_std=_TAKEN_STD))
 
 
 def grid_step(swing: FreeSwing) -> float:
@@ -243,11 +231,11 @@ def _unfinished(best: OutputError, candidates: list[OutputError]) -> OutputError
 
 def _judged(
     swing: FreeSwing,
-    ranked: list[tuple[float, OutputError]],
+    choice: Choice,
     unfinished: OutputError | None,
     scale: float,
-    weakly_sprung: OutputError | None,
 ) -> SwingFit:
+    ranked, with_spring, with_eccentricity = choice
     fit = ranked[0][1]
     split_bic = ranked[1][0] - ranked[0][0] if len(ranked) > 1 else math.inf
     noise = standard_uncertainties(fit)
@@ -275,12 +263,16 @@ def _judged(
     moved, shares["friction over the angle"] = over_angle.expected(_VARIES_USUALLY * fit.coefficients.coulomb_per_s2)
     left_spring, left_std, left_moves = spring_beside(swing, fit) if swing.rate_rad_per_s is None else (0.0, 0.0, 0.0)
     open_spring = left_spring
-    if weakly_sprung is not None:
-        open_spring = weakly_sprung.setup.spring_per_s2
-        moves = weakly_sprung.coefficients.natural_frequency_squared_s2 - frequency
-        shares["spring or friction"] = abs(moves)
+    if with_spring is not None:
+        open_spring = with_spring.setup.spring_per_s2
+        shares["spring or friction"] = abs(with_spring.coefficients.natural_frequency_squared_s2 - frequency)
     elif _SHOWN_STD * left_std < left_spring < _LIKE_FRICTION * frequency:
         shares["spring or friction"] = abs(left_moves)
+    may_be_off_deg = None
+    if with_eccentricity is not None:
+        may_be_off_deg = math.degrees(math.hypot(*with_eccentricity.eccentricity))
+        moves = with_eccentricity.coefficients.natural_frequency_squared_s2 - frequency
+        shares["eccentricity or noise"] = abs(moves)
     if unfinished is not None:
         shares["model that did not converge"] = abs(unfinished.coefficients.natural_frequency_squared_s2 - frequency)
     std[0] = math.hypot(*shares.values())
@@ -308,6 +300,7 @@ def _judged(
             *split_finding(terms, split_bic),
             *hand_finding(swing, fit),
             *eccentricity_finding(fit),
+            *eccentricity_or_noise_finding(may_be_off_deg, shares.get("eccentricity or noise", 0.0) / frequency),
             *spring_finding(fit, shares["spring"], _SHOWN_STD * left_std),
             *spring_or_friction_finding(open_spring / frequency, shares.get("spring or friction", 0.0) / frequency),
             *unfinished_finding(unfinished, shares),

@@ -94,6 +94,22 @@ def one_swing() -> tuple[Array, Array, float]:
     return time_s, angle[:, 0], float(trials.frequency_squared_s2[0])
 
 
+@pytest.mark.parametrize("degrees", [0.24, 0.28])
+def test_an_eccentricity_that_shows_too_little_is_left_in_and_what_it_moves_is_uncertain(degrees: float) -> None:
+    rng, trials = np.random.default_rng(1), Trials(np.random.default_rng(3), 1)
+    time_s, angle = trials.swung(8.0)
+    read = encoded(angle[:, 0], rng, eccentric_rad=math.radians(degrees))
+    fit = fit_swing(find_swing(time_s, read + 6e-3 * rng.standard_normal(len(read))))
+    codes = {finding.code for finding in fit.findings}
+    error = fit.coefficients.natural_frequency_squared_s2 - trials.frequency_squared_s2[0]
+
+    assert "swing-eccentric-or-noise" in codes
+    assert "swing-encoder-eccentric" not in codes
+    assert "eccentricity" not in fit.terms
+    assert abs(error) < 1.96 * fit.std.natural_frequency_squared_s2
+    assert fit.budget_s2["eccentricity or noise"] > abs(error)
+
+
 def recorded(angle: Array, label: Label) -> AngleRecord:
     time_s = one_swing()[0]
     source = Source("one.csv", "0" * 64)
