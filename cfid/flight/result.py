@@ -1,6 +1,7 @@
 """What flights tell of a vehicle: quantities, findings, and lines on what was assumed and excited."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from fnmatch import fnmatchcase
 
 from cfid.errors import ConfigError, DataError
@@ -12,6 +13,7 @@ from cfid.flight.data import FlownLog
 from cfid.flight.estimation import FlightFit, fit_flights
 from cfid.flight.findings import findings_of
 from cfid.flight.model import LEVER
+from cfid.flight.turning import turning_findings
 from cfid.flight.values import (
     Body,
     causes_of,
@@ -29,15 +31,19 @@ _DRAG_AXES = ("forward", "left")
 def fit(flights: Sequence[FlownLog], *, body: Body) -> Result:
     """Fit thrust, lag, moments of inertia and drag of one vehicle to its flights, as far as these determine them.
 
+    A flight whose gyro contradicts its attitude is left out where others remain.
+
     Raises ConfigError for no flight, DataError for one given twice or with drives in other units, FitError where
     nothing flew for long enough.
     """
     _check(flights)
+    flights, left_out = _alike(flights)
     found = fit_flights([one.flight for one in flights])
     drags = {name: fit_drag([one.flight for one in flights], axis=axis) for axis, name in enumerate(_DRAG_AXES)}
     measured = {**quantities_of(found, body), **drag_quantities(drags, body)}
     quantities = {**measured, **given(body)}
     findings = (
+        *left_out,
         *(finding for one in flights for finding in one.findings),
         *findings_of(flights, found, drags, measured, body),
     )
@@ -78,6 +84,21 @@ def _check(flights: Sequence[FlownLog]) -> None:
                 raise DataError(f"{one.log.path}: the same flight as {before.log.path.name}: name each once.")
         if one.flight.in_volts != flights[0].flight.in_volts:
             raise DataError(f"{one.log.path}: only some of the logs have the battery's voltage: fit them apart.")
+
+
+def _alike(flights: Sequence[FlownLog]) -> tuple[Sequence[FlownLog], list[Finding]]:
+    """Leave out flights whose gyro contradicts their attitude, where others do not; return the others and why."""
+    unlike = {place: found for place, one in enumerate(flights) if (found := turning_findings(one.flight))}
+    if len(unlike) == len(flights):
+        return flights, []
+    reasons = [
+        replace(
+            one, code="flight-left-out", severity="warning", sentence=f"{one.sentence} It is left out.", quantities=()
+        )
+        for found in unlike.values()
+        for one in found
+    ]
+    return [one for place, one in enumerate(flights) if place not in unlike], reasons
 
 
 def _name(one: FlownLog) -> str:

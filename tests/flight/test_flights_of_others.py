@@ -248,6 +248,19 @@ def test_a_gyro_that_turns_unlike_the_attitude_beside_it_is_named(log: str, defe
     assert all(words in one.text for one in found)
 
 
+def test_a_flight_that_contradicts_its_attitude_is_left_out_and_the_others_are_fitted() -> None:
+    sound, other = read_flight(FLIGHTS / CIRCLE), read_flight(FLIGHTS / HELIX)
+    exchanged = replace(other, flight=UNLIKE_ATTITUDE["exchanged"][0](other.flight))
+    alone, both = (fit(flights, body=ARM) for flights in ([sound], [exchanged, sound]))
+    (first, *_) = both.findings
+
+    assert (first.code, first.severity) == ("flight-left-out", "warning")
+    assert f"{other.flight.name}: the gyro turns about roll as the attitude about pitch" in first.text
+    assert both.quantities == alone.quantities
+    assert both.rejected == alone.rejected
+    assert [one.sha256 for one in both.sources] == [sound.log.source.sha256]
+
+
 def test_axes_that_the_attitude_shows_are_named_before_and_in_place_of_a_wrong_clock() -> None:
     flown = read_flight(FLIGHTS / CIRCLE)
     exchanged = UNLIKE_ATTITUDE["exchanged"][0](flown.flight)
