@@ -6,7 +6,7 @@ from fnmatch import fnmatchcase
 
 from cfid.errors import ConfigError, DataError
 from cfid.estimate.common_causes import power_law, with_common_causes
-from cfid.findings import Finding
+from cfid.findings import Finding, warning
 from cfid.flight.braking import AxisDrag, fit_drag
 from cfid.flight.channels import same_flight
 from cfid.flight.data import FlownLog
@@ -92,9 +92,7 @@ def _alike(flights: Sequence[FlownLog]) -> tuple[Sequence[FlownLog], list[Findin
     if len(unlike) == len(flights):
         return flights, []
     reasons = [
-        replace(
-            one, code="flight-left-out", severity="warning", sentence=f"{one.sentence} It is left out.", quantities=()
-        )
+        replace(warning("flight-left-out", f"{one.sentence} It is left out."), where=one.where)
         for found in unlike.values()
         for one in found
     ]
