@@ -1,6 +1,7 @@
 """A log of the uSD-card deck gives the lag of its rotors, by their speeds or by the acceleration, or says why not."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -148,6 +149,7 @@ def test_parts_that_differ_by_more_than_their_uncertainties_widen_their_mean() -
             map=(float(values[0]), float(values[1]), float(values[2])),
             explained=0.9,
             rms=1.0,
+            drift=0.0,
             time_s=np.zeros(2),
             measured=np.zeros(2),
             shown=np.array([0.0, at]),
@@ -224,6 +226,19 @@ def test_voltage_belongs_to_the_drive(tmp_path: Path) -> None:
     np.testing.assert_allclose(found, 400 + 2600 * share - 500 * share**2, rtol=2e-3)
     (about,) = (one.text for one in result.findings if one.code == "speed-map-voltage")
     assert f"holds at {at_v:.2f} V" in about
+
+
+def test_a_battery_that_sags_unlogged_is_named_and_the_map_holds_in_the_middle(tmp_path: Path) -> None:
+    _, command, speed = flown(1, 9, rotors=1, noise=3.0, red=0.0, sag=0.1)
+    result = fit(read(logged(tmp_path, (MOTORS[0], SPEEDS[0]), 65535 * command[0, 0], NEXT * speed[0])))
+    (drifts,) = (one.text for one in result.findings if one.code == "lag-map-drifts")
+    at = np.array([25000.0, 40000.0, 55000.0])
+    found = np.polyval(result.quantities["motor.speed_poly"].value, at)
+
+    assert float(re.findall(r"changed by (-[\d.]+) %", drifts)[0]) == pytest.approx(-10 / 0.95 * 24 / 25, abs=0.1)  # after 1 s of 25
+    assert "Log the battery's voltage" in drifts
+    np.testing.assert_allclose(found, 0.95 * np.polyval([-500, 2600, 400], at / 65535), rtol=5e-3)
+    assert seconds(result, "dynamics.rising") == pytest.approx(RISING_S, rel=0.01)
 
 
 def test_the_speed_map_that_was_fitted_with_the_lag_is_the_mean_of_the_rotors_with_its_uncertainty(

@@ -53,8 +53,9 @@ class LagFit:
     """A lag, and the map that it follows, c0 + c1 u + c2 u^2 of the drive u, with the covariance (6, 6) of map and lag.
 
     `late_s` is how uncertain the delay is beside that, since rows show commands late: rotors and parts of one log have
-    it in common. `explained` is the part of the variance that the lag explains, averaged over a quarter of a time
-    constant, `rms` what is left. `time_s`, `measured` and `shown` (n,) are what was compared.
+    it in common. `explained` is the part of the variance that the lag and a slow drift explain, averaged over a quarter
+    of a time constant, `rms` what is left, `drift` the relative change from begin to end at the same drives. `time_s`,
+    `measured` and, with the drift, `shown` (n,) were compared.
     """
 
     kind: Kind
@@ -63,6 +64,7 @@ class LagFit:
     map: tuple[float, float, float]
     explained: float
     rms: float
+    drift: float
     time_s: Array
     measured: Array
     shown: Array
@@ -93,6 +95,7 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
     measured is the thrust of all rotors together in any unit, quadratic in speeds that are linear in the drive.
     `row_s` is the interval between two rows of the command, within which it changed before a row shows it: the delay
     is too short by any part of that. `moving` is a command that changes in most rows, whose steps these do not show.
+    The map holds in the middle of the record: its level and slope may drift, as with a battery that sags.
     Raises FitError for less than 200 samples.
     """
     pieces = [found for piece in pieces if (found := _thinned(piece)) is not None]
@@ -121,8 +124,13 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
         )
 
     plain = fitted(start, np.asarray)
-    fit = fitted(plain.x, partial(_whitened, lengths=lengths, correlation=_correlation(plain.fun, lengths)))
-    residual = shown(fit.x) - measured
+    drifts = _drifts(pieces, shown(plain.x))
+    correlation = _correlation(_without(plain.fun, drifts), lengths)
+    white = partial(_whitened, lengths=lengths, correlation=correlation)
+    white_drifts = np.column_stack([white(column) for column in drifts.T])
+    fit = fitted(plain.x, lambda residual: _without(white(residual), white_drifts))
+    off = shown(fit.x) - measured
+    residual = _without(off, drifts)
     lag = InputLag(*fit.x[3:].tolist())
     columns = fit.jac / np.maximum(np.linalg.norm(fit.jac, axis=0), 1e-300)
     singular = np.linalg.svd(columns, compute_uv=False)[-1] < _SINGULAR or bool(np.any(fit.active_mask[3:]))
@@ -135,6 +143,7 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
         map=(float(fit.x[0]), float(fit.x[1]), float(fit.x[2])),
         explained=explained,
         rms=float(np.sqrt(np.mean(residual**2))),
+        drift=-float((gain_of(drifts) @ off)[0] * np.ptp(drifts[:, 0]) / np.mean(measured)),
         time_s=np.concatenate([piece.measured.time_s for piece in pieces]),
         measured=measured,
         shown=measured + residual,
@@ -164,8 +173,22 @@ def joined(fits: Sequence[LagFit]) -> LagFit:
         covariance=max(scatter, 1.0) * gain @ covariance @ gain.T,
         explained=float(np.mean([fit.explained for fit in accepted])),
         rms=float(np.sqrt(np.mean([fit.rms**2 for fit in accepted]))),
+        drift=max((fit.drift for fit in accepted), key=abs),
         late_s=max(fit.late_s for fit in accepted),
     )
+
+
+def _drifts(pieces: Sequence[LogSegment], shown: Array) -> Array:
+    """Return what slowly changes (n, 3): level, how fast that changes, and slope, as of a battery or a warm motor."""
+    time_s = np.concatenate([piece.measured.time_s for piece in pieces])
+    late = time_s - np.mean(time_s)
+    return np.column_stack([late, late**2 - np.mean(late**2), late * (shown - np.mean(shown))])
+
+
+def _without(residual: Array, columns: Array) -> Array:
+    """Return residuals (n,) without what columns (n, m) explain of them."""
+    basis, _ = np.linalg.qr(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
+    return np.asarray(residual - basis @ (basis.T @ residual))
 
 
 def _correlation(residual: Array, lengths: Sequence[int]) -> float:

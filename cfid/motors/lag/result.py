@@ -18,6 +18,7 @@ from cfid.records.result import Dependent, Figures, Result
 
 Array = npt.NDArray[np.float64]
 
+_NOTABLE_DRIFT = 0.02  # of the speed
 _THRUST = "thrust of all rotors"
 _OF_ONE_MOTOR = ("dynamics.rising", "dynamics.falling", "dynamics.delay_s")
 _ROWS = "dynamics.time_constant_s"
@@ -136,6 +137,14 @@ def _about(record: RotorLog, fits: Mapping[str, LagFit], row_s: float) -> tuple[
     if row_s:
         text = command_between_rows(row_s)
         found.append(note("lag-command-between-rows", text, "dynamics.delay_s"))
+    name, most = max(fits.items(), key=lambda item: abs(item[1].drift) * item[1].accepted)
+    if record.speeds and most.accepted and abs(most.drift) > _NOTABLE_DRIFT:
+        same, hint = ("command", " Log the battery's voltage.") if record.volts is None else ("command and voltage", "")
+        text = (
+            f"at the same {same} the speed of {name} changed by {100 * most.drift:+.1f} % from begin to end: the maps "
+            f"hold in the middle of the log.{hint}"
+        )
+        found.append(warning("lag-map-drifts", text, SPEED_POLY, "dynamics.map"))
     if not record.speeds:
         found.append(rejection("lag-from-acceleration", _OF_ACCELERATION, *_OF_ONE_MOTOR))
     return tuple(found)

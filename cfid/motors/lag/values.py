@@ -63,7 +63,7 @@ def speed_map_findings(
         text = f"the speed map does not rise from command {low:.0f} to {high:.0f}: one speed belongs to two commands."
         return (rejection("map-not-monotone", text, SPEED_POLY),)
     at = (
-        "the log has no battery voltage: motor.speed_poly contains its fall"
+        "the log has no battery voltage: motor.speed_poly holds in its middle"
         if volts is None
         else f"motor.speed_poly holds at {volts:.2f} V, the battery's mean while the rotors were driven"
     )
