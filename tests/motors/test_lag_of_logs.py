@@ -235,7 +235,9 @@ def test_a_battery_that_sags_unlogged_is_named_and_the_map_holds_in_the_middle(t
     at = np.array([25000.0, 40000.0, 55000.0])
     found = np.polyval(result.quantities["motor.speed_poly"].value, at)
 
-    assert float(re.findall(r"changed by (-[\d.]+) %", drifts)[0]) == pytest.approx(-10 / 0.95 * 24 / 25, abs=0.1)  # after 1 s of 25
+    assert float(re.findall(r"changed by (-[\d.]+) %", drifts)[0]) == pytest.approx(
+        -10 / 0.95 * 24 / 25, abs=0.1
+    )  # after 1 s of 25
     assert "Log the battery's voltage" in drifts
     np.testing.assert_allclose(found, 0.95 * np.polyval([-500, 2600, 400], at / 65535), rtol=5e-3)
     assert seconds(result, "dynamics.rising") == pytest.approx(RISING_S, rel=0.01)
