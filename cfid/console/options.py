@@ -70,7 +70,8 @@ EscUs = Annotated[
 LogClock = Annotated[
     Literal["true", "84/85"] | None,
     typer.Option(
-        help="Rate of the microseconds of a Crazyflie's uSD-card log; default: as the log shows.", rich_help_panel=_FILE
+        help="Rate of the times of a Crazyflie's uSD-card log, or of a table made of one; default: as its rows show.",
+        rich_help_panel=_FILE,
     ),
 ]
 Swings = Annotated[

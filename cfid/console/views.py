@@ -85,7 +85,7 @@ def views_of(
     if esc_us is not None and kind != "stand":
         raise ConfigError(f"{path}: `esc_us` is for a thrust stand's table.")
     if clock is not None and kind != "flight":
-        raise ConfigError(f"{path}: `clock` is for uSD-card logs of a Crazyflie.")
+        raise ConfigError(f"{path}: `clock` is for logs of a Crazyflie's uSD card and tables made of them.")
     if run is None:
         if kind == "flight":
             return log_views(path, replace(forces, clock=clock)), ()

@@ -1,11 +1,12 @@
 """Logs in CSV files: each program's header is recognised, variables get the firmware's names and their units."""
 
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 
-from cfid.errors import DataError
+from cfid.errors import ConfigError, DataError
 from cfid.records.logs.any_kind import read_log
 from cfid.records.tables.blocks import BLOCK_BYTES
 from cfid.records.tables.schema import Foreign
@@ -28,6 +29,29 @@ def test_the_client_s_log_is_in_milliseconds_and_firmware_units(tmp_path: Path) 
     np.testing.assert_allclose(rate, np.radians(np.arange(40) / 4))
     assert log.program == "CSV log of the Crazyflie client"
     assert log.assumed == ("Timestamp is in ms, as that program writes it",)
+
+
+@pytest.mark.parametrize(("unit", "second"), [("s", 1.0), ("ms", 1e3), ("us", 1e6)])
+def test_a_table_decoded_from_a_card_shows_its_slow_clock_and_is_corrected_once(
+    tmp_path: Path, unit: Literal["s", "ms", "us"], second: float
+) -> None:
+    true_s = 5 + 0.01 * np.arange(300)
+    rows = [f"{84 / 85 * second * at:.6f},{at}" for at in true_s]
+    path = written(tmp_path, "\n".join(["timestamp,gyro.x", *rows, ""]))
+
+    log = read_log(path, Foreign(time_unit=unit))
+    np.testing.assert_allclose(log.series[0].time_s, true_s, rtol=1e-6)
+    assert f"times are column timestamp in {unit}, corrected by 85/84: rows of 10 ms lie 9.882 ms apart" in log.clock
+    raw = read_log(path, Foreign(time_unit=unit, clock="true"))
+    np.testing.assert_allclose(raw.series[0].time_s, 84 / 85 * true_s, rtol=1e-6)
+
+    right = written(tmp_path, "\n".join(["timestamp,gyro.x", *(f"{second * at:.6f},{at}" for at in true_s), ""]))
+    assert read_log(right, Foreign(time_unit=unit)).series[0].time_s == pytest.approx(true_s)
+
+
+def test_a_clock_is_refused_for_a_table_that_no_vehicle_made(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="`clock` is for logs of a Crazyflie's uSD card and tables made of them"):
+        read_log(written(tmp_path, lines("t_s,a", "{t},{x}", step=0.01)), Foreign(clock="84/85"))
 
 
 def test_crazyswarm2_s_simulator_is_recognised(tmp_path: Path) -> None:

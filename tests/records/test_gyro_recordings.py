@@ -80,6 +80,7 @@ def test_rows_without_stamps_keep_the_times_of_their_card(tmp_path: Path) -> Non
     found = read(gyro_run(tmp_path, rate, stamps_ms=None, arrivals_s=time_s))
 
     assert found.time_s == pytest.approx(time_s, abs=1e-6)
+    assert found.time_scale_std == pytest.approx(3e-5)  # of the vehicle's crystal
     assert np.abs(found.angle_rad - angle).max() < 5e-3
 
 

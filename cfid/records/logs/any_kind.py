@@ -8,7 +8,7 @@ from cfid.records.files import check_regular, sha256_of
 from cfid.records.logs.blackbox import BEGIN as BLACKBOX
 from cfid.records.logs.blackbox import read_blackbox
 from cfid.records.logs.log import FlightLog
-from cfid.records.logs.table import read_table_log
+from cfid.records.logs.table import CLOCK_IS_FOR, read_table_log
 from cfid.records.logs.ulog import BEGIN as ULOG
 from cfid.records.logs.ulog import read_ulog
 from cfid.records.logs.usd import MAGIC, read_usd
@@ -42,8 +42,8 @@ def read_log(path: Path, reading: Foreign = NO_OPTIONS) -> FlightLog:
         raise ConfigError(f"{path}: `{stated}` is for tables; this log states its own times and columns.")
     if reader is read_usd:
         return read_usd(path, source, reading.clock)
-    if reading.clock is not None:
-        raise ConfigError(f"{path}: `clock` is for uSD-card logs of a Crazyflie.")
+    if reader is not None and reading.clock is not None:
+        raise ConfigError(f"{path}: {CLOCK_IS_FOR}")
     return reader(path, source) if reader else read_table_log(path, source, reading)
 
 

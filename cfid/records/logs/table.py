@@ -12,9 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cfid.errors import DataError
+from cfid.errors import ConfigError, DataError
 from cfid.records.logs.crazyflie_names import assumptions, crazyflie_channel
 from cfid.records.logs.log import Array, Channel, FlightLog, Series, printable
+from cfid.records.logs.usd_clock import MOST_ROWS, decoded_clock
 from cfid.records.parameters import Source
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.matlab import is_matlab
@@ -40,6 +41,8 @@ _EXACT_BELOW = 2.0**53
 _IN_BRACKETS = re.compile(r"[(\[](?P<unit>[A-Za-zµμ°%][\w/^·.*°% ]{0,7})[)\]]\s*$")
 _SPELT = {"rpm": "rpm", "n·m": "N m", "n.m": "N m", "nm": "N m", "n*m": "N m", "°": "deg"}
 _CLIENT = "CSV log of the Crazyflie client"
+_UNITS = {1.0: "s", 1e-3: "ms", 1e-6: "us"}
+CLOCK_IS_FOR = "`clock` is for logs of a Crazyflie's uSD card and tables made of them."
 
 
 def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
@@ -59,6 +62,7 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
     ]
     program, channels = ("table of a MATLAB file" if is_matlab(path) else "CSV log"), tuple(map(_firmware, named))
     assumed: tuple[str, ...] = ()
+    of_vehicle = False
     if table.names[0] == "Timestamp" and named and all(map(_VARIABLE.fullmatch, named)):
         program = _CLIENT
         if time is not None and reading.time_unit is None:
@@ -70,24 +74,25 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
     elif set(named) == set(_CRAZYSWARM):
         program = "CSV file of Crazyswarm2's simulator"
         channels = tuple(Channel(name, _CRAZYSWARM[name]) for name in named)
-    elif any(crazyflie_channel(name).own_unit for name in named):
+    elif of_vehicle := any(crazyflie_channel(name).own_unit for name in named):
         assumed = ("columns with the firmware's names are in the firmware's units",)
     raw = table.numbers([time])[:, 0] if time else np.zeros(2)
     stated = reading.time_unit is not None or _is_slow_stand(table, time)
     _, notes = times_of(table, time, raw, unit=reading.time_unit, rate_hz=reading.rate_hz, own=stated)
     if time is not None:
         reading = replace(reading, time_unit=time_unit_of(table, time, raw, unit=reading.time_unit))
+    second_s, clock = _clock(table, time, raw, reading, of_vehicle=of_vehicle)
     faults, missing, inexact, rows, cut = _checked(path, source.sha256, reading, time, named)
     if len(faults) == len(named):
         raise DataError(next(iter({**faults, **repeated}.values()), f"{path}: no column but the time."))
     kept = [(name, channel) for name, channel in zip(named, channels, strict=True) if name not in faults]
     found = tuple(channel for _, channel in kept)
-    blocks = partial(_blocks, path, source.sha256, reading, time, [name for name, _ in kept])
+    blocks = partial(_blocks, path, source.sha256, reading, time, [name for name, _ in kept], second_s=second_s)
     return FlightLog(
         path=path,
         source=source,
         program=program,
-        clock=_clock(table, time, reading),
+        clock=clock,
         series=(Series(name="log", rows=rows, channels=found, blocks=blocks),),
         assumed=(*assumed, *assumptions(found)),
         notes=(
@@ -149,11 +154,21 @@ def _nanobench(name: str) -> Channel:
     return variable if variable.own_unit else Channel(printable(name))
 
 
-def _clock(table: CsvTable, time: str | None, reading: Foreign) -> str:
+def _clock(table: CsvTable, time: str | None, raw: Array, reading: Foreign, *, of_vehicle: bool) -> tuple[float, str]:
+    """Return how long a second of the table is, and what its times (n,) are.
+
+    Raises ConfigError for a clock where no vehicle's times are.
+    """
+    if reading.clock is not None and (time is None or not of_vehicle):
+        raise ConfigError(f"{table.path}: {CLOCK_IS_FOR}")
     if time is None:
-        return f"times are those of {reading.rate_hz:g} Hz"
-    unit = {1.0: "s", 1e-3: "ms", 1e-6: "us"}[float(seconds_of(table, time, np.ones(1), unit=reading.time_unit)[0])]
-    return f"times are column {printable(time)} in {unit}"
+        return 1.0, f"times are those of {reading.rate_hz:g} Hz"
+    unit_s = float(seconds_of(table, time, np.ones(1), unit=reading.time_unit)[0])
+    column = f"times are column {printable(time)} in {_UNITS[unit_s]}"
+    if not of_vehicle:
+        return 1.0, column
+    second_s, how = decoded_clock(unit_s * raw[:MOST_ROWS], reading.clock)
+    return second_s, f"{column}, {how}" if how else column
 
 
 def _table(path: Path, sha256: str, reading: Foreign) -> CsvTable:
@@ -228,7 +243,9 @@ def _merged(faults: Mapping[str, str]) -> list[str]:
     return [f"columns {listed} are empty.", *(fault for name, fault in faults.items() if name not in empty)]
 
 
-def _blocks(path: Path, sha256: str, reading: Foreign, time: str | None, names: Sequence[str]) -> Iterator[Array]:
+def _blocks(
+    path: Path, sha256: str, reading: Foreign, time: str | None, names: Sequence[str], *, second_s: float
+) -> Iterator[Array]:
     begun = 0
     for table in _table(path, sha256, reading).blocks():
         values = _numbers(table, time, names)
@@ -236,7 +253,7 @@ def _blocks(path: Path, sha256: str, reading: Foreign, time: str | None, names: 
             assert reading.rate_hz is not None
             values = np.column_stack([(begun + np.arange(len(values))) / reading.rate_hz, values])
         else:
-            values[:, 0] = seconds_of(table, time, values[:, 0], unit=reading.time_unit)
+            values[:, 0] = second_s * seconds_of(table, time, values[:, 0], unit=reading.time_unit)
         begun += len(values)
         yield values
 

@@ -1,4 +1,4 @@
-"""What the microseconds of a uSD-card log are of real time, by the log itself or by the setting `clock`.
+"""What the times of a uSD-card log, or of a table made of one, are of real time, by the rows or by `clock`.
 
 The timer of a Crazyflie 2.x runs at 84/85 of real time with firmware up to 2026.08. The rows of a fixed frequency are
 triggered by other clocks, that of the scheduler or of the gyro: by a slow timer they lie 84/85 of whole milliseconds
@@ -32,17 +32,12 @@ class MicrosecondClock(NamedTuple):
 def microsecond_clock(stamps: npt.NDArray[np.uint64], given: Clock | None) -> MicrosecondClock:
     """Return the clock of stamps (n,) in microseconds of the rows of a fixed frequency, or the given one."""
     if given is not None:
-        how = "corrected by 85/84" if given == "84/85" else "not corrected"
-        return MicrosecondClock(1e-6 / (_SLOW if given == "84/85" else 1.0), f"{_STATED}, {how} (`clock` {given})")
-    interval_ms = _interval_ms(stamps)
-    true, slow = (_is_whole(interval_ms / rate) for rate in (1.0, _SLOW))
-    if slow and not true:
-        return MicrosecondClock(
-            1e-6 / _SLOW,
-            f"{_STATED}, corrected by 85/84: rows of {interval_ms / _SLOW:.0f} ms lie {interval_ms:.3f} ms apart by "
-            "them (`clock` true: not corrected)",
-        )
-    if true and not slow:
+        return MicrosecondClock(1e-6 / _rate(given), f"{_STATED}, {_how(given)} (`clock` {given})")
+    interval_ms = _interval_ms((stamps - stamps[:1]).astype(np.float64) * 1e-3)
+    true, slow = _is_whole(interval_ms), _is_slow(interval_ms)
+    if slow:
+        return MicrosecondClock(1e-6 / _SLOW, f"{_STATED}, {_corrected(interval_ms)}")
+    if true:
         return MicrosecondClock(1e-6, f"{_STATED}, not corrected: rows lie whole milliseconds apart by them")
     return MicrosecondClock(
         1e-6,
@@ -50,11 +45,36 @@ def microsecond_clock(stamps: npt.NDArray[np.uint64], given: Clock | None) -> Mi
     )
 
 
-def _interval_ms(stamps: npt.NDArray[np.uint64]) -> float:
-    """Return the interval of rows of which some may be missing, NaN where there are too few."""
-    time_ms = (stamps - stamps[:1]).astype(np.float64) * 1e-3
+def decoded_clock(time_s: npt.NDArray[np.float64], given: Clock | None) -> tuple[float, str]:
+    """Return how long a second of a vehicle's table is whose rows have times (n,), and a clause where that is not 1.
+
+    A program that decodes a uSD-card log leaves its clock as it is; a table without a fixed frequency may have any.
+    """
+    if given is not None:
+        return 1 / _rate(given), f"{_how(given)} (`clock` {given})"
+    interval_ms = _interval_ms(1e3 * (time_s - time_s[:1]))
+    return (1 / _SLOW, _corrected(interval_ms)) if _is_slow(interval_ms) else (1.0, "")
+
+
+def _rate(clock: Clock) -> float:
+    return _SLOW if clock == "84/85" else 1.0
+
+
+def _how(clock: Clock) -> str:
+    return "corrected by 85/84" if clock == "84/85" else "not corrected"
+
+
+def _corrected(interval_ms: float) -> str:
+    return (
+        f"corrected by 85/84: rows of {interval_ms / _SLOW:.0f} ms lie {interval_ms:.3f} ms apart by them (`clock` "
+        "true: not corrected)"
+    )
+
+
+def _interval_ms(time_ms: npt.NDArray[np.float64]) -> float:
+    """Return the interval of rows at times (n,), of which some may be missing, NaN where there are too few."""
     steps = np.diff(time_ms)
-    usual = float(np.median(steps)) if len(stamps) >= _FEWEST_ROWS else 0.0
+    usual = float(np.median(steps)) if len(time_ms) >= _FEWEST_ROWS else 0.0
     if usual <= 0:
         return np.nan
     place = np.concatenate([[0.0], np.cumsum(np.rint(steps / usual))])
@@ -63,3 +83,8 @@ def _interval_ms(stamps: npt.NDArray[np.uint64]) -> float:
 
 def _is_whole(interval_ms: float) -> bool:
     return bool(np.rint(interval_ms) >= 1 and abs(interval_ms / np.rint(interval_ms) - 1) < _CLOSE)
+
+
+def _is_slow(interval_ms: float) -> bool:
+    """Return whether rows lie 84/85 of whole milliseconds apart, and not whole ones."""
+    return _is_whole(interval_ms / _SLOW) and not _is_whole(interval_ms)

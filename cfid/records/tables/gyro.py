@@ -123,14 +123,14 @@ def integrated(time_s: Array, rate_rad_per_s: Array) -> tuple[Array, float]:
 
 
 def _times(rows: Rows) -> tuple[Array, float]:
-    """Return times since the first row by the vehicle's own stamps where there are any, and their scale's uncertainty.
+    """Return times since the first row by the vehicle's clock, and their scale's uncertainty.
 
-    The scale is this computer's, where arrivals show it better than two crystals agree. Raises DataError where the
-    stamps are not milliseconds.
+    The scale is this computer's, where arrivals show it better than two crystals agree. An imported log has the
+    vehicle's times alone. Raises DataError where the stamps are not milliseconds.
     """
     since_s = rows.time_s - rows.time_s[0]
     if _STAMP not in rows.columns:
-        return since_s, 0.0
+        return since_s, _CRYSTALS_STD
     steps = np.diff(rows.columns[_STAMP]) % _WRAP_MS
     device_s = 1e-3 * np.concatenate([[0.0], np.cumsum(steps)])
     found = stamped_times(rows.time_s, 1e6 * device_s)

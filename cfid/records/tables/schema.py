@@ -32,7 +32,7 @@ class Column(NamedTuple):
 class Foreign:
     """How to read a file outside a run, where it does not show it; a rate stands for the time column.
 
-    `clock` is what the microseconds of a uSD-card log are of real time.
+    `clock` is what the times of a uSD-card log, or of a table made of one, are of real time.
     """
 
     time_unit: TimeUnit | None = None
