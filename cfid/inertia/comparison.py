@@ -28,13 +28,13 @@ class BodyComparison:
 
     @property
     def error(self) -> float:
-        """Relative error of the measured inertia, without its sign, as table 2.5 prints it."""
-        return abs(self.measured_kg_m2 - self.calculated_kg_m2) / self.calculated_kg_m2
+        """Relative error of the measured inertia, as table 2.5 prints it: negative below the drawing."""
+        return (self.measured_kg_m2 - self.calculated_kg_m2) / self.calculated_kg_m2
 
     @property
     def deviations(self) -> float:
         """How many standard uncertainties lie between the two; infinite where none is known."""
-        return self.error / self.error_std if self.error_std > 0 else np.inf
+        return abs(self.error) / self.error_std if self.error_std > 0 else np.inf
 
 
 def compare(body: TestBody, axis_inertias: AxisInertias) -> list[BodyComparison]:

@@ -63,8 +63,7 @@ def fit_testbody(
     quantities = _quantities(comparisons)
     differences = (
         Dependent(
-            f"{c.axis}: measured {100 * c.error:.4f} % {'above' if c.measured_kg_m2 > c.calculated_kg_m2 else 'below'} "
-            "the drawing",
+            f"{c.axis}: measured {100 * abs(c.error):.4f} % {'above' if c.error > 0 else 'below'} the drawing",
             f"testbody.error.{c.axis}",
         )
         for c in comparisons

@@ -88,7 +88,7 @@ _MATRICES = _given(
     "testbody", "`cfid fit testbody`",
     Quantity("testbody.calculated_kg_m2.<axis>", "kg m^2", "I_G", "inertia from the drawing", plausible=_BODY),
     Quantity("testbody.measured_kg_m2.<axis>", "kg m^2", "I_G", "inertia from the swings", plausible=_BODY),
-    Quantity("testbody.error.<axis>", "1", "e", "how far they lie apart, over the calculated one",
+    Quantity("testbody.error.<axis>", "1", "e", "measured less calculated, over the calculated one",
              plausible=Range(-1, 1, "beyond, another body swung")),
 )  # fmt: skip
 

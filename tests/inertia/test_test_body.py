@@ -46,6 +46,15 @@ def test_table_2_5_comes_out_to_the_last_printed_digit(
     assert tuple(round(100 * c.error, 4) for c in found) == errors
 
 
+def test_a_body_measured_below_its_drawing_has_a_negative_error() -> None:
+    swings = [MountedSwing(axis="x", value=3.4e-5, std=0.0, known=True)]
+    (found,) = compare(thesis_test_body(), AxisInertias(swings, swung_test_body(thesis_test_body()), SITE))
+
+    assert found.measured_kg_m2 < found.calculated_kg_m2
+    assert found.error == pytest.approx(found.measured_kg_m2 / found.calculated_kg_m2 - 1)
+    assert found.deviations > 0
+
+
 def test_its_distances_are_those_of_c_1_6() -> None:
     swings = [MountedSwing(axis=axis, value=150.0, std=0.0) for axis in "xz"]
     swung = AxisInertias(swings, swung_test_body(thesis_test_body()), SITE)
