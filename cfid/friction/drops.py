@@ -11,6 +11,7 @@ from scipy.optimize import least_squares
 from cfid.errors import DataError
 from cfid.estimate.linear import mean_of
 from cfid.estimate.signals import GRID_S, check_dense, resample
+from cfid.friction.turns import check_turns, counted_turns
 
 Array = npt.NDArray[np.float64]
 
@@ -21,8 +22,7 @@ _SHORTEST_S = 0.25
 _STEADY = 0.03  # slope across the window and scatter within it, over the mean speed
 _MOVING = 0.2  # of the highest speed
 _BEFORE_S = 0.3
-_JUMP_RAD = math.pi / 2  # between two samples, more than the one before: no axis does that
-_EVEN = 1.5  # times the usual step: beyond, samples are missing
+_NEAR = 0.25  # of the mean speed: what the speed tends to lies no farther from it, or the fall has not shown it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +74,8 @@ def measure_drop(
     Raises DataError when the axis does not turn, or when the samples are too few for their time.
     """
     check_dense(time_s)
-    grid, angle = resample(time_s - time_s[0], angle_rad, step_s=GRID_S)
+    counted, unclear = counted_turns(time_s, angle_rad)
+    grid, angle = resample(time_s - time_s[0], counted, step_s=GRID_S)
     if np.ptp(angle) < 2 * np.pi:
         raise DataError(f"the axis turns by {np.ptp(angle):.2g} rad in all: no weight dropped, or the wrong unit.")
     angle = angle * math.copysign(1.0, angle[-1] - angle[0])
@@ -88,7 +89,7 @@ def measure_drop(
     mean = float(inside.mean())
     if mean <= 0:
         raise DataError("the axis stands still in the window: choose another.")
-    _check_turns(time_s - time_s[0], angle_rad, grid[moving.start], grid[window.stop - 1])
+    check_turns(time_s - time_s[0], counted, unclear, grid[moving.start], grid[window.stop - 1])
     begin, (terminal, tau), model = _fit_fall(grid, angle, moving.start, window.stop, mean)
     fall = slice(moving.start, window.stop)  # behind it the weight may be on the floor
     return Drop(
@@ -99,7 +100,7 @@ def measure_drop(
         trace_rad_per_s=speed,
         from_s=float(grid[window.start]),
         to_s=float(grid[window.stop - 1]),
-        settled=ripple <= _STEADY,
+        settled=ripple <= _STEADY and abs(terminal / mean - 1) <= _NEAR,
         speed_rad_per_s=mean,
         speed_std_rad_per_s=_mean_std(inside),
         ripple=ripple,
@@ -111,19 +112,6 @@ def measure_drop(
         speed_per_turn=_speed_per_turn(grid[fall], angle[fall], speed[fall], tau),
         turns=float(angle[window.stop] - angle[moving.start]) / (2 * math.pi),
     )
-
-
-def _check_turns(time_s: Array, angle_rad: Array, from_s: float, to_s: float) -> None:
-    """Raise DataError where the angle (n,) jumps between two times of the fall: turns are then miscounted."""
-    fall = (time_s[1:-1] > from_s) & (time_s[1:-1] < to_s)
-    step_s = np.diff(time_s)
-    even = np.maximum(step_s[1:], step_s[:-1]) < _EVEN * np.median(step_s)
-    jumps = np.flatnonzero(fall & even & (np.abs(np.diff(angle_rad, 2)) > _JUMP_RAD))
-    if len(jumps):
-        raise DataError(
-            f"the angle jumps by more than a quarter of a turn at {time_s[jumps[0] + 1]:.2f} s, within the fall: its "
-            "turns cannot be counted. See to the encoder's cable."
-        )
 
 
 def _moving(speed: Array) -> slice:

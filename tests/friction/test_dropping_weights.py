@@ -1,6 +1,7 @@
 """Friction from dropping weights: table 2.1, simulated drops, and the speed that never settles."""
 
 import functools
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -286,6 +287,39 @@ def test_turns_that_jump_within_the_fall_are_refused_and_before_it_are_not(turns
         measured(time_s, jumped, 30.0)
     before = angle + 2 * np.pi * turns * (np.arange(len(angle)) >= 5)
     assert measured(time_s, before, 30.0).settled
+
+
+def wrapped_without(time_s: Array, angle: Array, gaps: Sequence[tuple[float, float]]) -> tuple[Array, Array]:
+    """Return a record without the samples of some gaps, its angle as readings within a turn are joined."""
+    kept = ~np.any([(time_s > begin) & (time_s < end) for begin, end in gaps], axis=0)
+    return time_s[kept], np.unwrap(angle[kept] % (2 * np.pi))
+
+
+def test_turns_are_counted_across_missing_samples_by_the_speed_on_both_sides() -> None:
+    time_s, angle = fallen(40.0)
+    whole = measured(time_s, angle, 40.0)
+    assert whole.speed_rad_per_s > 400  # half a turn takes 8 ms
+
+    gaps = [(whole.from_s - 0.15 + 0.1 * at, whole.from_s - 0.12 + 0.1 * at) for at in range(4)]
+    found = measured(*wrapped_without(time_s, angle, gaps), 40.0)
+
+    assert found.terminal_rad_per_s == pytest.approx(whole.terminal_rad_per_s, rel=1e-3)
+
+
+def test_a_gap_at_the_release_is_refused_and_one_before_it_is_not() -> None:
+    time_s, angle = fallen(40.0, seconds=3.0)
+    time_s, angle = np.concatenate([time_s - 3.0, time_s[1:]]), np.concatenate([np.zeros(len(angle)), angle[1:]])
+    with pytest.raises(DataError, match=r"samples are missing from \d\.\d\d to \d\.\d\d s, within the fall"):
+        measured(*wrapped_without(time_s, angle, [(0.45, 0.8)]), 40.0)
+    assert measured(*wrapped_without(time_s, angle, [(-1.0, -0.5)]), 40.0).settled
+
+
+def test_a_speed_that_tends_far_beyond_what_was_seen_has_not_settled() -> None:
+    time_s = np.arange(0, 13, 0.001)
+    found = measured(time_s, 0.5 * 30 * np.maximum(time_s - 0.5, 0) ** 2, 30.0)  # gains 30 rad/s a second for good
+
+    assert found.ripple < 0.03
+    assert not found.settled
 
 
 def test_an_axis_that_stands_still_is_refused() -> None:

@@ -1,0 +1,60 @@
+"""Turns of an axis across samples that are missing: by its speed on both sides."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import DataError
+
+Array = npt.NDArray[np.float64]
+
+_JUMP_RAD = math.pi / 2  # between two samples, more than the one before: no axis does that
+_EVEN = 1.5  # times the usual step: beyond, samples are missing
+_BESIDE = 7  # samples on each side that show the speed
+_BEGIN_S = 0.05  # by which a fall may begin earlier than it is fast
+
+
+def counted_turns(time_s: Array, angle_rad: Array) -> tuple[Array, Sequence[int]]:
+    """Return an angle (n,) with the turns that its speed has where samples are missing, and where that is open.
+
+    A reading within a turn does not show how many turns passed while none was taken. The speeds on both sides do, where
+    they agree within half a turn; other gaps are returned by the place before them.
+    """
+    step_s, step = np.diff(time_s), np.diff(angle_rad)
+    even = step_s < _EVEN * np.median(step_s)
+    speed = np.where(even, step / step_s, np.nan)
+    turns, unclear = np.zeros(len(step)), []
+    for place in np.flatnonzero(~even).tolist():
+        before, after = _usual(speed[max(place - _BESIDE, 0) : place]), _usual(speed[place + 1 :][:_BESIDE])
+        if abs(after - before) * step_s[place] > math.pi:
+            unclear.append(place)
+        else:
+            turns[place] = np.rint(((before + after) / 2 * step_s[place] - step[place]) / (2 * math.pi))
+    return angle_rad + 2 * math.pi * np.concatenate([[0.0], np.cumsum(turns)]), unclear
+
+
+def check_turns(time_s: Array, angle_rad: Array, unclear: Sequence[int], from_s: float, to_s: float) -> None:
+    """Raise DataError where turns are miscounted between two times of a fall: an angle (n,) that jumps, a long gap."""
+    late = [place for place in unclear if time_s[place] < to_s and time_s[place + 1] > from_s - _BEGIN_S]
+    if late:
+        begin, end = time_s[late[0]], time_s[late[0] + 1]
+        raise DataError(
+            f"samples are missing from {begin:.2f} to {end:.2f} s, within the fall: its turns cannot be counted. End "
+            "what else keeps the computer busy."
+        )
+    fall = (time_s[1:-1] > from_s) & (time_s[1:-1] < to_s)
+    step_s = np.diff(time_s)
+    even = np.maximum(step_s[1:], step_s[:-1]) < _EVEN * np.median(step_s)
+    jumps = np.flatnonzero(fall & even & (np.abs(np.diff(angle_rad, 2)) > _JUMP_RAD))
+    if len(jumps):
+        raise DataError(
+            f"the angle jumps by more than a quarter of a turn at {time_s[jumps[0] + 1]:.2f} s, within the fall: its "
+            "turns cannot be counted. See to the encoder's cable."
+        )
+
+
+def _usual(speed: Array) -> float:
+    known = speed[np.isfinite(speed)]
+    return float(np.median(known)) if len(known) else 0.0
