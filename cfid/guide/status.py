@@ -41,10 +41,14 @@ class Certainty:
 
 @dataclass(frozen=True, kw_only=True)
 class TaskStatus:
-    """A task: what is still to be recorded, how its fit stands and why, and how sure its quantities are."""
+    """A task: what is still to be recorded, how its fit stands and why, and how sure its quantities are.
+
+    `rarest` is its recording that was made least often, the last of several: to be made again where a fit is rejected.
+    """
 
     task: Task
     lacking: tuple[Assignment, ...]
+    rarest: Assignment | None = None
     state: State
     reason: str
     found: tuple[Certainty, ...]
@@ -139,8 +143,10 @@ def next_of(statuses: Sequence[TaskStatus]) -> Next:
             return Next(words=one.task.fit, why=f"{one.task.section}: {one.reason}")
     for one in statuses:
         if one.state == "rejected":
-            recording = one.task.recordings[-1]
-            why = f"{one.task.section} was rejected: {one.reason}"
+            recording = one.rarest or one.task.recordings[-1]
+            why = (
+                f"{one.task.section} was rejected: {one.reason} Leave out a run that was wrong: cfid runs exclude RUN."
+            )
             return Next(words=recording.words, why=why, recording=recording)
     unsure = [(found, one.task) for one in statuses for found in one.found if found.short_by > 1]
     if weak := [pair for pair in unsure if not pair[0].bounded_by]:
@@ -175,7 +181,16 @@ def _status(
     elif lacking:
         reason = f"`cfid {' '.join(lacking[0].words)}` once more would show what drifted since the first."
     found = tuple(Certainty(aim=aim, std=None) if section is None else _certainty(section, aim) for aim in task.aims)
-    return TaskStatus(task=task, lacking=lacking, state=state, reason=reason, found=found)
+    return TaskStatus(
+        task=task, lacking=lacking, rarest=_rarest(task.recordings, own), state=state, reason=reason, found=found
+    )
+
+
+def _rarest(recordings: Sequence[Assignment], runs: Sequence[Run]) -> Assignment | None:
+    def made(recording: Assignment) -> int:
+        return sum(recording.is_of(run.header.kind, run.header.label) for run in runs)
+
+    return min(reversed(recordings), key=made, default=None)
 
 
 def _completing(recording: Assignment, runs: Sequence[Run]) -> Assignment:

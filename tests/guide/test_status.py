@@ -172,11 +172,19 @@ def test_a_fit_that_was_rejected_whole_is_not_offered_again_until_something_was_
     assert standing(folder)[0].state == "not fitted"  # two of seven runs say nothing about all
 
     refused(folder, runs)
-    rejected, step = standing(folder)
+    rejected, _ = standing(folder)
     assert (rejected.state, rejected.reason) == ("rejected", "hung anew?")
+    step = next_of([rejected])
     assert step.words[:2] == ("log", "encoder")
     assert not (folder / "parameters.toml").exists()
     assert "1.6e-05" not in (folder / "fits" / "rejected.toml").read_text()
+
+    assert "cfid runs exclude RUN" in step.why
+    again = step.words[step.words.index("--axis") + 1]
+    assert again != axes[0]  # which was swung about twice
+    refused(folder, [*runs, swing(folder, again, minute=99)])
+    other = next_of([standing(folder)[0]]).words
+    assert other[other.index("--axis") + 1] not in (axes[0], again)  # not the same one for ever
 
     swing(folder, axes[0], minute=100)
     amend_run(read_run(runs[0]), excluded="the mount stayed")
