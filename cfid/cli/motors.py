@@ -114,18 +114,17 @@ def _found() -> str:
 
 
 def _setting(uri: str | None, campaign: Path | None) -> "CrazyflieLink":
-    """Return the link to the vehicle; an address on the command line needs no campaign and no valid rig.toml."""
+    """Return the link to the vehicle; a stop needs no campaign, no valid rig.toml and no current folder."""
     from cfid.errors import ConfigError
     from cfid.records.devices import CrazyflieLink
 
-    if uri is None:
-        return rig_of(campaign)[1].crazyflie
     try:
         found = rig_of(campaign)[1].crazyflie
     except ConfigError as error:
-        note(f"{error} The app is looked for on its usual ports.")
+        which = "" if uri else " The vehicles that another cfid drives are stopped, else the one that is found."
+        note(f"{error}{which} The app is looked for on its usual ports.")
         found = CrazyflieLink()
-    return found.model_copy(update={"uri": uri})
+    return found if uri is None else found.model_copy(update={"uri": uri})
 
 
 def _drive(vehicle: "ReadyVehicle", live: LiveLine, procedure: "Procedure") -> None:

@@ -47,7 +47,7 @@ def open_workplace(options: RigOptions, *, gravity: Measured = NOT_GIVEN) -> Wor
     from cfid.records.campaign import find_campaign
     from cfid.records.rig_file import load_rig, thesis_rig
 
-    campaign = find_campaign(options.campaign, start=Path.cwd())
+    campaign = find_campaign(options.campaign)
     borrowed = options.geometry is None and campaign is None
     if options.geometry is not None:
         rig = load_rig(options.geometry)

@@ -178,23 +178,31 @@ def open_campaign(folder: str | Path | None = None) -> Campaign:
 
     Raises ConfigError when there is none.
     """
-    found = find_campaign(None if folder is None else Path(folder), start=Path.cwd())
+    found = find_campaign(None if folder is None else Path(folder))
     if found is None:
         raise ConfigError(f"no {RIG_FILE} here or above: `cfid new DIR` makes a campaign; `folder` names one.")
     return found
 
 
-def find_campaign(folder: Path | None, *, start: Path) -> Campaign | None:
-    """Open the campaign in `folder`, else the nearest one at or above `start`, else None.
+def find_campaign(folder: Path | None, *, start: Path | None = None) -> Campaign | None:
+    """Open the campaign in `folder`, else the nearest one at or above `start` or the current folder, else None.
 
-    Raises ConfigError when a folder was named that holds no rig.toml.
+    Raises ConfigError when a folder was named that holds no rig.toml, and where the current folder is gone.
     """
     if folder is not None:
         return Campaign(folder=folder, rig=load_rig(folder / RIG_FILE))
+    start = _current_folder() if start is None else start
     for candidate in (start, *start.parents):
         if _has_rig(candidate):
             return Campaign(folder=candidate, rig=load_rig(candidate / RIG_FILE))
     return None
+
+
+def _current_folder() -> Path:
+    try:
+        return Path.cwd()
+    except FileNotFoundError:
+        raise ConfigError("the current folder was removed or moved: change to one that exists.") from None
 
 
 def _has_rig(folder: Path) -> bool:

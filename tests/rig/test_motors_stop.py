@@ -312,6 +312,21 @@ def test_motors_stop_needs_no_help_from_the_process_that_drives_them(tmp_path: P
     stop_from_beside(tmp_path, kind)
 
 
+def test_motors_stop_needs_neither_a_current_folder_nor_a_campaign(tmp_path: Path) -> None:
+    (gone := tmp_path / "gone").mkdir()
+    stop = f"import os; os.chdir({str(gone)!r}); os.rmdir({str(gone)!r}); from cfid.cli.main import main; main()"
+    with bench_in(tmp_path) as bench:
+        pilot = bench.start(*HOLD)
+        pilot.wait_until_motors_run()
+        words = [sys.executable, "-c", stop, "motors", "stop"]
+        ended = subprocess.run(words, env=bench.environment, capture_output=True, text=True, check=False)
+        assert ended.returncode == 0, ended.stderr
+        assert not any(bench.motors)
+        assert f"{bench.uri}: motors stopped" in ended.stdout
+        assert "the current folder was removed or moved: change to one that exists." in ended.stderr
+        assert pilot.end() != 1
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["app", "stock"])
 def test_motors_stop_needs_no_help_twenty_times_out_of_twenty(tmp_path: Path, kind: str) -> None:
