@@ -46,20 +46,30 @@ class RowFile:
         """Append rows, given as columns of equal length: time in seconds, then raw values.
 
         Raises DataError when the disk takes only a part of them, and the file then ends with the last whole row, or
-        when the file was removed.
+        when the file was removed or moved.
         """
         if len(columns) != len(self.columns) or len({len(column) for column in columns}) != 1:
             raise ValueError(f"{self.path.name} has the columns {self.columns}, each as long as the others")
-        if os.fstat(self._raw.fileno()).st_nlink == 0:
-            raise DataError(
-                f"{self.path}: was removed during the recording, with its {counted(self.rows, 'row')}: record it again."
-            )
+        if gone := self._gone():
+            raise DataError(f"{self.path}: {gone}")
         try:
             self._write(_lines(columns, all_digits=self._all_digits))
         except OSError as error:
             raise DataError(
                 f"{self.path}: {error.strerror} after {self.rows} rows, which are kept: the recording ends there."
             ) from None
+
+    def _gone(self) -> str:
+        """Return what became of a file that is no longer at its path, "" where it is."""
+        own = os.fstat(self._raw.fileno())
+        if own.st_nlink == 0:
+            return f"was removed during the recording, with its {counted(self.rows, 'row')}: record it again."
+        try:
+            moved = not os.path.samestat(own, self.path.stat())
+        except OSError:
+            moved = True
+        rows = counted(self.rows, "row")
+        return f"was moved during the recording, with its {rows}: the recording ends there." if moved else ""
 
     def sync(self) -> None:
         """Flush the rows so far to the disk; slow, so that callers do it in a thread."""

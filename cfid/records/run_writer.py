@@ -1,6 +1,8 @@
 """Record a run: create its folder, append rows, and close it however the recording ends."""
 
 import contextlib
+import errno
+import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -39,6 +41,7 @@ class RunWriter:
 
     folder: Path
     header: RunHeader
+    _made: os.stat_result
     _files: dict[str, RowFile] = field(default_factory=dict)
     _facts: dict[str, dict[str, Any]] = field(default_factory=dict)
     _fault: str = ""
@@ -89,6 +92,8 @@ class RunWriter:
             state, reason = "failed", self._fault
         final = self.header.model_copy(update={"state": state, "reason": reason, "devices": devices})
         try:
+            if not os.path.samestat(self._made, self.folder.stat()):  # another one has its name
+                raise FileNotFoundError(errno.ENOENT, "the run's folder was moved")
             (self.folder / _RESERVE_FILE).unlink(missing_ok=True)
             with locked_folder(self.folder):
                 final = self._amended(final)
@@ -165,7 +170,10 @@ def create_run(
         devices=dict(devices),
     )
     folder = _new_folder(runs_folder, re.sub(r"[^A-Za-z0-9_.+-]", "-", stem))
-    writer = RunWriter(folder=folder, header=header)
+    try:
+        writer = RunWriter(folder=folder, header=header, _made=folder.stat())
+    except OSError as error:
+        raise ConfigError(f"{folder}: cannot be read: {error.strerror}.") from None
     try:
         write_header(folder, header)
         # Reserved, so that run.toml can state the reason at the end even where the disk is full.

@@ -43,6 +43,28 @@ def test_a_run_that_is_removed_while_it_is_recorded_ends_with_the_next_rows(tmp_
         writer.close("failed")
 
 
+@pytest.mark.parametrize("replaced", [False, True])
+def test_a_run_that_is_moved_while_it_is_recorded_ends_and_its_rows_are_where_it_went(
+    tmp_path: Path, replaced: bool
+) -> None:
+    writer = new(tmp_path)
+    writer.append("encoder", ([1.0], [7]))
+    moved = writer.folder.rename(tmp_path / "moved")
+    if replaced:
+        writer.folder.mkdir()
+
+    with pytest.raises(
+        DataError, match=r"encoder\.csv: was moved during the recording, with its 1 row: the recording ends"
+    ):
+        writer.append("encoder", ([2.0], [8]))
+    with pytest.raises(DataError, match=r"run\.toml: cannot be written"):
+        writer.close("failed")
+
+    assert (moved / "encoder.csv").read_text() == "t,phi\n1.000000,7\n"
+    assert read_run(moved).header.state == "recording"
+    assert not replaced or not list(writer.folder.iterdir())
+
+
 def test_rows_are_appended_to_what_another_program_wrote_meanwhile(tmp_path: Path) -> None:
     with new(tmp_path) as writer:
         path = writer.folder / "encoder.csv"
