@@ -115,7 +115,7 @@ def _known(campaign: "Campaign") -> ExportInput:
 
     runs = [run for run in list_runs(campaign.runs_folder) if isinstance(run, Run)]
     simulated = {run.folder.name for run in runs if run.header.simulated}
-    sections, stale = load_sections(campaign.parameters_file), stale_in(campaign.folder, runs)
+    sections, stale = load_sections(campaign.parameters_file), stale_in(campaign.folder, runs, campaign.rig)
     content = read_toml(campaign.parameters_file, DataError) if sections else {}
     vehicle = collect(
         campaign.rig,

@@ -25,6 +25,7 @@ from cfid.flight.values import (
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Figures, Result
 
+_RESTS_ON = ("vehicle.mass_kg", "vehicle.mass_std_kg", "loadcell.arm_mm", "loadcell.arm_std_mm")
 _DRAG_AXES = ("forward", "left")
 
 
@@ -67,6 +68,7 @@ def fit(flights: Sequence[FlownLog], *, body: Body) -> Result:
             "drag_explained": {axis: one.explained for axis, one in drags.items() if one is not None},
         },
         sources=tuple(one.log.source for one in flights),
+        rests_on=_RESTS_ON,
         covariances=covariances_of(found, body),
         lines=(*_lines(flights, found, drags), *_assumptions(body)),
         drawings=drawings,

@@ -105,6 +105,7 @@ def fit(
             ),
         ),
         sources=tuple(record.source for record in records),
+        rests_on=("site", "friction"),
         lines=tuple(Dependent(_line(drop), "friction.runs") for drop in measured),
         drawings=drawings,
         folder=records[0].path.parent if records else Path(),

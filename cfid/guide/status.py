@@ -80,7 +80,7 @@ class Next:
 def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> tuple[TaskStatus, ...]:
     """Return how each task of a campaign stands. Raises DataError when parameters.toml is invalid."""
     runs, every = campaign.runs(), campaign.runs(complete=False)
-    stale = stale_in(campaign.folder, every)
+    stale = stale_in(campaign.folder, every, campaign.rig)
     sections, rejected = campaign.sections(), campaign.rejected_sections()
     order = campaign.folder.resolve().name
     swings = [run.header.devices for run in runs if run.header.kind == "swing"]

@@ -23,7 +23,7 @@ from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig
 from cfid.records.tables.angle import AngleRecord
 from cfid.swing.axis_inertias import AxisInertias, SwungBody
-from cfid.swing.data import FIXTURE, check_mounts, rig_or_thesis, surroundings, turned_about, vehicle
+from cfid.swing.data import FIXTURE, check_mounts, rests_on, rig_or_thesis, surroundings, turned_about, vehicle
 from cfid.swing.plausibility import given_numbers, moment_fault
 from cfid.swing.release import SMALLEST_PEAK_RAD
 from cfid.swing.result import Method
@@ -110,6 +110,7 @@ def fit(
         merits=_merits(axes, about, matrix, measured),
         findings=tuple(findings),
         sources=measured.sources,
+        rests_on=rests_on(axes),
         lines=(
             *measured.lines,
             *(() if matrix is None else (Dependent(line, MATRIX) for line in _budget_lines(matrix))),

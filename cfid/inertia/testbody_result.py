@@ -12,7 +12,7 @@ from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig
 from cfid.records.tables.angle import AngleRecord
 from cfid.swing.axis_inertias import AxisInertias, swung_test_body
-from cfid.swing.data import FIXTURE, check_mounts, drawn_body, rig_or_thesis, surroundings
+from cfid.swing.data import FIXTURE, check_mounts, drawn_body, rests_on, rig_or_thesis, surroundings
 from cfid.swing.release import SMALLEST_PEAK_RAD
 from cfid.swing.result import Method
 
@@ -82,6 +82,7 @@ def fit_testbody(
         merits={"swings": measured.merits, "deviations": {c.axis: c.deviations for c in comparisons}},
         findings=findings,
         sources=measured.sources,
+        rests_on=rests_on((), body="testbody"),
         lines=(*measured.lines, *differences),
         drawings=drawings,
         folder=measured.folder,

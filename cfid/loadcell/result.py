@@ -60,6 +60,7 @@ def fit(
             *_not_determined(found),
         ),
         sources=tuple(run.source for run in loaded),
+        rests_on=("site",),
         lines=tuple(_line(run, gravity_mps2) for run in loaded),
         folder=loaded[0].folder,
     )

@@ -16,7 +16,7 @@ from cfid.records.fits import Fit, keep_fit
 from cfid.records.parameters import Section, Source, load_sections, plain, store_section
 from cfid.records.plausibility import judged
 from cfid.records.result import Result
-from cfid.records.rig_file import RIG_FILE, Rig, load_rig
+from cfid.records.rig_file import RIG_FILE, Rig, load_rig, stated
 from cfid.records.run import Run, list_runs
 
 if TYPE_CHECKING:
@@ -163,6 +163,7 @@ class Campaign(BaseModel):
             covariance=given.covariances,
             common=given.common,
             rejected=result.rejected,
+            rig=stated(self.rig, result.rests_on),
         )
 
     def _path_in(self, path: str) -> str:

@@ -63,7 +63,7 @@ class Section:
     has for each cause that other fits share the change of parameters per standard uncertainty of the cause, in the
     order of `numbers_of`; the parameters' uncertainty includes it. `accepted` is false when a quantity that the fit is
     for was rejected. `rejected` has the reason for each rejected parameter, which is present only where it was kept
-    nevertheless.
+    nevertheless. `rig` is what rig.toml stated then of what the fit rests on, by its keys.
     """
 
     method: str
@@ -75,6 +75,7 @@ class Section:
     covariance: tuple[Covariance, ...] = ()
     common: Mapping[str, Mapping[str, list[float]]] = field(default_factory=dict)
     rejected: Mapping[str, str] = field(default_factory=dict)
+    rig: Mapping[str, Any] = field(default_factory=dict)
 
 
 def plain(value: Any) -> Value:
@@ -208,6 +209,7 @@ def _table(section: Section) -> dict[str, Any]:
         "covariance": [{"of": list(c.of), "matrix": [list(row) for row in c.matrix]} for c in section.covariance],
         "common": {cause: dict(effects) for cause, effects in section.common.items()},
         "rejected": dict(section.rejected),
+        "rig": plain(section.rig),
     }
     return {
         "method": section.method,

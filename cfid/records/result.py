@@ -41,8 +41,9 @@ class Result:
     `command` is the command that gives it, `section` its section of parameters.toml. `quantities` has every quantity,
     rejected ones included; `wanted` are the keys that the analysis is for, or patterns of them; empty means all.
     `merits` has figures of merit of the fit, which `quality` reads. `covariances` and `common` are as in a section of
-    parameters.toml. `lines` are further lines for the terminal, which `summary` reads. `drawings` makes the figures by
-    file name, and `folder` is their folder.
+    parameters.toml. `rests_on` names what it takes from rig.toml, as in "vehicle.mass_kg" or "mounts.x", beside what
+    recordings state themselves. `lines` are further lines for the terminal, which `summary` reads. `drawings` makes the
+    figures by file name, and `folder` is their folder.
     """
 
     command: str
@@ -55,6 +56,7 @@ class Result:
     sources: tuple[Source, ...] = ()
     covariances: tuple[Covariance, ...] = ()
     common: Mapping[str, Mapping[str, list[float]]] = field(default_factory=dict)
+    rests_on: tuple[str, ...] = ()
     lines: tuple[str | Dependent, ...] = ()
     drawings: Callable[[], Figures] | None = None
     folder: Path = field(default_factory=Path)

@@ -6,10 +6,11 @@ standard uncertainty. Everything else is SI.
 
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from functools import reduce
 from importlib import resources
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, ValidationError
 
@@ -150,6 +151,20 @@ class Rig(RigTable):
             wind=self.wind,
             lab_book=self.lab_book,
         )
+
+
+def stated(rig: Rig, keys: Iterable[str]) -> dict[str, Any]:
+    """Return what a rig.toml states under some keys, as in "vehicle.mass_kg" or "mounts.x", as plain tables and lists.
+
+    What it does not state is left out.
+    """
+    content = rig.model_dump(mode="json", exclude_none=True)
+    found = {key: reduce(_under, key.split("."), content) for key in keys}
+    return {key: value for key, value in found.items() if value is not None}
+
+
+def _under(table: Any, name: str) -> Any:
+    return table.get(name) if isinstance(table, dict) else None
 
 
 def load_rig(path: Path) -> Rig:

@@ -1,22 +1,24 @@
-"""Find out whether a fit is still current: which of its recordings were changed or excluded since."""
+"""Find out whether a fit is still current: what was changed since of its recordings and of what rig.toml states."""
 
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from cfid.errors import DataError
 from cfid.records.campaign import RUNS_FOLDER
 from cfid.records.files import sha256_of
 from cfid.records.parameters import Section, Source
+from cfid.records.rig_file import RIG_FILE, Rig, stated
 from cfid.records.run import Run
 
 Stale = Callable[[Section], tuple[str, ...]]
 
 
-def stale_in(folder: Path, runs: Sequence[Run]) -> Stale:
+def stale_in(folder: Path, runs: Sequence[Run], rig: Rig) -> Stale:
     """Return a function that gives the reasons, as sentences, why a section of a campaign is no longer current.
 
-    A missing file is no such reason.
+    A missing file is no such reason. `rig` is the campaign's rig.toml as it is now.
     """
     excluded = {run.folder.name: run.header.excluded for run in runs if run.header.excluded}
 
@@ -32,9 +34,19 @@ def stale_in(folder: Path, runs: Sequence[Run]) -> Stale:
         paths = [Path(source.path) for source in section.sources]
         names = dict.fromkeys(path.parts[1] for path in paths if path.parts[:1] == (RUNS_FOLDER,) and path.parts[1:])
         left = [f"{name} ({excluded[name]})" for name in names if name in excluded]
+        now = stated(rig, section.rig)
+        facts = [f"{key} {_change(was, now.get(key))}" for key, was in section.rig.items() if now.get(key) != was]
         return (
+            *([f"Made with another {RIG_FILE}: {'; '.join(facts)}: fit again."] if facts else []),
             *([f"Changed since it was fitted: {', '.join(other)}: fit again."] if other else []),
             *([f"Fitted to runs that are now excluded: {', '.join(left)}: fit again without them."] if left else []),
         )
 
     return reasons
+
+
+def _change(was: Any, now: Any) -> str:
+    """Return what became of a number; a table is too long for a sentence."""
+    if now is None:
+        return "is gone"
+    return f"was {was:g}, is {now:g}" if isinstance(was, float) and isinstance(now, float) else "has changed"

@@ -97,7 +97,7 @@ def gather(campaign: Campaign, *, now: datetime) -> Report:
     measured = measurements_of(fits)
     latest = {fit.name: fit for fit in fits}
     commands = {name: fit.command for name, fit in latest.items()}
-    stale, statuses = stale_in(campaign.folder, runs), status_of(campaign)
+    stale, statuses = stale_in(campaign.folder, runs, campaign.rig), status_of(campaign)
     experiments = experiments_of(measured, fits, stale, campaign.folder)
     return Report(
         about=_about(campaign, runs, fits, now),

@@ -232,6 +232,16 @@ def surroundings(
     )
 
 
+_WEIGHED = tuple(f"vehicle.{key}" for key in ("mass_kg", "mass_std_kg", "centre_of_mass_mm", "centre_of_mass_std_mm"))
+
+
+def rests_on(axes: Iterable[str], *, body: str | None = None) -> tuple[str, ...]:
+    """Return what of rig.toml the inertia of a body rests on that swung about some axes, by its keys."""
+    if body == "testbody":
+        return ("site", "fixture", "testbody")
+    return ("site", "fixture", *_WEIGHED, *(f"mounts.{axis}" for axis in axes))
+
+
 Given = tuple[float | None, float | None]  # a number and its standard uncertainty, where given
 
 

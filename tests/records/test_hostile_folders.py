@@ -14,7 +14,7 @@ from cfid.fleet.places import campaigns
 from cfid.records.files import write_whole
 from cfid.records.fits import keep_fit, list_fits
 from cfid.records.parameters import Section, Source
-from cfid.records.rig_file import RIG_FILE, load_rig
+from cfid.records.rig_file import RIG_FILE, load_rig, thesis_rig
 from cfid.records.run import DeviceRecord, Label, read_run
 from cfid.records.run_writer import RunWriter, create_run
 from cfid.records.stale import stale_in
@@ -144,7 +144,7 @@ def test_a_pipe_among_fits_sources_or_lists_is_not_waited_for(tmp_path: Path) ->
 
     assert not isinstance(whole, DataError)
     assert "083013_inertia.json: cannot be read: a pipe or a device" in str(broken)
-    assert stale_in(tmp_path, ())(section) == ()
+    assert stale_in(tmp_path, (), thesis_rig())(section) == ()
     with pytest.raises(DataError, match="pipe: cannot be read: a pipe or a device"):
         campaigns([], str(pipe))
 

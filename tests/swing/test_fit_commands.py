@@ -191,6 +191,28 @@ def test_a_campaign_keeps_what_a_fit_found_and_another_fit_leaves_it(cfid: Cfid,
     assert [Path(source["path"]).stem for source in kept["inertia"]["sources"]] == list(AXES)
 
 
+def test_a_fit_made_with_another_rig_toml_is_stale_and_exported_no_more(
+    cfid: Cfid, files: Path, tmp_path: Path
+) -> None:
+    cfid("new", "lab")
+    rig = tmp_path / "lab" / "rig.toml"
+    assert cfid("fit", "inertia", *swings(files), "--campaign", tmp_path / "lab", "--no-figures").returncode == 0
+    text = rig.read_text()
+
+    def after(old: str, new: str) -> str:
+        assert old in text
+        rig.write_text(text.replace(old, new, 1))
+        return " ".join(cfid("status", "--campaign", tmp_path / "lab", "--kind", "inertia").stdout.split())
+
+    assert "fit again" not in after("[site]", "# where the rig stands\n[site]")
+    said = after("mass_kg = 0.0280", "mass_kg = 0.03")
+    assert "inertia: Made with another rig.toml: vehicle.mass_kg was 0.028, is 0.03: fit again." in said
+    refused = cfid("export", "firmware", "--campaign", tmp_path / "lab")
+    assert refused.returncode == 4
+    assert "inertia.matrix_kg_m2 is outdated. Made with another rig.toml" in refused.stderr
+    assert "mounts.x has changed: fit again" in after("point_mm = [0.0, 32.25", "point_mm = [0.0, 32.35")
+
+
 def test_figures_lie_where_they_are_asked_for_and_replace_only_themselves(
     cfid: Cfid, files: Path, tmp_path: Path
 ) -> None:

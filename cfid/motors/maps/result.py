@@ -299,6 +299,7 @@ def _result(mapped: MotorMap, found: Evidence, details: _MapDetails) -> Result:
         merits=values.figures_of_merit(mapped, **(details.merits or {})),
         findings=(*found.findings, *mapped.findings, *details.findings),
         sources=found.sources,
+        rests_on=("site",) if mapped.quantity == "thrust" else (),
         lines=(*found.lines, *values.map_lines(mapped), *details.lines),
         drawings=drawings,
         folder=found.paths[0].parent if found.paths else Path(),
