@@ -7,6 +7,7 @@ import sys
 import textwrap
 import threading
 from collections.abc import Iterator
+from typing import TextIO
 
 import typer
 
@@ -43,8 +44,14 @@ def echo(text: object = "", *, nl: bool = True, err: bool = False) -> None:
 
 
 def note(text: str) -> None:
-    """Print a note that the operator should know before using the result."""
-    typer.echo(noted(text), err=True)
+    """Print a note that the operator should know before using the result.
+
+    Where stderr takes nothing, as a full disk, the command goes on without it: it may be about to stop motors.
+    """
+    try:
+        typer.echo(noted(text), err=True)
+    except OSError:
+        _drop(sys.stderr)
 
 
 def noted(text: str) -> str:
@@ -82,9 +89,14 @@ def result(text: str) -> None:
     try:
         typer.echo(fitted(printable_lines(text)))
     except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the rest of the text fails once more
-        with contextlib.suppress(OSError):
-            note(text)
+        _drop(sys.stdout)
+        note(text)
+
+
+def _drop(stream: TextIO) -> None:
+    """Let what is printed to a stream go nowhere, or what it still holds fails once more."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def fitted(text: str, *, indent: int = 0, err: bool = False) -> str:

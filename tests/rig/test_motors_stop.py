@@ -327,6 +327,20 @@ def test_motors_stop_needs_neither_a_current_folder_nor_a_campaign(tmp_path: Pat
         assert pilot.end() != 1
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux that takes nothing")
+@pytest.mark.parametrize("full", [("stderr",), ("stdout", "stderr")])
+def test_motors_stop_needs_nobody_who_reads_what_it_prints(tmp_path: Path, full: tuple[str, ...]) -> None:
+    with bench_in(tmp_path) as bench, Path("/dev/full").open("w") as nowhere:
+        pilot = bench.start(*HOLD)
+        pilot.wait_until_motors_run()
+        rig = tmp_path / "rig.toml"
+        rig.write_text(f"{rig.read_text()}\nx = [")  # of which a note is printed before the stop
+        other = bench.start("motors", "stop", "--uri", bench.uri, **dict.fromkeys(full, nowhere))
+        bench.wait_until(lambda: not any(bench.motors), other)
+        assert other.end() == 0
+        assert pilot.end() != 1
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["app", "stock"])
 def test_motors_stop_needs_no_help_twenty_times_out_of_twenty(tmp_path: Path, kind: str) -> None:
