@@ -35,6 +35,10 @@ class FitError(CfidError):
     exit_code = 5
 
 
+class RejectedError(FitError):
+    """A fit was found, and rejected: the campaign keeps why."""
+
+
 def check_positive(**arguments: float | None) -> None:
     """Check that the arguments which are given are numbers above zero.
 

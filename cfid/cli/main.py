@@ -64,7 +64,7 @@ def main(words: Sequence[str] | None = None) -> None:
 
     Expected errors print a sentence and set the exit code; warnings of libraries print a sentence.
     """
-    from cfid.errors import CfidError
+    from cfid.errors import CfidError, DataError, FitError, RejectedError
 
     # Threads of the linear algebra wait for each other longer than these small matrices take.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -75,6 +75,10 @@ def main(words: Sequence[str] | None = None) -> None:
         except CfidError as error:
             with suppress(OSError):
                 fault(str(error))
+            if isinstance(error, DataError | FitError) and not isinstance(error, RejectedError):
+                from cfid.guide.refused import remember_refusal
+
+                remember_refusal(sys.argv[1:] if words is None else words, error)
             sys.exit(error.exit_code)
         except OSError as error:  # whatever names no file is stdout or stderr
             what = "the output cannot be written" if error.filename is None else str(error.filename)

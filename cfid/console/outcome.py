@@ -11,7 +11,7 @@ from cfid import __version__
 from cfid.console.messages import echo, fitted, in_options, note, printable
 from cfid.console.options import Delivery
 from cfid.console.tables import print_parameters
-from cfid.errors import ConfigError, FitError
+from cfid.errors import ConfigError, RejectedError
 from cfid.findings import SEVERITIES, joined, texts
 from cfid.records.parameters import plain
 from cfid.records.result import Result
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig: "Rig | None" = None) -> None:
     """Draw, keep and print a result; rejected quantities, and those that the `rig` cannot have, only with --force.
 
-    Raises FitError when a quantity that the command is for was rejected and --force is not set; parameters.toml is
+    Raises RejectedError when a quantity that the command is for was rejected and --force is not set; parameters.toml is
     then unchanged.
     """
     if delivery.take is not None:
@@ -50,7 +50,7 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
                 campaign.remember_rejected(result)
         still = " parameters.toml is unchanged." if campaign is not None else ""
         reasons = joined(texts(result.findings, "rejection"))
-        raise FitError(f"rejected: {reasons}{still} Use --force to get the numbers anyway.")
+        raise RejectedError(f"rejected: {reasons}{still} Use --force to get the numbers anyway.")
 
 
 def _with_names(result: Result, runs_folder: Path) -> Result:

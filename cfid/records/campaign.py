@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any
 from pydantic import BaseModel, ConfigDict
 
 from cfid import __version__
-from cfid.errors import ConfigError, FitError
+from cfid.errors import ConfigError, RejectedError
 from cfid.findings import joined, texts
+from cfid.records.files import sha256_of
 from cfid.records.fits import Fit, keep_fit
 from cfid.records.parameters import Section, Source, load_sections, plain, store_section
 from cfid.records.plausibility import judged
 from cfid.records.result import Result
 from cfid.records.rig_file import RIG_FILE, Rig, load_rig, stated
-from cfid.records.run import Run, list_runs
+from cfid.records.run import RUN_FILE, Run, list_runs
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -108,12 +109,12 @@ class Campaign(BaseModel):
 
         Rejected quantities are kept only with `force`, and marked, and so are those that the rig's platform cannot
         have. `options` are those of the command that differ from its defaults; a fit made in Python states none. Raises
-        FitError when a quantity that the analysis is for was rejected and `force` is not set; ConfigError when a file
-        cannot be written.
+        RejectedError when a quantity that the analysis is for was rejected and `force` is not set; ConfigError when a
+        file cannot be written.
         """
         result = judged(result, self.rig)
         if not (result.accepted or force):
-            raise FitError(
+            raise RejectedError(
                 f"rejected: {joined(texts(result.findings, 'rejection'))} {self.parameters_file} is unchanged."
             )
         given = result if force else result.without_rejected()
@@ -136,12 +137,32 @@ class Campaign(BaseModel):
 
         Raises ConfigError when the file cannot be written.
         """
+        section = self._section_of(replace(result, quantities={}, covariances=(), common={}), result)
+        self._remember(result.section_name, section)
+
+    def remember_refused(self, section: str, reason: str) -> None:
+        """Keep why a fit of all usable runs gave nothing, which holds as long as these stay as they are.
+
+        Raises DataError or ConfigError when a run cannot be read or the file cannot be written.
+        """
+        files = [run.folder / RUN_FILE for run in self.runs()]
+        refused = Section(
+            method="default",
+            found=datetime.now(UTC).replace(microsecond=0),
+            cfid_version=__version__,
+            accepted=False,
+            sources=tuple(Source(self._path_in(str(file)), sha256_of(file)) for file in files),
+            parameters={},
+            rejected={section: reason},
+        )
+        self._remember(section, refused)
+
+    def _remember(self, name: str, section: Section) -> None:
         try:
             self.fits_folder.mkdir(exist_ok=True)
         except OSError as error:
             raise ConfigError(f"{self.fits_folder}: cannot be made: {error.strerror}.") from None
-        section = self._section_of(replace(result, quantities={}, covariances=(), common={}), result)
-        store_section(self._rejected_file, result.section_name, section)
+        store_section(self._rejected_file, name, section)
 
     def rejected_sections(self) -> dict[str, Section]:
         """Return, by fit, the last one rejected whole, without numbers. Raises DataError for an invalid file."""

@@ -191,6 +191,30 @@ def test_a_fit_that_was_rejected_whole_is_not_offered_again_until_something_was_
     assert standing(folder)[1].words == ("fit", "inertia")
 
 
+def test_a_fit_that_gave_nothing_is_not_offered_again_until_something_changes(cfid: Cfid, folder: Path) -> None:
+    swung(folder)  # ten samples each, in which nothing swings
+    assert standing(folder)[1].words == ("fit", "inertia")
+    refused_by = cfid("fit", "inertia", "--campaign", folder, "--no-figures")
+    assert refused_by.returncode == 4
+
+    rejected, _ = standing(folder)
+    assert rejected.state == "rejected"
+    assert rejected.reason in refused_by.stderr
+    assert next_of([rejected]).words[:2] == ("log", "encoder")
+
+    last = read_run(sorted((folder / "runs").iterdir())[-1])
+    amend_run(last, excluded="nothing swung")
+    assert standing(folder)[0].state == "missing"
+    swing(folder, str(last.header.label.axis), minute=90)
+    assert standing(folder)[0].state == "not fitted"
+
+
+def test_a_fit_of_some_runs_that_gave_nothing_says_nothing_about_all(cfid: Cfid, folder: Path) -> None:
+    swung(folder)
+    assert cfid("fit", "inertia", "*_x", "--campaign", folder, "--no-figures").returncode == 4
+    assert standing(folder)[0].state == "not fitted"
+
+
 def test_a_run_more_than_was_planned_makes_a_fit_stale(folder: Path) -> None:
     axes = swung(folder)
     fitted(folder, found=BEGAN + timedelta(hours=1))
