@@ -35,7 +35,7 @@ class KnownValue(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Summary:
-    """A campaign. `findings` name recordings that are missing or have changed since they were fitted.
+    """A campaign. `findings` name runs that cannot be read, and recordings that are missing or have changed since.
 
     `name` is the folder's, or its path where another one of the fleet has that name.
     """
@@ -64,7 +64,11 @@ def summarise(place: str) -> Summary | CfidError:
         sections = load_sections(campaign.parameters_file)
     except CfidError as error:
         return error
-    runs = [run for run in list_runs(campaign.runs_folder) if not isinstance(run, DataError)]
+    listed = list_runs(campaign.runs_folder)
+    runs = [run for run in listed if isinstance(run, Run)]
+    unreadable = [
+        warning("run-unreadable", f"{run} It does not count.") for run in listed if isinstance(run, DataError)
+    ]
     complete = sum(run.header.state == "complete" for run in runs)
     sources = {source for section in sections.values() for source in section.sources}
     return Summary(
@@ -72,13 +76,14 @@ def summarise(place: str) -> Summary | CfidError:
         name=folder.name,
         vehicle=campaign.rig.vehicle.name,
         complete_runs=complete,
-        other_runs=len(runs) - complete,
+        other_runs=len(listed) - complete,
         known=tuple(
             known for name, section in sections.items() for known in _numbers(name, section, _recorded(section, runs))
         ),
         lab_book=lab_book.summary(runs),
-        findings=tuple(
-            filter(None, (_source_finding(folder, source) for source in sorted(sources, key=lambda own: own.path)))
+        findings=(
+            *unreadable,
+            *filter(None, (_source_finding(folder, source) for source in sorted(sources, key=lambda own: own.path))),
         ),
     )
 

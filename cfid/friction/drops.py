@@ -74,7 +74,7 @@ def measure_drop(
     Raises DataError when the axis does not turn, or when the samples are too few for their time.
     """
     check_dense(time_s)
-    counted, unclear = counted_turns(time_s, angle_rad)
+    counted, unclear = counted_turns(time_s - time_s[0], angle_rad)
     grid, angle = resample(time_s - time_s[0], counted, step_s=GRID_S)
     if np.ptp(angle) < 2 * np.pi:
         raise DataError(f"the axis turns by {np.ptp(angle):.2g} rad in all: no weight dropped, or the wrong unit.")

@@ -13,6 +13,8 @@ Array = npt.NDArray[np.float64]
 _JUMP_RAD = math.pi / 2  # between two samples, more than the one before: no axis does that
 _EVEN = 1.5  # times the usual step: beyond, samples are missing
 _BESIDE = 7  # samples on each side that show the speed
+_LONGEST_S = 0.5  # that a speed is known to last
+_APART_S = 5.0  # between two recordings in one
 _BEGIN_S = 0.05  # by which a fall may begin earlier than it is fast
 
 
@@ -20,15 +22,22 @@ def counted_turns(time_s: Array, angle_rad: Array) -> tuple[Array, Sequence[int]
     """Return an angle (n,) with the turns that its speed has where samples are missing, and where that is open.
 
     A reading within a turn does not show how many turns passed while none was taken. The speeds on both sides do, where
-    they agree within half a turn; other gaps are returned by the place before them.
+    they agree within half a turn; other gaps are returned by the place before them. Raises DataError for one that no
+    recording of a fall has.
     """
     step_s, step = np.diff(time_s), np.diff(angle_rad)
+    if step_s.max() > _APART_S:
+        begin_s = time_s[int(np.argmax(step_s))]
+        raise DataError(
+            f"nothing was recorded for {step_s.max():.3g} s after the first {begin_s:.3g} s. Was the clock set? Fit a "
+            "file of one part."
+        )
     even = step_s < _EVEN * np.median(step_s)
     speed = np.where(even, step / step_s, np.nan)
     turns, unclear = np.zeros(len(step)), []
     for place in np.flatnonzero(~even).tolist():
         before, after = _usual(speed[max(place - _BESIDE, 0) : place]), _usual(speed[place + 1 :][:_BESIDE])
-        if abs(after - before) * step_s[place] > math.pi:
+        if step_s[place] > _LONGEST_S or abs(after - before) * step_s[place] > math.pi:
             unclear.append(place)
         else:
             turns[place] = np.rint(((before + after) / 2 * step_s[place] - step[place]) / (2 * math.pi))

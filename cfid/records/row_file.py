@@ -27,7 +27,7 @@ class RowFile:
     def __init__(self, path: Path, raw: FileIO, columns: Sequence[str], *, all_digits: bool = False) -> None:
         """Wrap an empty file that is open for writing; `create` makes one."""
         self.path, self.columns, self._all_digits = path, tuple(columns), all_digits
-        self.rows = self.lost = 0
+        self.rows = self.lost = self._written = 0
         self._raw = raw
 
     @classmethod
@@ -60,15 +60,16 @@ class RowFile:
             ) from None
 
     def _gone(self) -> str:
-        """Return what became of a file that is no longer at its path, "" where it is."""
-        own = os.fstat(self._raw.fileno())
+        """Return what became of a file that is no longer whole or at its path, "" where it is."""
+        own, rows = os.fstat(self._raw.fileno()), counted(self.rows, "row")
         if own.st_nlink == 0:
-            return f"was removed during the recording, with its {counted(self.rows, 'row')}: record it again."
+            return f"was removed during the recording, with its {rows}: record it again."
+        if own.st_size < self._written:
+            return f"was cut by another program during the recording, with its {rows}: record it again."
         try:
             moved = not os.path.samestat(own, self.path.stat())
         except OSError:
             moved = True
-        rows = counted(self.rows, "row")
         return f"was moved during the recording, with its {rows}: the recording ends there." if moved else ""
 
     def sync(self) -> None:
@@ -97,6 +98,7 @@ class RowFile:
                 written += self._raw.write(memoryview(block)[written:])
         finally:
             whole = block.rfind(b"\n", 0, written) + 1
+            self._written += whole
             self.rows += block.count(b"\n", 0, whole)
             if written > whole:
                 with contextlib.suppress(OSError):  # the reader leaves out a partial row

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
+from cfid.errors import FitError
 from cfid.estimate.signals import GRID_S, resample
 from cfid.swing.free_swing import FreeSwing
 
@@ -64,7 +65,7 @@ class Decrement:
 
 
 def fit_damped_cosine(swing: FreeSwing) -> DampedCosine:
-    """Fit the linearised pendulum from the release to the last peak used."""
+    """Fit the linearised pendulum from the release to the last peak used. Raises FitError where nothing oscillates."""
     time, angle = resample(*swing.free, step_s=GRID_S)
     time = time - time[0]
     begin = float(angle[0])
@@ -77,6 +78,11 @@ def fit_damped_cosine(swing: FreeSwing) -> DampedCosine:
 
     found = least_squares(residual, np.array([1.0, decay / scale[1], 0.0]), method="lm", xtol=1e-12, ftol=1e-12)
     squared, viscous, speed = found.x * scale
+    if np.linalg.matrix_rank(found.jac) < len(scale):
+        raise FitError(
+            f"no oscillation of {swing.period_s:.2g} s is seen in the {time[-1]:.4g} s used: was the clock set, or are "
+            "samples missing?"
+        )
     variance = 2 * found.cost / max(len(angle) - 3, 1)
     std = np.sqrt(variance * np.diag(np.linalg.inv(found.jac.T @ found.jac))) * scale
     return DampedCosine(

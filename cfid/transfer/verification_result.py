@@ -41,20 +41,16 @@ class Function:
         cls, numerator: Sequence[float], denominator: Sequence[float], *, delay_s: float = 0.0
     ) -> "Function":
         """Return H(z) by coefficients of z^0, z^-1, ... Raises ConfigError for what no motor has."""
-        if not len(denominator) or denominator[0] != 1:
-            raise ConfigError(f"denominator {_text(denominator)}: should begin with its leading 1.")
-        if not any(numerator):
-            raise ConfigError(f"numerator {_text(numerator)}: gives no thrust at any command: one should not be zero.")
-        if np.max(np.abs(np.roots(denominator)), initial=0.0) >= 1:
-            raise ConfigError(f"denominator {_text(denominator)}: never settles, which no motor does: is a sign wrong?")
-        equation = DifferenceEquation(numerator=np.array(numerator), denominator=np.array(denominator))
-        return cls(equation=equation, delay_s=_delay(delay_s))
+        return cls(equation=_equation(numerator, denominator), delay_s=_delay(delay_s))
 
     @classmethod
     def of_quantities(
         cls, quantities: Mapping[str, Parameter], sources: Iterable[Source] = (), *, delay_s: float | None = None
     ) -> "Function":
-        """Return the function that was identified, with its delay or another. Raises DataError when one is missing."""
+        """Return the function that was identified, with its delay or another.
+
+        Raises DataError for one that is missing, and for what no motor has.
+        """
         try:
             numerator, denominator, average = (
                 quantities[f"tf.{key}"] for key in ("numerator", "denominator", "delay_s")
@@ -62,13 +58,18 @@ class Function:
         except KeyError as error:
             raise DataError(f"there is no {error.args[0]}: identify the transfer function again.") from None
         quickest = quantities.get("tf.delay_after_quickest_s")
-        equation = DifferenceEquation(numerator=np.array(numerator.value), denominator=np.array(denominator.value))
         used = frozenset(source.sha256 for source in sources)
+        try:
+            equation = _equation(numerator.value, denominator.value)
+            delay_s = None if delay_s is None else _delay(delay_s)
+            average_s = _delay(average.value)
+        except ConfigError as error:
+            raise DataError(f"{error} Identify the transfer function again.") from None
         if delay_s is not None:
-            return cls(equation=equation, delay_s=_delay(delay_s), used=used)
+            return cls(equation=equation, delay_s=delay_s, used=used)
         return cls(
             equation=equation,
-            delay_s=average.value,
+            delay_s=average_s,
             delay_std_s=(average if quickest is None else quickest).std or 0.0,
             after_quickest_s=None if quickest is None else quickest.value,
             used=used,
@@ -180,6 +181,19 @@ def _distinct(names: Iterable[str]) -> list[str]:
         seen[name] += 1
         found.append(name if seen[name] == 1 else f"{name}_{seen[name]}")
     return found
+
+
+def _equation(numerator: Sequence[float], denominator: Sequence[float]) -> DifferenceEquation:
+    """Return H(z) by coefficients of z^0, z^-1, ... Raises ConfigError for what no motor has."""
+    if not len(denominator) or denominator[0] != 1:
+        raise ConfigError(f"denominator {_text(denominator)}: should begin with its leading 1.")
+    if not any(numerator):
+        raise ConfigError(f"numerator {_text(numerator)}: gives no thrust at any command: one should not be zero.")
+    if not np.all(np.isfinite([*numerator, *denominator])):
+        raise ConfigError(f"coefficients {_text([*numerator, *denominator])}: should be finite numbers.")
+    if np.max(np.abs(np.roots(denominator)), initial=0.0) >= 1:
+        raise ConfigError(f"denominator {_text(denominator)}: never settles, which no motor does: is a sign wrong?")
+    return DifferenceEquation(numerator=np.array(numerator), denominator=np.array(denominator))
 
 
 def _delay(delay_s: float) -> float:

@@ -93,6 +93,18 @@ def test_recordings_that_changed_or_went_are_told(cfid: Cfid, tmp_path: Path) ->
     assert "encoder.csv is missing." in ended.stderr
 
 
+def test_runs_that_cannot_be_read_are_counted_and_named(cfid: Cfid, tmp_path: Path) -> None:
+    folder = campaign(tmp_path / "one", 0, 0.028)
+    (broken := folder / "runs" / "2026-01-01_080000_swing_x").mkdir()
+    (broken / "run.toml").write_text("format = 99")
+    ended = cfid("fleet", folder, "--details")
+
+    assert ended.returncode == 0
+    assert "2026-01-01_080000_swing_x" in ended.stderr
+    assert "99" in ended.stderr
+    assert "1 not complete" in ended.stdout
+
+
 def test_of_many_changed_recordings_one_is_named_unless_details_are_wanted(cfid: Cfid, tmp_path: Path) -> None:
     folders = [campaign(tmp_path / f"c{day}", day, 0.028) for day in range(5)]
     for folder in folders:

@@ -314,6 +314,12 @@ def test_a_gap_at_the_release_is_refused_and_one_before_it_is_not() -> None:
     assert measured(*wrapped_without(time_s, angle, [(-1.0, -0.5)]), 40.0).settled
 
 
+def test_a_clock_that_was_set_within_a_fall_is_named_at_once() -> None:
+    time_s, angle = fallen(40.0)
+    with pytest.raises(DataError, match=r"nothing was recorded for 600 s after the first 1 s. Was the clock set"):
+        measured(time_s + 600 * (time_s > 1.0), angle, 40.0)
+
+
 def test_a_speed_that_tends_far_beyond_what_was_seen_has_not_settled() -> None:
     time_s = np.arange(0, 13, 0.001)
     found = measured(time_s, 0.5 * 30 * np.maximum(time_s - 0.5, 0) ** 2, 30.0)  # gains 30 rad/s a second for good

@@ -65,6 +65,16 @@ def test_a_run_that_is_moved_while_it_is_recorded_ends_and_its_rows_are_where_it
     assert not replaced or not list(writer.folder.iterdir())
 
 
+def test_a_file_that_another_program_cuts_ends_the_recording(tmp_path: Path) -> None:
+    writer = new(tmp_path)
+    writer.append("encoder", ([1.0, 2.0], [7, 8]))
+    os.truncate(writer.folder / "encoder.csv", 8)
+
+    with pytest.raises(DataError, match=r"was cut by another program during the recording, with its 2 rows"):
+        writer.append("encoder", ([3.0], [9]))
+    assert writer.close("complete").header.state == "failed"
+
+
 def test_rows_are_appended_to_what_another_program_wrote_meanwhile(tmp_path: Path) -> None:
     with new(tmp_path) as writer:
         path = writer.folder / "encoder.csv"

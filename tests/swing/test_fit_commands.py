@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from cfid.records.rig_file import load_rig, new_rig_text
@@ -189,6 +190,20 @@ def test_a_campaign_keeps_what_a_fit_found_and_another_fit_leaves_it(cfid: Cfid,
     assert matrix["value"] == inertia["parameters"]["inertia.matrix_kg_m2"]["value"]
     assert matrix["unit"] == "kg m^2"
     assert [Path(source["path"]).stem for source in kept["inertia"]["sources"]] == list(AXES)
+
+
+@pytest.mark.parametrize("jump_s", [20, 600])
+def test_a_clock_that_was_set_within_a_swing_ends_in_a_sentence(
+    cfid: Cfid, files: Path, tmp_path: Path, jump_s: float
+) -> None:
+    frame = pd.read_csv(files / "x.csv")
+    frame.iloc[len(frame) // 2 :, 0] += jump_s
+    frame.to_csv(tmp_path / "set.csv", index=False)
+
+    refused = cfid("fit", "swing", tmp_path / "set.csv", "--no-figures")
+
+    assert refused.returncode in (4, 5)
+    assert "Traceback" not in refused.stderr
 
 
 def test_a_fit_made_with_another_rig_toml_is_stale_and_exported_no_more(

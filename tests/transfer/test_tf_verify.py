@@ -1,5 +1,6 @@
 """`cfid tf verify`: a transfer function against runs that it was not identified from."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -58,6 +59,26 @@ def test_what_a_campaign_identified_describes_a_run_it_did_not_see(tf: Here, cam
     assert parameters[f"{key}.residual_rms_n"]["value"] < 5e-3
     assert content["quality"]["runs"][f"l = 12 ({left_out})"]["off"] < 0.05
     assert "tf verify" in load_sections(campaign / "parameters.toml")
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("numerator", "[0.0, 0.0]"), ("denominator", "[0.0, 0.0]"), ("delay_s", "nan")],
+)
+def test_a_function_that_no_motor_has_is_refused_with_its_coefficients(
+    tf: Here, campaign: Path, key: str, value: str
+) -> None:
+    assert tf("identify", "--no-figures").returncode == 0
+    file = campaign / "parameters.toml"
+    stated = rf'(\[tf\.parameters\."tf\.{key}"\]\nvalue = )(\[[^]]*\]|\S+)'
+    text, count = re.subn(stated, rf"\g<1>{value}", file.read_text())
+    assert count == 1
+    file.write_text(text)
+
+    refused = tf("verify", name_of(campaign, 12), "--no-figures")
+
+    assert refused.returncode == 4
+    assert "Identify the transfer function again." in refused.stderr
 
 
 def test_a_glob_verifies_with_the_run_that_was_excluded_for_it(tf: Here, campaign: Path) -> None:
