@@ -135,13 +135,15 @@ def find_swing(
     moved = () if taken else moved_again(time, angle, halves, begin)
     peak_time, peak_angle, grows = _peaks(time, angle, begin.peak, begin.later)
     used, fewer = _usable(peak_angle, peaks, max(smallest_peak_rad, SMALLEST_PEAK_RAD))
+    end = int(np.searchsorted(time, peak_time[used - 1], side="right")) - 1
+    _check_gaps(time[begin.release : end + 1])
     return FreeSwing(
         time_s=time,
         angle_rad=angle,
         rest_rad=rest,
         release=begin.release,
         hand_gone=begin.hand_gone,
-        end=int(np.searchsorted(time, peak_time[used - 1], side="right")) - 1,
+        end=end,
         peak_time_s=peak_time,
         peak_angle_rad=peak_angle,
         peaks_used=used,
@@ -178,6 +180,17 @@ def _check_motion(angle: Array) -> None:
         raise DataError(
             f"a swing of {farthest:.3g} rad goes over the top: the angle's unit or the counts per turn are wrong, or "
             "the body turned."
+        )
+
+
+def _check_gaps(time: Array) -> None:
+    """Raise DataError where a free swing (n,) has one gap that is longer than all that was recorded of it."""
+    steps = np.diff(time)
+    longest = int(np.argmax(steps))
+    if 2 * steps[longest] > time[-1] - time[0]:
+        raise DataError(
+            f"nothing was recorded for {steps[longest]:.3g} s of the swing, after {time[longest]:.4g} s: was the clock "
+            "set? Fit one part, bounded by `from_s` and `to_s`."
         )
 
 
