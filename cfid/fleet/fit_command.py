@@ -34,6 +34,10 @@ def fleet_fit(
         Literal["default", "thesis"] | None,
         typer.Option(help="Of all fits that have both; default: as they were made."),
     ] = None,
+    changed: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help="An option of the fits that have it; can be repeated."),
+    ] = None,
     jobs: Jobs = 0,
     scheduler: Scheduler = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
@@ -42,17 +46,19 @@ def fleet_fit(
 
     The same command goes on where it was interrupted. Compare the results with `cfid fleet "OUT/*"`.
 
-    Example: [bold]cfid fleet fit vehicles/* --out refitted[/bold]
+    Example: [bold]cfid fleet fit vehicles/* --out refitted --set peaks=12[/bold]
     """
     from cfid.errors import DataError, FitError
     from cfid.fleet.places import campaigns
+    from cfid.fleet.recipes import changes_of
     from cfid.fleet.refit import refit
     from cfid.fleet.results import results_in
     from cfid.fleet.workers import on_cluster, on_processes
 
     every = [one for one in campaigns(places or [], index) if one != os.path.realpath(out)]  # which a glob matches too
-    work = partial(refit, method=method)
-    with results_in(out, method=method) as results:
+    changes = changes_of(changed or [], method)
+    work = partial(refit, changes=changes)
+    with results_in(out, changes=changes) as results:
         left = [one for one in every if one not in results.done]
         answers = (
             on_processes(work, left, number=jobs or processors())

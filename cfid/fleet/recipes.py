@@ -3,6 +3,7 @@
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path, PurePath
+from types import MappingProxyType
 from typing import Any, Literal
 
 from pydantic import TypeAdapter, ValidationError
@@ -10,7 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 from cfid.console.flat import options_that_count
 from cfid.console.options import Delivery
 from cfid.drag.command import drag
-from cfid.errors import DataError
+from cfid.errors import ConfigError, DataError
 from cfid.flight.command import flight
 from cfid.friction.command import friction
 from cfid.inertia.command import inertia, testbody
@@ -28,6 +29,7 @@ from cfid.transfer.command import identify
 Method = Literal["default", "thesis"]
 Command = Callable[..., None]
 
+NO_CHANGES: Mapping[str, str] = MappingProxyType({})
 LABELS = "labels"  # among the options: what was typed for runs, as 20:0.1=RUN
 
 _COMMANDS: Mapping[str, Command] = {
@@ -48,8 +50,26 @@ _COMMANDS: Mapping[str, Command] = {
 }
 
 
-def options_of(kept: Fit, method: Method | None = None) -> dict[str, Any]:
-    """Return the options of a kept fit, with a `method` in place of its own.
+def changes_of(words: Sequence[str], method: Method | None) -> dict[str, str]:
+    """Return options that replace those of fits, from words such as "peaks=12", and a method.
+
+    Raises ConfigError for a word without a value, and for an option that no fit has.
+    """
+    found = {} if method is None else {"method": str(method)}
+    known = {name for command in _COMMANDS.values() for name in options_that_count(command)} - {"force"}
+    for word in words:
+        name, sign, value = word.partition("=")
+        key = name.strip().lstrip("-").replace("-", "_")
+        if not (sign and value):
+            raise ConfigError(f"--set {word}: expected NAME=VALUE, as in peaks=12.")
+        if key not in known:
+            raise ConfigError(f"--set {word}: no fit has an option {key}. A file in fits/ lists those of its fit.")
+        found[key] = value.strip()
+    return found
+
+
+def options_of(kept: Fit, changes: Mapping[str, str] = NO_CHANGES) -> dict[str, Any]:
+    """Return the options of a kept fit, with `changes` in place of its own where its command has such an option.
 
     Raises DataError for a fit that cannot be repeated, and for an option that its command does not take.
     """
@@ -59,8 +79,7 @@ def options_of(kept: Fit, method: Method | None = None) -> dict[str, Any]:
         raise DataError(f"axis inertias of {', '.join(known)} were given as numbers: fit it by hand.")
     taken = options_that_count(_command_of(kept))
     found = dict(_shown_by(kept) if kept.options is None else kept.options)
-    if method is not None and "method" in taken:
-        found["method"] = method
+    found |= {name: value for name, value in changes.items() if name in taken}
     return {name: _checked(name, value, taken) for name, value in found.items()}
 
 

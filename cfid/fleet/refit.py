@@ -10,7 +10,7 @@ from pathlib import Path, PurePath
 from cfid import __version__
 from cfid.errors import CfidError, DataError
 from cfid.fleet.places import Place, at_hand
-from cfid.fleet.recipes import Method, again, options_of
+from cfid.fleet.recipes import NO_CHANGES, again, options_of
 from cfid.records.campaign import RUNS_FOLDER, Campaign, open_campaign
 from cfid.records.fits import Fit, list_fits
 from cfid.records.parameters import Section, store_section
@@ -50,15 +50,15 @@ class Refitted:
     cfid_version: str = __version__
 
 
-def refit(campaign: str, method: Method | None = None) -> Refitted:
+def refit(campaign: str, changes: Mapping[str, str] = NO_CHANGES) -> Refitted:
     """Repeat the last fit of each kind of a campaign, in the order in which they were made; nothing of it is changed.
 
-    `method` replaces that of the fits. Raises no CfidError: one faulty campaign must not stop the others.
+    `changes` replace options of the fits. Raises no CfidError: one faulty campaign must not stop the others.
     """
     began_s = time.process_time()
     try:
         with at_hand(campaign) as place, tempfile.TemporaryDirectory(prefix="cfid-fleet-") as made:
-            fits = tuple(_repeat_all(place, Path(made), method))
+            fits = tuple(_repeat_all(place, Path(made), changes))
             files = {
                 path.relative_to(made).as_posix(): path.read_bytes() for path in Path(made).rglob("*") if path.is_file()
             }
@@ -67,7 +67,7 @@ def refit(campaign: str, method: Method | None = None) -> Refitted:
     return Refitted(files=files, fits=fits, processor_s=time.process_time() - began_s)
 
 
-def _repeat_all(place: Place, folder: Path, method: Method | None) -> Iterable[Refit]:
+def _repeat_all(place: Place, folder: Path, changes: Mapping[str, str]) -> Iterable[Refit]:
     """Make a campaign in a folder with the rig of another and its fits, which are repeated."""
     own = open_campaign(place.folder)
     (folder / RIG_FILE).write_bytes((place.folder / RIG_FILE).read_bytes())
@@ -83,7 +83,7 @@ def _repeat_all(place: Place, folder: Path, method: Method | None) -> Iterable[R
         yield Refit(name="", fault=place.named(str(fault)))
     for fit in sorted(latest.values(), key=lambda fit: fit.section.found):
         try:
-            yield _repeat(fit, own, made, place, method)
+            yield _repeat(fit, own, made, place, changes)
         except CfidError as error:
             yield Refit(name=fit.name, fault=place.named(str(error)))
 
@@ -92,9 +92,9 @@ def _readable(found: Iterable[Fit | DataError]) -> list[Fit]:
     return [fit for fit in found if isinstance(fit, Fit)]
 
 
-def _repeat(fit: Fit, own: Campaign, made: Campaign, place: Place, method: Method | None) -> Refit:
+def _repeat(fit: Fit, own: Campaign, made: Campaign, place: Place, changes: Mapping[str, str]) -> Refit:
     runs, notes = _runs_of(fit, own, place)
-    options = options_of(fit, method)
+    options = options_of(fit, changes)
     brought = options | ({"verify": _scales(options["verify"], own, place)} if "verify" in options else {})
     result = again(fit, [run.folder for run in runs], campaign=made.folder, options=brought)
     before = {source.sha256 for source in fit.section.sources}

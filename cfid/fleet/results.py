@@ -81,12 +81,14 @@ class Results:
 
 
 @contextmanager
-def results_in(folder: Path, *, method: str | None) -> Iterator[Results]:
-    """Make the folder, or go on with one of the same version and method; no other command writes there meanwhile.
+def results_in(folder: Path, *, changes: Mapping[str, str]) -> Iterator[Results]:
+    """Make the folder, or go on with one of the same version and options; no other command writes there meanwhile.
 
     Raises ConfigError where the folder holds anything else, or is being written.
     """
-    head = {"format": FORMAT, "cfid_version": __version__, "method": method or "as kept"}
+    others = {f"set {name}": value for name, value in sorted(changes.items()) if name != "method"}
+    method = changes.get("method", "as kept")
+    head = {"format": FORMAT, "cfid_version": __version__, "method": method, **others}
     path = folder / MANIFEST
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -242,6 +242,23 @@ def test_another_method_takes_the_place_of_that_of_the_fits(cfid: Cfid, campaign
     assert row["fits"][0]["moved_in_std"] > 1
 
 
+def test_an_option_takes_the_place_of_that_of_the_fits_that_have_it(
+    cfid: Cfid, campaigns: Path, tmp_path: Path
+) -> None:
+    ended = cfid("fleet", "fit", campaigns / "c3", "--out", tmp_path / "out", "--set", "peaks=5", "--set", "order=3")
+    (file,) = (tmp_path / "out" / "c3" / "fits").glob("*swing*.json")
+    other = cfid("fleet", "fit", campaigns / "c3", "--out", tmp_path / "out", "--set", "peaks=6")
+    unknown = cfid("fleet", "fit", campaigns / "c3", "--out", tmp_path / "new", "--set", "peak=5")
+    nothing = cfid("fleet", "fit", campaigns / "c3", "--out", tmp_path / "new", "--set", "peaks")
+
+    assert ended.returncode == 0
+    assert json.loads(file.read_text())["options"] == {"peaks": "5"}
+    assert other.returncode == unknown.returncode == nothing.returncode == 2
+    assert "set peaks 5, now" in " ".join(other.stderr.split())
+    assert "no fit has an option peak." in unknown.stderr
+    assert "expected NAME=VALUE" in nothing.stderr
+
+
 OPTIONS = {
     "swing": {"from_s": 0.75, "to_s": 14.2, "mass_kg": "0.0301:0.0001", "min_angle_deg": 3.0},
     "friction": {"radius_mm": "2.05:0.01", "gravity_mps2": "9.8123:0.0001"},
