@@ -323,6 +323,55 @@ def test_columns_are_what_the_operator_names_them(
 
 
 @pytest.mark.parametrize(
+    ("column", "named", "expected"),
+    [
+        ("Thrust (kgf)", "thrust_n", [0, 9.80665]),
+        ("Thrust (kgf)", "thrust_n=2", [0, 9.80665]),
+        ("Thrust (N)", "thrust_n", [0, 1]),
+        ("Lift (lbf)", "thrust_n", [0, 4.4482216]),
+        ("weight[g]", "thrust_n", [0, 9.81e-3 / 4]),
+        ("Moment (ozf·in)", "torque_nm", [0, 7.0615518e-3]),
+        ("Drehzahl (Hz)", "rpm", [0, 2 * math.pi]),
+        ("Motor Optical Speed (RPM)", "speed_rad_s", [0, RPM]),
+    ],
+)
+def test_the_unit_in_the_header_of_a_column_that_is_named_counts(
+    tmp_path: Path, column: str, named: str, expected: list[float]
+) -> None:
+    text = f"cmd,{column},grams\n0,0,0\n20000,1,1\n"
+    table = read(tmp_path, text, columns=(named if "=" in named else f"{named}={column}",))
+    measured = {"thrust_n": table.thrust_n, "torque_nm": table.torque_nm}.get(
+        named.partition("=")[0], table.square_mean_speed_rad_s
+    )
+    assert np.asarray(measured) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("column", ["ESC signal (µs)", "Puls [us]"])
+def test_a_command_whose_header_states_microseconds_is_a_pulse_width_also_where_it_is_named(
+    tmp_path: Path, column: str
+) -> None:
+    table = read(tmp_path, f"{column},thrust_n\n1000,0\n1500,1\n", columns=(f"cmd={column}",))
+    assert table.command.tolist() == [0, 32768]
+
+
+def test_a_time_that_is_named_keeps_the_unit_of_its_header(tmp_path: Path) -> None:
+    rows = "".join(f"{at / 5},{20000 * (at // 20)},{at // 20}\n" for at in range(80))  # a step that suits s and ms
+    table = read(tmp_path, "Time (ms),cmd,thrust_n\n" + rows, columns=("t=Time (ms)",))
+    assert np.asarray(table.time_s)[-1] == pytest.approx(0.0158)
+
+
+@pytest.mark.parametrize("second", ["Thrust (kgf)", "Thrust (gf)"])
+def test_the_option_that_a_question_about_two_columns_names_gives_the_right_numbers(
+    tmp_path: Path, second: str
+) -> None:
+    text = f"ESC signal (us),Thrust (kgf),{second}\n1000,0,0\n1500,0.5,400\n2000,2,1900\n"
+    question = refusal(tmp_path, text)
+    option = question.partition("as in ")[2].partition(". ")[0].rstrip(".")
+    assert option == "Thrust (kgf)=2"
+    assert np.asarray(read(tmp_path, text, columns=(option,)).thrust_n)[-1] == pytest.approx(2 * 9.80665)
+
+
+@pytest.mark.parametrize(
     ("columns", "said"),
     [
         (("3",), "takes NAME=COLUMN, as in thrust_n=3"),

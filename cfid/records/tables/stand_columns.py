@@ -9,7 +9,7 @@ import numpy.typing as npt
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.large import PART_ROWS, empty, side_by_side, stored
-from cfid.records.tables.stand_heads import HEADS, ColumnHead, called_as, check_heads, heads_of, shows_stand
+from cfid.records.tables.stand_heads import HEADS, ColumnHead, check_heads, heads_of, shows_stand
 from cfid.records.tables.table import Array, CsvTable
 from cfid.units import FULL_COMMAND
 
@@ -123,7 +123,7 @@ def _without_doubled(table: CsvTable, called: dict[str, list[tuple[ColumnHead, s
         places = [str(place) for place, one in enumerate(table.names, start=1) if one == name]
         if len(places) > 1:
             del called[quantity]
-            example = f"{called_as(quantity)}={places[0]}"
+            example = f"{name}={places[0]}"
             which = f"the columns {', '.join(places)} are all named '{name}'"
             notes[name] = f"{which}: none is used. Name one by `columns`, as in {example}."
     if notes and not shows_stand(called):

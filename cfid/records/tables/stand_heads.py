@@ -20,6 +20,14 @@ MEASURED = ("thrust_n", "torque_nm", "speeds_rad_s", "grams")
 _GRAM_FORCE_N = 9.80665e-3  # by definition
 _POUND_FORCE_N, _INCH_M = 4.4482216152605, 0.0254
 _EXAMPLES = {"command": "cmd", "speeds_rad_s": "rpm", "time_s": "t"}
+_TAKE_UNITS = {
+    "command": "esc",
+    "thrust_n": "thrust",
+    "torque_nm": "torque",
+    "vbat_v": "voltage",
+    "speeds_rad_s": "motorspeed",
+}
+_UNIT = re.compile(r".*[(\[](?P<unit>[^()\[\]]+)[)\]]")  # at the end of a name without spaces
 _SEVERAL = ("series", "rotors")
 _STEMS = {
     "command": ("cmd", "command", "pwm", "esc"),
@@ -118,6 +126,23 @@ def heads_of(names: Sequence[str]) -> dict[str, list[tuple[ColumnHead, str]]]:
     return called
 
 
+def in_own_unit(name: str, own: str) -> str:
+    """Return what a column of a known `name` is called: after its own header, where that states another unit.
+
+    The unit counts also in a header that is not known, as in Lift (gf).
+    """
+    (quantity, ((head, _), *_)), *_ = heads_of([name]).items()
+    if quantity == "time_s":
+        named, stated = (TIME_COLUMN.called.fullmatch(one.strip()) for one in (name, own))
+        return own if named and stated and stated[1] and not named[1] else name
+    unit = _UNIT.fullmatch(spelt(own))
+    for known in (own, f"{_TAKE_UNITS.get(quantity)}({unit['unit']})" if unit else ""):
+        for stated_head, _ in heads_of([known]).get(quantity, ()):
+            if stated_head.factor != head.factor or (stated_head.kind == "esc") != (head.kind == "esc"):
+                return known
+    return name
+
+
 def called_as(quantity: str) -> str:
     """Return a name by which a quantity's column is known, with its unit."""
     return _EXAMPLES.get(quantity, quantity)
@@ -142,7 +167,7 @@ def check_heads(
             what = quantity.partition("_")[0]
             raise DataError(
                 f"{table.path}: more than one column of {what}: {names}. Name one by `columns`, as in "
-                f"{called_as(quantity)}={columns[0][1]}."
+                f"{columns[0][1]}={1 + table.names.index(columns[0][1])}."
             )
     unknown = [
         name

@@ -4,16 +4,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from cfid.errors import ConfigError
-from cfid.records.tables.stand_heads import HEADS, heads_of
+from cfid.records.tables.stand_heads import HEADS, heads_of, in_own_unit
 from cfid.records.tables.table import CsvTable
 
 
 def with_named(table: CsvTable, columns: Sequence[str]) -> tuple[CsvTable, tuple[str, ...]]:
     """Return a table whose columns are called as `columns` has it, each a NAME=COLUMN, and a note.
 
-    NAME is one that a header may have, and states the unit; COLUMN is the file's name, or the number counted from 1.
-    Other columns of the same quantity lose their names. Raises ConfigError for an unknown name, DataError for a column
-    that is not there.
+    NAME is one that a header may have, and states the unit where the file's header does not; COLUMN is the file's name,
+    or the number counted from 1. Other columns of the same quantity lose their names. Raises ConfigError for an unknown
+    name, DataError for a column that is not there.
     """
     if not columns:
         return table, ()
@@ -27,7 +27,8 @@ def with_named(table: CsvTable, columns: Sequence[str]) -> tuple[CsvTable, tuple
                 f"{table.path}: `columns` {pair}: a table of motors takes NAME=COLUMN, as in thrust_n=3. Known names: "
                 f"{HEADS}."
             )
-        called[table.place(column)] = name
+        place = table.place(column)
+        called[place] = in_own_unit(name, table.names[place])
         quantities |= known.keys()
     if len(called) < len(columns) or len(set(called.values())) < len(columns):
         raise ConfigError(f"{table.path}: `columns` {','.join(columns)} names a column, or a quantity, twice.")
