@@ -180,9 +180,33 @@ def test_the_speed_is_that_of_the_sensor_that_sees_the_rotor(tmp_path: Path) -> 
     neither = read(tmp_path, text_of([(*row[:5], 0, 0) for row in STEPS]))
     assert neither.speeds_rad_s is None
     assert any("are 0 throughout: no speed is used" in note for note in notes_of(neither))
+    assert not any("no known unit" in note for note in notes_of(neither))
     lost = read(tmp_path, text_of([(*row[:5], row[5] if row[1] != 1250 else 0, 0) for row in STEPS]))
     assert np.isnan(np.asarray(lost.speeds_rad_s)[1, 0])
     assert any("shows 0 in 1 row in which rotors turn" in note for note in notes_of(lost))
+
+
+def test_two_sensors_of_speed_that_disagree_give_the_optical_one_and_the_option_for_the_other(tmp_path: Path) -> None:
+    text = text_of([(*row[:5], 7 * row[5], row[5]) for row in STEPS])
+    table = read(tmp_path, text)
+
+    assert np.asarray(table.speeds_rad_s)[:, 0] == pytest.approx(RPM * np.array([0, 9000, 14000, 22000]))
+    said = next(note for note in notes_of(table) if "times" in note)
+    assert "'Motor Electrical Speed (RPM)' is 7 times 'Motor Optical Speed (RPM)' (median of 3 rows)" in said
+    option = said.partition("as in ")[2].rstrip(".")
+    other = read(tmp_path, text, columns=(option,))
+    assert np.asarray(other.speeds_rad_s)[-1] == pytest.approx(7 * RPM * 22000)
+
+
+def test_two_speeds_that_disagree_of_which_none_is_optical_are_asked_about(tmp_path: Path) -> None:
+    text = "cmd,thrust_n,rpm,omega_rad_s\n0,0,0,0\n20000,0.1,9000,471\n40000,0.2,18000,943\n"
+    said = refusal(tmp_path, text)
+    assert "'rpm' is 2 times 'omega_rad_s' (median of 2 rows). Name the right one by `columns`, as in" in said
+
+
+def test_the_speed_that_is_seen_in_few_rows_does_not_replace_one_that_is_seen_in_all(tmp_path: Path) -> None:
+    table = read(tmp_path, text_of([(*row[:5], row[5], 500 if row[1] == 1500 else 0) for row in STEPS]))
+    assert np.asarray(table.speeds_rad_s)[:, 0] == pytest.approx(RPM * np.array([0, 9000, 14000, 22000]))
 
 
 def test_a_stand_with_two_sensors_of_speed_is_known_as_one(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ USUAL_ESC_US = (1000.0, 2000.0)  # pulse widths of standstill and full throttle,
 _MOST_VOLTS = 60.0  # more than any battery that flies, and less than its millivolts
 _REST_NOISE = 1e-3  # of the fastest: so much below zero is noise
 _IMPOSSIBLE_SHARE = 0.1  # of a column's values, below which these alone are left out
+_ALIKE = 1.05  # ratio of two sensors of one rotor's speed; poles or markers that are wrong make 7/6 and more
 _ROW_BY_ROW = ("time_s", "command")  # without them a row is of no use
 
 
@@ -56,8 +57,8 @@ def columns_of(table: CsvTable) -> tuple[CsvTable, Found, tuple[str, ...]]:
     used = {quantity: [one for one in columns if one[1] not in empty] for quantity, columns in called.items()}
     used = {quantity: columns for quantity, columns in used.items() if columns}
     notes = [*doubled.values(), *(f"'{name}' holds no number: it is not used." for name in empty)]
-    notes += _one_of_two_speeds(used, values)
-    notes += check_heads(table, used, [*empty, *doubled])
+    notes += _one_of_two_speeds(table, used, values)
+    notes += check_heads(table, used)
     found = {
         quantity: Columns(columns[0][0], tuple(n for _, n in columns), side_by_side([values[n] for _, n in columns]))
         for quantity, columns in used.items()
@@ -142,19 +143,40 @@ def _at_rest(speeds: Columns, command: Columns | None) -> list[str]:
     return [f"{count} speeds just below zero at the lowest command are noise: taken as 0."] if count else []
 
 
-def _one_of_two_speeds(called: dict[str, list[tuple[ColumnHead, str]]], values: Mapping[str, Array]) -> list[str]:
-    """Leave one of an electrical and an optical speed in place: the one that is seen in more rows."""
+def _one_of_two_speeds(
+    table: CsvTable, called: dict[str, list[tuple[ColumnHead, str]]], values: Mapping[str, Array]
+) -> list[str]:
+    """Leave one of an electrical and an optical speed in place: the one that is seen in more rows.
+
+    Where both are seen and disagree, it is the optical one, which needs no number of poles. Raises DataError where none
+    is optical.
+    """
     speeds = called.get("speeds_rad_s", [])
     if len(speeds) != 2 or any(head.kind != "motor" for head, _ in speeds):
         return []
-    seen = [int(np.count_nonzero(np.nan_to_num(values[name]))) for _, name in speeds]
+    first, second = (head.factor * np.nan_to_num(values[name]) for head, name in speeds)
+    seen = [int(np.count_nonzero(speed)) for speed in (first, second)]
     if not any(seen):
         del called["speeds_rad_s"]
         return [f"'{speeds[0][1]}' and '{speeds[1][1]}' are 0 throughout: no speed is used."]
-    best = int(np.argmax(seen))
-    called["speeds_rad_s"] = [speeds[best]]
-    other, name = speeds[1 - best][1], speeds[best][1]
-    return [f"the speed is '{name}', not 0 in {seen[best]} rows; '{other}' is not 0 in {seen[1 - best]}."]
+    both = (first != 0) & (second != 0)
+    ratio = float(np.median(np.abs(first[both] / second[both]))) if np.count_nonzero(both) >= max(seen) / 2 else 1.0
+    if max(ratio, 1 / ratio) < _ALIKE:
+        best = int(np.argmax(seen))
+        called["speeds_rad_s"] = [speeds[best]]
+        other, name = speeds[1 - best][1], speeds[best][1]
+        return [f"the speed is '{name}', not 0 in {seen[best]} rows; '{other}' is not 0 in {seen[1 - best]}."]
+    text = f"'{speeds[0][1]}' is {ratio:.3g} times '{speeds[1][1]}' (median of {np.count_nonzero(both)} rows)"
+    optical = [one for one in speeds if "optical" in one[1].lower()]
+    other = next(name for one, name in speeds if (one, name) not in optical[:1])
+    option = f"`columns`, as in {other}={1 + table.names.index(other)}"
+    if len(optical) != 1:
+        raise DataError(f"{table.path}: {text}. Name the right one by {option}.")
+    called["speeds_rad_s"] = optical
+    return [
+        f"{text}: the optical one is taken; an electrical one is right where the stand's program knew the motor's "
+        f"poles. Where it did, name it by {option}."
+    ]
 
 
 def _missing(table: CsvTable, found: Found, bad: npt.NDArray[np.intp]) -> list[str]:

@@ -154,13 +154,8 @@ def shows_stand(called: Container[str]) -> bool:
     return driven and any(quantity in called for quantity in MEASURED)
 
 
-def check_heads(
-    table: CsvTable, called: Mapping[str, Sequence[tuple[ColumnHead, str]]], empty: Sequence[str]
-) -> tuple[str, ...]:
-    """Refuse several columns of one quantity and a table of nothing measured; name columns without a known unit.
-
-    `empty` are the names of columns that give nothing: without any number, or of one name.
-    """
+def check_heads(table: CsvTable, called: Mapping[str, Sequence[tuple[ColumnHead, str]]]) -> tuple[str, ...]:
+    """Refuse several columns of one quantity and a table of nothing measured; name columns without a known unit."""
     for quantity, columns in called.items():
         names = ", ".join(name for _, name in columns)
         if len(columns) > 1 and (columns[0][0].kind not in _SEVERAL or len({head for head, _ in columns}) > 1):
@@ -172,8 +167,7 @@ def check_heads(
     unknown = [
         name
         for name in table.names
-        if name not in empty
-        and not any(name == of for columns in called.values() for _, of in columns)
+        if not heads_of([name])
         and any(spelt(name).startswith(stems) and quantity not in called for quantity, stems in _STEMS.items())
     ]
     if shows_stand(called):
