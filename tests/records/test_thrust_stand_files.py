@@ -209,6 +209,11 @@ def test_the_speed_that_is_seen_in_few_rows_does_not_replace_one_that_is_seen_in
     assert np.asarray(table.speeds_rad_s)[:, 0] == pytest.approx(RPM * np.array([0, 9000, 14000, 22000]))
 
 
+def test_a_line_of_units_may_repeat_the_name_of_the_speed(tmp_path: Path) -> None:
+    table = read(tmp_path, "Time,ESC,Thrust,RPM\ns,us,N,rpm\n0,1000,0,0\n4,1500,0.1,9000\n8,2000,0.4,22000\n")
+    assert np.asarray(table.speeds_rad_s)[:, 0] == pytest.approx(RPM * np.array([0, 9000, 22000]))
+
+
 def test_a_stand_with_two_sensors_of_speed_is_known_as_one(tmp_path: Path) -> None:
     head = "Time (s),ESC signal (µs),Thrust (gf),Motor Electrical Speed (RPM),Motor Optical Speed (RPM),\n"
     path = tmp_path / "log"

@@ -101,7 +101,7 @@ _KNOWN = (
     ColumnHead("speeds_rad_s", r"rpm_mean", RPM, "mean"),
     *_of_stand(
         "speeds_rad_s",
-        "motoropticalspeed|motorelectricalspeed|motorspeed|rotationspeed|rotationalspeed",
+        "motoropticalspeed|motorelectricalspeed|motorspeed|rotationspeed|rotationalspeed|speed|rpm",
         {"rpm": RPM, "rad/s": 1.0, "hz": 60 * RPM},
         "motor",
     ),
