@@ -128,6 +128,19 @@ def test_reading_stops_at_a_stamp_that_cannot_be(tmp_path: Path, stamp: int, kep
     assert "record 61 of 100 is damaged: reading stops there" in log.notes[0]
 
 
+@pytest.mark.parametrize("back_us", [5_000, 4_000_000])
+def test_of_two_recordings_in_one_file_the_first_is_read_and_the_other_named(tmp_path: Path, back_us: int) -> None:
+    records = rows(100)
+    records[60:] = [(event, stamp - back_us, values) for event, stamp, values in records[60:]]
+    log = read_log(written(tmp_path, bytes_of([FIXED], records)))
+    assert len(gyro(log)) == 60
+    (note,) = log.notes
+    assert f"time goes back from stamp {records[59][1]} to {records[60][1]} at record 61 of 100" in note
+    assert "two recordings are in one file" in note
+    assert "the 40 records from there on are not used" in note
+    assert "damaged" not in note
+
+
 @pytest.mark.parametrize("length", [1, 4, 9, 30, 50])
 def test_a_log_cut_in_its_header_ends_in_a_sentence(tmp_path: Path, length: int) -> None:
     with pytest.raises(DataError, match=r"cut or damaged|was cut after"):

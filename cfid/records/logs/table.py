@@ -22,7 +22,7 @@ from cfid.records.tables.matlab import is_matlab
 from cfid.records.tables.schema import TIME, Foreign, TableSchema
 from cfid.records.tables.stand_heads import heads_of, shows_stand
 from cfid.records.tables.table import REPAIR, CsvTable
-from cfid.records.tables.times import CUT_LINE, TIME_COLUMN, seconds_of, time_unit_of, times_of, unit_of
+from cfid.records.tables.times import CUT_LINE, TIME_COLUMN, TWO_IN_ONE, seconds_of, time_unit_of, times_of, unit_of
 
 _SCHEMA = TableSchema(columns=(TIME_COLUMN,), words=("TIME",))
 _VARIABLE = re.compile(r"\w+\.\w+")  # of the firmware
@@ -207,10 +207,7 @@ def _checked(path: Path, sha256: str, reading: Foreign, time: str | None, names:
         if time is not None:
             back = np.flatnonzero(np.diff(values[:, 0], prepend=last) < 0)
             if len(back):
-                raise DataError(
-                    f"{path}:{table.line_of_row(int(back[0]))}: time goes back. Was the clock set, or are two "
-                    "recordings in one file?"
-                )
+                raise DataError(f"{path}:{table.line_of_row(int(back[0]))}: time goes back. {TWO_IN_ONE}")
             last = values[-1, 0]
     missing = {name: count for name, count in missing.items() if count and name not in faults}
     inexact = [name for name, number in largest.items() if number > _EXACT_BELOW]

@@ -31,6 +31,7 @@ MAGIC = 0xBC
 _BEGIN_BYTES = 5  # magic, version, number of events
 _CRC_BYTES = 4
 _LETTERS = "BbHhIiQqefd"  # of numbers, of the same size in numpy as in Python's struct
+_AFTER = 3  # records whose stamps stay behind: one alone is damaged
 _LONGEST_NAME = 200  # bytes; without an end of a name within so many, the header is damaged
 
 
@@ -218,12 +219,22 @@ def _faults(found: _Records, size: int, *, whole: bool) -> tuple[str, ...]:
 
 
 def _first_damage(data: mmap.mmap, event: _Event, offsets: npt.NDArray[np.int64]) -> tuple[int, str]:
-    """Return where an event's first record with an impossible stamp begins, the file's size for none, and a note."""
+    """Return where an event's first record with an impossible stamp begins, the file's size for none, and a note.
+
+    Stamps that stay behind are another recording's, of which nothing is used: its rows would stand among the first's.
+    """
     stamps = _stamps(data, event, offsets)
     back = np.flatnonzero(stamps[1:] < stamps[:-1])
     if not len(back):
         return len(data), ""
     at = int(back[0])
+    after = stamps[at + 1 : at + 1 + _AFTER]
+    if len(after) == _AFTER and np.all(after < stamps[max(at - 1, 0)]):
+        return int(offsets[at + 1]), (
+            f"{event.name}: time goes back from stamp {stamps[at]} to {after[0]} at record {at + 2} of {len(offsets)}: "
+            f"the clock was set, or two recordings are in one file. Reading stops there, at byte {offsets[at + 1]} of "
+            f"{len(data)}; the {len(offsets) - at - 1} records from there on are not used."
+        )
     # A stamp that leaps ahead is the damaged one, where the next fits to the one before it.
     first = at if at and stamps[at + 1] >= stamps[at - 1] else at + 1
     return int(offsets[first]), (

@@ -20,6 +20,10 @@ from cfid.records.tables.schema import TIME, Column, TimeUnit
 from cfid.records.tables.table import Array, CsvTable
 
 SECONDS: dict[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+TWO_IN_ONE = (
+    "Was the clock set, or are two recordings in one file? Cut the file in two before that line (both with the "
+    "header), or give `rate_hz` where its rows are evenly spaced."
+)
 SIMULATED = "recorded on the simulated rig."
 CUT_LINE = "the last line was cut (it has no end) and is left out."
 
@@ -246,7 +250,7 @@ def times_of(
     if row:
         raise DataError(
             f"{table.path}:{table.line_of_row(row)}: time goes back from {raw[row - 1]:.6f} to {raw[row]:.6f} "
-            f"{stated or 's'}. Was the clock set, or are two recordings in one file?"
+            f"{stated or 's'}. {TWO_IN_ONE}"
         )
     interval = usual_step(raw)
     if raw[-1] == raw[0]:
