@@ -105,6 +105,14 @@ def test_a_table_of_several_blocks_is_one_log_and_its_cut_line_is_noted(tmp_path
     assert "last line was cut" in log.notes[-1]
 
 
+def test_lines_of_words_far_down_are_left_out_and_the_first_is_named(tmp_path: Path) -> None:
+    rows = lines("time,a", "{t},{x!r}", count=80_000, step=0.01).splitlines()
+    path = written(tmp_path, "\n".join([*rows[:70_000], "paused", "resumed, by hand, later", *rows[70_000:], ""]))
+    log = read_log(path)
+    np.testing.assert_array_equal(log.channel("a")[1], np.arange(80_000) / 4)
+    assert "2 lines without a number are left out (first: line 70001, 'paused')." in log.notes
+
+
 def test_a_fault_far_down_names_its_line(tmp_path: Path) -> None:
     rows = lines("time,a", "{t},{x}", count=60_000, step=0.01).splitlines()
     rows[50_000] = "1.0,2"

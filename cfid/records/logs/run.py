@@ -12,7 +12,7 @@ from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Run
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import TIME
-from cfid.records.tables.times import CUT_LINE, losses
+from cfid.records.tables.times import line_notes, losses
 
 
 def log_of_run(run: Run) -> FlightLog:
@@ -24,12 +24,12 @@ def log_of_run(run: Run) -> FlightLog:
             notes.append(f"{device} has no rows.")
             continue
         try:
-            one, cut = _of_device(device, run.device_file(device))
+            one, lines = _of_device(device, run.device_file(device))
         except DataError as fault:  # a fault in one device does not hide the others
             notes.append(f"{device} is left out: {fault}")
             continue
         series.append(one)
-        notes += [f"{device}: {note}" for note in (*losses(run, record, one.rows), *((CUT_LINE,) if cut else ()))]
+        notes += [f"{device}: {note}" for note in (*losses(run, record, one.rows), *lines)]
     if not series:
         raise DataError(f"{run.folder}: nothing to read. {' '.join(notes)}")
     origin = run.header.origin
@@ -45,7 +45,7 @@ def log_of_run(run: Run) -> FlightLog:
     )
 
 
-def _of_device(device: str, path: Path) -> tuple[Series, bool]:
+def _of_device(device: str, path: Path) -> tuple[Series, tuple[str, ...]]:
     sha256 = sha256_of(path)
     table = open_table(path, sha256=sha256)
     names = table.names
@@ -53,7 +53,7 @@ def _of_device(device: str, path: Path) -> tuple[Series, bool]:
     if names[0] != TIME:
         raise DataError(f"{path}: its first column is not the time '{TIME}': it is not a device's file of a run.")
     channels = tuple(map(crazyflie_channel, names[1:]))
-    return Series(name=device, rows=rows, channels=channels, blocks=partial(_blocks, path, sha256)), table.cut
+    return Series(name=device, rows=rows, channels=channels, blocks=partial(_blocks, path, sha256)), line_notes(table)
 
 
 def _blocks(path: Path, sha256: str) -> Iterator[Array]:

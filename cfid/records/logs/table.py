@@ -22,7 +22,7 @@ from cfid.records.tables.matlab import is_matlab
 from cfid.records.tables.schema import TIME, Foreign, TableSchema
 from cfid.records.tables.stand_heads import heads_of, shows_stand
 from cfid.records.tables.table import REPAIR, CsvTable
-from cfid.records.tables.times import CUT_LINE, TIME_COLUMN, TWO_IN_ONE, seconds_of, time_unit_of, times_of, unit_of
+from cfid.records.tables.times import TIME_COLUMN, TWO_IN_ONE, line_notes, seconds_of, time_unit_of, times_of, unit_of
 
 _SCHEMA = TableSchema(columns=(TIME_COLUMN,), words=("TIME",))
 _VARIABLE = re.compile(r"\w+\.\w+")  # of the firmware
@@ -82,7 +82,7 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
     if time is not None:
         reading = replace(reading, time_unit=time_unit_of(table, time, raw, unit=reading.time_unit))
     second_s, clock = _clock(table, time, raw, reading, of_vehicle=of_vehicle)
-    faults, missing, inexact, rows, cut = _checked(path, source.sha256, reading, time, named)
+    faults, missing, inexact, rows = _checked(path, source.sha256, reading, time, named)
     if len(faults) == len(named):
         raise DataError(next(iter({**faults, **repeated}.values()), f"{path}: no column but the time."))
     kept = [(name, channel) for name, channel in zip(named, channels, strict=True) if name not in faults]
@@ -106,7 +106,7 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
                 f"column '{printable(name)}' has numbers above 2^53, which lose their last digits here."
                 for name in inexact
             ),
-            *((CUT_LINE,) if cut else ()),
+            *line_notes(whole),
         ),
     )
 
@@ -178,14 +178,13 @@ def _table(path: Path, sha256: str, reading: Foreign) -> CsvTable:
 class _Checked(NamedTuple):
     """Why columns are left out, how many rows lack a number in the others, and which of these have too many digits.
 
-    Then how many rows there are, and whether the file is cut.
+    Then how many rows there are.
     """
 
     faults: dict[str, str]
     missing: dict[str, int]
     inexact: list[str]
     rows: int
-    cut: bool
 
 
 def _checked(path: Path, sha256: str, reading: Foreign, time: str | None, names: Sequence[str]) -> _Checked:
@@ -211,7 +210,7 @@ def _checked(path: Path, sha256: str, reading: Foreign, time: str | None, names:
             last = values[-1, 0]
     missing = {name: count for name, count in missing.items() if count and name not in faults}
     inexact = [name for name, number in largest.items() if number > _EXACT_BELOW]
-    return _Checked(faults, missing, inexact, rows, whole.cut)
+    return _Checked(faults, missing, inexact, rows)
 
 
 def _numbers(table: CsvTable, time: str | None, names: Sequence[str]) -> Array:

@@ -25,7 +25,6 @@ from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema, unuse
 from cfid.records.tables.stamps import stamped_times
 from cfid.records.tables.table import Array
 from cfid.records.tables.times import (
-    CUT_LINE,
     TIME_COLUMN,
     Facts,
     column_name,
@@ -33,6 +32,7 @@ from cfid.records.tables.times import (
     facts_of,
     file_name,
     gaps,
+    line_notes,
     losses,
     pauses,
     run_at,
@@ -217,7 +217,7 @@ def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> t
         *notes,
         *(() if own or gaps_notes else pauses(table, time)),
         *angle.notes,
-        *((CUT_LINE,) if table.cut else ()),
+        *line_notes(table),
     )
     low, high = (math.degrees(extreme) for extreme in (angle.angle_rad.min(), angle.angle_rad.max()))
     understood = (

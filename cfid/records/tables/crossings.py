@@ -15,7 +15,7 @@ from cfid.records.parameters import Source
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import TIME, Column, TableSchema, TimeUnit
 from cfid.records.tables.table import Array
-from cfid.records.tables.times import CUT_LINE, TIME_COLUMN, VEHICLE_CLOCK, run_at, seconds_of, vehicle_us
+from cfid.records.tables.times import TIME_COLUMN, VEHICLE_CLOCK, line_notes, run_at, seconds_of, vehicle_us
 
 CROSSINGS = "crossings"
 
@@ -70,5 +70,5 @@ def read_crossings(path: Path, *, time_unit: TimeUnit | None = None) -> Crossing
         command=values[:, 1],
         sample=values[:, 2] if stamped else None,
         vehicle_us=vehicle_us(table, places, columns) if stamped else None,
-        findings=of_recording(path.name, (CUT_LINE,) if table.cut else ()),
+        findings=of_recording(path.name, line_notes(table)),
     )

@@ -12,11 +12,11 @@ from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import Column, TableSchema
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.times import (
-    CUT_LINE,
     SECONDS,
     TIME_COLUMN,
     VEHICLE_CLOCK,
     column_name,
+    line_notes,
     losses,
     run_at,
     unit_of,
@@ -81,7 +81,7 @@ def read_pings(path: Path) -> PingRecord:
     if _SENT.key in places:
         sent_s, of_times = _seconds(table, _SENT, places[_SENT.key], columns[_SENT.key], usual_s=(0.0, _SLOWEST_S))
         notes += of_times
-    notes += (CUT_LINE,) if table.cut else ()
+    notes += line_notes(table)
     notes += () if run is None else tuple(losses(run, run.header.devices[PINGS], len(rtt_s)))
     return PingRecord(
         path=path,

@@ -22,7 +22,7 @@ from cfid.records.tables.stand_names import with_named
 from cfid.records.tables.stand_times import Timing, timing_of
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.text import short
-from cfid.records.tables.times import CUT_LINE
+from cfid.records.tables.times import line_notes
 from cfid.units import ROTORS, USUAL_GRAVITY_MPS2
 
 Speeds = Literal["motor", "series", "rotors", "mean"]
@@ -102,7 +102,7 @@ def read_stand_table(
         *speed_notes,
         *read_notes,
         *_unused_note(table, found),
-        *((CUT_LINE,) if table.cut else ()),
+        *line_notes(table),
     )
     return StandTable(
         path=path,

@@ -18,10 +18,18 @@ import pandas as pd  # half of the start-up time of a fit, and not needed to ref
 from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.large import joined
-from cfid.records.tables.fields import Places, evenly_filled, fields_of_lines, without_comments
+from cfid.records.tables.fields import (
+    Places,
+    blanked,
+    evenly_filled,
+    fields_of_lines,
+    without_comments,
+    without_prose,
+)
 from cfid.records.tables.head import POINTS, head_of
 from cfid.records.tables.text import (
     NUMBER,
+    TextLine,
     fields_of,
     filled_lines,
     has_comma,
@@ -43,8 +51,8 @@ class CsvTable:
     """A CSV file, opened but not yet parsed: column names ('1', '2', ... without a header) and its body.
 
     A column is selected by its name, or by its number counted from 1. `preamble` is how many lines were left out
-    above the header. Of a large file `following()` yields the blocks of lines after these, whose columns are read one
-    after another.
+    above the header, `prose` are lines of words among the rows, left out too. Of a large file `following()` yields the
+    blocks of lines after these, whose columns are read one after another.
     """
 
     path: Path
@@ -54,6 +62,7 @@ class CsvTable:
     cut: bool
     preamble: int
     decimal: str
+    prose: tuple[TextLine, ...] = ()
     following: "Callable[[], Iterator[CsvTable]] | None" = None
     _body: bytes
     _first_line: int
@@ -124,12 +133,8 @@ class CsvTable:
         return chain([next(blocks, self)], blocks)
 
     def _blanked(self, rows: Places) -> "CsvTable":
-        fields, ends = fields_of_lines(self._body, self._separator)
-        starts = np.concatenate([[0], ends[:-1] + 1])
-        body, lines = bytearray(self._body), np.flatnonzero(fields)[rows]
-        for start, end in zip(starts[lines].tolist(), ends[lines].tolist(), strict=True):
-            body[start:end] = b" " * (end - start)
-        return replace(self, _body=bytes(body))
+        fields, _ = fields_of_lines(self._body, self._separator)
+        return replace(self, _body=blanked(self._body, np.flatnonzero(fields)[rows].tolist()))
 
     def place(self, column: str) -> int:
         """Return the position of a column, counted from 0.
@@ -157,10 +162,15 @@ class CsvTable:
         Only the first block of a large file has a header.
         """
         text, cut = whole_lines(content)
-        body, first_line = without_comments(text), self._first_line + self._body.count(b"\n")
+        first_line = self._first_line + self._body.count(b"\n")
+        body, prose = _rows_of(text, self._separator, len(self.names), first_line)
         shown = self.decimal == "," or b"." in self._body  # whole numbers show no decimal sign
         decimal = self.decimal if shown else _decimal(body, self._separator)
-        return replace(self, cut=cut, decimal=decimal, following=None, _body=body, _first_line=first_line)
+        return replace(self, cut=cut, decimal=decimal, prose=prose, following=None, _body=body, _first_line=first_line)
+
+    def all_prose(self) -> list[TextLine]:
+        """Return the lines of words of all blocks."""
+        return [line for block in chain([self], self.following() if self.following else ()) for line in block.prose]
 
     @property
     def filled(self) -> bool:
@@ -283,7 +293,7 @@ def table_in(path: Path, content: bytes, *, sha256: str, skip_lines: int = 0) ->
     if not text or text.isspace():
         raise DataError(f"{path}: its only line has no end: the recording was cut before its first row.")
     head = head_of(path, text, skip_lines=skip_lines)
-    body = without_comments(text[head.row.begin :])
+    body, prose = _rows_of(text[head.row.begin :], head.separator, len(head.names), head.row.number)
     return CsvTable(
         path=path,
         sha256=sha256,
@@ -292,10 +302,17 @@ def table_in(path: Path, content: bytes, *, sha256: str, skip_lines: int = 0) ->
         cut=cut,
         preamble=head.preamble,
         decimal=_decimal(body, head.separator),
+        prose=prose,
         _body=body,
         _first_line=head.row.number,
         _separator=head.separator,
     )
+
+
+def _rows_of(text: bytes, separator: str | None, columns: int, first_line: int) -> tuple[bytes, tuple[TextLine, ...]]:
+    """Return lines without comments and words, which are blank in their places, and the lines of words."""
+    body, prose = without_prose(without_comments(text), separator, columns)
+    return body, tuple(line._replace(number=first_line + line.number) for line in prose)
 
 
 def _decimal(body: bytes, separator: str | None) -> str:

@@ -95,7 +95,7 @@ def filled_lines(text: bytes, *, skip: int = 0) -> Iterator[TextLine]:
             return
         line = text[begin:end]
         if number > skip and line.strip():
-            yield TextLine(number, begin, _decoded(line))
+            yield TextLine(number, begin, decoded(line))
         begin = end + 1
 
 
@@ -148,12 +148,20 @@ def has_decimal_commas(body: bytes, separator: str | None) -> bool:
     return decimal and not _DECIMAL_POINT.search(body)
 
 
+def is_prose(line: str, separator: str | None) -> bool:
+    """Return whether a line is words alone, as programs write at an end: no field is a number."""
+    fields = fields_of(line, separator)
+    words = all(field.isprintable() and not is_number(field) and not has_comma(field) for field in fields)
+    return words and any(field[:1].isalpha() for field in fields)
+
+
 def short(text: str, length: int = 40) -> str:
     """Return the start of a text, for a message."""
     return text if len(text) <= length else f"{text[:length]}..."
 
 
-def _decoded(line: bytes) -> str:
+def decoded(line: bytes) -> str:
+    """Return a line's text in UTF-8, or in Latin-1 where it is not that."""
     try:
         return line.decode("utf-8")
     except UnicodeDecodeError:

@@ -18,6 +18,7 @@ from cfid.records.files import first_fault
 from cfid.records.run import RUN_FILE, DeviceRecord, Run, read_run
 from cfid.records.tables.schema import TIME, Column, TimeUnit
 from cfid.records.tables.table import Array, CsvTable
+from cfid.records.tables.text import short
 
 SECONDS: dict[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 TWO_IN_ONE = (
@@ -25,7 +26,7 @@ TWO_IN_ONE = (
     "header), or give `rate_hz` where its rows are evenly spaced."
 )
 SIMULATED = "recorded on the simulated rig."
-CUT_LINE = "the last line was cut (it has no end) and is left out."
+_CUT_LINE = "the last line was cut (it has no end) and is left out."
 
 _UNITS: dict[str, tuple[str, ...]] = {
     "s": ("s", "sec", "second", "seconds"),
@@ -81,6 +82,18 @@ VEHICLE_CLOCK = Column(
     optional=True,
 )
 TIME_COLUMN = Column(TIME, column_name("t|time|timestamp|ticks?", ("s", "ms", "us")), "of time (t, time)")
+
+
+def line_notes(table: CsvTable) -> tuple[str, ...]:
+    """Return notes on a table's lines that are left out: lines of words, and a cut last one."""
+    prose = table.all_prose()
+    if not prose:
+        return (_CUT_LINE,) if table.cut else ()
+    words = short(prose[0].text.strip())
+    text = f"line {prose[0].number}, '{words}', has no number and is left out."
+    if len(prose) > 1:
+        text = f"{len(prose)} lines without a number are left out (first: line {prose[0].number}, '{words}')."
+    return (text, *((_CUT_LINE,) if table.cut else ()))
 
 
 def run_at(path: Path) -> Run | None:

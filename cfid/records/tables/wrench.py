@@ -25,7 +25,6 @@ from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema, unuse
 from cfid.records.tables.stamps import stamped_times
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.times import (
-    CUT_LINE,
     TIME_COLUMN,
     Facts,
     column_name,
@@ -33,6 +32,7 @@ from cfid.records.tables.times import (
     facts_of,
     file_name,
     gaps,
+    line_notes,
     losses,
     pauses,
     run_at,
@@ -223,7 +223,7 @@ def _read(
     words = _words(table, values[:, -1]) if _STATUS in places else None
     notes = (*missing, *notes, *(() if own or missing else pauses(table, time)))
     notes += scale_notes if words is None else (*scale_notes, *_faults(table, words, family))
-    notes += (CUT_LINE,) if table.cut else ()
+    notes += line_notes(table)
     wrench /= scale  # in place: it may be larger than the memory
     return WrenchRecord(
         path=path,
