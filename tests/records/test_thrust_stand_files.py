@@ -223,6 +223,40 @@ def test_a_stand_with_two_sensors_of_speed_is_known_as_one(tmp_path: Path) -> No
     assert kind_at(path, Foreign()) is None
 
 
+def test_a_voltage_whose_leads_were_not_connected_is_left_out_and_named(tmp_path: Path) -> None:
+    table = read(tmp_path, text_of([(*row[:4], 0, *row[5:]) for row in STEPS]))
+    assert table.vbat_v is None
+    assert np.asarray(table.thrust_n)[-1] == pytest.approx(60 * GF)
+    assert any("'Voltage (V)' is 0 throughout" in note for note in notes_of(table))
+
+
+def test_a_voltage_that_is_lost_for_a_while_is_missing_there(tmp_path: Path) -> None:
+    table = read(tmp_path, text_of([(*row[:4], 0 if row[1] > 1400 else 7.9, *row[5:]) for row in STEPS]))
+    assert np.array_equal(np.asarray(table.vbat_v), [7.9, 7.9, np.nan, np.nan], equal_nan=True)
+    assert any("'Voltage (V)' is 0 in 2 rows" in note for note in notes_of(table))
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize(
+    ("after", "said"), [(5, "line 6, 'Test finished by user', has no number and is left out"), (3, "line 4")]
+)
+def test_a_line_of_words_among_the_rows_or_below_them_is_named_and_left_out(
+    tmp_path: Path, separator: str, after: int, said: str
+) -> None:
+    lines = text_of().splitlines()
+    lines.insert(after, "Test finished by user")
+    table = read(tmp_path, "\n".join([*lines, ""]).replace(",", separator))
+    assert table.command.tolist() == [0, 16384, 32768, 65535]
+    assert any(said in note for note in notes_of(table))
+
+
+def test_a_line_that_has_a_number_is_never_taken_for_words(tmp_path: Path) -> None:
+    lines = text_of().splitlines()
+    for damaged in ("12.5,Test finished", "1500", "nan", "0.1,0.2,"):
+        rows = "\n".join([*lines[:3], damaged, *lines[3:], ""])
+        assert "stand.csv:4: " in refusal(tmp_path, rows)
+
+
 def test_a_recording_without_a_time_is_asked_for_its_rate(tmp_path: Path) -> None:
     head = "ESC signal (µs),Thrust (gf)\n"
     held = head + "".join(f"{1000 + 100 * (i // 5)},{i}\n" for i in range(30))

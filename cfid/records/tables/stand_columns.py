@@ -63,6 +63,7 @@ def columns_of(table: CsvTable) -> tuple[CsvTable, Found, tuple[str, ...]]:
         quantity: Columns(columns[0][0], tuple(n for _, n in columns), side_by_side([values[n] for _, n in columns]))
         for quantity, columns in used.items()
     }
+    notes += _unconnected(found)
     notes += _check(table, found)
     known = [np.isfinite(found[quantity].raw).all(axis=1) for quantity in _ROW_BY_ROW if quantity in found]
     bad = np.flatnonzero(~np.all(known, axis=0)) if known else np.empty(0, np.intp)
@@ -177,6 +178,23 @@ def _one_of_two_speeds(
         f"{text}: the optical one is taken; an electrical one is right where the stand's program knew the motor's "
         f"poles. Where it did, name it by {option}."
     ]
+
+
+def _unconnected(found: dict[str, Columns]) -> list[str]:
+    """Leave out a voltage that is 0 throughout while a motor is driven, set one of 0 now and then to nan; with notes.
+
+    No motor runs from 0 V: the leads were not connected. Only a command that changes shows that one was driven.
+    """
+    battery, command = found.get("vbat_v"), found.get("command")
+    if battery is None or (command is not None and np.nanmin(command.raw) == np.nanmax(command.raw)):
+        return []
+    zero, name = battery.raw == 0, battery.names[0]
+    rows = counted(int(np.count_nonzero(zero)), "row")
+    if not np.any(np.nan_to_num(battery.raw)):
+        del found["vbat_v"]
+        return [f"'{name}' is 0 throughout, which no battery is that drives a motor: no voltage is used."]
+    battery.raw[zero] = np.nan
+    return [f"'{name}' is 0 in {rows}, which no battery is that drives a motor: missing."] if zero.any() else []
 
 
 def _missing(table: CsvTable, found: Found, bad: npt.NDArray[np.intp]) -> list[str]:
