@@ -214,6 +214,25 @@ def test_a_line_of_units_may_repeat_the_name_of_the_speed(tmp_path: Path) -> Non
     assert np.asarray(table.speeds_rad_s)[:, 0] == pytest.approx(RPM * np.array([0, 9000, 22000]))
 
 
+def test_a_sensor_that_is_dead_for_a_while_is_missing_under_a_small_thrust_too(tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+    pulses = np.repeat([1000, 1150, 1400, 2000, 1150, 1000], 40)
+    rpm = 12.0 * (pulses - 1000)
+    offset = 0.03  # of a load cell that is not tared
+    thrust = offset + 1.2e-8 * rpm**2 + 1e-4 * rng.standard_normal(len(pulses))
+    rpm[60:170] = 0  # from within the smallest command on
+    rows = [(f"{at / 50}", pulses[at], 0, f"{thrust[at] / GF:.6f}", 8, f"{rpm[at]}", 0) for at in range(len(pulses))]
+    speed = np.asarray(read(tmp_path, text_of(rows)).speeds_rad_s)[:, 0]
+
+    assert np.flatnonzero(np.isnan(speed)).tolist() == list(range(60, 170))
+    assert np.all(speed[pulses == 1000] == 0)
+
+
+def test_a_settled_point_with_thrust_and_no_speed_is_missing_below_the_first_speed_that_shows(tmp_path: Path) -> None:
+    rows = [(0.4, 1050, 0, 6.1, 7.4, 0, 0), (2.2, 1145, 0, 14.6, 7.4, 3853, 0), (9, 2000, 0, 400, 7.1, 18600, 0)]
+    assert np.isnan(np.asarray(read(tmp_path, text_of(rows)).speeds_rad_s)[:, 0]).tolist() == [True, False, False]
+
+
 def test_a_stand_with_two_sensors_of_speed_is_known_as_one(tmp_path: Path) -> None:
     head = "Time (s),ESC signal (µs),Thrust (gf),Motor Electrical Speed (RPM),Motor Optical Speed (RPM),\n"
     path = tmp_path / "log"

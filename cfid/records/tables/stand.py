@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Literal, cast
 
 import numpy as np
+import numpy.typing as npt
+from scipy.stats import median_abs_deviation
 
 from cfid.counted import counted
 from cfid.findings import Finding, note, of_recording
@@ -29,6 +31,8 @@ Speeds = Literal["motor", "series", "rotors", "mean"]
 
 _TURNING_RAD_S = 100.0  # faster than any rotor that stands, slower than any that flies
 _LEAST_THRUST = 0.05  # of the largest: there a rotor turns
+_DRIVEN_THRUST = 0.01  # of the largest, above what the load cell shows at rest: there a rotor that is driven turns
+_FEWEST_AT_REST, _NOISE_STD = 5, 5.0  # rows that show a load cell's noise, and how far it reaches
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,8 +218,7 @@ def _speeds(
         fastest = np.array([fastest[command <= one].max() for one in command])
     turning = fastest > _TURNING_RAD_S
     if thrust_n is not None and columns.head.kind == "motor" and np.isfinite(thrust_n).any():
-        driven = command != 0  # a load cell that is not tared shows thrust at rest too
-        turning |= driven & (np.nan_to_num(thrust_n) > _LEAST_THRUST * np.nanmax(thrust_n))
+        turning |= _has_thrust(thrust_n, command)
     notes = [
         f"'{name}' is taken as the rotor's speed, which it is where the stand's program knew the motor's poles."
         for name in columns.names
@@ -231,6 +234,19 @@ def _speeds(
                 "missing."
             )
     return value, tuple(notes)
+
+
+def _has_thrust(thrust_n: Array, command: Array) -> npt.NDArray[np.bool_]:
+    """Return the rows (n,) in which the thrust shows that a rotor turns; a load cell may be untared, or drift."""
+    largest = float(np.nanmax(thrust_n))
+    if np.isnan(command).all():
+        return np.asarray(thrust_n > _LEAST_THRUST * largest)
+    at_rest = thrust_n[(command == 0) & np.isfinite(thrust_n)]
+    level, reach = 0.0, _DRIVEN_THRUST * largest
+    if len(at_rest) >= _FEWEST_AT_REST:
+        level = float(np.median(at_rest))
+        reach = max(reach, _NOISE_STD * float(median_abs_deviation(at_rest, scale="normal")))
+    return np.asarray((command != 0) & (thrust_n > level + reach))
 
 
 def _mean_of_known(values: Array, power: int = 1) -> Array:
