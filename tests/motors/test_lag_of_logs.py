@@ -1,6 +1,7 @@
 """A log of the uSD-card deck gives the lag of its rotors, by their speeds or by the acceleration, or says why not."""
 
 import json
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -85,6 +86,43 @@ def test_one_rotor_is_fitted_alone(four: RotorLog) -> None:
     assert not fit(four.only(4)).accepted
     with pytest.raises(ConfigError, match="no rotor speeds"):
         replace(four, speeds={}).only(1)
+
+
+def test_a_rotor_that_has_no_speed_is_refused_with_those_that_have(tmp_path: Path) -> None:
+    one = read(logged(tmp_path, (MOTORS[2], SPEEDS[2]), np.full(500, 30000), np.full(500, 9000)))
+    with pytest.raises(ConfigError, match="`rotor` 2: the log has speeds of rotor 3 alone"):
+        one.only(2)
+
+
+def test_a_voltage_that_is_logged_in_few_rows_is_used(tmp_path: Path) -> None:
+    volts = np.where(np.arange(500) % 20 == 0, 3.9, math.nan)
+    assert read(logged(tmp_path, (MOTORS[0], SPEEDS[0], "pm.vbat(f)"), *np.full((2, 500), 9000), volts)).volts
+
+
+@pytest.mark.parametrize("bad", [math.nan, 0.0])
+def test_a_few_voltages_and_speeds_that_are_missing_are_left_out_and_named(tmp_path: Path, bad: float) -> None:
+    _, command, speed = flown(1, 7, rotors=1, noise=3.0, red=0.0)
+    rows = speed.shape[1]
+    volts, rpm = np.full(rows, 3.9), NEXT * speed[0]
+    volts[100:200], rpm[500:700] = bad, math.nan
+    log = read(logged(tmp_path, (MOTORS[0], "rpm.m1(f)", "pm.vbat(f)"), 65535 * command[0, 0], rpm, volts))
+    result = fit(log)
+
+    assert log.volts == "pm.vbat"
+    assert seconds(result, "dynamics.rising") == pytest.approx(RISING_S, rel=0.01)
+    said = " ".join(one.text for one in result.findings)
+    assert f"rotor 1: 200 of {rows} speeds are no numbers, and left out" in said
+    where = "no number in 100 and impossible in 0" if math.isnan(bad) else "no number in 0 and impossible in 100"
+    assert f"the battery's voltage is {where} of {rows} rows: these are left out" in said
+
+
+def test_a_voltage_that_is_mostly_impossible_is_not_used_and_that_is_said(tmp_path: Path) -> None:
+    volts = np.where(np.arange(500) < 200, 0.0, 3.9)
+    log = read(logged(tmp_path, (MOTORS[0], SPEEDS[0], "pm.vbat(f)"), *np.full((2, 500), 9000), volts))
+    assert log.volts is None
+    assert "impossible in 200 of 500 rows: it is not used (limit 10% impossible)" in " ".join(
+        f.text for f in log.findings
+    )
 
 
 def test_a_command_that_hardly_moves_is_refused(tmp_path: Path) -> None:

@@ -30,6 +30,7 @@ _SPEEDS = ("rpm.m{}", "motor.m{}_rpm")
 _VOLTS, _ACCELERATION = ("pm.vbat", "pm.vbatMV"), "acc.z"
 _BREAK_S = 0.1  # without a row, after which the rotors' state is unknown
 _BATTERY_V = (1.0, 60.0)
+_IMPOSSIBLE_SHARE = 0.1  # of the voltages that are numbers, up to which the others are used
 _OWN_STEPS = 0.5  # of the rows in which a command differs from the one before: below, rows show its own steps
 _FEWEST_CHANGES, _HELD_S = 20, 0.5  # of a stand's command that never rests: how often and how fast it changes
 _PART_S = 300.0  # a flight is one part, or two
@@ -120,7 +121,8 @@ class RotorLog:
     def only(self, rotor: int) -> "RotorLog":
         """Return the log with one rotor's speed. Raises ConfigError where it has none."""
         if rotor not in self.speeds:
-            there = f"speeds of rotors {', '.join(map(str, self.speeds))}" if self.speeds else "no rotor speeds"
+            rotors = f"rotor{'s' if len(self.speeds) > 1 else ''} {', '.join(map(str, self.speeds))}"
+            there = f"speeds of {rotors} alone" if self.speeds else "no rotor speeds"
             raise ConfigError(f"{self.path}: `rotor` {rotor}: the log has {there}.")
         return replace(self, speeds={rotor: self.speeds[rotor]})
 
@@ -147,7 +149,8 @@ class RotorLog:
         names = [*self.commands.values(), *self.speeds.values(), *(name for name in needed if name is not None)]
         for part in windows(self.log, names, from_s=self.begin_s + low, long_s=(high - low) / count):
             signals = {name: self._since_begin(*timed) for name, timed in part.items()}
-            if all(len(signals[name].time_s) > 1 for name in names):
+            known = all(len(signals[name].time_s) > 1 for name in names)
+            if known and (self.volts is None or len(_possible(signals[self.volts]).time_s)):
                 self._refuse_slow(signals)
                 yield self._part(signals)
 
@@ -168,7 +171,7 @@ class RotorLog:
         return LogPart(
             commands={motor: signals[name] for motor, name in self.commands.items()},
             speeds={motor: speed._replace(value=_known(speed.value)) for motor, speed in speeds.items()},
-            volts=None if self.volts is None else signals[self.volts],
+            volts=None if self.volts is None else _possible(signals[self.volts]),
             acceleration=None if self.speeds or self.acceleration is None else signals[self.acceleration],
         )
 
@@ -200,7 +203,7 @@ def of_stand(table: StandTable) -> RotorLog | None:
     channels = [Channel(f"motor.m{motor}", "1") for motor in motors]
     channels += [Channel(f"rpm.m{motor}", "rad/s") for motor in motors]
     values = [*(table.command for _ in motors), *(np.asarray(one) for one in each)]
-    if table.vbat_v is not None and np.isfinite(table.vbat_v).all():
+    if table.vbat_v is not None and np.isfinite(table.vbat_v).any():
         channels, values = [*channels, Channel("pm.vbat", "V")], [*values, table.vbat_v]
     rows = [value[known] for value in values]
     log = FlightLog(
@@ -224,19 +227,26 @@ def of_log(log: FlightLog) -> RotorLog:
     speeds = {motor: name for motor, name in _of_motors(log, _SPEEDS).items() if motor in commands}
     volts = _first(log, _VOLTS)
     seen = _seen(log, commands, speeds, volts)
-    faults = [
-        f"rotor {motor}: {lost} of {rows} speeds are 0 while it is driven, and left out."
-        for motor, (lost, _, rows) in seen.speeds.items()
-        if lost
-    ]
-    if not seen.volts_possible:
-        faults.append("the battery's voltage has impossible values: it is not used.")
+    faults = []
+    for motor, counts in seen.speeds.items():
+        if counts.zero:
+            faults.append(
+                f"rotor {motor}: {counts.zero} of {counts.rows} speeds are 0 while it is driven, and left out."
+            )
+        if missing := counts.missing:
+            faults.append(f"rotor {motor}: {missing} of {counts.rows} speeds are no numbers, and left out.")
+    missing, wrong, rows = seen.volts
+    use_volts = wrong <= _IMPOSSIBLE_SHARE * (rows - missing) and missing < rows
+    if missing or wrong:
+        used = "these are left out" if use_volts else f"it is not used (limit {_IMPOSSIBLE_SHARE:.0%} impossible)"
+        where = f"is no number in {missing} and impossible in {wrong} of {rows} rows"
+        faults.append(f"the battery's voltage {where}: {used}.")
     return RotorLog(
         log=log,
         name=log.path.stem,
         commands=commands,
-        speeds={motor: name for motor, name in speeds.items() if seen.speeds[motor][1]},
-        volts=volts if seen.volts_possible else None,
+        speeds={motor: name for motor, name in speeds.items() if seen.speeds[motor].known},
+        volts=volts if use_volts else None,
         acceleration=_first(log, (_ACCELERATION,)),
         begin_s=seen.begin_s,
         window=(0.0, np.nextafter(seen.end_s - seen.begin_s, np.inf)),
@@ -247,30 +257,51 @@ def of_log(log: FlightLog) -> RotorLog:
     )
 
 
+class _Counts(NamedTuple):
+    """How many of a rotor's speeds are 0 while it is driven, no numbers, known, and there."""
+
+    zero: int
+    missing: int
+    known: int
+    rows: int
+
+
 class _Surveyed(NamedTuple):
-    """When a log's commands begin and end; of each rotor how many speeds are lost, known, and there."""
+    """When a log's commands begin and end, what its speeds are, and how many voltages are no numbers or impossible.
+
+    The last number of `volts` is how many there are.
+    """
 
     begin_s: float
     end_s: float
-    speeds: Mapping[int, tuple[int, int, int]]
-    volts_possible: bool
+    speeds: Mapping[int, _Counts]
+    volts: tuple[int, int, int]
 
 
 def _seen(log: FlightLog, commands: Mapping[int, str], speeds: Mapping[int, str], volts: str | None) -> _Surveyed:
     names = [*commands.values(), *speeds.values(), *(() if volts is None else (volts,))]
     begin_s = min(float(next(log.series_of(name).blocks())[0, 0]) for name in commands.values())
-    end_s, possible = begin_s, True
-    counts = {motor: np.zeros(3, np.intp) for motor in speeds}
+    end_s, voltages = begin_s, np.zeros(3, np.intp)
+    counts = {motor: np.zeros(len(_Counts._fields), np.intp) for motor in speeds}
     for found in windows(log, names, from_s=begin_s, long_s=_PART_S):
         end_s = max([end_s, *(float(found[name].time_s[-1]) for name in commands.values() if len(found[name].time_s))])
         for motor, name in speeds.items():
             (time_s, speed), driven = found[name], found[commands[motor]]
             on = np.interp(time_s, *driven) > 0 if len(driven.time_s) else np.zeros(len(speed), bool)
-            counts[motor] += np.array([np.sum((speed <= 0) & on), np.sum(speed > 0), len(speed)])
+            zero, known = np.sum((speed <= 0) & on), np.sum(speed > 0)
+            counts[motor] += np.array([zero, np.sum(~np.isfinite(speed)), known, len(speed)])
         if volts is not None:
-            possible &= bool(np.all((found[volts].value > _BATTERY_V[0]) & (found[volts].value < _BATTERY_V[1])))
-    whole = {motor: (int(lost), int(known), int(rows)) for motor, (lost, known, rows) in counts.items()}
-    return _Surveyed(begin_s, end_s, whole, possible)
+            voltage = found[volts].value
+            missing, possible = np.sum(~np.isfinite(voltage)), len(_possible(Signal(*found[volts])).value)
+            voltages += np.array([missing, len(voltage) - missing - possible, len(voltage)])
+    whole = {motor: _Counts(*map(int, count)) for motor, count in counts.items()}
+    return _Surveyed(begin_s, end_s, whole, (int(voltages[0]), int(voltages[1]), int(voltages[2])))
+
+
+def _possible(volts: Signal) -> Signal:
+    """Return the voltages that a battery may have."""
+    possible = (volts.value > _BATTERY_V[0]) & (volts.value < _BATTERY_V[1])
+    return Signal(volts.time_s[possible], volts.value[possible])
 
 
 def _known(speed: Array) -> Array:
