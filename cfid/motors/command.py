@@ -153,7 +153,7 @@ def speed(
             log_ms=log_ms,
             keep=keep,
             note=note,
-            judge=later("cfid.motors.verdict", "of_readings"),
+            judge=later("cfid.motors.maps.verdict", "of_readings"),
         )
 
 
@@ -199,7 +199,7 @@ def scales(
             log_ms=log_ms,
             keep=keep,
             note=note,
-            judge=later("cfid.motors.verdict", "of_readings"),
+            judge=later("cfid.motors.maps.verdict", "of_readings"),
         )
 
 

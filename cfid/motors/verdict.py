@@ -1,18 +1,17 @@
-"""Judge a staircase as soon as it is recorded: which commands the load cell or the instrument can tell."""
+"""Judge a staircase of the load cell as soon as it is recorded: which commands it can tell, and what a map lacks."""
 
 import numpy as np
 
-from cfid.counted import counted
-from cfid.errors import DataError, FitError
+from cfid.errors import FitError
 from cfid.motors.data import reduce_run
 from cfid.motors.plan import StaircasePlan
+from cfid.motors.points import Array
 from cfid.records.run import Run
-from cfid.records.tables.vehicle import READINGS, VEHICLE_LOG, holds, read_rows, shown_at_commands, told_speeds_rad_s
 from cfid.records.tables.wrench import AXES, WrenchReading, read_wrench
+from cfid.units import DEAD_COMMAND
 
 _SHARE = 0.5  # of the steps that must be there
-_RISES = 0.02  # of the largest: what an instrument has to show more at the highest command than at the lowest
-_SHOWN = {"tachometer": ("rpm", "rpm"), "scales": ("grams", "g")}  # of each instrument the column, and its unit
+_OF_QUADRATIC = 3  # coefficients of thrust over command
 
 
 def of_forces(run: Run) -> str:
@@ -27,36 +26,16 @@ def of_forces(run: Run) -> str:
     unit = "mN" if axis.startswith("F") else "mNm"
     least, most = (1e3 * float(end(point.mean[AXES.index(axis)] for point in points)) for end in (min, max))
     found = f"{len(points)} of {steps} steps are steady, {axis} from {least:.0f} to {most:.0f} {unit}"
-    return "; ".join([found, *left_out[:1]]) + "."
+    commands = np.array([point.command or 0 for point in points], dtype=np.float64)
+    return "; ".join([found, *left_out[:1]]) + "." + too_few(commands, _OF_QUADRATIC, "cfid fit thrust")
 
 
-def of_readings(run: Run) -> str:
-    """Say how many steps have a reading. Raises DataError where few have."""
-    steps = len(StaircasePlan.of_run(run).steps)
-    if not holds(run, READINGS):
-        return _of_instrument(run)
-    (value,) = (column for name, column in read_rows(run, READINGS).columns.items() if name != "command")
-    read = int(np.count_nonzero(np.isfinite(value)))
-    if read < _SHARE * steps:
-        raise DataError(f"only {read} of {steps} steps have a reading.")
-    return f"{counted(read, 'reading')} at {counted(steps, 'step')}, from {value.min():g} to {value.max():g}."
-
-
-def _of_instrument(run: Run) -> str:
-    """Say what a tachometer or scales showed, or the vehicle's log. Raises DataError where that follows no command."""
-    for device, (column, unit) in _SHOWN.items():
-        if holds(run, device):
-            _, command, value = shown_at_commands(run, device, column)
-            driven = command > 0
-            if not driven.any() or not np.any(value[driven]):
-                raise DataError(f"the {device} shows 0 {unit} at every command: is it pointed at what it measures?")
-            low, high = value[driven][np.argmin(command[driven])], value[driven][np.argmax(command[driven])]
-            if np.ptp(command[driven]) > 0 and abs(high - low) < _RISES * np.abs(value[driven]).max():
-                raise DataError(
-                    f"the {device} shows {low:.4g} {unit} at the lowest command and {high:.4g} at the highest."
-                )
-            return f"the {device} shows {low:.4g} {unit} at the lowest command and {high:.4g} at the highest."
-    speeds = told_speeds_rad_s(read_rows(run, VEHICLE_LOG)) if holds(run, VEHICLE_LOG) else {}
-    if not any(np.any(speed > 0) for speed in speeds.values()):
-        raise DataError("the vehicle's log has no speed above 0.")
-    return "the vehicle's log has the speeds."
+def too_few(command: Array, coefficients: int, fit: str) -> str:
+    """Return that a map needs points at more commands than these (n,), "" where they suffice."""
+    there = len(np.unique(command[command > DEAD_COMMAND]))
+    if there >= coefficients:
+        return ""
+    return (
+        f" Too short for a map of its own: `{fit}` takes at least {coefficients} commands above {DEAD_COMMAND}, from "
+        f"this run and others, and {'here is 1' if there == 1 else f'here are {there}'}."
+    )

@@ -1,0 +1,95 @@
+"""Judge readings as soon as they are recorded: those typed, and what a tachometer, scales or the vehicle showed."""
+
+import numpy as np
+
+from cfid.counted import counted
+from cfid.errors import DataError, FitError
+from cfid.findings import joined
+from cfid.motors.maps.estimation import fit_speed
+from cfid.motors.plan import StaircasePlan
+from cfid.motors.points import Array, MotorPoints, rotor_speed_rad_s
+from cfid.motors.typed import Expected, expected_of
+from cfid.motors.verdict import too_few
+from cfid.records.campaign import find_campaign
+from cfid.records.plausibility import platform_of
+from cfid.records.run import Run
+from cfid.records.tables.vehicle import READINGS, VEHICLE_LOG, holds, read_rows, shown_at_commands, told_speeds_rad_s
+from cfid.units import DEAD_COMMAND
+
+_SHARE = 0.5  # of the steps that must be there
+_RISES = 0.02  # of the largest: what an instrument has to show more at the highest command than at the lowest
+_SHOWN = {"tachometer": ("rpm", "rpm"), "scales": ("grams", "g")}  # of each instrument the column, and its unit
+_OF_LINE = 2  # coefficients of speed over command
+_OF_RIG = "speed-unusual"  # a rejection that another number of markers in rig.toml takes back
+
+
+def of_readings(run: Run) -> str:
+    """Say how many steps have a reading, and what their fit lacks. Raises DataError or FitError where it refuses them.
+
+    Readings are refused where few steps have one, where one is implausible, and by the line through speeds.
+    """
+    plan = StaircasePlan.of_run(run)
+    if not holds(run, READINGS):
+        return _of_instrument(run)
+    columns = read_rows(run, READINGS).columns
+    ((name, value),) = ((name, column) for name, column in columns.items() if name != "command")
+    command, read, steps = columns["command"], int(np.count_nonzero(np.isfinite(value))), len(plan.steps)
+    if read < _SHARE * steps:
+        raise DataError(f"only {read} of {steps} steps have a reading.")
+    campaign = find_campaign(None, start=run.folder.resolve().parent)
+    platform = platform_of(None if campaign is None else campaign.rig)
+    markers = run.header.rig.tachometer.markers
+    expected = expected_of(name, motors=len(plan.motors), markers=markers, platform=platform)
+    if expected is not None:
+        _check_plausible(command, value, expected)
+    found = f"{counted(read, 'reading')} at {counted(steps, 'step')}, from {value.min():g} to {value.max():g}."
+    return found + (_about_speeds(command, value, markers or 1) if name == "rpm" else _about_weights(command))
+
+
+def _check_plausible(command: Array, value: Array, expected: Expected) -> None:
+    """Raise DataError that names the reading (n,) furthest from the others where it is implausible."""
+    furthest = int(np.argmax(np.abs(value - np.median(value))))
+    if fault := expected.fault(float(value[furthest]), np.delete(value, furthest).tolist()):
+        raise DataError(f"command {command[furthest]:.0f}: {fault}")
+
+
+def _about_speeds(command: Array, rpm: Array, markers: int) -> str:
+    """Return what a line through readings (n,) lacks, "" where it has enough. Raises FitError where it misses them."""
+    if lacking := too_few(command, _OF_LINE, "cfid fit speed"):
+        return lacking
+    speed = rotor_speed_rad_s(rpm, markers=markers)
+    mapped = fit_speed(MotorPoints(command=command, speed_rad_s=speed))
+    reasons = [one.text for one in mapped.findings if one.severity == "rejection" and one.code != _OF_RIG]
+    if reasons:
+        raise FitError(joined(reasons))
+    return ""
+
+
+def _about_weights(command: Array) -> str:
+    standing = command <= DEAD_COMMAND
+    if standing.any() and not standing.all():
+        return ""
+    return (
+        " Alone it verifies no map: `cfid fit thrust --verify` takes a change of weight, from a reading at command 0 "
+        f"to readings above {DEAD_COMMAND}."
+    )
+
+
+def _of_instrument(run: Run) -> str:
+    """Say what a tachometer or scales showed, or the vehicle's log. Raises DataError where that follows no command."""
+    for device, (column, unit) in _SHOWN.items():
+        if holds(run, device):
+            _, command, value = shown_at_commands(run, device, column)
+            driven = command > 0
+            if not driven.any() or not np.any(value[driven]):
+                raise DataError(f"the {device} shows 0 {unit} at every command: is it pointed at what it measures?")
+            low, high = value[driven][np.argmin(command[driven])], value[driven][np.argmax(command[driven])]
+            if np.ptp(command[driven]) > 0 and abs(high - low) < _RISES * np.abs(value[driven]).max():
+                raise DataError(
+                    f"the {device} shows {low:.4g} {unit} at the lowest command and {high:.4g} at the highest."
+                )
+            return f"the {device} shows {low:.4g} {unit} at the lowest command and {high:.4g} at the highest."
+    speeds = told_speeds_rad_s(read_rows(run, VEHICLE_LOG)) if holds(run, VEHICLE_LOG) else {}
+    if not any(np.any(speed > 0) for speed in speeds.values()):
+        raise DataError("the vehicle's log has no speed above 0.")
+    return "the vehicle's log has the speeds."

@@ -1,0 +1,47 @@
+"""A typed reading that no small quadrocopter gives is questioned, and a staircase says what its fit will lack."""
+
+from pathlib import Path
+
+import pytest
+
+from cfid.motors.typed import expected_of
+from cfid.motors.verdict import of_forces
+from tests.motors.stand_in_a_folder import climbed, write_run
+
+
+def test_a_speed_that_no_small_rotor_has_is_implausible_by_the_markers_that_are_counted() -> None:
+    once = expected_of("rpm", motors=1, markers=None, platform="crazyflie")
+    twice = expected_of("rpm", motors=1, markers=2, platform="crazyflie")
+
+    assert once is not None
+    assert twice is not None
+    assert once.fault(30000) == ""
+    assert once.fault(150000).startswith("the reading is implausible, 1.5e+05 rpm. Expected 0 to 95493 rpm.")
+    assert twice.fault(150000) == ""
+
+
+def test_a_weight_is_compared_with_the_others_since_scales_may_carry_a_stand() -> None:
+    expected = expected_of("grams", motors=2, markers=None, platform="cf21")
+
+    assert expected is not None
+    assert expected.fault(28.0) == ""
+    assert expected.fault(77777) != ""
+    assert expected.fault(5010, [5028.0, 5020.0]) == ""
+    assert "the reading 50.2 g is implausible: its distance from the others (5024)" in expected.fault(
+        50.2, [5028, 5020]
+    )
+
+
+def test_nothing_is_implausible_for_a_body_of_another_kind() -> None:
+    assert expected_of("grams", motors=4, markers=None, platform="other") is None
+
+
+@pytest.mark.parametrize(("commands", "lacking"), [((0, 30000), "here is 1."), ((0, 20000, 30000, 40000), "")])
+def test_a_staircase_too_short_for_a_map_says_what_the_fit_takes(
+    tmp_path: Path, commands: tuple[int, ...], lacking: str
+) -> None:
+    run = write_run(tmp_path, climbed(commands), steps=commands, motors=[1, 3], hold_s=2.0, rest_s=1.0)
+    said = of_forces(run)
+
+    assert ("`cfid fit thrust` takes at least 3 commands above 1000, from this run and others" in said) == bool(lacking)
+    assert said.endswith(lacking or "mN.")
