@@ -14,6 +14,7 @@ from cfid.counted import counted
 from cfid.errors import ConfigError
 from cfid.motors.during import Steps
 from cfid.motors.plan import StaircasePlan
+from cfid.motors.typed import Expected, expected_of
 from cfid.records.run import Label
 from cfid.rig.hand_held import Readings
 from cfid.rig.log import Device, Plan, Procedure, ready_loadcell
@@ -26,9 +27,11 @@ from cfid.rig.ready_vehicle import ReadyVehicle
 from cfid.rig.recorder import Say, sleep
 
 _ROWS_A_SECOND = 200  # of the vehicle's log and what instruments add
+_LAST = "Enter ends, u undoes {value:g}"
 
 Tell = Callable[[str], None]  # takes the procedure's progress, for the live line
 Ask = Callable[[int], Awaitable[float | Answer | None]]  # the operator's reading at a command; None leaves it out
+Undone = Callable[[], Awaitable[bool]]  # whether the operator takes the last reading back before the end
 
 
 def record_forces(
@@ -67,7 +70,7 @@ def record_forces(
         parts = [crazyflie.commands(), loadcell, *crazyflie.watch(log_ms)]
         if question is not None:
             parts.append(typed_readings("rpm"))
-        procedure = _procedure(staircase, question, live, tare=True)
+        procedure = _procedure(staircase, question, live, _expected(staircase, rig, "rpm"), tare=True)
         plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested=requested or {}, question=question)
         counts_per_n = (loadcell.record.model_extra or {}).get("counts_per_n")  # None of a cell that sends lines
         notice = Steps(counts_per_n) if calm and counts_per_n else None
@@ -184,7 +187,7 @@ def _record_readings(
         refuse(crazyflie, staircase.motors, staircase.steps)
         effort += NOT_READ if vehicle.no_preflight else quick([crazyflie.usual_log()], staircase.held)
         confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes, effort=effort, ring=live.ring)
-        procedure = _procedure(staircase, question, live, tare=False)
+        procedure = _procedure(staircase, question, live, _expected(staircase, rig, value), tare=False)
         plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested={}, question=question)
         record(f"log {kind}", plan, parts, live, keep, judge=judge)
 
@@ -216,8 +219,16 @@ def _plan(
     )
 
 
-def _procedure(staircase: StaircasePlan, question: str | None, live: LiveLine, *, tare: bool) -> Procedure:
-    """Return the staircase; a question is put to the operator at each command.
+def _expected(staircase: StaircasePlan, rig: Rig, column: str) -> Expected | None:
+    stated = rig[0].rig
+    markers, platform = stated.facts.tachometer.markers, stated.vehicle.platform
+    return expected_of(column, motors=len(staircase.motors), markers=markers, platform=platform)
+
+
+def _procedure(
+    staircase: StaircasePlan, question: str | None, live: LiveLine, expected: Expected | None, *, tare: bool
+) -> Procedure:
+    """Return the staircase; a question is put to the operator at each command, and doubts of what is not `expected`.
 
     A `tare` is a pause before the first command, and then no question is put about rotors that stand.
     """
@@ -230,28 +241,37 @@ def _procedure(staircase: StaircasePlan, question: str | None, live: LiveLine, *
         questions = Questions(loop=loop, tell=live.ask, say=live.tell)
         readings: Readings = there["readings"]
 
+        def doubt(value: float) -> str:
+            return "" if expected is None else expected.fault(value, readings.values)
+
         async def ask(command: int) -> float | Answer | None:
             if tare and not command:
                 return None
             live.ring()
-            undo = "" if readings.last is None else f" (u undoes {readings.last:g})"
-            answer = await questions.number(question.format(command=command) + undo)
+            undo = f" (u undoes {readings.values[-1]:g})" if readings.values else ""
+            answer = await questions.number(question.format(command=command) + undo, doubt)
             live.ask("")
             return answer
+
+        async def undone() -> bool:
+            live.ring()
+            found = bool(readings.values) and await questions.undone(_LAST.format(value=readings.values[-1]))
+            live.ask("")
+            return found
 
         questions.open()
         try:
             if tare:
                 await sleep(loop, staircase.rest_s)
-            await read_at_steps(staircase, there["commands"], readings, ask, loop=loop, live=live)
+            await read_at_steps(staircase, there["commands"], readings, ask, undone, loop=loop, live=live)
         finally:
             questions.close()
 
     return read
 
 
-def _taken_back(command: int, value: float) -> str:
-    return f"taken back: {value:g} at command {command}, which is held again after this one."
+def _taken_back(command: int, value: float, *, held: str = "after this one") -> str:
+    return f"taken back: {value:g} at command {command}, which is held again {held}."
 
 
 def _steps_left(count: int) -> str:
@@ -274,13 +294,14 @@ async def read_at_steps(
     commands: MotorCommands,
     readings: Readings,
     ask: Ask,
+    undone: Undone,
     *,
     loop: Any,
     live: LiveLine,
 ) -> None:
     """Hold each command until the operator has read an instrument, then pause (sections 3.3.1 and 3.3.2).
 
-    A command whose reading is taken back is held again after the present one.
+    A command whose reading is taken back is held again after the present one, that of the last reading at the end.
     """
     left = list(staircase.steps)
     while left:
@@ -298,3 +319,10 @@ async def read_at_steps(
             readings.add(step, value)
         await commands.set(STILL)
         await sleep(loop, staircase.rest_s)
+        if left:
+            continue
+        live.left("all steps read")
+        live.task("motors off")
+        if await undone() and (back := readings.withdraw()) is not None:
+            live.tell(_taken_back(*back, held="now"))
+            left = [back[0]]

@@ -56,9 +56,9 @@ class Readings:
         self._rows.add(self._loop.seconds(), command, value, 0)
 
     @property
-    def last(self) -> float | None:
-        """The last reading that was not taken back."""
-        return self._kept[-1][1] if self._kept else None
+    def values(self) -> list[float]:
+        """The readings that were not taken back, the last one last."""
+        return [value for _, value in self._kept]
 
     def withdraw(self) -> tuple[int, float] | None:
         """Take the last reading back; return its command and its value, None where there is none."""

@@ -1,6 +1,7 @@
 """Asks the operator for readings of an instrument while motors run and everything records."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from enum import Enum
 from typing import Any, Final
 
@@ -38,29 +39,57 @@ class Questions:
         """Stop listening."""
         self._keyboard.close()
 
-    async def number(self, what: str) -> float | Answer | None:
+    async def number(self, what: str, doubt: Callable[[float], str] = lambda value: "") -> float | Answer | None:
         """Return the number typed, None for an empty line, which means no reading, UNDO for u or undo.
 
-        Asks again after an invalid line. Raises ConfigError when the input ends, or when a script's line is invalid.
+        Asks again after an invalid line, and once after a number for which `doubt` returns a reason: typed again, it
+        counts. A script is told the reason, and its number counts. Raises ConfigError when the input ends, or when a
+        script's line is invalid.
         """
-        while self._keyboard.keys and self._typed.pending:  # typed before the question
-            await self._typed.get()
+        await self._forget_typed(what)
+        doubted: float | None = None
         while True:
             line = await self._line(what)
             if not line:
                 return None
             if line.lower() in _UNDO:
                 return UNDO
-            try:
-                value = float(line.replace(",", "."))
-            except ValueError:
-                value = -1.0
-            if 0 <= value < float("inf"):
+            value = _reading(line)
+            if value is None:
+                wrong = (
+                    f"'{line}' is not a reading: type a number, nothing where there is none, u to take the last back."
+                )
+                if not self._keyboard.keys:
+                    raise ConfigError(wrong)
+                self._say(wrong)
+                continue
+            reason = doubt(value)
+            if not reason or value == doubted:
                 return value
-            wrong = f"'{line}' is not a reading: type a number, nothing where there is none, u to take the last back."
             if not self._keyboard.keys:
-                raise ConfigError(wrong)
-            self._say(wrong)
+                self._say(reason)
+                return value
+            self._say(f"{reason} Type it again to keep it, or the right one.")
+            doubted = value
+
+    async def undone(self, what: str) -> bool:
+        """Return whether u or undo is typed rather than Enter; a script is not asked, and ended input is Enter."""
+        with suppress(ConfigError):
+            await self._forget_typed(what)
+            while self._keyboard.keys:
+                line = await self._line(what)
+                if line.lower() in _UNDO:
+                    return True
+                if not line:
+                    return False
+                self._say(f"'{line}' is neither Enter nor u.")
+        return False
+
+    async def _forget_typed(self, what: str) -> None:
+        """Forget what was typed at a terminal before the question. Raises ConfigError when the input ended."""
+        while self._keyboard.keys and self._typed.pending:
+            if await self._typed.get() is None:
+                raise ConfigError(_ended(what))
 
     async def _line(self, what: str) -> str:
         typed = ""
@@ -68,9 +97,22 @@ class Questions:
             self._tell(f"{what} > {typed}")
             key = await self._typed.get()
             if key is None:
-                raise ConfigError(f"{what}: standard input ended before the reading was typed.")
+                raise ConfigError(_ended(what))
             if not self._keyboard.keys:
                 return key
             line, typed = edited(typed, key)
             if line is not None:
                 return line.strip()
+
+
+def _reading(line: str) -> float | None:
+    """Return the number of a line, with a decimal point or comma; None for no number, or a negative one."""
+    try:
+        value = float(line.replace(",", "."))
+    except ValueError:
+        return None
+    return value if 0 <= value < float("inf") else None
+
+
+def _ended(what: str) -> str:
+    return f"{what}: standard input ended before the reading was typed."

@@ -28,7 +28,7 @@ from cfid.rig.crazyflie import Link
 from cfid.sim.crazyflie_tables import parameters
 from cfid.sim.supervisor_states import SupervisorState
 from cfid.wire.app import AppPorts
-from tests.flying_in_a_folder import Bench, bench_in
+from tests.flying_in_a_folder import Bench, Pilot, bench_in
 from tests.lateness import kept_waiting_s
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
@@ -572,6 +572,99 @@ def test_a_reading_is_taken_back_and_its_command_held_again(bench: Bench) -> Non
     assert kept["command"].tolist() == [30000, 20000, 40000]
     assert kept["grams"].tolist() == [30, 25, 60]
     assert "3 readings at 3 steps" in pilot.out
+
+
+TYPED = ("--from", 20000, "--to", 40000, "--step", 10000, "--hold", 0.2, "--rest", 0.1, "--yes", "--no-preflight")
+
+
+def type_at(master: int, bench: Bench, pilot: Pilot, *lines: tuple[str, Callable[[], object]]) -> None:
+    """Type each line at a terminal once what comes before it is there."""
+    for line, before in lines:
+        bench.wait_until(lambda before=before: before() or pilot.process.poll() is not None, pilot)
+        time.sleep(0.5)  # of the hold, and what is typed before a question is forgotten
+        os.write(master, f"{line}\n".encode())
+
+
+@pytest.mark.parametrize("quiet", [(), ("--quiet",)])
+def test_the_last_reading_is_taken_back_before_the_recording_ends(bench: Bench, quiet: tuple[str, ...]) -> None:
+    master, slave = pty.openpty()
+    pilot = bench.start("log", "speed", *TYPED, *quiet, stdin=slave)
+    os.close(slave)
+    at = [lambda command=command: bench.motors[0] == command for command in (20000, 30000, 40000)]
+    type_at(
+        master,
+        bench,
+        pilot,
+        ("11500", at[0]),
+        ("15300", at[1]),
+        ("9", at[2]),
+        ("u", lambda: not any(bench.motors)),
+        ("19000", at[2]),
+        ("", lambda: not any(bench.motors)),
+    )
+    assert pilot.end() == 0, pilot.err
+    os.close(master)
+    kept = read_rows(bench.run(), "readings").columns
+
+    assert "taken back: 9 at command 40000, which is held again now." in pilot.err
+    assert kept["rpm"].tolist() == [11500, 15300, 19000]
+    assert bench.run().header.state == "complete"
+
+
+def test_an_implausible_reading_counts_once_it_is_typed_twice(bench: Bench) -> None:
+    master, slave = pty.openpty()
+    pilot = bench.start("log", "speed", *TYPED, stdin=slave)
+    os.close(slave)
+
+    def asked(times: int) -> bool:
+        return " ".join(pilot.err.split()).count("Type it again to keep it") == times
+
+    at = [lambda command=command: bench.motors[0] == command for command in (20000, 30000, 40000)]
+    type_at(
+        master,
+        bench,
+        pilot,
+        ("250000", at[0]),
+        ("11500", lambda: asked(1)),
+        ("999999", at[1]),
+        ("999999", lambda: asked(2)),
+        ("19000", at[2]),
+        ("", lambda: not any(bench.motors)),
+    )
+    assert pilot.end() == 0, pilot.err
+    os.close(master)
+
+    assert "the reading is implausible, 2.5e+05 rpm." in " ".join(pilot.err.split())
+    assert read_rows(bench.run(), "readings").columns["rpm"].tolist() == [11500, 999999, 19000]
+
+
+def test_input_that_ends_before_a_question_stops_the_motors(bench: Bench) -> None:
+    master, slave = pty.openpty()
+    pilot = bench.start("log", "speed", *TYPED[:7], 2, *TYPED[8:], stdin=slave)
+    os.close(slave)
+    bench.wait_until(lambda: bench.motors[0] == 20000 or pilot.process.poll() is not None, pilot)
+    os.write(master, b"\x04")
+
+    assert pilot.end() == 2
+    assert "standard input ended before the reading was typed" in pilot.err
+    assert not any(bench.motors)
+    os.close(master)
+
+
+@pytest.mark.parametrize(("kind", "typed"), [("speed", b"11500\n15300\n999999999\n"), ("scales", b"30\n25\n77777\n")])
+def test_a_script_is_told_of_an_implausible_reading_and_its_run_is_not_usable(
+    bench: Bench, kind: str, typed: bytes
+) -> None:
+    pilot = bench.start("log", kind, *TYPED, stdin=subprocess.PIPE)
+    pilot.process.communicate(typed)
+    run = bench.run()
+
+    assert pilot.process.returncode == 0, pilot.err
+    assert "is implausible" in pilot.err
+    assert len(read_rows(run, "readings").time_s) == 3
+    assert run.header.verdict is not None
+    assert not run.header.verdict.usable
+    assert "command 40000" in run.header.verdict.text
 
 
 @pytest.mark.parametrize(
