@@ -1,6 +1,7 @@
 """Figures of drag: forces over wind and rotor speed (4.10), coefficients (4.11), and the models' forces (4.12)."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -31,21 +32,24 @@ class _Wind(NamedTuple):
     rows: Rows
     angle_deg: float
     speed_mps: float
-    colour: tuple[float, ...]
+    colour: tuple[float, float, float]
 
 
 def drag_figures(found: DragModels) -> Mapping[str, Figure]:
     """Return all figures by file name."""
     return {
-        "drag_forces": forces_figure(found.experiments),
+        "drag_forces": forces_figure(found.experiments, std_n=_force_std_n(found)),
         "drag_models": models_figure(found),
         "drag_coefficients": coefficients_figure(found),
     }
 
 
 @styled
-def forces_figure(experiments: DragExperiments) -> Figure:
-    """Return each component of the drag force over the rotors' speed, a line a wind, a column an angle."""
+def forces_figure(experiments: DragExperiments, *, std_n: Array | None = None) -> Figure:
+    """Return each component of the drag force over the rotors' speed, a line a wind, a column an angle.
+
+    Bars are the standard uncertainties (n, 3) of the forces.
+    """
     angles, winds = _angles(experiments), list(_winds(experiments))
     page, grid = figure(
         4,
@@ -67,7 +71,8 @@ def forces_figure(experiments: DragExperiments) -> Figure:
                 y=f"f{axis} (N)" if column == 0 else "",
             )
             axes.axhline(0.0, color=MUTED, lw=0.8)
-            _draw_winds(axes, winds, angle, experiments, experiments.force_n[:, row])
+            std = None if std_n is None else std_n[:, row]
+            _draw_winds(axes, winds, angle, experiments, experiments.force_n[:, row], std=std)
             axes.tick_params(labelbottom=last, labelleft=column == 0)
     page.align_ylabels()
     return page
@@ -77,7 +82,8 @@ def forces_figure(experiments: DragExperiments) -> Figure:
 def coefficients_figure(found: DragModels) -> Figure:
     """Return the simple model's coefficients of every experiment over the rotors' speed, beside those of the fit.
 
-    Those of x and y are of both together, and of winds from the side alone. Bands are one standard uncertainty.
+    Those of x and y are of both together, and of winds from the side alone. Bands are one standard uncertainty of the
+    fit, bars that of an experiment by its forces' noise and its wind's speed.
     """
     experiments, simple = found.experiments, found.fits["simple"]
     angles, winds = _angles(experiments), list(_winds(experiments))
@@ -90,16 +96,19 @@ def coefficients_figure(found: DragModels) -> Figure:
     )
     key_row(page.add_subplot(grid[0, :]), *_key(angles), Line2D([], [], color=INK, label="all together"))
     first: Axes | None = None
+    noise = np.abs(ratios_kg_per_rad(replace(experiments, force_n=_force_std_n(found))))
     z = ratios_kg_per_rad(experiments)[:, 2]
-    panels = (("(a) x and y", lateral_kg_per_rad(experiments), 0), ("(b) z", z, 2))
-    for row, (title, each, place) in enumerate(panels):
+    lateral = np.sqrt(np.nansum(noise[:, :2] ** 2, axis=1)) / np.maximum(np.isfinite(noise[:, :2]).sum(axis=1), 1)
+    panels = (("(a) x and y", lateral_kg_per_rad(experiments), lateral, 0), ("(b) z", z, noise[:, 2], 2))
+    for row, (title, each, of_noise, place) in enumerate(panels):
         first = axes = page.add_subplot(grid[1 + row, 0], sharex=first)
         name_panel(axes, title, x=_SPEED if row else "", y="coefficient (kg/rad)")
         value, std = simple.value[place], simple.std[place]
         axes.axhspan(value - std, value + std, fc=INK, alpha=0.15, lw=0)
         axes.axhline(value, color=INK, lw=1.1)
+        of_each = np.hypot(of_noise, experiments.wind_relative_std * each)
         for angle in angles:
-            _draw_winds(axes, winds, angle, experiments, each)
+            _draw_winds(axes, winds, angle, experiments, each, std=of_each)
         axes.ticklabel_format(axis="y", style="sci", scilimits=(0, 0))
     page.align_ylabels()
     return page
@@ -135,13 +144,21 @@ def models_figure(found: DragModels) -> Figure:
                 y=label if column == 0 else "",
             )
             axes.axhline(0.0, color=MUTED, lw=0.8)
-            _draw_winds(axes, winds, angle, experiments, marks, line="" if row == 0 else ":")
+            line = "" if row == 0 else ":"
+            _draw_winds(axes, winds, angle, experiments, marks, line=line, std=_force_std_n(found)[:, 2])
             if row == 0:
                 _draw_winds(axes, winds, angle, experiments, predicted, marker="")
             axes.tick_params(labelbottom=row == 1, labelleft=column == 0)
     words(page.add_subplot(grid[3, :]), "sum of squared errors over x, y and z", _comparison(found))
     page.align_ylabels()
     return page
+
+
+def _force_std_n(found: DragModels) -> Array:
+    """Return the standard uncertainty (n, 3) of each force by its noise and its reference's, as the fit scales it."""
+    sideways, along_z = found.fits[found.chosen].noise_scale
+    own = np.hypot(found.experiments.force_std_n, found.experiments.reference_std_n)
+    return np.asarray(own * np.array([sideways, sideways, along_z]))
 
 
 def _comparison(found: DragModels) -> list[tuple[str, str]]:
@@ -174,7 +191,8 @@ def _winds(experiments: DragExperiments) -> Iterator[_Wind]:
             continue
         base = np.array(to_rgb(SERIES[angles.index(angle) % len(SERIES)]))
         colour = base + _PALEST * speed / fastest * (1 - base)
-        yield _Wind(rows, angle, speed, tuple(colour.tolist()))
+        red, green, blue = colour.tolist()
+        yield _Wind(rows, angle, speed, (red, green, blue))
 
 
 def _draw_winds(
@@ -186,11 +204,14 @@ def _draw_winds(
     *,
     line: str = "-",
     marker: str = "o",
+    std: Array | None = None,
 ) -> None:
     for wind in winds:
         if wind.angle_deg == angle_deg:
             speed = experiments.speed_sum_rad_s[wind.rows]
             axes.plot(speed, value[wind.rows], ls=line, marker=marker, ms=3, color=wind.colour, lw=1.0)
+            if std is not None:
+                axes.errorbar(speed, value[wind.rows], std[wind.rows], fmt="none", ecolor=wind.colour, elinewidth=0.8)
 
 
 def _key(angles: Sequence[float]) -> list[Line2D]:

@@ -86,7 +86,8 @@ def friction_figure(
 ) -> Figure:
     """Return the torque of the weights against the speed they fall with, and the thesis' coefficients.
 
-    The line is Coulomb plus viscous friction, through the speeds that the falls tend to. The thesis'
+    The line is Coulomb plus viscous friction, through the speeds that the falls tend to. Bars are standard
+    uncertainties of weights and mean speeds; that of the speed a fall tends to is not known from one fall. The thesis'
     M_fr = m g r / speed is the slope from the origin to the mean speed in a run's window, so that with dry
     friction it depends on the speed: table 2.1's first five runs.
     """
@@ -129,17 +130,24 @@ def _rows(drops: Sequence[Drop], labels: Sequence[str], *, alone: bool) -> list[
 
 
 def _draw_drop(torque_axes: Axes, coefficient_axes: Axes, drop: Drop, torque: float) -> None:
-    points: list[tuple[float, dict[str, Any]]] = [
-        (drop.speed_rad_per_s, {"marker": "o", "color": ALERT, "mfc": "white"})
+    mean, mean_std = drop.speed_rad_per_s, drop.speed_std_rad_per_s
+    points: list[tuple[float, float, dict[str, Any]]] = [
+        (mean, mean_std, {"marker": "o", "color": ALERT, "mfc": "white"})
     ]
     if drop.settled:
         points = [
-            (drop.terminal_rad_per_s, {"marker": "o", "color": RECORDED}),
-            (drop.speed_rad_per_s, {"marker": "x", "color": MUTED}),
+            (drop.terminal_rad_per_s, 0.0, {"marker": "o", "color": RECORDED}),
+            (mean, mean_std, {"marker": "x", "color": MUTED}),
         ]
-    for speed, how in points:
-        torque_axes.plot(speed, torque, ms=5, ls="", **how)
-        coefficient_axes.plot(speed, torque / speed, ms=5, ls="", **how)
+    of_weight = drop.weight_std_kg / drop.weight_kg
+    for speed, speed_std, how in points:
+        relative = np.hypot(of_weight, speed_std / speed)
+        for axes, value, std in (
+            (torque_axes, torque, torque * of_weight),
+            (coefficient_axes, torque / speed, torque / speed * relative),
+        ):
+            axes.plot(speed, value, ms=5, ls="", **how)
+            axes.errorbar(speed, value, std, speed_std or None, fmt="none", ecolor=how["color"], elinewidth=0.9)
 
 
 def _key(friction: FrictionEstimate, all_settled: bool) -> list[Artist]:

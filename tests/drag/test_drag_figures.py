@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from cfid.drag.comparison import DragModels, fit_models
-from cfid.drag.figures import coefficients_figure, forces_figure, models_figure
+from cfid.drag.figures import coefficients_figure, drag_figures, forces_figure, models_figure
 from tests.drag.test_drag_campaigns import SIMPLE_AIR, exact, measured
 from tests.drag.wind_tunnel import Wind
 
@@ -105,3 +106,19 @@ def test_many_angles_are_drawn_by_some_of_them(look: Look) -> None:
     assert len(panels(page)) == 9
     assert any("is fitted, not drawn." in text.get_text() for text in page.texts)
     assert not look(page).overlapping()
+
+
+def test_forces_and_coefficients_have_bars_of_their_uncertainty(found: DragModels) -> None:
+    forces, models = drag_figures(found)["drag_forces"], models_figure(found)
+    runs, (sideways, along_z) = found.experiments, found.fits[found.chosen].noise_scale
+    stated = np.hypot(runs.force_std_n, runs.reference_std_n) * np.array([sideways, sideways, along_z])
+
+    assert np.sort(bars(panels(forces)[6:])) == pytest.approx(np.sort(stated[:, 2]))
+    assert np.sort(bars(panels(models))) == pytest.approx(np.sort(np.repeat(stated[:, 2], 2)))
+    assert len(bars(panels(coefficients_figure(found)))) >= len(runs.command)
+
+
+def bars(several: list[Axes]) -> list[float]:
+    """Return half the heights of the error bars of several panels."""
+    drawn = [one for axes in several for one in axes.collections if isinstance(one, LineCollection)]
+    return [float(np.ptp(np.asarray(bar)[:, 1])) / 2 for one in drawn for bar in one.get_segments() if len(bar)]

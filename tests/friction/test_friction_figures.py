@@ -1,10 +1,12 @@
 """Dropped weights: what settled, what did not, and the line through them."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
@@ -88,3 +90,16 @@ def test_one_weight_alone_does_not_separate_two_frictions(drop: MakeDrop, look: 
     written = " ".join(text.get_text() for text in page.texts())
     assert "one weight alone" in written
     assert "not determined" in written
+
+
+def test_torques_have_bars_of_the_weights_and_of_the_mean_speeds(drop: MakeDrop) -> None:
+    drops = [replace(drop(weight), weight_std_kg=1e-4) for weight in (0.02, 0.03, 0.05)]
+    found = fit_friction(drops, radius_std_m=0.0, radius_m=RADIUS_M, gravity_mps2=GRAVITY_MPS2)
+    page = friction_figure(drops, found, radius_m=RADIUS_M, gravity_mps2=GRAVITY_MPS2)
+    torque = next(axes for axes in page.axes if axes.get_title("left").startswith("(a)"))
+    segments = [bar for one in torque.collections if isinstance(one, LineCollection) for bar in one.get_segments()]
+    tall = [np.ptp(bar[:, 1]) / 2 for bar in map(np.asarray, segments) if np.ptp(bar[:, 0]) == 0]
+    wide = [np.ptp(bar[:, 0]) / 2 for bar in map(np.asarray, segments) if np.ptp(bar[:, 0]) > 0]
+
+    assert tall == pytest.approx([1e6 * 1e-4 * GRAVITY_MPS2 * RADIUS_M] * 6)
+    assert wide == pytest.approx([each.speed_std_rad_per_s for each in drops])
