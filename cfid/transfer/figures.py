@@ -8,7 +8,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cfid.drawing.numbers import MICRO, plus_minus
+from cfid.drawing.numbers import FIT_ALONE, MICRO, plus_minus
 from cfid.drawing.style import (
     INK,
     KEY_IN,
@@ -220,7 +220,10 @@ def _fit_rows(fit: TransferFit) -> list[tuple[str, str]]:
         for name, own in fit.delays.items()
     ]
     return [
-        ("static gain", plus_minus(MICRO * gain, MICRO * fit.std.static_gain_n, unit="µN")),
+        (
+            "static gain",
+            f"{plus_minus(MICRO * gain, MICRO * fit.std.static_gain_n, unit='µN')} ({' '.join(FIT_ALONE)})",
+        ),
         ("time constant", plus_minus(1e3 * lag, 1e3 * fit.time_constant_std_s, unit="ms")),
         *delays,
         ("chi-squared", f"{fit.chi_squared:.1f} for {fit.degrees_of_freedom} degrees of freedom"),

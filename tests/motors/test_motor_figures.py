@@ -382,8 +382,18 @@ def test_thrust_over_speed_has_both_forms_and_what_they_leave(look: Look) -> Non
     )
     assert _line(page.panel("(b)"), "left by k w²")[1] == pytest.approx(found.square.residual)
     assert _line(page.panel("(b)"), "left by quadratic")[1] == pytest.approx(found.quadratic.residual)
+    bars = [line for line in page.panel("(b)").collections if isinstance(line, LineCollection)]
+    drawn = [np.ptp(np.asarray(bar)[:, 1]) / 2 for one in bars for bar in one.get_segments()]
+    assert drawn == pytest.approx([*found.square.point_std, *found.quadratic.point_std])
     assert "N s²" in _written(page)
     assert page.overlapping() == []
+
+
+def test_uncertainties_of_a_figure_state_that_the_scales_of_instruments_are_left_out(look: Look) -> None:
+    for figure in (map_figure(fit_torque(_points())), speed_thrust_figure(fit_thrust_of_speed(_points()))):
+        page = look(figure)
+        assert "± leaves out instruments' scales" in _written(page)
+        assert page.overlapping() == []
 
 
 def test_doubts_of_thrust_over_speed_are_red(look: Look) -> None:

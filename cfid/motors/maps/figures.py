@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from cfid.counted import counted
+from cfid.drawing.numbers import FIT_ALONE
 from cfid.drawing.style import (
     INK,
     KEY_IN,
@@ -121,7 +122,7 @@ def map_figure(mapped: MotorMap, *, verification: ScalesCheck | None = None) -> 
 def speed_thrust_figure(found: SpeedThrustMap) -> Figure:
     """Draw thrust over speed with k w^2 (eq. 3.1) and with the full quadratic, and the residuals of both."""
     form = _square_told(found)
-    full = [*coefficients(found.quadratic, "w", ("N s²", "N s", "N")), _norm(found.quadratic, "N")]
+    full = [*coefficients(found.quadratic, "w", ("N s²", "N s", "N")), FIT_ALONE, _norm(found.quadratic, "N")]
     page, grid = _page((2.9, 1.7, _table_in(form, full)), "Speed to thrust of one rotor", found.findings)
     _draw_speed_thrust(page.add_subplot(grid[0, :]), page.add_subplot(grid[1, :]), found)
     words(page.add_subplot(grid[2, 0]), "k w²", form)
@@ -136,7 +137,7 @@ def voltage_figure(found: VoltageComparison) -> Figure:
 
     Dashed lines stand at the error of prediction of points at commands that the fit had not seen.
     """
-    heights_in = (KEY_IN, 2.5, 1.6, _table_in(found.lowest_first.tolist()))
+    heights_in = (KEY_IN, 2.5, 1.6, _table_in([*found.lowest_first.tolist(), FIT_ALONE]))
     page, grid = _page(heights_in, "Motor voltage to thrust", (found.verdict, *found.findings))
     axis, unit, _ = _AXES["thrust"]
     forms = (
@@ -150,7 +151,7 @@ def voltage_figure(found: VoltageComparison) -> Figure:
         name_panel(left, f"({'cd'[column]}) predicts to {rms:.2g} {unit} rms", x=x, y=f"residual ({unit})")
         _draw_form(curve, left, place, found.value, fit, rms=rms)
         units = [f"{unit}{'/' + power('V', n) if letter == 'U' and n else ''}" for n in range(fit.order, -1, -1)]
-        words(page.add_subplot(grid[3, column]), f"over {title}", coefficients(fit, letter, units))
+        words(page.add_subplot(grid[3, column]), f"over {title}", [*coefficients(fit, letter, units), FIT_ALONE])
         shared = curve, left
     key_row(page.add_subplot(grid[0, :]), *curve.get_lines(), left.get_lines()[-1])
     page.align_ylabels()
@@ -177,8 +178,8 @@ def _map_coefficients(mapped: MotorMap) -> list[tuple[str, str]]:
     powers = range(mapped.fit.order, -1, -1)
     if mapped.quantity == "torque":
         units = [f"m/{power('N', n - 1)}" if n > 1 else ("N m", "m")[n] for n in powers]
-        return coefficients(mapped.fit, "f", units)
-    return coefficients(mapped.fit, "cmd", [_AXES[mapped.quantity][1]] * len(powers))
+        return [*coefficients(mapped.fit, "f", units), FIT_ALONE]
+    return [*coefficients(mapped.fit, "cmd", [_AXES[mapped.quantity][1]] * len(powers)), FIT_ALONE]
 
 
 def _map_facts(mapped: MotorMap, verification: ScalesCheck | None, *, unit: str, scale: float) -> list[tuple[str, str]]:
@@ -198,6 +199,7 @@ def _map_facts(mapped: MotorMap, verification: ScalesCheck | None, *, unit: str,
 def _square_told(found: SpeedThrustMap) -> list[tuple[str, str]]:
     return [
         ("k of k w²", scientific(found.k_n_s2, found.k_std_n_s2, unit="N s²")),
+        FIT_ALONE,
         _norm(found.square, "N"),
         ("largest difference", f"{found.difference_n:.2g} N"),
         ("k suffices", "yes" if found.square_suffices else "no"),
@@ -231,8 +233,12 @@ def _draw_speed_thrust(curve: Axes, left: Axes, found: SpeedThrustMap) -> None:
     curve.plot(speed, square.at(speed), color=MODEL, lw=1.3, label="k w²")
     curve.plot(speed, quadratic.at(speed), color=INK, lw=1.1, ls="--", label="full quadratic")
     left.axhline(0.0, color=MUTED, lw=0.8)
-    left.plot(found.speed_rad_s, square.residual, **{**_DOTS, "color": MODEL}, label="left by k w²")
-    left.plot(found.speed_rad_s, quadratic.residual, **{**_SQUARES, "mfc": "none"}, label="left by quadratic")
+    for fit, marks, label in (
+        (square, {**_DOTS, "color": MODEL}, "left by k w²"),
+        (quadratic, {**_SQUARES, "mfc": "none"}, "left by quadratic"),
+    ):
+        left.errorbar(found.speed_rad_s, fit.residual, fit.point_std, **_EARS, **{**marks, "marker": ""})
+        left.plot(found.speed_rad_s, fit.residual, **marks, label=label)
     left.set_xlim(curve.get_xlim())
     curve.tick_params(labelbottom=False)
     legend(curve)
