@@ -10,7 +10,7 @@ import numpy.typing as npt
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, note, of_recording, warning
 from cfid.flight.channels import at_rows, command_names, commands_of, forces_of, held, motion, rates_of, volts_of
-from cfid.flight.model import ROW_S, ROW_STEPS, STEP_S, Flight
+from cfid.flight.model import ROW_S, ROW_STEPS, STEP_S, Flight, turned_back
 from cfid.records.logs.any_kind import NO_OPTIONS, read_log
 from cfid.records.logs.log import FlightLog
 from cfid.records.logs.run import log_of_run
@@ -173,13 +173,6 @@ def _window(time_s: Array, path: Path, from_s: float, to_s: float) -> tuple[floa
 def _check_left(left_s: float, path: Path) -> None:
     if not left_s > 2 * _EDGE_S:
         raise ConfigError(f"{path}: {max(left_s, 0.0):.3g} s are left of the log (limit {2 * _EDGE_S:g} s).")
-
-
-def turned_back(attitude: Array, vector: Array) -> Array:
-    """Return vectors (m, 3) of the world's axes along the vehicle's, of attitude w, x, y, z (m, 4)."""
-    w, v = attitude[:, :1], -attitude[:, 1:]
-    across = 2 * np.cross(v, vector)
-    return np.asarray(vector + w * across + np.cross(v, across))
 
 
 def _check_weight(force: Array, path: Path) -> None:

@@ -12,6 +12,7 @@ from cfid.flight.crossing import crossing_of
 from cfid.flight.data import FlownLog
 from cfid.flight.estimation import DELAYS, THRUST, TURNS, FlightFit, fit_flights
 from cfid.flight.model import AXES
+from cfid.flight.moving import moving_findings
 from cfid.flight.turning import turning_findings
 from cfid.flight.values import DELAY, MOMENTS, SINGLE, TIMES, Body, lever_m, thrust_key, times_of
 from cfid.records.parameters import Parameter, plain
@@ -29,6 +30,7 @@ _FED_BACK = 0.03  # of a moment, from where a warning names what older torques w
 # Of g, in the mean of a flight: less does not carry it, more is steep flight; public logs have 1.01 to 1.05.
 _LIGHTEST, _HEAVIEST = 0.9, 1.3
 _TILTED_DEG = 6.0  # public logs: 0.2 to 1.0
+_DRAG = "flight.drag_over_mass_per_s.*", "flight.drag_kg_per_s.*"
 _MANOEUVRES = {
     "roll": "tilt quickly to the right and left, several times a second, for 20 s",
     "pitch": "tilt quickly forward and back, several times a second, for 20 s",
@@ -39,12 +41,13 @@ _MANOEUVRES = {
 def contradictions(flown: FlownLog) -> tuple[Finding, ...]:
     """Return what a flight shows that no vehicle does with such axes, motors and times; none where too little flew."""
     unlike = turning_findings(flown.flight)
+    otherwise = (*unlike, *([] if unlike else moving_findings(flown.flight)))
     try:
         found = fit_flights([flown.flight])
     except FitError:
-        return (*unlike,)
+        return otherwise
     # Rates about other axes than the torques' show no delay of their own.
-    return (*unlike, *([] if unlike else _delay_findings(found, ())), *(_crossed(found) or _wrong_ways(found)))
+    return (*otherwise, *([] if unlike else _delay_findings(found, ())), *(_crossed(found) or _wrong_ways(found)))
 
 
 def findings_of(
@@ -61,6 +64,7 @@ def findings_of(
         *(finding for one in flights for finding in _weight_findings(one)),
         *_thrust_findings(found),
         *of_torques,
+        *([] if unlike else (finding for one in flights for finding in moving_findings(one.flight, *_DRAG))),
         *_drag_findings(drags),
     )
 

@@ -147,6 +147,13 @@ def delayed(late: Array, delay_s: float) -> Array:
     return np.asarray((1 - share) * newer + share * older)
 
 
+def turned_back(attitude: Array, vector: Array) -> Array:
+    """Return vectors (m, 3) of the world's axes along the vehicle's, of attitude w, x, y, z (m, 4)."""
+    w, v = attitude[:, :1], -attitude[:, 1:]
+    across = 2 * np.cross(v, vector)
+    return np.asarray(vector + w * across + np.cross(v, across))
+
+
 def segments(mask: Mask, fewest: int = 100) -> list[slice]:
     """Return the runs of rows that are marked, each of `fewest` rows at least."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))

@@ -16,10 +16,10 @@ _MORE_ALIKE = 0.2  # by so much than the axis of the same name
 
 def turning_findings(flight: Flight) -> list[Finding]:
     """Reject a flight whose gyro and attitude turn about different axes, or opposite ways; none without attitude."""
-    known = flight.airborne[1:] & flight.airborne[:-1]
-    if flight.attitude is None or np.count_nonzero(known) < _FEWEST_ROWS:
+    both = turning_of(flight)
+    if both is None:
         return []
-    alike = _correlations(flight.rates, flight.attitude, known)
+    alike = _correlations(*both)
     faults = []
     for axis, row in zip(AXES, alike, strict=True):
         place = int(np.argmax(np.abs(row)))
@@ -32,15 +32,29 @@ def turning_findings(flight: Flight) -> list[Finding]:
     return [rejection("flight-gyro-unlike-attitude", text).at(flight.name)]
 
 
-def _correlations(rates: Array, attitude: Array, known: npt.NDArray[np.bool_]) -> Array:
-    """Return those (3, 3) of rates (m, 3), by row, with those of an attitude w, x, y, z (m, 4), by column."""
+def turning_of(flight: Flight) -> tuple[Array, Array] | None:
+    """Return the smoothed rates (k, 3) of gyro and attitude in the air in rad/s, but for their means.
+
+    Returns None where less than 5 s have both.
+    """
+    known = flight.airborne[1:] & flight.airborne[:-1]
+    if flight.attitude is None or np.count_nonzero(known) < _FEWEST_ROWS:
+        return None
+    attitude = flight.attitude
     turned = attitude[1:] - attitude[:-1]
     w, vector = attitude[:-1, :1], attitude[:-1, 1:]
     # Twice the vector part of the conjugate times the change is the turning vector.
     of_attitude = 2 / ROW_S * (w * turned[:, 1:] - turned[:, :1] * vector - np.cross(vector, turned[:, 1:]))
-    both = np.column_stack([(rates[1:] + rates[:-1]) / 2, of_attitude])
     window = np.ones(_SMOOTHED_ROWS) / _SMOOTHED_ROWS
-    smooth = np.column_stack([np.convolve(column, window, "same") for column in both.T])[known]
-    smooth -= smooth.mean(axis=0)
-    size = np.maximum(np.linalg.norm(smooth, axis=0), 1e-12)
-    return np.asarray((smooth.T @ smooth / np.outer(size, size))[: len(AXES), len(AXES) :])
+
+    def smoothed(values: Array) -> Array:
+        smooth = np.column_stack([np.convolve(column, window, "same") for column in values.T])[known]
+        return np.asarray(smooth - smooth.mean(axis=0))
+
+    return smoothed((flight.rates[1:] + flight.rates[:-1]) / 2), smoothed(of_attitude)
+
+
+def _correlations(rates: Array, of_attitude: Array) -> Array:
+    """Return those (3, 3) of the gyro's rates (k, 3), by row, with those of an attitude (k, 3), by column."""
+    sizes = [np.maximum(np.linalg.norm(one, axis=0), 1e-12) for one in (rates, of_attitude)]
+    return np.asarray(rates.T @ of_attitude / np.outer(*sizes))

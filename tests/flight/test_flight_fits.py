@@ -10,6 +10,7 @@ from cfid.errors import ConfigError, DataError, FitError
 from cfid.flight.data import FlownLog, flight_of, read_flight
 from cfid.flight.estimation import fit_flights
 from cfid.flight.model import LEVER, ROW_S
+from cfid.flight.moving import moving_findings
 from cfid.flight.result import fit
 from cfid.flight.values import Body
 from cfid.records.logs.log import FlightLog
@@ -76,6 +77,16 @@ def test_manoeuvres_give_the_vehicle_back(flown: tuple[Fleet, list[FlightLog]]) 
         assert max(map(abs, errors_in_std(result, truths(vehicles, place)).values())) < 3.5
         moments = [result.quantities[f"flight.inertia_kg_m2.{axis}"] for axis in ("roll", "pitch")]
         assert [one.std / one.value < 0.05 for one in moments] == [True, True]
+
+
+@pytest.mark.parametrize("hover", [False, True])
+def test_velocities_are_what_accelerations_add_up_to_also_where_a_flight_hovers(*, hover: bool) -> None:
+    rng = np.random.default_rng(8)
+    for log in fly(fleet(4, rng), rng, hover=hover):
+        flight = flight_of(log).flight
+        assert not moving_findings(flight)
+        (found,) = moving_findings(replace(flight, velocity=1000 * np.asarray(flight.velocity)))
+        assert "are they in mm/s" in found.text
 
 
 def test_commands_that_are_far_apart_are_named_as_what_lengthens_lags(flown: tuple[Fleet, list[FlightLog]]) -> None:

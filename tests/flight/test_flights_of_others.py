@@ -261,6 +261,45 @@ def test_a_flight_that_contradicts_its_attitude_is_left_out_and_the_others_are_f
     assert [one.sha256 for one in both.sources] == [sound.log.source.sha256]
 
 
+MOVED: dict[str, tuple[Callable[[Flight], Flight], str, str]] = {
+    "mm/s": (
+        lambda one: replace(one, velocity=1000 * np.asarray(one.velocity)),
+        "flight-velocity-unlike-force",
+        "are they in mm/s, not in m/s? Divide vx, vy and vz by 1000.",
+    ),
+    "cm/s": (
+        lambda one: replace(one, velocity=100 * np.asarray(one.velocity)),
+        "flight-velocity-unlike-force",
+        "are they in cm/s, not in m/s? Divide vx, vy and vz by 100.",
+    ),
+    "half": (
+        lambda one: replace(one, velocity=np.asarray(one.velocity) / 2),
+        "flight-velocity-unlike-force",
+        "give vx, vy and vz in m/s",
+    ),
+    "stuck": (
+        lambda one: replace(one, attitude=np.asarray(one.attitude) * 0 + [1, 0, 0, 0]),
+        "flight-attitude-stuck",
+        "the attitude turns by 0 rad/s rms, the gyro by",
+    ),
+}
+
+
+@pytest.mark.parametrize("log", [CIRCLE, HELIX])
+@pytest.mark.parametrize("defect", [None, *MOVED])
+def test_motion_capture_that_moves_otherwise_than_the_sensors_costs_the_drag(log: str, defect: str | None) -> None:
+    flown = read_flight(FLIGHTS / log)
+    change, code, words = MOVED[defect] if defect else (lambda one: one, "", "")
+    result = fit([replace(flown, flight=change(flown.flight))], body=ARM)
+    found = [one for one in result.findings if one.code in ("flight-velocity-unlike-force", "flight-attitude-stuck")]
+
+    assert [(one.code, one.severity) for one in found] == [(code, "rejection")] * bool(defect)
+    assert all(words in one.text for one in found)
+    assert ("flight.drag_over_mass_per_s.forward" in result.rejected) is bool(defect)
+    if defect:
+        assert not any("drag" in key for key in result.without_rejected().quantities)
+
+
 def test_axes_that_the_attitude_shows_are_named_before_and_in_place_of_a_wrong_clock() -> None:
     flown = read_flight(FLIGHTS / CIRCLE)
     exchanged = UNLIKE_ATTITUDE["exchanged"][0](flown.flight)
