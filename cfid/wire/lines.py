@@ -1,7 +1,9 @@
 """Reads lines of text in which a microcontroller or an instrument sends numbers unprompted; sends no command.
 
 A line ends in CR, LF or both. Without a pattern its values are separated by commas, semicolons, tabs or spaces; a
-pattern (a regular expression over the whole line) has a group for each value. A line that ends in `*` and two
+pattern (a regular expression over the whole line) has a group for each value. A comma is a decimal comma within a
+group, and in lines that have semicolons or tabs; where it could be either, between digits of a line in which spaces
+separate numbers, the line counts as one that does not match. A line that ends in `*` and two
 hexadecimal digits, as in NMEA 0183, counts only if they are the exclusive or of the bytes before the `*`; after one
 such line all need it.
 
@@ -20,8 +22,10 @@ from typing import NamedTuple
 LONGEST_LINE = 200  # bytes; a longer one is dropped
 
 _ENDS = re.compile(rb"[\r\n]")
-_SEPARATOR = re.compile(r"\s*[,;]\s*|\s+")
-_NUMBER = re.compile(r"[+-]?(?:\d{1,20}(?:\.\d{0,20})?|\.\d{1,20})(?:[eE][+-]?\d{1,3})?", re.ASCII)
+_COMMAS = re.compile(r"\s*,\s*|\s+", re.ASCII)
+_SEMICOLONS = re.compile(r"\s*;\s*|\s+", re.ASCII)  # beside which a comma is a decimal one
+_EITHER = re.compile(r"(?=.*\d,\d).*\d\s+[+-]?\d", re.ASCII)
+_NUMBER = re.compile(r"[+-]? *(?:\d{1,20}(?:[.,]\d{0,20})?|[.,]\d{1,20})(?:[eE][+-]?\d{1,3})?", re.ASCII)
 _WHOLE = re.compile(r"[+-]?\d{1,15}", re.ASCII)
 _CHECKED = re.compile(rb"(.*)\*([0-9A-Fa-f]{2})", re.DOTALL)
 
@@ -67,14 +71,14 @@ class LineReader:
         return readings
 
     def _read(self, line: bytes) -> tuple[float, ...] | None:
-        text = self._verified(line) if len(line) <= LONGEST_LINE and line.isascii() else None
-        words = None if text is None else self._words(text.decode("ascii").strip())
+        text = self._verified(line) if len(line) <= LONGEST_LINE else None
+        words = None if text is None else self._words(_decoded(text.strip()))
         if words is None or len(words) != len(self._values):
             return None
         pairs = [(word or "", value) for word, value in zip(words, self._values, strict=True) if value.used]
         if not all((_WHOLE if value.whole else _NUMBER).fullmatch(word) for word, value in pairs):
             return None
-        numbers = tuple(float(word) for word, _ in pairs)
+        numbers = tuple(float(word.replace(" ", "").replace(",", ".")) for word, _ in pairs)
         return numbers if all(map(math.isfinite, numbers)) else None
 
     def _verified(self, line: bytes) -> bytes | None:
@@ -89,9 +93,19 @@ class LineReader:
 
     def _words(self, line: str) -> Sequence[str | None] | None:
         if self._pattern is None:
-            return _SEPARATOR.split(line)
+            if ";" in line or "\t" in line:
+                return _SEMICOLONS.split(line)
+            return None if _EITHER.match(line) else _COMMAS.split(line)
         match = self._pattern.fullmatch(line)
         return None if match is None else match.groups()
+
+
+def _decoded(line: bytes) -> str:
+    """Return a line as text: degree signs and the like come as UTF-8, or as one byte."""
+    try:
+        return line.decode("utf-8")
+    except UnicodeDecodeError:
+        return line.decode("latin-1")
 
 
 def checksum(line: bytes) -> int:

@@ -58,6 +58,38 @@ def test_a_pattern_finds_its_groups_in_what_scales_print() -> None:
     assert read(b"ST,GS,+0123.4 g\r\nOL\r\n", values=values, pattern=pattern) == ([(123.4,)], 1)
 
 
+@pytest.mark.parametrize(
+    ("line", "pattern", "found"),
+    [
+        (b"ST,GS,+0012,3 g", r"ST,GS,\s*([+-][0-9.,]+) *g", 12.3),
+        (b"ST,GS,-    0.47 g", r"ST,GS,([+-] *[0-9.]+) *g", -0.47),
+        ("7,-0.47\N{DEGREE SIGN}".encode(), r"7,(-?[0-9.]+).*", -0.47),
+        ("-0,47\N{DEGREE SIGN}".encode(), "(-?[0-9,]+)\N{DEGREE SIGN}", -0.47),
+        ("-0.47\N{DEGREE SIGN}".encode("latin-1"), "(-?[0-9.]+)\N{DEGREE SIGN}", -0.47),
+        (b"1,234.5 g", r"([0-9.,]+) g", None),
+    ],
+)
+def test_a_group_may_have_a_decimal_comma_and_its_line_degree_signs(
+    line: bytes, pattern: str, found: float | None
+) -> None:
+    expected = ([], 1) if found is None else ([(found,)], 0)
+    assert read(line + b"\n", values=(Value(),), pattern=pattern) == expected
+
+
+@pytest.mark.parametrize("line", [b"27206000;27,136", b"27206000; 27,136", b"27206000\t27,136"])
+def test_a_comma_beside_semicolons_or_tabs_is_a_decimal_comma(line: bytes) -> None:
+    assert read(line + b"\n") == ([(27206000, 27.136)], 0)
+    assert read(line + b"\n", values=(*TWO, Value(used=False))) == ([], 1)
+
+
+def test_a_comma_that_may_be_a_decimal_one_or_a_separator_is_not_read() -> None:
+    assert read(b"27206000 27,136\n", values=(*TWO, Value(used=False))) == ([], 1)
+    assert read(b"27206000,27 g\n27206000, 27, 136\n", values=(*TWO, Value(used=False))) == (
+        [(27206000, 27), (27206000, 27)],
+        0,
+    )
+
+
 def test_the_first_line_may_have_lost_its_beginning_and_is_dropped() -> None:
     reader = LineReader(TWO)
 
