@@ -110,7 +110,9 @@ def _print_progress(done: int, total: int, before: int, seconds: float) -> None:
 
 
 def _failures(row: Mapping[str, Any]) -> list[str]:
-    return [f"{row['folder']}: {fit['name']}: {fit['text']}" for fit in row["fits"] if not fit["done"]]
+    return [
+        ": ".join(filter(None, (row["folder"], fit["name"], fit["text"]))) for fit in row["fits"] if not fit["done"]
+    ]
 
 
 def _listed(texts: Sequence[str]) -> str:

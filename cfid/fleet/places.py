@@ -92,7 +92,10 @@ def at_hand(campaign: str) -> Iterator[Place]:
 
 
 def _matching(word: str) -> list[str]:
-    """Return the campaigns that a word names; a glob matches folders alone. Raises ConfigError where it has none."""
+    """Return the campaigns that a word names; a glob matches folders alone, and links that lead nowhere.
+
+    Raises ConfigError where it has none.
+    """
     if is_address(word):
         if not is_glob(word):
             return [word.rstrip("/")]
@@ -104,7 +107,7 @@ def _matching(word: str) -> list[str]:
             if not is_glob(word) or Path(word).exists():
                 return [os.path.realpath(word)]  # which a loop of links does not stop
             matches = sorted(glob.glob(word))  # noqa: PTH207 - Path.glob takes no absolute pattern
-            found = [os.path.realpath(one) for one in matches if Path(one).is_dir()]
+            found = [os.path.realpath(one) for one in matches if Path(one).is_dir() or not Path(one).exists()]
         except (OSError, ValueError) as error:  # a name too long, a zero byte
             raise ConfigError(f"{word[:_SHOWN]}: is no folder: {error}.") from None
     if not found:

@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import sys
 import warnings
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -147,6 +148,7 @@ def _environment(added: Mapping[str, str]) -> Iterator[None]:
 def _serve(pipe: Connection, work: Work[Any]) -> None:
     """Do what comes through a pipe until it is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the command too, which ends this
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())  # so that its temporary folders go
     warnings.simplefilter("ignore")  # of libraries: nobody could tell of which campaign
     while True:
         try:

@@ -127,6 +127,7 @@ def test_campaigns_that_cannot_be_read_are_listed_and_do_not_hide_the_others(cfi
     assert "2 of 3 campaigns cannot be read" in ended.stderr
     assert "nothing/rig.toml: no such file" in ended.stderr
     assert "loop/rig.toml: " in ended.stderr
+    assert "loop/rig.toml: " in cfid("fleet", tmp_path / "[ol]*o*").stderr  # also where a glob finds it
     assert cfid("fleet", nothing).returncode == 4
     assert cfid("fleet").returncode == 2
 

@@ -182,9 +182,12 @@ def test_a_fleet_goes_on_where_it_was_interrupted(campaigns: Path, tmp_path: Pat
     out = tmp_path / "out"
     words = ["fleet", "fit", campaigns / "c*", "--out", out, "--jobs", 1]
 
+    (temporary := tmp_path / "temporary").mkdir()
+
     def run(*, interrupt: bool) -> tuple[int, str]:
+        environment = os.environ | {"TMPDIR": str(temporary)}
         with (tmp_path / "said").open("w+") as said:
-            process = started(words, anew=True, cwd=tmp_path, env=os.environ, stdout=said, stderr=said)
+            process = started(words, anew=True, cwd=tmp_path, env=environment, stdout=said, stderr=said)
             end_s = time.monotonic() + LONGEST_S
             while interrupt and time.monotonic() < end_s and not (out / "c1").exists():
                 time.sleep(0.02)
@@ -195,6 +198,7 @@ def test_a_fleet_goes_on_where_it_was_interrupted(campaigns: Path, tmp_path: Pat
 
     code, said = run(interrupt=True)
     assert code == 130
+    assert not list(temporary.iterdir())
     assert "of 3 campaigns are done; the same command goes on" in said
     kept = (out / "c1" / "parameters.toml").stat().st_mtime_ns
     code, said = run(interrupt=False)
