@@ -46,6 +46,11 @@ class About:
     lab_book: tuple[str, ...] = ()
 
     @property
+    def days(self) -> str:
+        """The day of the runs, or the first and the last; "" without runs."""
+        return " to ".join(dict.fromkeys(f"{start:%Y-%m-%d}" for start in self.recorded or ()))
+
+    @property
     def recorded_in(self) -> str:
         """How many runs there are, and how many of them no fit selects: failed, excluded or judged not usable."""
         unused = f", {self.unused_runs} of them not usable or excluded" if self.unused_runs else ""

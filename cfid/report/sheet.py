@@ -18,6 +18,8 @@ from cfid.records.parameters import Section
 from cfid.records.stale import Stale
 from cfid.report.known import Known
 
+BARELY = 2.0  # standard uncertainties from zero: what is nearer is consistent with it
+
 
 @dataclass(frozen=True)
 class Row:
@@ -32,6 +34,11 @@ class Row:
     def family(self) -> tuple[str, str]:
         """The key of the numbers that share one power of ten in print."""
         return self.symbol.partition(" ")[0].partition("_")[0], self.unit
+
+    @property
+    def is_barely_there(self) -> bool:
+        """Whether it is consistent with zero."""
+        return self.value is not None and self.std is not None and abs(self.value) < BARELY * self.std
 
 
 @dataclass(frozen=True)
@@ -59,6 +66,22 @@ class SheetEntry:
     rows: tuple[Row, ...]
     origin: ValueOrigin | None
     missing: str
+
+    @property
+    def zeros(self) -> str:
+        """A sentence that names those of several accepted numbers which are consistent with zero, "" for none."""
+        if len(self.rows) < 2 or self.origin is None or self.origin.accepted is False:
+            return ""
+        terms: dict[str, list[Row]] = {}
+        for row in self.rows:
+            terms.setdefault(row.family[0], []).append(row)
+        names: list[str] = []
+        for term, rows in terms.items():
+            whole = len(terms) > 1 and all(row.is_barely_there for row in rows)
+            names += [term] if whole else [row.symbol.partition(" ")[0] for row in rows if row.is_barely_there]
+        if not names:
+            return ""
+        return f"Consistent with zero, within {BARELY:g} standard uncertainties: {', '.join(names)}."
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,8 @@ import pytest
 from cfid.records.campaign import Campaign
 from cfid.records.parameters import Source, store_section
 from cfid.report.formats.grids import origin_text, row_grid
+from cfid.report.formats.html import as_html
+from cfid.report.formats.markdown import as_markdown
 from cfid.report.sheet import SheetEntry
 from tests.report.fits_by_hand import APPENDIX_A, new_campaign, number, put, put_appendix_a, report_of
 
@@ -162,3 +164,21 @@ def test_a_value_that_is_known_to_many_digits_is_printed_with_them(campaign: Cam
     (experiment,) = report_of(campaign).experiments
 
     assert row_grid(experiment.parameters).rows[0][1:3] == ("1795287566.2500", "0.0012")
+
+
+def test_terms_of_a_complex_model_that_are_consistent_with_zero_are_named(campaign: Campaign) -> None:
+    terms = {f"drag.complex.k{i}": number([-9e-7, 1e-9, 2e-9], "", [4e-8, 1e-9, 2e-9]) for i in (1, 2)}
+    noise = {f"drag.complex.k{i}": number([1e-9, -1e-9, 2e-9], "", [1e-9, 1e-9, 2e-9]) for i in (3, 4, 5, 6)}
+    put(campaign, "drag", {**terms, **noise})
+    words = "Consistent with zero, within 2 standard uncertainties: K1_y, K1_z, K2_y, K2_z, K3, K4, K5, K6."
+
+    assert quantity(campaign, "drag.complex.k1").zeros == words
+    assert words in as_html(report_of(campaign), campaign.folder)
+    assert words in as_markdown(report_of(campaign)).replace("\\", "")
+
+
+def test_a_number_that_is_clearly_there_or_alone_is_not_said_to_be_zero(campaign: Campaign) -> None:
+    put(campaign, "speed", {"motor.speed_poly": number([0.0400, 400.0], "rad/s(cmd)", [0.0002, 10.0])})
+
+    assert quantity(campaign, "motor.speed_poly").zeros == ""
+    assert quantity(campaign, "vehicle.mass_kg").zeros == ""

@@ -36,7 +36,7 @@ def _parts(report: Report) -> Iterator[str]:
     about = report.about
     yield f"# {_plain(about.vehicle)}\n"
     if about.recorded:
-        yield f"Recorded {about.recorded[0]:%Y-%m-%d} to {about.recorded[1]:%Y-%m-%d} in {about.recorded_in}. "
+        yield f"Recorded {about.days} in {about.recorded_in}. "
     yield f"Campaign {_plain(about.campaign)}. Body frame: {_plain(about.body_frame)}. "
     yield f"Written {about.written:%Y-%m-%d %H:%M} UTC by cfid {about.cfid_version}.\n"
     if about.lab_book:
@@ -82,6 +82,8 @@ def _quantity(quantity: SheetEntry) -> Iterator[str]:
         yield f"{_plain(grids.origin_text(quantity.origin))}: {grids.verdict(quantity.origin.accepted)}.\n"
         yield from (f"- {_plain(text)}" for text in quantity.origin.findings)
         yield _table(grids.row_grid(quantity.rows))
+    if quantity.zeros:
+        yield f"{_plain(quantity.zeros)}\n"
     if quantity.missing:
         yield f"{_commands(quantity.missing)}\n"
 

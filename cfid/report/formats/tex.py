@@ -64,8 +64,7 @@ def _parts(report: Report) -> Iterator[str]:
     about = report.about
     yield rf"\section*{{{_tex(about.vehicle)}}}"
     if about.recorded:
-        begun, ended = about.recorded
-        yield _tex(f"Recorded {begun:%Y-%m-%d} to {ended:%Y-%m-%d} in {about.recorded_in}.")
+        yield _tex(f"Recorded {about.days} in {about.recorded_in}.")
     yield _tex(f"Body frame: {about.body_frame}. Written {about.written:%Y-%m-%d} by cfid {about.cfid_version}.")
     if about.lab_book:
         yield _tex(f"Lab book: {'; '.join(about.lab_book)}.")
@@ -82,6 +81,7 @@ def _parts(report: Report) -> Iterator[str]:
             words = ". ".join(filter(None, [quantity.equation, origin, verdict, quantity.missing]))
             yield rf"\paragraph{{{_tex(quantity.title)}}} {_tex(words)}."
             yield from _longtable(grids.row_grid(quantity.rows), "lllll") if quantity.rows else ()
+            yield _tex(quantity.zeros)
     yield from _verdicts(report)
     for fit in report.repeats:
         yield rf"\subsection*{{Repeats: {_tex(title_of(fit.name))}}}"
