@@ -19,6 +19,7 @@ from cfid.records.tables.angle import ENCODER
 
 State = Literal["missing", "not fitted", "stale", "rejected", "accepted"]
 
+_OWN = "noise and the inputs of its own fit"
 _SMALL = 0.1  # of a value's largest number: smaller ones, as products of inertia, are judged by the largest
 
 
@@ -27,11 +28,13 @@ class Certainty:
     """How sure a quantity is, relative to its largest number, against what it is for; None where it was not found.
 
     `bounded_by` names what rig.toml states and without which it would be sure enough: no recording changes that.
+    `mostly` is the largest part of its uncertainty: a cause that fits share, or its own fit's noise and inputs.
     """
 
     aim: Aim
     std: float | None
     bounded_by: str = ""
+    mostly: str = ""
 
     @property
     def short_by(self) -> float:
@@ -248,7 +251,7 @@ def _certainty(section: Section, aim: Aim) -> Certainty:
     if not ratios or not all(math.isfinite(ratio) for ratio, _ in ratios):
         return Certainty(aim=aim, std=None)
     ratio, least_sure = max(ratios, key=lambda one: one[0])
-    return Certainty(aim=aim, std=ratio, bounded_by=_bounding(least_sure, aim, ratio))
+    return Certainty(aim=aim, std=ratio, bounded_by=_bounding(least_sure, aim, ratio), mostly=_mostly(least_sure))
 
 
 def _judged(section: Section, parameter: Parameter, aim: Aim) -> Iterator[Compared]:
@@ -267,9 +270,19 @@ def _judged(section: Section, parameter: Parameter, aim: Aim) -> Iterator[Compar
 def _bounding(found: Compared, aim: Aim, ratio: float) -> str:
     """Return the largest cause that rig.toml states, where a number would be sure enough but for those; else ""."""
     shares = {cause: abs(effect / found.value) for cause, effect in found.effects.items()}
-    left = math.sqrt(max(ratio**2 - sum(share**2 for share in shares.values()), 0.0))
-    enough = ratio <= aim.std or left > aim.std
+    enough = ratio <= aim.std or _own_std(found) / abs(found.value) > aim.std
     return "" if enough or not shares else max(shares, key=lambda cause: shares[cause])
+
+
+def _mostly(found: Compared) -> str:
+    """Return the largest part of a number's uncertainty: a cause that fits share, or its own fit's noise and inputs."""
+    largest = max(found.effects, key=lambda cause: abs(found.effects[cause]), default="")
+    return largest if largest and abs(found.effects[largest]) > _own_std(found) else _OWN
+
+
+def _own_std(found: Compared) -> float:
+    """Return the standard uncertainty of a number without the causes that fits share."""
+    return math.sqrt(max(found.std**2 - sum(effect**2 for effect in found.effects.values()), 0.0))
 
 
 def percent(std: float | None) -> str:

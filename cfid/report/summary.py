@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from cfid.console.tables import value_and_deviation
+from cfid.counted import counted
 from cfid.estimate.differences import number_of
 from cfid.guide.plan import at_middle, slope_at_hover
 from cfid.guide.status import TaskStatus, next_of, percent
@@ -13,15 +14,16 @@ from cfid.quantities.lookup import find
 from cfid.records.covariances import numbers_of
 from cfid.records.parameters import plain
 from cfid.records.rig_file import Rig
-from cfid.records.tables.times import SIMULATED
+from cfid.records.tables.times import SIMULATED, is_loss
 from cfid.report.experiments import Experiment
 from cfid.report.known import Known
+from cfid.report.sheet import BARELY
 from cfid.wire.app import MIDDLE
 
 _MOST_FINDINGS = 5
 _RECORDING = "recording"  # the code of findings about runs
-_BARELY = 2.0  # standard uncertainties from zero: what is nearer is consistent with it
 _MILLIONTH = "10⁻⁶ "
+_DRAG = f"{_MILLIONTH}kg/rad"
 
 
 @dataclass(frozen=True)
@@ -78,7 +80,10 @@ _MAIN = (
     _Main("Torque over thrust of a rotor, in hover", "motor.torque_poly", slope_at_hover, 1e3, "mN m/N"),
     _Main("Time constant of motor and rotor", "tf.time_constant_s", _only(0), 1e3, "ms"),
     _Main("Round trip to the vehicle", "latency.rtt_mean_s", _only(0), 1e3, "ms"),
-    _Main("Drag along x, over speeds of rotors and wind", "drag.simple_kg_per_rad", _only(0), 1e6, "10⁻⁶ kg/rad"),
+    *(
+        _Main(f"Drag along {axis}, over speeds of rotors and wind", "drag.simple_kg_per_rad", _only(place), 1e6, _DRAG)
+        for place, axis in enumerate("xyz")
+    ),
 )
 
 _REPORT = ("report",)
@@ -125,7 +130,7 @@ def _numbers(known: Known) -> Iterator[MainNumber]:
 def _main(title: str, value: float, std: float | None, scale: float, unit: str) -> MainNumber:
     shown, spread = value_and_deviation(scale * value, None if std is None else scale * std)
     relative = "" if std is None or value == 0 else percent(std / abs(value))
-    if std is not None and abs(value) < _BARELY * std:
+    if std is not None and abs(value) < BARELY * std:
         relative = "consistent with zero"
     text = shown if spread == "-" else f"{shown} ± {spread}"
     if unit.startswith(_MILLIONTH):
@@ -134,12 +139,13 @@ def _main(title: str, value: float, std: float | None, scale: float, unit: str) 
 
 
 def _weakest(statuses: Sequence[TaskStatus]) -> str:
-    """Return the number that is least sure for what it is for, "" where none can be judged."""
+    """Return the number that is least sure for what it is for, and mostly why, "" where none can be judged."""
     worst = max((found for one in statuses for found in one.found), key=lambda found: found.short_by, default=None)
     if worst is None or not worst.short_by:
         return ""
     enough = "enough for" if worst.short_by <= 1 else "too little for"
-    return f"{_title(worst.aim.key)} is known to {percent(worst.std)}, {enough} {worst.aim.purpose}."
+    reason = f" (mostly by the {worst.mostly})" if worst.mostly else ""
+    return f"{_title(worst.aim.key)} is known to {percent(worst.std)}{reason}, {enough} {worst.aim.purpose}."
 
 
 def _title(key: str) -> str:
@@ -151,14 +157,21 @@ def _title(key: str) -> str:
 def _findings(experiments: Sequence[Experiment]) -> Iterator[str]:
     """Yield what was rejected, then warnings of results, then of recordings, each sentence once with its experiments.
 
-    A run that lost samples is common, and must not hide what a result suffers from. That runs are simulated stands
-    above, once for all.
+    A run that lost samples is common, and must not hide what a result suffers from: such losses of accepted fits are
+    one sentence, the last. That runs are simulated stands above, once for all.
     """
+    bearable: dict[str, set[str]] = {}  # names of recordings that lost samples, by the accepted experiment
     for severity, recordings in (("rejection", False), ("rejection", True), ("warning", False), ("warning", True)):
         about: dict[str, list[str]] = {}
         for one in experiments:
             for finding in one.findings:
-                wanted = finding.severity == severity and (finding.code == _RECORDING) is recordings
-                if wanted and not finding.sentence.endswith(SIMULATED):
+                if finding.severity != severity or (finding.code == _RECORDING) is not recordings:
+                    continue
+                if recordings and one.accepted and is_loss(finding.sentence):
+                    bearable.setdefault(one.title, set()).update(finding.where)
+                elif not finding.sentence.endswith(SIMULATED):
                     about.setdefault(finding.sentence, []).append(one.title)
         yield from (f"{', '.join(dict.fromkeys(titles))}: {sentence}" for sentence, titles in about.items())
+    if bearable:
+        count = counted(len(set[str]().union(*bearable.values())), "recording")
+        yield f"{', '.join(bearable)}: {count} lost samples or missed some; the fits are accepted nevertheless."

@@ -347,6 +347,7 @@ def test_a_rejected_matrix_is_to_be_recorded_again_and_one_that_is_not_sure_enou
     unsure, _ = standing(folder)
     assert unsure.found[0].std == pytest.approx(2e-6 / 16e-6)
     assert unsure.found[0].short_by == pytest.approx(2e-6 / 16e-6 / 0.03)
+    assert unsure.found[0].mostly == "noise and the inputs of its own fit"
 
 
 def test_what_rig_toml_states_too_vaguely_is_not_recorded_again(cfid: Cfid, folder: Path) -> None:
@@ -356,7 +357,7 @@ def test_what_rig_toml_states_too_vaguely_is_not_recorded_again(cfid: Cfid, fold
 
     fitted(folder, std=2e-6, by_mass=1.99e-6)  # 1 % without it
     bounded, _ = standing(folder)
-    assert bounded.found[0].bounded_by == "mass"
+    assert (bounded.found[0].bounded_by, bounded.found[0].mostly) == ("mass", "mass")
     step = next_of([bounded])
     assert (step.words, step.why) == (("report",), "everything is found, and as sure as rig.toml allows.")
     said = " ".join(cfid("status", "--campaign", folder, "--kind", "inertia").stdout.split())

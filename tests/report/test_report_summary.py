@@ -69,6 +69,7 @@ def test_torque_speed_friction_and_drag_have_a_row_each_in_plain_units() -> None
     assert numbers["Rotor speed at command 30000"] == ("1600.0 ± 2.0 rad/s", "0.12 %")
     assert numbers["Viscous friction of the axis"] == ("(1.080 ± 0.022)·10⁻⁶ N m s/rad", "2 %")
     assert numbers["Drag along x, over speeds of rotors and wind"][0] == "(-0.850 ± 0.026)·10⁻⁶ kg/rad"
+    assert numbers["Drag along y, over speeds of rotors and wind"][1] == "3.2 %"  # the least sure, as status has it
 
 
 def test_the_uncertainty_of_a_speed_takes_that_coefficients_move_together() -> None:
@@ -144,3 +145,27 @@ def test_a_report_in_which_everything_is_found_does_not_advise_a_report() -> Non
     done = summary_of(Known(thesis_rig(), {}), (), ())
     assert done.next_command == "cfid export"
     assert done.next_why.startswith("everything is found, and sure enough.")
+
+
+def test_the_weakest_number_has_the_largest_part_of_its_uncertainty() -> None:
+    found = Certainty(aim=Aim(key="drag.simple_kg_per_rad", std=0.2, purpose="a simulator"), std=0.03, mostly="gain")
+    task = Task(section="drag", recordings=(), fit=("fit", "drag"), aims=())
+    status = TaskStatus(task=task, lacking=(), state="accepted", reason="", found=(found,))
+
+    assert summary_of(Known(thesis_rig(), {}), (), [status]).weakest.endswith(
+        " is known to 3 % (mostly by the gain), enough for a simulator."
+    )
+
+
+def test_losses_of_accepted_fits_are_one_sentence_and_the_last() -> None:
+    lost = [
+        warning("recording", f"{n} samples were never taken (99 %): it was slow.").at(f"run {n}") for n in range(2, 8)
+    ]
+    lossy = replace(EXPERIMENT, findings=(*lost, warning("recording", "the run was cut.").at("run 1")))
+    refused = replace(EXPERIMENT, title="Torque", accepted=False, findings=(lost[0],))
+
+    assert summary(experiments=(lossy, refused)).findings == (
+        "Thrust: the run was cut.",
+        f"Torque: {lost[0].sentence}",
+        "Thrust: 6 recordings lost samples or missed some; the fits are accepted nevertheless.",
+    )

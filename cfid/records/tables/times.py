@@ -26,6 +26,7 @@ TWO_IN_ONE = (
     "header), or give `rate_hz` where its rows are evenly spaced."
 )
 SIMULATED = "recorded on the simulated rig."
+_LOST, _NEVER_TAKEN = "lost while recording", "never taken"
 _CUT_LINE = "the last line was cut (it has no end) and is left out."
 
 _UNITS: dict[str, tuple[str, ...]] = {
@@ -121,10 +122,10 @@ def losses(run: Run, record: DeviceRecord, rows: int) -> list[str]:
     if run.header.state == "failed":
         notes.append(f"the run failed ({run.header.reason or 'no reason given'}); the recorded rows are used.")
     if record.lost:
-        notes.append(f"{counted(record.lost, 'sample was', 'samples were')} lost while recording.")
+        notes.append(f"{counted(record.lost, 'sample was', 'samples were')} {_LOST}.")
     if record.achieved:
         notes.append(
-            f"{counted(record.skipped or 0, 'sample was', 'samples were')} never taken ({record.achieved}): the "
+            f"{counted(record.skipped or 0, 'sample was', 'samples were')} {_NEVER_TAKEN} ({record.achieved}): the "
             "device or this computer was slow."
         )
     if record.rows is not None and record.rows != rows:
@@ -135,6 +136,11 @@ def losses(run: Run, record: DeviceRecord, rows: int) -> list[str]:
     if run.header.simulated:
         notes.append(SIMULATED)
     return notes
+
+
+def is_loss(note: str) -> bool:
+    """Return whether a note of `losses` says no more than that samples were lost or never taken."""
+    return _LOST in note or _NEVER_TAKEN in note
 
 
 def facts_of(run: Run, device: str, kind: type[Kind]) -> Kind:
