@@ -45,6 +45,24 @@ def counts(angle_rad: npt.NDArray[Any], per_turn: int) -> npt.NDArray[np.int64]:
     return np.floor(angle_rad / TURN * per_turn).astype(np.int64) % per_turn
 
 
+def test_readings_that_stand_off_alone_are_left_out_and_counted(tmp_path: Path) -> None:
+    spiked = ANGLE_RAD.copy()
+    spiked[[50, 700, 1234]] = 9.9, -4.0, 0.9
+    record = read(tmp_path, text_of(TIME_S, spiked), angle_unit="rad")
+
+    assert len(record.time_s) == 1997
+    assert off_by(record, np.delete(ANGLE_RAD, [50, 700, 1234])) < 1e-6
+    assert any("3 readings of 2000 off alone left out (first: line 52)." in one for one in record.notes)
+
+
+@pytest.mark.parametrize("rate_hz", [1000, 100, 25])
+def test_a_swing_s_own_extremes_are_no_faults(tmp_path: Path, rate_hz: float) -> None:
+    time_s = np.arange(0, 20, 1 / rate_hz)
+    swung = np.where(time_s > 15, 1.2 * np.cos(14 * (time_s - 15)), 1.2)
+    record = read(tmp_path, text_of(time_s, swung), angle_unit="rad")
+    assert len(record.time_s) == len(time_s)
+
+
 def off_by(record: AngleRecord, angle_rad: npt.NDArray[Any]) -> float:
     """Return the largest difference from an angle, whole turns of the first sample aside."""
     difference = record.angle_rad - angle_rad
@@ -428,7 +446,7 @@ def test_a_wrong_number_far_off_does_not_make_folded_counts_look_unfolded(tmp_pa
     values = counts(ANGLE_RAD, 8192)
     values[1500] = 15 * 8192 + 4096
     record = read(tmp_path, text_of(TIME_S, values), counts_per_turn=8192.0)
-    assert "jumps by more than a quarter of a turn in 2 of 2000 samples (first: line 1502)" in record.notes[0]
+    assert "1 reading of 2000 off alone left out (first: line 1502)" in record.notes[0]
     others = np.delete(np.arange(2000), 1500)
     assert np.abs(np.exp(1j * record.angle_rad) - np.exp(1j * ANGLE_RAD))[others].max() < TURN / 8192 + 1e-9
 

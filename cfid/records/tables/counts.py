@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.large import differences, empty, joined, parts
 from cfid.records.tables.table import Array, CsvTable
@@ -17,6 +18,9 @@ Rows = npt.NDArray[np.intp]
 _FAILED_SHARE = 0.01  # of 13-bit words that may fail their check
 _JUMP_SHARE = 0.01  # of samples that may jump
 _JUMP_RAD = np.pi / 2  # between two samples; at half a turn the direction is ambiguous
+# A reading that is off alone: by so much, and so many times the bend that this share of the record does not exceed. One
+# in a hundred bends three of them, and a swing that fills a twentieth of the record still counts as usual.
+_LONE_RAD, _LONE_TIMES, _USUAL = 0.1, 3.0, 0.95
 _LOOKED_AT = 500  # samples whose way shows a swing
 _LEAST_SWING_DEG, _TO_AND_FRO = 20.0, 2.5  # range of a swing in degrees, more than radians can be; its way over that
 _FOLDED_TURNS = 1.5  # range of an angle that may be wrapped into one turn, with margin for a wrong scale
@@ -143,6 +147,8 @@ def _joined(table: CsvTable, turns: Array, rows: Rows | None, notes: tuple[str, 
         for part in parts(len(angle)):
             begin = max(part.start - 1, 0)  # unwrapped already
             angle[begin : part.stop] = np.unwrap(angle[begin : part.stop])
+        angle, rows, lone = _without_lone(table, angle, rows)
+        notes += lone
         jumps = _beyond(differences(angle)) + 1
     else:  # whole turns were counted: a fast rotation is fine, a sudden change of speed is not
         jumps = _beyond(differences(angle, order=2)) + 2
@@ -156,6 +162,26 @@ def _joined(table: CsvTable, turns: Array, rows: Rows | None, notes: tuple[str, 
             "fast for this rate. Whole turns cannot be counted."
         )
     return Angle(angle, rows, (*notes, f"{what} (first: line {line}); whole turns may be miscounted from there on."))
+
+
+def _without_lone(table: CsvTable, angle: Array, rows: Rows | None) -> tuple[Array, Rows | None, tuple[str, ...]]:
+    """Return an angle (n,) without readings that stand off alone between two that agree, its rows, and a note on them.
+
+    More than one in a hundred are no single faults, and stay.
+    """
+    some = [angle[at : at + _RANKED // 10] for at in range(0, len(angle), max(len(angle) // 10, _RANKED // 10))]
+    bends = np.concatenate([np.zeros(1), *(np.abs(np.diff(one, n=2)) for one in some)])
+    limit = max(_LONE_RAD, _LONE_TIMES * float(np.quantile(bends, _USUAL)))
+    bent = [begin + 1 + np.flatnonzero(np.abs(step) > 2 * limit) for begin, step in differences(angle, order=2)]
+    places = np.concatenate([np.empty(0, np.intp), *bent])
+    before, here, after = angle[places - 1], angle[places], angle[places + 1]
+    lone = places[(np.abs(here - (before + after) / 2) > limit) & (np.abs(after - before) < limit)]
+    if not 0 < len(lone) <= _JUMP_SHARE * len(angle):
+        return angle, rows, ()
+    line = table.line_of_row(int(lone[0] if rows is None else rows[lone[0]]))
+    kept = np.delete(np.arange(len(angle)) if rows is None else rows, lone)
+    text = f"{counted(len(lone), 'reading')} of {len(angle)} off alone left out (first: line {line})."
+    return np.delete(angle, lone), kept, (text,)
 
 
 def _beyond(steps: Iterable[tuple[int, Array]]) -> Rows:
