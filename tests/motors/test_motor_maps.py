@@ -151,7 +151,12 @@ def test_the_default_leaves_the_dead_zone_out_of_thrust_and_speed_and_says_so() 
     for found in (fit_thrust(made(command)), fit_speed(made(command))):
         assert found.left_out == (0, 500, 1000)
         assert "up to command 1000 the motor stands (dead zone)" in remarks(found)[0]
+        assert "3 points there are left out" in remarks(found)[0]
     assert fit_torque(made(command)).left_out == ()
+
+
+def test_a_dead_zone_in_which_no_point_lies_is_not_spoken_of() -> None:
+    assert not any("dead zone" in remark for remark in remarks(fit_thrust(made(COMMANDS[1:]))))
 
 
 def test_order_auto_takes_what_the_points_have_and_tells_all_criteria() -> None:

@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 
+from cfid.counted import counted
 from cfid.errors import FitError
 from cfid.estimate.polynomials import ORDERS, PolynomialFit, fit_best_order, fit_polynomial, fit_power
 from cfid.estimate.scatter import scattered_std
@@ -272,10 +273,15 @@ def _stated(fit: PolynomialFit, std: Array | None, wide: Array | None) -> Polyno
 
 
 def _running(measured: PairedPoints, key: str) -> tuple[PairedPoints, tuple[Finding, ...]]:
+    running = measured.command > DEAD_COMMAND
+    standing = int(np.count_nonzero(measured.command <= DEAD_COMMAND))
+    if not standing:
+        return measured.kept(running), ()
     text = (
-        f"up to command {DEAD_COMMAND} the motor stands (dead zone): those points are left out, and the map ends there."
+        f"up to command {DEAD_COMMAND} the motor stands (dead zone): {counted(standing, 'point')} there "
+        f"{'is' if standing == 1 else 'are'} left out, and the map ends there."
     )
-    return measured.kept(measured.command > DEAD_COMMAND), (note("dead-zone-left-out", text, key),)
+    return measured.kept(running), (note("dead-zone-left-out", text, key),)
 
 
 def _thesis_points(measured: PairedPoints, key: str) -> tuple[PairedPoints, tuple[Finding, ...]]:
