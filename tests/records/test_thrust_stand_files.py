@@ -276,6 +276,19 @@ def test_a_line_that_has_a_number_is_never_taken_for_words(tmp_path: Path) -> No
         assert "stand.csv:4: " in refusal(tmp_path, rows)
 
 
+def test_milliseconds_that_a_header_states_are_not_doubted_for_seconds(tmp_path: Path) -> None:
+    rows = "".join(f"{20 * at},{1000 + 500 * (at >= 40)},{at}\n" for at in range(80))
+    table = read(tmp_path, "time[ms],esc[us],thrust[g]\n" + rows)
+    assert np.asarray(table.time_s)[-1] == pytest.approx(1.58)
+    assert not any("is it not in s?" in note for note in notes_of(table))
+
+
+def test_grams_of_one_motor_are_a_weight_and_the_gravity_is_stated(tmp_path: Path) -> None:
+    table = read(tmp_path, "esc[us],thrust[g]\n1000,0\n1500,20\n2000,60\n", gravity_mps2=9.7)
+    assert np.asarray(table.thrust_n)[-1] == pytest.approx(0.06 * 9.7)
+    assert "stand.csv: 'thrust[g]' is a weight: grams by 9.7 m/s^2 (`gravity_mps2`)." in notes_of(table)
+
+
 def test_a_recording_without_a_time_is_asked_for_its_rate(tmp_path: Path) -> None:
     head = "ESC signal (µs),Thrust (gf)\n"
     held = head + "".join(f"{1000 + 100 * (i // 5)},{i}\n" for i in range(30))

@@ -331,7 +331,7 @@ def _check_unit(path: Path, first: float, interval: float, unit: str, slowest_s:
         advice = f"Give `time_unit` {' or '.join(better)}." if better else _NO_TIME
         seconds = f"{interval * SECONDS[unit]:.3g}"
         raise DataError(f"{path}: read in {unit}, the time column has {seconds} s between samples.{dated} {advice}")
-    if unit == better[0]:
+    if unit == better[0] or interval * SECONDS[better[0]] > _SLOWEST_S:
         return ()
     # A slow rate in one unit is a very fast one in the next, which few instruments have.
     rate = f"{1 / (interval * SECONDS[unit]):.0f} Hz"
