@@ -68,6 +68,13 @@ def test_a_time_without_a_unit_is_read_by_its_step_and_that_is_said(tmp_path: Pa
     assert read_log(path, Foreign(time_unit="ms")).channel("a")[0][-1] == pytest.approx(1.39)
 
 
+@pytest.mark.parametrize(("unit", "per_s"), [("ms", 1000), ("us", 1_000_000)])
+def test_times_become_the_seconds_that_are_nearest_to_them(tmp_path: Path, unit: str, per_s: int) -> None:
+    stamps = [(1_000_001 + 7 * at) * per_s // 1000 for at in range(2000)]
+    log = read_log(written(tmp_path, f"t_{unit},a\n" + "".join(f"{at},1\n" for at in stamps)))
+    assert log.series[0].time_s.tolist() == [at / per_s for at in stamps]
+
+
 def test_a_column_of_words_is_left_out_and_named(tmp_path: Path) -> None:
     log = read_log(written(tmp_path, lines("time,a,state,b", "{t},{x},flying,{x}", step=0.01)))
     assert log.series[0].names == ("a", "b")

@@ -35,6 +35,13 @@ def test_every_type_of_number_and_two_events_are_read(tmp_path: Path) -> None:
     assert log.notes == ()
 
 
+@pytest.mark.parametrize(("version", "per_s"), [(1, 1000), (2, 1_000_000)])
+def test_stamps_become_the_seconds_that_are_nearest_to_them(tmp_path: Path, version: int, per_s: int) -> None:
+    stamps = [2_000_001 + 1003 * at for at in range(2000)]
+    log = read_log(written(tmp_path, bytes_of([FIXED], [(65535, at, (0, 0, 0, 0)) for at in stamps], version=version)))
+    assert log.series[0].time_s.tolist() == [at / per_s for at in stamps]
+
+
 def test_units_become_si_and_what_is_assumed_is_stated(tmp_path: Path) -> None:
     log = read_log(written(tmp_path, single()))
     np.testing.assert_allclose(log.channel("acc.z")[1], -1.5 * 9.81)

@@ -123,7 +123,7 @@ def _series(name: str, parser: Any, frames: Array) -> Series:
     for channel, value in _as_a_crazyflie_s(dict(zip(names, frames.T, strict=True)), headers):
         channels.append(crazyflie_channel(channel))
         values.append(value)
-    return in_memory(name, stored(frames[:, place] * 1e-6), channels, values)
+    return in_memory(name, stored(frames[:, place] / 1e6), channels, values)
 
 
 def _as_a_crazyflie_s(fields: Mapping[str, Array], headers: Any) -> Iterator[tuple[str, Array]]:

@@ -154,7 +154,7 @@ def _blocks(rows: Sequence[Rows], columns: Sequence[_Column]) -> Iterator[Array]
             some = part[begin : begin + BLOCK_ROWS]
             with np.errstate(invalid="ignore"):  # damaged floats that are signalling NaN become quiet ones
                 values = [some[each.field].astype(np.float64) / each.divisor for each in columns]
-            yield np.column_stack([some["timestamp"] * 1e-6, *values])
+            yield np.column_stack([some["timestamp"] / 1e6, *values])
 
 
 def _is_number(value: Any) -> bool:

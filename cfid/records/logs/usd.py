@@ -37,13 +37,13 @@ _LONGEST_NAME = 200  # bytes; without an end of a name within so many, the heade
 
 class _Version(NamedTuple):
     stamp: str  # of a record, in numpy's notation
-    seconds: float
+    per_s: float
     clock: str
 
 
 _VERSIONS = {
-    1: _Version("<u4", 1e-3, "times are milliseconds of the vehicle's scheduler"),
-    2: _Version("<u8", 1e-6, ""),  # the log shows how long these are
+    1: _Version("<u4", 1e3, "times are milliseconds of the vehicle's scheduler"),
+    2: _Version("<u8", 1e6, ""),  # the log shows how many of these are a second
 }
 
 
@@ -83,8 +83,8 @@ def read_usd(path: Path, source: Source, clock: Clock | None = None) -> FlightLo
     if not version.clock:
         offsets = np.zeros(0, np.int64) if fixed is None else found.offsets[fixed]
         stamps = _stamps(data, next(iter(events.values())), _before(offsets, stop)[:MOST_ROWS])
-        second_s, text = microsecond_clock(stamps, clock)
-        version = version._replace(seconds=second_s, clock=text)
+        per_s, text = microsecond_clock(stamps, clock)
+        version = version._replace(per_s=per_s, clock=text)
     series = []
     for number, event in events.items():
         offsets = _before(found.offsets[number], stop)
@@ -92,7 +92,7 @@ def read_usd(path: Path, source: Source, clock: Clock | None = None) -> FlightLo
             names, doubled = _distinct(event.names)
             notes += tuple(f"{event.name}: {text}" for text in doubled)
             channels = tuple(map(crazyflie_channel, names))
-            blocks = partial(_blocks, data, event, offsets, version.seconds)
+            blocks = partial(_blocks, data, event, offsets, version.per_s)
             series.append(Series(name=event.name, rows=len(offsets), channels=channels, blocks=blocks))
     if not series:
         raise DataError(" ".join([f"{path}: a uSD-card log without one whole record.", *notes]))
@@ -255,12 +255,12 @@ def _stamps(data: mmap.mmap, event: _Event, offsets: npt.NDArray[np.int64]) -> n
     return np.concatenate([np.zeros(0, np.uint64), *each])
 
 
-def _blocks(data: mmap.mmap, event: _Event, offsets: npt.NDArray[np.int64], seconds: float) -> Iterator[Array]:
+def _blocks(data: mmap.mmap, event: _Event, offsets: npt.NDArray[np.int64], per_s: float) -> Iterator[Array]:
     for begin in range(0, len(offsets), BLOCK_ROWS):
         part = offsets[begin : begin + BLOCK_ROWS]
         rows = _gathered(data, part, event.record.itemsize).view(event.record)[:, 0]
         block = np.empty((len(rows), 1 + len(event.names)))
-        block[:, 0] = rows["stamp"] * seconds
+        block[:, 0] = rows["stamp"] / per_s  # a product with 1e-6 would not be exact
         with np.errstate(invalid="ignore"):  # damaged floats that are signalling NaN become quiet ones
             for at in range(len(event.names)):
                 block[:, 1 + at] = rows[str(at)]

@@ -23,24 +23,24 @@ _STATED = "times are the vehicle's microseconds"
 
 
 class MicrosecondClock(NamedTuple):
-    """How long a microsecond of the log is, in s, and a clause on how that is known."""
+    """How many microseconds of the log are a second, and a clause on how that is known."""
 
-    second_s: float
+    per_s: float
     text: str
 
 
 def microsecond_clock(stamps: npt.NDArray[np.uint64], given: Clock | None) -> MicrosecondClock:
     """Return the clock of stamps (n,) in microseconds of the rows of a fixed frequency, or the given one."""
     if given is not None:
-        return MicrosecondClock(1e-6 / _rate(given), f"{_STATED}, {_how(given)} (`clock` {given})")
+        return MicrosecondClock(1e6 * _rate(given), f"{_STATED}, {_how(given)} (`clock` {given})")
     interval_ms = _interval_ms((stamps - stamps[:1]).astype(np.float64) * 1e-3)
     true, slow = _is_whole(interval_ms), _is_slow(interval_ms)
     if slow:
-        return MicrosecondClock(1e-6 / _SLOW, f"{_STATED}, {_corrected(interval_ms)}")
+        return MicrosecondClock(1e6 * _SLOW, f"{_STATED}, {_corrected(interval_ms)}")
     if true:
-        return MicrosecondClock(1e-6, f"{_STATED}, not corrected: rows lie whole milliseconds apart by them")
+        return MicrosecondClock(1e6, f"{_STATED}, not corrected: rows lie whole milliseconds apart by them")
     return MicrosecondClock(
-        1e-6,
+        1e6,
         f"{_STATED}, not corrected: {UNDECIDED}, as on a Crazyflie 2.x with firmware up to 2026.08 (`clock` 84/85)",
     )
 

@@ -20,7 +20,8 @@ from cfid.records.tables.schema import TIME, Column, TimeUnit
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.text import short
 
-SECONDS: dict[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+PER_SECOND: dict[str, float] = {"s": 1.0, "ms": 1e3, "us": 1e6}  # to divide by: 1e-3 and 1e-6 are not exact
+SECONDS: dict[str, float] = {unit: 1 / count for unit, count in PER_SECOND.items()}
 TWO_IN_ONE = (
     "Was the clock set, or are two recordings in one file? Cut the file in two before that line (both with the "
     "header), or give `rate_hz` where its rows are evenly spaced."
@@ -238,7 +239,7 @@ def seconds_of(table: CsvTable, column: str, raw: Array, *, unit: TimeUnit | Non
 
     Raises ConfigError when the given unit contradicts the column's name.
     """
-    return raw * SECONDS[unit_of(table, TIME_COLUMN.called, column, unit, "time_unit") or "s"]
+    return raw / PER_SECOND[unit_of(table, TIME_COLUMN.called, column, unit, "time_unit") or "s"]
 
 
 def times_of(
@@ -286,7 +287,7 @@ def times_of(
         notes += (f"{repeated} of {len(raw)} samples repeat the time of the previous one.",)
     time_s = empty(len(raw))
     np.subtract(raw, raw[0], out=time_s)
-    time_s *= SECONDS[known]
+    time_s /= PER_SECOND[known]
     return time_s, notes
 
 
