@@ -4,8 +4,8 @@ Takes speeds, as a tachometer, `rotor_speed` or the vehicle's own log gives them
 """
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ from cfid.estimate.blocks import block_means
 from cfid.estimate.correlated_noise import noise_covariance
 from cfid.estimate.linear import gain_of
 from cfid.findings import Finding, rejection, texts
-from cfid.motors.steps.model import BEFORE, CommandStep, Lag, Part, StepData
+from cfid.motors.steps.model import BEFORE, CommandStep, Lag, Part, Sag, StepData
 from cfid.motors.steps.sag import LoggedBattery, sags
 
 Array = npt.NDArray[np.float64]
@@ -26,7 +26,6 @@ _EXPLAINED, _LOOSE = 0.95, 0.2  # r^2, and the deviation over the time constant
 _SEEN = 0.5  # of the interval between readings: of a faster lag the fit finds one of several, or none
 _HELD = 1.5  # time constants that a step needs to show where it leads
 _MOST = 150  # means of a step's samples, whose covariance is taken for that of its noise
-_SAG_STD = 0.25  # of what a battery's sag changes: its voltage follows the load late, and is read ten times a second
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +34,7 @@ class StepFit:
 
     Without a speed before the command the delay is unknown: 0, with the standard uncertainty NaN.
     `explained` is the part of the variance that the lag explains (r^2), averaged over a quarter of a time constant.
-    `sag` is by which part of its final value the speed that it leads to fell with the battery's voltage, see `sags`.
+    `battery` is how far the speed that it leads to fell with the battery's voltage, None with a supply, see `sags`.
     """
 
     step: CommandStep
@@ -46,7 +45,7 @@ class StepFit:
     delay_s: float
     delay_std_s: float
     explained: float
-    sag: float
+    battery: Sag | None
     findings: tuple[Finding, ...]
 
     @property
@@ -60,13 +59,18 @@ class StepFit:
         return not texts(self.findings, "rejection")
 
     @property
+    def sag(self) -> float:
+        """By which part of its final value the speed that the step leads to fell."""
+        return 0.0 if self.battery is None else self.battery.part
+
+    @property
     def lag(self) -> Lag:
         """The lag with a supply of constant voltage."""
         return Lag(self.delay_s, self.from_rad_per_s, self.to_rad_per_s, 1 / self.time_constant_s, 0.0)
 
     def speed_at(self, time_s: Array) -> Array:
         """Return the lag's speeds (n,) at times (n,) by the clock of the steps."""
-        return self.lag.sagging(self.sag).speed(time_s - self.step.at_s)
+        return self.lag.sagging(self.battery).speed(time_s - self.step.at_s)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,12 +144,16 @@ def fit_rotor_model(
     lags, noises = zip(*_fit_each(data, battery), strict=True)
     measured = np.concatenate([part.value for part in data.parts])
 
-    def residual(p: Array) -> Array:
+    def shown(p: Array, batteries: Iterable[Sag | None]) -> Array:
         ways = [p[1:3] if lag.rising else p[3:5] for lag in lags]
         levels = p[5:].reshape(-1, 2)
-        each = zip(data.parts, levels, ways, lags, strict=True)
-        shown = [data.shown(part, Lag(p[0], *level, *way).sagging(lag.sag)) for part, level, way, lag in each]
-        return np.asarray(np.concatenate(shown) - measured)
+        each = zip(data.parts, levels, ways, batteries, strict=True)
+        return np.concatenate(
+            [data.shown(part, Lag(p[0], *level, *way).sagging(sag)) for part, level, way, sag in each]
+        )
+
+    def residual(p: Array) -> Array:
+        return np.asarray(shown(p, [lag.battery for lag in lags]) - measured)
 
     start, least = _start(lags), np.array([-math.inf, 0.0, 0.0, 0.0, 0.0] + [-math.inf] * 2 * len(lags))
     fit = least_squares(
@@ -155,7 +163,8 @@ def fit_rotor_model(
         x_scale=np.maximum(np.abs(start), 1e-3),
         bounds=(least, math.inf),
     )
-    covariance = _covariance(fit, data.parts, noises)
+    more = _of_sag(fit, shown(fit.x, [_larger(lag.battery) for lag in lags]) - measured)
+    covariance = _covariance(fit, data.parts, noises) + np.outer(more, more)
     std, found = np.sqrt(np.diag(covariance)), np.where(fit.active_mask != 0, 0.0, fit.x)
     for first, way in ((1, True), (3, False)):
         if not any(lag.rising == way for lag in lags):
@@ -198,17 +207,15 @@ def _slopes(residual: Callable[[Array], Array], p: Array, lengths: Sequence[int]
 
 def _fit_each(data: StepData, battery: LoggedBattery | None) -> list[tuple[StepFit, Array]]:
     """Fit a lag to each step, with the covariance of its noise (m, m) in the means of `_thinned`."""
-    fits = [_fit_step(data, part, 0.0) for part in data.parts]
-    steps = [part.step for part in data.parts]
-    found = sags(battery, steps, [fit.lag for fit, _ in fits])
-    for place in np.flatnonzero(found):
-        plain, (fit, noise) = fits[place][0], _fit_step(data, data.parts[place], float(found[place]))
-        unsure = _SAG_STD * abs(fit.time_constant_s - plain.time_constant_s)
-        fits[place] = replace(fit, time_constant_std_s=math.hypot(fit.time_constant_std_s, unsure)), noise
-    return fits
+    fits = [_solve(data, part, None) for part in data.parts]
+    ends = [math.sqrt(np.mean(fit.fun**2)) * np.linalg.norm(gain_of(fit.jac)[1]) for fit in fits]
+    found = sags(battery, [part.step for part in data.parts], [_lag_of(fit.x) for fit in fits], np.array(ends))
+    fits = [_solve(data, part, sag) if sag else fit for part, sag, fit in zip(data.parts, found, fits, strict=True)]
+    return [_judged(data, part, sag, fit) for part, sag, fit in zip(data.parts, found, fits, strict=True)]
 
 
-def _fit_step(data: StepData, part: Part, sag: float) -> tuple[StepFit, Array]:
+def _solve(data: StepData, part: Part, sag: Sag | None) -> OptimizeResult:
+    """Fit begin, end, time constant and delay to a step; without a speed before it begin and delay are one."""
     time, value = part.time_s, part.value
     hold_s = part.step.until_s - part.step.at_s
     after = value[time >= 0]
@@ -219,32 +226,52 @@ def _fit_step(data: StepData, part: Part, sag: float) -> tuple[StepFit, Array]:
     scale = [max(abs(start[1] - start[0]), 1e-9)] * 2 + [tau_s] * 2
     least = [-math.inf, -math.inf, _QUICKEST * hold_s, -BEFORE * hold_s]
     most = [math.inf, math.inf, _SLOWEST * hold_s, hold_s / 2]
-    free = 4 if np.any(time < 0) else 3  # the speed before determines the delay; else both are one
+    free = 4 if np.any(time < 0) else 3
+    return least_squares(
+        lambda p: data.shown(part, _lag_of(p).sagging(sag)) - value,
+        start[:free],
+        x_scale=scale[:free],
+        bounds=(least[:free], most[:free]),
+    )
 
-    def whole(p: Array, fixed: float) -> Array:
-        return np.append(p, [fixed] * (4 - free))
 
-    def residual(p: Array) -> Array:
-        first, last, tau, delay = whole(p, 0.0)
-        return data.shown(part, Lag(delay, first, last, 1 / tau, 0.0).sagging(sag)) - value
+def _lag_of(found: Array) -> Lag:
+    """Return the lag of begin, end, time constant and, where it is known, delay."""
+    begin, end, tau_s, *delay_s = found.tolist()
+    return Lag(sum(delay_s), begin, end, 1 / tau_s, 0.0)
 
-    fit = least_squares(residual, start[:free], x_scale=scale[:free], bounds=(least[:free], most[:free]))
-    noise = _noise(data, part, fit)
-    found, std = whole(fit.x, 0.0), whole(np.sqrt(np.diag(_covariance(fit, [part], [noise]))), math.nan)
-    explained = _explained(fit.fun, value, round(_SMOOTH * fit.x[2] / part.interval_s))
-    lag = StepFit(
+
+def _larger(sag: Sag | None) -> Sag | None:
+    """Return a sag that is larger by its standard uncertainty."""
+    return None if sag is None else sag._replace(part=sag.part + sag.part_std)
+
+
+def _of_sag(fit: OptimizeResult, residual: Array) -> Array:
+    """Return how far the parameters (p,) of a fit go where a larger sag leaves residuals (n,), 0 at a bound."""
+    free, change = fit.active_mask == 0, np.zeros(len(fit.x))
+    change[free] = gain_of(fit.jac[:, free]) @ (fit.fun - residual)
+    return change
+
+
+def _judged(data: StepData, part: Part, sag: Sag | None, fit: OptimizeResult) -> tuple[StepFit, Array]:
+    """Return the fit of a step with its uncertainties and what speaks against it, and the covariance of its noise."""
+    noise, lag = _noise(data, part, fit), _lag_of(fit.x)
+    more = _of_sag(fit, data.shown(part, lag.sagging(_larger(sag))) - part.value)
+    std = np.sqrt(np.diag(_covariance(fit, [part], [noise])) + more**2)
+    explained = _explained(fit.fun, part.value, round(_SMOOTH * fit.x[2] / part.interval_s))
+    found = StepFit(
         step=part.step,
-        from_rad_per_s=float(found[0]),
-        to_rad_per_s=float(found[1]),
-        time_constant_s=float(found[2]),
+        from_rad_per_s=lag.begin,
+        to_rad_per_s=lag.end,
+        time_constant_s=float(fit.x[2]),
         time_constant_std_s=float(std[2]),
-        delay_s=float(found[3]),
-        delay_std_s=float(std[3]),
+        delay_s=lag.delay_s,
+        delay_std_s=float(std[3]) if len(std) > 3 else math.nan,
         explained=explained,
-        sag=sag,
+        battery=sag,
         findings=_rejections(part, fit.x[2], std[2], explained),
     )
-    return lag, noise
+    return found, noise
 
 
 def _rejections(part: Part, tau_s: float, std_s: float, explained: float) -> tuple[Finding, ...]:

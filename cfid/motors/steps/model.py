@@ -48,6 +48,21 @@ def followed(steps: Sequence[CommandStep], *, time_s: Array, value: Array) -> tu
     )
 
 
+class Sag(NamedTuple):
+    """By which `part` of its final value the speed of a command falls from standstill to there, and its uncertainty.
+
+    It falls with the power `load` of the speed, as the voltage does, which falls by the part `fell`. Speeds go with the
+    power `power` of the voltage.
+    """
+
+    part: float
+    part_std: float
+    load: float
+    fell: float
+    power: float
+    power_std: float
+
+
 class Lag(NamedTuple):
     """A step that follows the rotor model; one with a plain lag has no quadratic coefficient."""
 
@@ -63,17 +78,17 @@ class Lag(NamedTuple):
         grown = np.exp(np.minimum(rate * np.maximum(time_s - self.delay_s, 0.0), 500.0))
         return self.end - gap * rate / ((rate - self.quadratic * gap) * grown + self.quadratic * gap)
 
-    def sagging(self, sag: float) -> "Lag":
-        """Return the same rotor on a battery: the speed it leads to falls with the cube of its speed, to `end`.
+    def sagging(self, sag: Sag | None) -> "Lag":
+        """Return the same rotor on a battery: the speed it leads to falls with a power of its speed, to `end`.
 
-        It falls by the part `sag` from standstill to there. The rates are those of the motor, to be met by a line.
+        It falls by a part of that from standstill to there. The rates are those of the motor, to be met by a line.
         """
-        if not sag or self.end == self.begin or self.end <= 0:
+        if sag is None or self.end == self.begin or self.end <= 0:
             return self
         speed = self.begin + (self.end - self.begin) * np.array(_RATES_AT)
-        part = speed / self.end
-        nearer = 1 + sag * (1 + part + part**2)  # (leads to - speed) / (end - speed)
-        leads_to = self.end * (1 + sag * (1 - part**3))
+        part = np.maximum(speed / self.end, 0.0)
+        leads_to = self.end * (1 + sag.part * (1 - part**sag.load))
+        nearer = (leads_to - speed) / (self.end - speed)
         rate = nearer * (self.linear + self.quadratic * (leads_to + speed))
         quadratic = float((rate[1] - rate[0]) / (speed[1] - speed[0]))
         return self._replace(linear=float(rate[0]) - quadratic * float(self.end + speed[0]), quadratic=quadratic)

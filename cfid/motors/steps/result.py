@@ -109,12 +109,17 @@ def _between_rows(record: SpeedRecord) -> tuple[Finding, ...]:
 
 
 def _sagged(lags: Sequence[StepFit]) -> tuple[Finding, ...]:
-    most = max(lags, key=lambda lag: lag.sag)
+    most = max(lags, key=lambda lag: 0.0 if lag.battery is None else lag.battery.fell)
+    if most.battery is None:
+        return ()
+    share = most.battery.fell / (1 + most.battery.fell)  # of the voltage at standstill
     text = (
-        f"the battery sagged under the rotor, by which the speed it led to fell by up to {100 * most.sag:.1f} % "
-        f"({_name(most)}): time constants and rotor model are those with a supply of constant voltage."
+        f"the battery's voltage fell by up to {100 * share:.1f} % under the rotor ({_name(most)}), and by "
+        f"the steady speeds the speed of a command goes with its power {most.battery.power:.2f} +- "
+        f"{most.battery.power_std:.2f} (0: it does not, 1: in proportion): time constants and rotor model are those "
+        "with a supply of constant voltage."
     )
-    return (note("steps-battery-sagged", text, "dynamics.*"),) if most.sag else ()
+    return (note("steps-battery-sagged", text, "dynamics.*"),)
 
 
 def _of_row(lag: StepFit) -> Sequence[Finding]:

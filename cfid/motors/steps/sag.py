@@ -1,23 +1,27 @@
-"""How far the battery's voltage falls with a rotor's speed, within each step of the command.
+"""How far the battery's voltage falls with a rotor's speed, and by how much the speed of a command falls with it.
 
-A motor draws power like the cube of its speed, and the battery's voltage falls by its inner resistance. At a constant
-command the speed that the rotor is heading for therefore falls on its way: it gets there sooner than with a supply.
+A motor draws more power the faster it turns, and the battery's voltage falls by its inner resistance. At a constant
+command the speed that the rotor is heading for may therefore fall on its way: it gets there sooner than with a supply.
 """
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from cfid.motors.steps.model import CommandStep, Lag
+from cfid.estimate.linear import fit_linear
+from cfid.estimate.voltage_power import voltage_power
+from cfid.motors.steps.model import CommandStep, Lag, Sag
 
 Array = npt.NDArray[np.float64]
 
 _BEFORE_S = 0.5
-_NOTABLE = 0.003  # of the voltage: what changes less may be the noise of its reading
-_OTHER = 0.1  # of the largest command times voltage, from where others tell how speeds go with it
-_APART = 0.5  # of the cube of the larger speed: what changes the load by less shows too little of its sag
+_NOTABLE = 0.001  # of the voltage: what changes less may be the noise of its reading
+_LOADS = np.arange(1.5, 4.1, 0.25)  # powers of the speed: a rotor's torque goes with 2, its power with 3
+_EXACT = 1e-4  # of the voltage: what no such law explains of a battery
+_LATE = 0.1  # of a sag: a cell's voltage also falls for seconds, and is read ten times a second
 
 
 class LoggedBattery(NamedTuple):
@@ -32,28 +36,55 @@ class LoggedBattery(NamedTuple):
         return float(inside.mean()) if len(inside) else float("nan")
 
 
-def sags(battery: LoggedBattery | None, steps: Sequence[CommandStep], lags: Sequence[Lag]) -> Array:
-    """Return by which part of its final value the speed (n,) falls that each step leads to, from standstill to there.
+def sags(
+    battery: LoggedBattery | None, steps: Sequence[CommandStep], lags: Sequence[Lag], end_std: Array
+) -> list[Sag | None]:
+    """Return how far speeds and voltage fall within steps with such lags, whose ends have standard uncertainties (n,).
 
-    Zero where voltage or load hardly changed, where none was measured, and at command 0, which no battery feeds.
+    None where the voltage hardly changed with the load, where none was measured, and at command 0: no battery feeds a
+    rotor there.
     """
-    found = np.zeros(len(steps))
     if battery is None:
-        return found
+        return [None] * len(steps)
+    begin, end = (np.maximum([getattr(lag, name) for lag in lags], 0.0) for name in ("begin", "end"))
+    begin[[step.command_from == 0 for step in steps]] = 0.0
     before = np.array([battery.mean(max(step.since_s, step.at_s - _BEFORE_S), step.at_s) for step in steps])
     within = np.array([battery.mean((step.at_s + step.until_s) / 2, step.until_s) for step in steps])
-    begin, end = (np.maximum([getattr(lag, name) for lag in lags], 0.0) for name in ("begin", "end"))
     command = np.array([step.command_to for step in steps])
-    fell, cubes = before / within - 1, end**3 - begin**3
-    known = (np.abs(fell) > _NOTABLE) & (np.abs(cubes) > _APART * np.maximum(begin, end) ** 3) & (command > 0)
-    found[known] = (_felt(command * within, end) * fell * end**3)[known] / cubes[known]
-    return np.maximum(found, 0.0)
+    driven = (command > 0) & (end > 0) & np.isfinite(within)
+    speed, volts = np.concatenate([begin, end]), np.concatenate([before, within])
+    at_s, known = np.array([[step.at_s, step.until_s] for step in steps]).T.ravel(), np.isfinite(volts)
+    if not driven.any() or np.count_nonzero(known) < 2:
+        return [None] * len(steps)
+    drop_v, load, unsure = _load(at_s[known], speed[known] / speed.max(), volts[known])
+    fell = np.where(driven, drop_v * (end / speed.max()) ** load / np.where(driven, within, 1.0), 0.0)
+    if fell.max() < _NOTABLE:
+        return [None] * len(steps)
+    power, std = voltage_power(command=command[driven], volts=within[driven], speed=end[driven], std=end_std[driven])
+    part = (1 + fell) ** power - 1
+    part_std = np.hypot(np.log1p(fell) * std, math.hypot(unsure, _LATE) * part)
+    each = zip(part.tolist(), part_std.tolist(), fell.tolist(), driven, strict=True)
+    return [Sag(one, one_std, load, down, power, std) if on else None for one, one_std, down, on in each]
 
 
-def _felt(driven: Array, speed: Array) -> Array:
-    """Return how far speeds (n,) go with the voltage, by a line over command times voltage (n,); without one, fully."""
-    used = np.isfinite(driven) & (driven > 0)
-    if not used.any() or np.ptp(driven[used]) < _OTHER * driven[used].max():
-        return np.ones(len(speed))
-    standing = np.polynomial.polynomial.polyfit(driven[used], speed[used], 1)[0]
-    return np.asarray(np.clip(1 - standing / np.maximum(speed, 1e-9), 0.5, 1.0))
+def _load(time_s: Array, speed: Array, volts: Array) -> tuple[float, float, float]:
+    """Return how far volts (n,) fell at speed 1, with which power of speeds (n,), and how unsure their product is.
+
+    The product is how steeply they fall there, which decides how much sooner a rotor gets to its speed. Beside that
+    the battery may run down.
+    """
+    down = [(time_s - time_s.mean()) / max(float(np.ptp(time_s)), 1e-9)] * (len(volts) > 4)
+    drops, stds, weights = np.zeros((3, len(_LOADS)))
+    for place, power in enumerate(_LOADS):
+        rows = np.column_stack([np.ones(len(volts)), -(speed**power), *down])
+        found = fit_linear(rows, volts, noise_known=False)
+        left = float(found.residual @ found.residual) + (_EXACT * float(volts.mean())) ** 2
+        drops[place], weights[place] = found.values[1], left ** (-max(found.degrees_of_freedom, 1) / 2)
+        stds[place] = found.std[1] if found.degrees_of_freedom > 0 else 0.0
+    weights /= weights.sum()
+    slopes = drops * _LOADS
+    slope, load = float(weights @ slopes), float(weights @ _LOADS)
+    if slope <= 0:
+        return 0.0, load, 0.0
+    variance = float(weights @ ((slopes - slope) ** 2 + (stds * _LOADS) ** 2))
+    return slope / load, load, float(np.sqrt(variance)) / slope
