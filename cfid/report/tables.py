@@ -8,7 +8,11 @@ from cfid.quantities.lookup import find
 from cfid.quantities.values import ENTRIES, is_matrix, is_rows
 from cfid.records.parameters import Parameter, plain
 
+_CAUSES = "common_causes"
+_LEAST_PART = 0.01  # of a variance: smaller ones are not named
+
 _TITLES = {
+    _CAUSES: "what uncertainties come from: parts of the variance, the mean over a quantity's numbers",
     "budget_kg_m2": "uncertainty budget: what each input adds to the standard uncertainty, kg m^2",
     "swings": "swings: window and verdict of each",
     "mounts": "mounts: distances, and where an error in them does not matter",
@@ -39,6 +43,8 @@ def quality_tables(quality: Mapping[str, Any]) -> Iterator[ReportTable]:
     for name, value in plain(quality).items():
         if is_rows(value):
             tables.append(_of_rows(name, value))
+        elif name == _CAUSES and _is_budget(value):
+            tables.append(_of_causes(value))
         elif isinstance(value, Mapping):
             tables += _of_mapping(name, value)
         elif is_matrix(value):
@@ -59,6 +65,39 @@ def _of_mapping(name: str, content: Mapping[str, Any]) -> list[ReportTable]:
         rows = [{"": key, **_flat(value)} for key, value in content.items()]
         return [_of_rows(name, rows)]
     return [ReportTable(_title(name), ("figure", "value"), tuple((_words(k), v) for k, v in _flat(content).items()))]
+
+
+def _of_causes(content: Mapping[str, Mapping[str, Any]]) -> ReportTable:
+    """Return a row a quantity with the parts of its variance, the largest first: a column a cause would not fit a page.
+
+    The fit's file has the standard uncertainty of each number by each cause.
+    """
+    rows = []
+    for key, stds in content.items():
+        variances = {name: [(std or 0.0) ** 2 for std in _leaves(value)] for name, value in stds.items()}
+        totals = [sum(parts) for parts in zip(*variances.values(), strict=True)]
+        known = [place for place, total in enumerate(totals) if total > 0]
+        parts = {name: sum(one[k] / totals[k] for k in known) / len(known) for name, one in variances.items() if known}
+        largest = sorted(parts.items(), key=lambda part: -part[1])
+        rows.append((key, ", ".join(f"{name} {100 * part:.0f} %" for name, part in largest if part >= _LEAST_PART)))
+    return ReportTable(_title(_CAUSES), ("quantity", "parts"), tuple(rows))
+
+
+def _is_budget(content: Any) -> bool:
+    """Return whether each quantity has as many numbers for each cause: a fit's file may have been edited."""
+    if not isinstance(content, Mapping) or not all(isinstance(one, Mapping) and one for one in content.values()):
+        return False
+    each = [[list(_leaves(value)) for value in one.values()] for one in content.values()]
+    alike = all(len({len(leaves) for leaves in one}) == 1 for one in each)
+    return alike and all(type(leaf) in (int, float, type(None)) for one in each for leaves in one for leaf in leaves)
+
+
+def _leaves(value: Any) -> Iterator[Any]:
+    if isinstance(value, list):
+        for part in value:
+            yield from _leaves(part)
+    else:
+        yield value
 
 
 def _of_rows(name: str, rows: Sequence[Mapping[str, Any]]) -> ReportTable:
