@@ -24,7 +24,9 @@ Array = npt.NDArray[np.float64]
 
 _RATE_S = 2.0  # over which a rate is averaged
 _QUIET_S = 5.0  # without a row, after which another run may be the one that is recorded
-_SEQUENCE, _WRAP = "rdt_sequence", 2**32
+_SEQUENCE, _VEHICLE_MS = "rdt_sequence", "vehicle_ms"
+_WRAPS = {_SEQUENCE: 2**32, _VEHICLE_MS: 2**24}  # columns in which the source numbers or dates its rows
+_FEWEST_STEPS = 8  # of the vehicle's time, whose median is the period of its log
 
 
 @dataclass(kw_only=True)
@@ -39,6 +41,8 @@ class DeviceProgress:
     latest_s: float = float("nan")
     latest: tuple[float, ...] = ()
     _marks: deque[tuple[float, int]] = field(default_factory=deque)
+    _early: Array = field(default_factory=lambda: np.empty(0))  # steps before the period is known
+    _period: float = 0.0
 
     @property
     def rate_hz(self) -> float:
@@ -54,11 +58,7 @@ class DeviceProgress:
         if not len(rows):
             return zero_s
         zero_s = float(rows[0, 0]) if zero_s is None else zero_s
-        if _SEQUENCE in self.record.columns:
-            place = self.record.columns.index(_SEQUENCE)
-            numbers = np.concatenate([[self.latest[place]] if self.latest else [], rows[:, place]])
-            steps = np.diff(numbers) % _WRAP
-            self.missing = (self.missing or 0) + int(np.sum(steps[(steps > 1) & (steps < _WRAP / 2)] - 1))
+        self._count_missing(rows)
         for signal in self.signals:
             signal.add(rows[:, 0] - zero_s, rows)
         self.rows += len(rows)
@@ -67,6 +67,21 @@ class DeviceProgress:
         while len(self._marks) > 2 and self.latest_s - self._marks[1][0] > _RATE_S:
             self._marks.popleft()
         return zero_s
+
+    def _count_missing(self, rows: Array) -> None:
+        """Count what is missing before each of the rows (n, columns), where a column numbers or dates them."""
+        column = next((name for name in _WRAPS if name in self.record.columns), None)
+        if column is None:
+            return
+        place, wrap = self.record.columns.index(column), _WRAPS[column]
+        steps = np.diff(np.concatenate([[self.latest[place]] if self.latest else [], rows[:, place]])) % wrap
+        steps = np.concatenate([self._early, steps[(steps > 0) & (steps < wrap / 2)]])
+        if not self._period and column == _VEHICLE_MS and len(steps) < _FEWEST_STEPS:
+            self._early = steps
+            return
+        self._early = np.empty(0)
+        self._period = self._period or (1.0 if column == _SEQUENCE else float(np.median(steps)))
+        self.missing = (self.missing or 0) + int(np.sum(np.rint(steps / self._period) - 1))
 
 
 class LiveRun:

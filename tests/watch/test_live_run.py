@@ -62,6 +62,19 @@ def rows(writer: RunWriter, device: str, time_s: np.ndarray, *columns: np.ndarra
     writer.append(device, (time_s, *columns))
 
 
+def test_rows_of_the_vehicles_log_that_are_lost_are_counted_by_its_own_time(recording: Recording) -> None:
+    begin_s = time.time()
+    writer = recording("crazyflie", ("vehicle_ms", "pm.vbat"), kind="thrust")
+    run = LiveRun(writer.folder)
+    number = np.delete(np.arange(100), [5, 40, 41])
+    stamps = (10 * number + number % 2 + 2**24 - 300) % 2**24  # late by a millisecond now and then
+    for part in np.array_split(np.arange(len(number)), 30):
+        rows(writer, "crazyflie", begin_s + number[part] / 100, stamps[part], np.full(len(part), 3.7))
+        run.read(1.0)
+
+    assert "97 rows, 3 lost" in facts_html(run, refused=0)
+
+
 def test_forces_are_drawn_in_millinewtons_above_the_cells_bias_with_losses_rate_and_time_left(
     recording: Recording,
 ) -> None:
