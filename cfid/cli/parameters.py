@@ -48,7 +48,7 @@ def list_parameters(
 
 
 def _named(sections: "Mapping[str, Section]", names: Sequence[str]) -> "dict[str, Section]":
-    """Return the sections with only those parameters whose names contain a name.
+    """Return the sections with only those parameters whose names contain a name, in capitals or not.
 
     Raises ConfigError where none does; a note has each name that is in none.
     """
@@ -57,14 +57,17 @@ def _named(sections: "Mapping[str, Section]", names: Sequence[str]) -> "dict[str
     from cfid.console.messages import note
     from cfid.errors import ConfigError
 
+    def has(key: str, name: str) -> bool:
+        return name.casefold() in key.casefold()
+
     kept = {
-        section: {key: value for key, value in own.parameters.items() if any(name in key for name in names)}
+        section: {key: value for key, value in own.parameters.items() if any(has(key, name) for name in names)}
         for section, own in sections.items()
     }
     if not any(kept.values()):
         raise ConfigError(f"{', '.join(names)}: no parameter has this in its name; `cfid parameters` lists all.")
     for name in names:
-        if not any(name in key for own in kept.values() for key in own):
+        if not any(has(key, name) for own in kept.values() for key in own):
             note(f"{name}: no parameter has this in its name; `cfid parameters` lists all.")
     return {section: replace(sections[section], parameters=own) for section, own in kept.items() if own}
 

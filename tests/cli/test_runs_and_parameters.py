@@ -267,6 +267,7 @@ def test_parameters_are_listed_by_parts_of_their_names(cfid: Cfid, campaign: Cam
 
     assert "arm_m" in str(named)
     assert "rotor_radius_m" not in str(named)
+    assert json.loads(cfid("parameters", "ARM", "--json").stdout) == named
     assert cfid("parameters", "thrust").returncode == 2
     both = cfid("parameters", "arm", "thrust")
     assert both.returncode == 0
