@@ -5,7 +5,7 @@ import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from cfid.console.messages import clock, in_options, noted
+from cfid.console.messages import clock, fitted, in_options, noted
 from cfid.console.screen import Screen
 
 if TYPE_CHECKING:
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 _EVERY_S = 0.2
 _MINUTES_FROM_S = 100.0
 _SLOWEST_HZ = 0.5
+_INDENT = 2  # of a message's further lines
 _BARS = "▁▂▃▄▅▆▇█"
 
 
@@ -64,10 +65,13 @@ class LiveLine:
 
     def say(self, text: str) -> None:
         """Print a note above the line."""
-        self.tell(f"note: {in_options(text)}" if self._terminal is None else noted(text))
+        self._print(f"note: {in_options(text)}" if self._terminal is None else noted(text))
 
     def tell(self, text: str) -> None:
         """Print a message that is not a note above the line."""
+        self._print(fitted(text, indent=_INDENT, err=True))
+
+    def _print(self, text: str) -> None:
         self._replace("")
         self._screen.write(f"{text}\n")
 

@@ -181,7 +181,7 @@ def attempt(plan: "Plan", devices: "Sequence[Device]", live: LiveLine) -> "tuple
 
     def begun(folder: Path) -> None:
         folders.append(folder)
-        live.tell(fitted(f"recording into {folder} ({_until(plan)})", indent=2, err=True))
+        live.tell(f"recording into {folder} ({_until(plan)})")
 
     try:
         return record_run(plan, devices, show=live.show, begun=begun, say=live.say), None

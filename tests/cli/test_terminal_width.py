@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 
 from cfid.cli.rig import report_answers
+from cfid.console.live import LiveLine
 from cfid.console.messages import fault, fitted, note
 from cfid.console.options import Delivery
 from cfid.console.outcome import deliver
@@ -94,6 +95,21 @@ def test_a_question_on_stderr_is_wrapped_at_its_own_terminal(screen: Screen) -> 
     assert len(lines) > 1
     assert all(len(line) <= COLUMNS for line in lines)
     assert " ".join(lines) == LONG.strip()
+
+
+def test_a_message_above_the_live_line_fits_the_terminal(screen: Screen) -> None:
+    def speak() -> None:
+        with contextlib.redirect_stderr(screen.file):
+            live = LiveLine()
+            live.tell("'abc' is not a reading: type a number, nothing where there is none, u to take the last back.")
+            live.end()
+
+    lines = [line.replace("\r", "").rstrip() for line in screen.lines(of=speak)]
+
+    assert [line for line in lines if line] == [
+        "'abc' is not a reading: type a number, nothing where there is none, u to take",
+        "  the last back.",
+    ]
 
 
 @pytest.mark.parametrize("said", [fault, note])
