@@ -97,7 +97,9 @@ def _look(
     """Sample the devices of the experiment, and add what their signals show to the answers."""
     from cfid.console.live import LiveLine
     from cfid.console.preflight import TARE_S, judged
+    from cfid.console.preflight_lines import sends_lines
     from cfid.console.vehicle import reach
+    from cfid.rig.check import DeviceAnswer
     from cfid.rig.log import ready_encoder, ready_loadcell
     from cfid.rig.sampling import sample
 
@@ -118,10 +120,14 @@ def _look(
         sampled = sample(parts, for_s=seconds, tare_s=TARE_S, show=live.show)
     finally:
         live.end()
-    for name, own in judged(_records(parts), sampled, plan, calm=experiment != "wind").items():
+    mass_kg = campaign.rig.vehicle.mass_kg
+    for name, own in judged(_records(parts), sampled, plan, mass_kg=mass_kg, calm=experiment != "wind").items():
         answers[name] += own
     answers["disk"] = [_disk(sum(part.seconds for part in plan), campaign.runs_folder, rate_hz)]
-    if crazyflie is not None and balance:
+    if crazyflie is not None and balance and sends_lines(parts[0].record):
+        text = "not measured: it takes a load cell that samples at 3.5 kHz or more"
+        answers["rotors"] = [DeviceAnswer("balance", "ok", text)]
+    elif crazyflie is not None and balance:
         answers["rotors"] = _balances(crazyflie, parts[0], sampled["crazyflie"], vehicle, live)
 
 

@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from cfid.console.live import LiveLine
 from cfid.console.messages import clock, note
+from cfid.console.preflight_lines import angle_steps, force_steps, sends_lines
 from cfid.counted import counted
 from cfid.errors import DeviceError
 from cfid.estimate.battery_endurance import CELL_MAH, Held, endurance
@@ -37,18 +38,17 @@ _RETURNS, _OUTER = 4, 0.2  # of a swing through its middle, beyond this part of 
 _SMOOTH = 0.5  # the correlation of a swing's neighbouring samples
 _STAMPS_S = 0.005  # from a device's stamp to its arrival, about the mean
 _FEWEST = 64
+_FEWEST_LINES = 3  # of a device that is stated as slow
 _WORTHLESS = {"load", "rate", "losses"}  # faults with which a recording is of no use
 
 
 def of_loadcell(record: DeviceRecord, sampled: Sampled, *, calm: bool = True) -> list[DeviceAnswer]:
-    """Judge the load cell's signals. A wind that blows is not `calm`: noise, drift and lines then have no limit."""
+    """Judge a Net F/T's signals. A wind that blows is not `calm`: noise, drift and lines then have no limit."""
     if sampled.rows < _FEWEST:
         return [
             _answer("rate", counted(sampled.rows, "sample"), "check power and cable", limit=f"{_FEWEST}", within=False)
         ]
-    settings = (record.model_extra or {}).get("settings")
-    if settings is None:  # it sends lines, and states no ranges
-        return _rate(sampled, record.rate_hz or math.nan)
+    settings = (record.model_extra or {})["settings"]
     per_unit = np.repeat([settings["counts_per_force"], settings["counts_per_torque"]], 3)
     milli = 1e3 / np.repeat([(record.model_extra or {})[key] for key in ("counts_per_n", "counts_per_nm")], 3)
     largest = np.array(settings["ranges"]) * per_unit
@@ -77,6 +77,14 @@ def of_loadcell(record: DeviceRecord, sampled: Sampled, *, calm: bool = True) ->
         _six("mains", milli * [one.mains for one in found], lines, _EARTHED),
         _six("other lines", milli * [one.line for one in found], lines, _STIFFER, more=_where(found)),
     ]
+
+
+def _of_lines(record: DeviceRecord, sampled: Sampled, plan: Sequence[Held], *, mass_kg: float) -> list[DeviceAnswer]:
+    """Judge a load cell that sends lines, by the rate that it states and by its steps."""
+    if sampled.rows < _FEWEST_LINES:
+        advice = f"check power and cable, or look for longer (--for): it states {record.rate_hz:g} Hz"
+        return [_answer("rate", counted(sampled.rows, "sample"), advice, limit=f"{_FEWEST_LINES}", within=False)]
+    return [*_rate(sampled, record.rate_hz or math.nan), *force_steps(record, sampled, plan, mass_kg=mass_kg)]
 
 
 _CALMER = "mend the noise first, or look for longer (--for)"
@@ -124,10 +132,11 @@ def of_encoder(record: DeviceRecord, sampled: Sampled) -> list[DeviceAnswer]:
     """Judge the encoder of a pendulum that hangs still: rate, losses, stamps, noise and drift."""
     if sampled.rows < _FEWEST:
         return [_answer("rate", counted(sampled.rows, "sample"), "check the cable", limit=f"{_FEWEST}", within=False)]
-    assert record.counts_per_turn is not None
-    degrees = _degrees(sampled.columns["phi"], record.counts_per_turn)
+    in_radians = (record.model_extra or {}).get("angle_unit") == "rad"
+    degrees = _degrees(sampled.columns["phi"], math.tau if in_radians else record.counts_per_turn or math.nan)
     rate_hz = (sampled.rows - 1) / float(np.ptp(sampled.columns["t"]))
-    answers = [*_rate(sampled, record.rate_hz or rate_hz), *_at_rest(degrees, rate_hz)]
+    steps = [angle_steps(record, sampled)] if sends_lines(record) else []
+    answers = [*_rate(sampled, record.rate_hz or rate_hz), *steps, *_at_rest(degrees, rate_hz)]
     if "device_us" not in sampled.columns:
         return [*answers, DeviceAnswer("stamps", "ok", "none: samples are placed by their arrival")]
     late_s = sampled.columns["t"] - 1e-6 * sampled.columns["device_us"]
@@ -187,13 +196,15 @@ def _degrees(counts: Array, counts_per_turn: float | str) -> Array:
 def _rate(sampled: Sampled, requested_hz: float) -> list[DeviceAnswer]:
     achieved_hz = (sampled.rows + sampled.lost - 1) / float(np.ptp(sampled.columns["t"]))
     share = sampled.lost / (sampled.rows + sampled.lost)
+    # Of few samples, the span is known to a part of a period alone.
+    least_hz = requested_hz * (_SLOWEST - (1 / sampled.rows if sampled.rows < _FEWEST else 0.0))
     return [
         _answer(
             "rate",
-            f"{achieved_hz:.0f} Hz",
+            f"{achieved_hz:.3g} Hz" if requested_hz < _FEWEST else f"{achieved_hz:.0f} Hz",
             "end other programs on this computer, or request fewer samples (rate_hz in rig.toml)",
-            limit=f"{_SLOWEST * requested_hz:.0f} Hz",
-            within=achieved_hz >= _SLOWEST * requested_hz,
+            limit=f"{least_hz:.3g} Hz" if requested_hz < _FEWEST else f"{least_hz:.0f} Hz",
+            within=achieved_hz >= least_hz,
         ),
         _answer(
             "losses",
@@ -239,19 +250,22 @@ def battery(sampled: Sampled, plan: Sequence[Held]) -> DeviceAnswer:
     )
 
 
-def quick(devices: Sequence[Device], plan: Sequence[Held], *, calm: bool = True) -> str:
+def quick(devices: Sequence[Device], plan: Sequence[Held], *, mass_kg: float, calm: bool = True) -> str:
     """Sample load cell and vehicle for a second, note each limit that is exceeded; return the battery's state.
 
-    Raises DeviceError where a recording would be worthless, or a device failed.
+    A device that sends lines slowly is sampled for longer. Raises DeviceError where a recording would be worthless, or
+    a device failed.
     """
+    rates_hz = [device.record.rate_hz or math.inf for device in devices if sends_lines(device.record)]
+    for_s = max([QUICK_S, *((_FEWEST_LINES + 1) / rate_hz for rate_hz in rates_hz)])
     live = LiveLine()
     live.task("looking at the signals")
     try:
-        sampled = sample(devices, for_s=QUICK_S, tare_s=TARE_S, show=live.show)
+        sampled = sample(devices, for_s=for_s, tare_s=TARE_S, show=live.show)
     finally:
         live.end()
     records = {device.record.file.removesuffix(".csv"): device.record for device in devices}
-    answers = judged(records, sampled, plan, calm=calm)
+    answers = judged(records, sampled, plan, mass_kg=mass_kg, calm=calm)
     every = [(name, one) for name, own in answers.items() for one in own]
     wrong = [
         (name, one) for name, one in every if one.state == "fault" or (one.asked == _LASTS and one.advice and one.limit)
@@ -265,12 +279,19 @@ def quick(devices: Sequence[Device], plan: Sequence[Held], *, calm: bool = True)
 
 
 def judged(
-    records: Mapping[str, DeviceRecord], sampled: Mapping[str, Sampled], plan: Sequence[Held], *, calm: bool
+    records: Mapping[str, DeviceRecord],
+    sampled: Mapping[str, Sampled],
+    plan: Sequence[Held],
+    *,
+    mass_kg: float,
+    calm: bool = True,
 ) -> dict[str, list[DeviceAnswer]]:
-    """Return the answers about each device that was sampled."""
+    """Return the answers about each device that was sampled; `mass_kg` is the vehicle's."""
     answers: dict[str, list[DeviceAnswer]] = {}
     for name, record in records.items():
-        if name == "loadcell":
+        if name == "loadcell" and sends_lines(record):
+            answers[name] = _of_lines(record, sampled[name], plan, mass_kg=mass_kg)
+        elif name == "loadcell":
             answers[name] = of_loadcell(record, sampled[name], calm=calm)
         elif name == "encoder":
             answers[name] = of_encoder(record, sampled[name])

@@ -1,6 +1,6 @@
 """Records a staircase of motor commands: with the load cell, or with an instrument that shows speed or weight."""
 
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
@@ -65,7 +65,7 @@ def record_forces(
         effort = _effort(staircase, rig, rate_hz=cell.rate_hz + 1000 / log_ms)
         refuse(crazyflie, staircase.motors, staircase.steps)
         looked_at = [loadcell, crazyflie.usual_log(log_ms)]
-        effort += NOT_READ if vehicle.no_preflight else quick(looked_at, staircase.held, calm=calm)
+        effort += NOT_READ if vehicle.no_preflight else _quick(looked_at, staircase, rig, calm=calm)
         confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes, effort=effort, ring=live.ring)
         parts = [crazyflie.commands(), loadcell, *crazyflie.watch(log_ms)]
         if question is not None:
@@ -76,6 +76,10 @@ def record_forces(
         notice = Steps(counts_per_n) if calm and counts_per_n else None
         plan = replace(plan, notice=notice, asks=question is not None, tare_s=staircase.rest_s)
         record(f"log {kind}", plan, parts, live, keep, judge=judge, found=found)
+
+
+def _quick(devices: Sequence[Device], staircase: StaircasePlan, rig: Rig, *, calm: bool = True) -> str:
+    return quick(devices, staircase.held, mass_kg=rig[0].rig.vehicle.mass_kg, calm=calm)
 
 
 def record_speed(
@@ -185,7 +189,7 @@ def _record_readings(
             parts.append(typed_readings(value))
         effort = _effort(staircase, rig, rate_hz=_ROWS_A_SECOND)
         refuse(crazyflie, staircase.motors, staircase.steps)
-        effort += NOT_READ if vehicle.no_preflight else quick([crazyflie.usual_log()], staircase.held)
+        effort += NOT_READ if vehicle.no_preflight else _quick([crazyflie.usual_log()], staircase, rig)
         confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes, effort=effort, ring=live.ring)
         procedure = _procedure(staircase, question, live, _expected(staircase, rig, value), tare=False)
         plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested={}, question=question)

@@ -58,8 +58,13 @@ def ready_lines(
 
         return Lines(name, setting, listen=locked_port, loop=loop, clock=clock, say=say, patient=patient)
 
+    return record_of(name, setting, scale=scale), opened
+
+
+def record_of(name: str, setting: LineDevice, *, scale: Mapping[str, object] = MappingProxyType({})) -> DeviceRecord:
+    """Return a device's description in run.toml, to which `scale` belongs."""
     stated: dict[str, Any] = setting.model_dump(mode="json", exclude={"rate_hz", "kind"}, exclude_defaults=True)
-    record = DeviceRecord.model_validate(
+    return DeviceRecord.model_validate(
         {
             "file": f"{name}.csv",
             "columns": setting.columns,
@@ -69,7 +74,6 @@ def ready_lines(
             "lines": stated,
         }
     )
-    return record, opened
 
 
 def angle_scale(setting: EncoderLines, counts_per_turn: float | str) -> dict[str, object]:

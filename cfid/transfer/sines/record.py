@@ -61,7 +61,11 @@ def record_sines(
         effort = effort_of(len(sines) * each_s, campaign.runs_folder, rate_hz=cell.rate_hz + 1000 / log_ms)
         refuse(crazyflie, sorted({*chain(*turning)}), (least, largest))
         held_in_all = [held for sine in sines for held in sine.held(each_s)]
-        effort += NOT_READ if vehicle.no_preflight else _quick(cell, crazyflie.usual_log(log_ms), held_in_all)
+        effort += (
+            NOT_READ
+            if vehicle.no_preflight
+            else _quick(cell, crazyflie.usual_log(log_ms), held_in_all, campaign.rig.vehicle.mass_kg)
+        )
         confirm(crazyflie, sorted({*chain(*turning)}), (least, largest), yes=vehicle.yes, effort=effort, ring=live.ring)
         for count, sine in enumerate(sines):
             name = f"l = {sine.periods} ({count + 1} of {len(sines)})"
@@ -80,9 +84,10 @@ def record_sines(
     return runs, failure
 
 
-def _quick(cell: LoadCellBox | LoadCellLines, log: Device, plan: Sequence[Held]) -> str:
+def _quick(cell: LoadCellBox | LoadCellLines, log: Device, plan: Sequence[Held], mass_kg: float) -> str:
     with ExitStack() as stream:
-        return quick([ready_loadcell(cell, stream, buffered=True, bias=False, say=speech, patient=False), log], plan)
+        loadcell = ready_loadcell(cell, stream, buffered=True, bias=False, say=speech, patient=False)
+        return quick([loadcell, log], plan, mass_kg=mass_kg)
 
 
 def _show_task(live: LiveLine, name: str, text: str) -> None:

@@ -1,0 +1,100 @@
+"""Judges the steps of devices that send lines, as scales and microcontrollers do, against what is to be measured."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.estimate.battery_endurance import Held
+from cfid.records.line_devices import EncoderLines, LineDevice, LineValue, LoadCellLines
+from cfid.records.run import DeviceRecord
+from cfid.rig.check import DeviceAnswer, State
+from cfid.rig.sampling import Sampled
+from cfid.units import FULL_COMMAND, MOTORS, USUAL_GRAVITY_MPS2
+
+Array = npt.NDArray[np.float64]
+
+_CARRIES = 2.0  # times its weight, by all motors at full command: less hardly flies
+_OF_THRUST = 0.04  # of the plan's largest thrust: a reading errs by 2 % of it at most
+_OF_SWING_DEG = 0.5  # of a swing that is released at 10 degrees and more
+_RESOLVED = 0.5  # of a step: noise beyond it resolves in the mean what is between two steps
+_MOST_DECIMALS = 9
+
+
+def sends_lines(record: DeviceRecord) -> bool:
+    """Return whether a device sends lines of its own accord."""
+    return "lines" in (record.model_extra or {})
+
+
+def force_steps(record: DeviceRecord, sampled: Sampled, plan: Sequence[Held], *, mass_kg: float) -> list[DeviceAnswer]:
+    """Judge the steps of each force by the thrust of a vehicle of this mass in a plan; torques have no limit."""
+    setting = LoadCellLines.model_validate(_stated(record))
+    thrust_n = _CARRIES * mass_kg * USUAL_GRAVITY_MPS2
+    largest = max(part.motors / len(MOTORS) * part.command / FULL_COMMAND for part in plan)
+    return [
+        _steps(
+            setting,
+            value,
+            sampled.columns[value.name],
+            shown=1e3,
+            unit=f"m{setting.column_unit(value)}",
+            limit=1e3 * _OF_THRUST * thrust_n * largest if value.name.startswith("F") else math.inf,
+            advice="take scales or a cell with finer steps, or let more motors turn (--motor)",
+        )
+        for value in setting.measured
+    ]
+
+
+def angle_steps(record: DeviceRecord, sampled: Sampled) -> DeviceAnswer:
+    """Judge the steps of an angle by those of a swing."""
+    setting = EncoderLines.model_validate(_stated(record))
+    (value,) = setting.measured
+    turn = setting.turn(record.counts_per_turn or math.nan)
+    return _steps(
+        setting,
+        value,
+        sampled.columns[value.name],
+        shown=360 / float(turn),
+        unit="degrees",
+        limit=_OF_SWING_DEG,
+        advice="let the device send decimals; without a pattern, see that none is lost behind a comma",
+    )
+
+
+def _stated(record: DeviceRecord) -> dict[str, Any]:
+    """Return what rig.toml stated of a device."""
+    return {"kind": "lines", "rate_hz": record.rate_hz, **(record.model_extra or {})["lines"]}
+
+
+def _steps(
+    setting: LineDevice, value: LineValue, column: Array, *, shown: float, unit: str, limit: float, advice: str
+) -> DeviceAnswer:
+    """Judge the steps of a column (n,), times `shown` in a `unit`: no smaller than the last decimal that is sent."""
+    factor = abs(setting.factor(value))
+    numbers = column / factor
+    decimal = _last_decimal(numbers)
+    between = np.diff(np.unique(np.round(numbers / decimal)))
+    changes = len(between) > 0
+    step = shown * factor * decimal * (float(between.min()) if changes else 1.0)
+    noise = shown * float(np.std(column))
+    if changes:
+        answer = f"{step:.2g} {unit}, scatter {noise:.2g}"
+    else:
+        what = "whole numbers" if decimal == 1 else "multiples"
+        answer = f"no change in {len(column)} samples, {what} of {step:.2g} {unit}"
+        advice = f"touch it while it is looked at; if it then changes by so much: {advice}"
+    within = step <= limit or (changes and noise > _RESOLVED * step)
+    state: State = "ok" if within else ("fault" if changes else "warning")
+    most = "" if math.isinf(limit) else f"{limit:.2g} {unit}"
+    return DeviceAnswer(f"steps of {value.name}", state, answer, "" if within else advice, most)
+
+
+def _last_decimal(numbers: Array) -> float:
+    """Return the place of the last decimal that any of the numbers (n,) has, 1 where all are whole."""
+    size = max(1.0, float(np.abs(numbers).max()))
+    for decimals in range(_MOST_DECIMALS):
+        if np.all(np.abs(numbers - np.round(numbers, decimals)) < 1e-9 * size):
+            return float(10.0**-decimals)
+    return float(10.0**-_MOST_DECIMALS)
