@@ -447,8 +447,8 @@ def test_a_wrong_number_far_off_does_not_make_folded_counts_look_unfolded(tmp_pa
     values[1500] = 15 * 8192 + 4096
     record = read(tmp_path, text_of(TIME_S, values), counts_per_turn=8192.0)
     assert "1 reading of 2000 off alone left out (first: line 1502)" in record.notes[0]
-    others = np.delete(np.arange(2000), 1500)
-    assert np.abs(np.exp(1j * record.angle_rad) - np.exp(1j * ANGLE_RAD))[others].max() < TURN / 8192 + 1e-9
+    others = np.delete(ANGLE_RAD, 1500)
+    assert np.abs(np.exp(1j * record.angle_rad) - np.exp(1j * others)).max() < TURN / 8192 + 1e-9
 
 
 @pytest.mark.parametrize("text", ["0", "-1", "nan", "inf", "many", ""])
