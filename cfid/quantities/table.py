@@ -53,7 +53,7 @@ def _given(section: str, given_by: str, *rows: Quantity) -> tuple[Quantity, ...]
 _SWING = _given(
     "swing", "`cfid fit swing`",
     Quantity("swing.natural_frequency_squared_s2", "1/s^2", "W", "natural frequency squared, m g r / I",
-             plausible=Range(20, 3000, "pendulums of 0.7 to 9 Hz")),
+             plausible=Range(1, 3000, "pendulums of 0.7 to 9 Hz; two threads choose their own, 0.2 Hz and more")),
     Quantity("swing.axis_inertia_kg_m2", "kg m^2", "I_a", "inertia about the mounting axis", plausible=_INERTIA),
     Quantity("swing.viscous_nms_per_rad", "N m s/rad", "c", "damping proportional to speed", plausible=_VISCOUS),
     Quantity("swing.coulomb_nm", "N m", "M_c", "dry friction", plausible=_COULOMB),

@@ -37,6 +37,17 @@ def test_a_value_of_another_unit_is_refused_with_a_guess(key: str, value: object
     assert implausible(key, value).startswith(f"{key} is implausible")
 
 
+@pytest.mark.parametrize(
+    ("apart_m", "long_m", "inertia_kg_m2"), [(0.092, 1.0, 3.2e-5), (0.065, 0.4, 3.7e-5), (0.04, 1.5, 3e-5)]
+)
+def test_a_vehicle_may_hang_on_long_threads_that_are_close(apart_m: float, long_m: float, inertia_kg_m2: float) -> None:
+    frequency = 0.028 * 9.81 * apart_m**2 / (4 * long_m * inertia_kg_m2)
+
+    assert frequency < 20
+    assert implausible("swing.natural_frequency_squared_s2", frequency) == ""
+    assert implausible("swing.natural_frequency_squared_s2", 1e-4 * frequency) != ""
+
+
 def test_vehicles_that_are_flown_pass() -> None:
     flown = {
         "mass_kg": (0.027, 0.028, 0.0393, 0.8),
