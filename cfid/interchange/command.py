@@ -23,7 +23,7 @@ def import_file(
     loadcell: LoadCellOptions,
     clock: LogClock = None,
     kind: Annotated[
-        Literal["angle", "wrench", "flight"] | None,
+        Literal["angle", "wrench", "flight", "stand"] | None,
         typer.Option(help="What it is; default: as its columns show."),
     ] = None,
     campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
@@ -43,6 +43,8 @@ def import_file(
         made = importing.import_angle(into, file, reading.reading(), label=kept, kind=label.kind_of_angles)
     elif found == "wrench":
         made = importing.import_wrench(into, file, loadcell.reading(reading), label=kept)
+    elif found == "stand":
+        made = importing.import_stand(into, file, reading.reading(), label=kept)
     else:
         hung = label.kind_of_angles
         made = importing.import_flight(

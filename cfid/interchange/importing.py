@@ -17,7 +17,7 @@ from cfid.errors import ConfigError, DataError
 from cfid.large import parts, usual_step
 from cfid.records.campaign import Campaign
 from cfid.records.logs.any_kind import read_log
-from cfid.records.logs.kinds import Kind, is_flown, kind_at
+from cfid.records.logs.kinds import Kind, has_times, is_flown, kind_at
 from cfid.records.logs.log import Array, Series
 from cfid.records.parameters import Source
 from cfid.records.run import DeviceRecord, Label, Origin, Run
@@ -25,6 +25,7 @@ from cfid.records.run_writer import create_run
 from cfid.records.tables.angle import ENCODER, Reading, read_angle
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import Foreign
+from cfid.records.tables.stand import STAND
 from cfid.records.tables.vehicle import COMMANDS, VEHICLE_LOG
 from cfid.records.tables.wrench import AXES, LOADCELL, WrenchReading, read_wrench
 from cfid.units import MOTORS
@@ -34,6 +35,7 @@ Mask = npt.NDArray[np.bool_]
 _UNIX_S = (1e9, 4e9)  # seconds since the epoch, from 2001 to 2096
 _COMMAND_NAMES = tuple(tuple(f"{name}{motor}" for motor in MOTORS) for name in ("motor.m", "pwm.m"))
 _OF_AN_ANGLE = 2  # columns: time and angle
+_NO_COMMA = re.compile(r'[,;"\n]+')
 _NO_COLUMN = re.compile(r'[\s,;"]+')
 
 
@@ -67,10 +69,10 @@ def kind_of(path: Path, reading: Foreign) -> Kind:
     Raises ConfigError where its columns do not show it, DataError where it cannot be read.
     """
     kind = kind_at(path, reading)
-    if kind == "stand":
+    if kind == "stand" and not (has_times(path, reading) or reading.rate_hz):
         raise ConfigError(
-            f"{path}: a table of a thrust stand, which is not imported: `cfid fit thrust`, `cfid fit speed` and `cfid "
-            "fit torque` read it as it is."
+            f"{path}: a thrust stand's settled points, which are no recording over time: `cfid fit thrust`, `cfid fit "
+            "speed` and `cfid fit torque` read them as they are."
         )
     if kind is None:
         raise ConfigError(
@@ -125,6 +127,30 @@ def import_wrench(campaign: Campaign, path: Path, reading: WrenchReading, *, lab
         notes=found.notes,
     )
     return _imported(campaign, devices, kind="loadcell", label=label, path=path)
+
+
+def import_stand(campaign: Campaign, path: Path, reading: Foreign, *, label: Label) -> Imported:
+    """Import a thrust stand's recording: its columns by their own names, which fits read as those of the file.
+
+    Raises DataError and ConfigError as `read_log`.
+    """
+    log = read_log(path, reading)
+    (series,) = log.series
+    columns = ("t", *(_NO_COMMA.sub(" ", name).strip() for name in series.names))
+    if len(set(columns)) < len(columns):
+        raise DataError(f"{path}: two columns have one name: rename one.")
+    devices = _Devices(
+        records={STAND: DeviceRecord(file=f"{STAND}.csv", columns=columns)},
+        blocks={STAND: series.blocks()},
+        begin_s=float(next(series.blocks())[0, 0]),
+        understood=log.understood,
+        source=log.source,
+        program="thrust stand",
+        clock=log.clock,
+        assumed=log.assumed,
+        notes=log.notes,
+    )
+    return _imported(campaign, devices, kind=STAND, label=label, path=path)
 
 
 def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: Label, kind: str = "flight") -> Imported:

@@ -1,9 +1,12 @@
 """A table with times is a recording: reduced step by step, or refused; a spoilt part does not spoil the rest."""
 
+import hashlib
+import json
 import math
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,6 +18,7 @@ from cfid.errors import FitError
 from cfid.motors.maps import fit_thrust
 from cfid.motors.steps import fit as fit_dynamics
 from cfid.records.result import Result
+from cfid.records.run import read_run
 from cfid.records.tables.stand import read_stand_table
 from tests.campaigns import Cfid
 
@@ -221,10 +225,30 @@ def test_a_stand_of_a_larger_motor_gives_its_map_where_no_rig_states_a_smaller_v
     assert "implausible" in within.stderr
 
 
-def test_a_stands_table_is_not_imported_and_the_command_that_reads_it_is_named(cfid: Cfid, tmp_path: Path) -> None:
-    table = write(tmp_path, sweep())
+def test_an_imported_stand_gives_what_its_file_gives_to_the_last_bit(cfid: Cfid, tmp_path: Path) -> None:
+    table, lab = write(tmp_path, sweep()), tmp_path / "lab"
+    assert cfid("new", lab).returncode == 0
+    assert cfid("import", table, "--campaign", lab).returncode == 0
+    (run,) = (lab / "runs").iterdir()
+    header = tomllib.loads((run / "run.toml").read_text())
+    assert header["kind"] == "stand"
+    assert header["origin"]["sha256"] == hashlib.sha256(table.read_bytes()).hexdigest()
+
+    for fit in ("thrust", "speed", "dynamics"):
+        of_run, of_file = (
+            json.loads(cfid("fit", fit, one, "--json", "--campaign", lab, "--no-figures").stdout)
+            for one in (run, table)
+        )
+        assert of_run["parameters"] == of_file["parameters"]
+        assert [Path(source["path"]).name for source in of_run["sources"]] == ["stand.csv"]
+    assert fit_thrust(read_run(run)).quantities == fit_thrust(run).quantities == fit_thrust(table).quantities
+
+
+def test_settled_points_of_a_stand_are_no_recording_and_the_commands_that_read_them_are_named(
+    cfid: Cfid, tmp_path: Path
+) -> None:
+    (tmp_path / "points.csv").write_text("cmd,thrust_n\n10000,0.01\n30000,0.05\n60000,0.15\n")
     assert cfid("new", tmp_path / "lab").returncode == 0
-    said = cfid("import", table, "--campaign", tmp_path / "lab")
+    said = cfid("import", tmp_path / "points.csv", "--campaign", tmp_path / "lab")
     assert said.returncode == 2
-    assert "a table of a thrust stand, which is not imported" in " ".join(said.stderr.split())
-    assert "--kind" not in said.stderr
+    assert "settled points, which are no recording over time: `cfid fit thrust`" in " ".join(said.stderr.split())

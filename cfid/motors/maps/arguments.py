@@ -14,7 +14,7 @@ from cfid.motors.maps.table_data import of_table
 from cfid.motors.vibration.data import Rotors
 from cfid.records.run import refuse_contradiction, run_holding
 from cfid.records.tables.schema import refuse_for_run
-from cfid.records.tables.stand import read_stand_as
+from cfid.records.tables.stand import read_stand_as, stand_file
 from cfid.records.tables.times import run_at
 from cfid.records.tables.wrench import holds_wrench
 from cfid.units import FULL_COMMAND
@@ -63,7 +63,9 @@ def read_evidence(
             parts.append(of_file(at, Path(file), here, scale.reading(reading), method=method, rotors=rotors))
         else:
             path = find_recording(word, workplace)
-            if (run := run_at(path)) is not None:
+            if (imported := stand_file(path)) is not None:
+                parts.append(of_stand(imported))
+            elif (run := run_at(path)) is not None:
                 runs.append(path)
                 parts.append(of_run(run, known, scale.reading(reading), rotors=rotors))
             elif holds_wrench(path, scale.reading(reading)):

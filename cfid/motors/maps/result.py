@@ -34,7 +34,7 @@ from cfid.records.parameters import Parameter
 from cfid.records.plausibility import implausible_gravity
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.run import Run
-from cfid.records.tables.stand import StandTable, read_stand_table
+from cfid.records.tables.stand import StandTable, read_stand_table, stand_file
 from cfid.records.tables.times import run_at
 from cfid.records.tables.wrench import WrenchReading
 from cfid.units import USUAL_GRAVITY_MPS2
@@ -213,7 +213,12 @@ def evidence_of(points: Points, stand: Stand | None = None, rotors: Rotors | Non
 def _evidence(one: One, stand: Stand, rotors: Rotors | None) -> Evidence:
     if isinstance(one, Evidence):
         return one
-    read = one if isinstance(one, StandTable | Run) else run_at(Path(one)) or read_stand_table(Path(one))
+    path = None if isinstance(one, StandTable) else one.folder if isinstance(one, Run) else Path(one)
+    stand_path = None if path is None else stand_file(path)
+    if stand_path is not None:
+        read: StandTable | Run = read_stand_table(stand_path)
+    else:
+        read = one if isinstance(one, StandTable | Run) else run_at(Path(one)) or read_stand_table(Path(one))
     return (
         of_table(read, stand) if isinstance(read, StandTable) else of_run(read, stand, WrenchReading(), rotors=rotors)
     )

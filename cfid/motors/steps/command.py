@@ -56,6 +56,7 @@ def dynamics(
     from cfid.motors.steps import fit
     from cfid.motors.steps.data import of_run, of_table
     from cfid.records.run import Run
+    from cfid.records.tables.stand import stand_file
     from cfid.records.tables.times import run_at
 
     workplace = open_workplace(rig)
@@ -64,9 +65,10 @@ def dynamics(
     if len(runs or []) + (table is not None) > 1:
         raise ConfigError("several runs have several clocks: give one at a time.")
     path = table or find_recording((runs or [])[0], workplace)
-    run = None if table is not None else run_at(path)
+    stand = table or stand_file(path)
+    run = None if stand is not None else run_at(path)
     foreign = reading.foreign(clock)
-    found = _recorded(path, run, foreign, is_table=table is not None, esc_us=pulses_us(esc_us))
+    found = _recorded(stand or path, run, foreign, is_table=stand is not None, esc_us=pulses_us(esc_us))
     if isinstance(found, RotorLog):
         log = found if rotor is None else found.only(rotor)
         result = lag.fit(log.between(cut.from_s, cut.to_s))

@@ -24,11 +24,12 @@ from cfid.records.tables.stand_names import with_named
 from cfid.records.tables.stand_times import Timing, timing_of
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.text import short
-from cfid.records.tables.times import line_notes
+from cfid.records.tables.times import line_notes, run_at
 from cfid.units import ROTORS, USUAL_GRAVITY_MPS2
 
 Speeds = Literal["motor", "series", "rotors", "mean"]
 
+STAND = "stand"
 _TURNING_RAD_S = 100.0  # faster than any rotor that stands, slower than any that flies
 _LEAST_THRUST = 0.05  # of the largest: there a rotor turns
 _DRIVEN_THRUST = 0.01  # of the largest, above what the load cell shows at rest: there a rotor that is driven turns
@@ -128,6 +129,12 @@ def read_stand_table(
             *(one.at(path.name) for one in _larger_motor(found, thrust)),
         ),
     )
+
+
+def stand_file(path: Path) -> Path | None:
+    """Return the table in the run folder of a thrust stand's recording that was imported, None for anything else."""
+    run = run_at(path)
+    return run.device_file(STAND) if run is not None and STAND in run.header.devices else None
 
 
 def read_stand_as(
