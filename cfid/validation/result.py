@@ -10,6 +10,7 @@ from scipy.stats import t as student
 
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
+from cfid.findings import Finding, warning
 from cfid.flight.data import FlownLog
 from cfid.flight.findings import contradictions
 from cfid.flight.model import LEVER, ROW_S
@@ -20,6 +21,7 @@ from cfid.validation.rollout import HORIZONS, QUANTITIES, UNITS, ParameterSet, R
 
 Array = npt.NDArray[np.float64]
 
+_TELLING_ROWS = 10  # 0.1 s, where moments and lag show: later, rates add up what no set contains
 FEWEST = 8  # segments: fewer give no interval
 
 
@@ -61,7 +63,7 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Me
         command="validate",
         method="default",
         quantities={},
-        findings=(*flown.findings, *contradictions(flown)),
+        findings=(*flown.findings, *contradictions(flown), *_unpredicted(table, flown, at)),
         merits={
             "segments": len(at),
             "sets": {one.name: one.origin for one in sets},
@@ -108,6 +110,21 @@ def _check(flown: FlownLog, sets: Sequence[ParameterSet], used: Sequence[Measure
             raise DataError(
                 f"{flown.log.path}: parameters of {one.name} were fitted to this flight: validate with another flight."
             )
+
+
+def _unpredicted(table: Sequence[SetError], flown: FlownLog, at: Rows) -> list[Finding]:
+    """Warn of a flight whose rates no set predicts better than who predicts no change: other causes turned it."""
+    place = HORIZONS.index(_TELLING_ROWS)
+    of_rates = [one for one in table if one.quantity == "rates" and one.horizon_s == ROW_S * _TELLING_ROWS]
+    best, still = min(of_rates, key=lambda one: one.error), float(unchanged(flown.flight, at)[place])
+    if best.error <= still:
+        return []
+    text = (
+        f"rates after {best.horizon_s:g} s: who predicts that they stay errs by {still:.2g} rad/s, every set by "
+        f"{best.error:.3g} and more. Differences in rates and attitude show nothing of moments here, also where they "
+        "are significant: compare velocities, and fly quick tilts without climbing to compare moments."
+    )
+    return [warning("validation-rates-unpredicted", text).at(flown.flight.name)]
 
 
 def _described(one: ParameterSet) -> str:

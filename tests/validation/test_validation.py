@@ -256,9 +256,21 @@ def test_a_campaign_fitted_to_one_flight_is_validated_by_another(cfid: Cfid, tmp
     print(found.stdout, found.stderr)
     assert found.returncode == 0, found.stderr
     assert "campaign (flight): 27 g, lever 32.53 mm" in found.stdout
+    # A flight of climbs: what else turned it is more than its rates changed.
+    assert "who predicts that they stay errs by 0.72 rad/s, every set by 1.51 and more" in found.stderr
     again = cfid("validate", log15, *words, folder=campaign)
     assert again.returncode == 4
     assert "validate with another flight" in again.stderr
+
+
+def test_a_flight_that_shows_moments_has_no_warning_of_rates(flown: tuple[ParameterSet, FlownLog]) -> None:
+    true, flight = flown
+    heavier = replace(true, name="heavier", moments_kg_m2=(2e-5, 2e-5, 3e-5))
+    found = validate(flight, [true, heavier], used=())
+    assert "validation-rates-unpredicted" not in [one.code for one in found.findings]
+    turning = replace(flight.by_command, rates=0.02 * flight.by_command.rates)  # as if something held it
+    held = validate(replace(flight, flight=turning, by_command=turning), [true, heavier], used=())
+    assert "validation-rates-unpredicted" in [one.code for one in held.findings]
 
 
 def test_a_log_whose_axes_or_motors_are_others_is_named(flown: tuple[ParameterSet, FlownLog]) -> None:
