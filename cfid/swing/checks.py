@@ -22,6 +22,7 @@ Array = npt.NDArray[np.float64]
 MISFIT_LIMIT = 0.02
 DISTORTION_LIMIT = 0.0015
 DRIFT_LIMIT = 0.01
+_UNUSUAL_STD = 4.0  # of what data sheets state for the scale of a gyro
 SPRING_LIMIT = 0.03  # of gravity's stiffness
 _UNCERTAIN_LIMIT = 0.1  # of W: a pendulum that follows noise as well
 
@@ -233,6 +234,18 @@ def varying_finding(varying: FrictionProbe | None) -> tuple[Finding, ...]:
         "bearing (on threads, see that nothing rubs), or end the window at a higher peak."
     )
     return (warning("swing-friction-varies", text, "swing.*"),)
+
+
+def gyro_scale_finding(error: float, usual_std: float) -> tuple[Finding, ...]:
+    """Warn of a gyro whose scale is off by more than any sound one's, `usual_std` of it."""
+    if abs(error) <= _UNUSUAL_STD * usual_std:
+        return ()
+    text = (
+        f"the gyro's scale is {_percent(error)} off, by how the period depends on the angle (usual: "
+        f"{_percent(usual_std)}, limit {_percent(_UNUSUAL_STD * usual_std)}): another range or unit than the log "
+        "states, or no pendulum. Compare with a swing from another angle."
+    )
+    return (warning("swing-gyro-scale", text, "swing.*"),)
 
 
 def split_finding(terms: tuple[str, ...], split_bic: float) -> tuple[Finding, ...]:

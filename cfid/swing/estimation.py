@@ -18,6 +18,7 @@ from cfid.swing.checks import (
     FitQuality,
     eccentricity_finding,
     eccentricity_or_noise_finding,
+    gyro_scale_finding,
     hand_finding,
     judge,
     split_finding,
@@ -120,6 +121,7 @@ def fit_swing(swing: FreeSwing) -> SwingFit:
         setup=swing.setup,
     )  # fmt: skip
     full = _refit(base, time, swing.readings_rad, TERMS)
+    usual_std = swing.rate_scale_std
     swing, scale, base, full = _scaled(swing, base, full)
     reading = swing.readings_rad
     promising = [terms for terms in _SUBSETS if not _hopeless(full, terms)]
@@ -138,7 +140,7 @@ def fit_swing(swing: FreeSwing) -> SwingFit:
         if any(_sprung(swing, fit, rounds=1) for fit in (*likeliest, *sound)):
             physical += [one for fit in physical for one in _sprung(swing, fit)]
     choice = chosen(swing, physical)
-    return _judged(swing, choice, _unfinished(choice.ranked[0][1], candidates), scale)
+    return _judged(swing, choice, _unfinished(choice.ranked[0][1], candidates), scale, usual_std)
 
 
 def _scaled(
@@ -234,6 +236,7 @@ def _judged(
     choice: Choice,
     unfinished: OutputError | None,
     scale: float,
+    usual_std: float,
 ) -> SwingFit:
     ranked, with_spring, with_eccentricity = choice
     fit = ranked[0][1]
@@ -305,5 +308,6 @@ def _judged(
             *spring_or_friction_finding(open_spring / frequency, shares.get("spring or friction", 0.0) / frequency),
             *unfinished_finding(unfinished, shares),
             *varying_finding(varying),
+            *gyro_scale_finding(scale, usual_std),
         ),
     )

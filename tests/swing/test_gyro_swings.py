@@ -124,6 +124,16 @@ def test_a_large_swing_shows_the_scale_of_the_gyro_and_a_small_one_leaves_what_i
     assert small.gyro_scale_std > 1e-3
 
 
+@pytest.mark.parametrize(("scale", "named"), [(0.02, False), (0.2, True), (-0.08, True)])
+def test_a_gyro_whose_scale_no_sound_one_has_is_named(scale: float, *, named: bool) -> None:
+    motion, truth = swung(50, 1, seed=4)
+    gyro = ImuTruth(gyro_scale=(scale, 0.0, 0.0))
+    found = fit_swing(gyro_swing(*gyro_of(motion, 0, rate_hz=100, truth=gyro, rng=np.random.default_rng(1))))
+
+    assert [one.severity for one in found.findings if one.code == "swing-gyro-scale"] == ["warning"] * named
+    assert np.abs(relative([found], truth)[0]).max() < 5e-4
+
+
 def test_the_axis_is_the_direction_of_what_changes_and_no_bias_turns_it() -> None:
     axis = np.array([1.0, 2.0, -0.5]) / np.sqrt(5.25)
     truth = ImuTruth(gyro_bias_dps=(30.0, -20.0, 10.0))
