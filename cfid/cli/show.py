@@ -53,7 +53,7 @@ def _outcome(views: "Sequence[View]", faults: tuple[str, ...], *, draws: bool) -
     from cfid.findings import warning
 
     def drawings() -> "dict[str, Figure]":
-        return {view.figure_name: view.draw() for view in views}
+        return {view.figure_name: view.draw() for view in views if view.drawn}
 
     notes = [*_verdict(views[0].path), *(note for view in views for note in view.notes)]
     return Result(

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from cfid.records.logs.log import Array, FlightLog, Series
     from cfid.records.tables.schema import Foreign
 
+_MOST_FIGURES = 8  # of a log with a series for every topic; a hundred would take minutes
 _DRAWN_ROWS = 20_000  # more than a page has dots from left to right
 
 
@@ -24,8 +25,23 @@ def log_views(path: Path, reading: "Foreign") -> list[View]:
 
     log = read_log(path, reading)
     stated = tuple(f"assumed: {text}." for text in log.assumed)
-    views = [_view(log, series) for series in log.series]
-    return [replace(views[0], lines=(log.understood,), notes=(*log.notes, *stated)), *views[1:]]
+    drawn = _to_draw(log)
+    views = [replace(_view(log, series), drawn=series in drawn) for series in log.series]
+    notes = (*log.notes, *stated)
+    if len(drawn) < len(views):
+        names = ", ".join(series.name for series in drawn)
+        notes += (
+            f"figures of {len(drawn)} of {len(views)} series, those of known units with most rows: {names}. --json has "
+            "the ranges of all, `cfid convert` their numbers.",
+        )
+    return [replace(views[0], lines=(log.understood,), notes=notes), *views[1:]]
+
+
+def _to_draw(log: "FlightLog") -> "list[Series]":
+    """Return the series that get a figure: those that have channels of known units first, those of most rows."""
+    return sorted(log.series, key=lambda one: (not any(channel.own_unit for channel in one.channels), -one.rows))[
+        :_MOST_FIGURES
+    ]
 
 
 def stand_view(path: Path, reading: "Foreign", esc_us: tuple[float, float] | None) -> View:

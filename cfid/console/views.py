@@ -37,7 +37,10 @@ class Curve(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """One device's recording, ready to show; `lines` state how a file of another program was read."""
+    """One device's recording, ready to show; `lines` state how a file of another program was read.
+
+    `drawn` is false for one of so many that it gets no figure.
+    """
 
     device: str
     name: str
@@ -49,6 +52,7 @@ class View:
     notes: tuple[str, ...] = ()
     lines: tuple[str, ...] = ()
     figure: str = ""
+    drawn: bool = True
 
     @property
     def figure_name(self) -> str:

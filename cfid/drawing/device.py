@@ -16,6 +16,7 @@ _PANEL_IN = 1.9
 _MOST_PANELS = 8
 _HELD = re.compile(r"m[1-4]")  # a command holds until the next
 _COUNTERS = ("vehicle_us", "vehicle_ms", "report", "sample")  # straight lines, of use to programs only
+_WIDE = 40  # characters of names for which a title and a legend have place beside each other
 _FEW = 400  # rows, up to which each is marked
 
 
@@ -25,22 +26,37 @@ def device_figure(
 ) -> Figure:
     """Return a panel for each group of columns (n,) that differ by a number only, over times (n,) in seconds.
 
-    `along` names the axis where they are not times.
+    `along` names the axis where they are not times. A group of more columns than colours shows the first of them.
     """
     panels = groups(list(columns))[:_MOST_PANELS]
     page, grid = figure(len(panels), 1, heights_in=[_PANEL_IN] * len(panels), title=title, notes=notes)
     since_s = time_s - time_s[0]
     for row, names in enumerate(panels):
         axes = page.add_subplot(grid[row, 0])
-        for colour, name in zip(SERIES, names, strict=False):
+        drawn = names[: len(SERIES)]
+        for colour, name, label in zip(SERIES, drawn, _labels(drawn), strict=False):
             how: dict[str, Any] = {"drawstyle": "steps-post"} if _HELD.fullmatch(name) else {}
             mark = "." if len(since_s) < _FEW and not how else ""
-            draw_line(axes, since_s, columns[name], color=colour, label=name, marker=mark, **how)
-        name_panel(axes, ", ".join(names), x=along if row == len(panels) - 1 else "", y="")
+            draw_line(axes, since_s, columns[name], color=colour, label=label, marker=mark, **how)
+        name_panel(axes, _title(drawn, len(names)), x=along if row == len(panels) - 1 else "", y="")
         if len(names) > 1:
             legend(axes)
     page.align_ylabels()
     return page
+
+
+def _title(drawn: Sequence[str], count: int) -> str:
+    """Return the title of a panel that draws some of `count` columns."""
+    whole = ", ".join(drawn)
+    title = whole if len(whole) <= _WIDE else f"{drawn[0]} to {_labels(drawn)[-1]}"
+    return title if len(drawn) == count else f"{title}, of {count}"
+
+
+def _labels(drawn: Sequence[str]) -> list[str]:
+    """Return the labels of columns: their names, or where these are long what they differ by, their numbers."""
+    if len(drawn) < 2 or len(", ".join(drawn)) <= _WIDE:
+        return list(drawn)
+    return [" ".join(re.findall(r"\d+", name)) or name for name in drawn]
 
 
 def groups(names: Sequence[str]) -> list[list[str]]:

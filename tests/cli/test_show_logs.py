@@ -41,6 +41,22 @@ def test_every_series_of_a_log_has_a_view(cfid: Cfid, tmp_path: Path) -> None:
     assert numbers["recording.estPosition.range.count"]["value"] == [0, 19]
 
 
+def test_of_many_series_those_of_known_units_and_most_rows_are_drawn_and_the_rest_is_named(
+    cfid: Cfid, tmp_path: Path
+) -> None:
+    events = [FIXED, *((number, f"topic{number}", ("a(f)",)) for number in range(20))]
+    topics = [(number, 5_000_000 + 10_000 * at, (at,)) for number in range(20) for at in range(10 + number)]
+    path = written(tmp_path, bytes_of(events, [*rows(100), *topics]))
+    shown = cfid("show", path)
+    assert len(list(tmp_path.glob("*.png"))) == 8
+    assert (tmp_path / "LOG00_fixedFrequency_recording.png").is_file()
+    said = " ".join(shown.stderr.split())
+    assert "figures of 8 of 21 series, those of known units with most rows: fixedFrequency, topic19, topic18" in said
+    assert "`cfid convert`" in said
+    numbers = json.loads(cfid("show", path, "--json").stdout)["parameters"]
+    assert numbers["recording.topic3.samples"]["value"] == 13
+
+
 def test_a_log_as_a_table_and_a_matlab_file_are_recognised(cfid: Cfid, tmp_path: Path) -> None:
     client = tmp_path / "client.csv"
     client.write_text("Timestamp,pm.vbat\n" + "".join(f"{10 * at},{4 - at / 100}\n" for at in range(50)))
