@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +25,16 @@ _SEARCH_S = 0.5
 _LATE_S = 0.3  # after a gap, in which lines still come that the computer kept
 _PROMPT, _CHUNK_S = 2, 0.02  # lines at the end of a gap that are no burst; a USB adapter passes them on in chunks
 _UNLIKE, _TELLING_S = 0.01, 2.0  # of the time by this computer; as long as shows a clock's rate
+_WRAP = 1 << 32  # of a device's clock
 _OFF, _FEWEST = 0.1, 20  # of the rate that rig.toml states; lines that show a rate
+
+
+class _Latest(NamedTuple):
+    """When a line came by this computer's clock, what the device's own showed, how many lines had not matched."""
+
+    received_s: float
+    ticks: int
+    rejected: int
 
 
 class Lines:
@@ -62,6 +71,8 @@ class Lines:
         self._owed = 0  # lines that the last gap should have had, until those that come late are known
         self._late = 0  # lines since the end of that gap
         self._paid_s: float | None = None  # when that gap ended
+        self._latest: _Latest | None = None  # line
+        self._before: _Latest | None = None  # that gap
         self._stalls = Stalls(loop)
         self._sending_s = 0.0  # without gaps
         self._first: tuple[float, int] | None = None  # by this computer's clock, and the device's, in microseconds
@@ -83,6 +94,9 @@ class Lines:
         elif self._begun and self._paid_s is None:  # lines that come late show no rate
             self._sent, self._sending_s = self._sent + len(readings), self._sending_s + now_s - self._received_s
         self._begun, self._received_s = True, now_s
+        if (stamp := self._device.stamp) is not None:
+            ticks = int(readings[-1][self._device.in_order().index(stamp)])
+            self._latest = _Latest(now_s, ticks, self._reader.rejected)
         if self._paid_s is not None and not self._is_timely(len(readings), now_s - self._paid_s):
             return
         self._times += [now_s] * len(readings)
@@ -170,7 +184,7 @@ class Lines:
         begin_s, to_s = self._clock.unix_s(np.array([self._received_s, end_s])).tolist()
         self._gaps.append({"from_s": begin_s, "to_s": to_s, "reason": STOOD if stood else reason})
         self._owed, self._paid_s = max(round((end_s - self._received_s) * self._device.rate_hz), 0), end_s
-        self._late = 0
+        self._late, self._before = 0, self._latest
 
     def _is_timely(self, lines: int, since_s: float) -> bool:
         """Return whether lines after a gap are kept: of a burst, only a device's own clock tells when each was sent."""
@@ -184,11 +198,27 @@ class Lines:
         """Count what the last gap lost, once no line of it comes any more: so long after its end."""
         if self._paid_s is None or self._loop.seconds() - self._paid_s < after_s:
             return
-        since_s = max(
-            self._received_s - self._paid_s, 0.0
-        )  # up to the last line, of which none came after a silent end
-        self._missing += max(self._owed + math.floor(since_s * self._device.rate_hz), 0)
+        by_device = self._skipped_by_device()
+        # Up to the last line, of which none came after a silent end.
+        since_s = max(self._received_s - self._paid_s, 0.0)
+        by_arrival = self._owed + math.floor(since_s * self._device.rate_hz)
+        self._missing += max(by_arrival if by_device is None else by_device, 0)
         self._paid_s = None
+
+    def _skipped_by_device(self) -> int | None:
+        """Return how many lines are missing since before the last gap by the device's own clock.
+
+        Returns None where it tells nothing: the device sends none, no line came since, or it went otherwise than this
+        computer's, as that of a board that was restarted.
+        """
+        stamp, before, latest = self._device.stamp, self._before, self._latest
+        if stamp is None or before is None or latest is None or not self._late:
+            return None
+        gone_s = 1e-6 * self._device.factor(stamp) * ((latest.ticks - before.ticks) % _WRAP)
+        here_s = latest.received_s - before.received_s
+        if abs(gone_s - here_s) > _LATE_S + _UNLIKE * here_s:
+            return None
+        return round(gone_s * self._device.rate_hz) - self._late - (latest.rejected - before.rejected)
 
     def _say_rate(self) -> None:
         """Say when the device sends at another rate than rig.toml states: losses in gaps are counted by that."""

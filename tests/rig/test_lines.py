@@ -6,7 +6,7 @@ import re
 import threading
 import time
 import tty
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -162,6 +162,35 @@ def test_lines_that_the_computer_kept_while_the_recorder_stood_are_not_lost(sess
     assert gap["reason"].startswith("cfid itself was suspended")
     assert run.header.devices["loadcell"].lost == pytest.approx(overflown, abs=2)
     assert len(rows_of(run, "loadcell")) == pytest.approx(6 * 80 - overflown, abs=3)
+
+
+@pytest.mark.parametrize(("damaged", "lost"), [((), 0), ((150, 151, 152), 3), (range(100, 140), 40)])
+def test_lines_in_bursts_are_lost_only_where_the_devices_clock_skips_some(
+    session: Session, damaged: Sequence[int], lost: int
+) -> None:
+    instrument, cable = cell(session)
+    kept, next_s = b"", 0.31
+
+    def step(now_s: float) -> None:
+        nonlocal kept, next_s
+        send(now_s)
+        if now_s >= next_s:
+            cable.send(kept)
+            kept, next_s = b"", next_s + 0.31
+
+    def keep(count: int) -> bytes:
+        nonlocal kept
+        kept += b"" if count in damaged else line(count)
+        return b""
+
+    send = sending(cable, keep)
+    run, failure = session.record(instrument, for_s=5, also=step)
+    rows = rows_of(run, "loadcell")
+
+    assert failure is None
+    assert facts(run)["gaps"]
+    assert np.sum(np.diff(rows["device_us"]) / 12500 - 1) == lost
+    assert run.header.devices["loadcell"].lost == lost
 
 
 def test_lines_of_a_burst_count_as_lost_where_nothing_tells_when_each_was_sent(session: Session) -> None:
