@@ -173,7 +173,8 @@ def _check_motion(angle: Array) -> None:
     if np.ptp(angle) < SMALLEST_PEAK_RAD:
         raise DataError(
             f"the angle moves by {math.degrees(np.ptp(angle)):.2g} degrees in all: no swing. "
-            "Check the angle's unit and the counts per turn."
+            "Let it go from 20 degrees or more; if it swung, check the unit of the angle or of the gyro, and an "
+            "encoder's counts per turn."
         )
     farthest = float(np.max(np.abs(angle)))
     if farthest > math.pi:

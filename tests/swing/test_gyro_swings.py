@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from cfid.errors import DataError
 from cfid.records.tables.gyro import about_one_axis, integrated
 from cfid.sim.imu import ImuTruth
 from cfid.sim.plants import Motion, Pendulum, swing
@@ -122,6 +123,12 @@ def test_a_large_swing_shows_the_scale_of_the_gyro_and_a_small_one_leaves_what_i
     assert large.gyro_scale_error == pytest.approx(0.02, abs=1e-3)
     assert large.gyro_scale_std < 5e-4
     assert small.gyro_scale_std > 1e-3
+
+
+def test_a_body_at_rest_is_to_be_let_go() -> None:
+    time_s = np.arange(600) / 100
+    with pytest.raises(DataError, match="Let it go from 20 degrees or more; if it swung, check the unit"):
+        find_swing(time_s, np.random.default_rng(1).normal(0, 1e-4, len(time_s)))
 
 
 @pytest.mark.parametrize(("scale", "named"), [(0.02, False), (0.2, True), (-0.08, True)])
