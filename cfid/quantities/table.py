@@ -251,8 +251,8 @@ _FLIGHTS = _given(
              "delay", plausible=_LAG),
     *(Quantity(f"flight.inertia_kg_m2.{axis}", "kg m^2", f"I_{axis}", f"moment of inertia about {axis} in flight",
                plausible=_INERTIA) for axis in ("roll", "pitch", "yaw")),
-    *(Quantity(f"flight.drag_over_mass_per_s.{axis}", "1/s", "k/m", f"how air brakes along {axis}: drag over mass and "
-               "velocity", plausible=_BRAKED) for axis in ("forward", "left")),
+    *(Quantity(f"flight.drag_over_mass_per_s.{axis}", "1/s", "-k/m", f"how air brakes along {axis}: minus its force "
+               "over mass and velocity", plausible=_BRAKED) for axis in ("forward", "left")),
     *(Quantity(f"flight.drag_kg_per_s.{axis}", "kg/s", "k", f"force of air along {axis} over velocity",
                plausible=Range(-1, 1e-3, "above zero air would drive the vehicle")) for axis in ("forward", "left")),
 )  # fmt: skip
