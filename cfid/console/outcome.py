@@ -25,7 +25,7 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
     """Draw, keep and print a result; rejected quantities, and those that the `rig` cannot have, only with --force.
 
     Raises RejectedError when a quantity that the command is for was rejected and --force is not set; parameters.toml is
-    then unchanged.
+    then unchanged. Raises ConfigError in the end where no figure can be written.
     """
     if delivery.take is not None:
         delivery.take(result)
@@ -36,7 +36,10 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
     if campaign is not None:
         result = _with_names(result, campaign.runs_folder)
     given = result if delivery.force else result.without_rejected()
-    drawn = _draw(given, delivery)
+    try:
+        drawn, undrawn = _draw(given, delivery), None
+    except ConfigError as error:  # a full disk costs the figures, not the numbers
+        drawn, undrawn = (), error
     kept = result.accepted or delivery.force
     if campaign is not None and given.quantities and kept:
         campaign.keep(result, figures=drawn, force=delivery.force, options=delivery.asked)
@@ -51,6 +54,8 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
         still = " parameters.toml is unchanged." if campaign is not None else ""
         reasons = joined(texts(result.findings, "rejection"))
         raise RejectedError(f"rejected: {reasons}{still} Use --force to get the numbers anyway.")
+    if undrawn is not None:
+        raise undrawn
 
 
 def _with_names(result: Result, runs_folder: Path) -> Result:

@@ -15,7 +15,10 @@ _DIGITS = 7  # of a value whose uncertainty is unknown; the thesis prints as man
 
 
 def print_parameters(parameters: Mapping[str, Parameter], *, title: str) -> None:
-    """Print value, standard uncertainty and unit of every parameter; commands print lists of rows themselves."""
+    """Print value, standard uncertainty and unit of every parameter; commands print lists of rows themselves.
+
+    Nothing is printed where there are lists of rows alone.
+    """
     table = Table(title=Text(printable(title)), title_justify="left")
     for heading in ("parameter", "value", "std", "unit"):
         table.add_column(heading, justify="right" if heading in ("value", "std") else "left", overflow="fold")
@@ -23,7 +26,8 @@ def print_parameters(parameters: Mapping[str, Parameter], *, title: str) -> None
         for one in parameter.numbers(name):
             cells = (one.name, *value_and_deviation(one.value, one.std), parameter.unit)
             table.add_row(*(Text(printable(cell)) for cell in cells))
-    Console().print(table)
+    if table.row_count:
+        Console().print(table)
 
 
 def value_and_deviation(value: Any, std: Any) -> tuple[str, str]:

@@ -60,7 +60,7 @@ def repeats(*, time_s: Array, value: Array, std: Array) -> Repeats:
     return Repeats(
         mean=float(found.values[0]),
         mean_std=max(shared, _widened(chi_squared, freedom, stated) * float(found.std[0])),
-        scatter=float(np.std(value, ddof=1)),
+        scatter=0.0 if np.ptp(value) == 0 else float(np.std(value, ddof=1)),
         chi_squared=chi_squared,
         freedom=freedom,
         probability=float(chdtrc(freedom, chi_squared)) if stated else None,

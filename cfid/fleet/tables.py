@@ -23,6 +23,9 @@ from cfid.records import lab_book
 SUFFIXES = (".csv", ".parquet", ".html")
 
 _NUMBER_WIDE, _NAME_WIDE = 29, 11  # of most numbers, and of a campaign, where the terminal is narrow
+_NUMBERS = {
+    "mean", "mean_std", "scatter", "expected_scatter", "probability", "drift_per_day", "drift_std_per_day", "std",
+}  # fmt: skip
 _MOST_NAMES = 3  # of outliers, in a cell of the terminal's table
 _PAGE = """<!doctype html>
 <html lang="en">
@@ -87,6 +90,8 @@ def write_table(path: Path, rows: Sequence[Mapping[str, Any]], *, title: str) ->
     """Write rows to a new file in the format of its suffix. Raises ConfigError."""
     texts = [{key: printable(one) if isinstance(one, str) else one for key, one in row.items()} for row in rows]
     frame = DataFrame(texts)
+    for name in _NUMBERS & {*frame.columns}:
+        frame[name] = frame[name].astype(float)  # where none is known too
     content = BytesIO()
     if path.suffix == ".csv":
         frame.to_csv(content, index=False)

@@ -93,6 +93,18 @@ def test_recordings_that_changed_or_went_are_told(cfid: Cfid, tmp_path: Path) ->
     assert "encoder.csv is missing." in ended.stderr
 
 
+def test_what_no_campaign_shows_is_empty_in_a_table_and_no_word(cfid: Cfid, tmp_path: Path) -> None:
+    folders = [campaign(tmp_path / f"c{day}", day, 0.028) for day in range(2)]
+    for suffix in ("html", "parquet", "csv"):
+        assert cfid("fleet", *folders, "--out", tmp_path / f"fleet.{suffix}").returncode == 0
+
+    assert "None" not in (tmp_path / "fleet.html").read_text()
+    frame = pd.read_parquet(tmp_path / "fleet.parquet")
+    assert frame["drift_per_day"].dtype == frame["scatter"].dtype == np.float64
+    assert frame["drift_per_day"].isna().all()
+    assert (frame["scatter"] == 0).all()  # of equal values, not the last digit of their mean
+
+
 def test_runs_that_cannot_be_read_are_counted_and_named(cfid: Cfid, tmp_path: Path) -> None:
     folder = campaign(tmp_path / "one", 0, 0.028)
     (broken := folder / "runs" / "2026-01-01_080000_swing_x").mkdir()

@@ -241,6 +241,7 @@ def test_figures_lie_where_they_are_asked_for_and_replace_only_themselves(
     refused = cfid(*words)
     assert refused.returncode == 2
     assert "--force" in refused.stderr
+    assert "swing.natural_frequency_squared_s2" in refused.stdout  # a figure less costs no number
     assert (out / "y_swing.png").read_bytes() == b"somebody's own picture"
 
 
