@@ -9,7 +9,7 @@ from cfid.quantities.values import ENTRIES, is_matrix, is_rows
 from cfid.records.parameters import Parameter, plain
 
 _CAUSES = "common_causes"
-_LEAST_PART = 0.01  # of a variance: smaller ones are not named
+_MOST_PARTS = 3  # of a variance that are named
 
 _TITLES = {
     _CAUSES: "what uncertainties come from: parts of the variance, the mean over a quantity's numbers",
@@ -79,7 +79,9 @@ def _of_causes(content: Mapping[str, Mapping[str, Any]]) -> ReportTable:
         known = [place for place, total in enumerate(totals) if total > 0]
         parts = {name: sum(one[k] / totals[k] for k in known) / len(known) for name, one in variances.items() if known}
         largest = sorted(parts.items(), key=lambda part: -part[1])
-        rows.append((key, ", ".join(f"{name} {100 * part:.0f} %" for name, part in largest if part >= _LEAST_PART)))
+        others = sum(part for _, part in largest[_MOST_PARTS:])
+        named = [*largest[:_MOST_PARTS], *([("others", others)] if others else [])]
+        rows.append((key, ", ".join(f"{name} {100 * part:.0f} %" for name, part in named if round(100 * part))))
     return ReportTable(_title(_CAUSES), ("quantity", "parts"), tuple(rows))
 
 

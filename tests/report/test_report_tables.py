@@ -6,11 +6,11 @@ from cfid.report.tables import quality_tables
 
 
 def test_parts_of_an_uncertainty_are_a_row_a_quantity_the_largest_first() -> None:
-    parts = {"fit": [1.0, None], "gain": [2.0, 3.0], "arm": [0.001, 0.0]}
+    parts = {"fit": [1.0, None], "gain": [2.0, 3.0], "arm": [0.7, 0.0], "talk": [0.5, 0.0], "yaw": [0.001, 0.0]}
     (table,) = quality_tables({"common_causes": {"motor.torque_poly": parts}})
 
     assert table.columns == ("quantity", "parts")
-    assert table.rows == (("motor.torque_poly", "gain 90 %, fit 10 %"),)
+    assert table.rows == (("motor.torque_poly", "gain 85 %, fit 9 %, arm 4 %, others 2 %"),)
 
 
 @pytest.mark.parametrize("edited", [{"a": {"fit": [1.0], "gain": [1.0, 2.0]}}, {"a": {"fit": "much"}}, {"a": 1}])
