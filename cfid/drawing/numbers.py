@@ -3,7 +3,7 @@
 import math
 
 MICRO = 1e6  # of a unit
-FIT_ALONE = "± leaves out", "instruments' scales"  # a row of numbers as a fit has them: a sheet's ± has those too
+FIT_ALONE = "± leaves out", "instruments' errors"  # a row of numbers as a fit has them: a sheet's ± has those too
 
 _ROOM = 19  # characters: six digits with their uncertainty
 

@@ -389,10 +389,10 @@ def test_thrust_over_speed_has_both_forms_and_what_they_leave(look: Look) -> Non
     assert page.overlapping() == []
 
 
-def test_uncertainties_of_a_figure_state_that_the_scales_of_instruments_are_left_out(look: Look) -> None:
+def test_uncertainties_of_a_figure_state_that_the_errors_of_instruments_are_left_out(look: Look) -> None:
     for figure in (map_figure(fit_torque(_points())), speed_thrust_figure(fit_thrust_of_speed(_points()))):
         page = look(figure)
-        assert "± leaves out instruments' scales" in _written(page)
+        assert "± leaves out instruments' errors" in _written(page)
         assert page.overlapping() == []
 
 

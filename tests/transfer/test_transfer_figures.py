@@ -64,7 +64,7 @@ def test_a_bode_page_shows_every_response_with_its_interval_the_model_and_the_th
 
 def test_responses_that_no_model_follows_are_rejected_in_red(look: Look, measured: MeasuredSeries) -> None:
     page = look(bode_figure(fit_transfer([measured], shape="first")))
-    assert "(± leaves out instruments' scales)" in " ".join(text.get_text() for text in page.texts())
+    assert "(± leaves out instruments' errors)" in " ".join(text.get_text() for text in page.texts())
 
     assert "chi-squared" in page.red()
     assert not page.overlapping()
