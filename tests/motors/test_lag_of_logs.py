@@ -125,6 +125,74 @@ def test_a_voltage_that_is_mostly_impossible_is_not_used_and_that_is_said(tmp_pa
     )
 
 
+def about(result: Result, rotor: int) -> dict[str, str]:
+    """Return the sentences on a rotor, by their codes."""
+    return {one.code: one.text for one in result.findings if one.where == (f"rotor {rotor}",)}
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Array, Array]:
+    """Commands (2, n) and speeds in rpm (2, n) of two rotors, and a folder for their logs."""
+    _, command, speed = flown(2, 11, rotors=1, noise=3.0, red=0.0)
+    return tmp_path_factory.mktemp("two"), 65535 * command[:, 0], NEXT * speed
+
+
+def fitted_two(two: tuple[Path, Array, Array], name: str, speed: Array) -> Result:
+    folder = two[0] / name
+    folder.mkdir()
+    return fit(read(logged(folder, MOTORS[:2] + SPEEDS[:2], *two[1], *speed)))
+
+
+def test_a_speed_that_stands_still_is_named_as_that(two: tuple[Path, Array, Array]) -> None:
+    speed = two[2].copy()
+    speed[1] = 14321
+    result = fitted_two(two, "still", speed)
+
+    assert seconds(result, "dynamics.rising") == pytest.approx(RISING_S, rel=0.01)
+    assert "stands still, at 1500 rad/s, while its command moves" in about(result, 2)["lag-rotor-left-out"]
+
+
+def test_a_speed_that_follows_another_command_is_named_as_that(two: tuple[Path, Array, Array]) -> None:
+    result = fitted_two(two, "swapped", two[2][::-1])
+
+    assert not result.accepted
+    for rotor, other in ((1, 2), (2, 1)):
+        assert f"follows the command of motor {other}" in about(result, rotor)["lag-other-command"]
+        assert "its command moves and a first-order lag explains only" in about(result, rotor)["lag-misfit"]
+        assert "lag-not-excited" not in about(result, rotor)
+
+
+@pytest.mark.parametrize("times", [1.6, 3.0])
+@pytest.mark.parametrize("share", [0.01, 0.15])
+def test_speeds_that_no_command_leads_to_are_left_out_and_named(
+    two: tuple[Path, Array, Array], share: float, times: float
+) -> None:
+    speed, draw = two[2].copy(), np.random.default_rng(5)
+    bad = draw.random(speed.shape[1]) < share
+    speed[0, bad] = times * speed[0].max()
+    bad_from = round((1 - share) * speed.shape[1])
+    speed[1, bad_from:] = times * speed[1].max() * draw.uniform(0.97, 1.03, speed.shape[1] - bad_from)
+    result = fitted_two(two, f"odd {share} {times}", speed)
+
+    rows = result.quantities["dynamics.time_constant_s"].value
+    assert all(row["accepted"] for row in rows)
+    for row in rows:
+        assert row["time_constant_s"] == pytest.approx(RISING_S if row["rising"] else FALLING_S, rel=0.02)
+    for rotor in (1, 2):
+        assert "lie far outside all that its commands lead to" in about(result, rotor)["lag-speeds-left-out"]
+
+
+def test_a_stretch_of_one_reading_is_left_out_and_its_time_named(two: tuple[Path, Array, Array]) -> None:
+    speed = two[2].copy()
+    speed[0, 1000:1400] = speed[0, 1000]
+    result = fitted_two(two, "stretch", speed)
+
+    assert seconds(result, "dynamics.rising") == pytest.approx(RISING_S, rel=0.01)
+    text = about(result, 1)["lag-speeds-left-out"]
+    assert "400 speeds of 2399, from 10.0 to 14.0 s, stand still for a second or longer" in text
+    assert "lag-speeds-left-out" not in about(result, 2)
+
+
 def test_a_command_that_hardly_moves_is_refused(tmp_path: Path) -> None:
     rows, draw = 1500, np.random.default_rng(3)
     commands: dict[str, Array] = {"rests": np.full(rows, 30000.0), "creeps": np.linspace(30000, 31499, rows)}

@@ -62,9 +62,9 @@ class LogPart:
         changed = np.diff(value)[on] != 0
         return bool(len(changed) and np.mean(changed) > _OWN_STEPS)
 
-    def of_speed(self, motor: int) -> list[LogSegment]:
-        """Return the segments in which one rotor runs, with its speed."""
-        return list(self._segments((motor,), self.speeds[motor]))
+    def of_speed(self, motor: int, *, by: int | None = None) -> list[LogSegment]:
+        """Return the segments in which one rotor runs, with its speed; `by` is whose command drives it."""
+        return list(self._segments((by or motor,), self.speeds[motor]))
 
     def of_thrust(self) -> list[LogSegment]:
         """Return the segments in which all rotors run, with the acceleration, which is their thrust over the mass."""

@@ -7,9 +7,9 @@ of the American Statistical Association 44, 1949). What correlation is left deci
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,7 @@ from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of, sandwich, std_of
 from cfid.findings import Finding, rejection, texts
 from cfid.motors.lag.model import InputLag, Signal
+from cfid.motors.lag.plausibility import any_far, clipped, moves, noise_of, odd, standing, without
 
 Array = npt.NDArray[np.float64]
 Kind = Literal["speed", "thrust"]
@@ -55,7 +56,8 @@ class LagFit:
     `late_s` is how uncertain the delay is beside that, since rows show commands late: rotors and parts of one log have
     it in common. `explained` is the part of the variance that the lag and a slow drift explain, averaged over a quarter
     of a time constant, `rms` what is left, `drift` the relative change from begin to end at the same drives. `time_s`,
-    `measured` and, with the drift, `shown` (n,) were compared.
+    `measured` and, with the drift, `shown` (n,) were compared; `standing_s` and `odd_s` are the times of what was left
+    out, since a sensor stood still there, and since no command leads to it.
     """
 
     kind: Kind
@@ -70,6 +72,8 @@ class LagFit:
     shown: Array
     findings: tuple[Finding, ...]
     late_s: float = 0.0
+    standing_s: Array = field(default_factory=lambda: np.zeros(0))
+    odd_s: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def std_s(self) -> InputLag:
@@ -96,8 +100,12 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
     `row_s` is the interval between two rows of the command, within which it changed before a row shows it: the delay
     is too short by any part of that. `moving` is a command that changes in most rows, whose steps these do not show.
     The map holds in the middle of the record: its level and slope may drift, as with a battery that sags.
-    Raises FitError for less than 200 samples.
+    Speeds that no rotor had are left out. Raises FitError for less than 200 samples, and for a speed that stands still.
     """
+    if kind == "speed":
+        pieces, standing_s = _moving(pieces)
+        if len(standing_s):
+            return replace(fit_lag(pieces, kind=kind, row_s=row_s, moving=moving), standing_s=standing_s)
     pieces = [found for piece in pieces if (found := _thinned(piece)) is not None]
     measured = np.concatenate([piece.measured.value for piece in pieces]) if pieces else np.zeros(0)
     if len(measured) < _FEWEST:
@@ -112,7 +120,7 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
     high = [np.inf] * 3 + [_SLOWEST_S, _SLOWEST_S, _LATEST_S]
     lengths = [len(piece.measured.value) for piece in pieces]
 
-    def fitted(begin: Array, white: Callable[[Array], Array]) -> OptimizeResult:
+    def fitted(begin: Array, white: Callable[[Array], Array], **loss: Any) -> OptimizeResult:
         return least_squares(
             lambda p: white(shown(p) - measured),
             begin,
@@ -121,9 +129,21 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
             ftol=_CLOSE,
             xtol=_CLOSE,
             max_nfev=_MOST_STEPS,
+            **loss,
         )
 
     plain = fitted(start, np.asarray)
+    missed = np.var(plain.fun) > (1 - _EXPLAINED[kind]) * np.var(measured)
+    if kind == "speed" and (missed or any_far(plain.fun)):
+        begin = _start(pieces, clipped(measured))
+        sturdy = fitted(begin, np.asarray, loss="cauchy", f_scale=max(noise_of(shown(begin) - measured), 1e-9))
+        flags = odd(measured, shown(sturdy.x), noise=noise_of(shown(sturdy.x) - measured))
+        if flags.any():
+            left = without([piece.measured for piece in pieces], flags)
+            good = [piece._replace(measured=one) for piece, one in zip(pieces, left, strict=True)]
+            time_s = np.concatenate([piece.measured.time_s for piece in pieces])[flags]
+            fit = fit_lag(good, kind=kind, row_s=row_s, moving=moving)
+            return replace(fit, odd_s=np.sort(np.concatenate([fit.odd_s, time_s])))
     drifts = _drifts(pieces, shown(plain.x))
     correlation = _correlation(_without(plain.fun, drifts), lengths)
     white = partial(_whitened, lengths=lengths, correlation=correlation)
@@ -147,7 +167,15 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
         time_s=np.concatenate([piece.measured.time_s for piece in pieces]),
         measured=measured,
         shown=measured + residual,
-        findings=_rejections(kind, lag, std_of(covariance)[3:], explained, singular=singular, unseen_s=moving * row_s),
+        findings=_rejections(
+            kind,
+            lag,
+            std_of(covariance)[3:],
+            explained,
+            singular=singular,
+            unseen_s=moving * row_s,
+            moves=any(moves(drive, piece.measured.time_s) for piece in pieces for drive in piece.drives),
+        ),
         late_s=row_s / math.sqrt(3),
     )
 
@@ -175,6 +203,8 @@ def joined(fits: Sequence[LagFit]) -> LagFit:
         rms=float(np.sqrt(np.mean([fit.rms**2 for fit in accepted]))),
         drift=max((fit.drift for fit in accepted), key=abs),
         late_s=max(fit.late_s for fit in accepted),
+        standing_s=np.concatenate([fit.standing_s for fit in fits]),
+        odd_s=np.concatenate([fit.odd_s for fit in fits]),
     )
 
 
@@ -217,6 +247,23 @@ def _thinned(piece: LogSegment) -> LogSegment | None:
     length = max(int(_FINEST_S / np.median(np.diff(time_s))), 1)
     measured = Signal(block_means(time_s, length=length), block_means(value, length=length))
     return piece._replace(measured=measured, drives=tuple(map(_changes, piece.drives)))
+
+
+def _moving(pieces: Sequence[LogSegment]) -> tuple[list[LogSegment], Array]:
+    """Return pieces without the speeds of a sensor that stood still while its command moved, and the times of these.
+
+    Raises FitError where that is most of them.
+    """
+    found = [standing(piece.drives[0], piece.measured) for piece in pieces]
+    each = [(piece, flags, np.isfinite(piece.measured.value)) for piece, flags in zip(pieces, found, strict=True)]
+    still = np.concatenate([piece.measured.value[flags] for piece, flags, _ in each]) if each else np.zeros(0)
+    if len(still) > sum(np.count_nonzero(known & ~flags) for _, flags, known in each):
+        raise FitError(
+            f"the speed stands still, at {still[0]:.0f} rad/s, while its command moves: {len(still)} readings do not "
+            "change by the least. Is its sensor connected, and does the log refresh it?"
+        )
+    moving = [piece._replace(measured=without([piece.measured], flags)[0]) for piece, flags, _ in each]
+    return moving, np.concatenate([piece.measured.time_s[flags] for piece, flags, _ in each] or [np.zeros(0)])
 
 
 def _changes(drive: Signal) -> Signal:
@@ -281,10 +328,17 @@ def _explained(pieces: Sequence[LogSegment], residual: Array, value: Array, tau_
 
 
 def _rejections(
-    kind: Kind, lag: InputLag, std_s: Array, explained: float, *, singular: bool, unseen_s: float
+    kind: Kind, lag: InputLag, std_s: Array, explained: float, *, singular: bool, unseen_s: float, moves: bool
 ) -> tuple[Finding, ...]:
-    """Return why a lag is rejected."""
+    """Return why a lag is rejected: where a command `moves` that no lag follows, more of it would show no more."""
     keys = ("dynamics.rising", "dynamics.falling", "dynamics.delay_s")
+    unexplained = explained < _EXPLAINED[kind]
+    if unexplained and moves:
+        text = (
+            f"its command moves and a first-order lag explains only {100 * explained:.0f} % "
+            f"(limit {100 * _EXPLAINED[kind]:.0f} %)."
+        )
+        return (rejection("lag-misfit", text, *keys),)
     if singular:
         text = "the command does not move enough to show a time constant: excite the rotor more."
         return (rejection("lag-not-excited", text, *keys),)
@@ -298,7 +352,7 @@ def _rejections(
             f"(limit {100 * _LOOSE:.0f} %): excite the rotor more, or longer."
         )
         found.append(rejection("lag-not-excited", text, *keys))
-    if explained < _EXPLAINED[kind]:
+    if unexplained:
         text = f"a first-order lag explains only {100 * explained:.0f} % (limit {100 * _EXPLAINED[kind]:.0f} %)."
         found.append(rejection("lag-misfit", text, *keys))
     if unseen_s > _COARSE * min(lag.rising_s, lag.falling_s):

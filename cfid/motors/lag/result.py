@@ -7,10 +7,11 @@ from typing import NamedTuple, cast
 import numpy as np
 import numpy.typing as npt
 
+from cfid.counted import counted
 from cfid.errors import CfidError, FitError
 from cfid.findings import Finding, note, rejection, warning
 from cfid.motors.delays import command_between_rows, delay_text, negative_delay
-from cfid.motors.lag.data import RotorLog
+from cfid.motors.lag.data import LogPart, RotorLog
 from cfid.motors.lag.estimation import LagFit, fit_lag, joined
 from cfid.motors.lag.values import SPEED_POLY, joint_parameters, rotor_maps, rotor_rows, speed_map_findings
 from cfid.records.parameters import Parameter
@@ -67,7 +68,9 @@ def fit(record: RotorLog) -> Result:
         findings=(
             *record.findings,
             *left_out,
-            *_about(record, fits, seen.row_s),
+            *(one for name, lag in fits.items() for one in _left_out(name, lag)),
+            *seen.others,
+            *_about(record, fits, seen),
             *_delay(joint),
             *(speed_map_findings(joint, accepted, seen.commands, volts=seen.volts) if record.speeds else ()),
             *(() if any(one.accepted for one in fits.values()) else (_NO_LAG,)),
@@ -83,7 +86,7 @@ def fit(record: RotorLog) -> Result:
 
 
 class _Seen(NamedTuple):
-    """The interval between rows of the commands, and from where to where each rotor's went.
+    """The interval between rows of the commands, from where to where each rotor's went, and who follows another's.
 
     `volts` is the battery's mean voltage while rotors were driven, None where it was not logged.
     """
@@ -91,6 +94,7 @@ class _Seen(NamedTuple):
     row_s: float
     commands: Mapping[str, tuple[float, float]]
     volts: float | None
+    others: tuple[Finding, ...]
 
 
 def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ...]]:
@@ -99,6 +103,7 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
     fits: dict[str, list[LagFit]] = {name: [] for name in names}
     failed: dict[str, FitError] = {}
     ranges: dict[str, tuple[float, float]] = {}
+    others: dict[str, tuple[Finding, ...]] = {}
     row_s, volts, rows = 0.0, 0.0, 0
     for part in record.parts():
         row_s = max(row_s, part.row_s)
@@ -117,12 +122,20 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
                 )
             except FitError as error:
                 failed[name] = error
+                continue
+            if motor and not fits[name][-1].accepted and name not in others:
+                others[name] = _other_command(part, motor)
     found = {name: joined(each) for name, each in fits.items() if each}
     if not found:
         raise next(iter(failed.values()), FitError("no rows of all commands."))
     return (
         found,
-        _Seen(row_s, ranges, volts / rows if rows else None),
+        _Seen(
+            row_s,
+            ranges,
+            volts / rows if rows else None,
+            tuple(one for name, each in others.items() if not found[name].accepted for one in each),
+        ),
         tuple(
             warning("lag-rotor-left-out", str(error), "dynamics.*").at(name)
             for name, error in failed.items()
@@ -131,11 +144,48 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
     )
 
 
-def _about(record: RotorLog, fits: Mapping[str, LagFit], row_s: float) -> tuple[Finding, ...]:
+def _other_command(part: LogPart, motor: int) -> tuple[Finding, ...]:
+    """Return a warning where the speed of a rotor that does not follow its command follows that of another."""
+    best, explained = 0, 0.0
+    for other in part.commands:
+        try:
+            fit = fit_lag(part.of_speed(motor, by=other), kind="speed", row_s=part.row_s, moving=part.moving)
+        except FitError:
+            continue
+        if fit.accepted and fit.explained > explained:
+            best, explained = other, fit.explained
+    if not best:
+        return ()
+    text = (
+        f"its speed follows the command of motor {best}, of which a first-order lag explains {100 * explained:.0f} %: "
+        "are the columns swapped, or the motors' plugs?"
+    )
+    return (warning("lag-other-command", text, "dynamics.*").at(f"rotor {motor}"),)
+
+
+def _left_out(name: str, fit: LagFit) -> tuple[Finding, ...]:
+    """Return a warning about speeds that no rotor had, and when."""
+    kinds = (
+        (fit.standing_s, "stand still for a second or longer while its command moves"),
+        (fit.odd_s, "lie far outside all that its commands lead to"),
+    )
+    return tuple(
+        warning(
+            "lag-speeds-left-out",
+            f"{counted(len(times), 'speed')} of {len(fit.measured) + len(fit.standing_s) + len(fit.odd_s)}, from "
+            f"{times.min():.1f} to {times.max():.1f} s, {what}: left out.",
+            "dynamics.*",
+        ).at(name)
+        for times, what in kinds
+        if len(times)
+    )
+
+
+def _about(record: RotorLog, fits: Mapping[str, LagFit], seen: _Seen) -> tuple[Finding, ...]:
     """Return why rotors are rejected, warnings for the keys that have other rotors, and what the numbers contain."""
     found = [replace(one, severity="warning", where=(name,)) for name, fit in fits.items() for one in fit.findings]
-    if row_s:
-        text = command_between_rows(row_s)
+    if seen.row_s:
+        text = command_between_rows(seen.row_s)
         found.append(note("lag-command-between-rows", text, "dynamics.delay_s"))
     name, most = max(fits.items(), key=lambda item: abs(item[1].drift) * item[1].accepted)
     if record.speeds and most.accepted and abs(most.drift) > _NOTABLE_DRIFT:

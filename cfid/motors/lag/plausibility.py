@@ -1,0 +1,68 @@
+"""Speeds that no rotor had which was driven so: a sensor that stands still, and values that no command leads to."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.motors.lag.model import Signal
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+_STILL_S = 1.0  # without the least change: telemetry may repeat a reading for some tenths
+_MOVES = 0.05  # of its mean: the standard deviation of a command that a speed would show
+_BEYOND, _ODD = 0.25, 8.0  # of the range of speeds that the commands lead to, and standard deviations of the noise
+
+
+def moves(drive: Signal, time_s: Array) -> bool:
+    """Return whether a drive changes at times (n,), beside a slow change, by so much that a speed would show it."""
+    if len(time_s) < 4:
+        return False
+    held = drive.value[np.maximum(np.searchsorted(drive.time_s, time_s, side="right") - 1, 0)]
+    trend = np.polynomial.Polynomial.fit(time_s, held, 2)(time_s)
+    return bool(np.std(held - trend) > _MOVES * abs(np.mean(held)))
+
+
+def standing(drive: Signal, measured: Signal) -> Flags:
+    """Return which measured values (n,) belong to one that never changed for a second while its drive moved."""
+    time_s, value = measured
+    found = np.zeros(len(value), bool)
+    begins = np.flatnonzero(np.append(True, np.diff(value) != 0)[: len(value)])
+    ends = np.append(begins[1:], len(value)) if len(value) else begins
+    long = time_s[ends - 1] - time_s[begins] >= _STILL_S
+    for first, last in zip(begins[long], ends[long], strict=True):
+        found[first:last] = moves(drive, time_s[first:last])
+    return found
+
+
+def odd(measured: Array, shown: Array, *, noise: float) -> Flags:
+    """Return which measured values (n,) lie far outside all that a lag shows (n,), beside a noise: none is a rotor's.
+
+    A lag never leaves the range of the speeds that its commands lead to.
+    """
+    low, high = float(shown.min()), float(shown.max())
+    margin = _BEYOND * (high - low) + _ODD * noise
+    return np.asarray((measured < low - margin) | (measured > high + margin))
+
+
+def noise_of(residual: Array) -> float:
+    """Return the standard deviation of most residuals (n,), whatever a few are."""
+    return float(1.4826 * np.median(np.abs(residual - np.median(residual))))
+
+
+def clipped(measured: Array) -> Array:
+    """Return measured values (n,) no farther from most of them than noise would be, for a first guess."""
+    middle, reach = float(np.median(measured)), _ODD / 2 * noise_of(measured)
+    return np.asarray(np.clip(measured, middle - reach, middle + reach))
+
+
+def any_far(residual: Array) -> bool:
+    """Return whether residuals (n,) have some that are far from most."""
+    return bool(np.abs(residual - np.median(residual)).max() > _ODD * noise_of(residual))
+
+
+def without(measured: Sequence[Signal], flags: Flags) -> list[Signal]:
+    """Return signals without the values that flags (n,), of all signals in turn, mark."""
+    each = zip(measured, np.split(~flags, np.cumsum([len(one.value) for one in measured])[:-1]), strict=True)
+    return [Signal(one.time_s[kept], one.value[kept]) for one, kept in each]
