@@ -334,6 +334,17 @@ def test_voltage_belongs_to_the_drive(tmp_path: Path) -> None:
     assert f"holds at {at_v:.2f} V" in about
 
 
+def test_a_speed_in_proportion_to_the_voltage_is_not_said_to_change_at_the_same_voltage(tmp_path: Path) -> None:
+    _, command, speed = flown(1, 9, rotors=1, noise=3.0, red=0.0, sag=0.1)  # all of the speed, not the command's part
+    volts = np.linspace(4.1, 3.69, speed.shape[1])
+    columns = (65535 * command[0, 0], NEXT * speed[0], volts)
+    result = fit(read(logged(tmp_path, (MOTORS[0], SPEEDS[0], "pm.vbat(f)"), *columns)))
+    text = next(one.text for one in result.findings if one.code == "lag-map-drifts")
+
+    assert "at the same command and voltage" not in text
+    assert "or its speed goes with the voltage in another way than with the command" in text
+
+
 def test_a_battery_that_sags_unlogged_is_named_and_the_map_holds_in_the_middle(tmp_path: Path) -> None:
     _, command, speed = flown(1, 9, rotors=1, noise=3.0, red=0.0, sag=0.1)
     result = fit(read(logged(tmp_path, (MOTORS[0], SPEEDS[0]), 65535 * command[0, 0], NEXT * speed[0])))

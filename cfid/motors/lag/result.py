@@ -189,11 +189,14 @@ def _about(record: RotorLog, fits: Mapping[str, LagFit], seen: _Seen) -> tuple[F
         found.append(note("lag-command-between-rows", text, "dynamics.delay_s"))
     name, most = max(fits.items(), key=lambda item: abs(item[1].drift) * item[1].accepted)
     if record.speeds and most.accepted and abs(most.drift) > _NOTABLE_DRIFT:
-        same, hint = ("command", " Log the battery's voltage.") if record.volts is None else ("command and voltage", "")
-        text = (
-            f"at the same {same} the speed of {name} changed by {100 * most.drift:+.1f} % from begin to end: the maps "
-            f"hold in the middle of the log.{hint}"
-        )
+        changed = f"the speed of {name} changed by {100 * most.drift:+.1f} % from begin to end"
+        held = "the maps hold in the middle of the log."
+        text = f"at the same command {changed}: {held} Log the battery's voltage."
+        if record.volts is not None:
+            text = (
+                f"beside the map of command times voltage {changed}: the rotor changed, or its speed goes with the "
+                f"voltage in another way than with the command; {held}"
+            )
         found.append(warning("lag-map-drifts", text, SPEED_POLY, "dynamics.map"))
     if not record.speeds:
         found.append(rejection("lag-from-acceleration", _OF_ACCELERATION, *_OF_ONE_MOTOR))
