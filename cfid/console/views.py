@@ -75,8 +75,8 @@ def views_of(
     a setting of another kind of file.
     """
     from cfid.console.log_views import log_views, stand_view
+    from cfid.records.run_notes import run_at
     from cfid.records.tables.angle import ENCODER
-    from cfid.records.tables.times import run_at
     from cfid.records.tables.wrench import LOADCELL, holds_wrench, read_wrench
 
     path, forces = find_recording(word, workplace), loadcell.reading(file)
@@ -196,7 +196,7 @@ def _means(record: "WrenchRecord") -> dict[str, Parameter]:
 def _device_view(run: "Run", device: str) -> View:
 
     from cfid.drawing.device import groups
-    from cfid.records.tables.times import losses
+    from cfid.records.run_notes import losses
     from cfid.records.tables.vehicle import SUPERVISOR, read_rows
 
     rows = read_rows(run, device)

@@ -14,8 +14,8 @@ from cfid.flight.model import ROW_S, ROW_STEPS, STEP_S, Flight, turned_back
 from cfid.records.logs.any_kind import NO_OPTIONS, read_log
 from cfid.records.logs.log import FlightLog
 from cfid.records.logs.run import log_of_run
+from cfid.records.run_notes import run_at
 from cfid.records.tables.schema import Foreign, refuse_for_run
-from cfid.records.tables.times import run_at
 from cfid.units import DEAD_COMMAND, FULL_COMMAND, USUAL_GRAVITY_MPS2
 
 Array = npt.NDArray[np.float64]

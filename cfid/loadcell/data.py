@@ -16,7 +16,7 @@ from cfid.motors.data import channels_of
 from cfid.records.facts import RigFacts
 from cfid.records.parameters import Source
 from cfid.records.run import Pull, Run, read_run
-from cfid.records.tables.times import run_at
+from cfid.records.run_notes import run_at
 from cfid.records.tables.wrench import AXES, WrenchReading, read_wrench
 from cfid.units import MM
 

@@ -26,7 +26,7 @@ from cfid.records.facts import NONE_STATED, RigFacts, WindStand
 from cfid.records.frames import turn_about_z
 from cfid.records.parameters import Source
 from cfid.records.run import refuse_contradiction, run_holding
-from cfid.records.tables.times import run_at
+from cfid.records.run_notes import run_at
 from cfid.records.tables.vehicle import COMMANDS, READINGS, Rows, holds, read_rows
 from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
 from cfid.units import DEAD_COMMAND

@@ -34,8 +34,8 @@ from cfid.records.parameters import Parameter
 from cfid.records.plausibility import implausible_gravity
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.run import Run
+from cfid.records.run_notes import run_at
 from cfid.records.tables.stand import StandTable, read_stand_table, stand_file
-from cfid.records.tables.times import run_at
 from cfid.records.tables.wrench import WrenchReading
 from cfid.units import USUAL_GRAVITY_MPS2
 

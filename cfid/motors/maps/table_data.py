@@ -19,8 +19,8 @@ from cfid.motors.points import MotorPoints, joined, per_motor
 from cfid.motors.stand_points import points_of, reduce_speeds
 from cfid.records.facts import NONE_STATED, RigFacts
 from cfid.records.run import Run
+from cfid.records.run_notes import run_at
 from cfid.records.tables.stand import StandTable, read_stand_table
-from cfid.records.tables.times import run_at
 from cfid.records.tables.vehicle import READINGS, SCALES, holds, read_rows, shown_at_commands
 from cfid.units import DEAD_COMMAND
 

@@ -56,8 +56,8 @@ def dynamics(
     from cfid.motors.steps import fit
     from cfid.motors.steps.data import of_run, of_table
     from cfid.records.run import Run
+    from cfid.records.run_notes import run_at
     from cfid.records.tables.stand import stand_file
-    from cfid.records.tables.times import run_at
 
     workplace = open_workplace(rig)
     if not runs and table is None:

@@ -17,8 +17,8 @@ from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.run import Run
+from cfid.records.run_notes import run_at
 from cfid.records.tables.stand import StandTable, read_stand_table
-from cfid.records.tables.times import run_at
 from cfid.records.tables.wrench import WrenchReading
 
 _SLOWEST_S = 1.0  # of a rotor's time constant, as of `fit flight`

@@ -10,9 +10,10 @@ from cfid.records.logs.crazyflie_names import assumptions, crazyflie_channel
 from cfid.records.logs.log import Array, FlightLog, Series
 from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Run
+from cfid.records.run_notes import losses
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import TIME
-from cfid.records.tables.times import line_notes, losses
+from cfid.records.tables.times import line_notes
 
 
 def log_of_run(run: Run) -> FlightLog:

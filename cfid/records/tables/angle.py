@@ -18,27 +18,14 @@ from cfid.records.line_devices import STAMP
 from cfid.records.logs.usd_clock import UNDECIDED
 from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
+from cfid.records.run_notes import Facts, facts_of, file_name, gaps, losses, run_at
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.counts import CountsPerTurn, continuous_angle
 from cfid.records.tables.gyro import Rates, gyro_device, read_gyro
 from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema, unused_in_run
 from cfid.records.tables.stamps import stamped_times
 from cfid.records.tables.table import Array
-from cfid.records.tables.times import (
-    TIME_COLUMN,
-    Facts,
-    column_name,
-    complete_rows,
-    facts_of,
-    file_name,
-    gaps,
-    line_notes,
-    losses,
-    pauses,
-    run_at,
-    times_of,
-    unit_of,
-)
+from cfid.records.tables.times import TIME_COLUMN, column_name, complete_rows, line_notes, pauses, times_of, unit_of
 from cfid.wire.rls import RLS_13BIT_IN_22
 
 AngleUnit = Literal["counts", "rad", "deg"]

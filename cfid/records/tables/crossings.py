@@ -12,10 +12,11 @@ import numpy as np
 from cfid.errors import DataError
 from cfid.findings import Finding, of_recording
 from cfid.records.parameters import Source
+from cfid.records.run_notes import run_at
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import TIME, Column, TableSchema, TimeUnit
 from cfid.records.tables.table import Array
-from cfid.records.tables.times import TIME_COLUMN, VEHICLE_CLOCK, line_notes, run_at, seconds_of, vehicle_us
+from cfid.records.tables.times import TIME_COLUMN, VEHICLE_CLOCK, line_notes, seconds_of, vehicle_us
 
 CROSSINGS = "crossings"
 

@@ -8,20 +8,11 @@ import numpy as np
 from cfid.errors import DataError
 from cfid.findings import Finding, of_recording
 from cfid.records.parameters import Source
+from cfid.records.run_notes import losses, run_at
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import Column, TableSchema
 from cfid.records.tables.table import Array, CsvTable
-from cfid.records.tables.times import (
-    SECONDS,
-    TIME_COLUMN,
-    VEHICLE_CLOCK,
-    column_name,
-    line_notes,
-    losses,
-    run_at,
-    unit_of,
-    vehicle_us,
-)
+from cfid.records.tables.times import SECONDS, TIME_COLUMN, VEHICLE_CLOCK, column_name, line_notes, unit_of, vehicle_us
 
 PINGS = "pings"
 

@@ -17,6 +17,7 @@ from cfid.findings import Finding, note, of_recording
 from cfid.large import empty, parts, stored
 from cfid.quantities.plausible import range_of
 from cfid.records.parameters import Source
+from cfid.records.run_notes import run_at
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import Foreign, TimeUnit
 from cfid.records.tables.stand_columns import Found, columns_of, commands_of, turned
@@ -24,7 +25,7 @@ from cfid.records.tables.stand_names import with_named
 from cfid.records.tables.stand_times import Timing, timing_of
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.text import short
-from cfid.records.tables.times import line_notes, run_at
+from cfid.records.tables.times import line_notes
 from cfid.units import ROTORS, USUAL_GRAVITY_MPS2
 
 Speeds = Literal["motor", "series", "rotors", "mean"]

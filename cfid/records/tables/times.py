@@ -1,4 +1,4 @@
-"""Read what all recordings share: named columns, times in seconds, and notes on how the recording ended.
+"""Read what all tables share: named columns, times in seconds, and notes on rows that are left out.
 
 Times are checked before use; the reader of each kind interprets the other columns.
 """
@@ -6,16 +6,13 @@ Times are checked before use; the reader of each kind interprets the other colum
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import cast
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
 
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.large import differences, empty, usual_step
-from cfid.records.files import first_fault
-from cfid.records.run import RUN_FILE, DeviceRecord, Run, read_run
 from cfid.records.tables.schema import TIME, Column, TimeUnit
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.text import short
@@ -26,8 +23,6 @@ TWO_IN_ONE = (
     "Was the clock set, or are two recordings in one file? Cut the file in two before that line (both with the "
     "header), or give `rate_hz` where its rows are evenly spaced."
 )
-SIMULATED = "recorded on the simulated rig."
-_LOST, _NEVER_TAKEN = "lost while recording", "never taken"
 _CUT_LINE = "the last line was cut (it has no end) and is left out."
 
 _UNITS: dict[str, tuple[str, ...]] = {
@@ -48,27 +43,6 @@ _MISSING_SHARE = 0.1  # of a recording's rows that may lack a number
 _REPEATED_SHARE = 0.01  # of time stamps that may repeat the previous one without a note
 _GAP, _LEAST_GAP_S = 10, 0.1  # usual intervals, and seconds: a busy computer's stamps are late by tens of milliseconds
 _UNIX_S = (1e9, 4e9)  # seconds since the epoch, from 2001 to 2096
-
-
-class Gap(BaseModel):
-    """A span of Unix time in which a device delivered nothing, and why."""
-
-    model_config = ConfigDict(frozen=True, allow_inf_nan=False)
-
-    from_s: float
-    to_s: float
-    reason: str
-
-
-class Facts(BaseModel):
-    """The further keys in run.toml of a device that samples by itself."""
-
-    model_config = ConfigDict(frozen=True)
-
-    gaps: tuple[Gap, ...] = ()
-
-
-Kind = TypeVar("Kind", bound=Facts)
 
 
 def column_name(names: str, units: Sequence[str]) -> re.Pattern[str]:
@@ -96,71 +70,6 @@ def line_notes(table: CsvTable) -> tuple[str, ...]:
     if len(prose) > 1:
         text = f"{len(prose)} lines without a number are left out (first: line {prose[0].number}, '{words}')."
     return (text, *((_CUT_LINE,) if table.cut else ()))
-
-
-def run_at(path: Path) -> Run | None:
-    """Return the run in a folder, or None where the path is not a folder.
-
-    Raises DataError when it cannot be read.
-    """
-    try:
-        is_run = path.is_dir()
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror}.") from None
-    return read_run(path) if is_run else None
-
-
-def file_name(path: Path, *, own: bool) -> str:
-    """Return a file's name, with that of its run where it is a run's own."""
-    return f"{path.resolve().parent.name}/{path.name}" if own else path.name
-
-
-def losses(run: Run, record: DeviceRecord, rows: int) -> list[str]:
-    """Return notes on a device's recording: cut or failed, samples lost or never taken, rows changed, simulated."""
-    notes = []
-    if run.cut:
-        notes.append("the run was cut, or is still being recorded; the rows on disk are used.")
-    if run.header.state == "failed":
-        notes.append(f"the run failed ({run.header.reason or 'no reason given'}); the recorded rows are used.")
-    if record.lost:
-        notes.append(f"{counted(record.lost, 'sample was', 'samples were')} {_LOST}.")
-    if record.achieved:
-        notes.append(
-            f"{counted(record.skipped or 0, 'sample was', 'samples were')} {_NEVER_TAKEN} ({record.achieved}): the "
-            "device or this computer was slow."
-        )
-    if record.rows is not None and record.rows != rows:
-        notes.append(
-            f"{counted(record.rows, 'row was', 'rows were')} recorded, but {record.file} has {rows}: the file "
-            "was changed since."
-        )
-    if run.header.simulated:
-        notes.append(SIMULATED)
-    return notes
-
-
-def is_loss(note: str) -> bool:
-    """Return whether a note of `losses` says no more than that samples were lost or never taken."""
-    return _LOST in note or _NEVER_TAKEN in note
-
-
-def facts_of(run: Run, device: str, kind: type[Kind]) -> Kind:
-    """Return the further keys in run.toml of one of its devices. Raises DataError when they are invalid."""
-    extra = run.header.devices[device].model_extra or {}
-    try:
-        return kind.model_validate(extra)
-    except ValidationError as error:
-        fault = first_fault(error, extra)
-        raise DataError(f"{run.folder / RUN_FILE}: devices.{device}.{fault}") from None
-
-
-def gaps(facts: Facts) -> list[str]:
-    """Return a note on spans without samples, if there are any."""
-    if not facts.gaps:
-        return []
-    reasons = ", ".join(dict.fromkeys(gap.reason for gap in facts.gaps))
-    total_s = sum(gap.to_s - gap.from_s for gap in facts.gaps)
-    return [f"no samples for {total_s:.1f} s in {counted(len(facts.gaps), 'gap')}: {reasons}."]
 
 
 def pauses(table: CsvTable, time_s: Array) -> tuple[str, ...]:

@@ -20,22 +20,17 @@ from cfid.large import parts
 from cfid.records.line_devices import STAMP
 from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
+from cfid.records.run_notes import Facts, facts_of, file_name, gaps, losses, run_at
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema, unused_in_run
 from cfid.records.tables.stamps import stamped_times
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.times import (
     TIME_COLUMN,
-    Facts,
     column_name,
     complete_rows,
-    facts_of,
-    file_name,
-    gaps,
     line_notes,
-    losses,
     pauses,
-    run_at,
     seconds_of,
     times_of,
     unit_of,

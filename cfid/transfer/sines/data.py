@@ -16,9 +16,9 @@ from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts
 from cfid.records.parameters import Source
 from cfid.records.plausibility import Given, implausible_inputs
 from cfid.records.run import Run, refuse_contradiction, run_holding
+from cfid.records.run_notes import losses, run_at
 from cfid.records.tables.crossings import CROSSINGS, CrossingRecord, read_crossings
 from cfid.records.tables.index import IndexRow, read_index
-from cfid.records.tables.times import losses, run_at
 from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
 from cfid.transfer.sines.alignment import Array, Channel, RecordedSine, thrust_of
 from cfid.transfer.sines.checks import mount_findings, torque_moments
