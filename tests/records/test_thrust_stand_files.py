@@ -286,7 +286,7 @@ def test_milliseconds_that_a_header_states_are_not_doubted_for_seconds(tmp_path:
 def test_grams_of_one_motor_are_a_weight_and_the_gravity_is_stated(tmp_path: Path) -> None:
     table = read(tmp_path, "esc[us],thrust[g]\n1000,0\n1500,20\n2000,60\n", gravity_mps2=9.7)
     assert np.asarray(table.thrust_n)[-1] == pytest.approx(0.06 * 9.7)
-    assert "stand.csv: 'thrust[g]' is a weight: grams by 9.7 m/s^2 (`gravity_mps2`)." in notes_of(table)
+    assert "stand.csv: 'thrust[g]' is a weight: grams by 9.7 m/s^2." in notes_of(table)
 
 
 def test_a_recording_without_a_time_is_asked_for_its_rate(tmp_path: Path) -> None:

@@ -186,7 +186,7 @@ def _thrust(found: Found, command: Array, gravity_mps2: float) -> tuple[Array | 
     grams, total = column.head.kind == "total in grams", _is_total(found)
     value = column.value[:, 0] * (gravity_mps2 if grams else 1.0) / (ROTORS if total else 1)
     notes = []
-    by = f"grams by {gravity_mps2:g} m/s^2 (`gravity_mps2`)" if grams else ""
+    by = f"grams by {gravity_mps2:g} m/s^2" if grams else ""
     if total:
         by = f" and {by}" if by else ""
         notes = [f"'{column.names[0]}' is taken as the thrust of {ROTORS} motors: divided by {ROTORS}{by}."]
