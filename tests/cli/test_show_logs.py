@@ -105,7 +105,7 @@ def test_what_is_no_recording_gets_the_sentence_of_the_fits(cfid: Cfid, tmp_path
     ("option", "said"),
     [
         ("--esc-us=1000:2000", "--esc-us is for a thrust stand"),
-        ("--clock=true", "--clock is for uSD-card logs"),
+        ("--clock=true", "--clock is for logs of a Crazyflie"),
     ],
 )
 def test_an_option_of_another_kind_of_recording_is_refused(cfid: Cfid, tmp_path: Path, option: str, said: str) -> None:
