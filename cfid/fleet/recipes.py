@@ -61,9 +61,9 @@ def changes_of(words: Sequence[str], method: Method | None) -> dict[str, str]:
         name, sign, value = word.partition("=")
         key = name.strip().lstrip("-").replace("-", "_")
         if not (sign and value):
-            raise ConfigError(f"--set {word}: expected NAME=VALUE, as in peaks=12.")
+            raise ConfigError(f"`set` {word}: expected NAME=VALUE, as in peaks=12.")
         if key not in known:
-            raise ConfigError(f"--set {word}: no fit has an option {key}. A file in fits/ lists those of its fit.")
+            raise ConfigError(f"`set` {word}: no fit has an option {key}. A file in fits/ lists those of its fit.")
         found[key] = value.strip()
     return found
 
