@@ -70,8 +70,8 @@ def _about_weights(command: Array) -> str:
     if standing.any() and not standing.all():
         return ""
     return (
-        " Alone it verifies no map: `cfid fit thrust` with `verify` takes a change of weight, from a reading at command 0 "
-        f"to readings above {DEAD_COMMAND}."
+        " Alone it verifies no map: `cfid fit thrust` with `verify` takes a change of weight, from a reading at "
+        f"command 0 to readings above {DEAD_COMMAND}."
     )
 
 
