@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -20,23 +20,20 @@ from cfid.counted import counted
 from cfid.errors import FitError
 from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of, sandwich, std_of
-from cfid.findings import Finding, rejection, texts
+from cfid.findings import Finding, texts
+from cfid.motors.lag.checks import EXPLAINED, Kind, rejections
 from cfid.motors.lag.model import InputLag, Signal
 from cfid.motors.lag.plausibility import any_far, clipped, moves, noise_of, odd, standing, without
 
 Array = npt.NDArray[np.float64]
-Kind = Literal["speed", "thrust"]
 
 SETTLING_S = 1.0  # of each piece, in which the unknown state at its begin is forgotten
 _FEWEST = 200  # samples
 _FINEST_S = 2e-3  # what is sampled closer is averaged: rotors take many times longer
 _QUICKEST_S, _SLOWEST_S, _EARLIEST_S, _LATEST_S = 1e-3, 2.0, -0.2, 0.5
 _STARTS_S, _STARTS_LATE_S = (0.015, 0.04, 0.1, 0.25), (0.0, 0.02, 0.06)
-_LOOSE = 0.2  # of a time constant: the largest accepted standard uncertainty
-_EXPLAINED: dict[Kind, float] = {"speed": 0.9, "thrust": 0.6}  # of the variance; air and vibration add to a thrust
 _SMOOTH = 0.25  # time constants over which noise is averaged before judging how much the lag explains
 _SINGULAR = 1e-7  # of a Jacobian with columns of equal length
-_COARSE = 0.5  # of a time constant: the largest interval of a command that shows it
 _CLOSE = 1e-6  # relative to the cost of thousands of samples: far below the uncertainty
 _MOST_CORRELATED = 0.99  # with the sample before: nearer to 1, levels are lost
 _MOST_STEPS = 60  # of the search; a record that shows a lag needs 10
@@ -133,7 +130,7 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
         )
 
     plain = fitted(start, np.asarray)
-    missed = np.var(plain.fun) > (1 - _EXPLAINED[kind]) * np.var(measured)
+    missed = np.var(plain.fun) > (1 - EXPLAINED[kind]) * np.var(measured)
     if kind == "speed" and (missed or any_far(plain.fun)):
         begin = _start(pieces, clipped(measured))
         sturdy = fitted(begin, np.asarray, loss="cauchy", f_scale=max(noise_of(shown(begin) - measured), 1e-9))
@@ -167,7 +164,7 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
         time_s=np.concatenate([piece.measured.time_s for piece in pieces]),
         measured=measured,
         shown=measured + residual,
-        findings=_rejections(
+        findings=rejections(
             kind,
             lag,
             std_of(covariance)[3:],
@@ -325,40 +322,3 @@ def _explained(pieces: Sequence[LogSegment], residual: Array, value: Array, tau_
     length = max(round(_SMOOTH * tau_s / interval_s), 1)
     noise, signal = (block_means(series, length=min(length, len(value) // 4)) for series in (residual, value))
     return float(1 - np.var(noise) / max(float(np.var(signal)), 1e-300))
-
-
-def _rejections(
-    kind: Kind, lag: InputLag, std_s: Array, explained: float, *, singular: bool, unseen_s: float, moves: bool
-) -> tuple[Finding, ...]:
-    """Return why a lag is rejected: where a command `moves` that no lag follows, more of it would show no more."""
-    keys = ("dynamics.rising", "dynamics.falling", "dynamics.delay_s")
-    unexplained = explained < _EXPLAINED[kind]
-    if unexplained and moves:
-        text = (
-            f"its command moves and a first-order lag explains only {100 * explained:.0f} % "
-            f"(limit {100 * _EXPLAINED[kind]:.0f} %)."
-        )
-        return (rejection("lag-misfit", text, *keys),)
-    if singular:
-        text = "the command does not move enough to show a time constant: excite the rotor more."
-        return (rejection("lag-not-excited", text, *keys),)
-    found = []
-    share, way, tau_s = max(
-        (std_s[0] / lag.rising_s, "rising", lag.rising_s), (std_s[1] / lag.falling_s, "falling", lag.falling_s)
-    )
-    if not share < _LOOSE:
-        text = (
-            f"the time constant of {way} speed, {1e3 * tau_s:.0f} ms, is open by {100 * share:.0f} % "
-            f"(limit {100 * _LOOSE:.0f} %): excite the rotor more, or longer."
-        )
-        found.append(rejection("lag-not-excited", text, *keys))
-    if unexplained:
-        text = f"a first-order lag explains only {100 * explained:.0f} % (limit {100 * _EXPLAINED[kind]:.0f} %)."
-        found.append(rejection("lag-misfit", text, *keys))
-    if unseen_s > _COARSE * min(lag.rising_s, lag.falling_s):
-        text = (
-            f"the command was logged every {1e3 * unseen_s:.0f} ms (limit {100 * _COARSE:.0f} % of the time "
-            f"constant, {1e3 * min(lag[:2]):.0f} ms): log faster."
-        )
-        found.append(rejection("lag-log-too-slow", text, *keys))
-    return tuple(found)

@@ -15,6 +15,7 @@ from cfid.estimate.blocks import block_means
 from cfid.estimate.correlated_noise import noise_covariance
 from cfid.estimate.linear import gain_of
 from cfid.findings import Finding, rejection, texts
+from cfid.motors.steps.checks import EXPLAINED, rejections
 from cfid.motors.steps.model import BEFORE, CommandStep, Lag, Part, Sag, StepData
 from cfid.motors.steps.sag import LoggedBattery, sags
 
@@ -22,9 +23,6 @@ Array = npt.NDArray[np.float64]
 
 _QUICKEST, _SLOWEST = 1e-3, 10.0  # time constants over the time a command holds
 _SMOOTH = 0.25  # time constants over which noise is averaged before judging how much the lag explains
-_EXPLAINED, _LOOSE = 0.95, 0.2  # r^2, and the deviation over the time constant
-_SEEN = 0.5  # of the interval between readings: of a faster lag the fit finds one of several, or none
-_HELD = 1.5  # time constants that a step needs to show where it leads
 _MOST = 150  # means of a step's samples, whose covariance is taken for that of its noise
 
 
@@ -172,7 +170,7 @@ def fit_rotor_model(
     covariance[:, np.isnan(std)] = covariance[np.isnan(std)] = 0.0
     length = round(_SMOOTH * lags[0].time_constant_s / data.parts[0].interval_s)
     explained = _explained(fit.fun, np.concatenate([part.value - part.value.mean() for part in data.parts]), length)
-    text = f"the rotor model explains only {100 * explained:.0f} % of the steps (limit {100 * _EXPLAINED:.0f} %)."
+    text = f"the rotor model explains only {100 * explained:.0f} % of the steps (limit {100 * EXPLAINED:.0f} %)."
     misfit = rejection("rotor-model-misfit", text, "dynamics.rising", "dynamics.falling")
     return RotorModel(
         rising=(float(found[1]), float(found[2])),
@@ -184,7 +182,7 @@ def fit_rotor_model(
         delay_std_s=float(std[0]),
         rms=float(np.sqrt(np.mean(fit.fun**2))),
         explained=explained,
-        findings=(misfit,) if explained < _EXPLAINED else (),
+        findings=(misfit,) if explained < EXPLAINED else (),
     )
 
 
@@ -269,31 +267,9 @@ def _judged(data: StepData, part: Part, sag: Sag | None, fit: OptimizeResult) ->
         delay_std_s=float(std[3]) if len(std) > 3 else math.nan,
         explained=explained,
         battery=sag,
-        findings=_rejections(part, fit.x[2], std[2], explained),
+        findings=rejections(part, fit.x[2], std[2], explained),
     )
     return found, noise
-
-
-def _rejections(part: Part, tau_s: float, std_s: float, explained: float) -> tuple[Finding, ...]:
-    """Return why the time constant of a step, one of the rows of the key, is rejected."""
-    key, hold_s = "dynamics.time_constant_s", part.step.until_s - part.step.at_s
-    found = []
-    if explained < _EXPLAINED:
-        text = f"a first-order lag explains only {100 * explained:.0f} % of this step (limit {100 * _EXPLAINED:.0f} %)."
-        found.append(rejection("step-lag-misfit", text, key))
-    if hold_s < _HELD * tau_s:
-        text = f"it held for only {hold_s / tau_s:.1f} time constants (limit {_HELD:g}): its final speed is not known."
-        found.append(rejection("step-held-too-short", text, key))
-    if tau_s < _SEEN * part.interval_s:
-        text = (
-            f"the speed settled between two readings, {1e3 * part.interval_s:.0f} ms apart: they do not show how fast. "
-            "Record speeds faster."
-        )
-        found.append(rejection("step-lag-unseen", text, key))
-    elif not std_s < _LOOSE * tau_s:
-        text = f"noise leaves the time constant open by {100 * std_s / tau_s:.0f} % (limit {100 * _LOOSE:.0f} %)."
-        found.append(rejection("step-lag-noisy", text, key))
-    return tuple(found)
 
 
 def _start(lags: Sequence[StepFit]) -> Array:

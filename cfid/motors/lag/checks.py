@@ -1,0 +1,54 @@
+"""Why a lag of a log is not accepted: the command shows too little of it, or it explains too little."""
+
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.findings import Finding, rejection
+from cfid.motors.lag.model import InputLag
+
+Array = npt.NDArray[np.float64]
+Kind = Literal["speed", "thrust"]
+
+EXPLAINED: dict[Kind, float] = {"speed": 0.9, "thrust": 0.6}  # of the variance; air and vibration add to a thrust
+
+_LOOSE = 0.2  # of a time constant: the largest accepted standard uncertainty
+_COARSE = 0.5  # of a time constant: the largest interval of a command that shows it
+
+
+def rejections(
+    kind: Kind, lag: InputLag, std_s: Array, explained: float, *, singular: bool, unseen_s: float, moves: bool
+) -> tuple[Finding, ...]:
+    """Return why a lag is rejected: where a command `moves` that no lag follows, more of it would show no more."""
+    keys = ("dynamics.rising", "dynamics.falling", "dynamics.delay_s")
+    unexplained = explained < EXPLAINED[kind]
+    if unexplained and moves:
+        text = (
+            f"its command moves and a first-order lag explains only {100 * explained:.0f} % "
+            f"(limit {100 * EXPLAINED[kind]:.0f} %)."
+        )
+        return (rejection("lag-misfit", text, *keys),)
+    if singular:
+        text = "the command does not move enough to show a time constant: excite the rotor more."
+        return (rejection("lag-not-excited", text, *keys),)
+    found = []
+    share, way, tau_s = max(
+        (std_s[0] / lag.rising_s, "rising", lag.rising_s), (std_s[1] / lag.falling_s, "falling", lag.falling_s)
+    )
+    if not share < _LOOSE:
+        text = (
+            f"the time constant of {way} speed, {1e3 * tau_s:.0f} ms, is open by {100 * share:.0f} % "
+            f"(limit {100 * _LOOSE:.0f} %): excite the rotor more, or longer."
+        )
+        found.append(rejection("lag-not-excited", text, *keys))
+    if unexplained:
+        text = f"a first-order lag explains only {100 * explained:.0f} % (limit {100 * EXPLAINED[kind]:.0f} %)."
+        found.append(rejection("lag-misfit", text, *keys))
+    if unseen_s > _COARSE * min(lag.rising_s, lag.falling_s):
+        text = (
+            f"the command was logged every {1e3 * unseen_s:.0f} ms (limit {100 * _COARSE:.0f} % of the time "
+            f"constant, {1e3 * min(lag[:2]):.0f} ms): log faster."
+        )
+        found.append(rejection("lag-log-too-slow", text, *keys))
+    return tuple(found)
