@@ -41,6 +41,7 @@ from cfid.records.tables.text import (
 
 Array = npt.NDArray[np.float64]
 
+_NUMBERS = (np.dtype(np.int64), np.dtype(np.float64))
 _TRUTHS = (b"rue", b"RUE", b"alse", b"ALSE")
 REPAIR = "Repair or cut that line."
 _CLOCK_TIME = re.compile(r"\d:\d\d|\d{4}-\d\d-\d\d")
@@ -217,8 +218,12 @@ class CsvTable:
         return np.frombuffer(table._body, np.uint8)[kept].tobytes()
 
     def _parsed(self, rows: bytes, places: list[int]) -> Array | None:
+        """Return the columns (rows, columns), None where one has no number; whole numbers are parsed faster as such."""
         try:
-            values: Array = self._frame(rows, places, np.float64)[places].to_numpy()
+            frame = self._frame(rows, places, None)[places]
+            if any(kind not in _NUMBERS for kind in frame.dtypes):  # too large for integers, or no numbers
+                frame = self._frame(rows, places, np.float64)[places]
+            values: Array = frame.to_numpy(np.float64)
         except (ValueError, OverflowError):
             return None
         return values
@@ -231,7 +236,7 @@ class CsvTable:
         values: Array = spelt.where(known).astype(np.float64).to_numpy()
         return values
 
-    def _frame(self, rows: bytes, places: list[int], kind: type) -> "pd.DataFrame":
+    def _frame(self, rows: bytes, places: list[int], kind: type | None) -> "pd.DataFrame":
         return pd.read_csv(
             io.BytesIO(rows),
             sep=self._separator or r"\s+",
