@@ -25,7 +25,7 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
     """Draw, keep and print a result; rejected quantities, and those that the `rig` cannot have, only with --force.
 
     Raises RejectedError when a quantity that the command is for was rejected and --force is not set; parameters.toml is
-    then unchanged. Raises ConfigError in the end where no figure can be written.
+    then unchanged. Raises ConfigError where no figure can be written: the result is printed, and not kept.
     """
     if delivery.take is not None:
         delivery.take(result)
@@ -38,10 +38,10 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
     given = result if delivery.force else result.without_rejected()
     try:
         drawn, undrawn = _draw(given, delivery), None
-    except ConfigError as error:  # a full disk costs the figures, not the numbers
+    except ConfigError as error:  # a full disk does not cost the numbers that were computed
         drawn, undrawn = (), error
     kept = result.accepted or delivery.force
-    if campaign is not None and given.quantities and kept:
+    if campaign is not None and given.quantities and kept and undrawn is None:
         campaign.keep(result, figures=drawn, force=delivery.force, options=delivery.asked)
     if delivery.json:
         echo(_as_json(given, accepted=result.accepted))
@@ -55,7 +55,7 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
         reasons = joined(texts(result.findings, "rejection"))
         raise RejectedError(f"rejected: {reasons}{still} Use --force to get the numbers anyway.")
     if undrawn is not None:
-        raise undrawn
+        raise ConfigError(f"{undrawn} Nothing is kept of this fit.")
 
 
 def _with_names(result: Result, runs_folder: Path) -> Result:
