@@ -26,6 +26,7 @@ from cfid.records.tables.angle import ENCODER, Reading, read_angle
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import Foreign
 from cfid.records.tables.stand import STAND
+from cfid.records.tables.times import TIME_COLUMN, unit_of
 from cfid.records.tables.vehicle import COMMANDS, VEHICLE_LOG
 from cfid.records.tables.wrench import AXES, LOADCELL, WrenchReading, read_wrench
 from cfid.units import MOTORS
@@ -134,6 +135,7 @@ def import_stand(campaign: Campaign, path: Path, reading: Foreign, *, label: Lab
 
     Raises DataError and ConfigError as `read_log`.
     """
+    _check_time_unit(path, reading)
     log = read_log(path, reading)
     (series,) = log.series
     columns = ("t", *(_NO_COMMA.sub(" ", name).strip() for name in series.names))
@@ -151,6 +153,16 @@ def import_stand(campaign: Campaign, path: Path, reading: Foreign, *, label: Lab
         notes=log.notes,
     )
     return _imported(campaign, devices, kind=STAND, label=label, path=path)
+
+
+def _check_time_unit(path: Path, reading: Foreign) -> None:
+    """Raise ConfigError where a stand's times have no unit: rows of some seconds apart look like milliseconds."""
+    table = open_table(path, skip_lines=reading.skip_lines)
+    times = [name for name in table.names if TIME_COLUMN.called.fullmatch(name)]
+    if reading.rate_hz or reading.time_unit or not times:
+        return
+    if unit_of(table, TIME_COLUMN.called, times[0], None, "time_unit") is None:
+        raise ConfigError(f"{path}: column '{times[0]}' names no unit: give `time_unit` s, ms or us.")
 
 
 def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: Label, kind: str = "flight") -> Imported:

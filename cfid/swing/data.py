@@ -26,6 +26,7 @@ Array = npt.NDArray[np.float64]
 FIXTURE = "fixture"
 
 _MOST_ROWS = 2_000_000  # half an hour at 1 kHz
+_GAP_S = 0.25  # between rows of a gyro, across which an angle is known no more
 _HELD_S = 5.0  # before the release, and after the swing at least
 _APART_STD = 4.0  # of a stated direction and a gyro's: beyond, one of them is wrong
 _GIVEN = "given"  # the mount that a distance given as a number makes
@@ -72,11 +73,23 @@ def swing_in(record: AngleRecord, threads: Threads = NO_THREADS, **window: Any) 
         many = len(record.time_s) > _MOST_ROWS and record.rates is None
         swing = (_find_in_long if many else find_swing)(record.time_s, record.angle_rad, **window)
     except DataError as error:
-        raise DataError(f"{record.path}: {error}") from None
+        raise DataError(f"{record.path}: {error}{_unsummed(record)}") from None
     swing = replace(swing, time_scale_std=record.time_scale_std, threads=threads)
     if record.rates is None:
         return swing
     return replace(swing, rate_rad_per_s=record.rates.rate_rad_per_s, rate_scale_std=SCALE_STD)
+
+
+def _unsummed(record: AngleRecord) -> str:
+    """Return a sentence on the longest gap in a gyro's rows, which may explain a strange angle; "" for none."""
+    steps = np.diff(record.time_s)
+    if record.rates is None or not len(steps) or steps.max() < _GAP_S:
+        return ""
+    at_s = float(record.time_s[int(np.argmax(steps))])
+    return (
+        f" The gyro has no rows for {steps.max():.2g} s, after {at_s:.3g} s: the angle that its rates sum up to is not "
+        "known across that. Record again with fewer losses."
+    )
 
 
 def threads_of(mount: Mount | None, gravity_mps2: float) -> Threads:

@@ -15,7 +15,16 @@ from cfid.errors import ConfigError, DataError
 from cfid.records.logs.any_kind import read_log
 from cfid.records.logs.ulog_parts import PART_BYTES
 from cfid.records.tables.schema import Foreign
-from tests.logs.autopilot_bytes import COUNT, blackbox, message, ulog, unsigned
+from tests.logs.autopilot_bytes import (
+    BLACKBOX_END,
+    COUNT,
+    blackbox,
+    blackbox_head,
+    blackbox_row,
+    message,
+    ulog,
+    unsigned,
+)
 
 
 def written(folder: Path, content: bytes) -> Path:
@@ -311,3 +320,35 @@ def test_a_damaged_time_of_a_ulog_file_costs_its_row(tmp_path: Path) -> None:
     assert np.all(np.diff(series.time_s) > 0)
     assert series.rows == COUNT - 2
     assert "2 rows with a time that is not between those of the neighbours left out." in log.notes
+
+
+def test_outputs_of_a_blackbox_log_beyond_full_throttle_are_left_out_and_counted(tmp_path: Path) -> None:
+    pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
+    outputs = [[1500, 1500, 1500, 3600 if at in (40, 41) else 2000] for at in range(COUNT)]
+    rows = (blackbox_row(at, gyro=(at, 0, 0), motors=motors) for at, motors in enumerate(outputs))
+    log = read_log(written(tmp_path, blackbox_head() + b"".join(rows) + BLACKBOX_END))
+
+    odd = [one for one in (log.channel(f"control.m{motor}")[1] for motor in range(1, 5)) if np.isnan(one).any()]
+    assert len(odd) == 1
+    assert np.flatnonzero(np.isnan(odd[0])).tolist() == [40, 41]
+    assert np.nanmax(odd[0]) == 65535
+    assert log.channel("motor[3]")[1][40] == 3600  # as it is in the file
+    assert any("2 outputs of motors are beyond full throttle" in one for one in log.notes)
+
+
+@pytest.mark.parametrize(("functions", "front_right"), [((103, 101, 104, 102), 2000), ((0, 0, 0, 0), 1000)])
+def test_speeds_of_px4_are_of_the_motors_that_their_controllers_state(
+    tmp_path: Path, functions: tuple[int, ...], front_right: float
+) -> None:
+    pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
+    content = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1000) + message("B", bytes(40))
+    content += message("F", b"esc_report:int32_t esc_rpm;uint8_t actuator_function;uint8_t[3] _padding0;")
+    content += message("F", b"esc_status:uint64_t timestamp;esc_report[4] esc;")
+    content += message("A", struct.pack("<BH", 0, 0) + b"esc_status")
+    for at in range(50):
+        reports = b"".join(struct.pack("<iB3x", 1000 * place, own) for place, own in enumerate(functions, start=1))
+        content += message("D", struct.pack("<HQ", 0, 10_000 + 4000 * at) + reports)
+    log = read_log(written(tmp_path, content))
+
+    speed = log.channel("rpm.m1")[1]  # PX4's first motor is front right, as the Crazyflie's
+    np.testing.assert_allclose(speed, front_right * np.pi / 30)

@@ -252,3 +252,12 @@ def test_settled_points_of_a_stand_are_no_recording_and_the_commands_that_read_t
     said = cfid("import", tmp_path / "points.csv", "--campaign", tmp_path / "lab")
     assert said.returncode == 2
     assert "settled points, which are no recording over time: `cfid fit thrust`" in " ".join(said.stderr.split())
+
+
+def test_a_stand_s_times_without_a_unit_are_asked_for(cfid: Cfid, tmp_path: Path) -> None:
+    rows = "".join(f"{1.7 * at},{5000 * at},{0.01 * at}\n" for at in range(12))
+    (tmp_path / "slow.csv").write_text(f"t,cmd,thrust_n\n{rows}")
+    assert cfid("new", tmp_path / "lab").returncode == 0
+    said = cfid("import", tmp_path / "slow.csv", "--campaign", tmp_path / "lab")
+    assert said.returncode == 2
+    assert "column 't' names no unit: give --time-unit s, ms or us" in " ".join(said.stderr.split())

@@ -12,6 +12,7 @@ from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
 from cfid.records.tables.angle import AngleRecord, Reading, read_angle
 from cfid.records.tables.gyro import GYRO, integrated
+from cfid.swing.data import swing_in
 
 Array = npt.NDArray[np.float64]
 
@@ -90,6 +91,16 @@ def test_stamps_that_run_at_84_85_of_real_time_are_refused_and_not_corrected_twi
 
     with pytest.raises(DataError, match=r"1\.0119 s pass on this computer: they are no milliseconds"):
         read(folder)
+
+
+def test_a_gap_in_a_gyro_s_rows_is_named_where_its_angle_goes_over_the_top(tmp_path: Path) -> None:
+    time_s = np.arange(0, 20, 0.005)
+    rate = rocking(time_s, amplitude_rad=1.2, per_s=6.0)[1]
+    kept = (time_s < 5.10) | (time_s > 5.62)  # half a swing, in which it turned by more than a radian
+    folder = gyro_run(tmp_path, rate[kept] + 4.0 * (time_s[kept] > 5.6), stamps_ms=None, arrivals_s=time_s[kept])
+
+    with pytest.raises(DataError, match=r"over the top.* The gyro has no rows for 0\.5\d s, after 5\.1 s"):
+        swing_in(read(folder))
 
 
 @pytest.mark.parametrize("range_dps", [2000, 500, 250])

@@ -326,3 +326,26 @@ def test_the_kind_of_a_bare_file_is_told_by_its_columns(tmp_path: Path) -> None:
     assert holds("a,b\n0,1\n", columns=("1",) * 7)
     assert not holds("t,phi\n0,1\n")
     assert not holds("0,1\n1,1\n")
+
+
+@pytest.mark.parametrize("units", [None, "n,nm"])
+def test_forces_in_a_unit_that_is_not_read_are_refused_also_where_columns_are_named(
+    tmp_path: Path, units: str | None
+) -> None:
+    head = "t," + ",".join(f"{axis} (lbf)" if axis[0] == "F" else f"{axis} (lbf·in)" for axis in HEAD.split(",")[1:])
+    message = refusal(
+        tmp_path,
+        text_of(COUNTS / 1e6, head=head),
+        columns=tuple(head.split(",")),
+        **({"units": units} if units else {}),
+    )
+    assert (
+        "column 'Fx (lbf)' is in lbf: forces are read in N, torques in N m, or both in counts. Convert it." in message
+    )
+
+
+@pytest.mark.parametrize("unit", ["(N)", "[N]"])
+def test_forces_in_newtons_are_read_by_their_header(tmp_path: Path, unit: str) -> None:
+    head = "t," + ",".join(f"{axis} {unit}" if axis[0] == "F" else f"{axis} (N m)" for axis in HEAD.split(",")[1:])
+    record = read(tmp_path, text_of(COUNTS / 1e6, head=head))
+    assert record.force_n == pytest.approx(COUNTS[:, :3] / 1e6)

@@ -28,6 +28,7 @@ _TIME, _LOOP = "time", "loopIteration"
 _WHOLE = "I"  # frames with numbers; the others have differences from the ones before
 _LONGEST_US, _LONGEST_LOOPS = 10_000_000, 5000  # between two frames, as in Betaflight's viewer
 _GYRO = re.compile(r"gyro(?:ADC|Unfilt)\[\d\]")
+_MOTOR, _MOST = re.compile(r"motor\[[0-3]\]"), 1.01  # of full throttle
 _PLAIN = re.compile(r"(?:motor|eRPM|debug|rcCommand)\[\d\]|loopIteration")
 
 
@@ -56,6 +57,11 @@ def read_blackbox(path: Path, source: Source) -> FlightLog:
         if fault_name:
             notes.append(
                 f"log {number} of {len(logs)} has a frame that cannot be read; {len(frames)} before it are used."
+            )
+        if wrong := _impossible(parser, frames):
+            notes.append(
+                f"log {number} of {len(logs)}: {wrong} outputs of motors are beyond full throttle, which damaged bytes "
+                "alone show: left out of control.m1 to control.m4."
             )
         if len(frames):
             series.append(_series(f"log{number}", parser, frames))
@@ -133,12 +139,20 @@ def _as_a_crazyflie_s(fields: Mapping[str, Array], headers: Any) -> Iterator[tup
     for place, motor in enumerate(BETAFLIGHT_QUAD_X):
         own, speed = f"motor[{place}]", f"eRPM[{place}]"
         if own in fields and low < high:
-            yield f"control.m{motor}", stored(np.clip((fields[own] - low) / (high - low), 0, None))
+            share = np.clip((fields[own] - low) / (high - low), 0, None)
+            yield f"control.m{motor}", stored(np.where(share > _MOST, np.nan, share))
         if speed in fields and isinstance(poles, int) and poles >= 2:
             yield f"rpm.m{motor}", stored(fields[speed] * 100 / (poles / 2))
     one_g = headers.get("acc_1G")
     if "accSmooth[2]" in fields and isinstance(one_g, int) and one_g > 0:
         yield "acc.z", stored(fields["accSmooth[2]"] / one_g)
+
+
+def _impossible(parser: Any, frames: Array) -> int:
+    """Return how many outputs of motors are beyond full throttle, which damaged bytes alone show."""
+    low, high = _range(parser.headers.get("motorOutput"))
+    own = [at for at, name in enumerate(parser.field_names) if _MOTOR.fullmatch(name)]
+    return int(np.count_nonzero(frames[:, own] > low + _MOST * (high - low))) if low < high else 0
 
 
 def _range(header: object) -> tuple[float, float]:

@@ -44,6 +44,7 @@ _UNITS = (
     (r"actuator_outputs\.output\[\d+\]", "1"),
     (r"esc_status\.esc\[\d\]\.esc_rpm", "rpm"),
 )
+_FIRST_MOTOR = 101  # PX4's `actuator_function` of Motor1
 _PATTERNS = tuple((re.compile(pattern), unit) for pattern, unit in _UNITS)
 
 
@@ -139,13 +140,25 @@ def _in_order(rows: Rows) -> Rows:
 def _series(topic: str, number: int, rows: Sequence[Rows], motors: tuple[int, ...]) -> Series:
     fields = [field for field in rows[0].dtype.names or () if field != "timestamp"]
     columns = [_Column(Channel(printable(field), _unit(topic, field)), field) for field in fields]
-    columns += [column for column in _as_a_crazyflie_s(topic, motors) if column.field in fields]
+    columns += [column for column in _as_a_crazyflie_s(topic, _numbered(rows, motors)) if column.field in fields]
     return Series(
         name=printable(f"{topic}_{number}" if number else topic),
         rows=sum(map(len, rows)),
         channels=tuple(column.channel for column in columns),
         blocks=partial(_blocks, rows, columns),
     )
+
+
+def _numbered(rows: Sequence[Rows], motors: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the Crazyflie's numbers of a topic's entries in order: of motors, or what each states that it drives.
+
+    PX4's reports of motor controllers stand in the order of the controllers, and state their motors from 101 on.
+    """
+    named = [f"esc[{place}].actuator_function" for place in range(len(motors))]
+    if not set(named) <= set(rows[0].dtype.names or ()):
+        return motors
+    stated = [int(np.median(rows[0][name])) - _FIRST_MOTOR for name in named]
+    return tuple(motors[one] for one in stated) if sorted(stated) == list(range(len(motors))) else motors
 
 
 def _blocks(rows: Sequence[Rows], columns: Sequence[_Column]) -> Iterator[Array]:

@@ -44,6 +44,7 @@ LOADCELL = "loadcell"
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 USUAL_COUNTS = 1e6  # per N and per N m: the thesis' box, and the manufacturer's default
 
+_IN_BRACKETS = re.compile(r"[(\[]([^()\[\]]+)[)\]]\s*$")
 _STATUS = "status"
 _THESIS_FAMILY: Family = "netft"  # of a file that does not state its box
 _NAMES = {axis: column_name(axis, ("n" if axis[0] == "F" else "nm", "counts")) for axis in AXES}
@@ -248,6 +249,7 @@ def _units(table: CsvTable, columns: Mapping[str, str], values: Array, given: Un
     found: set[Units] = set()
     for axis, column in columns.items():
         own = "n" if axis[0] == "F" else "nm"
+        _check_unit(table, axis, column)
         named = unit_of(table, _NAMES[axis], column, own if given == "n,nm" else given, "units")
         found.add("n,nm" if named == own else "counts")
     if len(found) > 1:
@@ -255,6 +257,17 @@ def _units(table: CsvTable, columns: Mapping[str, str], values: Array, given: Un
     units = found.pop()
     _check_values(table, list(columns.values()), values, units)
     return units
+
+
+def _check_unit(table: CsvTable, axis: str, column: str) -> None:
+    """Raise DataError for a column whose header states a unit in brackets that is not read here."""
+    name = table.names[table.place(column)]
+    stated = _IN_BRACKETS.search(name)
+    if stated is not None and not _NAMES[axis].fullmatch(f"{axis} [{stated[1].strip()}]"):
+        raise DataError(
+            f"{table.path}: column '{name}' is in {stated[1].strip()}: forces are read in N, torques in N m, or both "
+            "in counts. Convert it."
+        )
 
 
 def _check_values(table: CsvTable, axes: Sequence[str], values: Array, units: Units) -> None:
