@@ -138,8 +138,9 @@ def _settled(equations: "_Equations", found: Array) -> tuple["_Equations", Optim
         if np.all(moved <= _SETTLED * np.linalg.norm(gain_of(np.asarray(result.jac)), axis=1)):
             return equations, result
     raise FitError(
-        f"noise and parameters, found in turn, do not come to rest in {_MOST_ROUNDS} rounds: this flight does not tell "
-        "lag, delays and moments apart. Fly quicker manoeuvres, or cut the flight."
+        f"noise and parameters, found in turn, do not come to rest in {_MOST_ROUNDS} rounds: the flight's noise "
+        "changes, or it does not tell lag, delays and moments apart. Fit a part of it (`from_s`, `to_s`), or fly "
+        "quicker manoeuvres."
     )
 
 

@@ -327,6 +327,8 @@ async def read_at_steps(
             continue
         live.left("all steps read")
         live.task("motors off")
+        readings.whole = True  # Ctrl-C ends it now as Enter does
         if await undone() and (back := readings.withdraw()) is not None:
+            readings.whole = False
             live.tell(_taken_back(*back, held="now"))
             left = [back[0]]

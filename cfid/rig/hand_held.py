@@ -38,7 +38,8 @@ class _Rows:
 class Readings:
     """Readings that the operator types at a motor command; `t` is when a reading was typed.
 
-    A row with `withdrawn` 1 repeats the row that it takes back: that one is on disk already.
+    A row with `withdrawn` 1 repeats the row that it takes back: that one is on disk already. `whole` is set where all
+    that was asked for is there, and the run may end.
     """
 
     def __init__(self, name: str, value_name: str, *, loop: Any, clock: HostClock) -> None:
@@ -46,6 +47,7 @@ class Readings:
         self.name, self.columns = name, ("t", "command", value_name, "withdrawn")
         self._loop, self._rows = loop, _Rows(4, clock)
         self._kept: list[tuple[int, float]] = []
+        self.whole = False
 
     def start(self) -> None:
         """Do nothing: rows come when they are typed."""

@@ -20,6 +20,7 @@ from cfid.rig import box as loadcell_box
 from cfid.rig.clock import HostClock
 from cfid.rig.e201_port import find_encoder, lock_name
 from cfid.rig.encoder import Encoder
+from cfid.rig.hand_held import Readings
 from cfid.rig.loadcell import LoadCell
 from cfid.rig.lock import DeviceLock
 from cfid.rig.loop import Ending, Loop, run_until_done, until_over
@@ -282,7 +283,8 @@ async def _recorded(
                 )
         early = f"ended by {ending.signal} after {recorder.seconds:.1f} s" if ending.signal else ""
         if plan.procedure is not None:
-            return run.close("interrupted" if early else "complete", reason=early)
+            whole = any(isinstance(one, Readings) and one.whole for one in instruments)
+            return run.close("interrupted" if early and not whole else "complete", reason="" if whole else early)
         return run.close("complete", reason=early if plan.for_s else "")
 
 

@@ -504,3 +504,18 @@ def test_a_rate_beside_a_column_of_times_is_noted_and_beside_its_unit_refused(tm
     assert record.time_s[-1] == pytest.approx(39 / 50)
     assert any("times are those of `rate_hz` 50: column 't' is not used." in one.text for one in record.findings)
     assert "`time_unit`" in refusal(tmp_path, text, ConfigError, rate_hz=50.0, time_unit="s")
+
+
+def test_quoted_numbers_with_decimal_commas_are_read(tmp_path: Path) -> None:
+    rows = (f'"{t:.3f}","{x:.6f}"'.replace(".", ",") for t, x in zip(TIME_S, ANGLE_RAD, strict=True))
+    record = read(tmp_path, "\n".join(['"t","phi_rad"', *rows, ""]), time_unit="s")
+    assert len(record.time_s) == len(TIME_S)
+    assert off_by(record, ANGLE_RAD) < 1e-6
+
+
+def test_slow_rows_whose_times_have_fractions_and_no_unit_are_asked_for(tmp_path: Path) -> None:
+    text = text_of(1730.06 * TIME_S, ANGLE_RAD, head="t,phi_rad")  # 1.73 apart
+    assert "names no unit, and rows that are 1.73 apart may be slow ones in s, or in ms: give `time_unit`" in refusal(
+        tmp_path, text, ConfigError
+    )
+    assert len(read(tmp_path, text, time_unit="ms").time_s) == len(TIME_S)

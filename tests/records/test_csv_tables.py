@@ -211,7 +211,6 @@ FAULTS: dict[str, tuple[str | bytes, str]] = {
         "2002: zero bytes",
     ),
     "a decimal comma between commas": ("t,phi\n0,001,1,5\n", "2: 4 fields where the file has 2 columns. Numbers need"),
-    "a quoted decimal comma": ('t,phi\n"0,001","1,5"\n', "2: '0,001' in column 't' is not a number. Numbers need"),
     "decimal commas between spaces without a head": ("0,001 1,5\n0,002 1,6\n", "1: '0,001 1,5' is neither"),
     "decimal commas and points": (
         "t;phi\n0,5;1\n1.5;2\n",

@@ -328,16 +328,16 @@ def test_the_kind_of_a_bare_file_is_told_by_its_columns(tmp_path: Path) -> None:
     assert not holds("0,1\n1,1\n")
 
 
-@pytest.mark.parametrize("units", [None, "n,nm"])
+@pytest.mark.parametrize("options", [{}, {"units": "n,nm"}])
 def test_forces_in_a_unit_that_is_not_read_are_refused_also_where_columns_are_named(
-    tmp_path: Path, units: str | None
+    tmp_path: Path, options: dict[str, Any]
 ) -> None:
     head = "t," + ",".join(f"{axis} (lbf)" if axis[0] == "F" else f"{axis} (lbf·in)" for axis in HEAD.split(",")[1:])
     message = refusal(
         tmp_path,
         text_of(COUNTS / 1e6, head=head),
         columns=tuple(head.split(",")),
-        **({"units": units} if units else {}),
+        **options,
     )
     assert (
         "column 'Fx (lbf)' is in lbf: forces are read in N, torques in N m, or both in counts. Convert it." in message

@@ -33,6 +33,7 @@ from cfid.records.tables.text import (
     fields_of,
     filled_lines,
     has_comma,
+    has_decimal_comma,
     has_decimal_commas,
     is_finite,
     short,
@@ -253,9 +254,11 @@ class CsvTable:
     def _unquoted(self) -> "CsvTable":
         lines = self._body.decode("latin-1").split("\n")
         between = self._separator or " "
-        for i, line in enumerate(lines):
-            if '"' in line:
-                lines[i] = between.join(field.replace(between, "?") for field in fields_of(line, self._separator))
+        quoted = {i: fields_of(line, self._separator) for i, line in enumerate(lines) if '"' in line}
+        decimal = between == "," and any(has_decimal_comma(field) for fields in quoted.values() for field in fields)
+        for i, fields in quoted.items():
+            points = (one.replace(",", ".") if decimal and has_comma(one) else one for one in fields)
+            lines[i] = between.join(field.replace(between, "?") for field in points)
         return replace(self, _body="\n".join(lines).encode("latin-1"))
 
     def _check_lines(self, places: Sequence[int]) -> None:

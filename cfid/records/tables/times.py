@@ -39,6 +39,7 @@ _OTHER_UNIT = re.compile(r"[ _/,\[(]+(min|minutes?|h|hrs?|hours?|ns|nanoseconds?
 _FASTEST_S, _SLOWEST_S = 1.9e-5, 0.11  # sampling intervals of a rig: 50 kHz to 10 Hz, with margin for jitter
 _NO_TIME = "Is this the time column? See `columns` and `rate_hz`."
 _FEWEST_ROWS = 16
+_LOOKED_AT, _OFF_WHOLE = 1000, 0.01  # times that show whether they are whole numbers, and what is not
 _MISSING_SHARE = 0.1  # of a recording's rows that may lack a number
 _REPEATED_SHARE = 0.01  # of time stamps that may repeat the previous one without a note
 _GAP, _LEAST_GAP_S = 10, 0.1  # usual intervals, and seconds: a busy computer's stamps are late by tens of milliseconds
@@ -221,7 +222,14 @@ def time_unit_of(
             f"{table.path}: column '{column}' is in '{other[1]}'; times are read in s, ms or us. Convert them, or give "
             "`time_unit` where the name is wrong."
         )
-    fitting = _fitting(usual_step(raw), slowest_s)
+    step = usual_step(raw)
+    fitting = _fitting(step, slowest_s)
+    some = raw[:_LOOKED_AT]
+    if fitting == ["ms"] and np.any(np.abs(some - np.rint(some)) > _OFF_WHOLE):  # clocks in ms count whole ones
+        raise ConfigError(
+            f"{table.path}: column '{column}' names no unit, and rows that are {step:.4g} apart may be slow ones in s, "
+            "or in ms: give `time_unit`."
+        )
     few_repeat = sum(int(np.count_nonzero(step == 0)) for _, step in differences(raw)) < (len(raw) - 1) / 2
     return cast(TimeUnit, fitting[0]) if len(fitting) == 1 and few_repeat else "s"
 
