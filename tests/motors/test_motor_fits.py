@@ -449,3 +449,17 @@ def test_a_stands_record_over_time_has_its_figure(cfid: Cfid, campaign: Path, tm
 
     assert done.returncode == 0, done.stderr
     assert (campaign / "figures" / "fit_thrust_stand.png").exists()
+
+
+def test_a_run_without_a_steady_step_is_left_out_and_does_not_condemn_the_others(cfid: Cfid, campaign: Path) -> None:
+    steps = (0, 16000, 32000, 48000)
+    run = write_run(campaign, climbed(steps, hold_s=1.5), steps=steps)
+    alone = found(cfid, "fit", "thrust", run.folder, "--campaign", campaign)["parameters"]
+    short = write_run(campaign, climbed((16000,), hold_s=0.05), steps=(16000,))
+    refused = cfid("fit", "thrust", short.folder, "--campaign", campaign, "--no-figures")
+    taken = found(cfid, "fit", "thrust", short.folder, run.folder, "--campaign", campaign)
+
+    assert refused.returncode in (4, 5)
+    assert taken["parameters"] == alone
+    (left_out,) = [one["text"] for one in taken["findings"] if one["code"] == "run-left-out"]
+    assert short.folder.name in left_out

@@ -181,3 +181,10 @@ def test_scatter_beyond_the_windows_is_said() -> None:
     found = fit_thrust(MotorPoints(command=COMMANDS, thrust_n=drifting, thrust_std_n=np.full(len(COMMANDS), 1e-5)))
 
     assert any("as far about the curve as within their windows" in message for message in remarks(found))
+
+
+def test_a_display_that_stands_still_gives_no_speed_map() -> None:
+    commands = np.array([4000.0, 8000.0, 12000.0, 16000.0, 20000.0])
+    points = MotorPoints(command=commands, speed_rad_s=np.full(5, 544.5))
+    with pytest.raises(FitError, match=r"544\.5 rad/s at every command from 4000 to 20000: the instrument's display"):
+        fit_speed(points)

@@ -1,23 +1,28 @@
 """Arguments of `cfid fit thrust`, `speed` and `torque` to files, runs and tables of motors."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from cfid.console.inputs import Workplace, find_recording
 from cfid.console.options import LoadCellOptions, ReadingOptions
 from cfid.console.selection import chosen, labelled
 from cfid.errors import ConfigError, DataError, FitError
-from cfid.findings import joined
+from cfid.findings import joined, warning
 from cfid.motors.maps.data import of_file, of_run
 from cfid.motors.maps.evidence import Evidence, Stand, together
 from cfid.motors.maps.table_data import of_table
 from cfid.motors.vibration.data import Rotors
-from cfid.records.run import refuse_contradiction, run_holding
+from cfid.records.run import Run, refuse_contradiction, run_holding
 from cfid.records.run_notes import run_at
 from cfid.records.tables.schema import refuse_for_run
 from cfid.records.tables.stand import read_stand_as, stand_file
 from cfid.records.tables.wrench import holds_wrench
 from cfid.units import FULL_COMMAND
+
+_NOTHING = ConfigError(
+    "nothing to fit: give a thrust stand's CSV file, COMMAND=FILE ..., or a RUN of `cfid log thrust` or speed."
+)
 
 
 def read_evidence(
@@ -38,11 +43,14 @@ def read_evidence(
 
     Without any of them the campaign's complete runs of a `kind` are taken.
 
+    A run that gives nothing is left out with a warning where others give something.
+
     Raises ConfigError when there is nothing to read, DataError and FitError that name the file.
     """
 
     foreign = reading.foreign()
     runs: list[Path] = []
+    faults: list[DataError | FitError] = []
     stands: list[Path] = []
     files: list[str] = []
 
@@ -50,6 +58,13 @@ def read_evidence(
         stands.append(path)
         read = read_stand_as(path, foreign, gravity_mps2=workplace.rig.site.gravity_mps2, esc_us=esc_us)
         return of_table(read, known, workplace.facts)
+
+    def of_runs(run: Run) -> list[Evidence]:
+        try:
+            return [of_run(run, known, scale.reading(reading), rotors=rotors)]
+        except (DataError, FitError) as error:  # one part of a resumed staircase does not condemn the others
+            faults.append(error)
+            return []
 
     parts = [] if table is None else [of_stand(table)]
     for word in _meant(words, parts, workplace, kind):
@@ -67,22 +82,22 @@ def read_evidence(
                 parts.append(of_stand(imported))
             elif (run := run_at(path)) is not None:
                 runs.append(path)
-                parts.append(of_run(run, known, scale.reading(reading), rotors=rotors))
+                parts += of_runs(run)
             elif holds_wrench(path, scale.reading(reading)):
                 raise DataError(f"{path}: a load cell's file needs its command: write COMMAND={path}.")
             else:
                 parts.append(of_stand(path))
     if not parts:
-        raise ConfigError(
-            "nothing to fit: give a thrust stand's CSV file, COMMAND=FILE ..., or a RUN of `cfid log thrust` or speed."
-        )
+        raise next(iter(faults), _NOTHING)
     if runs and not (stands or files):
         refuse_for_run(runs[0], foreign)
     if esc_us is not None and not stands:
         raise ConfigError("`esc_us` is for a thrust stand's table, and none is given.")
     if not any(len(part.points.command) for part in parts):
         raise FitError(joined(["no step settles.", *(part.findings[-1].text for part in parts if part.findings)]))
-    return together(parts)
+    left_out = tuple(warning("run-left-out", f"{error} It is left out.") for error in faults)
+    found = together(parts)
+    return replace(found, findings=(*left_out, *found.findings))
 
 
 def _meant(words: Sequence[str], tables: Sequence[Evidence], workplace: Workplace, kind: str) -> Sequence[str]:

@@ -20,6 +20,7 @@ NOTABLE_SCATTER = 2.0  # times the stated standard uncertainties, from where it 
 OUTLIER_WEIGHT = 0.34  # of Huber's loss: four standard uncertainties off
 
 _STANDING_N = 1e-3  # less than any motor that turns gives: 0.1 g
+_APART, _ALIKE = 0.2, 0.02  # of the largest: commands that are far apart, and speeds that are one
 _STANDING_RAD_S = 10.0
 _TWICE, _HALF = (1.7, 2.3), (0.43, 0.59)  # ratios of speeds that a count too many or too few explains
 _OTHER_MOTORS = 1.33  # ratio of speeds at one command that other motors and propellers explain
@@ -54,13 +55,18 @@ def check_thrust(command: Array, thrust_n: Array) -> None:
 def check_speed(command: Array, speed_rad_s: Array) -> None:
     """Check speeds (n,) in rad/s of commands above the dead zone.
 
-    Raises FitError when there are none, or when no motor ran.
+    Raises FitError when there are none, when no motor ran, or when the speed is one at commands far apart.
     """
-    running = speed_rad_s[_running(command)]
+    at, running = command[_running(command)], speed_rad_s[_running(command)]
     if running.max() < _STANDING_RAD_S:
         raise FitError(
             f"the motors never ran: above command {DEAD_COMMAND} the largest speed is {running.max():.2g} rad/s. Does "
             "the tachometer see its marker, and were the motors armed?"
+        )
+    if np.ptp(at) > _APART * at.max() and np.ptp(running) < _ALIKE * running.max():
+        raise FitError(
+            f"the speed is {running.mean():.4g} rad/s at every command from {at.min():.0f} to {at.max():.0f}: the "
+            "instrument's display stands still, or it counts something else than the rotor."
         )
 
 
