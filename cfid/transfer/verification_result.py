@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from cfid.errors import ConfigError, DataError
-from cfid.findings import Finding, warning
+from cfid.findings import Finding, note, warning
 from cfid.records.parameters import Parameter, Source
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.run import Run
@@ -95,9 +95,13 @@ def verify(
     """
     sines = runs if isinstance(runs, SineSet) else read_sines(runs)
     known = Function.of_quantities(function.quantities, function.sources) if isinstance(function, Result) else function
-    if still := [run.name for run in sines.runs if run.sine.periods == 0]:
+    turning = {
+        name: moving for name, own in sines.series.items() if (moving := [run for run in own if run.sine.periods])
+    }
+    still = [run.name for run in sines.runs if not run.sine.periods]
+    if not turning:
         raise DataError(f"{still[0]}: has no frequency, and nothing to compare: leave it out.")
-    whole = [with_end(recorded) for recorded in sines.series.values()]
+    whole = [with_end(recorded) for recorded in turning.values()]
     compared = [one for recorded, _ in whole for one in _compared(align(recorded, sign=sign), known, settle_s)]
     keys = _distinct(own.name.partition(" (")[2].removesuffix(")").removesuffix(".csv") for _, own in compared)
     names = _distinct(own.name for _, own in compared)
@@ -120,6 +124,7 @@ def verify(
         },
         findings=(
             *sines.findings,
+            *(note("sine-without-frequency", f"{name} has no frequency and is left out.", "tf.*") for name in still),
             *(finding for _, lost in whole for finding in lost),
             *_reused(known, sines),
             *(finding for quantities, own in found for finding in own.findings(tuple(quantities))),

@@ -254,3 +254,19 @@ def test_a_row_that_contradicts_the_run_of_its_file_is_refused(
     (tmp_path / "index.csv").write_text(f"l,n,amplitude,motor,loadcell,crossings\n{row}\n")
 
     refused(tf("identify", "--index", "index.csv"), 2, "l 11 contradicts the run's own label, l 10.")
+
+
+def test_single_spikes_of_the_load_cell_are_left_out_and_counted(tf: Here, index: Path) -> None:
+    before = tf.json("identify", "--index", index, "--no-figures")
+    (cell,) = index.parent.glob("cell*.csv")
+    lines = cell.read_text().splitlines()
+    for at in range(500, len(lines), len(lines) // 6):
+        time_s, *_ = lines[at].split(",")
+        lines[at] = ",".join([time_s, *["3000000"] * 6])
+    cell.write_text("\n".join(lines) + "\n")
+
+    after = tf.json("identify", "--index", index, "--no-figures")
+
+    lag, spiked = (one["parameters"]["tf.time_constant_s"] for one in (before, after))
+    assert spiked["value"] == pytest.approx(lag["value"], abs=0.1 * lag["std"])
+    assert any("off alone left out (first at " in text for text in sentences(after))

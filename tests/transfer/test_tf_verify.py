@@ -159,10 +159,14 @@ def test_what_cannot_be_verified_is_refused(tf: Here, tmp_path: Path, runs: list
     refused(tf("verify", "--index", index), 2, "has no transfer function yet: run `cfid tf identify`")
 
 
-def test_a_run_without_frequency_cannot_be_compared(tf: Here, tmp_path: Path) -> None:
+def test_a_run_without_frequency_is_left_out_and_alone_cannot_be_compared(tf: Here, tmp_path: Path) -> None:
     index = write_index(tmp_path, {"": sines((0, 10))}, cells=1)
-    said = tf("verify", "--index", index, *BY_NUMBERS)
-    refused(said, 4, "l = 0 (crossings_0.csv): has no frequency")
+    both = tf.json("verify", "--index", index, *BY_NUMBERS)
+    assert "l = 0 (crossings_0.csv) has no frequency and is left out." in sentences(both)
+    assert [key for key in both["parameters"] if key.endswith("late_s")] == ["tf.verify.crossings_10.late_s"]
+
+    alone = write_index(tmp_path, {"": sines((0,))}, cells=1, name="alone.csv")
+    refused(tf("verify", "--index", alone, *BY_NUMBERS), 4, "l = 0 (crossings_0.csv): has no frequency")
 
 
 def test_a_run_in_which_noise_drowns_the_sine_verifies_little(tf: Here, tmp_path: Path) -> None:

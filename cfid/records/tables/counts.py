@@ -9,6 +9,7 @@ import numpy.typing as npt
 from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.large import differences, empty, joined, parts
+from cfid.records.tables.lone import MOST_SHARE, lone_readings, usual_bend
 from cfid.records.tables.table import Array, CsvTable
 from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, WORD_COUNTS_PER_TURN, decode_words
 
@@ -169,27 +170,13 @@ def _without_lone(table: CsvTable, angle: Array, rows: Rows | None) -> tuple[Arr
 
     More than one in a hundred are no single faults, and stay.
     """
-    some = [angle[at : at + _RANKED // 10] for at in range(0, len(angle), max(len(angle) // 10, _RANKED // 10))]
-    bends = np.concatenate([np.zeros(1), *(np.abs(np.diff(one, n=2)) for one in some)])
-    limit = max(_LONE_RAD, _LONE_TIMES * float(np.quantile(bends, _USUAL)))
-    bent = [begin + 1 + np.flatnonzero(np.abs(step) > 2 * limit) for begin, step in differences(angle, order=2)]
-    places = np.concatenate([np.empty(0, np.intp), *bent])
-    before, here, after = angle[places - 1], angle[places], angle[places + 1]
-    lone = places[(np.abs(here - (before + after) / 2) > limit) & (np.abs(after - before) < limit)]
-    lone = np.concatenate([_end(angle[:4], limit), lone, len(angle) - 1 - _end(angle[:-5:-1], limit)])
-    if not 0 < len(lone) <= _JUMP_SHARE * len(angle):
+    lone = lone_readings(angle, max(_LONE_RAD, _LONE_TIMES * usual_bend(angle, _USUAL)))
+    if not 0 < len(lone) <= MOST_SHARE * len(angle):
         return angle, rows, ()
     line = table.line_of_row(int(lone[0] if rows is None else rows[lone[0]]))
     kept = np.delete(np.arange(len(angle)) if rows is None else rows, lone)
     text = f"{counted(len(lone), 'reading')} of {len(angle)} off alone left out (first: line {line})."
     return np.delete(angle, lone), kept, (text,)
-
-
-def _end(angle: Array, limit: float) -> Rows:
-    """Return the place of a first reading of four that is farther off the line of the others than they bend."""
-    if len(angle) < 4 or abs(angle[0] - 2 * angle[1] + angle[2]) <= 2 * limit:
-        return np.empty(0, np.intp)
-    return np.zeros(int(abs(angle[1] - 2 * angle[2] + angle[3]) < limit), np.intp)
 
 
 def _beyond(steps: Iterable[tuple[int, Array]]) -> Rows:
