@@ -221,10 +221,11 @@ def _add(
     if gappy:
         notes.append(f"{series.name}: devices of their own, since some rows have no number: {', '.join(gappy)}.")
     names = [_word(name, _NO_COLUMN) for name in kept]
-    if not (names or gappy) or len(set(names)) < len(names):
+    of_times_alone = not series.names  # an event without variables
+    if not (names or gappy or of_times_alone) or len(set(names)) < len(names):
         why = "two columns have one name" if names else "no column is left"
         return [], [*notes, f"{series.name}: left out: {why}."]
-    if names:
+    if names or of_times_alone:
         device = _free(device, records)
         records[device] = DeviceRecord(file=f"{device}.csv", columns=("t", *names))
         blocks[device] = _columns(series, whole)

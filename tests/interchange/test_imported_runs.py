@@ -16,7 +16,7 @@ from cfid.records.tables.angle import Reading, read_angle
 from cfid.records.tables.vehicle import VEHICLE_LOG, read_commands, read_rows
 from cfid.records.tables.wrench import WrenchReading, read_wrench
 from tests.campaigns import Cfid
-from tests.logs.usd_bytes import Record, bytes_of, written
+from tests.logs.usd_bytes import FIXED, Event, Record, bytes_of, rows, written
 
 TIME_S = np.arange(3000) / 500
 ANGLE_RAD = 0.5 * np.exp(-TIME_S / 20) * np.cos(8 * TIME_S)
@@ -191,3 +191,13 @@ def test_a_card_s_log_of_a_swing_has_true_seconds_or_says_that_it_may_not(
     assert [finding.severity for finding in found.findings].count("rejection") == undecided
     if not undecided:
         assert found.time_s[-1] == pytest.approx(2.999, abs=1e-5)
+
+
+def test_an_event_without_variables_keeps_its_times(tmp_path: Path, campaign: Path) -> None:
+    taken_off: Event = (7, "takeOff", ())
+    records: list[Record] = [*rows(100), (7, 5_100_500, ()), (7, 5_200_500, ())]
+    file = written(tmp_path, bytes_of([FIXED, taken_off], records))
+    run = imported(campaign, file)
+
+    times = np.loadtxt(run.device_file("takeOff"), skiprows=1, ndmin=1)
+    assert times.tolist() == pytest.approx([5.1005, 5.2005])
