@@ -253,9 +253,27 @@ def battery(sampled: Sampled, plan: Sequence[Held]) -> DeviceAnswer:
 def quick(devices: Sequence[Device], plan: Sequence[Held], *, mass_kg: float, calm: bool = True) -> str:
     """Sample load cell and vehicle for a second, note each limit that is exceeded; return the battery's state.
 
-    A device that sends lines slowly is sampled for longer. Raises DeviceError where a recording would be worthless, or
-    a device failed.
+    A device that sends lines slowly is sampled for longer. Raises DeviceError where a recording would be worthless by a
+    second look too, since a busy computer may have missed the first, or a device failed.
     """
+    every, wrong, worthless = _look(devices, plan, mass_kg=mass_kg, calm=calm)
+    if worthless:
+        every, wrong, worthless = _look(devices, plan, mass_kg=mass_kg, calm=calm)
+    lines = [f"{name}, {one.asked}: {one.answer} (limit {one.limit}): {one.advice}." for name, one in wrong]
+    if worthless:
+        raise DeviceError(f"not recorded: {' '.join(lines)} `cfid rig preflight` shows more; --no-preflight records.")
+    for line in lines:
+        note(line)
+    return next((f"; battery {one.answer}" for _, one in every if one.asked == _LASTS), "")
+
+
+Answers = list[tuple[str, DeviceAnswer]]  # by device
+
+
+def _look(
+    devices: Sequence[Device], plan: Sequence[Held], *, mass_kg: float, calm: bool
+) -> tuple[Answers, Answers, bool]:
+    """Return all answers, those beyond a limit, and whether with them a recording would be worthless."""
     rates_hz = [device.record.rate_hz or math.inf for device in devices if sends_lines(device.record)]
     for_s = max([QUICK_S, *((_FEWEST_LINES + 1) / rate_hz for rate_hz in rates_hz)])
     live = LiveLine()
@@ -270,12 +288,7 @@ def quick(devices: Sequence[Device], plan: Sequence[Held], *, mass_kg: float, ca
     wrong = [
         (name, one) for name, one in every if one.state == "fault" or (one.asked == _LASTS and one.advice and one.limit)
     ]
-    lines = [f"{name}, {one.asked}: {one.answer} (limit {one.limit}): {one.advice}." for name, one in wrong]
-    if any(one.asked in _WORTHLESS and name == "loadcell" for name, one in wrong):
-        raise DeviceError(f"not recorded: {' '.join(lines)} `cfid rig preflight` shows more; --no-preflight records.")
-    for line in lines:
-        note(line)
-    return next((f"; battery {one.answer}" for _, one in every if one.asked == _LASTS), "")
+    return every, wrong, any(one.asked in _WORTHLESS and name == "loadcell" for name, one in wrong)
 
 
 def judged(
