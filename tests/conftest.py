@@ -30,8 +30,13 @@ settings.load_profile("cfid")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the tutorial: it takes longer than any other test, and nothing else should wait for its end."""
+    """Begin with the tutorial, which takes longest: nothing else should wait for its end."""
     items.sort(key=lambda item: item.path.name != "test_tutorial.py")
+    for item in items:
+        # What runs against a clock gets a second try: a computer with more to do than it has cores may have kept the
+        # devices and programs of the first from the processor. The closing line counts it; a fault fails twice.
+        if "in_time" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.flaky(reruns=1))
 
 
 def pytest_collection_finish() -> None:
