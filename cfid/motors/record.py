@@ -232,7 +232,7 @@ def _expected(staircase: StaircasePlan, rig: Rig, column: str) -> Expected | Non
 def _procedure(
     staircase: StaircasePlan, question: str | None, live: LiveLine, expected: Expected | None, *, tare: bool
 ) -> Procedure:
-    """Return the staircase; a question is put to the operator at each command, and doubts of what is not `expected`.
+    """Return the staircase; the operator is asked at each command, and again where an answer is not `expected`.
 
     A `tare` is a pause before the first command, and then no question is put about rotors that stand.
     """
@@ -245,7 +245,7 @@ def _procedure(
         questions = Questions(loop=loop, tell=live.ask, say=live.tell)
         readings: Readings = there["readings"]
 
-        def doubt(value: float) -> str:
+        def fault(value: float) -> str:
             return "" if expected is None else expected.fault(value, readings.values)
 
         async def ask(command: int) -> float | Answer | None:
@@ -253,7 +253,7 @@ def _procedure(
                 return None
             live.ring()
             undo = f" (u undoes {readings.values[-1]:g})" if readings.values else ""
-            answer = await questions.number(question.format(command=command) + undo, doubt)
+            answer = await questions.number(question.format(command=command) + undo, fault)
             live.ask("")
             return answer
 

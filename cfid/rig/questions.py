@@ -39,15 +39,15 @@ class Questions:
         """Stop listening."""
         self._keyboard.close()
 
-    async def number(self, what: str, doubt: Callable[[float], str] = lambda value: "") -> float | Answer | None:
+    async def number(self, what: str, fault: Callable[[float], str] = lambda value: "") -> float | Answer | None:
         """Return the number typed, None for an empty line, which means no reading, UNDO for u or undo.
 
-        Asks again after an invalid line, and once after a number for which `doubt` returns a reason: typed again, it
+        Asks again after an invalid line, and once after a number for which `fault` returns a reason: typed again, it
         counts. A script is told the reason, and its number counts. Raises ConfigError when the input ends, or when a
         script's line is invalid.
         """
         await self._forget_typed(what)
-        doubted: float | None = None
+        questioned: float | None = None
         while True:
             line = await self._line(what)
             if not line:
@@ -63,14 +63,14 @@ class Questions:
                     raise ConfigError(wrong)
                 self._say(wrong)
                 continue
-            reason = doubt(value)
-            if not reason or value == doubted:
+            reason = fault(value)
+            if not reason or value == questioned:
                 return value
             if not self._keyboard.keys:
                 self._say(reason)
                 return value
             self._say(f"{reason} Type it again to keep it, or the right one.")
-            doubted = value
+            questioned = value
 
     async def undone(self, what: str) -> bool:
         """Return whether u or undo is typed rather than Enter; a script is not asked, and ended input is Enter."""
