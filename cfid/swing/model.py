@@ -12,7 +12,7 @@ its bias; as rates do not show where zero is, the vertical is. A body on two thr
 
 with W = m g a b / (h I), k = a b / h^2 and f = a b / (g h), which follows from the energies of a body that rises with
 the threads; without threads k = f = 0. The trajectory itself is an unknown, see `collocation`. Started on the
-measured angle, it cannot slip by a period as shooting from a guess can.
+measured angle, it cannot slip by a period as shooting from a guess can; across a gap it swings on from the guess.
 """
 
 import math
@@ -32,6 +32,8 @@ TERMS = ("viscous", "coulomb", "quadratic")
 PROBES = ("low speed", "low speed", "angle")  # what dry friction may vary with, unlike the model's
 ECCENTRICITY, SPRING = "eccentricity", "spring"
 
+_SMOOTHED_NODES = 15  # of the grid, around a node of the first guess
+_GAP = 5.0  # usual intervals between rows
 _MAX_ITERATIONS = 20
 _CONVERGED_RAD = 1e-8  # step of the predicted angle, rms
 _ON_THE_EQUATION_RAD = 1e-7
@@ -113,13 +115,37 @@ def first_guess(time_s: Array, angle_rad: Array, *, start_s: float, step_s: floa
     Smoothing flattens the acceleration, so that W comes out some per cent low: good enough to start from.
     """
     count = max(int(np.ceil((time_s[-1] - start_s) / step_s)) + 1, 16)
-    grid = start_s + step_s * np.arange(count)
+    grid = start_s + step_s * np.arange(count, dtype=np.float64)
     sampled = np.interp(grid, time_s, angle_rad)
-    angle, speed, acceleration = smooth(sampled, length=15, step_s=step_s)
+    angle, speed, acceleration = smooth(sampled, length=_SMOOTHED_NODES, step_s=step_s)
     regressors = np.stack([-np.sin(angle), -speed, np.cos(angle)], axis=1)
-    stiffness, viscous, offset = np.linalg.lstsq(regressors, acceleration, rcond=None)[0]
+    blind = _without_rows(time_s, grid)
+    seen = ~blind if np.count_nonzero(~blind) > len(blind) / 4 else np.ones_like(blind)
+    stiffness, viscous, offset = np.linalg.lstsq(regressors[seen], acceleration[seen], rcond=None)[0]
     coefficients = Coefficients(stiffness, max(viscous, 0.0), 0.0, 0.0, offset / stiffness)
+    _swing_on(angle, speed, ~seen, coefficients, step_s)
     return coefficients, Trajectory(start_s, step_s, angle, speed)
+
+
+def _without_rows(time_s: Array, grid_s: Array) -> npt.NDArray[np.bool_]:
+    """Return the nodes (n,) whose smoothing reaches into a gap of a record, which a straight line bridges."""
+    steps = np.diff(time_s)
+    reach_s = _SMOOTHED_NODES * (grid_s[1] - grid_s[0])
+    before = np.flatnonzero(steps > max(_GAP * float(np.median(steps)), reach_s))
+    blind = np.zeros(len(grid_s), bool)
+    for at in before:
+        blind |= (grid_s > time_s[at] - reach_s / 2) & (grid_s < time_s[at + 1] + reach_s / 2)
+    return blind
+
+
+def _swing_on(
+    angle: Array, speed: Array, blind: npt.NDArray[np.bool_], coefficients: Coefficients, step_s: float
+) -> None:
+    """Replace angles and speeds (n,) of blind nodes by those of the pendulum that swings on from the node before."""
+    stiffness, viscous, *_, zero = coefficients
+    for at in np.flatnonzero(blind[1:]) + 1:
+        speed[at] = speed[at - 1] - step_s * (stiffness * math.sin(angle[at - 1] - zero) + viscous * speed[at - 1])
+        angle[at] = angle[at - 1] + step_s * speed[at]
 
 
 @np.errstate(over="ignore", invalid="ignore")  # of a step that runs away, which ends the fit

@@ -65,6 +65,16 @@ def fitted(time_s: Array, angle: Array, terms: tuple[str, ...], step_s: float = 
     return fit_output_error(time_s, angle, coefficients=guess, trajectory=trajectory, terms=terms)
 
 
+@pytest.mark.parametrize("begin_s", [1.0, 2.5, 4.0])
+@pytest.mark.parametrize("length_s", [0.5, 1.5, 2.0])
+def test_a_gap_of_several_periods_costs_no_accuracy(begin_s: float, length_s: float) -> None:
+    time_s, angle = free_swing(70.0, SMOOTH[0])
+    kept = (time_s < time_s[0] + begin_s) | (time_s > time_s[0] + begin_s + length_s)
+    fit = fitted(time_s[kept], angle[kept], TERMS)
+    assert fit.converged
+    assert fit.coefficients.natural_frequency_squared_s2 == pytest.approx(FREQUENCY, rel=1e-5)
+
+
 @pytest.mark.parametrize("degrees", [10, 40, 70])
 @pytest.mark.parametrize(
     ("damping", "terms"),
