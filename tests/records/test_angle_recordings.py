@@ -55,6 +55,46 @@ def test_readings_that_stand_off_alone_are_left_out_and_counted(tmp_path: Path) 
     assert any("5 readings of 2000 off alone left out (first: line 2)." in one for one in record.notes)
 
 
+@pytest.mark.parametrize("value", [9.9, 3.0, -2.0, np.pi, 200.0])
+@pytest.mark.parametrize("in_row", [1, 2, 3])
+def test_wrong_readings_about_half_a_turn_off_are_left_out_before_turns_are_counted(
+    tmp_path: Path, value: float, in_row: int
+) -> None:
+    wrong = [place + one for place in range(150, 2000, 401) for one in range(in_row)]
+    spiked = ANGLE_RAD.copy()
+    spiked[wrong] = value
+    record = read(tmp_path, text_of(TIME_S, spiked), angle_unit="rad")
+
+    assert off_by(record, np.delete(ANGLE_RAD, wrong)) < 1e-6
+    assert any(f"{len(wrong)} readings of 2000 off alone left out (first: line 152)." in one for one in record.notes)
+
+
+def test_one_wrong_reading_does_not_hide_the_unit(tmp_path: Path) -> None:
+    spiked = ANGLE_RAD.copy()
+    spiked[700] = 44.0
+    record = read(tmp_path, text_of(TIME_S, spiked))
+    assert off_by(record, np.delete(ANGLE_RAD, 700)) < 1e-6
+
+
+def test_readings_that_hang_while_the_angle_moves_are_left_out_and_counted(tmp_path: Path) -> None:
+    hung = np.round(ANGLE_RAD, 3)
+    hung[500:530] = hung[500]
+    hung[1200:1500] = hung[1200]
+    record = read(tmp_path, text_of(TIME_S, hung), angle_unit="rad")
+
+    kept = np.delete(ANGLE_RAD, [*range(501, 530), *range(1201, 1500)])
+    assert len(record.time_s) == len(kept) < 2000 - 300
+    assert off_by(record, kept) < 1e-3
+    assert any("in 2 stretches (first: line 503): left out." in one for one in record.notes)
+
+
+def test_an_angle_at_rest_or_turning_back_is_no_reading_that_hangs(tmp_path: Path) -> None:
+    slow = np.concatenate([np.full(800, 0.9), 0.9 * np.cos(4 * TIME_S), np.full(500, 0.9 * np.cos(4 * TIME_S[-1]))])
+    times = np.arange(len(slow)) * 1e-3
+    for values in (np.round(slow, 2), np.round(slow, 3), slow, np.repeat(slow[::5], 5)):
+        assert len(read(tmp_path, text_of(times, values), angle_unit="rad").time_s) == len(times)
+
+
 @pytest.mark.parametrize("rate_hz", [1000, 100, 25])
 def test_a_swing_s_own_extremes_are_no_faults(tmp_path: Path, rate_hz: float) -> None:
     time_s = np.arange(0, 20, 1 / rate_hz)
@@ -381,7 +421,11 @@ def test_a_swing_shows_its_unit_by_its_range_and_that_is_said(tmp_path: Path, un
     assert f"column 'phi' is read in {unit}, by its range of" in record.notes[0]
 
 
-@pytest.mark.parametrize("values", [20 * TIME_S, 10 * ANGLE_RAD], ids=["a spin", "a swing of 9 somethings"])
+@pytest.mark.parametrize(
+    "values",
+    [20 * TIME_S, 10 * ANGLE_RAD, 0.5 * ANGLE_RAD],
+    ids=["a spin", "a swing of 9 somethings", "a swing of 0.45 somethings"],
+)
 def test_a_range_that_may_be_of_either_unit_is_asked_about(tmp_path: Path, values: npt.NDArray[np.float64]) -> None:
     message = refusal(tmp_path, text_of(TIME_S, values))
     assert "may be radians or degrees: give `angle_unit` rad or deg" in message
@@ -430,12 +474,12 @@ def test_a_few_words_that_fail_their_check_are_left_out_and_many_are_refused(
     assert "`counts_per_turn`" in message
 
 
-def test_plain_counts_with_a_wrong_one_are_doubted_and_with_many_refused(tmp_path: Path) -> None:
+def test_plain_counts_that_jump_for_good_are_noted_and_many_that_jump_refused(tmp_path: Path) -> None:
     values = counts(ANGLE_RAD + 1.5, 4194304)
-    values[1234] ^= 1 << 21
+    values[1234:] ^= 1 << 21
     record = read(tmp_path, text_of(TIME_S, values))
     assert any(
-        "jumps by more than a quarter of a turn in 2 of 2000 samples (first: line 1236)" in n for n in record.notes
+        "jumps by more than a quarter of a turn in 1 of 2000 samples (first: line 1236)" in n for n in record.notes
     )
     noise = np.random.default_rng(0).integers(0, 4194304, len(TIME_S))
     message = refusal(tmp_path, text_of(TIME_S, noise))

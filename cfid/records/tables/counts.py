@@ -9,6 +9,7 @@ import numpy.typing as npt
 from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.large import differences, empty, joined, parts
+from cfid.records.tables.frozen import frozen_readings
 from cfid.records.tables.lone import MOST_SHARE, lone_readings, usual_bend
 from cfid.records.tables.table import Array, CsvTable
 from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, WORD_COUNTS_PER_TURN, decode_words
@@ -24,8 +25,9 @@ _JUMP_RAD = np.pi / 2  # between two samples; at half a turn the direction is am
 _LONE_RAD, _LONE_TIMES, _USUAL = 0.1, 3.0, 0.95
 _LOOKED_AT = 500  # samples whose way shows a swing
 _LEAST_SWING_DEG, _TO_AND_FRO = 20.0, 2.5  # range of a swing in degrees, more than radians can be; its way over that
+_LEAST_SWING_RAD = 1.0  # range; in a smaller one the period of radians is within some per cent of that of degrees
 _FOLDED_TURNS = 1.5  # range of an angle that may be wrapped into one turn, with margin for a wrong scale
-_RANKED = 1_000_000  # samples whose percentiles show the range
+_RANKED, _FEW_WRONG = 1_000_000, (0.5, 99.5)  # samples whose percentiles show the range
 _EXACT = 2.0**53  # above it, counts lose their last digits; no axis turns that far
 _SHORTER_WORD = 1 << 18  # a 22-bit encoder that stays below may as well be one of fewer bits
 
@@ -57,13 +59,13 @@ def continuous_angle(
         unit = "counts"
     notes: tuple[str, ...] = ()
     if unit is None:
-        unit = _unit_by_range(values, low, high)
-        notes = (f"column '{column}' is read in {unit}, by its range of {high - low:.4g} (`angle_unit`).",)
-    if unit is None:
-        raise DataError(
-            f"{table.path}: column '{column}' names no unit, is not whole counts, and its range of "
-            f"{high - low:.4g} may be radians or degrees: give `angle_unit` rad or deg."
-        )
+        unit, span = _unit_by_range(values)
+        notes = (f"column '{column}' is read in {unit}, by its range of {span:.4g} (`angle_unit`).",)
+        if unit is None:
+            raise DataError(
+                f"{table.path}: column '{column}' names no unit, is not whole counts, and its range of "
+                f"{span:.4g} may be radians or degrees: give `angle_unit` rad or deg."
+            )
     if unit != "counts":
         return _joined(table, _turns(values, 360.0 if unit == "deg" else 2 * np.pi), None, notes)
     if not whole:
@@ -84,13 +86,17 @@ def _turns(values: Array, per_turn: float) -> Array:
     return np.divide(values, per_turn, out=turns)
 
 
-def _unit_by_range(values: Array, low: float, high: float) -> str | None:
-    """Return the unit of angles (n,): radians within half a turn, degrees to and fro over more, else None."""
-    span = high - low
+def _unit_by_range(values: Array) -> tuple[str | None, float]:
+    """Return the unit of angles (n,), and their range without a few wrong readings.
+
+    They are radians over a wide swing within half a turn, degrees to and fro over more, else may be either: None.
+    """
+    low, high = np.percentile(values[:: len(values) // _RANKED + 1], _FEW_WRONG)
+    span = float(high - low)
     if max(-low, high) <= np.pi:
-        return "rad"
-    way = float(np.abs(np.diff(values[:: max(len(values) // _LOOKED_AT, 1)])).sum())
-    return "deg" if span > _LEAST_SWING_DEG and way > _TO_AND_FRO * span else None
+        return "rad" if span > _LEAST_SWING_RAD else None, span
+    way = float(np.abs(np.diff(values[:: max(len(values) // _LOOKED_AT, 1)].clip(low, high))).sum())
+    return "deg" if span > _LEAST_SWING_DEG and way > _TO_AND_FRO * span else None, span
 
 
 def _from_counts(table: CsvTable, setting: CountsPerTurn | None, counts: Array, low: float, high: float) -> Angle:
@@ -145,17 +151,18 @@ def _joined(table: CsvTable, turns: Array, rows: Rows | None, notes: tuple[str, 
     low, high = np.percentile(some, (1, 99))  # a few wrong readings must not make it look unwrapped
     angle = np.multiply(turns, 2 * np.pi, out=turns)
     if high - low <= _FOLDED_TURNS:
+        angle, rows, lone_note = _without_lone(table, angle, rows, period=2 * np.pi)
         for part in parts(len(angle)):
             begin = max(part.start - 1, 0)  # unwrapped already
             angle[begin : part.stop] = np.unwrap(angle[begin : part.stop])
-        angle, rows, lone = _without_lone(table, angle, rows)
-        notes += lone
+        angle, rows, frozen_note = _without_frozen(table, angle, rows)
+        notes += (*lone_note, *frozen_note)
         jumps = _beyond(differences(angle)) + 1
     else:  # whole turns were counted: a fast rotation is fine, a sudden change of speed is not
         jumps = _beyond(differences(angle, order=2)) + 2
     if not len(jumps):
         return Angle(angle, rows, notes)
-    line = table.line_of_row(int(jumps[0] if rows is None else rows[jumps[0]]))
+    line = _line(table, jumps, rows)
     what = f"the angle jumps by more than a quarter of a turn in {len(jumps)} of {len(turns)} samples"
     if len(jumps) > _JUMP_SHARE * len(turns):
         raise DataError(
@@ -165,18 +172,42 @@ def _joined(table: CsvTable, turns: Array, rows: Rows | None, notes: tuple[str, 
     return Angle(angle, rows, (*notes, f"{what} (first: line {line}); whole turns may be miscounted from there on."))
 
 
-def _without_lone(table: CsvTable, angle: Array, rows: Rows | None) -> tuple[Array, Rows | None, tuple[str, ...]]:
-    """Return an angle (n,) without readings that stand off alone between two that agree, its rows, and a note on them.
+def _without_lone(
+    table: CsvTable, angle: Array, rows: Rows | None, *, period: float
+) -> tuple[Array, Rows | None, tuple[str, ...]]:
+    """Return an angle (n,) without readings that stand off alone between others, its rows, and a note on them.
 
     More than one in a hundred are no single faults, and stay.
     """
-    lone = lone_readings(angle, max(_LONE_RAD, _LONE_TIMES * usual_bend(angle, _USUAL)))
-    if not 0 < len(lone) <= MOST_SHARE * len(angle):
+    limit = max(_LONE_RAD, _LONE_TIMES * usual_bend(angle, _USUAL, period=period))
+    off = lone_readings(angle, limit, period=period)
+    if not 0 < len(off) <= MOST_SHARE * len(angle):
         return angle, rows, ()
-    line = table.line_of_row(int(lone[0] if rows is None else rows[lone[0]]))
-    kept = np.delete(np.arange(len(angle)) if rows is None else rows, lone)
-    text = f"{counted(len(lone), 'reading')} of {len(angle)} off alone left out (first: line {line})."
-    return np.delete(angle, lone), kept, (text,)
+    line = _line(table, off, rows)
+    text = f"{counted(len(off), 'reading')} of {len(angle)} off alone left out (first: line {line})."
+    return *_without(angle, rows, off), (text,)
+
+
+def _without_frozen(table: CsvTable, angle: Array, rows: Rows | None) -> tuple[Array, Rows | None, tuple[str, ...]]:
+    """Return an angle (n,) without readings that stand still while it moves, its rows, and a note on them."""
+    still = frozen_readings(angle)
+    if not len(still):
+        return angle, rows, ()
+    line, stretches = _line(table, still, rows), 1 + int(np.count_nonzero(np.diff(still) > 1))
+    text = (
+        f"{counted(len(still), 'reading')} of {len(angle)} repeat the one before while the angle moves, in "
+        f"{counted(stretches, 'stretch', 'stretches')} (first: line {line}): left out."
+    )
+    return *_without(angle, rows, still), (text,)
+
+
+def _line(table: CsvTable, places: Rows, rows: Rows | None) -> int:
+    return table.line_of_row(int(places[0] if rows is None else rows[places[0]]))
+
+
+def _without(angle: Array, rows: Rows | None, places: Rows) -> tuple[Array, Rows]:
+    kept = np.delete(np.arange(len(angle)) if rows is None else rows, places)
+    return np.delete(angle, places), kept
 
 
 def _beyond(steps: Iterable[tuple[int, Array]]) -> Rows:

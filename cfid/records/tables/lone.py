@@ -1,4 +1,4 @@
-"""Single readings that stand off alone between two that agree: faults of a sensor or its wire, and no motion."""
+"""Single readings that stand off alone between others that agree: faults of a sensor or its wire, and no motion."""
 
 import numpy as np
 import numpy.typing as npt
@@ -9,30 +9,60 @@ Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.intp]
 
 MOST_SHARE = 0.01  # of the readings: more are no single faults
+_MOST_IN_ROW = 3  # readings that are off together
 _RANKED = 100_000  # readings whose bends show what is usual
 
 
-def usual_bend(value: Array, share: float) -> float:
-    """Return the second difference that a share of a series (n,) does not exceed, by parts of a long one."""
+def usual_bend(value: Array, share: float, *, period: float | None = None) -> float:
+    """Return the second difference that a share of a series (n,) does not exceed, by parts of a long one.
+
+    A `period` is the length of a circle on which the values are.
+    """
     length = _RANKED // 10
     some = [value[at : at + length] for at in range(0, len(value), max(len(value) // 10, length))]
-    return float(np.quantile(np.concatenate([np.zeros(1), *(np.abs(np.diff(one, n=2)) for one in some)]), share))
+    bends = (np.abs(_shortest(np.diff(one, n=2), period)) for one in some)
+    return float(np.quantile(np.concatenate([np.zeros(1), *bends]), share))
 
 
-def lone_readings(value: Array, limit: float) -> Rows:
-    """Return the places of a series (n,) that are farther off their neighbours than a limit, within which these agree.
+def lone_readings(value: Array, limit: float, *, period: float | None = None) -> Rows:
+    """Return the places of up to three readings in a row that are all farther than a limit off the others' course.
 
-    The first and the last reading are off alone where they miss the line through the next two.
+    The series (n,) goes on after them as before them, to that limit, or they begin or end it. A `period` is the length
+    of a circle on which the values are.
     """
-    bent = [begin + 1 + np.flatnonzero(np.abs(step) > 2 * limit) for begin, step in differences(value, order=2)]
-    places = np.concatenate([np.empty(0, np.intp), *bent])
-    before, here, after = value[places - 1], value[places], value[places + 1]
-    lone = places[(np.abs(here - (before + after) / 2) > limit) & (np.abs(after - before) < limit)]
-    return np.concatenate([_end(value[:4], limit), lone, len(value) - 1 - _end(value[:-5:-1], limit)])
+    left_of = [  # the course bends before the first of them
+        begin + 1 + np.flatnonzero(np.abs(_shortest(bend, period)) > limit / 2)
+        for begin, bend in differences(value, order=2)
+    ]
+    lefts = np.concatenate([np.zeros(1, np.intp), *left_of])
+    found = [_end(value[:4], limit, period), len(value) - 1 - _end(value[:-5:-1], limit, period)]
+    for width in range(1, _MOST_IN_ROW + 1):
+        left = lefts[lefts + width + 1 < len(value)]
+        left = left[_goes_on(value, left, left + width + 1, limit, period)][:, np.newaxis]
+        inside = np.arange(1, width + 1)
+        course = _shortest(value[left + width + 1] - value[left], period) * inside / (width + 1)
+        off = np.abs(_shortest(value[left + inside] - value[left] - course, period)) > limit
+        found.append((left + inside)[off.all(axis=1)].ravel())
+    return np.unique(np.concatenate(found))
 
 
-def _end(value: Array, limit: float) -> Rows:
+def _goes_on(value: Array, left: Rows, right: Rows, limit: float, period: float | None) -> npt.NDArray[np.bool_]:
+    """Return whether the values at places `left` and `right` (m,) lie on one course, by the slope before or behind."""
+    way = _shortest(value[right] - value[left], period)
+    before = _shortest(value[left] - value[left - 1], period)
+    after = _shortest(value[np.minimum(right + 1, len(value) - 1)] - value[right], period)
+    before = np.where(left > 0, before, after)
+    after = np.where(right + 1 < len(value), after, before)
+    slopes = np.stack([before, after, (before + after) / 2])
+    return np.asarray((np.abs(way - (right - left) * slopes) < limit).any(axis=0))
+
+
+def _shortest(step: Array, period: float | None) -> Array:
+    """Return steps, on a circle the shorter way around."""
+    return step if period is None else step - period * np.rint(step / period)
+
+
+def _end(value: Array, limit: float, period: float | None) -> Rows:
     """Return the place of a first reading of four that is farther off the line of the others than they bend."""
-    if len(value) < 4 or abs(value[0] - 2 * value[1] + value[2]) <= 2 * limit:
-        return np.empty(0, np.intp)
-    return np.zeros(int(abs(value[1] - 2 * value[2] + value[3]) < limit), np.intp)
+    bends = np.abs(_shortest(np.diff(value, n=2), period))
+    return np.zeros(int(len(bends) == 2 and bends[0] > 2 * limit and bends[1] < limit), np.intp)
