@@ -71,6 +71,33 @@ def test_the_four_coefficients_come_back_from_speed_and_from_thrust(by_thrust: b
     assert model.accepted
 
 
+def test_commands_that_change_between_rows_leave_the_rates_and_their_uncertainty_right() -> None:
+    row_s, rising_s, falling_s = 0.02, 0.1, 0.15
+    time_s, levels = np.arange(0.0, 24.0, row_s), np.array([0, 900, 1500, 2100, 2700, 2100, 1200, 600])
+    held = levels[(time_s / 3 + 1e-9).astype(int)]
+    steps, in_std = command_steps(time_s=time_s, command=held), []
+    for seed in range(12):
+        rng, speed, now = np.random.default_rng(seed), np.zeros(len(time_s)), 0.0
+        for place, level in enumerate(levels):
+            tau_s = rising_s if level > now else falling_s
+            since_s = time_s - 3 * place + rng.uniform(0, row_s)  # it changed up to a row before the one that shows it
+            after = since_s >= 0
+            speed[after] = level + (now - level) * np.exp(-since_s[after] / tau_s)
+            now = float(level)
+        model = fit_rotor_model(
+            time_s=time_s, value=speed + rng.normal(0, 3.0, len(time_s)), steps=steps, command_row_s=row_s
+        )
+        at = np.array([1.0, 3000.0])  # the rate at 1500 rad/s
+        for found, own, tau_s in (
+            (model.rising, model.covariance[:2, :2], rising_s),
+            (model.falling, model.covariance[2:, 2:], falling_s),
+        ):
+            in_std.append((at @ found - 1 / tau_s) / math.sqrt(at @ own @ at))
+
+    assert np.abs(in_std).max() < 4
+    assert 0.5 < np.sqrt(np.mean(np.square(in_std))) < 1.5
+
+
 def test_the_covariance_is_that_of_the_four_coefficients_in_their_order() -> None:
     model = fit_rotor_model(
         time_s=TIME_S, value=followed_speed((3.0, 2.5e-3), (1.0, 1.5e-3)) + noise(2, 1.0), steps=STEPS

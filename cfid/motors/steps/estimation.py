@@ -126,6 +126,7 @@ def fit_rotor_model(
     steps: Sequence[CommandStep],
     thrust_per_speed_squared_n_s2: float | None = None,
     blur_s: float = 0.0,
+    command_row_s: float = 0.0,
     battery: LoggedBattery | None = None,
 ) -> RotorModel:
     """Fit the rotor model of four coefficients to all steps at once, by output error.
@@ -136,40 +137,50 @@ def fit_rotor_model(
 
     k = `rising` where c > w and `falling` elsewhere: in this order the `rotor_dyn_coef` of utiasDSL's drone-models
     (first_principles) and crazyflow, where speeds are in RPM and k2 is 2 pi / 60 of ours. Free are these four, none
-    below zero, so that every speed is stable; a delay; and where each step begins and leads. See `fit_steps`.
+    below zero, so that every speed is stable; a delay; and where each step begins and leads. Where commands are known
+    in rows `command_row_s` apart, each step has its own delay, about the common one as a change within a row makes it.
+    See `fit_steps`.
     """
     data = StepData(time_s, value, steps, thrust_per_speed_squared_n_s2, blur_s)
     lags, noises = zip(*_fit_each(data, battery), strict=True)
     measured = np.concatenate([part.value for part in data.parts])
+    noise_std = _noise_std(data.parts, noises) if command_row_s else np.empty(0)
+    own = 3 if command_row_s else 2  # parameters of each step: begin, end, and how late its command was seen
 
     def shown(p: Array, batteries: Iterable[Sag | None]) -> Array:
         ways = [p[1:3] if lag.rising else p[3:5] for lag in lags]
-        levels = p[5:].reshape(-1, 2)
-        each = zip(data.parts, levels, ways, batteries, strict=True)
-        return np.concatenate(
-            [data.shown(part, Lag(p[0], *level, *way).sagging(sag)) for part, level, way, sag in each]
-        )
+        each = zip(data.parts, p[5:].reshape(-1, own), ways, batteries, strict=True)
+        values = [
+            data.shown(part, Lag(p[0] + sum(late), begin, end, *way).sagging(sag))
+            for part, (begin, end, *late), way, sag in each
+        ]
+        return np.concatenate(values)
 
-    def residual(p: Array) -> Array:
-        return np.asarray(shown(p, [lag.battery for lag in lags]) - measured)
+    def residual(p: Array, batteries: Iterable[Sag | None] = tuple(lag.battery for lag in lags)) -> Array:
+        late = p[5:].reshape(-1, own)[:, 2:].ravel()
+        usual_late = noise_std * late * math.sqrt(12) / command_row_s if command_row_s else late
+        return np.concatenate([shown(p, batteries) - measured, usual_late])
 
-    start, least = _start(lags), np.array([-math.inf, 0.0, 0.0, 0.0, 0.0] + [-math.inf] * 2 * len(lags))
+    start = _start(lags, own)
+    least = np.array([-math.inf, 0.0, 0.0, 0.0, 0.0] + [-math.inf] * own * len(lags))
+    lengths = [len(part.value) for part in data.parts]
     fit = least_squares(
         residual,
         start,
-        jac=lambda p: _slopes(residual, p, [len(part.value) for part in data.parts]),
+        jac=lambda p: _slopes(residual, p, lengths, own),
         x_scale=np.maximum(np.abs(start), 1e-3),
         bounds=(least, math.inf),
     )
-    more = _of_sag(fit, shown(fit.x, [_larger(lag.battery) for lag in lags]) - measured)
-    covariance = _covariance(fit, data.parts, noises) + np.outer(more, more)
+    more = _of_sag(fit, residual(fit.x, [_larger(lag.battery) for lag in lags]))
+    covariance = _covariance(fit, data.parts, [*noises, *np.reshape(noise_std**2, (-1, 1, 1))]) + np.outer(more, more)
+    left = fit.fun[: len(measured)]
     std, found = np.sqrt(np.diag(covariance)), np.where(fit.active_mask != 0, 0.0, fit.x)
     for first, way in ((1, True), (3, False)):
         if not any(lag.rising == way for lag in lags):
             found[first : first + 2] = std[first : first + 2] = math.nan
     covariance[:, np.isnan(std)] = covariance[np.isnan(std)] = 0.0
     length = round(_SMOOTH * lags[0].time_constant_s / data.parts[0].interval_s)
-    explained = _explained(fit.fun, np.concatenate([part.value - part.value.mean() for part in data.parts]), length)
+    explained = _explained(left, np.concatenate([part.value - part.value.mean() for part in data.parts]), length)
     text = f"the rotor model explains only {100 * explained:.0f} % of the steps (limit {100 * EXPLAINED:.0f} %)."
     misfit = rejection("rotor-model-misfit", text, "dynamics.rising", "dynamics.falling")
     return RotorModel(
@@ -180,24 +191,26 @@ def fit_rotor_model(
         covariance=covariance[1:5, 1:5],
         delay_s=float(found[0]),
         delay_std_s=float(std[0]),
-        rms=float(np.sqrt(np.mean(fit.fun**2))),
+        rms=float(np.sqrt(np.mean(left**2))),
         explained=explained,
         findings=(misfit,) if explained < EXPLAINED else (),
     )
 
 
-def _slopes(residual: Callable[[Array], Array], p: Array, lengths: Sequence[int]) -> Array:
-    """Return the forward differences (n, 5 + 2 s) of residuals of s steps, whose levels change their own step only.
+def _slopes(residual: Callable[[Array], Array], p: Array, lengths: Sequence[int], own: int) -> Array:
+    """Return the forward differences of residuals of s steps, whose `own` parameters each change their own step only.
 
+    The residuals are those of the steps' values, then of what each step's parameters are expected to be, if anything.
     All steps' levels are moved at once: hundreds of steps cost seven evaluations, not two for each.
     """
     moves = math.sqrt(np.finfo(float).eps) * np.maximum(1.0, np.abs(p)) * np.where(p < 0, -1.0, 1.0)
-    slopes, now, steps = np.zeros((sum(lengths), len(p))), residual(p), np.repeat(np.arange(len(lengths)), lengths)
+    now, numbers = residual(p), np.arange(len(lengths))
+    slopes, steps = np.zeros((len(now), len(p))), np.append(np.repeat(numbers, lengths), numbers)[: len(now)]
     for place in range(5):
         moved = np.arange(len(p)) == place
         slopes[:, place] = (residual(p + moved * moves) - now) / moves[place]
-    for level in (5, 6):
-        columns = level + 2 * steps
+    for level in range(5, 5 + own):
+        columns = level + own * steps
         moved = np.isin(np.arange(len(p)), columns)
         slopes[np.arange(len(now)), columns] = (residual(p + moved * moves) - now) / moves[columns]
     return slopes
@@ -272,15 +285,16 @@ def _judged(data: StepData, part: Part, sag: Sag | None, fit: OptimizeResult) ->
     return found, noise
 
 
-def _start(lags: Sequence[StepFit]) -> Array:
+def _start(lags: Sequence[StepFit], own: int) -> Array:
     """Return a start from the lags of single steps: the inverse time constant is linear in the speed."""
     start = [float(np.median([lag.delay_s for lag in lags]))]
     for way in (True, False):
-        own = [lag for lag in lags if lag.rising == way] or lags
-        rows = np.array([[1.0, (lag.from_rad_per_s + 3 * lag.to_rad_per_s) / 2] for lag in own])
+        these = [lag for lag in lags if lag.rising == way] or lags
+        rows = np.array([[1.0, (lag.from_rad_per_s + 3 * lag.to_rad_per_s) / 2] for lag in these])
         usual = np.abs(rows).mean(axis=0)  # a noisy step may end below 0
-        start += (0.9 * nnls(rows, [1 / lag.time_constant_s for lag in own])[0] + 0.1 / usual).tolist()
-    return np.array(start + [level for lag in lags for level in (lag.from_rad_per_s, lag.to_rad_per_s)])
+        start += (0.9 * nnls(rows, [1 / lag.time_constant_s for lag in these])[0] + 0.1 / usual).tolist()
+    each = [(lag.from_rad_per_s, lag.to_rad_per_s, 0.0)[:own] for lag in lags]
+    return np.append(start, each)
 
 
 def _explained(residual: Array, value: Array, length: int) -> float:
@@ -296,13 +310,23 @@ def _noise(data: StepData, part: Part, fit: OptimizeResult) -> Array:
     return noise_covariance(_thinned(part, fit.jac.T).T, residual, data.correlations(time_s))
 
 
+def _noise_std(parts: Sequence[Part], noises: Sequence[Array]) -> Array:
+    """Return the standard deviation of single samples of each step (s,), of noise with covariances (m, m)."""
+    each = zip(parts, noises, strict=True)
+    return np.array([math.sqrt(_block(part) * np.trace(noise) / len(noise)) for part, noise in each])
+
+
 def _covariance(fit: OptimizeResult, parts: Sequence[Part], noises: Sequence[Array]) -> Array:
-    """Return the parameters' covariance (p, p), NaN at a bound, of noise with covariances (m, m) in each part."""
+    """Return the parameters' covariance (p, p), NaN at a bound, of noise with covariances (m, m) in each part.
+
+    Residuals behind those of the parts are of what parameters are expected to be, each with a covariance (1, 1).
+    """
     free = fit.active_mask == 0
-    ends = np.cumsum([len(part.time_s) for part in parts])[:-1]
-    each = zip(parts, np.split(fit.jac[:, free], ends), strict=True)
-    rows = [_thinned(part, own.T).T for part, own in each]
-    weight = np.repeat([math.sqrt(_block(part)) for part in parts], [len(own) for own in rows])
+    lengths = [len(part.time_s) for part in parts] + [1] * (len(noises) - len(parts))
+    jacobians = np.split(fit.jac[:, free], np.cumsum(lengths)[:-1])
+    rows = [_thinned(part, own.T).T for part, own in zip(parts, jacobians, strict=False)] + jacobians[len(parts) :]
+    blocks = [_block(part) for part in parts] + [1] * (len(noises) - len(parts))
+    weight = np.repeat(np.sqrt(blocks), [len(own) for own in rows])
     gain = gain_of(weight[:, np.newaxis] * np.vstack(rows)) * weight
     columns = np.split(gain, np.cumsum([len(own) for own in rows])[:-1], axis=1)
     found = sum(own @ noise @ own.T for own, noise in zip(columns, noises, strict=True))

@@ -35,13 +35,20 @@ def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
     record = _record(recording)
     try:
         steps, left_out = _steps(record)
-        time_s, speed, blur_s = record.time_s, record.speed_rad_s, record.blur_s
+        time_s, speed, blur_s, row_s = record.time_s, record.speed_rad_s, record.blur_s, record.command_row_s
         found = fit_steps(time_s=time_s, value=speed, steps=steps, blur_s=blur_s, battery=record.battery)
-        model = fit_rotor_model(time_s=time_s, value=speed, steps=steps, blur_s=blur_s, battery=record.battery)
+        model = fit_rotor_model(
+            time_s=time_s,
+            value=speed,
+            steps=steps,
+            blur_s=blur_s,
+            command_row_s=row_s,
+            battery=record.battery,
+        )
     except CfidError as error:
         raise type(error)(f"{record.path}: {error}") from None
 
-    late_s = record.command_row_s / 3**0.5  # of a command that changed any time within a row
+    late_s = row_s / 3**0.5  # of a command that changed any time within a row
     lags = [replace(one, delay_std_s=hypot(one.delay_std_s, late_s)) for one in found]
     model = replace(model, delay_std_s=hypot(model.delay_std_s, late_s))
 
