@@ -88,6 +88,18 @@ def test_readings_that_hang_while_the_angle_moves_are_left_out_and_counted(tmp_p
     assert any("in 2 stretches (first: line 503): left out." in one for one in record.notes)
 
 
+@pytest.mark.parametrize("wrong", [-5.0, 1e6, 0.0])
+def test_rows_with_single_wrong_times_are_left_out_and_counted(tmp_path: Path, wrong: float) -> None:
+    times = TIME_S.copy()
+    times[[700, 1500]] = wrong
+    record = read(tmp_path, text_of(times, ANGLE_RAD), angle_unit="rad")
+
+    assert record.time_s == pytest.approx(np.delete(TIME_S, [700, 1500]))
+    assert off_by(record, np.delete(ANGLE_RAD, [700, 1500])) < 1e-6
+    text = f"2 rows whose time is off that of the rows around (first: {wrong:.6g} in line 702) are left out."
+    assert any(text in one for one in record.notes)
+
+
 def test_an_angle_at_rest_or_turning_back_is_no_reading_that_hangs(tmp_path: Path) -> None:
     slow = np.concatenate([np.full(800, 0.9), 0.9 * np.cos(4 * TIME_S), np.full(500, 0.9 * np.cos(4 * TIME_S[-1]))])
     times = np.arange(len(slow)) * 1e-3

@@ -283,7 +283,7 @@ def test_columns_without_a_head_are_taken_in_their_order_and_others_by_number(tm
 
 
 SPOILS: dict[str, tuple[Callable[[list[str]], list[str]], str]] = {
-    "time going back": (lambda rows: [*rows[:100], "0.001,1,1,1,1,1,1", *rows[101:]], "fts.csv:102: time goes back"),
+    "time going back": (lambda rows: [*rows[:100], *rows[50:]], "fts.csv:102: time goes back"),
     "a sixth without a number": (
         lambda rows: [*rows[:50], *10 * ["0.008,1,1,nan,1,1,1"]],
         "fts.csv:52: 'nan' in column 'Fz'",

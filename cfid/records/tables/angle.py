@@ -192,7 +192,7 @@ def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> t
     table = open_table(path, skip_lines=reading.skip_lines, columns=reading.columns)
     places = SCHEMA.places(table, named=reading.columns, rate_hz=reading.rate_hz)
     time_name, angle_name = places.get(TIME), places[_ANGLE.key]
-    table, values, gaps_notes = complete_rows(table, list(places.values()), own=own)
+    table, values, gaps_notes = complete_rows(table, list(places.values()), own=own, timed=TIME in places)
     time, notes = times_of(table, time_name, values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
     stamped = stamped_times(values[:, 0], table.numbers([STAMP])[:, 0]) if own and STAMP in table.names else None
     if stamped is not None:

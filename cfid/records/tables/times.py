@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
+import numpy.typing as npt
 
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.large import differences, empty, usual_step
+from cfid.records.tables.lone import MOST_SHARE, lone_readings
 from cfid.records.tables.schema import TIME, Column, TimeUnit
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.text import short
@@ -41,6 +43,7 @@ _NO_TIME = "Is this the time column? See `columns` and `rate_hz`."
 _FEWEST_ROWS = 16
 _LOOKED_AT, _OFF_WHOLE = 1000, 0.01  # times that show whether they are whole numbers, and what is not
 _MISSING_SHARE = 0.1  # of a recording's rows that may lack a number
+_WRONG_TIME = 20.0  # usual intervals, by which a single time is wrong
 _REPEATED_SHARE = 0.01  # of time stamps that may repeat the previous one without a note
 _GAP, _LEAST_GAP_S = 10, 0.1  # usual intervals, and seconds: a busy computer's stamps are late by tens of milliseconds
 _UNIX_S = (1e9, 4e9)  # seconds since the epoch, from 2001 to 2096
@@ -126,22 +129,45 @@ def _enough(table: CsvTable, values: Array) -> Array:
     return values
 
 
-def complete_rows(table: CsvTable, columns: Sequence[str], *, own: bool) -> tuple[CsvTable, Array, tuple[str, ...]]:
-    """Return the named columns as `numbers_of`, without the few rows that lack a number, their table, and a note.
+def complete_rows(
+    table: CsvTable, columns: Sequence[str], *, own: bool, timed: bool
+) -> tuple[CsvTable, Array, tuple[str, ...]]:
+    """Return the named columns as `numbers_of`, without the few rows that are of no use, their table, and notes.
 
-    In a file of cfid's `own` every row is complete. Raises DataError naming the first row where many lack one.
+    These lack a number or, where the first column is the time (`timed`), have a wrong one. In a file of cfid's `own`
+    every row is complete. Raises DataError naming the first row that lacks a number, where many do.
     """
     if own:
         return table, numbers_of(table, columns), ()
-    known = table.known_numbers(columns)
-    bad = np.flatnonzero(~np.isfinite(known).all(axis=1))
-    if not len(bad):
-        return table, _enough(table, known), ()
-    if len(bad) > _MISSING_SHARE * len(known):
-        return table, numbers_of(table, columns), ()
-    line, table = table.line_of_row(int(bad[0])), table.without(bad)
-    text = f"{len(bad)} of {len(known)} rows lack a number (first: line {line}) and are left out."
-    return table, numbers_of(table, columns), (text,)
+    known, notes = table.known_numbers(columns), list[str]()
+    if len(bad := np.flatnonzero(~np.isfinite(known).all(axis=1))):
+        if len(bad) > _MISSING_SHARE * len(known):
+            return table, numbers_of(table, columns), ()
+        line, table = table.line_of_row(int(bad[0])), table.without(bad)
+        notes.append(f"{len(bad)} of {len(known)} rows lack a number (first: line {line}) and are left out.")
+        known = table.known_numbers(columns)
+    if timed and len(wrong := wrong_times(known[:, 0])):
+        notes.append(wrong_times_note(table, known[:, 0], wrong))
+        table, known = table.without(wrong), np.delete(known, wrong, axis=0)
+    return table, _enough(table, known), tuple(notes)
+
+
+def wrong_times(time: Array) -> npt.NDArray[np.intp]:
+    """Return the places of single times of a series (n,) that jump off and back, where the others do not go back."""
+    if not any(np.any(step < 0) for _, step in differences(time)):
+        return np.empty(0, np.intp)
+    lone = lone_readings(time, _WRONG_TIME * usual_step(time))
+    rising = len(lone) <= MOST_SHARE * len(time) and np.all(np.diff(np.delete(time, lone)) >= 0)
+    return lone if rising else lone[:0]
+
+
+def wrong_times_note(table: CsvTable, time: Array, places: npt.NDArray[np.intp]) -> str:
+    """Return the note on wrong times (n,) at some places, whose rows are left out."""
+    line = table.line_of_row(int(places[0]))
+    return (
+        f"{counted(len(places), 'row')} whose time is off that of the rows around (first: {time[places[0]]:.6g} in "
+        f"line {line}) {'is' if len(places) == 1 else 'are'} left out."
+    )
 
 
 def seconds_of(table: CsvTable, column: str, raw: Array, *, unit: TimeUnit | None) -> Array:

@@ -204,7 +204,7 @@ def _read(
     table = open_table(path, skip_lines=reading.skip_lines, columns=reading.columns)
     places = _schema(axes).places(table, named=reading.columns, rate_hz=reading.rate_hz)
     names, time_name = {axis: places[axis] for axis in axes}, places.get(TIME)
-    table, values, missing = complete_rows(table, list(places.values()), own=own)
+    table, values, missing = complete_rows(table, list(places.values()), own=own, timed=TIME in places)
     time, notes = times_of(table, time_name, values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
     stamped = stamped_times(values[:, 0], table.numbers([STAMP])[:, 0]) if own and STAMP in table.names else None
     begin_s = _begin_s(table, time_name, values, reading)
