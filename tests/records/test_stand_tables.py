@@ -273,7 +273,7 @@ def test_a_few_impossible_values_are_left_out_and_named(tmp_path: Path) -> None:
     table = read_stand_table(path)
     assert table.speeds_rad_s is not None
     assert np.flatnonzero(np.isnan(table.speeds_rad_s[:, 0])).tolist() == [2]
-    assert "1 impossible values, the first -7 in column 'rpm' (line 4)" in " ".join(one.text for one in table.findings)
+    assert "1 impossible value, the first -7 in column 'rpm' (line 4)" in " ".join(one.text for one in table.findings)
 
 
 def test_greek_speeds_are_known(tmp_path: Path) -> None:
@@ -408,3 +408,57 @@ def test_a_load_cell_that_is_not_tared_does_not_make_a_standing_rotor_a_dead_sen
     table = read_stand_table(path)
     assert table.speeds_rad_s is not None
     assert np.isfinite(table.speeds_rad_s).all()
+
+
+def stepped_stand(change: dict[str, dict[int, float]]) -> str:
+    """Return the text of a stand's recording at 50 Hz with steps of the throttle, and values that are changed."""
+    step = np.repeat([1000.0, 1300, 1600, 1900, 1500, 1200], 100)
+    seconds = np.arange(len(step)) / 50
+    force = np.convolve(np.append(np.zeros(20), (step - 1000) ** 2 / 1e5), np.exp(-np.arange(40) / 5) / 5.5)[20:620]
+    columns = {"Time (s)": seconds, "ESC signal (µs)": step, "Thrust (N)": force, "Motor Optical Speed (RPM)": 9 * step}
+    for name, values in change.items():
+        columns[name] = columns[name].copy()
+        columns[name][list(values)] = list(values.values())
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    return "\n".join([",".join(columns), *(",".join(map(str, row)) for row in rows), ""])
+
+
+def test_single_wrong_values_of_a_stands_recording_are_left_out_and_named(tmp_path: Path) -> None:
+    path = tmp_path / "stand.csv"
+    path.write_text(
+        stepped_stand(
+            {
+                "Thrust (N)": {50: 90.0, 250: 0.0, 251: 0.0},
+                "Motor Optical Speed (RPM)": {333: 60000.0, 460: 1.0},
+                "ESC signal (µs)": {520: 65535.0},
+                "Time (s)": {420: 0.0},
+            }
+        )
+    )
+    table = read_stand_table(path)
+    said = " ".join(one.text for one in table.findings)
+
+    assert table.thrust_n is not None
+    assert table.speeds_rad_s is not None
+    assert len(table.command) == 598
+    assert np.flatnonzero(np.isnan(table.thrust_n)).tolist() == [50, 250, 251]
+    assert np.flatnonzero(np.isnan(table.speeds_rad_s[:, 0])).tolist() == [333, 459]
+    assert "3 values of 'Thrust (N)' off alone left out (first: 90 in line 52)." in said
+    assert "2 values of 'Motor Optical Speed (RPM)' off alone left out (first: 60000 in line 335)." in said
+    assert "1 impossible value, the first 65535 in column 'ESC signal (µs)' (line 522)" in said
+    assert "1 row whose time is off that of the rows around (first: 0 in line 422) is left out." in said
+
+
+def test_a_throttle_that_jumps_for_one_row_makes_no_wrong_value_of_what_follows_it(tmp_path: Path) -> None:
+    path = tmp_path / "stand.csv"
+    change = {"ESC signal (µs)": {250: 1000.0}, "Motor Optical Speed (RPM)": {250: 0.0}, "Thrust (N)": {251: 0.0}}
+    path.write_text(stepped_stand(change))
+    assert "off alone" not in " ".join(one.text for one in read_stand_table(path).findings)
+
+
+def test_a_smooth_or_noisy_recording_of_a_stand_keeps_every_value(tmp_path: Path) -> None:
+    path, rng = tmp_path / "stand.csv", np.random.default_rng(5)
+    noisy = {at: 5 + rng.normal(0, 2.0) for at in range(600)}
+    for change in ({}, {"Thrust (N)": noisy}, {"Thrust (N)": {at: 0.1 * round(at / 60) for at in range(600)}}):
+        path.write_text(stepped_stand(change))
+        assert "off alone" not in " ".join(one.text for one in read_stand_table(path).findings)

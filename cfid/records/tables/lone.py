@@ -11,6 +11,9 @@ Rows = npt.NDArray[np.intp]
 MOST_SHARE = 0.01  # of the readings: more are no single faults
 _MOST_IN_ROW = 3  # readings that are off together
 _RANKED = 100_000  # readings whose bends show what is usual
+# A spike: of all that a signal shows without its farthest, and times the bend that a share of it does not exceed.
+_SPIKE, _FARTHEST, _SPIKE_TIMES, _USUAL = 0.2, (0.5, 99.5), 10.0, 0.95
+_RANGE_OF = 1_000_000  # samples that show the range
 
 
 def usual_bend(value: Array, share: float, *, period: float | None = None) -> float:
@@ -44,6 +47,20 @@ def lone_readings(value: Array, limit: float, *, period: float | None = None) ->
         off = np.abs(_shortest(value[left + inside] - value[left] - course, period)) > limit
         found.append((left + inside)[off.all(axis=1)].ravel())
     return np.unique(np.concatenate(found))
+
+
+def spikes_in(value: Array) -> Rows:
+    """Return the places of samples of a signal (n,) that stand off alone by a fifth of all that it shows.
+
+    Samples that are nan are none, and more than one in a hundred are no single faults.
+    """
+    known = np.flatnonzero(np.isfinite(value))
+    if len(known) < len(value):
+        value = value[known]
+    low, high = np.percentile(value[:: len(value) // _RANGE_OF + 1], _FARTHEST) if len(value) else (0.0, 0.0)
+    limit = max(_SPIKE * float(high - low), _SPIKE_TIMES * usual_bend(value, _USUAL))
+    places = lone_readings(value, limit) if limit > 0 else known[:0]
+    return known[places] if len(places) <= MOST_SHARE * len(value) else known[:0]
 
 
 def _goes_on(value: Array, left: Rows, right: Rows, limit: float, period: float | None) -> npt.NDArray[np.bool_]:

@@ -11,10 +11,12 @@ from cfid.errors import ConfigError, DataError
 from cfid.large import PART_ROWS, empty, side_by_side, stored
 from cfid.records.tables.stand_heads import HEADS, ColumnHead, check_heads, heads_of, shows_stand
 from cfid.records.tables.table import Array, CsvTable
+from cfid.records.tables.times import wrong_times, wrong_times_note
 from cfid.units import FULL_COMMAND
 
 USUAL_ESC_US = (1000.0, 2000.0)  # pulse widths of standstill and full throttle, by convention
 
+_LONGEST_PULSE_US = 5000.0  # beyond all that controllers take, of which few reach 2500
 _MOST_VOLTS = 60.0  # more than any battery that flies, and less than its millivolts
 _REST_NOISE = 1e-3  # of the fastest: so much below zero is noise
 _IMPOSSIBLE_SHARE = 0.1  # of a column's values, below which these alone are left out
@@ -65,6 +67,7 @@ def columns_of(table: CsvTable) -> tuple[CsvTable, Found, tuple[str, ...]]:
     }
     notes += _unconnected(found)
     notes += _check(table, found)
+    notes += _wrong_times(table, found)
     known = [np.isfinite(found[quantity].raw).all(axis=1) for quantity in _ROW_BY_ROW if quantity in found]
     bad = np.flatnonzero(~np.all(known, axis=0)) if known else np.empty(0, np.intp)
     notes += _missing(table, found, bad)
@@ -197,6 +200,20 @@ def _unconnected(found: dict[str, Columns]) -> list[str]:
     return [f"'{name}' is 0 in {rows}, which no battery is that drives a motor: missing."] if zero.any() else []
 
 
+def _wrong_times(table: CsvTable, found: Found) -> list[str]:
+    """Set single times that jump off and back to nan, whose rows are left out, with a note."""
+    if "time_s" not in found:
+        return []
+    time = found["time_s"].raw[:, 0]
+    known = np.flatnonzero(np.isfinite(time))
+    wrong = known[wrong_times(time[known])]
+    if not len(wrong):
+        return []
+    text = wrong_times_note(table, time, wrong)
+    time[wrong] = np.nan
+    return [text]
+
+
 def _missing(table: CsvTable, found: Found, bad: npt.NDArray[np.intp]) -> list[str]:
     """Return notes on rows that are left out, and on values that are missing in the others."""
     notes = []
@@ -222,6 +239,8 @@ def _check(table: CsvTable, found: Found) -> list[str]:
         notes += _impossible(table, command, raw < 0, "a command is zero or more.")
         most = 100.0 if percent else FULL_COMMAND
         notes += _impossible(table, command, raw > most, f"the largest is {most:g}{' per cent' if percent else ''}.")
+        if command.head.kind == "esc":
+            notes += _impossible(table, command, raw > _LONGEST_PULSE_US, "no motor controller has such pulses.")
         if command.head.kind == "pwm" and 0 < np.nanmax(raw) <= 100:
             raise DataError(f"{table.path}: no pwm above 100: is it in per cent? Then name the column pwm_percent.")
     if speeds := found.get("speeds_rad_s"):
@@ -242,6 +261,9 @@ def _impossible(table: CsvTable, column: Columns, wrong: npt.NDArray[np.bool_], 
     if wrong.sum(axis=0).max() > _IMPOSSIBLE_SHARE * len(wrong):
         raise DataError(f"{table.path}:{line}: {value} in column '{name}': {why}")
     column.raw[wrong] = np.nan
+    count = int(wrong.sum())
+    them = "It is" if count == 1 else "They are"
     return [
-        f"{wrong.sum()} impossible values, the first {value} in column '{name}' (line {line}): {why} They are left out."
+        f"{counted(count, 'impossible value')}, the first {value} in column '{name}' (line {line}): {why} {them} left "
+        "out."
     ]
