@@ -270,3 +270,17 @@ def test_single_spikes_of_the_load_cell_are_left_out_and_counted(tf: Here, index
     lag, spiked = (one["parameters"]["tf.time_constant_s"] for one in (before, after))
     assert spiked["value"] == pytest.approx(lag["value"], abs=0.1 * lag["std"])
     assert any("off alone left out (first at " in text for text in sentences(after))
+
+
+def test_a_load_cell_that_hangs_for_a_moment_is_named(tf: Here, index: Path) -> None:
+    (cell,) = index.parent.glob("cell*.csv")
+    head, *lines = cell.read_text().splitlines()
+    begin, count = len(lines) // 3, round(0.2 / (float(lines[1].split(",")[0]) - float(lines[0].split(",")[0])))
+    held = lines[begin].partition(",")[2]
+    for at in range(begin, begin + count):
+        lines[at] = f"{lines[at].partition(',')[0]},{held}"
+    cell.write_text("\n".join([head, *lines, ""]))
+
+    found = tf.json("identify", "--index", index, "--no-figures")
+    text = f"{count - 1} samples of {len(lines)} repeat the one before while forces move (first at "
+    assert any(text in one for one in sentences(found))

@@ -19,8 +19,8 @@ from cfid.records.run import Run, refuse_contradiction, run_holding
 from cfid.records.run_notes import losses, run_at
 from cfid.records.tables.crossings import CROSSINGS, CrossingRecord, read_crossings
 from cfid.records.tables.index import IndexRow, read_index
-from cfid.records.tables.spikes import without_spikes
 from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
+from cfid.records.tables.wrench_faults import without_faults
 from cfid.transfer.sines.alignment import Array, Channel, RecordedSine, thrust_of
 from cfid.transfer.sines.checks import mount_findings, torque_moments
 from cfid.transfer.sines.plan import SAMPLE_S, Sine
@@ -145,7 +145,7 @@ class _Reader:
         """Read load cells' files side by side: parsing them takes longer than all that follows."""
         new = list(dict.fromkeys(path for path in paths if path not in self._cells))
         with ThreadPoolExecutor(max_workers=2) as pool:
-            cells = list(pool.map(lambda path: without_spikes(read_wrench(path, self.reading)), new))
+            cells = list(pool.map(lambda path: without_faults(read_wrench(path, self.reading)), new))
         self._cells |= dict(zip(new, cells, strict=True))
         for cell in cells:
             self.findings += cell.findings
