@@ -1,12 +1,11 @@
 """Import a recording of another program: a run folder with the columns that cfid records, and its origin."""
 
-import hashlib
 import re
 from collections.abc import Container, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +13,7 @@ import numpy.typing as npt
 from cfid import __version__
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
+from cfid.interchange.columns import changes, chosen_columns, finite_columns, known_rows
 from cfid.large import parts, usual_step
 from cfid.records.campaign import Campaign
 from cfid.records.logs.any_kind import read_log
@@ -24,8 +24,10 @@ from cfid.records.run import DeviceRecord, Label, Origin, Run
 from cfid.records.run_writer import create_run
 from cfid.records.tables.angle import ENCODER, Reading, read_angle
 from cfid.records.tables.blocks import open_table
-from cfid.records.tables.schema import Foreign
+from cfid.records.tables.schema import Foreign, TimeUnit
 from cfid.records.tables.stand import STAND
+from cfid.records.tables.stand_names import with_named
+from cfid.records.tables.table import CsvTable
 from cfid.records.tables.times import TIME_COLUMN, unit_of
 from cfid.records.tables.vehicle import COMMANDS, VEHICLE_LOG
 from cfid.records.tables.wrench import AXES, LOADCELL, WrenchReading, read_wrench
@@ -133,12 +135,16 @@ def import_wrench(campaign: Campaign, path: Path, reading: WrenchReading, *, lab
 def import_stand(campaign: Campaign, path: Path, reading: Foreign, *, label: Label) -> Imported:
     """Import a thrust stand's recording: its columns by their own names, which fits read as those of the file.
 
-    Raises DataError and ConfigError as `read_log`.
+    Columns given as NAME=COLUMN get that name. Raises DataError and ConfigError as `read_log` and `with_named`.
     """
-    _check_time_unit(path, reading)
-    log = read_log(path, reading)
+    pairs = [one for one in reading.columns if "=" in one]
+    original = open_table(path, skip_lines=reading.skip_lines)
+    table, named = with_named(original, pairs)
+    given = dict(zip(original.names, table.names, strict=True))
+    log = read_log(path, _timed(table, original, reading))
     (series,) = log.series
-    columns = ("t", *(_NO_COMMA.sub(" ", name).strip() for name in series.names))
+    called = (given.get(name) or (f"unused {name}" if name in given else name) for name in series.names)
+    columns = ("t", *(_NO_COMMA.sub(" ", name).strip() for name in called))
     if len(set(columns)) < len(columns):
         raise DataError(f"{path}: two columns have one name: rename one.")
     devices = _Devices(
@@ -150,19 +156,27 @@ def import_stand(campaign: Campaign, path: Path, reading: Foreign, *, label: Lab
         program="thrust stand",
         clock=log.clock,
         assumed=log.assumed,
-        notes=log.notes,
+        notes=(*named, *log.notes),
     )
     return _imported(campaign, devices, kind=STAND, label=label, path=path)
 
 
-def _check_time_unit(path: Path, reading: Foreign) -> None:
-    """Raise ConfigError where a stand's times have no unit: rows of some seconds apart look like milliseconds."""
-    table = open_table(path, skip_lines=reading.skip_lines)
-    times = [name for name in table.names if TIME_COLUMN.called.fullmatch(name)]
-    if reading.rate_hz or reading.time_unit or not times:
-        return
-    if unit_of(table, TIME_COLUMN.called, times[0], None, "time_unit") is None:
-        raise ConfigError(f"{path}: column '{times[0]}' names no unit: give `time_unit` s, ms or us.")
+def _timed(table: CsvTable, original: CsvTable, reading: Foreign) -> Foreign:
+    """Return how the times of a table whose columns were named are read from the original, in their unit.
+
+    Raises ConfigError where they have none: rows of some seconds apart look like milliseconds.
+    """
+    reading = replace(reading, columns=tuple(one for one in reading.columns if "=" not in one))
+    names = [name for name in table.names if TIME_COLUMN.called.fullmatch(name)]
+    if reading.rate_hz or not names:
+        return reading
+    unit = unit_of(table, TIME_COLUMN.called, names[0], reading.time_unit, "time_unit")
+    if unit is None:
+        raise ConfigError(f"{table.path}: column '{names[0]}' names no unit: give `time_unit` s, ms or us.")
+    place = table.names.index(names[0])
+    if original.names[place] != names[0]:
+        reading = replace(reading, columns=(original.names[place],))
+    return replace(reading, time_unit=cast(TimeUnit, unit))
 
 
 def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: Label, kind: str = "flight") -> Imported:
@@ -183,7 +197,7 @@ def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: La
         notes += said
         motors = next((motors for motors in _COMMAND_NAMES if set(motors) <= set(kept)), None)
         if series is main and motors is not None:
-            commands = _changes(series, motors)
+            commands = changes(series, motors)
             notes.append(f"commands are {motors[0]} to {motors[-1]}, as far as the log shows them.")
     if commands is not None:
         records[COMMANDS] = DeviceRecord(file="commands.csv", columns=("t", "m1", "m2", "m3", "m4"))
@@ -210,7 +224,7 @@ def _add(
 ) -> tuple[list[str], list[str]]:
     """Add a series as a device, columns with the same gaps as one of their own; return the whole columns, and notes."""
     try:
-        whole, gaps = _finite_columns(series)
+        whole, gaps = finite_columns(series)
     except DataError as fault:  # one bad series does not condemn the log
         return [], [f"{series.name}: left out: {fault}"]
     kept = [name for name, all_there in zip(series.names, whole[1:], strict=True) if all_there]
@@ -228,7 +242,7 @@ def _add(
     if names or of_times_alone:
         device = _free(device, records)
         records[device] = DeviceRecord(file=f"{device}.csv", columns=("t", *names))
-        blocks[device] = _columns(series, whole)
+        blocks[device] = chosen_columns(series, whole)
     for together in gaps:
         own = _free(_word(f"{device}_{together[0]}"), records)
         columns = ("t", *(_word(name, _NO_COLUMN) for name in together))
@@ -236,7 +250,7 @@ def _add(
             notes.append(f"{series.name}: left out, since two of them have one name: {', '.join(together)}.")
             continue
         records[own] = DeviceRecord(file=f"{own}.csv", columns=columns)
-        blocks[own] = _known_rows(series, together)
+        blocks[own] = known_rows(series, together)
     return kept, notes
 
 
@@ -285,49 +299,3 @@ def _free(device: str, taken: Container[str]) -> str:
     while device in taken:
         device += "_"
     return device
-
-
-def _finite_columns(series: Series) -> tuple[Mask, list[list[str]]]:
-    """Return which columns (1 + channels,) have finite numbers only, and by their gaps those that have some.
-
-    Raises DataError where the times do not serve.
-    """
-    whole, some = np.ones(1 + len(series.names), dtype=bool), np.zeros(1 + len(series.names), dtype=bool)
-    patterns = [hashlib.sha256() for _ in whole]
-    last = -np.inf
-    for block in series.blocks():
-        finite = np.isfinite(block)
-        whole &= finite.all(axis=0)
-        some |= finite.any(axis=0)
-        if not whole[0] or np.any(np.diff(block[:, 0], prepend=last) < 0):
-            raise DataError("its times go back, or are missing.")
-        last = block[-1, 0]
-        for place in np.flatnonzero(~whole):
-            patterns[place].update(last.tobytes() + np.packbits(finite[:, place]).tobytes())
-    gaps: dict[bytes, list[str]] = {}
-    for place in np.flatnonzero(some & ~whole):
-        gaps.setdefault(patterns[place].digest(), []).append(series.names[place - 1])
-    return whole, list(gaps.values())
-
-
-def _columns(series: Series, chosen: Mask) -> Iterator[Array]:
-    for block in series.blocks():
-        yield block[:, chosen]
-
-
-def _known_rows(series: Series, names: Sequence[str]) -> Iterator[Array]:
-    """Yield time and channels (m, 1 + c) with the same gaps, in the rows where they are finite numbers."""
-    places = [1 + series.names.index(name) for name in names]
-    for block in series.blocks():
-        yield block[np.isfinite(block[:, places[0]])][:, [0, *places]]
-
-
-def _changes(series: Series, motors: Sequence[str]) -> Iterator[Array]:
-    """Yield the rows (m, 5) in which a command of a motor is another than before."""
-    places = [0, *(1 + series.names.index(name) for name in motors)]
-    last = np.full((1, len(motors)), np.nan)
-    for block in series.blocks():
-        rows = block[:, places]
-        changed = np.any(rows[:, 1:] != np.vstack([last, rows[:-1, 1:]]), axis=1)
-        last = rows[-1:, 1:]
-        yield rows[changed]

@@ -201,3 +201,12 @@ def test_an_event_without_variables_keeps_its_times(tmp_path: Path, campaign: Pa
 
     times = np.loadtxt(run.device_file("takeOff"), skiprows=1, ndmin=1)
     assert times.tolist() == pytest.approx([5.1005, 5.2005])
+
+
+def test_a_stands_columns_are_imported_by_the_names_that_are_given(campaign: Path, tmp_path: Path) -> None:
+    rows = [f"{at / 50},{1000 + 200 * (at // 100)},{at // 100},{3 * (at // 100)},{12.0}" for at in range(500)]
+    (tmp_path / "odd.csv").write_text("\n".join(["clock (s),pulse,F (kgf),Thrust (N),volts", *rows, ""]))
+    names = "time_s=clock (s),esc_us=pulse,thrust_n=F (kgf)"
+    run = imported(campaign, tmp_path / "odd.csv", "--kind", "stand", "--columns", names)
+
+    assert run.header.devices["stand"].columns == ("t", "esc_us", "thrust(kgf)", "unused Thrust (N)", "volts")
