@@ -1,7 +1,7 @@
 """What swung about what: recordings with their mounts, the body, gravity and the fixture; checked, in SI."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,6 +18,7 @@ from cfid.records.tables.gyro import ALIGNMENT_STD_RAD, SCALE_STD
 from cfid.swing.axis_inertias import MountedSwing, Surroundings, SwungBody, swung_test_body
 from cfid.swing.collocation import NO_THREADS, Threads
 from cfid.swing.free_swing import FreeSwing, find_swing
+from cfid.swing.frozen import find_moving_swing
 from cfid.swing.release import FEWEST_PEAKS
 from cfid.units import MM
 
@@ -70,14 +71,19 @@ def swing_in(record: AngleRecord, threads: Threads = NO_THREADS, **window: Any) 
     Raises DataError that names the file.
     """
     try:
-        many = len(record.time_s) > _MOST_ROWS and record.rates is None
-        swing = (_find_in_long if many else find_swing)(record.time_s, record.angle_rad, **window)
+        swing = _finder(record)(record.time_s, record.angle_rad, **window)
     except DataError as error:
         raise DataError(f"{record.path}: {error}{_unsummed(record)}") from None
     swing = replace(swing, time_scale_std=record.time_scale_std, threads=threads)
     if record.rates is None:
         return swing
     return replace(swing, rate_rad_per_s=record.rates.rate_rad_per_s, rate_scale_std=SCALE_STD)
+
+
+def _finder(record: AngleRecord) -> Callable[..., FreeSwing]:
+    if record.rates is not None:
+        return find_swing
+    return _find_in_long if len(record.time_s) > _MOST_ROWS else find_moving_swing
 
 
 def _unsummed(record: AngleRecord) -> str:
@@ -154,7 +160,7 @@ def _find_in_long(
     around_s = (begin_s - _HELD_S, end_s + max(end_s - begin_s, _HELD_S))
     first, last = np.searchsorted(time_s, time_s[0] + np.array(around_s)).tolist()
     late_s = float(time_s[first] - time_s[0])
-    found = find_swing(
+    found = find_moving_swing(
         time_s[first:last],
         angle_rad[first:last],
         from_s=None if from_s is None else max(from_s - late_s, 0.0),

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from cfid.errors import FitError
 from cfid.estimate.signals import GRID_S
-from cfid.findings import Finding, texts
+from cfid.findings import Finding, joined, texts
 from cfid.swing.checks import (
     FitQuality,
     eccentricity_finding,
@@ -131,7 +131,8 @@ def fit_swing(swing: FreeSwing) -> SwingFit:
         # Damping too weak to be distinguished from none comes out negative half of the time.
         physical = [fit for fit in [_refit(base, time, reading, ())] if _acceptable(fit)]
     if not physical:
-        raise FitError("no damped pendulum follows this record: is it a free swing? Look at it with `cfid show`.")
+        text = "no damped pendulum follows this record: is it a free swing? Look at it with `cfid show`."
+        raise FitError(joined([text, *texts(swing.findings, "warning")]))
     likeliest = [fit for _, fit in ranked_by_bic(physical)[:_TRIED_ECCENTRIC]]
     if swing.rate_rad_per_s is None:
         eccentric = [_refit(fit, time, reading, (*chosen_terms(fit), ECCENTRICITY)) for fit in likeliest]
