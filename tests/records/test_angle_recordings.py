@@ -76,18 +76,6 @@ def test_one_wrong_reading_does_not_hide_the_unit(tmp_path: Path) -> None:
     assert off_by(record, np.delete(ANGLE_RAD, 700)) < 1e-6
 
 
-def test_readings_that_hang_while_the_angle_moves_are_left_out_and_counted(tmp_path: Path) -> None:
-    hung = np.round(ANGLE_RAD, 3)
-    hung[500:530] = hung[500]
-    hung[1200:1500] = hung[1200]
-    record = read(tmp_path, text_of(TIME_S, hung), angle_unit="rad")
-
-    kept = np.delete(ANGLE_RAD, [*range(501, 530), *range(1201, 1500)])
-    assert len(record.time_s) == len(kept) < 2000 - 300
-    assert off_by(record, kept) < 1e-3
-    assert any("in 2 stretches (first: line 503): left out." in one for one in record.notes)
-
-
 @pytest.mark.parametrize("wrong", [-5.0, 1e6, 0.0])
 def test_rows_with_single_wrong_times_are_left_out_and_counted(tmp_path: Path, wrong: float) -> None:
     times = TIME_S.copy()
@@ -98,13 +86,6 @@ def test_rows_with_single_wrong_times_are_left_out_and_counted(tmp_path: Path, w
     assert off_by(record, np.delete(ANGLE_RAD, [700, 1500])) < 1e-6
     text = f"2 rows whose time is off that of the rows around (first: {wrong:.6g} in line 702) are left out."
     assert any(text in one for one in record.notes)
-
-
-def test_an_angle_at_rest_or_turning_back_is_no_reading_that_hangs(tmp_path: Path) -> None:
-    slow = np.concatenate([np.full(800, 0.9), 0.9 * np.cos(4 * TIME_S), np.full(500, 0.9 * np.cos(4 * TIME_S[-1]))])
-    times = np.arange(len(slow)) * 1e-3
-    for values in (np.round(slow, 2), np.round(slow, 3), slow, np.repeat(slow[::5], 5)):
-        assert len(read(tmp_path, text_of(times, values), angle_unit="rad").time_s) == len(times)
 
 
 @pytest.mark.parametrize("rate_hz", [1000, 100, 25])

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.errors import DataError, FitError
+from cfid.errors import DataError
 from cfid.records.parameters import Source
 from cfid.records.run import Label
 from cfid.records.tables.angle import AngleRecord
@@ -77,12 +77,13 @@ def slowly_damped() -> tuple[Array, Array]:
     return motion.time_s, motion.angle_rad[:, 0] + 1e-3 * np.random.default_rng(1).standard_normal(len(motion.time_s))
 
 
-def test_a_fit_that_finds_no_pendulum_names_the_angle_that_stood_still() -> None:
+def test_a_second_that_stands_still_in_a_slowly_damped_swing_costs_no_accuracy() -> None:
     time_s, angle = slowly_damped()
     angle[1600:1800] = angle[1600]
+    fit = fitted(time_s, angle)
 
-    with pytest.raises(FitError, match=r"no damped pendulum .* The angle stands still for 1 s, after 8 s"):
-        fitted(time_s, angle)
+    assert fit.accepted
+    assert fit.coefficients.natural_frequency_squared_s2 == pytest.approx(6.29e-3 / 3.2e-5, rel=2e-5)
 
 
 def test_an_angle_that_stands_still_for_most_of_a_swing_is_named_where_the_rest_is_refused() -> None:

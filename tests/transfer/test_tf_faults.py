@@ -282,5 +282,5 @@ def test_a_load_cell_that_hangs_for_a_moment_is_named(tf: Here, index: Path) -> 
     cell.write_text("\n".join([head, *lines, ""]))
 
     found = tf.json("identify", "--index", index, "--no-figures")
-    text = f"{count - 1} samples of {len(lines)} repeat the one before while forces move (first at "
+    text = f"{count - 1} samples of {len(lines)} repeat the one before, 10 and more in a row (first at "
     assert any(text in one for one in sentences(found))

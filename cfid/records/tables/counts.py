@@ -9,7 +9,6 @@ import numpy.typing as npt
 from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.large import differences, empty, joined, parts
-from cfid.records.tables.frozen import frozen_readings
 from cfid.records.tables.lone import MOST_SHARE, lone_readings, usual_bend
 from cfid.records.tables.table import Array, CsvTable
 from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, WORD_COUNTS_PER_TURN, decode_words
@@ -155,8 +154,7 @@ def _joined(table: CsvTable, turns: Array, rows: Rows | None, notes: tuple[str, 
         for part in parts(len(angle)):
             begin = max(part.start - 1, 0)  # unwrapped already
             angle[begin : part.stop] = np.unwrap(angle[begin : part.stop])
-        angle, rows, frozen_note = _without_frozen(table, angle, rows)
-        notes += (*lone_note, *frozen_note)
+        notes += lone_note
         jumps = _beyond(differences(angle)) + 1
     else:  # whole turns were counted: a fast rotation is fine, a sudden change of speed is not
         jumps = _beyond(differences(angle, order=2)) + 2
@@ -185,29 +183,12 @@ def _without_lone(
         return angle, rows, ()
     line = _line(table, off, rows)
     text = f"{counted(len(off), 'reading')} of {len(angle)} off alone left out (first: line {line})."
-    return *_without(angle, rows, off), (text,)
-
-
-def _without_frozen(table: CsvTable, angle: Array, rows: Rows | None) -> tuple[Array, Rows | None, tuple[str, ...]]:
-    """Return an angle (n,) without readings that stand still while it moves, its rows, and a note on them."""
-    still = frozen_readings(angle)
-    if not len(still):
-        return angle, rows, ()
-    line, stretches = _line(table, still, rows), 1 + int(np.count_nonzero(np.diff(still) > 1))
-    text = (
-        f"{counted(len(still), 'reading')} of {len(angle)} repeat the one before while the angle moves, in "
-        f"{counted(stretches, 'stretch', 'stretches')} (first: line {line}): left out."
-    )
-    return *_without(angle, rows, still), (text,)
+    kept = np.delete(np.arange(len(angle)) if rows is None else rows, off)
+    return np.delete(angle, off), kept, (text,)
 
 
 def _line(table: CsvTable, places: Rows, rows: Rows | None) -> int:
     return table.line_of_row(int(places[0] if rows is None else rows[places[0]]))
-
-
-def _without(angle: Array, rows: Rows | None, places: Rows) -> tuple[Array, Rows]:
-    kept = np.delete(np.arange(len(angle)) if rows is None else rows, places)
-    return np.delete(angle, places), kept
 
 
 def _beyond(steps: Iterable[tuple[int, Array]]) -> Rows:

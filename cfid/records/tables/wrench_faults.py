@@ -1,6 +1,5 @@
-"""Samples of a load cell that no force makes: single ones that stand off alone, and stretches that stand still."""
+"""Samples of a load cell that no force makes: single ones that stand off alone, and stretches that repeat one."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -8,39 +7,54 @@ import numpy.typing as npt
 
 from cfid.counted import counted
 from cfid.findings import of_recording
-from cfid.records.tables.frozen import frozen_readings
-from cfid.records.tables.lone import Array, Rows, spikes_in
+from cfid.records.tables.lone import spikes_in
 from cfid.records.tables.wrench import WrenchRecord
 
 Mask = npt.NDArray[np.bool_]
+
+_HUNG = 10  # samples that are alike in every axis, which noise makes of none
+_SLOW_SHARE = 0.5  # of the samples that are alike: more show a load cell that is slower than its rows
 
 
 def without_faults(record: WrenchRecord) -> WrenchRecord:
     """Return a record without single samples that stand off alone in an axis by a fifth of all that it shows.
 
-    Samples in which an axis repeats its value while it moves before and after are counted in a note: without them a
-    sine would have a gap.
+    Samples that repeat the one before are counted in a note: without them a sine would have a gap.
     """
-    lone, still = (_in_an_axis(record, find) for find in (spikes_in, frozen_readings))
+    values = np.hstack([record.force_n, record.torque_nm])
+    lone, hung = np.zeros(len(values), bool), _hung(values)
+    for value in values.T:
+        lone[spikes_in(value)] = True
     texts = []
     if lone.any():
         texts.append(f"{_counted(record, lone)} off alone left out (first at {_first_s(record, lone):.4g} s).")
-    if still.any():
+    if hung.any():
         texts.append(
-            f"{_counted(record, still)} repeat the one before while forces move (first at "
-            f"{_first_s(record, still):.4g} s): the load cell hung. Record the sines of that time again."
+            f"{_counted(record, hung)} repeat the one before, {_HUNG} and more in a row (first at "
+            f"{_first_s(record, hung):.4g} s): the load cell hung. Record the sines of that time again."
         )
     if not texts:
         return record
-    kept = ~lone
     return replace(
         record,
-        time_s=record.time_s[kept],
-        force_n=record.force_n[kept],
-        torque_nm=record.torque_nm[kept],
-        status=None if record.status is None else record.status[kept],
+        time_s=record.time_s[~lone],
+        force_n=record.force_n[~lone],
+        torque_nm=record.torque_nm[~lone],
+        status=None if record.status is None else record.status[~lone],
         findings=(*record.findings, *of_recording(record.name, texts)),
     )
+
+
+def _hung(values: npt.NDArray[np.float64]) -> Mask:
+    """Return the samples (n, axes) that repeat the one before in every axis that there is, many in a row."""
+    steps = np.diff(values, axis=0, prepend=np.inf)
+    alike: Mask = np.all((steps == 0) | np.isnan(values), axis=1)
+    changes = np.flatnonzero(np.diff(alike, prepend=False, append=False))
+    if np.mean(alike) > _SLOW_SHARE:
+        return np.zeros_like(alike)
+    for begin, end in zip(changes[::2], changes[1::2], strict=True):
+        alike[begin:end] = end - begin >= _HUNG
+    return alike
 
 
 def _counted(record: WrenchRecord, chosen: Mask) -> str:
@@ -49,11 +63,3 @@ def _counted(record: WrenchRecord, chosen: Mask) -> str:
 
 def _first_s(record: WrenchRecord, chosen: Mask) -> float:
     return float(record.time_s[int(np.argmax(chosen))])
-
-
-def _in_an_axis(record: WrenchRecord, find: Callable[[Array], Rows]) -> Mask:
-    """Return the samples (n,) that are found in any axis."""
-    found = np.zeros(len(record.time_s), bool)
-    for value in (*record.force_n.T, *record.torque_nm.T):
-        found[find(value)] = True
-    return found
