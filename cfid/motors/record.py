@@ -245,12 +245,13 @@ def _procedure(
         questions = Questions(loop=loop, tell=live.ask, say=live.tell)
         readings: Readings = there["readings"]
 
-        def fault(value: float) -> str:
-            return "" if expected is None else expected.fault(value, readings.values)
-
         async def ask(command: int) -> float | Answer | None:
             if tare and not command:
                 return None
+
+            def fault(value: float) -> str:
+                return "" if expected is None else expected.fault(value, readings.values, command=command)
+
             live.ring()
             undo = f" (u undoes {readings.values[-1]:g})" if readings.values else ""
             answer = await questions.number(question.format(command=command) + undo, fault)

@@ -19,8 +19,14 @@ class Expected:
     most: float
     change: float | None = None
 
-    def fault(self, reading: float, others: Sequence[float] = ()) -> str:
-        """Return why a reading is implausible beside the others as a sentence, "" where it is plausible."""
+    def fault(self, reading: float, others: Sequence[float] = (), *, command: float | None = None) -> str:
+        """Return why a reading is implausible beside the others as a sentence, "" where it is plausible.
+
+        At command 0 a tachometer shows 0: another reading there is most likely that of another step.
+        """
+        if self.change is None and command == 0 and reading:
+            shown = f"{reading:g} {self.unit}"
+            return f"the reading is implausible, {shown} of a rotor that stands. Expected 0 {self.unit}."
         if self.change is None or not others:
             return out_of_range("the reading is implausible", reading, Range(0, self.most, "what turns"), self.unit)
         usual = float(np.median(others))

@@ -20,6 +20,24 @@ def test_a_speed_that_no_small_rotor_has_is_implausible_by_the_markers_that_are_
     assert twice.fault(150000) == ""
 
 
+def test_a_speed_of_a_rotor_that_stands_is_implausible() -> None:
+    expected = expected_of("rpm", motors=1, markers=None, platform="crazyflie")
+
+    assert expected is not None
+    assert expected.fault(7290, [], command=0) == (
+        "the reading is implausible, 7290 rpm of a rotor that stands. Expected 0 rpm."
+    )
+    assert expected.fault(0, [], command=0) == ""
+    assert expected.fault(7290, [], command=2000) == ""
+
+
+def test_a_weight_while_motors_stand_is_plausible() -> None:
+    expected = expected_of("grams", motors=2, markers=None, platform="cf21")
+
+    assert expected is not None
+    assert expected.fault(5028, [5020.0], command=0) == ""
+
+
 def test_a_weight_is_compared_with_the_others_since_scales_may_carry_a_stand() -> None:
     expected = expected_of("grams", motors=2, markers=None, platform="cf21")
 

@@ -683,6 +683,19 @@ def test_a_script_is_told_of_an_implausible_reading_and_its_run_is_not_usable(
     assert "command 40000" in run.header.verdict.text
 
 
+def test_a_script_is_told_of_a_speed_at_command_0_and_its_run_is_not_usable(bench: Bench) -> None:
+    staircase = ("--from", 0, "--to", 40000, "--step", 20000, *TYPED[6:])
+    pilot = bench.start("log", "speed", *staircase, stdin=subprocess.PIPE)
+    pilot.process.communicate(b"7290\n11500\n19000\n")
+    verdict = bench.run().header.verdict
+
+    assert pilot.process.returncode == 0, pilot.err
+    assert "7290 rpm of a rotor that stands" in pilot.err
+    assert verdict is not None
+    assert not verdict.usable
+    assert verdict.text.startswith("command 0: the reading is implausible")
+
+
 @pytest.mark.parametrize(
     ("typed", "expected"), [(b"12000\nfast\n", "'fast' is not a reading"), (b"12000\n", "standard input ended")]
 )

@@ -47,10 +47,12 @@ def of_readings(run: Run) -> str:
 
 
 def _check_plausible(command: Array, value: Array, expected: Expected) -> None:
-    """Raise DataError that names the reading (n,) furthest from the others where it is implausible."""
+    """Raise DataError that names an implausible reading (n,): of motors that stand, or the furthest from the others."""
     furthest = int(np.argmax(np.abs(value - np.median(value))))
-    if fault := expected.fault(float(value[furthest]), np.delete(value, furthest).tolist()):
-        raise DataError(f"command {command[furthest]:.0f}: {fault}")
+    for place in (*np.flatnonzero(command == 0).tolist(), furthest):
+        others = np.delete(value, place).tolist()
+        if fault := expected.fault(float(value[place]), others, command=float(command[place])):
+            raise DataError(f"command {command[place]:.0f}: {fault}")
 
 
 def _about_speeds(command: Array, rpm: Array, markers: int) -> str:
