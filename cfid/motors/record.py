@@ -322,13 +322,13 @@ async def read_at_steps(
             live.left(_steps_left(1 + len(left)))
         if isinstance(value, float):
             readings.add(step, value)
+        readings.whole = not left  # Ctrl-C ends it from now on as Enter does
         await commands.set(STILL)
         await sleep(loop, staircase.rest_s)
         if left:
             continue
         live.left("all steps read")
         live.task("motors off")
-        readings.whole = True  # Ctrl-C ends it now as Enter does
         if await undone() and (back := readings.withdraw()) is not None:
             readings.whole = False
             live.tell(_taken_back(*back, held="now"))

@@ -627,6 +627,21 @@ def test_ctrl_c_where_all_is_read_ends_a_recording_as_enter_does(bench: Bench) -
     assert "3 readings at 3 steps" in pilot.out
 
 
+def test_ctrl_c_in_the_pause_after_the_last_reading_ends_a_recording_as_enter_does(bench: Bench) -> None:
+    master, slave = pty.openpty()
+    pilot = bench.start("log", "speed", *TYPED[:8], "--rest", 4, *TYPED[10:], stdin=slave)
+    os.close(slave)
+    at = [lambda command=command: bench.motors[0] == command for command in (20000, 30000, 40000)]
+    type_at(master, bench, pilot, ("11500", at[0]), ("15300", at[1]), ("19000", at[2]))
+    bench.wait_until(lambda: not any(bench.motors), pilot)
+    pilot.send(signal.SIGINT)
+    assert pilot.end() == 0, pilot.err
+    os.close(master)
+
+    assert bench.run().header.state == "complete"
+    assert "3 readings at 3 steps" in pilot.out
+
+
 def test_an_implausible_reading_counts_once_it_is_typed_twice(bench: Bench) -> None:
     master, slave = pty.openpty()
     pilot = bench.start("log", "speed", *TYPED, stdin=slave)
