@@ -11,6 +11,7 @@ from cfid.errors import ConfigError
 from cfid.rig.keyboard import Keyboard, edited
 
 _UNDO = ("u", "undo")
+_UNUSED = "not used: every step is read"
 
 
 class Answer(Enum):
@@ -73,16 +74,20 @@ class Questions:
             questioned = value
 
     async def undone(self, what: str) -> bool:
-        """Return whether u or undo is typed rather than Enter; a script is not asked, and ended input is Enter."""
+        """Return whether u or undo is typed rather than Enter; ended input is Enter.
+
+        Nobody waits for a script: only the lines count that it has written by now.
+        """
         with suppress(ConfigError):
             await self._forget_typed(what)
-            while self._keyboard.keys:
+            while self._keyboard.keys or self._typed.pending:
                 line = await self._line(what)
                 if line.lower() in _UNDO:
                     return True
-                if not line:
+                if not line and self._keyboard.keys:
                     return False
-                self._say(f"'{line}' is neither Enter nor u.")
+                if line:
+                    self._say(f"'{line}' is {'neither Enter nor u' if self._keyboard.keys else _UNUSED}.")
         return False
 
     async def _forget_typed(self, what: str) -> None:

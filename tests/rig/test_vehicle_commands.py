@@ -642,6 +642,16 @@ def test_ctrl_c_in_the_pause_after_the_last_reading_ends_a_recording_as_enter_do
     assert "3 readings at 3 steps" in pilot.out
 
 
+def test_a_script_takes_its_last_reading_back(bench: Bench) -> None:
+    pilot = bench.start("log", "speed", *TYPED, stdin=subprocess.PIPE)
+    pilot.process.communicate(b"11500\n15300\n9000\nu\n19000\n23000\n")
+
+    assert pilot.process.returncode == 0, pilot.err
+    assert "taken back: 9000 at command 40000, which is held again now." in pilot.err
+    assert "'23000' is not used: every step is read." in pilot.err
+    assert read_rows(bench.run(), "readings").columns["rpm"].tolist() == [11500, 15300, 19000]
+
+
 def test_an_implausible_reading_counts_once_it_is_typed_twice(bench: Bench) -> None:
     master, slave = pty.openpty()
     pilot = bench.start("log", "speed", *TYPED, stdin=slave)
