@@ -1,8 +1,10 @@
 """Print notes and errors to stderr, in colour unless NO_COLOR is set."""
 
 import contextlib
+import errno
 import os
 import re
+import stat
 import sys
 import textwrap
 import threading
@@ -39,8 +41,17 @@ def printable_lines(text: str) -> str:
 
 
 def echo(text: object = "", *, nl: bool = True, err: bool = False) -> None:
-    """Print lines in which there may be what others wrote, as a path, to stdout or stderr."""
-    typer.echo(printable_lines(str(text)), nl=nl, err=err)
+    """Print lines in which there may be what others wrote, as a path, to stdout or stderr.
+
+    A terminal that was closed takes none, and nobody is there to read them; raises OSError for any other output.
+    """
+    stream = sys.stderr if err else sys.stdout
+    try:
+        typer.echo(printable_lines(str(text)), nl=nl, err=err)
+    except OSError as error:
+        if error.errno != errno.EIO or not stat.S_ISCHR(os.fstat(stream.fileno()).st_mode):
+            raise
+        _drop(stream)
 
 
 def note(text: str) -> None:

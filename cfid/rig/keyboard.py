@@ -38,6 +38,7 @@ class Keyboard:
         self._rest = ""
         self._escaped = False  # the input ended with an escape, perhaps the beginning of an arrow
         self._open = False
+        self.hung_up = False  # a terminal that was closed, rather than Ctrl-D
 
     def open(self) -> None:
         """Begin to listen; a terminal that refuses the setting, as from a background job, counts as ended input."""
@@ -72,6 +73,7 @@ class Keyboard:
         except OSError:
             typed = ""
         if not typed:
+            self.hung_up = self.keys
             self._end()
             return
         if self.keys:
@@ -100,6 +102,7 @@ class Keyboard:
 
     def connectionLost(self, reason: object) -> None:  # noqa: N802 - Twisted's name
         """Take the terminal's end as the end of the input."""
+        self.hung_up = self.keys
         self._end()
 
     def _end(self) -> None:

@@ -1,14 +1,16 @@
 """Asks the operator for readings of an instrument while motors run and everything records."""
 
+import signal
 from collections.abc import Callable
 from contextlib import suppress
 from enum import Enum
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 from twisted.internet.defer import DeferredQueue
 
 from cfid.errors import ConfigError
 from cfid.rig.keyboard import Keyboard, edited
+from cfid.rig.recorder import sleep
 
 _UNDO = ("u", "undo")
 _UNUSED = "not used: every step is read"
@@ -28,7 +30,7 @@ class Questions:
 
     def __init__(self, *, loop: Any, tell: Callable[[str], None], say: Callable[[str], None]) -> None:
         """Take the functions that show questions and print messages."""
-        self._tell, self._say = tell, say
+        self._tell, self._say, self._loop = tell, say, loop
         self._typed: DeferredQueue[str | None] = DeferredQueue()
         self._keyboard = Keyboard(self._typed.put, loop=loop, keys=True)
 
@@ -94,7 +96,7 @@ class Questions:
         """Forget what was typed at a terminal before the question. Raises ConfigError when the input ended."""
         while self._keyboard.keys and self._typed.pending:
             if await self._typed.get() is None:
-                raise ConfigError(_ended(what))
+                await self._end(what)
 
     async def _line(self, what: str) -> str:
         typed = ""
@@ -102,12 +104,23 @@ class Questions:
             self._tell(f"{what} > {typed}")
             key = await self._typed.get()
             if key is None:
-                raise ConfigError(_ended(what))
-            if not self._keyboard.keys:
+                await self._end(what)
+            elif not self._keyboard.keys:
                 return key
-            line, typed = edited(typed, key)
-            if line is not None:
-                return line.strip()
+            else:
+                line, typed = edited(typed, key)
+                if line is not None:
+                    return line.strip()
+
+    async def _end(self, what: str) -> NoReturn:
+        """Raise ConfigError, since the input has ended; a terminal that was closed ends the recording as SIGHUP does.
+
+        The kernel sends that signal to the terminal's own session, and its shell may pass it on later or never.
+        """
+        if self._keyboard.hung_up:
+            signal.raise_signal(signal.SIGHUP)
+            await sleep(self._loop, 0)  # in which the loop takes the request, unless the signal is ignored
+        raise ConfigError(f"{what}: standard input ended before the reading was typed.")
 
 
 def _reading(line: str) -> float | None:
@@ -117,7 +130,3 @@ def _reading(line: str) -> float | None:
     except ValueError:
         return None
     return value if 0 <= value < float("inf") else None
-
-
-def _ended(what: str) -> str:
-    return f"{what}: standard input ended before the reading was typed."

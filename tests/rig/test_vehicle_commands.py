@@ -652,6 +652,24 @@ def test_a_script_takes_its_last_reading_back(bench: Bench) -> None:
     assert read_rows(bench.run(), "readings").columns["rpm"].tolist() == [11500, 15300, 19000]
 
 
+@pytest.mark.parametrize("shown", [False, True])
+def test_a_terminal_that_is_closed_at_a_reading_ends_a_recording_as_sighup_does(bench: Bench, shown: bool) -> None:
+    master, slave = pty.openpty()
+    where = {"stdout": slave, "stderr": slave} if shown else {}
+    pilot = bench.start("log", "speed", *TYPED, stdin=slave, **where)
+    os.close(slave)
+    type_at(master, bench, pilot, ("11500", lambda: bench.motors[0] == 20000))
+    bench.wait_until(lambda: bench.motors[0] == 30000, pilot)
+    os.close(master)
+    assert pilot.end() == 0, pilot.err
+    header = bench.run().header
+
+    assert not any(bench.motors)
+    assert header.state == "interrupted"
+    assert header.reason.startswith("ended by SIGHUP after")
+    assert (header.devices["commands"].model_extra or {}).get("stopped_in_s") is not None
+
+
 def test_an_implausible_reading_counts_once_it_is_typed_twice(bench: Bench) -> None:
     master, slave = pty.openpty()
     pilot = bench.start("log", "speed", *TYPED, stdin=slave)
