@@ -77,7 +77,9 @@ def verdict_line(run: "Run") -> str:
 
 
 def _completing(run: "Run") -> str:
-    """Return the sentence that names the command which records what a staircase lacks; "" for another run."""
+    """Return the sentence that names the command which records what a staircase or series lacks; "" for another run."""
+    if "planned" in run.header.requested:
+        return f"`cfid log {run.header.family} --resume {run.folder.name}` records what the series lacks."
     if "steps" not in run.header.requested:
         return ""
     return f"`cfid log {run.header.kind} --resume {run.folder.name}` records what it lacks."

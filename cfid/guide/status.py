@@ -1,7 +1,7 @@
 """Where a campaign stands: every task with what is recorded and found, and the one command that comes next."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -16,6 +16,7 @@ from cfid.records.rig_file import CampaignKind
 from cfid.records.run import Run
 from cfid.records.stale import Stale, stale_in
 from cfid.records.tables.angle import ENCODER
+from cfid.transfer.sines.plan import SineSweep, missing_sines
 
 State = Literal["missing", "not fitted", "stale", "rejected", "accepted"]
 
@@ -91,7 +92,11 @@ def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> tuple[
     begun = sorted((run.header for run in every if run.header.kind == "swing"), key=lambda one: one.started)
     swung = [one.label.axis for one in begun if one.label.axis is not None and is_vehicle(one.label)]
     planned = tasks(campaign.rig, kind=kind, order=order, swung=swung, by_gyro=by_gyro)
-    found = (_status(task, runs, sections.get(task.section), rejected.get(task.section), stale) for task in planned)
+    short = _short_series(runs, every)
+    found = (
+        _status(task, runs, sections.get(task.section), rejected.get(task.section), stale, short=short)
+        for task in planned
+    )
     return tuple(replace(one, lacking=tuple(_completing(left, every) for left in one.lacking)) for one in found)
 
 
@@ -141,6 +146,7 @@ def next_of(statuses: Sequence[TaskStatus]) -> Next:
         if one.state == "missing":
             recording = one.lacking[0]
             why = f"{one.task.section}: {one.recorded} of {counted(len(one.task.recordings), 'run')} recorded."
+            why = f"{why} {one.reason}".rstrip()
             return Next(words=recording.words, why=why, recording=recording)
         if one.state in ("not fitted", "stale"):
             return Next(words=one.task.fit, why=f"{one.task.section}: {one.reason}")
@@ -162,10 +168,19 @@ def next_of(statuses: Sequence[TaskStatus]) -> Next:
 
 
 def _status(
-    task: Task, runs: Sequence[Run], section: Section | None, refused: Section | None, stale: Stale
+    task: Task,
+    runs: Sequence[Run],
+    section: Section | None,
+    refused: Section | None,
+    stale: Stale,
+    *,
+    short: Mapping[str, str],
 ) -> TaskStatus:
-    """Judge a task by its runs, by its section of parameters.toml, and by the last fit that was rejected whole."""
-    lacking, taken = _lacking(task.recordings, runs)
+    """Judge a task by its runs, by its section of parameters.toml, and by the last fit that was rejected whole.
+
+    Runs of a series that is `short`, with the sentence that says so, are not yet the recording of it.
+    """
+    lacking, taken = _lacking(task.recordings, [run for run in runs if run.folder.name not in short])
     own = [run for run in runs if any(one.is_of(run.header.kind, run.header.label) for one in task.recordings)]
     state: State = "accepted"
     reason = ""
@@ -175,6 +190,7 @@ def _status(
         state, reason = "stale" if taken else "missing", reasons[0]  # without a run left there is nothing to fit
     elif (section is None and lacking) or any(not one.repeats for one in lacking):
         state = "missing"
+        reason = next((short[run.folder.name] for run in reversed(own) if run.folder.name in short), "")
     elif refused is not None and _still_holds(refused, section, own) and not stale(refused):
         state, reason = "rejected", next(iter(refused.rejected.values()))
     elif section is None:
@@ -197,15 +213,35 @@ def _rarest(recordings: Sequence[Assignment], runs: Sequence[Run]) -> Assignment
 
 
 def _completing(recording: Assignment, runs: Sequence[Run]) -> Assignment:
-    """Return a recording as what completes its last run, where that is a staircase which ended early."""
+    """Return a recording as what completes its last run, where that is of a staircase or series that ended early."""
     same = [run for run in runs if not run.header.excluded and recording.is_of(run.header.kind, run.header.label)]
     if not same:
         return recording
     try:
-        missing(same[-1].folder, kind=same[-1].header.kind)
-    except (ConfigError, DataError):  # it is no staircase, or lacks nothing
+        if not (same[-1].header.family == "sine" and _lacks(same[-1], runs)):
+            missing(same[-1].folder, kind=same[-1].header.kind)
+    except (ConfigError, DataError):  # it is neither, or lacks nothing
         return recording
     return replace(recording, words=(*recording.words[:2], "--resume", same[-1].folder.name), questions=None)
+
+
+def _short_series(runs: Iterable[Run], every: Sequence[Run]) -> dict[str, str]:
+    """Return for each run of a series of sines that was ended early how many of them are there, by the run's name."""
+    sentences = {}
+    for run in runs:
+        if run.header.family == "sine" and (lacks := _lacks(run, every)):
+            count = len(SineSweep.of_run(run).periods)
+            there = f"{count - lacks} of {counted(count, 'sine')}"
+            sentences[run.folder.name] = f"The series of {run.folder.name} is short: {there} are complete."
+    return sentences
+
+
+def _lacks(run: Run, every: Sequence[Run]) -> int:
+    """Return how many sines of a run's series have no complete run; 0 where its run.toml states no series."""
+    try:
+        return len(missing_sines(SineSweep.of_run(run), every, simulated=run.header.simulated))
+    except DataError:
+        return 0
 
 
 def _aimed(task: Task, key: str) -> bool:

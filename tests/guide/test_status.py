@@ -304,6 +304,50 @@ def test_a_fit_all_of_whose_runs_were_excluded_has_them_recorded_next(cfid: Cfid
     assert step.words[:3] == ("log", "encoder", "--axis")
 
 
+def sine(folder: Path, periods: int, *, minute: int, planned: list[int] | None = None, complete: bool = True) -> str:
+    """Write a run of a sine, of a series where one is planned; return its name."""
+    devices = {"crossings": DeviceRecord(file="crossings.csv", columns=("t", "sample"))}
+    requested = {"l": periods, "n": 4000, "amplitude": 20000, "motor": 1}
+    with create_run(
+        folder / "runs",
+        kind=f"sine_l{periods}",
+        label=Label(),
+        devices=devices,
+        requested=requested | ({} if planned is None else {"planned": planned}),
+        started=BEGAN + timedelta(minutes=minute),
+        cfid_version="0.2.0",
+    ) as writer:
+        writer.append("crossings", ([1.7e9], [0]))
+        writer.close("complete" if complete else "failed")
+    return writer.folder.name
+
+
+def test_a_series_of_sines_that_ended_early_is_short_and_its_rest_is_played_next(folder: Path) -> None:
+    def transfer() -> TaskStatus:
+        statuses = status_of(open_campaign(folder), kind="motors")
+        return next(one for one in statuses if one.task.section == "tf")
+
+    sine(folder, 2, minute=0, planned=[2, 5, 8])
+    second = sine(folder, 5, minute=1, planned=[2, 5, 8])
+    failed = sine(folder, 8, minute=2, planned=[2, 5, 8], complete=False)
+    short = transfer()
+    step = next_of([short])
+
+    assert (short.state, short.recorded) == ("missing", 0)
+    assert short.reason == f"The series of {second} is short: 2 of 3 sines are complete."
+    assert step.words == ("log", "sine", "--resume", failed)
+    assert step.why.endswith(short.reason)
+
+    sine(folder, 8, minute=3, planned=[2, 5, 8])
+    assert (transfer().state, transfer().recorded) == ("not fitted", 1)
+
+
+def test_sines_of_no_known_series_count_as_one(folder: Path) -> None:
+    sine(folder, 2, minute=0)
+    statuses = status_of(open_campaign(folder), kind="motors")
+    assert next(one for one in statuses if one.task.section == "tf").state == "not fitted"
+
+
 def test_a_staircase_that_was_interrupted_is_completed_next(cfid: Cfid, folder: Path) -> None:
     devices = {"commands": DeviceRecord(file="commands.csv", columns=("t", "m1", "m2", "m3", "m4"))}
     staircase = {"steps": [10000, 20000], "motors": [1], "hold_s": 1.0, "rest_s": 1.0}

@@ -453,9 +453,8 @@ def test_sines_are_played_one_after_the_other_and_resumed(bench: Bench) -> None:
     assert pilot.end() == 0
     assert not any(bench.motors)
     stopped = max((bench.folder / "runs").iterdir()).name
-    again = bench.start(
-        "log", "sine", "--periods", "5,20,40", "--yes", "--no-preflight", "--before", 0.2, "--resume", stopped, "--json"
-    )
+    assert "`cfid log sine --resume" in " ".join(pilot.out.split())
+    again = bench.start("log", "sine", "--yes", "--no-preflight", "--before", 0.2, "--resume", stopped, "--json")
     assert again.end() == 0, again.err
 
     content = json.loads(again.out)

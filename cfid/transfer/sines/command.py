@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 _SINE = "Sine"
 _LARGEST_N = 2**32 - 1
 _USUAL_N = 4000
+_USUAL_PLAN: Literal["log"] = "log"
 _MOST_BEFORE_S = 600.0
 _EXTRA_S = 2.5  # of each run: connecting to the load cell, and the second until the vehicle reports the end
 
@@ -56,7 +57,7 @@ class SineOptions:
             "most l had to be reconstructed.",
             rich_help_panel=_SINE,
         ),
-    ] = "log"
+    ] = _USUAL_PLAN
     n: Annotated[
         int | None,
         typer.Option(
@@ -88,12 +89,14 @@ class SineOptions:
         bool, typer.Option("--dry-run", help="Print what would be done and how long it takes.", rich_help_panel=_SINE)
     ] = False
 
-    def chosen(self, resumed: "Sine | None" = None) -> "SineSweep":
+    def chosen(self, resumed: "SineSweep | None" = None) -> "SineSweep":
         """Return the sines to play, checked as C.2.4 checks them; a resumed run's N, A, motor and series hold.
 
-        Raises ConfigError.
+        So do the l of its series where no others are named. Raises ConfigError.
         """
         planned = self._named() if self.l is not None else self._planned()
+        if resumed is not None and self.l is None and self.plan == _USUAL_PLAN and len(resumed.periods) > 1:
+            planned = resumed
         given: dict[str, Any] = {
             "samples": self.n,
             "amplitude": self.amplitude,
@@ -113,7 +116,7 @@ class SineOptions:
     def _planned(self) -> "SineSweep":
         from cfid.transfer.sines.plan import THESIS_FIRST, THESIS_SECOND, log_spaced
 
-        if self.plan == "log":
+        if self.plan == _USUAL_PLAN:
             return log_spaced(self.n or _USUAL_N)
         return THESIS_FIRST if self.plan == "thesis-first" else THESIS_SECOND
 
@@ -121,7 +124,7 @@ class SineOptions:
         from cfid.transfer.sines.plan import SineSweep
 
         assert self.l is not None
-        if self.plan != "log":
+        if self.plan != _USUAL_PLAN:
             raise ConfigError(f"--periods and --plan {self.plan}: give one of them.")
         periods = comma_list(self.l, "--periods", int, least=0, example="1,2,4")
         if len(set(periods)) < len(periods):
@@ -134,30 +137,30 @@ def seconds_of_each(sweep: "SineSweep", *, before_s: float) -> float:
     return sweep.samples / SAMPLES_PER_S + before_s + _EXTRA_S
 
 
-def _held(given: Mapping[str, Any], resumed: "Sine") -> dict[str, Any]:
+def _held(given: Mapping[str, Any], resumed: "SineSweep") -> dict[str, Any]:
     """Return N, A, motor and series of the run to resume. Raises ConfigError where another one is given."""
     own = {
         "samples": resumed.samples,
         "amplitude": resumed.amplitude,
-        "motors": (resumed.motor,),
+        "motors": resumed.motors,
         "series": resumed.series,
     }
     for name, value in given.items():
         if value is not None and value != own[name]:
-            option, has = ("motor", resumed.motor) if name == "motors" else (name, own[name])
+            option, has = ("motor", resumed.motors[0]) if name == "motors" else (name, own[name])
             raise ConfigError(f"--{option}: the run to resume has {has}: leave the option out.")
     return own
 
 
-def _sine_of(word: Path, campaign: "Campaign") -> "Sine":
-    """Return the sine of a run of `cfid log sine`. Raises ConfigError for a run of something else."""
+def _series_of(word: Path, campaign: "Campaign") -> "SineSweep":
+    """Return the series of a run of `cfid log sine`. Raises ConfigError for a run of something else."""
     from cfid.records.run import read_run
-    from cfid.transfer.sines.plan import Sine
+    from cfid.transfer.sines.plan import SineSweep
 
     run = read_run(interrupted(word, campaign, kind="sine"))
     if run.header.family != "sine":
         raise ConfigError(f"{run.folder}: is no run of `cfid log sine` that could be resumed.")
-    return Sine.of_run(run.header.kind, run.header.requested)
+    return SineSweep.of_run(run)
 
 
 @flat
@@ -178,15 +181,17 @@ def sine(
     Example: [bold]cfid log sine --periods 1,2,4,8,16,32 --samples 4000 --amplitude 20000 --motor 1[/bold]
     """
     from cfid import __version__
-    from cfid.transfer.sines.record import missing_sines, record_sines
+    from cfid.transfer.sines.plan import missing_sines
+    from cfid.transfer.sines.record import record_sines
 
     before_s = positive(options.before, "--before", most=_MOST_BEFORE_S)
     if resume.word is None:
         sweep = options.chosen()  # invalid options are refused before any device is looked for
     rig = campaign, _, simulated = rig_of(keep.campaign)
     if resume.word is not None:
-        sweep = options.chosen(None if resume.run is None else _sine_of(resume.run, campaign))
-    sines = sweep.sines if resume.word is None else missing_sines(sweep, campaign, simulated=simulated)
+        sweep = options.chosen(None if resume.run is None else _series_of(resume.run, campaign))
+    recorded = campaign.runs(complete=False)
+    sines = sweep.sines if resume.word is None else missing_sines(sweep, recorded, simulated=simulated)
     if not sines:
         raise ConfigError("--resume: nothing is left to record: the campaign has every sine of the series.")
     periods = [own.periods for own in sines]
@@ -202,6 +207,7 @@ def sine(
     runs, failure = record_sines(
         sines,
         rig,
+        planned=sweep.periods,
         before_s=before_s,
         each_s=each_s,
         vehicle=vehicle,

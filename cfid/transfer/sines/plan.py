@@ -1,7 +1,7 @@
 """Sines that are played on board (eq. 3.6), and which of them `cfid log sine` plays in a sweep."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,10 +11,12 @@ import numpy.typing as npt
 from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.estimate.battery_endurance import Held
+from cfid.records.run import Run
 from cfid.units import MOTORS
 from cfid.wire.app import LARGEST_COMMAND, MIDDLE, SAMPLES_PER_S, SineRequest, omega_of
 
 SAMPLE_S = 1 / SAMPLES_PER_S
+PLANNED = "planned"  # in run.toml: l of every sine of the series
 
 _FASTEST_HZ = 12.5  # up to which the thesis fits its transfer functions, and `cfid tf identify`
 _COUNT = 24
@@ -101,6 +103,23 @@ class SineSweep:
     series: str | None = None
     text: str = ""
 
+    @classmethod
+    def of_run(cls, run: Run) -> "SineSweep":
+        """Return the sines of the series that a run belongs to, on its motor, as its run.toml states them.
+
+        A run without a list of them is a series of its own. Raises DataError when it is a run of something else.
+        """
+        own = Sine.of_run(run.header.kind, run.header.requested)
+        planned = run.header.requested.get(PLANNED)
+        known = isinstance(planned, list) and all(isinstance(one, int) for one in planned)
+        return cls(
+            periods=tuple(planned) if planned and known else (own.periods,),
+            samples=own.samples,
+            amplitude=int(own.amplitude),
+            motors=(own.motor,),
+            series=own.series,
+        )
+
     @property
     def sines(self) -> list[Sine]:
         """The sines in the order in which they are played."""
@@ -114,6 +133,16 @@ class SineSweep:
         if len(self.motors) == 1:
             return self.series
         return "_".join(filter(None, [self.series, f"motor{motor}" if motor else "all"]))
+
+
+def missing_sines(sweep: SineSweep, runs: Iterable[Run], *, simulated: bool) -> list[Sine]:
+    """Return the sines without a complete run; simulated runs count for a simulated rig only."""
+    there = [
+        {name: value for name, value in run.header.requested.items() if name != PLANNED}
+        for run in runs
+        if run.header.simulated == simulated and run.header.state == "complete"
+    ]
+    return [sine for sine in sweep.sines if sine.to_run() not in there]
 
 
 _RECONSTRUCTED = "reconstructed by table 3.1's number of l, their range and growing steps;"

@@ -18,12 +18,12 @@ from cfid.estimate.battery_endurance import Held
 from cfid.records.campaign import Campaign
 from cfid.records.devices import LoadCellBox
 from cfid.records.line_devices import LoadCellLines
-from cfid.records.run import Label, Run, list_runs
+from cfid.records.run import Label, Run
 from cfid.rig.crossings import Crossings
 from cfid.rig.log import Device, Plan, ready_loadcell
 from cfid.rig.recorder import sleep
 from cfid.transfer.sines.during import Felt
-from cfid.transfer.sines.plan import Sine, SineSweep
+from cfid.transfer.sines.plan import PLANNED, Sine
 from cfid.units import FULL_COMMAND, MOTORS
 from cfid.wire.app import MIDDLE, SAMPLES_PER_S, SineRequest
 
@@ -32,6 +32,7 @@ def record_sines(
     sines: Sequence[Sine],
     rig: Rig,
     *,
+    planned: Sequence[int],
     before_s: float,
     each_s: float,
     vehicle: ExperimentOptions,
@@ -44,7 +45,8 @@ def record_sines(
 ) -> tuple[list[dict[str, Any]], CfidError | None]:
     """Play sines of one amplitude in turn; return a summary of each run, and the error that ended them.
 
-    `show` gets each run at its end. Raises ConfigError or DeviceError before the first motor turns.
+    `planned` are the l of the whole series, which each run of several states. `show` gets each run at its end. Raises
+    ConfigError or DeviceError before the first motor turns.
     """
     campaign, devices, simulated = rig
     cell = devices.loadcell.sampled_at(rate_hz)
@@ -72,7 +74,8 @@ def record_sines(
             live.task(f"{name}: pause")
             tell = partial(_show_task, live, name)
             plan = plan_sine(sine, campaign, before_s=before_s, note=note, simulated=simulated, tell=tell)
-            plan = replace(plan, lasts_s=(len(sines) - count) * each_s)  # with the sines after it
+            requested = {**plan.requested, **({PLANNED: list(planned)} if len(planned) > 1 else {})}
+            plan = replace(plan, requested=requested, lasts_s=(len(sines) - count) * each_s)  # with those after it
             frequency_rad_s = sine.omega_rad * SAMPLES_PER_S
             run, failure = _play(plan, [reports, *crazyflie.watch(log_ms)], cell, live, frequency_rad_s)
             if run is not None:
@@ -143,10 +146,3 @@ async def play_sine(
     await sleep(loop, before_s)
     tell("playing")
     await crossings.play(request)
-
-
-def missing_sines(sweep: SineSweep, campaign: Campaign, *, simulated: bool) -> list[Sine]:
-    """Return the sines without a complete run; simulated runs count for a simulated rig only."""
-    runs = [run.header for run in list_runs(campaign.runs_folder) if isinstance(run, Run)]
-    there = [header.requested for header in runs if header.simulated == simulated and header.state == "complete"]
-    return [sine for sine in sweep.sines if sine.to_run() not in there]
