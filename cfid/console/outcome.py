@@ -12,7 +12,7 @@ from cfid.console.messages import echo, fitted, in_options, note, printable
 from cfid.console.options import Delivery
 from cfid.console.tables import print_parameters
 from cfid.errors import ConfigError, RejectedError
-from cfid.findings import SEVERITIES, joined, texts
+from cfid.findings import joined, texts
 from cfid.records.parameters import plain
 from cfid.records.result import Result
 
@@ -46,7 +46,9 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
     if delivery.json:
         echo(_as_json(given, accepted=result.accepted))
     else:
-        _print(given, drawn, texts(result.findings, *(SEVERITIES if kept else SEVERITIES[:2])))
+        rejections = texts(result.findings, "rejection") if kept else ()  # else the error states them
+        notes = (*texts(result.findings, "note", "warning"), *(f"rejected: {text}" for text in rejections))
+        _print(given, drawn, notes)
     if not kept:
         if campaign is not None:
             with suppress(ConfigError):  # a folder that nobody can write to

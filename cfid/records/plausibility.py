@@ -19,13 +19,14 @@ _BY_PLATFORM = (
     "speed-unusual",
     "flight-moment-unlike-arm",
 )  # codes of what a quadrocopter cannot have
-_ALIKE = {  # what rests on the same force, arm or wind
+_ALIKE = {  # what rests on the same force, arm, wind or line through stamps
     "motor.thrust_poly": (
         "motor.command_of_thrust", "motor.max_thrust_n", "motor.hover_mass_kg", "motor.thrust_voltage_poly",
         "motor.thrust_per_speed_squared_n_s2", "motor.thrust_speed_poly",
     ),
     "tf.static_gain_n": ("tf.numerator", "tf.series.*.static_gain_n", "tf.series.*.numerator", "tf.frequency_response"),
     "drag.simple_kg_per_rad": ("drag.*",),
+    "latency.clock_skew": ("latency.clock_offset_s",),
 }  # fmt: skip
 _SAYS_NOTHING = "-not-excited"  # ends the codes of quantities that a recording does not show at all
 _OTHERWISE = 'For another kind of body write platform = "other" under [vehicle] in rig.toml.'

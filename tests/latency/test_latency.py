@@ -1,5 +1,6 @@
 """`latency.fit` and `cfid tf latency`: round trips of table 3.2, and the vehicle's clock against the host's."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -229,3 +230,21 @@ def test_without_files_or_a_campaign_there_is_nothing_to_read(cfid: Cfid) -> Non
     assert (missing.returncode, nowhere.returncode) == (4, 2)
     assert "missing.csv: no such file." in missing.stderr
     assert "no campaign here" in nowhere.stderr
+
+
+def test_a_host_clock_that_jumped_leaves_the_round_trips_and_rejects_the_vehicles_clock(
+    cfid: Cfid, tmp_path: Path
+) -> None:
+    run = ping_run(tmp_path)
+    path = run.device_file("pings")
+    pings = pd.read_csv(path, dtype={"vehicle_us": np.int64})
+    pings.loc[200:, "t"] += 5.0
+    pings.to_csv(path, index=False, float_format="%.7f")
+    shown = cfid("tf", "latency", run.folder)
+    content = json.loads(cfid("tf", "latency", run.folder, "--json").stdout)
+
+    assert shown.returncode == 0, shown.stderr
+    assert "note: rejected: latency.clock_skew is implausible" in shown.stderr
+    assert content["accepted"]
+    assert list(content["parameters"]) == ["latency.rtt_mean_s", "latency.rtt_std_s", "latency.rtt_min_s"]
+    assert "clock_offset" not in shown.stdout
