@@ -12,9 +12,9 @@ from cfid.guide.plan import Aim, Assignment, Task, Words, is_vehicle, tasks
 from cfid.motors.plan import missing
 from cfid.records.campaign import RUNS_FOLDER, Campaign
 from cfid.records.parameters import Parameter, Section
-from cfid.records.rig_file import CampaignKind
+from cfid.records.rig_file import RIG_FILE, CampaignKind
 from cfid.records.run import Run
-from cfid.records.stale import Stale, stale_in
+from cfid.records.stale import Stale, is_blind, stale_in
 from cfid.records.tables.angle import ENCODER
 from cfid.transfer.sines.plan import SineSweep, missing_sines
 
@@ -48,6 +48,7 @@ class TaskStatus:
     """A task: what is still to be recorded, how its fit stands and why, and how sure its quantities are.
 
     `rarest` is its recording that was made least often, the last of several: to be made again where a fit is rejected.
+    A change of rig.toml since the fit cannot be seen where it is `blind`.
     """
 
     task: Task
@@ -56,6 +57,7 @@ class TaskStatus:
     state: State
     reason: str
     found: tuple[Certainty, ...]
+    blind: bool = False
 
     @property
     def recorded(self) -> int:
@@ -137,7 +139,11 @@ def remarks_of(statuses: Iterable[TaskStatus], unusable: Iterable[Unusable]) -> 
         if found.bounded_by
     ]
     again = [f"{one.run}: NOT USABLE: {one.reason} Record it again: cfid {' '.join(one.words)}" for one in unusable]
-    return (*reasons, *bounded, *again)
+    blind = ", ".join(one.task.section for one in statuses if one.blind)
+    unseen = (
+        f"{blind}: fitted before fits kept what they take from {RIG_FILE}. Whether that changed since is not known: "
+    )
+    return (*reasons, *([f"{unseen}fit again to be sure."] if blind else []), *bounded, *again)
 
 
 def next_of(statuses: Sequence[TaskStatus]) -> Next:
@@ -201,7 +207,13 @@ def _status(
         reason = f"`cfid {' '.join(lacking[0].words)}` once more would show what drifted since the first."
     found = tuple(Certainty(aim=aim, std=None) if section is None else _certainty(section, aim) for aim in task.aims)
     return TaskStatus(
-        task=task, lacking=lacking, rarest=_rarest(task.recordings, own), state=state, reason=reason, found=found
+        task=task,
+        lacking=lacking,
+        rarest=_rarest(task.recordings, own),
+        state=state,
+        reason=reason,
+        found=found,
+        blind=section is not None and is_blind(task.section, section),
     )
 
 

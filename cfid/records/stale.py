@@ -14,6 +14,8 @@ from cfid.records.run import Run
 
 Stale = Callable[[Section], tuple[str, ...]]
 
+_OF_RIG = ("inertia", "testbody", "friction", "thrust", "flight")  # sections of fits that take facts of rig.toml
+
 
 def stale_in(folder: Path, runs: Sequence[Run], rig: Rig) -> Stale:
     """Return a function that gives the reasons, as sentences, why a section of a campaign is no longer current.
@@ -43,6 +45,14 @@ def stale_in(folder: Path, runs: Sequence[Run], rig: Rig) -> Stale:
         )
 
     return reasons
+
+
+def is_blind(name: str, section: Section) -> bool:
+    """Return whether a section does not keep the facts of rig.toml that its fit took, as those of early versions.
+
+    A change of rig.toml since cannot be seen for it.
+    """
+    return name in _OF_RIG and not section.rig
 
 
 def _change(was: Any, now: Any) -> str:

@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -16,7 +17,7 @@ import pytest
 from cfid.errors import ConfigError
 from cfid.findings import rejection
 from cfid.guide.plan import tasks
-from cfid.guide.status import Next, TaskStatus, next_of, status_of
+from cfid.guide.status import Next, TaskStatus, next_of, remarks_of, status_of
 from cfid.records.campaign import open_campaign
 from cfid.records.covariances import Covariance
 from cfid.records.parameters import Parameter, Section, Source, store_section
@@ -229,6 +230,22 @@ def test_a_later_fit_that_was_accepted_stands_over_one_that_was_rejected(folder:
     refused(folder, sorted((folder / "runs").iterdir()))
     fitted(folder, found=datetime.now(UTC) + timedelta(hours=1))
     assert standing(folder)[0].state == "accepted"
+
+
+def test_a_fit_that_does_not_keep_what_it_took_from_rig_toml_is_named(cfid: Cfid, folder: Path) -> None:
+    swung(folder)
+    fitted(folder)  # without the facts of rig.toml
+    remark = (
+        "inertia: fitted before fits kept what they take from rig.toml. Whether that changed since is not known: fit "
+        "again to be sure."
+    )
+    assert remark in remarks_of(status_of(open_campaign(folder), kind="inertia"), ())
+    assert remark in remarks_of_the_report(cfid, folder)
+
+    section = open_campaign(folder).sections()["inertia"]
+    kept = replace(section, rig={"vehicle.mass_kg": open_campaign(folder).rig.vehicle.mass_kg})
+    store_section(folder / "parameters.toml", "inertia", kept)
+    assert remark not in remarks_of(status_of(open_campaign(folder), kind="inertia"), ())
 
 
 def test_a_fit_that_no_plan_asks_for_is_named(cfid: Cfid, folder: Path) -> None:
