@@ -20,6 +20,7 @@ from cfid.records.parameters import load_sections
 from cfid.sim.demo import demo_truth, simulate_demo
 from tests.campaigns import Cfid, in_this_process
 from tests.fleet.test_refit import numbers as found_numbers
+from tests.report.chromium import BROWSER, look_at
 
 SECTIONS = {
     "inertia",
@@ -83,6 +84,11 @@ def test_a_demo_measures_everything_hands_it_on_and_is_never_mixed_with_another(
     far = [name for name, true, value, std in found if std is None or abs(value - true) > 3 * std]
     assert far == []
     assert f"{sum(covers(*row[1:]) for row in found)} of 25 lie in their 95 % interval" in done.stdout
+
+    if BROWSER is not None:
+        report = (folder / "report.html").read_text()
+        seen = look_at(report, tmp_path, widths_px=(1280,), dark=False)[1280]
+        assert seen.summary_px < 880, "the first screen does not fit 1280 x 900 pixels"
 
     before = (folder / "parameters.toml").read_bytes()
     again = subprocess.run(command(folder, "--seed", 2), capture_output=True, text=True, check=False)

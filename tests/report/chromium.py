@@ -29,8 +29,8 @@ class Look:
     """What a page did: `requests` are paths that it asked for, `said` its lines on the console.
 
     `figures` have their natural width, shown width and place; `overflow_px` is how far the page is wider than its
-    frame; `faint` are texts whose contrast with what lies behind them is below 4.5; `cut` are tables that are wider
-    than their place, with all details unfolded.
+    frame, `summary_px` where its first screen ends; `faint` are texts whose contrast with what lies behind them is
+    below 4.5; `cut` are tables that are wider than their place, with all details unfolded.
     """
 
     requests: tuple[str, ...]
@@ -40,6 +40,7 @@ class Look:
     background: str
     faint: tuple[str, ...]
     cut: tuple[str, ...]
+    summary_px: float
 
 
 def look_at(page: str, folder: Path, *, widths_px: Sequence[int], dark: bool) -> dict[int, Look]:
@@ -65,6 +66,7 @@ def look_at(page: str, folder: Path, *, widths_px: Sequence[int], dark: bool) ->
             background=content["background"],
             faint=tuple(content["faint"]),
             cut=tuple(content["cut"]),
+            summary_px=content["summary_px"],
         )
         for width, content in zip(widths_px, json.loads(html.unescape(seen[1])), strict=True)
     }

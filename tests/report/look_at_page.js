@@ -34,6 +34,7 @@ async function look(frame) {
     const box = image.getBoundingClientRect();
     return { name: image.alt, natural_px: image.naturalWidth, shown_px: box.width, height_px: box.height, left_px: box.left };
   });
+  const summary_px = page.querySelector("#summary").getBoundingClientRect().bottom;
   page.querySelectorAll("details").forEach((folded) => (folded.open = true));
   const cut = [...page.querySelectorAll("table")]
     .filter((table) => table.parentElement.scrollWidth > table.parentElement.clientWidth)
@@ -42,6 +43,7 @@ async function look(frame) {
     figures,
     faint,
     cut,
+    summary_px,
     overflow_px: page.documentElement.scrollWidth - page.documentElement.clientWidth,
     background: view.getComputedStyle(page.body).backgroundColor,
     resources: view.performance.getEntriesByType("resource").map((entry) => entry.name).filter((name) => !name.startsWith("data:")),
