@@ -182,7 +182,7 @@ def _latency() -> Task:
     reminder = "Switch the vehicle on; no motor turns."
     pings = Assignment(words=("log", "ping"), reminder=reminder, kind="ping")
     aim = Aim(key="latency.rtt_mean_s", std=0.05, purpose="a delay in the loop: 5 %")
-    return Task(section="latency", recordings=(pings,), fit=("tf", "latency", "last"), aims=(aim,))
+    return Task(section="latency", recordings=(pings,), fit=("tf", "latency"), aims=(aim,))
 
 
 def _transfer() -> Task:

@@ -9,9 +9,10 @@ import pytest
 
 from cfid import latency
 from cfid.errors import ConfigError, DataError, FitError
+from cfid.guide.plan import tasks
 from cfid.latency.estimation import round_trips
 from cfid.records.parameters import load_sections
-from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.rig_file import RIG_FILE, load_rig, new_rig_text
 from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
 from cfid.records.tables.pings import read_pings
@@ -248,3 +249,16 @@ def test_a_host_clock_that_jumped_leaves_the_round_trips_and_rejects_the_vehicle
     assert content["accepted"]
     assert list(content["parameters"]) == ["latency.rtt_mean_s", "latency.rtt_std_s", "latency.rtt_min_s"]
     assert "clock_offset" not in shown.stdout
+
+
+def test_pings_that_a_guided_campaign_repeats_make_the_mean_surer(cfid: Cfid, tmp_path: Path) -> None:
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    (task,) = (one for one in tasks(load_rig(tmp_path / RIG_FILE), kind="motors") if one.section == "latency")
+    stds = []
+    for seed in (1, 2):
+        ping_run(tmp_path, seed=seed, count=300)
+        fitted = cfid(*task.fit, "--campaign", tmp_path)
+        assert fitted.returncode == 0, fitted.stderr
+        stds.append(load_sections(tmp_path / "parameters.toml")["latency"].parameters["latency.rtt_mean_s"].std)
+
+    assert stds[1] < 0.85 * stds[0]
