@@ -166,7 +166,7 @@ def next_of(statuses: Sequence[TaskStatus]) -> Next:
     unsure = [(found, one.task) for one in statuses for found in one.found if found.short_by > 1]
     if weak := [pair for pair in unsure if not pair[0].bounded_by]:
         found, task = max(weak, key=lambda pair: pair[0].short_by)
-        why = f"{found.aim.key} is known to {percent(found.std)}; {found.aim.purpose}."
+        why = f"{found.aim.key} is known to {percent(found.std)}; {found.aim.purpose}. If it is enough: cfid report."
         return Next(words=task.recordings[-1].words, why=why, recording=task.recordings[-1])
     return Next(
         words=("report",), why=f"everything is found, and {'as sure as rig.toml allows' if unsure else 'sure enough'}."

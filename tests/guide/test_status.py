@@ -248,6 +248,15 @@ def test_a_fit_that_does_not_keep_what_it_took_from_rig_toml_is_named(cfid: Cfid
     assert remark not in remarks_of(status_of(open_campaign(folder), kind="inertia"), ())
 
 
+def test_a_number_that_is_not_sure_enough_is_repeated_unless_the_operator_writes_the_report(folder: Path) -> None:
+    swung(folder)
+    fitted(folder, std=4e-6)
+    step = next_of([standing(folder)[0]])
+
+    assert step.words[:2] == ("log", "encoder")
+    assert step.why.endswith("a rate controller's gains: 3 %. If it is enough: cfid report.")
+
+
 def test_a_fit_that_no_plan_asks_for_is_named(cfid: Cfid, folder: Path) -> None:
     swung(folder)
     fitted(folder)
