@@ -35,7 +35,8 @@ def fitted_motion(fit: SwingFit, time_s: Array) -> Array:
         reached = float(segment.t[-1])
         state = np.array([segment.y[0, -1], 0.0 if turned else segment.y[1, -1]])
         inside = (time_s >= now) & (time_s <= reached)
-        angle[inside] = segment.sol(time_s[inside])[0]
+        if np.any(inside):  # a half-swing may lie in a gap of the recording
+            angle[inside] = segment.sol(time_s[inside])[0]
         angle[time_s > reached] = state[0]
         now = reached
     return angle
