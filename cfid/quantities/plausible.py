@@ -79,10 +79,10 @@ def out_of_range(claim: str, number: float, expected: Range, unit: str) -> str:
     """Return a claim about a number outside its range as a sentence that guesses the unit; "" for one inside."""
     if expected.least <= number <= expected.largest:
         return ""
-    guess = _guess(number, expected, unit)
+    guess, of = _guess(number, expected, unit), "" if unit == "1" else f" {unit}"
     return (
-        f"{claim}, {_shown(number)} {unit}{f': {guess}?' if guess else '.'} "
-        f"Expected {expected.least:g} to {expected.largest:g} {unit}."
+        f"{claim}, {_shown(number)}{of}{f': {guess}?' if guess else '.'} "
+        f"Expected {expected.least:g} to {expected.largest:g}{of}."
     )
 
 

@@ -70,6 +70,11 @@ def test_vehicles_that_are_flown_pass() -> None:
     assert [implausible(key, value) for key, values in flown.items() for value in values] == [""] * 28
 
 
+def test_a_plain_number_is_stated_without_a_unit() -> None:
+    text = implausible("latency.clock_skew", -0.109)
+    assert text == "latency.clock_skew is implausible, -0.109. Expected -0.05 to 0.05."
+
+
 def test_what_has_no_range_passes() -> None:
     assert implausible("weight_m", 1e9) == ""
     assert implausible("motor.thrust_poly", [None, 1.0]) == ""
