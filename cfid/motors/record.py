@@ -115,7 +115,7 @@ def record_speed(
     _record_readings(
         "speed",
         staircase,
-        rig,
+        _counting(rig) if tachometer == "lines" else rig,
         instrument=instrument,
         value="rpm",
         question=question,
@@ -164,6 +164,16 @@ def record_scales(
         note=note,
         judge=judge,
     )
+
+
+def _counting(rig: Rig) -> Rig:
+    """Return the rig with the markers that its tachometer of lines counts in place of those of a hand-held one."""
+    campaign, devices, simulated = rig
+    if devices.tachometer is None:
+        return rig
+    tachometer = campaign.rig.tachometer.model_copy(update={"markers": devices.tachometer.markers})
+    stated = campaign.rig.model_copy(update={"tachometer": tachometer})
+    return campaign.model_copy(update={"rig": stated}), devices, simulated
 
 
 def _record_readings(

@@ -170,8 +170,12 @@ class LoadCellLines(LineDevice):
 
 
 class TachometerLines(LineDevice):
-    """A tachometer."""
+    """A tachometer, and how many `markers` it counts in one turn of a rotor: 1 where it sends turns of the rotor.
 
+    This has no default: marks on both blades double the speed, and nothing in a reading shows it.
+    """
+
+    markers: Annotated[int, Field(strict=True, ge=1)]
     units: ClassVar[dict[str, dict[str, float]]] = {"rpm": _RPM}
 
 

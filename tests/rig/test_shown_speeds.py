@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from cfid.records.rig_file import load_rig
 from cfid.rig.motors import Four
 from tests.campaigns import in_this_process
 from tests.flying_in_a_folder import Bench, bench_in
@@ -22,7 +23,7 @@ DEVICE = "\n[devices.{name}]\nkind = 'lines'\nport = '{port}'\nrate_hz = 20\nval
 
 
 @contextmanager
-def showing(bench: Bench, name: str, value: str, shown: Callable[[Four], float]) -> Iterator[None]:
+def showing(bench: Bench, name: str, value: str, shown: Callable[[Four], float], more: str = "") -> Iterator[None]:
     """A device at a pseudo terminal that sends twenty lines a second of what belongs to the motors' commands."""
     host, device = os.openpty()
     tty.setraw(host)
@@ -36,7 +37,7 @@ def showing(bench: Bench, name: str, value: str, shown: Callable[[Four], float])
                 os.write(host, f"{shown(bench.motors):.1f}\r\n".encode())
 
     with (bench.folder / "rig.toml").open("a") as file:
-        file.write(DEVICE.format(name=name, port=link, value=value))
+        file.write(DEVICE.format(name=name, port=link, value=value) + more)
     thread = threading.Thread(target=send)
     thread.start()
     try:
@@ -49,17 +50,26 @@ def showing(bench: Bench, name: str, value: str, shown: Callable[[Four], float])
 
 
 def rpm(motors: Four) -> float:
-    """What a tachometer shows that counts both blades; it keeps showing the last speed while the rotor stands."""
+    """What a tachometer shows of a rotor; it keeps showing the last speed while the rotor stands."""
     speed = IDLE_RAD_PER_S + RAD_PER_S_PER_COMMAND * (motors[0] or 50000)
-    return 2 * speed * 60 / math.tau
+    return speed * 60 / math.tau
 
 
-def test_a_speed_map_is_fitted_to_what_a_tachometer_sent_as_lines(tmp_path: Path) -> None:
-    with bench_in(tmp_path) as bench, showing(bench, "tachometer", "rpm", rpm):
+@pytest.mark.parametrize("markers", [1, 2])
+def test_a_speed_map_is_fitted_to_what_a_tachometer_sent_as_lines_by_its_own_markers(
+    tmp_path: Path, markers: int
+) -> None:
+    """One that sends the rotor's speed, and one that counts both blades, while a hand-held one has two markers."""
+    with (
+        bench_in(tmp_path) as bench,
+        showing(bench, "tachometer", "rpm", lambda motors: markers * rpm(motors), f"markers = {markers}"),
+    ):
+        assert load_rig(bench.folder / "rig.toml").tachometer.markers == 2
         pilot = bench.start("log", "speed", "--tachometer", "lines", *STAIRCASE)
         assert pilot.end() == 0, pilot.err
         fitted = in_this_process(["fit", "speed", str(bench.run().folder), "--json", "--no-figures"], tmp_path)
 
+    assert f"counts {markers} marker{'s'[: markers - 1]} a turn" in " ".join(pilot.out.split())
     assert fitted.returncode == 0, fitted.stderr
     slope, offset = json.loads(fitted.stdout)["parameters"]["motor.speed_poly"]["value"]
     assert slope == pytest.approx(RAD_PER_S_PER_COMMAND, rel=1e-3)

@@ -77,6 +77,12 @@ def _about_weights(command: Array) -> str:
     )
 
 
+def _counted(run: Run) -> str:
+    """Return how a tachometer's readings are understood."""
+    markers = run.header.rig.tachometer.markers or 1
+    return f" and counts {counted(markers, 'marker')} a turn: divided by {markers}, these are speeds of the rotor"
+
+
 def _of_instrument(run: Run) -> str:
     """Say what a tachometer or scales showed, or the vehicle's log. Raises DataError where that follows no command."""
     for device, (column, unit) in _SHOWN.items():
@@ -90,7 +96,8 @@ def _of_instrument(run: Run) -> str:
                 raise DataError(
                     f"the {device} shows {low:.4g} {unit} at the lowest command and {high:.4g} at the highest."
                 )
-            return f"the {device} shows {low:.4g} {unit} at the lowest command and {high:.4g} at the highest."
+            shown = f"the {device} shows {low:.4g} {unit} at the lowest command and {high:.4g} at the highest"
+            return f"{shown}{_counted(run) if unit == 'rpm' else ''}."
     speeds = told_speeds_rad_s(read_rows(run, VEHICLE_LOG)) if holds(run, VEHICLE_LOG) else {}
     if not any(np.any(speed > 0) for speed in speeds.values()):
         raise DataError("the vehicle's log has no speed above 0.")
