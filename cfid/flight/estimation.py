@@ -28,6 +28,7 @@ _DELAY_S = 0.008  # to start with
 _MOST_ROUNDS = 40  # in which noise and parameters are estimated in turn
 _STEPS = 5  # of a round
 _SETTLED = 0.05  # standard uncertainties that a round may move a parameter by
+_SHARES = (1.0, 0.5, 0.25)  # of a round's step, that are tried where it turns back on the last one
 _FEWEST = 500  # rows: 5 s
 _LEVEL = 100  # rows: 1 s, whose mean forces are taken as independent
 _SMOOTH = 10  # rows over which noise is averaged before judging how much is explained
@@ -84,7 +85,7 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
             f"{rows / 100:.1f} s in the air with every motor within its range (limit {_FEWEST / 100:g} s): the vehicle "
             "has to fly for longer, or lower its thrust."
         )
-    equations = _Equations(flown)
+    equations = Equations(flown)
     equations, result = _settled(equations, _start(equations))
     found, jacobian, residual = _with_constant(result.x), np.asarray(result.jac), np.asarray(result.fun)
     covariance = covariance_of(jacobian, residual, [one.basis for one in equations.white])
@@ -110,15 +111,18 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
     )
 
 
-def _settled(equations: "_Equations", found: Array) -> tuple["_Equations", OptimizeResult]:
+def _settled(equations: "Equations", found: Array) -> tuple["Equations", OptimizeResult]:
     """Return the equations whitened by the noise that they leave, and their solution: each is found from the other.
 
     In calm air and with an instrument that is mostly noise, a round moves some parameters by many standard
-    uncertainties at first. Raises FitError where they do not come to rest.
+    uncertainties at first. Off the solution, past errors contain what the rotors do and take up most of what a
+    parameter changes, so that a step goes too far: full steps can go to and fro for ever between two states on either
+    side of the solution. Where a step turns back on the last one, the likeliest share of it is taken. Raises FitError
+    where the parameters do not come to rest.
     """
+    last = np.zeros(TURNS.stop - 1)
     for _ in range(_MOST_ROUNDS):
-        white = [whitening(block, _left(block, found), fed_back=True) for block in equations.at(found)]
-        equations = replace(equations, white=tuple(white))
+        equations = equations.whitened(found)
         begin = _without_constant(found)
         result = least_squares(
             lambda free, to=equations: to.residual(_with_constant(free)),
@@ -133,10 +137,13 @@ def _settled(equations: "_Equations", found: Array) -> tuple["_Equations", Optim
             ftol=1e-7,
             max_nfev=_STEPS,
         )
-        moved = np.abs(np.asarray(result.x) - begin)
-        found = _with_constant(result.x)
-        if np.all(moved <= _SETTLED * np.linalg.norm(gain_of(np.asarray(result.jac)), axis=1)):
+        step, std = np.asarray(result.x) - begin, np.linalg.norm(gain_of(np.asarray(result.jac)), axis=1)
+        if np.all(np.abs(step) <= _SETTLED * std):
             return equations, result
+        moved = step / np.maximum(std, 1e-300)
+        turned_back = float(moved @ last) < 0
+        share = equations.likeliest(found, _with_constant(step)) if turned_back else 1.0
+        found, last = _with_constant(begin + share * step), share * moved
     raise FitError(
         f"noise and parameters, found in turn, do not come to rest in {_MOST_ROUNDS} rounds: the flight's noise "
         "changes, or it does not tell lag, delays and moments apart. Fit a part of it (`from_s`, `to_s`), or fly "
@@ -145,11 +152,25 @@ def _settled(equations: "_Equations", found: Array) -> tuple["_Equations", Optim
 
 
 @dataclass(frozen=True, eq=False)
-class _Equations:
+class Equations:
     """The equations of flights, whose residuals are whitened."""
 
     flights: Sequence[Flight]
     white: tuple[White, ...] = ()
+
+    def whitened(self, p: Array) -> "Equations":
+        """Return the equations with what whitens the errors of parameters (10,)."""
+        white = [whitening(block, _left(block, p), fed_back=True) for block in self.at(p)]
+        return replace(self, white=tuple(white))
+
+    def likeliest(self, p: Array, step: Array) -> float:
+        """Return the share of a step (10,) from parameters (10,) after which the errors are likeliest, when whitened.
+
+        Their likelihood, with sizes and autoregression that suit it best, is that of normal errors.
+        """
+        sizes = [[math.log(one.size) for one in self.whitened(p + share * step).white] for share in _SHARES]
+        rows = [len(one.basis) for one in self.white]
+        return _SHARES[int(np.argmin(np.array(sizes) @ rows))]
 
     def at(self, p: Array) -> list[FlightEquation]:
         """Return the equations for time constants and delays."""
@@ -182,7 +203,7 @@ class _Equations:
         return np.concatenate(each)
 
 
-def _undamped(p: Array, equations: _Equations) -> Array:
+def _undamped(p: Array, equations: Equations) -> Array:
     """Return parameters whose moments are those without damping.
 
     Within a row, damping that is proportional to the rate takes a part of what the torque gives in that row. The
@@ -222,7 +243,7 @@ def _levelled(p: Array, covariance: Array, vertical: Sequence[FlightEquation]) -
     return found, spread
 
 
-def _start(equations: _Equations) -> Array:
+def _start(equations: Equations) -> Array:
     """Return the best parameters (10,) of a coarse grid of lags, as fast upwards as downwards."""
     best, found = np.inf, np.zeros(TURNS.stop)
     for tau_s in _STARTS_S:

@@ -64,9 +64,15 @@ def fleet(count: int, rng: np.random.Generator) -> Fleet:
 
 
 def fly(
-    vehicles: Fleet, rng: np.random.Generator, *, seconds: float = 14.0, hover: bool = False, wind: float = 1.0
+    vehicles: Fleet,
+    rng: np.random.Generator,
+    *,
+    seconds: float = 14.0,
+    hover: bool = False,
+    wind: float = 1.0,
+    noise: float = 1.0,
 ) -> list[FlightLog]:
-    """Return a log of each vehicle at 500 Hz; one that hovers has no manoeuvres."""
+    """Return a log of each vehicle at 500 Hz; one that hovers has no manoeuvres. `noise` is the share of the usual."""
     count, steps = len(vehicles.mass), int(seconds / STEP)
     level = _level(vehicles)
     late = np.tile(level[:, None], (1, 4))
@@ -85,9 +91,9 @@ def fly(
         at = (np.einsum("nij,nj->ni", turn.transpose(0, 2, 1), velocity)) * [1.0, 1.0, 1.2]
         force = force_wind - vehicles.braking[:, None] * at
         force[:, 2] += thrust.sum(axis=1) / vehicles.mass
-        shown = gyro(rates + bias[0] + rng.normal(0, 0.04, (count, 3)))
+        shown = gyro(rates + bias[0] + rng.normal(0, 0.04 * noise, (count, 3)))
         rows[step, :, 4:7] = shown
-        rows[step, :, 7:10] = accelerometer(force + bias[1] + rng.normal(0, 0.5, (count, 3)))
+        rows[step, :, 7:10] = accelerometer(force + bias[1] + rng.normal(0, 0.5 * noise, (count, 3)))
         rows[step, :, 10:13] = velocity
         rows[step, :, 13:17] = _quaternion(turn)
         command = _autopilot(vehicles, plan[step], shown, up, velocity[:, 2], level)
