@@ -18,9 +18,9 @@ import shlex
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -32,6 +32,8 @@ PAGE, RESULTS = ROOT / "docs/reference/evidence.md", ROOT / "docs/reference/resu
 HEADING = "## The last night (`bash .ci/nightly`)\n"
 ENDED = "exit code"
 FUZZ_CASES = 100_000  # of all readers
+_LOOK_S = 0.1
+_asked_to_end = threading.Event()
 
 Line = Mapping[str, Any]
 
@@ -104,48 +106,72 @@ def lines_of(path: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
 
 
-def run(command: str, folder: Path, *, within_s: float) -> list[Line]:
-    """Run a command of the project and return its lines; one that takes too long is ended."""
-    words = [word.replace("{folder}", str(folder)) for word in shlex.split(command)]
-    environment = dict(os.environ)
-    while "=" in words[0]:
-        name, _, value = words.pop(0).partition("=")
-        environment[name] = value
-    programs = {"python": [sys.executable], "pytest": [sys.executable, "-m", "pytest"]}
-    words[:1] = programs.get(words[0], words[:1])
-    load = round(os.getloadavg()[0], 1)
-    log = folder / f"{re.sub(r'[^A-Za-z0-9]+', '-', command)[:120]}.log"
-    environment["PYTHONPATH"] = str(ROOT)
-    with log.open("w", encoding="utf-8") as file:
-        process = subprocess.Popen(words, cwd=ROOT, env=environment, stdout=file, stderr=subprocess.STDOUT)
-        try:
-            code = str(process.wait(within_s))
-        except subprocess.TimeoutExpired:
-            process.terminate()
-            process.wait()
-            code = "none: ended at its time limit"
-    found = [*figures(log.read_text(encoding="utf-8", errors="replace")), (ENDED, code)]
-    facts = {"date": f"{datetime.now(UTC):%Y-%m-%d}", "load": load}
-    return [{"command": command, "figure": name, "value": value, **facts} for name, value in found]
+class Started:
+    """A command of the project that runs, in a session of its own, with its output in a log of the folder."""
+
+    def __init__(self, command: str, folder: Path) -> None:
+        self.command = command
+        words = [word.replace("{folder}", str(folder)) for word in shlex.split(command)]
+        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+        while "=" in words[0]:
+            name, _, value = words.pop(0).partition("=")
+            environment[name] = value
+        programs = {"python": [sys.executable], "pytest": [sys.executable, "-m", "pytest"]}
+        words[:1] = programs.get(words[0], words[:1])
+        self._load = round(os.getloadavg()[0], 1)
+        self._log = folder / f"{re.sub(r'[^A-Za-z0-9]+', '-', command)[:120]}.log"
+        with self._log.open("w", encoding="utf-8") as file:
+            self._process = subprocess.Popen(
+                words, cwd=ROOT, env=environment, stdout=file, stderr=subprocess.STDOUT, start_new_session=True
+            )
+
+    def code(self, end_s: float) -> str:
+        """Return how it ended, empty while it runs; one that runs past a time is ended."""
+        code = self._process.poll()
+        if code is None and time.monotonic() > end_s:
+            self.end()
+            return "none: ended at its time limit"
+        return "" if code is None else str(code)
+
+    def end(self) -> None:
+        """End it, with what it started."""
+        os.killpg(self._process.pid, signal.SIGTERM)
+        self._process.wait()
+
+    def lines(self, code: str) -> list[Line]:
+        """Return its figures, and how it ended."""
+        found = [*figures(self._log.read_text(encoding="utf-8", errors="replace")), (ENDED, code)]
+        facts = {"date": f"{datetime.now(UTC):%Y-%m-%d}", "load": self._load}
+        return [{"command": self.command, "figure": name, "value": value, **facts} for name, value in found]
 
 
 def run_stage(name: str, folder: Path, *, small: bool) -> None:
-    """Run what a stage lacks, and add its lines to the results; begin nothing after its time."""
+    """Run what a stage lacks, and add its lines to the results as commands end; begin nothing after its time."""
     stage, results = STAGES[name], folder / "results.jsonl"
     size = stage.small if small else stage.size
     done = {line["command"] for line in lines_of(results) if line["figure"] == ENDED}
     lacking = [one for one in (text.replace("{size}", size) for text in stage.commands) if one not in done]
     end_s = time.monotonic() + 60 * stage.minutes
-
-    def in_time(command: str) -> list[Line]:
-        left_s = end_s - time.monotonic()
-        return run(command, folder, within_s=left_s) if left_s > 0 else []
-
-    with ThreadPoolExecutor(stage.at_once) as pool, results.open("a", encoding="utf-8") as file:
-        for command, lines in zip(lacking, pool.map(in_time, lacking), strict=True):
-            file.writelines(json.dumps(line, ensure_ascii=False) + "\n" for line in lines)
-            file.flush()
-            print(f"{name}: {command}: {lines[-1]['value'] if lines else 'left for the next start'}", flush=True)
+    running: list[Started] = []
+    with results.open("a", encoding="utf-8") as file:
+        try:
+            while running or (lacking and time.monotonic() < end_s):
+                while lacking and len(running) < stage.at_once and time.monotonic() < end_s:
+                    running.append(Started(lacking.pop(0), folder))
+                time.sleep(_LOOK_S)
+                if _asked_to_end.is_set():  # looked at here, where every command that was started is known
+                    raise KeyboardInterrupt
+                for one in list(running):
+                    if code := one.code(end_s):
+                        running.remove(one)
+                        file.writelines(json.dumps(line, ensure_ascii=False) + "\n" for line in one.lines(code))
+                        file.flush()
+                        print(f"{name}: {one.command}: {code}", flush=True)
+        finally:
+            for one in running:
+                one.end()
+    for command in lacking:
+        print(f"{name}: {command}: left for the next start", flush=True)
 
 
 def section(lines: list[dict[str, Any]]) -> str:
@@ -178,14 +204,18 @@ def main() -> None:
     parser.add_argument("--stage", choices=STAGES, help="only this stage")
     parser.add_argument("--page", action="store_true", help="only write the figures into the page")
     arguments = parser.parse_args()
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # started in the background, commands would ignore it
+    for number in (signal.SIGINT, signal.SIGTERM):  # started in the background, it would ignore the first
+        signal.signal(number, lambda *_: _asked_to_end.set())
     folder = arguments.folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)
     if arguments.page:
         write_page(lines_of(folder / "results.jsonl"))
         return
-    for name in STAGES if arguments.stage is None else [arguments.stage]:
-        run_stage(name, folder, small=arguments.small)
+    try:
+        for name in STAGES if arguments.stage is None else [arguments.stage]:
+            run_stage(name, folder, small=arguments.small)
+    except KeyboardInterrupt:
+        sys.exit("ended, with the commands that ran; the same words continue this night")
 
 
 if __name__ == "__main__":

@@ -1,5 +1,9 @@
 """The night's own machinery: what counts as a figure, what is not repeated, and that the page has the last results."""
 
+import os
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -8,6 +12,7 @@ from tests.nightly import night
 from tests.nightly.fuzz import attack
 from tests.nightly.night import HEADING, PAGE, RESULTS, Stage, figures, lines_of, run_stage, section
 from tests.nightly.readers import READERS, Reader
+from tests.places import ROOT
 
 OUTPUT = """
 cfid fit inertia, six swings              1.130 s (median of 9)
@@ -45,6 +50,41 @@ def test_a_night_that_goes_on_repeats_nothing_and_keeps_failures(
 
     assert (tmp_path / "ran").read_text() == "run\n"
     assert found == [("ratio", "3"), ("exit code", "4"), ("exit code", "0")]
+
+
+def test_a_result_is_kept_while_a_command_that_was_begun_before_still_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waits = "bash -c 'until grep -q second {folder}/results.jsonl; do sleep 0.05; done'"
+    monkeypatch.setitem(night.STAGES, "two", Stage((waits, "echo second ratio 3"), "", "", 1.0, at_once=2))
+
+    run_stage("two", tmp_path, small=True)
+    found = [(line["figure"], line["value"]) for line in lines_of(tmp_path / "results.jsonl")]
+
+    assert found == [("second ratio", "3"), ("exit code", "0"), ("exit code", "0")]
+
+
+def test_a_night_that_is_killed_ends_what_it_runs_and_goes_on_from_there(tmp_path: Path) -> None:
+    first = "bash -c 'echo first >> {folder}/ran'"
+    second = "bash -c 'echo second $$ >> {folder}/ran; [ -e {folder}/quick ] || exec sleep 600'"
+    stages = f"{{'two': night.Stage(({first!r}, {second!r}), '', '', 1.0)}}"
+    script = f"from tests.nightly import night; night.STAGES = {stages}; night.main()"
+    ran = tmp_path / "ran"
+
+    with subprocess.Popen([sys.executable, "-c", script, tmp_path], cwd=ROOT, stderr=subprocess.PIPE) as killed:
+        while not ran.exists() or "second" not in ran.read_text():
+            time.sleep(0.05)
+        killed.terminate()
+        said = killed.communicate()[1].decode()
+    ended = int(ran.read_text().split()[-1])
+    (tmp_path / "quick").touch()
+    subprocess.run([sys.executable, "-c", script, tmp_path], cwd=ROOT, check=True)
+
+    assert "the same words continue this night" in said
+    with pytest.raises(ProcessLookupError):
+        os.kill(ended, 0)
+    assert [line.split()[0] for line in ran.read_text().splitlines()] == ["first", "second", "second"]
+    assert [line["value"] for line in lines_of(tmp_path / "results.jsonl")] == ["0", "0"]
 
 
 def test_the_page_has_the_figures_of_the_last_file_of_results() -> None:
