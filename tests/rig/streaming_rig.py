@@ -44,12 +44,13 @@ _FASTEST_STEPS_PER_S = 20_000  # of the swing: 15 rad/s
 
 @dataclass(frozen=True)
 class ServedRig:
-    """A simulated rig that serves a campaign."""
+    """A simulated rig that serves a campaign; `thread` is the kernel's number of the one that it runs in."""
 
     campaign: Path
     rig: SimulatedRig
     addresses: Addresses
     devices: Devices
+    thread: int
 
     @property
     def streaming(self) -> bool:
@@ -89,7 +90,8 @@ def served_rig(folder: Path, *, seed: int = 1) -> Iterator[ServedRig]:
             ),
         )
         with published(folder, devices, seed=seed):
-            yield ServedRig(folder, simulated, addresses, devices)
+            assert thread.native_id is not None
+            yield ServedRig(folder, simulated, addresses, devices, thread.native_id)
         _in_loop(loop, simulated.close)
     finally:
         loop.callFromThread(loop.stop)
@@ -118,9 +120,10 @@ class Logger:
             time.sleep(0.002)
 
     def kill(self) -> None:
+        """Kill it and wait for its end; what the kernel counted of it can be read for as long as the block takes."""
         self.killed_s = time.time()
         self.process.kill()
-        self.process.communicate(timeout=PATIENCE_S)
+        os.waitid(os.P_PID, self.process.pid, os.WEXITED | os.WNOWAIT)
 
     def end(self, *signals: signal.Signals, pause_s: float = 0.0) -> str:
         """Send signals and wait for the end; return what was said if that was no good one."""

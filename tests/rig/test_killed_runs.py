@@ -1,17 +1,21 @@
 """Runs of both devices at once that are killed or told to end: what is on the disk then, and what the devices do."""
 
+import re
 import signal
 import sys
-import threading
 import time
+from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from cfid.records.run import read_run
 from tests.rig.streaming_rig import (
     DEVICES,
+    Logger,
     ServedRig,
     check_complete_run,
     check_cut_run,
@@ -20,39 +24,76 @@ from tests.rig.streaming_rig import (
 )
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and pseudo terminals of Unix")
+once = pytest.mark.flaky(reruns=0)  # a witness takes the place of a second try
 
 MOST_MISSING_S = 0.1
 STEP_S = 0.005
 ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
-
-class Witness(threading.Thread):
-    """Wakes up every few milliseconds beside the simulated rig, and sees for how long it was given no time."""
-
-    def __init__(self) -> None:
-        super().__init__(daemon=True)
-        self.held_up_s = 0.0
-        self.done = threading.Event()
-
-    def run(self) -> None:
-        while not self.done.is_set():
-            begin_s = time.monotonic()
-            time.sleep(STEP_S)
-            self.held_up_s = max(self.held_up_s, time.monotonic() - begin_s - STEP_S)
+Array = npt.NDArray[np.float64]
 
 
-def killed_run(rig: ServedRig, after_s: float) -> dict[str, float]:
-    """Kill a run; return how long before that the last row of each device was taken, and what held up the rig."""
-    witness = Witness()
+class Missing(NamedTuple):
+    """How long before a kill the last row of a device was taken, and for how much of that nothing was held up."""
+
+    seconds: float
+    free_s: float
+
+
+@dataclass(frozen=True)
+class Witness:
+    """When a rig and its recorder were looked at before a kill (n,), and whether either had been held up since (n,)."""
+
+    times_s: Array
+    held_up: npt.NDArray[np.bool_]
+
+    def free_s(self, since_s: float, until_s: float) -> float:
+        """Return for how long both could run; where the witness itself was held up, two steps of that count at most."""
+        later = self.times_s > since_s
+        times_s = np.concatenate([[since_s], self.times_s[later], [until_s]])
+        held_up = np.append(self.held_up[later], False)
+        return float(np.clip(np.diff(times_s), 0, 2 * STEP_S)[~held_up].sum())
+
+
+class Thread:
+    """A thread as its kernel sees it."""
+
+    def __init__(self, number: int) -> None:
+        self._folder = Path(f"/proc/{number}")
+        self._ran = ""
+
+    def held_up(self) -> bool:
+        """Return whether it has not run since the last call, though it was to.
+
+        It waits for a processor, or in the kernel for the one that a terminal's bytes wait for. A thread that sleeps or
+        writes to a disk meanwhile is not held up.
+        """
+        before, self._ran = self._ran, re.sub(r" \d+ ", " ", (self._folder / "schedstat").read_text())
+        waits = (self._folder / "stat").read_text().rpartition(") ")[2].startswith("R")
+        return self._ran == before and (waits or (self._folder / "wchan").read_text() == "__flush_work")
+
+
+def killed_under_observation(log: Logger, rig: ServedRig) -> Witness:
+    """Look at a recorder and its rig for a while and kill the recorder."""
+    threads = [Thread(log.process.pid), Thread(rig.thread)]
+    times_s, held_up = [time.time()], [[False, False]]
+    while times_s[-1] < times_s[0] + 4 * MOST_MISSING_S:
+        time.sleep(STEP_S)
+        times_s.append(time.time())
+        held_up.append([thread.held_up() for thread in threads])
+    log.kill()
+    return Witness(np.array(times_s), np.any(held_up, axis=1))
+
+
+def killed_run(rig: ServedRig, after_s: float) -> dict[str, Missing]:
+    """Kill a run; return what of each device is missing at its end."""
     with logger(rig) as log:
         log.wait_for_rows()
         time.sleep(after_s)
-        witness.start()
-        time.sleep(3 * MOST_MISSING_S)
-        log.kill()
-    witness.done.set()
+        witness = killed_under_observation(log, rig)
     rows = check_cut_run(log.folder)
-    return {"held up": witness.held_up_s} | {name: log.killed_s - rows[name]["t"].iloc[-1] for name in DEVICES}
+    last_s = {name: float(rows[name]["t"].iloc[-1]) for name in DEVICES}
+    return {name: Missing(log.killed_s - last_s[name], witness.free_s(last_s[name], log.killed_s)) for name in DEVICES}
 
 
 def ended_run(rig: ServedRig, ending: signal.Signals, after_s: float) -> None:
@@ -73,22 +114,28 @@ def check_quiet(rig: ServedRig) -> None:
 def check_killed_runs(folder: Path, count: int, *, seed: int, longest_s: float) -> None:
     """Kill so many runs at random times: none misses more than 100 ms at its end, of either device.
 
-    On a computer with more to do than it has cores the rig itself sends late, by what its witness saw.
+    On a computer with more to do than it has cores the rig sends late and its recorder writes late: time in which
+    either was held up does not count.
     """
     rng = np.random.default_rng(seed)
     with served_rig(folder, seed=seed) as rig:
         missing = [killed_run(rig, rng.uniform(0, longest_s)) for _ in range(count)]
-    for name in missing[0]:
+    for name in DEVICES:
         each_ms = 1e3 * np.array([each[name] for each in missing])
-        print(f"{name}: {count} kills, median {np.median(each_ms):.0f} ms, largest {each_ms.max():.0f} ms")
+        print(
+            f"{name}: {count} kills, median {np.median(each_ms[:, 0]):.0f} ms, largest {each_ms[:, 0].max():.0f} ms, "
+            f"without hold-ups {each_ms[:, 1].max():.0f} ms"
+        )
     for each in missing:
-        assert max(each[name] for name in DEVICES) < MOST_MISSING_S + each["held up"], missing
+        assert max(device.free_s for device in each.values()) < MOST_MISSING_S, missing
 
 
+@once
 def test_killed_runs_open_and_miss_the_last_100_ms_at_most(tmp_path: Path) -> None:
     check_killed_runs(tmp_path, 6, seed=1, longest_s=0.6)
 
 
+@once
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(11, 15))
 def test_two_hundred_killed_runs_open_and_miss_the_last_100_ms_at_most(tmp_path: Path, seed: int) -> None:
