@@ -353,6 +353,24 @@ def test_a_table_of_many_blocks_is_read_as_one(tmp_path: Path) -> None:
     assert table.line_of_row(199_999) == 200_001
 
 
+def test_a_table_of_many_blocks_is_read_through_once(tmp_path: Path) -> None:
+    path = write(tmp_path, "t,phi\n" + "".join(f"{at},{2 * at}\n" for at in range(200_000)))
+    table = open_table(path)
+    table.numbers(["phi", "t"])
+    path.unlink()
+    assert table.line_of_row(199_999) == 200_001
+    assert table.all_prose() == []
+
+
+@pytest.mark.parametrize("line", ["", "end of the recording"])
+def test_a_line_without_a_row_in_a_late_block_is_counted(tmp_path: Path, line: str) -> None:
+    lines = [f"{at},{2 * at}" for at in range(200_000)]
+    table = open_table(write(tmp_path, "\n".join(["t,phi", *lines[:190_000], line, *lines[190_000:], ""])))
+    assert len(table.numbers(["phi", "t"])) == 200_000
+    assert [table.line_of_row(row) for row in (189_999, 190_000, 199_999)] == [190_001, 190_003, 200_002]
+    assert [(one.number, one.text) for one in table.all_prose()] == ([(190_002, line)] if line else [])
+
+
 def test_rows_are_left_out_of_a_table_of_many_blocks(tmp_path: Path) -> None:
     table = open_table(write(tmp_path, "t,phi\n" + "".join(f"{at},{2 * at}\n" for at in range(200_000))))
     left = table.without([0, 150_000]).without([149_998])  # of what is left: the row before

@@ -10,7 +10,7 @@ from typing import BinaryIO
 from cfid.errors import ConfigError, DataError
 from cfid.records.files import check_regular, sha256_of
 from cfid.records.tables.matlab import MatlabTable, csv_blocks, is_matlab, matlab_table
-from cfid.records.tables.table import CsvTable, table_in
+from cfid.records.tables.table import CsvTable, Following, table_in
 from cfid.records.tables.text import check_text, whole_lines
 
 BLOCK_BYTES = 1 << 20
@@ -48,13 +48,13 @@ def open_table(path: Path, *, skip_lines: int = 0, columns: Sequence[str] = (), 
     table = table_in(path, content, sha256=sha256_of(path) if sha256 is None else sha256, skip_lines=skip_lines)
     if size == len(content):
         return table
-    return replace(table, cut=whole_lines(end)[1], following=partial(_following, table, len(content)))
+    return replace(table, cut=whole_lines(end)[1], following=Following(partial(_following, table, len(content))))
 
 
 def _of_matlab(content: MatlabTable, path: Path, sha256: str) -> CsvTable:
     first, *others = islice(csv_blocks(content), 2)
     table = table_in(path, first, sha256=sha256)
-    return replace(table, following=partial(_continued, table, content)) if others else table
+    return replace(table, following=Following(partial(_continued, table, content))) if others else table
 
 
 def _continued(first: CsvTable, content: MatlabTable) -> Iterator[CsvTable]:

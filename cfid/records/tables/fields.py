@@ -48,7 +48,7 @@ def without_comments(body: bytes) -> bytes:
 
 def without_prose(body: bytes, separator: str | None, columns: int) -> tuple[bytes, tuple[TextLine, ...]]:
     """Return the body with its lines of prose blanked out, and these; a line that has a number is never one."""
-    if b'"' in body or evenly_filled(body, separator, columns):
+    if b'"' in body:
         return body, ()
     fields, ends = fields_of_lines(body, separator)
     starts = np.concatenate([[0], ends[:-1] + 1])

@@ -6,10 +6,12 @@ It handles separators, headers and cut files; other modules interpret the column
 import csv
 import io
 import re
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -65,8 +67,9 @@ class CsvTable:
     preamble: int
     decimal: str
     prose: tuple[TextLine, ...] = ()
-    following: "Callable[[], Iterator[CsvTable]] | None" = None
+    following: "Following | None" = None
     _body: bytes
+    _even: bool  # whether every line is known to have as many fields as there are columns
     _first_line: int
     _separator: str | None  # None: any run of spaces and tabs
     _left_out: Places = field(default_factory=lambda: np.empty(0, np.intp))
@@ -136,7 +139,7 @@ class CsvTable:
 
     def _blanked(self, rows: Places) -> "CsvTable":
         fields, _ = fields_of_lines(self._body, self._separator)
-        return replace(self, _body=blanked(self._body, np.flatnonzero(fields)[rows].tolist()))
+        return replace(self, _body=blanked(self._body, np.flatnonzero(fields)[rows].tolist()), _even=False)
 
     def place(self, column: str) -> int:
         """Return the position of a column, counted from 0.
@@ -165,14 +168,23 @@ class CsvTable:
         """
         text, cut = whole_lines(content)
         first_line = self._first_line + self._body.count(b"\n")
-        body, prose = _rows_of(text, self._separator, len(self.names), first_line)
+        rows = _rows_of(text, self._separator, len(self.names), first_line)
         shown = self.decimal == "," or b"." in self._body  # whole numbers show no decimal sign
-        decimal = self.decimal if shown else _decimal(body, self._separator)
-        return replace(self, cut=cut, decimal=decimal, prose=prose, following=None, _body=body, _first_line=first_line)
+        decimal = self.decimal if shown else _decimal(rows.body, self._separator)
+        return replace(
+            self,
+            cut=cut,
+            decimal=decimal,
+            prose=rows.prose,
+            following=None,
+            _body=rows.body,
+            _even=rows.even,
+            _first_line=first_line,
+        )
 
     def all_prose(self) -> list[TextLine]:
         """Return the lines of words of all blocks."""
-        return [line for block in chain([self], self.following() if self.following else ()) for line in block.prose]
+        return [*self.prose, *(self.following.all_prose() if self.following else ())]
 
     @property
     def filled(self) -> bool:
@@ -188,6 +200,8 @@ class CsvTable:
 
     def line_of_row(self, row: int) -> int:
         """Return the line of the file, counted from 1, that holds a row, counted from 0."""
+        if self._even and not len(self._left_out) and (self.following is None or self.following.even):
+            return self._first_line + row
         for block in self.blocks():
             if row < block._count:
                 return block._first_line + int(np.flatnonzero(fields_of_lines(block._body, block._separator)[0])[row])
@@ -207,7 +221,7 @@ class CsvTable:
         if b"\0" in self._body:
             return None
         table = self._unquoted() if b'"' in self._body else self
-        if evenly_filled(table._body, table._separator, len(table.names)):
+        if table._even:
             return table._body
         fields, ends = fields_of_lines(table._body, table._separator)
         filled = fields > 0
@@ -221,9 +235,9 @@ class CsvTable:
     def _parsed(self, rows: bytes, places: list[int]) -> Array | None:
         """Return the columns (rows, columns), None where one has no number; whole numbers are parsed faster as such."""
         try:
-            frame = self._frame(rows, places, None)[places]
+            frame = self._frame(rows, places, None)
             if any(kind not in _NUMBERS for kind in frame.dtypes):  # too large for integers, or no numbers
-                frame = self._frame(rows, places, np.float64)[places]
+                frame = self._frame(rows, places, np.float64)
             values: Array = frame.to_numpy(np.float64)
         except (ValueError, OverflowError):
             return None
@@ -231,14 +245,14 @@ class CsvTable:
 
     def _fields_parsed(self, rows: bytes, places: list[int]) -> Array:
         """Return the columns (rows, columns) field by field, nan where one is no number; slow."""
-        fields = self._frame(rows, places, str)[places]
+        fields = self._frame(rows, places, str)
         spelt = fields.apply(lambda column: column.str.strip().str.replace(self.decimal, "."))
         known = spelt.apply(lambda column: column.str.fullmatch(NUMBER))
         values: Array = spelt.where(known).astype(np.float64).to_numpy()
         return values
 
     def _frame(self, rows: bytes, places: list[int], kind: type | None) -> "pd.DataFrame":
-        return pd.read_csv(
+        frame = pd.read_csv(
             io.BytesIO(rows),
             sep=self._separator or r"\s+",
             header=None,
@@ -250,6 +264,7 @@ class CsvTable:
             decimal=self.decimal,
             encoding="latin-1",
         )
+        return frame if places == list(frame) else frame[places]
 
     def _unquoted(self) -> "CsvTable":
         lines = self._body.decode("latin-1").split("\n")
@@ -259,7 +274,8 @@ class CsvTable:
         for i, fields in quoted.items():
             points = (one.replace(",", ".") if decimal and has_comma(one) else one for one in fields)
             lines[i] = between.join(field.replace(between, "?") for field in points)
-        return replace(self, _body="\n".join(lines).encode("latin-1"))
+        body = "\n".join(lines).encode("latin-1")
+        return replace(self, _body=body, _even=evenly_filled(body, self._separator, len(self.names)))
 
     def _check_lines(self, places: Sequence[int]) -> None:
         """Check every line by itself; slow."""
@@ -284,6 +300,34 @@ class CsvTable:
         return None
 
 
+@dataclass
+class Following:
+    """The blocks of lines after a large file's first, read anew at every call; once all were, their prose is known.
+
+    `even` is whether every line of theirs is then known to be a row.
+    """
+
+    blocks: Callable[[], Iterator[CsvTable]]
+    even: bool = False
+    _prose: list[TextLine] | None = None
+
+    def __call__(self) -> Iterator[CsvTable]:
+        """Yield one block after the other."""
+        prose: list[TextLine] = []
+        even = True
+        for block in self.blocks():
+            prose += block.prose
+            even &= block._even
+            yield block
+        self.even, self._prose = even, prose
+
+    def all_prose(self) -> list[TextLine]:
+        """Return their lines of words."""
+        if self._prose is None:
+            deque(self(), maxlen=0)
+        return self._prose or []
+
+
 def _advice(field: str) -> str:
     if _CLOCK_TIME.search(field):
         return "Dates and times of day are not read: write seconds, or give `rate_hz` and the other `columns`."
@@ -301,7 +345,7 @@ def table_in(path: Path, content: bytes, *, sha256: str, skip_lines: int = 0) ->
     if not text or text.isspace():
         raise DataError(f"{path}: its only line has no end: the recording was cut before its first row.")
     head = head_of(path, text, skip_lines=skip_lines)
-    body, prose = _rows_of(text[head.row.begin :], head.separator, len(head.names), head.row.number)
+    rows = _rows_of(text[head.row.begin :], head.separator, len(head.names), head.row.number)
     return CsvTable(
         path=path,
         sha256=sha256,
@@ -309,18 +353,28 @@ def table_in(path: Path, content: bytes, *, sha256: str, skip_lines: int = 0) ->
         has_head=head.has_head,
         cut=cut,
         preamble=head.preamble,
-        decimal=_decimal(body, head.separator),
-        prose=prose,
-        _body=body,
+        decimal=_decimal(rows.body, head.separator),
+        prose=rows.prose,
+        _body=rows.body,
+        _even=rows.even,
         _first_line=head.row.number,
         _separator=head.separator,
     )
 
 
-def _rows_of(text: bytes, separator: str | None, columns: int, first_line: int) -> tuple[bytes, tuple[TextLine, ...]]:
+class _Rows(NamedTuple):
+    body: bytes
+    prose: tuple[TextLine, ...]
+    even: bool
+
+
+def _rows_of(text: bytes, separator: str | None, columns: int, first_line: int) -> _Rows:
     """Return lines without comments and words, which are blank in their places, and the lines of words."""
-    body, prose = without_prose(without_comments(text), separator, columns)
-    return body, tuple(line._replace(number=first_line + line.number) for line in prose)
+    body = without_comments(text)
+    if evenly_filled(body, separator, columns):
+        return _Rows(body, (), True)
+    body, prose = without_prose(body, separator, columns)
+    return _Rows(body, tuple(line._replace(number=first_line + line.number) for line in prose), False)
 
 
 def _decimal(body: bytes, separator: str | None) -> str:
