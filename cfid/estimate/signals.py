@@ -7,12 +7,15 @@ import numpy as np
 import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial import Polynomial
-from scipy.fft import next_fast_len, prev_fast_len
 from scipy.special import fdtri
 
 from cfid.errors import DataError
 from cfid.estimate.propagation import widened
 from cfid.large import stored
+from cfid.lazy import later
+
+_next_fast_len = later("scipy.fft", "next_fast_len")  # where a fit takes a spectrum
+_prev_fast_len = later("scipy.fft", "prev_fast_len")
 
 GRID_S = 0.004  # the thesis' sampling time, eq. 2.15
 
@@ -123,7 +126,7 @@ def correlation_inflation(series: Array, *, longest: int) -> float:
     never less, as a claim of negative correlation would have to be proven.
     """
     lags = min(longest, len(series) - 1) + 1
-    padded = next_fast_len(len(series) + lags, real=True)
+    padded = _next_fast_len(len(series) + lags, real=True)
     correlation = np.fft.irfft(np.abs(np.fft.rfft(series, padded)) ** 2, padded)[:lags]
     if correlation[0] <= 0:
         return 1.0
@@ -151,7 +154,7 @@ def density_near_zero(value: Array, *, rate_hz: float) -> tuple[Array, Indices]:
     out; its ordinates share 4/9 and 1/36 of their scatter with the next. White noise of variance s^2 has s^2 / rate.
     A last part that makes the transform slow is left out. NaN with freedom 0 for too short a series.
     """
-    count = prev_fast_len(value.shape[-1], real=True)
+    count = _prev_fast_len(value.shape[-1], real=True)
     highest = min(_ORDINATES + 1, math.floor(_LINES_FROM_HZ * count / rate_hz), (count - 1) // 2)
     if highest < 2:
         return np.full(value.shape[:-1], np.nan), np.zeros(value.shape[:-1], np.intp)

@@ -10,12 +10,14 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import brentq
 
 from cfid.findings import Finding, warning
+from cfid.lazy import later
 from cfid.transfer.frequency_response import Response
 from cfid.transfer.likelihood import Found, Shape, StackedResponses, deviance, model_at, points_of, search
 from cfid.transfer.model import Complex
+
+_brentq = later("scipy.optimize", "brentq")  # imported where delays scatter
 
 Array = npt.NDArray[np.float64]
 
@@ -59,7 +61,7 @@ def delay_scatter_s(responses: Sequence[Response], model: Complex, *, taken: int
 
     if freedom < 1 or excess(0.0) <= 0:
         return 0.0
-    return math.sqrt(brentq(excess, 0.0, float(np.sum(late_s**2)) / freedom))
+    return math.sqrt(_brentq(excess, 0.0, float(np.sum(late_s**2)) / freedom))
 
 
 def scatter_findings(scatter_s: float, keys: Sequence[str]) -> list[Finding]:
