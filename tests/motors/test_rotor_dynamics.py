@@ -207,3 +207,43 @@ def test_a_lag_as_long_as_the_time_between_two_readings_is_found() -> None:
     for found in fit_steps(time_s=time_s, value=speed, steps=steps):
         assert found.accepted
         assert abs(found.time_constant_s - 0.05) < 3 * found.time_constant_std_s < 0.005
+
+
+def test_many_short_steps_on_a_sagging_battery_show_with_which_power_of_its_voltage_speeds_go() -> None:
+    row_s, falls_v, rising_s, falling_s = 0.02, 0.9, 0.1, 0.15
+    rng, now, at_s = np.random.default_rng(11), 0.0, 0.0
+    time_s, held, speed, volts = (list[Array]() for _ in range(4))
+    while at_s < 50:
+        command, hold_s = rng.choice(np.linspace(10000, 60000, 9)), rng.uniform(0.3, 1.2)
+
+        def rate(_: float, w: Array, command: float = command) -> Array:
+            leads_to = command / 25 * (1 - falls_v / 16 * (w / 2400) ** 2)
+            return np.asarray((leads_to - w) / (rising_s if leads_to[0] > w[0] else falling_s))
+
+        rows = np.arange(0.0, hold_s, row_s)
+        course = solve_ivp(rate, (0, hold_s), [now], t_eval=[*rows, hold_s], rtol=1e-8, atol=1e-6).y[0]
+        time_s.append(at_s + rows)
+        held.append(np.full(len(rows), command))
+        speed.append(course[:-1] + rng.normal(0, 2.0, len(rows)))
+        volts.append(16 - falls_v * (course[:-1] / 2400) ** 2 + rng.normal(0, 0.01, len(rows)))
+        now, at_s = float(course[-1]), at_s + len(rows) * row_s
+    times, seen = np.concatenate(time_s), np.concatenate(speed)
+    steps = followed(command_steps(time_s=times, command=np.concatenate(held)), time_s=times, value=seen)
+    battery = LoggedBattery(times, np.concatenate(volts))
+    fits = [one for one in fit_steps(time_s=times, value=seen, steps=steps, battery=battery) if one.accepted]
+    power = next(one.battery for one in fits if one.battery is not None)
+    off = [(one.time_constant_s - (rising_s if one.rising else falling_s)) / one.time_constant_std_s for one in fits]
+
+    assert len(fits) > 40
+    assert abs(power.power - 1) < 2.5 * power.power_std
+    assert np.sqrt(np.mean(np.square(off))) < 1.5
+
+
+def test_a_stiff_supply_under_hundreds_of_steps_is_no_battery() -> None:
+    times = np.arange(0.0, 400.0, 0.05)
+    rng, command = np.random.default_rng(2), 10000.0 + 10000 * ((times // 1.0) % 4)
+    battery = LoggedBattery(times, 16 + rng.normal(0, 1e-3, len(times)))
+    follows = np.concatenate([[400.0], command[:-1] / 25])
+    steps = command_steps(time_s=times, command=command)
+    found = fit_steps(time_s=times, value=follows + rng.normal(0, 2.0, len(times)), steps=steps, battery=battery)
+    assert not any(one.sag for one in found)

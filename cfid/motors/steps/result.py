@@ -77,7 +77,7 @@ def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
             *record.findings,
             *left_out,
             *_between_rows(record),
-            *_sagged(lags),
+            *_supplied(record, lags),
             *(finding for lag in lags for finding in _of_row(lag)),
             *(negative_delay(model.delay_s, model.delay_std_s, _ROWS) if accepted else ()),
             *lost.values(),
@@ -115,7 +115,14 @@ def _between_rows(record: SpeedRecord) -> tuple[Finding, ...]:
     return (note("lag-command-between-rows", command_between_rows(row_s), _ROWS),) if row_s else ()
 
 
-def _sagged(lags: Sequence[StepFit]) -> tuple[Finding, ...]:
+def _supplied(record: SpeedRecord, lags: Sequence[StepFit]) -> tuple[Finding, ...]:
+    """Return a finding on what fed the rotor: a battery that fell, or something whose voltage nobody recorded."""
+    if record.battery is None:
+        text = (
+            "no voltage was recorded: time constants and rotor model are right with a supply of constant voltage. On a "
+            "battery that falls by 5 % under the rotor they may be 15 % off."
+        )
+        return (warning("steps-supply-unknown", text, "dynamics.*"),)
     most = max(lags, key=lambda lag: 0.0 if lag.battery is None else lag.battery.fell)
     if most.battery is None:
         return ()

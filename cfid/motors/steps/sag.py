@@ -18,6 +18,7 @@ from cfid.motors.steps.model import CommandStep, Lag, Sag
 Array = npt.NDArray[np.float64]
 
 _BEFORE_S = 0.5
+_SETTLED, _LOOKS = 5.0, 20  # time constants; speeds of half a step
 _NOTABLE = 0.001  # of the voltage: what changes less may be the noise of its reading
 _LOADS = np.arange(1.5, 4.1, 0.25)  # powers of the speed: a rotor's torque goes with 2, its power with 3
 _EXACT = 1e-4  # of the voltage: what no such law explains of a battery
@@ -48,16 +49,19 @@ def sags(
         return [None] * len(steps)
     begin, end = (np.maximum([getattr(lag, name) for lag in lags], 0.0) for name in ("begin", "end"))
     begin[[step.command_from == 0 for step in steps]] = 0.0
-    before = np.array([battery.mean(max(step.since_s, step.at_s - _BEFORE_S), step.at_s) for step in steps])
+    before = np.array([_before(battery, step, lag) for step, lag in zip(steps, lags, strict=True)])
     within = np.array([battery.mean((step.at_s + step.until_s) / 2, step.until_s) for step in steps])
+    seen = np.maximum([_late_speed(step, lag) for step, lag in zip(steps, lags, strict=True)], 0.0)
     command = np.array([step.command_to for step in steps])
     driven = (command > 0) & (end > 0) & np.isfinite(within)
-    speed, volts = np.concatenate([begin, end]), np.concatenate([before, within])
+    speed, volts = np.concatenate([begin, seen]), np.concatenate([before, within])
     at_s, known = np.array([[step.at_s, step.until_s] for step in steps]).T.ravel(), np.isfinite(volts)
     if not driven.any() or np.count_nonzero(known) < 2:
         return [None] * len(steps)
-    drop_v, load, unsure = _load(at_s[known], speed[known] / speed.max(), volts[known])
-    fell = np.where(driven, drop_v * (end / speed.max()) ** load / np.where(driven, within, 1.0), 0.0)
+    largest = float(max(speed.max(), end.max()))
+    drop_v, load, unsure = _load(at_s[known], speed[known] / largest, volts[known])
+    within -= drop_v * ((end / largest) ** load - (seen / largest) ** load)  # a short step ends before its speed does
+    fell = np.where(driven, drop_v * (end / largest) ** load / np.where(driven, within, 1.0), 0.0)
     if fell.max() < _NOTABLE:
         return [None] * len(steps)
     power, std = voltage_power(command=command[driven], volts=within[driven], speed=end[driven], std=end_std[driven])
@@ -67,6 +71,18 @@ def sags(
     return [Sag(one, one_std, load, down, power, std) if on else None for one, one_std, down, on in each]
 
 
+def _before(battery: LoggedBattery, step: CommandStep, lag: Lag) -> float:
+    """Return the volts before a step, NaN where the command before was too short for its speed to settle."""
+    settled = step.at_s - step.since_s > _SETTLED / lag.linear
+    return battery.mean(max(step.since_s, step.at_s - _BEFORE_S), step.at_s) if settled else math.nan
+
+
+def _late_speed(step: CommandStep, lag: Lag) -> float:
+    """Return a lag's mean speed in the second half of its step."""
+    hold_s = step.until_s - step.at_s
+    return float(lag.speed(np.linspace(hold_s / 2, hold_s, _LOOKS)).mean())
+
+
 def _load(time_s: Array, speed: Array, volts: Array) -> tuple[float, float, float]:
     """Return how far volts (n,) fell at speed 1, with which power of speeds (n,), and how unsure their product is.
 
@@ -74,13 +90,14 @@ def _load(time_s: Array, speed: Array, volts: Array) -> tuple[float, float, floa
     the battery may run down.
     """
     down = [(time_s - time_s.mean()) / max(float(np.ptp(time_s)), 1e-9)] * (len(volts) > 4)
-    drops, stds, weights = np.zeros((3, len(_LOADS)))
+    drops, stds, likely = np.zeros((3, len(_LOADS)))
     for place, power in enumerate(_LOADS):
         rows = np.column_stack([np.ones(len(volts)), -(speed**power), *down])
         found = fit_linear(rows, volts, noise_known=False)
         left = float(found.residual @ found.residual) + (_EXACT * float(volts.mean())) ** 2
-        drops[place], weights[place] = found.values[1], left ** (-max(found.degrees_of_freedom, 1) / 2)
+        drops[place], likely[place] = found.values[1], -max(found.degrees_of_freedom, 1) / 2 * math.log(left)
         stds[place] = found.std[1] if found.degrees_of_freedom > 0 else 0.0
+    weights = np.exp(likely - likely.max())
     weights /= weights.sum()
     slopes = drops * _LOADS
     slope, load = float(weights @ slopes), float(weights @ _LOADS)
