@@ -239,8 +239,8 @@ def test_many_short_steps_on_a_sagging_battery_show_with_which_power_of_its_volt
     assert np.sqrt(np.mean(np.square(off))) < 1.5
 
 
-def test_a_stiff_supply_under_hundreds_of_steps_is_no_battery() -> None:
-    times = np.arange(0.0, 400.0, 0.05)
+def test_a_stiff_supply_under_a_hundred_steps_is_no_battery() -> None:
+    times = np.arange(0.0, 110.0, 0.05)
     rng, command = np.random.default_rng(2), 10000.0 + 10000 * ((times // 1.0) % 4)
     battery = LoggedBattery(times, 16 + rng.normal(0, 1e-3, len(times)))
     follows = np.concatenate([[400.0], command[:-1] / 25])

@@ -462,3 +462,24 @@ def test_a_smooth_or_noisy_recording_of_a_stand_keeps_every_value(tmp_path: Path
     for change in ({}, {"Thrust (N)": noisy}, {"Thrust (N)": {at: 0.1 * round(at / 60) for at in range(600)}}):
         path.write_text(stepped_stand(change))
         assert "off alone" not in " ".join(one.text for one in read_stand_table(path).findings)
+
+
+def test_a_sensor_that_repeats_one_value_while_the_command_changes_is_left_out_there_and_named(tmp_path: Path) -> None:
+    path = tmp_path / "stand.csv"
+    noise = np.random.default_rng(3).normal(0, 1.0, 600)
+    speed = {at: 9 * (1000 + at // 100) + noise[min(at, 250) if at < 420 else at] for at in range(100, 600)}
+    speed |= dict.fromkeys(range(250, 420), speed[250])
+    path.write_text(stepped_stand({"Motor Optical Speed (RPM)": speed}))
+    table = read_stand_table(path)
+    said = " ".join(one.text for one in table.findings)
+
+    assert table.speeds_rad_s is not None
+    assert np.flatnonzero(np.isnan(table.speeds_rad_s[:, 0])).tolist() == list(range(251, 420))
+    assert "169 values of 'Motor Optical Speed (RPM)' that repeat the one before while the command changes" in said
+
+
+def test_a_tachometer_that_is_slower_than_its_rows_does_not_hang(tmp_path: Path) -> None:
+    path = tmp_path / "stand.csv"
+    noise = np.random.default_rng(3).normal(0, 1.0, 600)
+    path.write_text(stepped_stand({"Motor Optical Speed (RPM)": {at: 9000 + noise[at // 20] for at in range(600)}}))
+    assert "repeat the one before while" not in " ".join(one.text for one in read_stand_table(path).findings)

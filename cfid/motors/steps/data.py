@@ -21,6 +21,7 @@ from cfid.units import MOTORS
 Array = npt.NDArray[np.float64]
 
 _BLUR_S, _STEP_S = 0.1, 0.02  # of a speed from vibration
+_MOST_REPEATED = 0.1  # of a table's times
 _SURE = 0.02  # of a speed: where its standard uncertainty is larger, within a step, it is left out
 
 
@@ -58,6 +59,12 @@ def of_table(table: StandTable) -> SpeedRecord:
         raise DataError(f"{table.path}: no speeds and commands over time: there is no step to fit.")
     if not np.any(speed[table.command > 0] > 0):
         raise DataError(f"{table.path}: the speed is 0 or missing under every command: was the tachometer connected?")
+    repeated = int(np.count_nonzero(np.diff(table.time_s) == 0))
+    if repeated > _MOST_REPEATED * len(speed):
+        raise DataError(
+            f"{table.path}: {repeated} of {len(speed)} rows repeat the time of the one before, which shows no lag. "
+            "Delete rows that were written twice; give `rate_hz` where the others are evenly spaced."
+        )
     return SpeedRecord(
         name=table.path.stem,
         path=table.path,

@@ -18,6 +18,7 @@ from cfid.motors.steps.model import CommandStep, Lag, Sag
 Array = npt.NDArray[np.float64]
 
 _BEFORE_S = 0.5
+_SUREST = 1e-6  # of the largest speed: a sensor that hangs would leave no noise
 _SETTLED, _LOOKS = 5.0, 20  # time constants; speeds of half a step
 _NOTABLE = 0.001  # of the voltage: what changes less may be the noise of its reading
 _LOADS = np.arange(1.5, 4.1, 0.25)  # powers of the speed: a rotor's torque goes with 2, its power with 3
@@ -53,18 +54,21 @@ def sags(
     within = np.array([battery.mean((step.at_s + step.until_s) / 2, step.until_s) for step in steps])
     seen = np.maximum([_late_speed(step, lag) for step, lag in zip(steps, lags, strict=True)], 0.0)
     command = np.array([step.command_to for step in steps])
-    driven = (command > 0) & (end > 0) & np.isfinite(within)
+    driven = (command > 0) & (end > 0)
+    read = driven & np.isfinite(within)
     speed, volts = np.concatenate([begin, seen]), np.concatenate([before, within])
     at_s, known = np.array([[step.at_s, step.until_s] for step in steps]).T.ravel(), np.isfinite(volts)
-    if not driven.any() or np.count_nonzero(known) < 2:
+    if not read.any() or np.count_nonzero(known) < 2:
         return [None] * len(steps)
     largest = float(max(speed.max(), end.max()))
     drop_v, load, unsure = _load(at_s[known], speed[known] / largest, volts[known])
     within -= drop_v * ((end / largest) ** load - (seen / largest) ** load)  # a short step ends before its speed does
-    fell = np.where(driven, drop_v * (end / largest) ** load / np.where(driven, within, 1.0), 0.0)
+    usual_v = np.where(read, within, float(np.mean(within[read])))  # where it was not read it fell all the same
+    fell = np.where(driven, drop_v * (end / largest) ** load / usual_v, 0.0)
     if fell.max() < _NOTABLE:
         return [None] * len(steps)
-    power, std = voltage_power(command=command[driven], volts=within[driven], speed=end[driven], std=end_std[driven])
+    sure = np.maximum(end_std, _SUREST * largest)
+    power, std = voltage_power(command=command[read], volts=within[read], speed=end[read], std=sure[read])
     part = (1 + fell) ** power - 1
     part_std = np.hypot(np.log1p(fell) * std, math.hypot(unsure, _LATE) * part)
     each = zip(part.tolist(), part_std.tolist(), fell.tolist(), driven, strict=True)

@@ -21,8 +21,8 @@ from cfid.records.run_notes import run_at
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import Foreign, TimeUnit
 from cfid.records.tables.stand_columns import Found, columns_of, commands_of, turned
+from cfid.records.tables.stand_faults import without_faults
 from cfid.records.tables.stand_names import with_named
-from cfid.records.tables.stand_spikes import without_spikes
 from cfid.records.tables.stand_times import Timing, timing_of
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.text import short
@@ -96,7 +96,7 @@ def read_stand_table(
     if timing.order is not None:
         command = command[timing.order]
         found = {quantity: columns._replace(raw=columns.raw[timing.order]) for quantity, columns in found.items()}
-    spike_notes = () if timing.time_s is None else without_spikes(table, found, command, timing.order)
+    fault_notes = () if timing.time_s is None else without_faults(table, found, command, timing.order)
     thrust, thrust_notes = _thrust(found, command, gravity_mps2)
     torque, torque_notes = _torque(found, command)
     speeds, speed_notes = _speeds(found, command, thrust, settled=timing.time_s is None)
@@ -107,7 +107,7 @@ def read_stand_table(
         *thrust_notes,
         *torque_notes,
         *timing.notes,
-        *spike_notes,
+        *fault_notes,
         *speed_notes,
         *read_notes,
         *_unused_note(table, found),

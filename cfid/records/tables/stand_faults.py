@@ -1,0 +1,50 @@
+"""Measurements of a motor's recording that no rotor makes: single ones that stand off alone, a sensor that hangs."""
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.counted import counted
+from cfid.records.tables.lone import Rows, spikes_in
+from cfid.records.tables.stand_columns import Found
+from cfid.records.tables.table import Array, CsvTable
+
+_MEASURED = ("thrust_n", "torque_nm", "vbat_v", "speeds_rad_s")
+_FOLLOWS = ("thrust_n", "torque_nm", "speeds_rad_s")  # a change of the command
+_HUNG, _LATE = 10, 5  # times as many rows of one value as usual, and rows of them that follow a change of the command
+
+
+def without_faults(
+    table: CsvTable, found: Found, command: Array, order: npt.NDArray[np.intp] | None
+) -> tuple[str, ...]:
+    """Set single measurements off those before and after to nan, and those of a sensor that hangs; return notes.
+
+    A command (n,) that jumps off and back for as long explains a single one. A sensor hangs that repeats one value
+    while the command changes, but for a motor that stands. `order` is that of the rows.
+    """
+    commanded = spikes_in(command)
+    notes = []
+    for quantity in _MEASURED:
+        columns = found.get(quantity)
+        for name, value in zip(columns.names, columns.raw.T, strict=True) if columns else ():
+            lone = np.setdiff1d(spikes_in(value), np.concatenate([commanded, commanded + 1]))
+            hung = _hung(value, command) if quantity in _FOLLOWS else lone[:0]
+            for places, what in ((lone, "off alone"), (hung, "that repeat the one before while the command changes")):
+                if len(places):
+                    row = int(places[0] if order is None else order[places[0]])
+                    first = f"first: {value[places[0]]:g} in line {table.line_of_row(row)}"
+                    notes.append(f"{counted(len(places), 'value')} of '{name}' {what} left out ({first}).")
+            value[np.union1d(lone, hung)] = np.nan
+    return tuple(notes)
+
+
+def _hung(value: Array, command: Array) -> Rows:
+    """Return the places of values (n,) that repeat the one before over a change of the command, but for zeros."""
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(value) != 0) + 1, [len(value)]])
+    longer = np.diff(edges) >= _HUNG * np.median(np.diff(edges))
+    changes = np.flatnonzero(np.diff(command)) + 1
+    found = [np.empty(0, np.intp)]
+    for begin, end in zip(edges[:-1][longer], edges[1:][longer], strict=True):
+        followed = np.any((changes > begin) & (changes <= end - _LATE))
+        if followed and value[begin] != 0:
+            found.append(np.arange(begin + 1, end))
+    return np.concatenate(found)
