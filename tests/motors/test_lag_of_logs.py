@@ -443,3 +443,34 @@ def test_the_command_recognises_a_log_and_a_table_of_a_stand(tmp_path: Path, fou
     assert refused.returncode == 2
     assert "are for commands that never rest" in refused.stderr
     assert "no step of the command" in cfid("fit", "dynamics", stand).stderr
+
+
+def test_where_whitening_and_drift_move_a_lag_beyond_noise_that_counts_in_its_uncertainty(tmp_path: Path) -> None:
+    """A chirp at 50 Hz on a supply whose voltage falls with the speed, and the speed with it."""
+    rng, row_s, in_std = np.random.default_rng(4), 0.02, []
+    for seed in range(4):
+        time_s, fine_s = np.arange(0, 60, row_s), 1e-3
+        fine = np.arange(0, 60, fine_s)
+        drive = 0.55 + 0.3 * np.sin(2 * np.pi * (0.05 + 0.025 * (1 + seed / 10) * fine) * fine)
+        speed, now = np.empty(len(fine)), 800.0
+        for place, to in enumerate(60 + 1500 * drive):
+            leads_to = to * (1 - 0.06 * (now / 1500) ** 2)
+            now += (leads_to - now) * -np.expm1(-fine_s / (0.1 if leads_to > now else 0.15))
+            speed[place] = now
+        at = np.round(time_s / fine_s).astype(int)
+        path = tmp_path / f"stand{seed}.csv"
+        columns = {
+            "Time (s)": time_s,
+            "ESC signal (µs)": np.round(1000 + 1000 * drive[at]),
+            "Motor Optical Speed (RPM)": NEXT * (speed[at] + rng.normal(0, 2.0, len(at))),
+            "Voltage (V)": 16 * (1 - 0.06 * (speed[at] / 1500) ** 2) + rng.normal(0, 0.01, len(at)),
+        }
+        pd.DataFrame(columns).to_csv(path, index=False)
+        found = of_stand(read_stand_table(path))
+        assert found is not None
+        result = fit(found)
+        for key, tau_s in (("dynamics.rising", 0.1), ("dynamics.falling", 0.15)):
+            quantity = result.quantities[key]
+            in_std.append((quantity.value[0] - 1 / tau_s) / quantity.std[0])
+
+    assert np.abs(in_std).max() < 3
