@@ -71,8 +71,9 @@ def kind_of(path: Path, reading: Foreign) -> Kind:
 
     Raises ConfigError where its columns do not show it, DataError where it cannot be read.
     """
-    kind = kind_at(path, reading)
-    if kind == "stand" and not (has_times(path, reading) or reading.rate_hz):
+    named = any("=" in one for one in reading.columns)  # as columns of motors alone are
+    kind = "stand" if named else kind_at(path, reading)
+    if kind == "stand" and not (named or has_times(path, reading) or reading.rate_hz):
         raise ConfigError(
             f"{path}: a thrust stand's settled points, which are no recording over time: `cfid fit thrust`, `cfid fit "
             "speed` and `cfid fit torque` read them as they are."

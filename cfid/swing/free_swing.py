@@ -124,7 +124,7 @@ def find_swing(
     first = int(np.flatnonzero(kept)[0])
     rest = _rest(angle_rad[kept])
     angle = angle_rad - rest
-    _check_motion(angle[kept])
+    _check_motion(time[kept], angle[kept])
     halves = half_swings(angle[kept], threshold_rad=_THRESHOLD_RAD)
     halves = [HalfSwing(h.first + first, h.last + first, h.extreme + first, h.side) for h in halves]
     halves = completed(angle, halves, last=int(np.flatnonzero(kept)[-1]))
@@ -167,7 +167,7 @@ def _rest(angle: Array) -> float:
     return (before + 2 * middle + after) / 4
 
 
-def _check_motion(angle: Array) -> None:
+def _check_motion(time: Array, angle: Array) -> None:
     if np.ptp(angle) == 0:
         raise DataError("the angle never changes: is the encoder powered, and is this the right column?")
     if np.ptp(angle) < SMALLEST_PEAK_RAD:
@@ -178,9 +178,11 @@ def _check_motion(angle: Array) -> None:
         )
     farthest = float(np.max(np.abs(angle)))
     if farthest > math.pi:
+        steps = np.abs(np.diff(angle))
+        place = int(np.argmax(steps))
         raise DataError(
-            f"a swing of {farthest:.3g} rad goes over the top: the angle's unit or the counts per turn are wrong, or "
-            "the body turned."
+            f"a swing of {farthest:.3g} rad goes over the top: the angle's unit or the counts per turn are wrong, the "
+            f"body turned, or readings are wrong (the largest step, {steps[place]:.3g} rad, is at {time[place]:.4g} s)."
         )
 
 
