@@ -33,6 +33,7 @@ _FINEST_S = 2e-3  # what is sampled closer is averaged: rotors take many times l
 _QUICKEST_S, _SLOWEST_S, _EARLIEST_S, _LATEST_S = 1e-3, 2.0, -0.2, 0.5
 _STARTS_S, _STARTS_LATE_S = (0.015, 0.04, 0.1, 0.25), (0.0, 0.02, 0.06)
 _SMOOTH = 0.25  # time constants over which noise is averaged before judging how much the lag explains
+_DRIFTED = 2.0  # times the variance that a drift leaves: without it the model is no other view of the record
 _SURE_STD = 2.0  # of both fits' uncertainties: what noise explains
 _SINGULAR = 1e-7  # of a Jacobian with columns of equal length
 _CLOSE = 1e-6  # relative to the cost of thousands of samples: far below the uncertainty
@@ -152,7 +153,8 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
     lag = InputLag(*fit.x[3:].tolist())
     columns = fit.jac / np.maximum(np.linalg.norm(fit.jac, axis=0), 1e-300)
     singular = np.linalg.svd(columns, compute_uv=False)[-1] < _SINGULAR or bool(np.any(fit.active_mask[3:]))
-    covariance = _covariance(fit, plain, longest=len(measured) // 4)
+    drifted = np.var(plain.fun) > _DRIFTED * np.var(residual)
+    covariance = _covariance(fit, plain, drifted=drifted, longest=len(measured) // 4)
     explained = _explained(pieces, residual, measured, min(lag.rising_s, lag.falling_s))
     return LagFit(
         kind=kind,
@@ -178,13 +180,16 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
     )
 
 
-def _covariance(fit: OptimizeResult, plain: OptimizeResult, *, longest: int) -> Array:
+def _covariance(fit: OptimizeResult, plain: OptimizeResult, *, drifted: bool, longest: int) -> Array:
     """Return the parameters' covariance (6, 6), with their change from a fit that neither whitens nor allows a drift.
 
-    The change counts where noise does not explain it: then the model misses something that the two weigh differently.
+    The change counts where noise does not explain it, and no drift: the model misses something that both weigh
+    differently.
     """
-    found, other = (sandwich(one.jac, one.fun, longest=longest) for one in (fit, plain))
-    change = fit.x - plain.x
+    found = sandwich(fit.jac, fit.fun, longest=longest)
+    if drifted:
+        return found
+    change, other = fit.x - plain.x, sandwich(plain.jac, plain.fun, longest=longest)
     unexplained = np.abs(change[3:]) > _SURE_STD * np.sqrt(np.diag(found)[3:] + np.diag(other)[3:])
     return found + np.outer(change, change) if unexplained.any() else found
 
