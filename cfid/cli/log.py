@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 
 _JUDGES = {
+    "encoder": later("cfid.swing.verdict", "of_no_mount"),
+    "gyro": later("cfid.swing.verdict", "of_no_mount"),
     "swing": later("cfid.swing.verdict", "verdict"),
     "drop": later("cfid.friction.verdict", "verdict"),
     "loadcell": later("cfid.loadcell.verdict", "verdict"),

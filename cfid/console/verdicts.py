@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
 _LARGEST_BYTES = 400_000_000  # of a run: 13 minutes of a load cell at 7 kHz, read in half a minute within 1.5 GB
 _FEW_LOST = 0.01  # of a device's samples
+_MANY_SKIPPED = 0.1  # of those that were due: fewer cost a fit nothing
 _AGAIN = "Record it again."
 
 Judge = Callable[["Run"], str]  # returns what a run is good for; a CfidError states why it is not
@@ -50,13 +51,16 @@ def _with_verdict(run: "Run", text: str, *, usable: bool) -> "Run":
 
 
 def _losses(run: "Run") -> str:
-    """Return a sentence for each device that lost more than a hundredth of its samples."""
-    counts = [(name, record.lost, record.lost + (record.rows or 0)) for name, record in run.header.devices.items()]
-    return "".join(
-        f" {lost} of {taken} samples of {name} are lost: see to its cable, and to other programs."
-        for name, lost, taken in counts
-        if lost > _FEW_LOST * taken
-    )
+    """Return a sentence for each device that lost more than a hundredth of its samples, or skipped a tenth."""
+    sentences = []
+    for name, record in run.header.devices.items():
+        taken, skipped = record.lost + (record.rows or 0), record.skipped or 0
+        if record.lost > _FEW_LOST * taken:
+            text = f"{record.lost} of {taken} samples of {name} are lost: see to its cable, and to other programs."
+            sentences.append(f" {text}")
+        if skipped > _MANY_SKIPPED * (taken + skipped):
+            sentences.append(f" {name} was read at {record.achieved}: end other programs.")
+    return "".join(sentences)
 
 
 def verdict_line(run: "Run") -> str:

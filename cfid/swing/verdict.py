@@ -39,6 +39,17 @@ def verdict(run: Run) -> str:
     )
 
 
+def of_no_mount(run: Run) -> str:
+    """Say over what a recording without a mount or weight turned. Raises DataError where it did not turn."""
+    turned_deg = math.degrees(float(np.ptp(angle_record(run).angle_rad)))
+    if not turned_deg:
+        raise DataError("the angle never changes: is the sensor connected, and did the body turn?")
+    return (
+        f"turned over {turned_deg:.3g} degrees. No fit takes it by itself: `cfid fit swing {run.folder.name} --axis "
+        "AXIS` does where it is a swing."
+    )
+
+
 def _check_end(time_s: Array, angle_rad: Array) -> None:
     """Raise DataError where the angle (n,) at times (n,) stops at once in the middle of a swing, and stays."""
     changes = np.flatnonzero(np.diff(angle_rad))

@@ -88,6 +88,34 @@ def test_lost_samples_stand_beside_what_a_recording_is_good_for(bodies: Path) ->
     )
 
 
+def test_half_of_the_samples_never_taken_stand_beside_what_a_recording_is_good_for(bodies: Path) -> None:
+    run = runs_of(bodies, "swing")[0]
+    (name, record), *_ = run.header.devices.items()
+    update = {"rows": 1000, "lost": 0, "rate_hz": 1000.0}
+    few, many = (
+        Run(
+            folder=run.folder,
+            header=run.header.model_copy(
+                update={"devices": {name: record.model_copy(update={**update, "skipped": skipped})}}
+            ),
+        )
+        for skipped in (50, 1000)
+    )
+
+    assert "was read at" not in verdict_line(judged(few, lambda _: "fine."))
+    assert verdict_line(judged(many, lambda _: "fine.")).endswith(
+        "fine. encoder was read at 500 of 1000 Hz: end other programs."
+    )
+
+
+def test_a_recording_without_a_mount_says_over_what_it_turned_and_who_takes_it(bodies: Path) -> None:
+    run = runs_of(bodies, "swing")[0]
+    line = verdict_line(judged(run, cfid.swing.verdict.of_no_mount))
+
+    assert line.startswith("good: turned over ")
+    assert f"`cfid fit swing {run.folder.name} --axis AXIS` does where it is a swing." in line
+
+
 def test_a_run_that_was_cut_is_not_judged(bodies: Path) -> None:
     run = runs_of(bodies, "swing")[0]
     cut = Run(folder=run.folder, header=run.header.model_copy(update={"state": "interrupted"}))

@@ -145,13 +145,13 @@ def wind(
 
     Example: [bold]cfid log wind --angle 48.4 --fan-voltage 8 --wind 2.0,3.7[/bold]
     """
-    from cfid.drag.wind.plan import KIND
+    from cfid.drag.wind.plan import KIND, missing_lines
     from cfid.motors.record import record_forces
 
     rig = campaign, _, simulated = rig_of(keep.campaign)
     if sweep.dry_run and options.wind is None and resume.word is None:
         announce(sweep.staircase())
-        for line in _missing(_recorded(campaign, simulated=simulated))[1]:
+        for line in missing_lines(_recorded(campaign, simulated=simulated)):
             echo(line)
         return
     resumed = None if resume.word is None else interrupted(resume.word, campaign, kind=KIND)
