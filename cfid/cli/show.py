@@ -55,7 +55,10 @@ def _outcome(views: "Sequence[View]", faults: tuple[str, ...], *, draws: bool) -
     def drawings() -> "dict[str, Figure]":
         return {view.figure_name: view.draw() for view in views if view.drawn}
 
-    notes = [*_verdict(views[0].path), *(note for view in views for note in view.notes)]
+    told = [*_verdict(views[0].path), *(note for view in views for note in view.notes)]
+    notes = [
+        one for one in told if not any(other.endswith(f": {one}") for other in told)
+    ]  # of the run, and of a device
     return Result(
         command="show",
         method="",
