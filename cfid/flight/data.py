@@ -93,7 +93,7 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
     rows = int((end - begin) / ROW_S)
     at_s = np.asarray(begin + STEP_S * np.arange(rows * ROW_STEPS), dtype=np.float64)
     command = np.column_stack([held(*one, at_s) for one in commands])
-    volts, faults = volts_of(log, at_s)
+    volts, faults = volts_of(log, at_s + STEP_S / 2)  # in the middle of what a command's mean is over
     row_s = np.asarray(begin + ROW_S * np.arange(rows), dtype=np.float64)
     averaged = float(np.median(np.diff(rates[0]))) < _AVERAGED_S
     force = at_rows(*forces, row_s, averaged=averaged)

@@ -25,8 +25,8 @@ Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 ROW_S = 0.01  # between rows of the sensors: motion is far slower than 50 Hz
-ROW_STEPS = 3
-STEP_S = ROW_S / ROW_STEPS  # of drives: rotors take many times longer
+ROW_STEPS = 5
+STEP_S = ROW_S / ROW_STEPS  # of drives: a Crazyflie's commands change every 2 ms at most
 AXES = ("roll", "pitch", "yaw")
 CLIMB_S = 5.0  # over which the climb is integrated from the force: the battery's terms take what is slower
 DAMPING = 1  # the place of the rate among the other terms of an equation about an axis
@@ -45,7 +45,7 @@ TURNING = np.array(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Flight:
-    """Drives (n, 4), three to a row, and what sensors showed every 10 ms from the first drive on.
+    """Drives (n, 4), `ROW_STEPS` to a row, and what sensors showed every 10 ms from the first drive on.
 
     `rates` (m, 3) in rad/s and `force` (m, 3), the specific force in m/s^2, are along the vehicle's axes, as is
     `velocity` (m, 3) in m/s, None where unknown. `attitude` (m, 4) is the quaternion w, x, y, z that turns these axes
@@ -199,10 +199,13 @@ def _turning(flight: Flight, powers: Array, axis: int) -> FlightEquation:
 
 
 def _rows(flight: Flight, steps: Array) -> Array:
-    """Return what sensors would show (m, k) of values (n, k), three to a row: means over rows, or values at them."""
+    """Return what sensors would show (m, k) of values (n, k) of each step: means over rows, or values at them."""
     if flight.averaged:
         half = ROW_STEPS // 2
-        padded = np.pad(steps, ((half, half), (0, 0)), mode="edge")
+        # A step's mean differs from its middle by the bend: without it, thrust at 20 Hz is 0.3 % too large.
+        around = np.pad(steps, ((1, 1), (0, 0)), mode="edge")
+        means = steps + (around[2:] - 2 * steps + around[:-2]) / 24
+        padded = np.pad(means, ((half, half), (0, 0)), mode="edge")
         total = np.cumsum(np.vstack([np.zeros((1, steps.shape[1])), padded]), axis=0)
         steps = (total[ROW_STEPS:] - total[:-ROW_STEPS]) / ROW_STEPS
     return np.asarray(steps[::ROW_STEPS][: len(flight.rates)])
