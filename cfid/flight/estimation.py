@@ -16,7 +16,7 @@ from cfid.errors import FitError
 from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of, std_of
 from cfid.flight.likelihood import White, whitening, without
-from cfid.flight.model import AXES, DAMPING, ROW_S, STEP_S, Flight, FlightEquation, ThrustLag, blocks_of, segments
+from cfid.flight.model import AXES, DAMPING, ROW_S, Flight, FlightEquation, ThrustLag, blocks_of, segments
 from cfid.flight.uncertainty import covariance_of, excess_of_older_torques
 
 Array = npt.NDArray[np.float64]
@@ -33,7 +33,7 @@ _FEWEST = 500  # rows: 5 s
 _LEVEL = 100  # rows: 1 s, whose mean forces are taken as independent
 _SMOOTH = 10  # rows over which noise is averaged before judging how much is explained
 LAGS, DELAYS, THRUST, TURNS = slice(0, 2), slice(2, 4), slice(4, 7), slice(7, 10)  # of the parameters
-_GRID_S = STEP_S / 8  # by which lags err on the grid of the drives: in calm air they came out 0.3 to 0.4 ms long
+_GRID_S = ROW_S / 24  # by which lags err: in calm air they come out 0.3 to 0.4 ms long, with steps of 2 and 3.3 ms
 _STEP = 1e-3  # of a time constant or delay, over which a slope is taken
 
 
