@@ -33,7 +33,7 @@ def main() -> None:
         path.write_text(new_rig_text(), encoding="utf-8")
         rig = load_rig(path)
     drawn = {
-        "mounts": mounts_figure(rig.mounts),
+        "mounts": mounts_figure(rig.mounts, rig.vehicle.body_frame),
         "load_cell": load_cell_figure(rig.loadcell.yaw_deg or 0.0),
         "wind": load_cell_figure(rig.wind.yaw_deg or 0.0, azimuth_deg=rig.wind.azimuth_deg, angle_deg=48.4),
     }

@@ -7,9 +7,10 @@ from statistics import fmean
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
+from matplotlib.text import Annotation
 
 from cfid.drawing.style import INK, MODEL, MUTED, SERIES, WINDOW, figure, styled
-from cfid.records.mounts import Mount
+from cfid.records.mounts import BodyFrame, Mount, Vector
 
 Point = tuple[float, float]
 
@@ -18,34 +19,37 @@ _CUBE_MM = 19.0  # the edge of the thesis' mounting cube (C.1.7)
 _PANEL_IN = 3.0
 _SHORTEST_MM, _LONGER_MM = 24.0, 7.0  # half an axis, and by how much each next one is longer: names stay apart
 _ARROW_MM = 40.0
+_NAME_MM = 9.0  # between two names
+_BODY_AXES = {"x": (_ARROW_MM, 0, 0), "y": (0, _ARROW_MM, 0), "z": (0, 0, _ARROW_MM)}
 _WIND_MM = 95.0
 
 
 @styled
-def mounts_figure(mounts: Mapping[str, Mount], *, title: str = "") -> Figure:
+def mounts_figure(mounts: Mapping[str, Mount], frame: BodyFrame, *, title: str = "") -> Figure:
     """Return the swings' axes through the vehicle, from above and from its right: points and directions to scale.
 
-    Where axes pass within a few millimetres of each other, a cube with their holes sits on the arm.
+    The nose points up in the one and to the right in the other, whichever body axis of `frame` it lies along. Where
+    axes pass within a few millimetres of each other, a cube with their holes sits on the arm.
     """
     page, grid = figure(1, 2, heights_in=[_PANEL_IN], title=title)
     above, side = (
         _plan(page.add_subplot(grid[0, place]), name) for place, name in enumerate(("from above", "from the right"))
     )
     _vehicle_above(above)
-    _arrow(above, (0, 0), (0, _ARROW_MM), "x", MUTED)
-    _arrow(above, (0, 0), (-_ARROW_MM, 0), "y", MUTED)
     side.add_patch(Rectangle((-_ARM_MM, -3), 2 * _ARM_MM, 6, fc="none", ec=MUTED))
-    _arrow(side, (0, 0), (_ARROW_MM, 0), "x", MUTED)
-    _arrow(side, (0, 0), (0, _ARROW_MM), "z", MUTED)
-    for x, y, z in _cubes(mounts):
-        _cube(above, (-y, x), turned_deg=45)
-        _cube(side, (x, z), turned_deg=0)
-    for place, (name, mount) in enumerate(mounts.items()):
-        (x, y, z), size = (1e3 * length for length in mount.point_m), math.hypot(*mount.direction)
-        along = [(_SHORTEST_MM + _LONGER_MM * place) * part / size for part in mount.direction]
-        colour = SERIES[place % len(SERIES)]
-        _axis(above, (-y, x), (-along[1], along[0]), name, colour)
-        _axis(side, (x, z), (along[0], along[2]), name, colour)
+    side.annotate("nose", (_ARM_MM, -11), color=MUTED, ha="center", size=8.5)
+    for axes, seen in ((above, _from_above), (side, _from_the_right)):
+        for name, axis in _BODY_AXES.items():
+            end = seen(frame.turned(axis))
+            if any(end):
+                _arrow(axes, (0, 0), end, f"body {name}", MUTED)
+        for middle in _cubes(mounts):
+            _cube(axes, seen(frame.turned(middle)), turned_deg=45 if axes is above else 0)
+        for place, (name, mount) in enumerate(mounts.items()):
+            half = (_SHORTEST_MM + _LONGER_MM * place) / math.hypot(*mount.direction)
+            middle = seen(frame.turned([1e3 * length for length in mount.point_m]))
+            along = seen(frame.turned([half * part for part in mount.direction]))
+            _axis(axes, middle, along, name, SERIES[place % len(SERIES)])
     return page
 
 
@@ -63,7 +67,6 @@ def load_cell_figure(
         _plan(page.add_subplot(grid[0, place]), name) for place, name in enumerate(("from above", "from the side"))
     )
     _vehicle_above(above)
-    above.annotate("nose", (0, 1.25 * _ARM_MM), color=MUTED, ha="center", size=8.5)
     left = math.radians(yaw_deg)
     for name, turned in (("x", left), ("y", left + math.pi / 2)):
         _arrow(
@@ -78,6 +81,16 @@ def load_cell_figure(
         _wind(side, (_WIND_MM * math.sin(down), 20 + _WIND_MM * math.cos(down)), (0.0, 20.0))
         side.plot([0, 0], [20, 20 + _WIND_MM], color=MUTED, lw=0.8, ls=":")
     return page
+
+
+def _from_above(parts: Vector) -> Point:
+    ahead, left, _ = parts
+    return -left, ahead
+
+
+def _from_the_right(parts: Vector) -> Point:
+    ahead, _, up = parts
+    return ahead, up
 
 
 def _cubes(mounts: Mapping[str, Mount]) -> list[tuple[float, ...]]:
@@ -97,7 +110,9 @@ def _cube(axes: Axes, middle: Point, *, turned_deg: float) -> None:
             corner, _CUBE_MM, _CUBE_MM, angle=turned_deg, rotation_point="center", fc=WINDOW, alpha=0.2, ec=INK, lw=0.8
         )
     )
-    axes.annotate("cube", middle, xytext=(-40, 16), textcoords="offset points", color=INK, size=8.5)
+    if _is_free(axes, middle):
+        beside = (18 if middle[0] > 0 else -40), 14
+        axes.annotate("cube", middle, xytext=beside, textcoords="offset points", color=INK, size=8.5)
 
 
 def _plan(axes: Axes, name: str) -> Axes:
@@ -110,6 +125,7 @@ def _plan(axes: Axes, name: str) -> Axes:
 def _vehicle_above(axes: Axes) -> None:
     """Draw arms and rotors, motor 1 at the front right, and the nose upwards."""
     reach = _ARM_MM / math.sqrt(2)
+    axes.annotate("nose", (0, 1.25 * _ARM_MM), color=MUTED, ha="center", size=8.5)
     for motor, (right, ahead) in enumerate(((1, 1), (1, -1), (-1, -1), (-1, 1)), start=1):
         end = right * reach, ahead * reach
         axes.plot([0, end[0]], [0, end[1]], color=MUTED, lw=2.5, alpha=0.5)
@@ -139,8 +155,15 @@ def _axis(axes: Axes, middle: Point, along: Point, name: str, colour: str) -> No
         axes.annotate(name, middle, xytext=(5, -11), textcoords="offset points", color=colour, parse_math=False)
         return
     begin, end = ((middle[0] + way * along[0], middle[1] + way * along[1]) for way in (-1, 1))
+    if not _is_free(axes, end):
+        begin, end = end, begin
     axes.plot(*zip(begin, end, strict=True), color=colour, lw=1.6)
     axes.annotate(name, end, xytext=(2, 2), textcoords="offset points", color=colour, parse_math=False)
+
+
+def _is_free(axes: Axes, spot: Point) -> bool:
+    """Return whether no name stands so near that another one would cover it."""
+    return all(math.dist(spot, one.xy) > _NAME_MM for one in axes.texts if isinstance(one, Annotation))
 
 
 def _arrow(axes: Axes, begin: Point, end: Point, name: str, colour: str) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 from cfid import __version__
 from cfid.errors import DataError
-from cfid.export.frame import turned, turned_matrix, turned_spread
+from cfid.export.frame import turned_matrix, turned_spread
 from cfid.export.hover import (
     YAW_SIGNS,
     drag_n_s_per_m,
@@ -34,7 +34,7 @@ _TENSORS = ("inertia.matrix_kg_m2", "drag.simple_kg_per_rad", "drag.cross_coupli
 def write(vehicle: ExportVehicle) -> str:
     """Return the file."""
     frame = vehicle.frame
-    axes = [turned(axis, frame) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
+    axes = [frame.turned(axis) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
     content: dict[str, Any] = {
         "format": FORMAT,
         "written_by": f"cfid {__version__}",

@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 
 from cfid.errors import DataError
-from cfid.export.frame import Matrix, Vector, turned, turned_matrix, turned_spread
+from cfid.export.frame import Matrix, Vector, turned_matrix, turned_spread
 from cfid.export.vehicle import ExportVehicle
 from cfid.units import FULL_COMMAND, MOTOR_AZIMUTH_DEG, ROTOR_TURNS
 
@@ -48,7 +48,7 @@ def rotor_places_m(vehicle: ExportVehicle) -> tuple[Vector, ...]:
 
 def middle_m(vehicle: ExportVehicle) -> Vector:
     """Return the middle between the motors, from the centre of mass, at its height."""
-    ahead, left, _ = turned((vehicle.centre_m[0], vehicle.centre_m[1], 0.0), vehicle.frame)
+    ahead, left, _ = vehicle.frame.turned((vehicle.centre_m[0], vehicle.centre_m[1], 0.0))
     return 0.0 - ahead, 0.0 - left, 0.0
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from cfid import __version__
 from cfid.errors import DataError
-from cfid.export.frame import is_turned, turned
+from cfid.export.frame import is_turned
 from cfid.export.hover import (
     hover_command,
     hover_speed_rad_s,
@@ -162,7 +162,7 @@ def _frame(vehicle: ExportVehicle) -> Iterator[str]:
     yield "Frame: x forward, y left, z up; origin in the centre of mass; inertia entries are the matrix' own."
     yield f"The campaign's body frame has forward = {frame.forward}, left = {frame.left}, up = {frame.up}."
     if is_turned(frame):
-        axes = [turned(axis, frame) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
+        axes = [frame.turned(axis) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
         matrix = [[axis[row] for axis in axes] for row in range(3)]
         yield f"Turned from it by R = {shown(matrix)}: R v for vectors, R I R^T for the inertia."
     else:

@@ -17,6 +17,7 @@ from cfid.inertia.redundancy import distance_findings, redundancy_findings
 from cfid.inertia.sensitivities import moved_by_inputs
 from cfid.quantities.values import PRODUCTS
 from cfid.records.covariances import covariance_between
+from cfid.records.mounts import BodyFrame
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import implausible_gravity, implausible_inputs, implausible_quantities, platform_of
 from cfid.records.result import Dependent, Figures, Result
@@ -96,7 +97,11 @@ def fit(
     def drawings() -> Figures:
         from cfid.inertia.figures import budget_figure
 
-        return {} if matrix is None else {"inertia": budget_figure(matrix, axes=axes), **_mounts_figure(body, axes)}
+        return (
+            {}
+            if matrix is None
+            else {"inertia": budget_figure(matrix, axes=axes), **_mounts_figure(body, axes, rig.vehicle.body_frame)}
+        )
 
     return Result(
         command="fit inertia",
@@ -121,13 +126,13 @@ def fit(
     )
 
 
-def _mounts_figure(body: SwungBody, axes: Sequence[str]) -> Figures:
+def _mounts_figure(body: SwungBody, axes: Sequence[str], frame: BodyFrame) -> Figures:
     """Draw the axes that it swung about; a pair of threads has none."""
     from cfid.drawing.rig import mounts_figure
 
     hung = {axis: body.mounts[axis] for axis in axes if axis in body.mounts and body.mounts[axis].threads is None}
     title = "Axes of the swings, as rig.toml states them"
-    return {"inertia_mounts": mounts_figure(hung, title=title)} if hung else {}
+    return {"inertia_mounts": mounts_figure(hung, frame, title=title)} if hung else {}
 
 
 def _neglected_fixture(axis_inertias: AxisInertias, about: MeasuredAxes) -> list[Finding]:

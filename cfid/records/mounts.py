@@ -1,6 +1,7 @@
 """How a body is fixed to the swing: its frame, mounts and threads, as tables of rig.toml."""
 
 import math
+from collections.abc import Sequence
 from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, model_validator
@@ -40,6 +41,14 @@ class BodyFrame(RigTable):
         if cross != up:
             raise ValueError("forward, left and up must be three axes of a right-handed frame")
         return self
+
+    def turned(self, vector: Sequence[float]) -> Vector:
+        """Return a vector (3,) of the body frame with its parts forward, left and up; nothing is rounded."""
+        forward, left, up = (
+            (-1 if axis.startswith("-") else 1) * vector["xyz".index(axis[-1])] + 0.0
+            for axis in (self.forward, self.left, self.up)
+        )
+        return forward, left, up
 
 
 def _unit(axis: BodyAxis) -> tuple[int, int, int]:

@@ -11,10 +11,17 @@ from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
 from cfid.drawing.rig import load_cell_figure, mounts_figure
-from cfid.records.mounts import Mount
+from cfid.records.mounts import BodyFrame, Mount
 from cfid.records.rig_file import load_rig, new_rig_text
 
 Array = npt.NDArray[np.float64]
+AHEAD = BodyFrame()
+FRAMES = {
+    "x forward": (AHEAD, np.eye(3)),
+    "y forward": (BodyFrame(forward="y", left="-x", up="z"), np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]])),
+    "x forward, z down": (BodyFrame(forward="x", left="-y", up="-z"), np.diag([1, -1, -1])),
+    "z forward": (BodyFrame(forward="z", left="y", up="-x"), np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]])),
+}  # rows of the matrix: forward, left and up
 
 
 def panels(figure: Figure) -> tuple[Axes, Axes]:
@@ -36,7 +43,7 @@ def ends(axes: Axes, name: str) -> tuple[Array, Array]:
 
 
 def test_an_axis_is_drawn_where_its_mount_states_it_with_the_nose_up_and_left_on_the_left() -> None:
-    above, side = panels(mounts_figure({"a": Mount(point_mm=(10, 20, 30), direction=(0, 1, 0))}))
+    above, side = panels(mounts_figure({"a": Mount(point_mm=(10, 20, 30), direction=(0, 1, 0))}, AHEAD))
     begin, end = ends(above, "a")
 
     assert (begin + end) / 2 == pytest.approx([-20, 10])
@@ -45,12 +52,52 @@ def test_an_axis_is_drawn_where_its_mount_states_it_with_the_nose_up_and_left_on
     assert any(np.allclose(drawn.get_xydata(), [[10, 30]]) for drawn in side.lines)  # seen from its end
 
 
+@pytest.mark.parametrize(("frame", "rows"), FRAMES.values(), ids=FRAMES)
+def test_a_mount_on_an_arm_is_drawn_at_the_motor_that_flies_there_whatever_the_frame(
+    frame: BodyFrame, rows: Array
+) -> None:
+    ways = {"m1": (1, -1), "m2": (-1, -1), "m3": (-1, 1), "m4": (1, 1)}  # forward and left, as the Crazyflie counts
+    for motor, (ahead, left) in ways.items():
+        point, up = rows.T @ (30.0 * ahead, 30.0 * left, 20.0), rows.T @ (0.0, 0.0, 1.0)
+        above, side = panels(mounts_figure({"a": Mount(point_mm=tuple(point), direction=tuple(up))}, frame))
+        label, ring = np.array(place(above, motor)), np.array(place(above, "a"))
+
+        assert ring == pytest.approx([-30 * left, 30 * ahead])
+        assert ring @ label > 0.99 * np.linalg.norm(ring) * np.linalg.norm(label)
+        assert np.mean(ends(side, "a"), axis=0) == pytest.approx([30 * ahead, 20])
+        assert np.array_equal(np.sign(place(above, "nose")), [0, 1])
+
+
+@pytest.mark.parametrize(("frame", "rows"), FRAMES.values(), ids=FRAMES)
+def test_the_body_axes_are_drawn_as_rig_toml_turns_them_from_the_nose(frame: BodyFrame, rows: Array) -> None:
+    above, side = panels(mounts_figure({"a": Mount(point_mm=(20, 20, 20), direction=(1, 1, 1))}, frame))
+
+    for name, (ahead, left, up) in zip("xyz", rows.T, strict=True):
+        for axes, expected in ((above, (-left, ahead)), (side, (ahead, up))):
+            drawn = [one.get_text() for one in axes.texts]
+            assert (f"body {name}" in drawn) == any(expected)
+            if any(expected):
+                assert np.array_equal(np.sign(place(axes, f"body {name}")), expected)
+
+
+def test_the_points_of_a_new_rig_lie_on_the_arms_of_motors_1_and_4(tmp_path: Path) -> None:
+    """They were read along the arms: 45 degrees right and left of body y, which is forward there."""
+    (tmp_path / "rig.toml").write_text(new_rig_text())
+    rig = load_rig(tmp_path / "rig.toml")
+    above, _ = panels(mounts_figure(rig.mounts, rig.vehicle.body_frame))
+
+    assert np.mean(ends(above, "x"), axis=0) == pytest.approx([32.25 * math.sqrt(0.5)] * 2)
+    assert np.mean(ends(above, "y"), axis=0) == pytest.approx([-32.25 * math.sqrt(0.5), 32.25 * math.sqrt(0.5)])
+    assert (np.sign(place(above, "m1")) == [1, 1]).all()
+    assert (np.sign(place(above, "m4")) == [-1, 1]).all()
+
+
 def test_each_mount_of_a_new_rig_has_a_name_in_both_views(tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(new_rig_text())
-    mounts = load_rig(tmp_path / "rig.toml").mounts
+    rig = load_rig(tmp_path / "rig.toml")
 
-    for axes in panels(mounts_figure(mounts)):
-        assert {text.get_text() for text in axes.texts} >= set(mounts)
+    for axes in panels(mounts_figure(rig.mounts, rig.vehicle.body_frame)):
+        assert {text.get_text() for text in axes.texts} >= set(rig.mounts)
 
 
 def test_a_cube_is_drawn_where_axes_pass_close_to_each_other() -> None:
@@ -59,8 +106,8 @@ def test_a_cube_is_drawn_where_axes_pass_close_to_each_other() -> None:
         for off in (3, 60)
     )
 
-    assert [place(axes, "cube") is not None for axes in panels(mounts_figure(near))] == [True, True]
-    for axes in panels(mounts_figure(apart)):
+    assert [place(axes, "cube") is not None for axes in panels(mounts_figure(near, AHEAD))] == [True, True]
+    for axes in panels(mounts_figure(apart, AHEAD)):
         assert "cube" not in {text.get_text() for text in axes.texts}
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.export.frame import is_turned, turned, turned_matrix, turned_spread
+from cfid.export.frame import is_turned, turned_matrix, turned_spread
 from cfid.export.hover import drag_kg_per_rad, inertia_kg_m2, inertia_std_kg_m2, rotor_places_m
 from cfid.records.mounts import BodyFrame
 from tests.export.thesis_vehicle import INERTIA_KG_M2, INERTIA_STD_KG_M2, vehicle
@@ -39,7 +39,7 @@ def test_vectors_and_tensors_turn_by_the_matrix_of_the_three_axes(frame: BodyFra
     rotation = np.array([unit(frame.forward), unit(frame.left), unit(frame.up)])
     matrix = np.array(INERTIA_KG_M2)
 
-    assert turned((1.0, 2.0, 3.0), frame) == tuple(rotation @ [1.0, 2.0, 3.0])
+    assert frame.turned((1.0, 2.0, 3.0)) == tuple(rotation @ [1.0, 2.0, 3.0])
     np.testing.assert_array_equal(turned_matrix(INERTIA_KG_M2, frame), rotation @ matrix @ rotation.T)
     np.testing.assert_allclose(
         turned_spread(INERTIA_STD_KG_M2, frame), abs(rotation) @ INERTIA_STD_KG_M2 @ abs(rotation).T, rtol=1e-15
@@ -48,8 +48,8 @@ def test_vectors_and_tensors_turn_by_the_matrix_of_the_three_axes(frame: BodyFra
 
 
 def test_the_thesis_forward_is_its_y_and_its_left_is_minus_its_x() -> None:
-    assert turned((0, 1, 0), THESIS) == (1, 0, 0)
-    assert turned((-1, 0, 0), THESIS) == (0, 1, 0)
+    assert THESIS.turned((0, 1, 0)) == (1, 0, 0)
+    assert THESIS.turned((-1, 0, 0)) == (0, 1, 0)
 
 
 def test_the_thesis_inertia_about_the_roll_axis_is_the_larger_of_the_two() -> None:
