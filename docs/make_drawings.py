@@ -35,7 +35,7 @@ def main() -> None:
     drawn = {
         "mounts": mounts_figure(rig.mounts, rig.vehicle.body_frame),
         "load_cell": load_cell_figure(rig.loadcell.yaw_deg or 0.0),
-        "wind": load_cell_figure(rig.wind.yaw_deg or 0.0, azimuth_deg=rig.wind.azimuth_deg, angle_deg=48.4),
+        "wind": load_cell_figure(rig.wind.yaw_deg or 0.0, azimuth_deg=rig.wind.azimuth_deg, angles_deg=[48.4]),
     }
     for name, page in drawn.items():
         page.savefig(FOLDER / f"{name}.svg", metadata={"Date": None})

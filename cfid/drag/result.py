@@ -129,8 +129,9 @@ def _of_the_rig(runs: DragExperiments) -> Figures:
     yaw_deg, azimuth_deg = stated.pop() if len(stated) == 1 else (None, None)
     if yaw_deg is None:
         return {}
-    title = "Load cell and wind, as rig.toml states them"
-    return {"drag_rig": load_cell_figure(yaw_deg, azimuth_deg=azimuth_deg, title=title)}
+    angles_deg = np.unique(np.round(runs.angle_deg)).tolist()
+    title = "Load cell and wind, as rig.toml and the runs state them"
+    return {"drag_rig": load_cell_figure(yaw_deg, azimuth_deg=azimuth_deg, angles_deg=angles_deg, title=title)}
 
 
 def drag_quantities(found: DragModels, grouping: Grouping | None = None) -> dict[str, Parameter]:

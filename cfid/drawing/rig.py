@@ -1,7 +1,7 @@
 """Draw the rig as rig.toml states it, so that a wrong sign or a wrong arm is seen: mounts, load cell, wind."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from statistics import fmean
 
 from matplotlib.axes import Axes
@@ -55,12 +55,12 @@ def mounts_figure(mounts: Mapping[str, Mount], frame: BodyFrame, *, title: str =
 
 @styled
 def load_cell_figure(
-    yaw_deg: float, *, azimuth_deg: float | None = None, angle_deg: float | None = None, title: str = ""
+    yaw_deg: float, *, azimuth_deg: float | None = None, angles_deg: Sequence[float] = (), title: str = ""
 ) -> Figure:
     """Return the load cell under the vehicle, from above and from the side, and where the wind comes from, if any.
 
     `yaw_deg` is how far the cell's x axis lies left of the nose, `azimuth_deg` how far the wind generator stands to its
-    right, and `angle_deg` how far the wind is from the vertical.
+    right, and `angles_deg` how far the wind is from the vertical, each setting of it.
     """
     page, grid = figure(1, 2, heights_in=[_PANEL_IN], title=title)
     above, side = (
@@ -74,11 +74,13 @@ def load_cell_figure(
         )
     if azimuth_deg is not None:
         right = math.radians(azimuth_deg)
-        _wind(above, (_WIND_MM * math.sin(right), _WIND_MM * math.cos(right)), (0.0, 0.0))
+        _wind(above, (_WIND_MM * math.sin(right), _WIND_MM * math.cos(right)), (0.0, 0.0), "wind")
     _load_cell_side(side)
-    if angle_deg is not None:
+    for angle_deg in angles_deg:
         down = math.radians(angle_deg)
-        _wind(side, (_WIND_MM * math.sin(down), 20 + _WIND_MM * math.cos(down)), (0.0, 20.0))
+        begin = _WIND_MM * math.sin(down), 20 + _WIND_MM * math.cos(down)
+        _wind(side, begin, (0.0, 20.0), f"wind {angle_deg:.3g}°")
+    if angles_deg:
         side.plot([0, 0], [20, 20 + _WIND_MM], color=MUTED, lw=0.8, ls=":")
     return page
 
@@ -144,7 +146,7 @@ def _load_cell_side(axes: Axes) -> None:
     axes.add_patch(Rectangle((-_ARM_MM, 12), 2 * _ARM_MM, 6, fc="none", ec=MUTED))
     for end in (-_ARM_MM, _ARM_MM):
         axes.plot([end - _ROTOR_MM, end + _ROTOR_MM], [24, 24], color=MUTED, lw=1.5)
-    _arrow(axes, (0, 18), (0, 18 + _ARROW_MM), "Fz", MODEL)
+    _arrow(axes, (-12, 18), (-12, 18 + _ARROW_MM), "Fz", MODEL)  # beside a wind from above
 
 
 def _axis(axes: Axes, middle: Point, along: Point, name: str, colour: str) -> None:
@@ -170,9 +172,10 @@ def _arrow(axes: Axes, begin: Point, end: Point, name: str, colour: str) -> None
     axes.annotate("", end, begin, arrowprops={"arrowstyle": "->", "color": colour, "lw": 1.2})
     beyond = end[0] + 0.2 * (end[0] - begin[0]), end[1] + 0.2 * (end[1] - begin[1])
     axes.annotate(name, beyond, color=colour, size=8.5, ha="center", va="center")
+    axes.plot(*beyond, alpha=0)  # the panel reaches to it: what lies outside is not drawn
 
 
-def _wind(axes: Axes, begin: Point, end: Point) -> None:
+def _wind(axes: Axes, begin: Point, end: Point, name: str) -> None:
     axes.annotate("", end, begin, arrowprops={"arrowstyle": "->", "color": WINDOW, "lw": 2.5, "shrinkB": 6})
-    axes.annotate("wind", begin, xytext=(4, 2), textcoords="offset points", color=WINDOW)
+    axes.annotate(name, begin, xytext=(4, 2), textcoords="offset points", color=WINDOW)
     axes.plot(*begin, alpha=0)

@@ -137,6 +137,15 @@ def test_runs_keep_yaw_azimuth_markers_and_sign_whatever_rig_toml_says_later(cam
     assert "2 markers of the tachometer are assumed" in notes[2]
 
 
+def test_the_drawing_of_the_rig_has_the_wind_of_each_angle_in_the_view_from_the_side(campaign: Path) -> None:
+    facts = RigFacts(loadcell=LoadCellMount(yaw_deg=10.0), wind=WindStand(azimuth_deg=-60.0))
+    result = drag.fit([blown(campaign, wind, seed=seed, facts=facts) for seed, wind in enumerate(WINDS)])
+    above, side = result.figures()["drag_rig"].axes
+
+    assert "wind" in {text.get_text() for text in above.texts}
+    assert {text.get_text() for text in side.texts} >= {"wind 0°", "wind 48°", "wind 78°"}
+
+
 def test_a_reading_that_was_not_typed_is_estimated_from_vibration(campaign: Path) -> None:
     found = drag.read_runs([blown(campaign, WINDS[0]), blown(campaign, WINDS[2], typed=0, rate_hz=2000.0)])
 

@@ -119,9 +119,19 @@ def test_the_cells_x_axis_lies_left_of_the_nose_by_its_yaw(yaw_deg: float, left:
     assert np.array(name) / np.hypot(*name) == pytest.approx(left)
 
 
+@pytest.mark.parametrize("angles_deg", [[], [0.0, 80.0]])
+def test_every_name_of_the_load_cells_drawing_lies_within_its_panel(angles_deg: list[float]) -> None:
+    for axes in panels(load_cell_figure(-45, azimuth_deg=170, angles_deg=angles_deg)):
+        (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+        for one in axes.texts:
+            assert isinstance(one, Annotation)
+            assert left <= one.xy[0] <= right
+            assert low <= one.xy[1] <= high
+
+
 def test_the_wind_comes_from_the_right_of_the_nose_by_its_azimuth_and_from_above_by_its_angle() -> None:
-    above, side = panels(load_cell_figure(0, azimuth_deg=90, angle_deg=30))
-    from_right, from_above = place(above, "wind"), place(side, "wind")
+    above, side = panels(load_cell_figure(0, azimuth_deg=90, angles_deg=[30]))
+    from_right, from_above = place(above, "wind"), place(side, "wind 30°")
 
     assert from_right[0] > 50
     assert from_right[1] == pytest.approx(0)
