@@ -13,6 +13,7 @@ import pytest
 from cfid.console.inputs import open_workplace
 from cfid.console.options import LoadCellOptions, ReadingOptions, RigOptions
 from cfid.estimate.voltage_cubic import cubic_fault
+from cfid.motors import maps
 from cfid.motors.maps.arguments import read_evidence
 from cfid.motors.maps.evidence import Stand
 from cfid.records.facts import LoadCellMount, RigFacts, Tachometer
@@ -377,6 +378,20 @@ def test_thrust_that_points_down_is_told_and_turned_round_when_asked(cfid: Cfid,
     words = ("fit", "thrust", str(noted.folder), "--campaign", str(campaign), "--no-figures")
     assert cfid(*words).returncode == 0
     assert cfid(*words, "--no-flip-fz").returncode == 5
+
+
+def test_thrust_has_a_drawing_of_the_load_cell_with_the_yaw_on_which_all_runs_agree(campaign: Path) -> None:
+    ahead, turned = (
+        write_run(campaign, climbed(STEPS[:6]), steps=STEPS[:6], facts=RigFacts(loadcell=LoadCellMount(yaw_deg=yaw)))
+        for yaw in (0.0, 90.0)
+    )
+    above, _ = maps.fit_thrust([ahead]).figures()["thrust_rig"].axes
+    (name,) = (one for one in above.texts if one.get_text() == "x of the cell")
+    x, y = name.get_position()
+
+    assert x == pytest.approx(0)
+    assert y > 40
+    assert "thrust_rig" not in maps.fit_thrust([ahead, turned]).figures()
 
 
 def test_motors_that_never_ran_are_told(cfid: Cfid, campaign: Path) -> None:

@@ -279,6 +279,17 @@ def _verified(
         return None, (warning("scales-not-comparable", f"the map is not verified: {error}"),)
 
 
+def _of_the_rig(loadcells: Sequence[RigFacts]) -> Figures:
+    """Draw how the vehicle stood on the load cell, if all recordings state the same."""
+    from cfid.drawing.rig import load_cell_figure
+
+    stated = {rig.loadcell.yaw_deg for rig in loadcells}
+    yaw_deg = stated.pop() if len(stated) == 1 else None
+    if yaw_deg is None:
+        return {}
+    return {"thrust_rig": load_cell_figure(yaw_deg, title="Load cell, as rig.toml and the runs state it")}
+
+
 def _result(mapped: MotorMap, found: Evidence, details: _MapDetails) -> Result:
     def drawings() -> Figures:
         from cfid.motors.maps.figures import map_figure, speed_thrust_figure, staircase_figure, voltage_figure
@@ -293,7 +304,7 @@ def _result(mapped: MotorMap, found: Evidence, details: _MapDetails) -> Result:
             figures["thrust_of_speed"] = speed_thrust_figure(details.over_speed)
         if details.voltage is not None:
             figures["thrust_of_voltage"] = voltage_figure(details.voltage)
-        return figures
+        return {**figures, **(_of_the_rig(found.loadcells) if mapped.quantity == "thrust" else {})}
 
     result = Result(
         command=f"fit {mapped.quantity}",
