@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from cfid.large import differences
+from cfid.large import differences, parts
 
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.intp]
@@ -54,13 +54,13 @@ def spikes_in(value: Array) -> Rows:
 
     Samples that are nan are none, and more than one in a hundred are no single faults.
     """
-    known = np.flatnonzero(np.isfinite(value))
-    if len(known) < len(value):
-        value = value[known]
+    if not all(np.isfinite(value[part]).all() for part in parts(len(value))):
+        known = np.flatnonzero(np.isfinite(value))
+        return known[spikes_in(value[known])]
     low, high = np.percentile(value[:: len(value) // _RANGE_OF + 1], _FARTHEST) if len(value) else (0.0, 0.0)
     limit = max(_SPIKE * float(high - low), _SPIKE_TIMES * usual_bend(value, _USUAL))
-    places = lone_readings(value, limit) if limit > 0 else known[:0]
-    return known[places] if len(places) <= MOST_SHARE * len(value) else known[:0]
+    places = lone_readings(value, limit) if limit > 0 else np.empty(0, np.intp)
+    return places if len(places) <= MOST_SHARE * len(value) else places[:0]
 
 
 def _goes_on(value: Array, left: Rows, right: Rows, limit: float, period: float | None) -> npt.NDArray[np.bool_]:

@@ -1,5 +1,6 @@
 """Samples of a load cell that no force makes: single ones that stand off alone, and stretches that repeat one."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,8 @@ import numpy.typing as npt
 
 from cfid.counted import counted
 from cfid.findings import of_recording
-from cfid.records.tables.lone import spikes_in
+from cfid.large import chosen_rows, parts
+from cfid.records.tables.lone import Array, spikes_in
 from cfid.records.tables.wrench import WrenchRecord
 
 Mask = npt.NDArray[np.bool_]
@@ -21,9 +23,9 @@ def without_faults(record: WrenchRecord) -> WrenchRecord:
 
     Samples that repeat the one before are counted in a note: without them a sine would have a gap.
     """
-    values = np.hstack([record.force_n, record.torque_nm])
-    lone, hung = np.zeros(len(values), bool), _hung(values)
-    for value in values.T:
+    axes = (*record.force_n.T, *record.torque_nm.T)
+    lone, hung = np.zeros(len(record.time_s), bool), _hung(axes)
+    for value in axes:
         lone[spikes_in(value)] = True
     texts = []
     if lone.any():
@@ -35,23 +37,27 @@ def without_faults(record: WrenchRecord) -> WrenchRecord:
         )
     if not texts:
         return record
+    kept = ~lone
     return replace(
         record,
-        time_s=record.time_s[~lone],
-        force_n=record.force_n[~lone],
-        torque_nm=record.torque_nm[~lone],
-        status=None if record.status is None else record.status[~lone],
+        time_s=chosen_rows(record.time_s, kept),
+        force_n=chosen_rows(record.force_n, kept),
+        torque_nm=chosen_rows(record.torque_nm, kept),
+        status=None if record.status is None else record.status[kept],
         findings=(*record.findings, *of_recording(record.name, texts)),
     )
 
 
-def _hung(values: npt.NDArray[np.float64]) -> Mask:
-    """Return the samples (n, axes) that repeat the one before in every axis that there is, many in a row."""
-    steps = np.diff(values, axis=0, prepend=np.inf)
-    alike: Mask = np.all((steps == 0) | np.isnan(values), axis=1)
-    changes = np.flatnonzero(np.diff(alike, prepend=False, append=False))
+def _hung(axes: Sequence[Array]) -> Mask:
+    """Return the samples (n,) that repeat the one before in every axis that there is, many in a row."""
+    alike = np.zeros(len(axes[0]), bool)
+    for part in parts(len(alike) - 1):
+        rows = slice(part.start, part.stop + 1)
+        each = [(np.diff(value[rows]) == 0) | np.isnan(value[part]) for value in axes]
+        alike[part.start + 1 : part.stop + 1] = np.all(each, axis=0)
     if np.mean(alike) > _SLOW_SHARE:
         return np.zeros_like(alike)
+    changes = np.flatnonzero(np.diff(alike, prepend=False, append=False))
     for begin, end in zip(changes[::2], changes[1::2], strict=True):
         alike[begin:end] = end - begin >= _HUNG
     return alike
