@@ -1,5 +1,6 @@
 """The inertia matrix drawn: where its uncertainty comes from, what each swing gives, where to mount better."""
 
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -174,11 +175,18 @@ def _draw_residuals(panel: Axes, residual: Array, fit: InertiaFit, axes: Sequenc
 
 
 def _draw_sensitivity(panel: Axes, fit: InertiaFit, axes: Sequence[str], *, letter: str) -> list[Artist]:
-    """Draw dI_G/dr = I_G / r - m r against the distance r for each mount, and return the legend's entries."""
-    measured = fit.axes
+    """Draw dI_G/dr = I_G / r - m r against the distance r for each mount, and return the legend's entries.
+
+    A mount on two threads has no such distance.
+    """
+    measured, hung = fit.axes, fit.axes.distance_m > 0
+    if not hung.any():
+        panel.set_axis_off()
+        return []
     current, best = measured.distance_m / MM, measured.best_distance_m / MM
-    mass = float(np.median((measured.about_axis_kg_m2 - measured.about_centre_kg_m2) / measured.distance_m**2))
-    reach = np.concatenate([current, best[best > 0]])
+    moved = measured.about_axis_kg_m2 - measured.about_centre_kg_m2
+    mass = float(np.median(moved[hung] / measured.distance_m[hung] ** 2))
+    reach = np.concatenate([current[hung], best[hung & (best > 0)]])
     distance = np.linspace(0.8 * reach.min(), 1.12 * reach.max(), 200)
     per_mm = MICRO * MM
     name_panel(
@@ -187,7 +195,7 @@ def _draw_sensitivity(panel: Axes, fit: InertiaFit, axes: Sequence[str], *, lett
     )  # fmt: skip
     panel.axhline(0.0, color=MUTED, lw=0.8)
     key: list[Artist] = []
-    for i, axis in enumerate(dict.fromkeys(axes)):
+    for i, axis in enumerate(dict.fromkeys(itertools.compress(axes, hung))):
         own = np.array([name == axis for name in axes])
         how: dict[str, Any] = {"color": SERIES[i % len(SERIES)], "ls": DASHES[i % len(DASHES)]}
         inertia = float(measured.about_centre_kg_m2[own].mean())

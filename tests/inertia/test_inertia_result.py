@@ -5,6 +5,7 @@ import pytest
 
 import cfid.inertia
 from cfid.errors import ConfigError
+from cfid.records.mounts import Mount, ThreadPair
 from cfid.records.result import Result
 from cfid.records.rig_file import thesis_rig
 from cfid.swing.data import KnownInertia
@@ -40,6 +41,24 @@ def test_axes_that_determine_no_matrix_give_their_axis_inertias() -> None:
         f"inertia.{kind}_kg_m2.{axis}" for kind in ("axis", "centre") for axis in TABLE_2_3
     }
     assert result.figures() == {}
+
+
+def test_a_mount_on_threads_has_no_curve_over_the_distance_and_spoils_no_other() -> None:
+    pair = ThreadPair(above_mm=30.0, below_mm=30.0, length_mm=200.0)
+    some, all_six = (
+        RIG.model_copy(
+            update={
+                "mounts": RIG.mounts | {n: Mount(direction=RIG.mounts[n].direction, threads=pair) for n in on_threads}
+            }
+        )
+        for on_threads in (["yz"], list(RIG.mounts))
+    )
+    some_panel, panel = (cfid.inertia.fit(known(), rig=rig).figures()["inertia"].axes[1] for rig in (some, all_six))
+    curves = [line for line in some_panel.lines if len(np.asarray(line.get_xdata())) == 200]
+
+    assert len(curves) == 5
+    assert all(np.isfinite(np.asarray(curve.get_ydata())).all() for curve in curves)
+    assert not panel.axison
 
 
 def test_contradicting_swings_lose_everything_and_no_number_is_in_the_lines() -> None:
