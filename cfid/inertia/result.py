@@ -100,7 +100,7 @@ def fit(
         return (
             {}
             if matrix is None
-            else {"inertia": budget_figure(matrix, axes=axes), **_mounts_figure(body, axes, rig.vehicle.body_frame)}
+            else {"inertia": budget_figure(matrix, axes=axes), **_of_the_rig(body, axes, rig.vehicle.body_frame)}
         )
 
     return Result(
@@ -126,13 +126,21 @@ def fit(
     )
 
 
-def _mounts_figure(body: SwungBody, axes: Sequence[str], frame: BodyFrame) -> Figures:
-    """Draw the axes that it swung about; a pair of threads has none."""
+def _of_the_rig(body: SwungBody, axes: Sequence[str], frame: BodyFrame) -> Figures:
+    """Draw how it swung, and the axes that it swung about; a pair of threads has none."""
     from cfid.drawing.rig import mounts_figure
+    from cfid.drawing.suspension import axis_figure, threads_figure
 
-    hung = {axis: body.mounts[axis] for axis in axes if axis in body.mounts and body.mounts[axis].threads is None}
-    title = "Axes of the swings, as rig.toml states them"
-    return {"inertia_mounts": mounts_figure(hung, frame, title=title)} if hung else {}
+    mounts = {axis: body.mounts[axis] for axis in axes if axis in body.mounts}
+    hung = {axis: mount for axis, mount in mounts.items() if mount.threads is None}
+    drawn = {}
+    if hung:
+        drawn["inertia_swing"] = axis_figure(title="Swing about an axis")
+        title = "Axes of the swings, as rig.toml states them"
+        drawn["inertia_mounts"] = mounts_figure(hung, frame, title=title)
+    if len(hung) < len(mounts):
+        drawn["inertia_threads"] = threads_figure(title="Swing on two threads")
+    return drawn
 
 
 def _neglected_fixture(axis_inertias: AxisInertias, about: MeasuredAxes) -> list[Finding]:
