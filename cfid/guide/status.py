@@ -186,15 +186,16 @@ def _status(
 
     Runs of a series that is `short`, with the sentence that says so, are not yet the recording of it.
     """
-    lacking, taken = _lacking(task.recordings, [run for run in runs if run.folder.name not in short])
+    lacking = _lacking(task.recordings, [run for run in runs if run.folder.name not in short])
+    short_of_runs = any(not one.repeats for one in lacking)
     own = [run for run in runs if any(one.is_of(run.header.kind, run.header.label) for one in task.recordings)]
     state: State = "accepted"
     reason = ""
     if section is not None and (rejected := [text for key, text in section.rejected.items() if _aimed(task, key)]):
         state, reason = "rejected", rejected[0]
     elif section is not None and (reasons := stale(section)):
-        state, reason = "stale" if taken else "missing", reasons[0]  # without a run left there is nothing to fit
-    elif (section is None and lacking) or any(not one.repeats for one in lacking):
+        state, reason = "missing" if short_of_runs else "stale", reasons[0]  # without them a fit may refuse for ever
+    elif short_of_runs or (section is None and lacking):
         state = "missing"
         reason = next((short[run.folder.name] for run in reversed(own) if run.folder.name in short), "")
     elif refused is not None and _still_holds(refused, section, own) and not stale(refused):
@@ -260,17 +261,16 @@ def _aimed(task: Task, key: str) -> bool:
     return any(aim.key == key for aim in task.aims)
 
 
-def _lacking(recordings: Iterable[Assignment], runs: Sequence[Run]) -> tuple[tuple[Assignment, ...], list[Run]]:
-    """Return the recordings without a run of their own, and the runs that were found for the others."""
-    left, lacking, taken = list(runs), [], []
+def _lacking(recordings: Iterable[Assignment], runs: Sequence[Run]) -> tuple[Assignment, ...]:
+    """Return the recordings without a run of their own."""
+    left, lacking = list(runs), []
     for recording in recordings:
         run = next((run for run in left if recording.is_of(run.header.kind, run.header.label)), None)
         if run is None:
             lacking.append(recording)
         else:
             left.remove(run)
-            taken.append(run)
-    return tuple(lacking), taken
+    return tuple(lacking)
 
 
 def _newer(section: Section, runs: Sequence[Run]) -> int:

@@ -146,12 +146,27 @@ def test_recorded_swings_are_fitted_next_and_a_fit_that_is_no_longer_current_aga
     fitted(folder)
     assert standing(folder)[0].state == "accepted"
 
-    run = read_run(sorted((folder / "runs").iterdir())[2])
+    run = read_run(sorted((folder / "runs").iterdir())[0])  # whose mount was swung about twice
     amend_run(run, excluded="the cable touched")
     left_out, step = standing(folder)
     assert (left_out.state, step.words) == ("stale", ("fit", "inertia"))
     assert "the cable touched" in left_out.reason
     assert left_out.recorded == 6
+
+
+def test_a_swing_that_was_excluded_after_the_fit_is_recorded_again_before_the_next_fit(folder: Path) -> None:
+    axes = swung(folder)
+    fitted(folder, found=BEGAN + timedelta(hours=1))
+    run = read_run(sorted((folder / "runs").iterdir())[2])
+    amend_run(run, excluded="the cable touched")
+
+    lacks, step = standing(folder)
+    assert (lacks.state, lacks.recorded) == ("missing", 6)
+    assert step.words == ("log", "encoder", "--axis", axes[2], "--for", "20")
+    assert "the cable touched" in step.why
+
+    swing(folder, axes[2], minute=30)
+    assert standing(folder)[1].words == ("fit", "inertia")
 
 
 def refused(folder: Path, runs: list[Path]) -> None:
