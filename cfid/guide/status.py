@@ -108,12 +108,13 @@ def beside(campaign: Campaign, statuses: Sequence[TaskStatus]) -> tuple[str, ...
 
 
 def unusable_in(campaign: Campaign, statuses: Sequence[TaskStatus]) -> tuple[Unusable, ...]:
-    """Return the campaign's runs of no use whose recordings are still lacking."""
+    """Return the campaign's runs of no use whose recordings are still lacking, of a resumed one the last part."""
     lacking = [recording for one in statuses for recording in one.lacking if not (one.reason and recording.repeats)]
-    found, usable = [], campaign.runs()
-    for run in campaign.runs(complete=False):
+    found, usable, every = [], campaign.runs(), campaign.runs(complete=False)
+    resumed = {run.header.requested.get("resumes") for run in every if not run.header.excluded}
+    for run in every:
         header = run.header
-        if header.verdict is None or header.verdict.usable or header.excluded:
+        if header.verdict is None or header.verdict.usable or header.excluded or run.folder.name in resumed:
             continue
         again = next((one for one in lacking if one.is_of(header.kind, header.label)), None)
         if again is not None and not any(_replaces(other, run, again) for other in usable):

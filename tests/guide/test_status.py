@@ -16,8 +16,8 @@ import pytest
 
 from cfid.errors import ConfigError
 from cfid.findings import rejection
-from cfid.guide.plan import tasks
-from cfid.guide.status import Next, TaskStatus, next_of, remarks_of, status_of
+from cfid.guide.plan import Words, tasks
+from cfid.guide.status import Next, TaskStatus, next_of, remarks_of, status_of, unusable_in
 from cfid.records.campaign import open_campaign
 from cfid.records.covariances import Covariance
 from cfid.records.parameters import Parameter, Section, Source, store_section
@@ -326,6 +326,21 @@ def test_a_run_of_no_use_is_named_with_what_to_record_again_until_that_is_done(c
     assert "NOT USABLE" not in cfid("status", "--campaign", folder, "--kind", "inertia").stdout
 
 
+def test_of_a_staircase_that_was_resumed_only_the_last_part_is_named(folder: Path) -> None:
+    parts = [staircase(folder, minute=0), ""]
+    parts[1] = staircase(folder, minute=5, resumes=parts[0])
+    for part in parts:
+        amend_run(read_run(folder / "runs" / part), verdict=Verdict(usable=False, text="the app was silent."))
+
+    def named() -> list[tuple[str, Words]]:
+        campaign = open_campaign(folder)
+        return [(one.run, one.words) for one in unusable_in(campaign, status_of(campaign, kind="motors"))]
+
+    assert named() == [(parts[1], ("log", "thrust", "--resume", parts[1]))]
+    amend_run(read_run(folder / "runs" / parts[1]), excluded="gust")
+    assert named() == [(parts[0], ("log", "thrust", "--resume", parts[0]))]
+
+
 def test_a_run_of_no_use_is_named_no_more_once_a_later_one_of_the_same_is_good(cfid: Cfid, folder: Path) -> None:
     first = tasks(open_campaign(folder).rig, kind="inertia", order="lab")[0].recordings[0].label.axis
     assert first is not None
@@ -389,27 +404,32 @@ def test_sines_of_no_known_series_count_as_one(folder: Path) -> None:
     assert next(one for one in statuses if one.task.section == "tf").state == "not fitted"
 
 
-def test_a_staircase_that_was_interrupted_is_completed_next(cfid: Cfid, folder: Path) -> None:
+def staircase(folder: Path, *, minute: int, **requested: str) -> str:
+    """Write a staircase that was interrupted in its first step; return its name."""
     devices = {"commands": DeviceRecord(file="commands.csv", columns=("t", "m1", "m2", "m3", "m4"))}
-    staircase = {"steps": [10000, 20000], "motors": [1], "hold_s": 1.0, "rest_s": 1.0}
     with create_run(
         folder / "runs",
         kind="thrust",
         label=Label(),
         devices=devices,
-        requested=staircase,
-        started=BEGAN,
+        requested={"steps": [10000, 20000], "motors": [1], "hold_s": 1.0, "rest_s": 1.0, **requested},
+        started=BEGAN + timedelta(minutes=minute),
         cfid_version="0.2.0",
     ) as writer:
         writer.append("commands", ([1.7e9], [10000], [0], [0], [0]))
         writer.close("interrupted")
+    return writer.folder.name
+
+
+def test_a_staircase_that_was_interrupted_is_completed_next(cfid: Cfid, folder: Path) -> None:
+    name = staircase(folder, minute=0)
 
     def step() -> str:
         said = cfid("status", "--campaign", folder, "--kind", "motors").stdout
         return next(line for line in said.splitlines() if line.startswith("next: "))
 
-    assert step() == f"next: cfid log thrust --resume {writer.folder.name}"
-    assert cfid("runs", "exclude", writer.folder.name, "--because", "gust", "--campaign", folder).returncode == 0
+    assert step() == f"next: cfid log thrust --resume {name}"
+    assert cfid("runs", "exclude", name, "--because", "gust", "--campaign", folder).returncode == 0
     assert step() == "next: cfid log thrust"
 
 
