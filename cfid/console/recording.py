@@ -166,7 +166,7 @@ def record(
         if options.json:
             print_json({**summary(command, run, failure, parameters), "figures": _figures(run, options)})
         else:
-            print_summary(run, lines if failure is None else ())
+            print_summary(run, lines if failure is None else (), failure)
             _figures(run, options)
     if failure is not None:
         raise failure
@@ -200,8 +200,8 @@ def _until(plan: "Plan") -> str:
     return "Ctrl-C ends it" if plan.for_s is None else f"{plan.for_s:g} s; Ctrl-C ends it before"
 
 
-def print_summary(run: "Run", lines: Sequence[str] = ()) -> None:
-    """Print a run's rows, losses and files."""
+def print_summary(run: "Run", lines: Sequence[str] = (), failure: CfidError | None = None) -> None:
+    """Print a run's rows, losses and files; the failure that ended it is printed where the command ends."""
     for name, device in _devices(run).items():
         skipped = f", {device['skipped']} skipped: {device['achieved']}" if device["achieved"] else ""
         counts = f"{counted(device['rows'], 'row')}, {device['lost']} lost{counts_of(device)}{skipped}"
@@ -211,7 +211,9 @@ def print_summary(run: "Run", lines: Sequence[str] = ()) -> None:
             echo(fitted(printable(line)))
     if (stopped_in_s := _stopped_in_s(run)) is not None:
         echo(stop_line(stopped_in_s))
-    if run.header.reason and run.header.state != "failed":
+    if failure is not None and run.header.state == "complete":
+        echo("All that was asked for was recorded before the fault below: the run is complete.")
+    elif run.header.reason and run.header.state != "failed":
         echo(fitted(printable(run.header.reason)))
 
 
@@ -241,7 +243,7 @@ def summary(
         "state": run.header.state,
         "reason": run.header.reason,
         "parameters": dict(parameters or {}),
-        "accepted": run.header.state == "complete",
+        "accepted": run.header.state == "complete" and failure is None,
         "findings": _findings(failure),
         "quality": {},
         "verdict": None if run.header.verdict is None else run.header.verdict.model_dump(),

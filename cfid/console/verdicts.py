@@ -1,5 +1,6 @@
 """Judge a recording as soon as it ends, and keep the verdict in its run.toml."""
 
+import contextlib
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -86,4 +87,9 @@ def _completing(run: "Run") -> str:
         return f"`cfid log {run.header.family} --resume {run.folder.name}` records what the series lacks."
     if "steps" not in run.header.requested:
         return ""
+    from cfid.records.steps import steps_left
+
+    with contextlib.suppress(CfidError):  # unreadable rows are not said here
+        if not any(steps_left(run)):  # --resume would refuse
+            return ""
     return f"`cfid log {run.header.kind} --resume {run.folder.name}` records what it lacks."

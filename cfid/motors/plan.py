@@ -1,6 +1,5 @@
 """The request of a staircase of motor commands, and the missing steps of an interrupted one."""
 
-from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -8,11 +7,9 @@ from typing import Any
 from cfid.errors import ConfigError
 from cfid.estimate.battery_endurance import Held
 from cfid.records.run import Run, read_run
-from cfid.records.tables.table import Array
-from cfid.records.tables.vehicle import COMMANDS, READINGS, holds, read_commands, read_rows
+from cfid.records.steps import steps_left
 
 LONGEST_STEP_S = 3600.0  # longer than any battery lasts: a slip of the keyboard
-_ENOUGH = 0.98  # of the time that a step is held
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +56,7 @@ def missing(folder: Path, *, kind: str) -> StaircasePlan:
     """Return the staircase of a run without the steps that it has a typed reading of, or held to their end.
 
     The latter counts where no reading was requested. Raises ConfigError when the run is no staircase
-    of this kind, or is complete.
+    of this kind, is complete, or has every step.
     """
     run = read_run(folder)
     if run.header.kind != kind or not {"steps", "motors", "hold_s", "rest_s"} <= set(run.header.requested):
@@ -68,37 +65,12 @@ def missing(folder: Path, *, kind: str) -> StaircasePlan:
         before = StaircasePlan.of_run(run)
     except (TypeError, ValueError):
         raise ConfigError(f"{folder}: run.toml states no staircase that could be resumed.") from None
-    if READINGS in run.header.devices:
-        typed = read_rows(run, READINGS).columns["command"].tolist() if run.header.devices[READINGS].rows else []
-        done = Counter(map(int, typed))
-    else:
-        done = Counter(held_steps(run))
-    left = tuple(step for step in before.steps if not _was_done(step, done))
-    if run.header.state == "complete" or not any(left):
+    if run.header.state == "complete":
         raise ConfigError(f"{folder}: is complete; nothing is left to record.")
+    left = steps_left(run)
+    if not any(left):
+        raise ConfigError(
+            f"{folder}: has every step, though it ended early; nothing is left to record. Name it to the fit: "
+            f"{run.folder.resolve().name}."
+        )
     return replace(before, steps=left, resumes=run.folder.resolve().name)
-
-
-def held_steps(run: Run) -> list[int]:
-    """Return the commands of a run's staircase that were held to their end, in any order."""
-    if not holds(run, COMMANDS):
-        return []
-    rows, commands = read_commands(run)
-    staircase = StaircasePlan.of_run(run)
-    done = _held(staircase, rows.time_s, commands)
-    return [step for step in staircase.steps if _was_done(step, done)]
-
-
-def _held(staircase: StaircasePlan, time_s: Array, commands: Array) -> Counter[int]:
-    """Return how often each command was held long enough."""
-    column = commands[:-1, staircase.motors[0] - 1]
-    long_enough = time_s[1:] - time_s[:-1] >= _ENOUGH * staircase.hold_s
-    return Counter(column[long_enough].astype(int).tolist())
-
-
-def _was_done(step: int, done: Counter[int]) -> bool:
-    """Return whether a step was done and take it off."""
-    if not done[step]:
-        return False
-    done[step] -= 1
-    return True

@@ -300,6 +300,7 @@ async def run_staircase(staircase: StaircasePlan, commands: MotorCommands, *, lo
         tell(f"command {step} ({count + 1} of {len(staircase.steps)})")
         await commands.set(four(step, staircase.motors))
         await sleep(loop, staircase.hold_s)
+        commands.whole = count + 1 == len(staircase.steps)  # whatever ends it from now on, no step is lost
         await commands.set(STILL)
         await sleep(loop, staircase.rest_s)
 

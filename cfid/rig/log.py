@@ -1,6 +1,6 @@
 """Records one run: locks and opens devices, records until the end, and closes them however it ends."""
 
-from collections.abc import Callable, Coroutine, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -24,6 +24,7 @@ from cfid.rig.hand_held import Readings
 from cfid.rig.loadcell import LoadCell
 from cfid.rig.lock import DeviceLock
 from cfid.rig.loop import Ending, Loop, run_until_done, until_over
+from cfid.rig.motor_commands import MotorCommands
 from cfid.rig.noticing import Notice, Noticing
 from cfid.rig.progress import Reading
 from cfid.rig.rdt_port import Inbox, RdtPort
@@ -192,9 +193,9 @@ def record_run(
     """Record the devices into a new run until the plan's time is over or a signal arrives.
 
     `begun` gets the run's folder, `show` is called after every block, `say` gets what the plan's `notice` returned.
-    Without a procedure, a run that a signal ended is complete. Raises DeviceError or DataError with the first
-    failure, with the run closed as failed and all rows until then kept; KeyboardInterrupt when it was ended before the
-    first row.
+    Without a procedure, a run that a signal ended is complete, and so is one whose procedure had only its last pause
+    left. Raises DeviceError or DataError with the first failure, with the run closed as failed, or as complete in that
+    pause, and all rows until then kept; KeyboardInterrupt when it was ended before the first row.
     """
 
     async def main(loop: Loop, ending: Ending) -> Run:
@@ -271,8 +272,13 @@ async def _recorded(
         recorder.for_s = plan.lasts_s if plan.for_s is None else plan.for_s
         recorder.tare_s = plan.tare_s
         _add_readings(recorder, instruments, devices)
-        await recorder.record(lambda: _lasting(plan, instruments, loop, ending))
         sampled = [instrument for instrument, device in zip(instruments, devices, strict=True) if not device.eventful]
+        try:
+            await recorder.record(lambda: _lasting(plan, instruments, loop, ending))
+        except DeviceError as error:
+            if _is_whole(instruments) and all(run.rows(instrument.name) for instrument in sampled):
+                run.close("complete", reason=str(error))
+            raise
         if ending.signal and not any(run.rows(instrument.name) for instrument in sampled):
             raise KeyboardInterrupt
         for instrument in sampled:
@@ -283,9 +289,14 @@ async def _recorded(
                 )
         early = f"ended by {ending.signal} after {recorder.seconds:.1f} s" if ending.signal else ""
         if plan.procedure is not None:
-            whole = any(isinstance(one, Readings) and one.whole for one in instruments)
+            whole = _is_whole(instruments)
             return run.close("interrupted" if early and not whole else "complete", reason="" if whole else early)
         return run.close("complete", reason=early if plan.for_s else "")
+
+
+def _is_whole(instruments: Iterable[Instrument]) -> bool:
+    """Return whether a procedure did all that was asked for, and only its last pause was left."""
+    return any(isinstance(one, MotorCommands | Readings) and one.whole for one in instruments)
 
 
 def _add_readings(recorder: Recorder, instruments: Sequence[Instrument], devices: Sequence[Device]) -> None:

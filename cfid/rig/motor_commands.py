@@ -14,7 +14,10 @@ from cfid.units import MOTORS
 
 
 class MotorCommands:
-    """Commands of all four motors, a row for each change, timed when the request that was accepted was sent."""
+    """Commands of all four motors, a row for each change, timed when the request that was accepted was sent.
+
+    `whole` is set where all that was asked for was held, and the run may end.
+    """
 
     name = "commands"
     columns = ("t", "m1", "m2", "m3", "m4")
@@ -25,6 +28,7 @@ class MotorCommands:
         self._rows: list[tuple[float, Four]] = []
         self._running = False
         self._stopped_in_s: float | None = None
+        self.whole = False
 
     def start(self) -> None:
         """Begin to monitor the motors."""

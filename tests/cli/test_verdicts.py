@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,10 @@ import cfid.friction.verdict
 import cfid.loadcell.verdict
 import cfid.swing.verdict
 from cfid.console.verdicts import judged, verdict_line
-from cfid.records.run import Run, Verdict, amend_run, list_runs, read_run, write_header
+from cfid.errors import ConfigError
+from cfid.motors.plan import missing
+from cfid.records.run import DeviceRecord, Label, Run, Verdict, amend_run, list_runs, read_run, write_header
+from cfid.records.run_writer import create_run
 from tests.campaigns import Cfid
 from tests.records.test_sampled_runs import recorded
 from tests.rig_in_a_folder import Command, Lab, lab_in
@@ -125,6 +129,30 @@ def test_a_run_that_was_cut_is_not_judged(bodies: Path) -> None:
         "not judged, since it was ended early: fits leave it out. Record it again, or name it to a fit: "
         f"{run.folder.name}."
     )
+
+
+@pytest.mark.parametrize("held_s", [0.5, 0.99])
+def test_a_staircase_that_ended_early_is_to_be_resumed_only_where_it_lacks_a_step(
+    tmp_path: Path, held_s: float
+) -> None:
+    with create_run(
+        tmp_path,
+        kind="thrust",
+        label=Label(),
+        devices={"commands": DeviceRecord(file="commands.csv", columns=("t", "m1", "m2", "m3", "m4"))},
+        requested={"steps": [20000], "motors": [1], "hold_s": 1.0, "rest_s": 1.0},
+        started=datetime(2026, 1, 1, tzinfo=UTC),
+        cfid_version="0.2.0",
+    ) as writer:
+        writer.append("commands", ([1.7e9, 1.7e9 + held_s], [20000, 0], [0, 0], [0, 0], [0, 0]))
+        run = writer.close("interrupted")
+    lacks = held_s < 0.98
+
+    assert ("--resume" in verdict_line(run)) == lacks
+    assert f"name it to a fit: {run.folder.name}." in verdict_line(run) or lacks
+    if not lacks:
+        with pytest.raises(ConfigError, match="has every step, though it ended early; nothing is left to record"):
+            missing(run.folder, kind="thrust")
 
 
 def silence(lab: Lab, log: Command) -> None:

@@ -419,6 +419,27 @@ def test_an_interrupted_staircase_is_resumed_where_it_ended(bench: Bench) -> Non
     assert "is complete" in nothing.err
 
 
+@pytest.mark.parametrize("silent", [False, True])
+def test_a_staircase_that_ends_in_the_pause_after_its_last_step_is_complete(bench: Bench, silent: bool) -> None:
+    words = ("--from", 20000, "--to", 30000, "--step", 10000, "--hold", 1, "--rest", 3, "--yes", "--no-preflight")
+    pilot = bench.start("log", "thrust", *words)
+    bench.wait_until(lambda: bench.motors[0] == 30000 or pilot.process.poll() is not None, pilot)
+    bench.wait_until(lambda: not any(bench.motors), pilot)
+    if silent:
+        bench.vehicle_suffers(silent_after_s=0)
+    else:
+        pilot.send(signal.SIGINT)
+    assert pilot.end() == (3 if silent else 0), pilot.err
+    run = bench.run()
+
+    assert run.header.state == "complete"
+    assert ("no keep-alive" in run.header.reason) == silent
+    assert pilot.err.count("no keep-alive") + pilot.out.count("no keep-alive") == silent
+    assert ("before the fault below: the run is complete" in pilot.out) == silent
+    assert run.header.verdict is not None
+    assert "--resume" not in pilot.out
+
+
 def test_a_sine_on_board_is_known_to_a_sample_and_felt_by_the_load_cell(bench: Bench) -> None:
     pilot = bench.start("log", "sine", "--l", "12", "--n", 1000, "--yes", "--no-preflight")
     assert pilot.end() == 0, pilot.err

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from cfid.errors import DataError
-from cfid.motors.plan import held_steps
 from cfid.records.campaign import Campaign
 from cfid.records.run import Run, list_runs
+from cfid.records.steps import held_steps
 
 KIND = "wind"
 HIGHEST_DEG = 180.0  # of the wind generator to the vertical: straight below

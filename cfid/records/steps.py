@@ -1,0 +1,45 @@
+"""The steps of a staircase of motor commands that a run has, and those that it lacks."""
+
+from collections import Counter
+
+from cfid.records.run import Run
+from cfid.records.tables.vehicle import COMMANDS, READINGS, holds, read_commands, read_rows
+
+_ENOUGH = 0.98  # of the time that a step is held
+
+
+def steps_left(run: Run) -> tuple[int, ...]:
+    """Return the commands of a run's staircase without those that it has a typed reading of, or held to their end.
+
+    The latter counts where no reading was requested. Raises as `held_steps`.
+    """
+    if READINGS in run.header.devices:
+        typed = read_rows(run, READINGS).columns["command"].tolist() if run.header.devices[READINGS].rows else []
+        done = Counter(map(int, typed))
+    else:
+        done = Counter(held_steps(run))
+    return tuple(step for step in map(int, run.header.requested["steps"]) if not _was_done(step, done))
+
+
+def held_steps(run: Run) -> list[int]:
+    """Return the commands of a run's staircase that were held to their end, in any order.
+
+    Raises KeyError for a run of something else, TypeError or ValueError for what are no numbers, DataError where its
+    rows cannot be read.
+    """
+    if not holds(run, COMMANDS):
+        return []
+    rows, commands = read_commands(run)
+    request = run.header.requested
+    column = commands[:-1, int(request["motors"][0]) - 1]
+    long_enough = rows.time_s[1:] - rows.time_s[:-1] >= _ENOUGH * float(request["hold_s"])
+    done = Counter(column[long_enough].astype(int).tolist())
+    return [step for step in map(int, request["steps"]) if _was_done(step, done)]
+
+
+def _was_done(step: int, done: Counter[int]) -> bool:
+    """Return whether a step was done and take it off."""
+    if not done[step]:
+        return False
+    done[step] -= 1
+    return True
