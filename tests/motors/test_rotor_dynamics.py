@@ -1,6 +1,7 @@
 """Steps of the command come back as the lags and the rotor model that made them, from speed, thrust and vibration."""
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,10 @@ from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
 from cfid.errors import FitError
+from cfid.motors.steps.data import SpeedRecord
 from cfid.motors.steps.estimation import fit_rotor_model, fit_steps
 from cfid.motors.steps.model import command_steps, followed
+from cfid.motors.steps.result import fit
 from cfid.motors.steps.sag import LoggedBattery
 from tests.motors.sentences import rejections
 
@@ -247,3 +250,28 @@ def test_a_stiff_supply_under_a_hundred_steps_is_no_battery() -> None:
     steps = command_steps(time_s=times, command=command)
     found = fit_steps(time_s=times, value=follows + rng.normal(0, 2.0, len(times)), steps=steps, battery=battery)
     assert not any(one.sag for one in found)
+
+
+def test_steps_whose_speed_was_counted_wrong_for_a_while_are_off_the_map_of_the_others() -> None:
+    rng, rows = np.random.default_rng(6), np.arange(0.0, 1.5, 0.02)
+    commands = rng.permutation(np.repeat([15000.0, 25000, 35000, 45000, 55000], 4))
+    now, parts = 0.0, list[Array]()
+    for command in commands:
+        leads_to = 100 + 0.04 * command
+        parts.append(leads_to + (now - leads_to) * np.exp(-rows / 0.1))
+        now = leads_to
+    speed = np.concatenate(parts) + rng.normal(0, 3.0, len(commands) * len(rows))
+    time_s, command = np.linspace(0.0, 0.02 * (len(speed) - 1), len(speed)), np.repeat(commands, len(rows))
+    speed[(time_s > 10.5) & (time_s < 16.5)] /= 2
+    record = SpeedRecord(
+        name="one", path=Path("one.csv"), time_s=time_s, speed_rad_s=speed, command_time_s=time_s, command=command,
+        battery=LoggedBattery(time_s, np.full(len(time_s), 12.0)),
+    )  # fmt: skip
+    result = fit(record)
+    (odd,) = [one.text for one in result.findings if one.code == "steps-off-the-map"]
+
+    assert "left out, whose speed is far off that of the other commands (first: command" in odd
+    for key in ("dynamics.rising", "dynamics.falling"):
+        quantity = result.quantities[key]
+        rate = quantity.value[0] + 2 * 1500 * quantity.value[1]
+        assert rate == pytest.approx(10, rel=0.03)

@@ -6,10 +6,14 @@ from math import hypot, isnan
 from pathlib import Path
 from statistics import median
 
+import numpy as np
+import numpy.typing as npt
+
 from cfid.counted import counted
 from cfid.errors import CfidError, FitError
 from cfid.findings import Finding, note, rejection, warning
 from cfid.motors.delays import command_between_rows, delay_text, negative_delay
+from cfid.motors.steps.checks import off_the_map
 from cfid.motors.steps.data import SpeedRecord, of_run, of_table
 from cfid.motors.steps.estimation import RotorModel, StepFit, fit_rotor_model, fit_steps
 from cfid.motors.steps.model import CommandStep, command_steps, followed
@@ -37,6 +41,11 @@ def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
         steps, left_out = _steps(record)
         time_s, speed, blur_s, row_s = record.time_s, record.speed_rad_s, record.blur_s, record.command_row_s
         found = fit_steps(time_s=time_s, value=speed, steps=steps, blur_s=blur_s, battery=record.battery)
+        odd = off_the_map(steps, [one.lag for one in found], [one.accepted for one in found])
+        if odd.any():
+            left_out += _odd(steps, odd)
+            steps = tuple(step for step, off in zip(steps, odd, strict=True) if not off)
+            found = fit_steps(time_s=time_s, value=speed, steps=steps, blur_s=blur_s, battery=record.battery)
         model = fit_rotor_model(
             time_s=time_s,
             value=speed,
@@ -108,6 +117,15 @@ def _steps(record: SpeedRecord) -> tuple[tuple[CommandStep, ...], tuple[Finding,
     missed = len(steps) - len(seen)
     text = f"{missed} of {len(steps)} steps have too few speeds for a fit."
     return seen, (warning("steps-left-out", text, "dynamics.*"),) if missed else ()
+
+
+def _odd(steps: Sequence[CommandStep], odd: npt.NDArray[np.bool_]) -> tuple[Finding, ...]:
+    first = steps[int(np.argmax(odd))]
+    text = (
+        f"{counted(int(odd.sum()), 'step')} of {len(steps)} left out, whose speed is far off that of the other "
+        f"commands (first: command {first.command_from:.0f} to {first.command_to:.0f} at {first.at_s:.4g} s)."
+    )
+    return (warning("steps-off-the-map", text, "dynamics.*"),)
 
 
 def _between_rows(record: SpeedRecord) -> tuple[Finding, ...]:
