@@ -260,7 +260,9 @@ def _procedure(
                 return None
 
             def fault(value: float) -> str:
-                return "" if expected is None else expected.fault(value, readings.values, command=command)
+                if expected is None:
+                    return ""
+                return expected.fault(value, readings.values, command=command, commands=readings.commands)
 
             live.ring()
             undo = f" (u undoes {readings.values[-1]:g})" if readings.values else ""

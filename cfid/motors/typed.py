@@ -10,6 +10,8 @@ from cfid.quantities.plausible import out_of_range, range_of
 from cfid.quantities.quantity import Range
 from cfid.units import RPM, USUAL_GRAVITY_MPS2
 
+_SLOWER, _FASTER = 2.0, 5.0  # than in proportion to the command: beyond what starts, dead zones and batteries make
+
 
 @dataclass(frozen=True, kw_only=True)
 class Expected:
@@ -19,19 +21,42 @@ class Expected:
     most: float
     change: float | None = None
 
-    def fault(self, reading: float, others: Sequence[float] = (), *, command: float | None = None) -> str:
+    def fault(
+        self,
+        reading: float,
+        others: Sequence[float] = (),
+        *,
+        command: float | None = None,
+        commands: Sequence[float] = (),
+    ) -> str:
         """Return why a reading is implausible beside the others as a sentence, "" where it is plausible.
 
-        At command 0 a tachometer shows 0: another reading there is most likely that of another step.
+        At command 0 a tachometer shows 0: another reading there is most likely that of another step. Where the others'
+        `commands` are given, it is compared with that of the nearest one: a digit may be missing, or one too many.
         """
         if self.change is None and command == 0 and reading:
             shown = f"{reading:g} {self.unit}"
             return f"the reading is implausible, {shown} of a rotor that stands. Expected 0 {self.unit}."
+        if self.change is None and command and (mistyped := self._mistyped(reading, others, command, commands)):
+            return mistyped
         if self.change is None or not others:
             return out_of_range("the reading is implausible", reading, Range(0, self.most, "what turns"), self.unit)
         usual = float(np.median(others))
         claim = f"the reading {reading:g} {self.unit} is implausible: its distance from the others ({usual:g})"
         return out_of_range(claim, abs(reading - usual), Range(0, self.change, "the motors' thrust"), self.unit)
+
+    def _mistyped(self, speed: float, others: Sequence[float], command: float, commands: Sequence[float]) -> str:
+        near = [(abs(command - at), at, value) for at, value in zip(commands, others, strict=False) if at and value]
+        if not near:
+            return ""
+        _, at, usual = min(near)
+        low, high = usual * min(command / at, 1) / _SLOWER, usual * max(command / at, 1) * _FASTER
+        if low <= speed <= high:
+            return ""
+        return (
+            f"the reading {speed:g} {self.unit} is implausible beside {usual:g} at command {at:g}. Expected {low:.0f} "
+            f"to {high:.0f} {self.unit}."
+        )
 
 
 def expected_of(column: str, *, motors: int, markers: int | None, platform: Platform) -> Expected | None:

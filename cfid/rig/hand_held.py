@@ -62,6 +62,11 @@ class Readings:
         """The readings that were not taken back, the last one last."""
         return [value for _, value in self._kept]
 
+    @property
+    def commands(self) -> list[int]:
+        """The commands of `values`."""
+        return [command for command, _ in self._kept]
+
     def withdraw(self) -> tuple[int, float] | None:
         """Take the last reading back; return its command and its value, None where there is none."""
         if not self._kept:

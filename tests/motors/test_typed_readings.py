@@ -31,6 +31,20 @@ def test_a_speed_of_a_rotor_that_stands_is_implausible() -> None:
     assert expected.fault(7290, [], command=2000) == ""
 
 
+def test_a_speed_with_a_digit_missing_or_doubled_is_implausible_beside_that_of_the_nearest_command() -> None:
+    expected = expected_of("rpm", motors=1, markers=None, platform="crazyflie")
+    others, commands = [0.0, 7500.0, 15300.0], [0, 10000, 30000]
+
+    assert expected is not None
+    assert expected.fault(190, others, command=40000, commands=commands) == (
+        "the reading 190 rpm is implausible beside 15300 at command 30000. Expected 7650 to 102000 rpm."
+    )
+    assert "beside 7500 at command 10000" in expected.fault(1140, others, command=20000, commands=commands)
+    assert "beside 7500 at command 10000" in expected.fault(52000, others, command=8000, commands=commands)
+    for speed, command in ((19000, 40000), (11400, 20000), (5000, 8000), (0, 0), (21000, 60000)):
+        assert expected.fault(speed, others, command=command, commands=commands) == ""
+
+
 def test_a_weight_while_motors_stand_is_plausible() -> None:
     expected = expected_of("grams", motors=2, markers=None, platform="cf21")
 
