@@ -46,7 +46,11 @@ class Expected:
         return out_of_range(claim, abs(reading - usual), Range(0, self.change, "the motors' thrust"), self.unit)
 
     def _mistyped(self, speed: float, others: Sequence[float], command: float, commands: Sequence[float]) -> str:
-        near = [(abs(command - at), at, value) for at, value in zip(commands, others, strict=False) if at and value]
+        near = [
+            (abs(command - at), at, value)
+            for at, value in zip(commands, others, strict=False)
+            if at and 0 < value <= self.most
+        ]
         if not near:
             return ""
         _, at, usual = min(near)

@@ -147,7 +147,7 @@ def find_swing(
         peak_time_s=peak_time,
         peak_angle_rad=peak_angle,
         peaks_used=used,
-        period_s=float(np.median(np.diff(peak_time[1:used]))),  # a gap may hide peaks
+        period_s=float((peak_time[used - 1] - peak_time[1]) / (used - 2)),
         resolution_rad=_resolution(angle[kept]),
         findings=moved + grows + fewer,
     )

@@ -45,8 +45,8 @@ def of_no_mount(run: Run) -> str:
     if not turned_deg:
         raise DataError("the angle never changes: is the sensor connected, and did the body turn?")
     return (
-        f"turned over {turned_deg:.3g} degrees. No fit takes it by itself: `cfid fit swing {run.folder.name} --axis "
-        "AXIS` does where it is a swing."
+        f"turned over {turned_deg:.3g} degrees. No fit takes it by itself: `cfid fit swing` does with its name and its "
+        "`axis`, where it is a swing."
     )
 
 

@@ -72,7 +72,7 @@ CASES: dict[str, tuple[Spoil, tuple[str, ...], int, tuple[str, ...]]] = {
         (":2:", "nan", "phi"),
     ),
     "a word too many in a row": (replaced(700, "0.7,512,lost"), (), 4, (":701:", "3 fields")),
-    "time going back": (replaced(900, "0.100000,512"), (), 4, (":901:", "goes back")),
+    "time going back": (lambda lines: [*lines[:900], *lines[500:]], (), 4, (":901:", "goes back")),
     "a clock that was set ahead by 30 years": (
         lambda lines: [
             *lines[:1500],

@@ -75,7 +75,7 @@ def test_the_command_line_shows_options_for_settings(text: str, shown: str, caps
 
 def test_in_python_a_message_names_a_setting_that_its_function_takes(tmp_path: Path) -> None:
     path = tmp_path / "swing.csv"
-    path.write_text("when,where_rad\n" + "".join(f"{k / 100},{k / 1000}\n" for k in range(100)))
+    path.write_text("when,where_rad\n" + "".join(f"{k / 100},{k / 50}\n" for k in range(100)))
 
     with pytest.raises(DataError, match="give `columns` TIME,ANGLE"):
         read_table(path, kind="angle")

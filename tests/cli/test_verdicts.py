@@ -117,7 +117,7 @@ def test_a_recording_without_a_mount_says_over_what_it_turned_and_who_takes_it(b
     line = verdict_line(judged(run, cfid.swing.verdict.of_no_mount))
 
     assert line.startswith("good: turned over ")
-    assert f"`cfid fit swing {run.folder.name} --axis AXIS` does where it is a swing." in line
+    assert "`cfid fit swing` does with its name and its `axis`, where it is a swing." in line
 
 
 def test_a_run_that_was_cut_is_not_judged(bodies: Path) -> None:

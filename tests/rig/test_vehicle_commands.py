@@ -617,7 +617,7 @@ def test_the_last_reading_is_taken_back_before_the_recording_ends(bench: Bench, 
         pilot,
         ("11500", at[0]),
         ("15300", at[1]),
-        ("9", at[2]),
+        ("9100", at[2]),
         ("u", lambda: not any(bench.motors)),
         ("19000", at[2]),
         ("", lambda: not any(bench.motors)),
@@ -626,7 +626,7 @@ def test_the_last_reading_is_taken_back_before_the_recording_ends(bench: Bench, 
     os.close(master)
     kept = read_rows(bench.run(), "readings").columns
 
-    assert "taken back: 9 at command 40000, which is held again now." in pilot.err
+    assert "taken back: 9100 at command 40000, which is held again now." in pilot.err
     assert kept["rpm"].tolist() == [11500, 15300, 19000]
     assert bench.run().header.state == "complete"
 
