@@ -34,6 +34,9 @@ _QUICKEST_S, _SLOWEST_S, _EARLIEST_S, _LATEST_S = 1e-3, 2.0, -0.2, 0.5
 _STARTS_S, _STARTS_LATE_S = (0.015, 0.04, 0.1, 0.25), (0.0, 0.02, 0.06)
 _SMOOTH = 0.25  # time constants over which noise is averaged before judging how much the lag explains
 _DRIFTED = 2.0  # times the variance that a drift leaves: without it the model is no other view of the record
+# Of the interval between rows of a command that moves in most of them: what it does between them is not known. On
+# chirps and ramps at 50 Hz time constants were up to this much off beyond noise.
+_BETWEEN_ROWS = 0.03
 _SURE_STD = 2.0  # of both fits' uncertainties: what noise explains
 _SINGULAR = 1e-7  # of a Jacobian with columns of equal length
 _CLOSE = 1e-6  # relative to the cost of thousands of samples: far below the uncertainty
@@ -155,6 +158,7 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
     singular = np.linalg.svd(columns, compute_uv=False)[-1] < _SINGULAR or bool(np.any(fit.active_mask[3:]))
     drifted = np.var(plain.fun) > _DRIFTED * np.var(residual)
     covariance = _covariance(fit, plain, drifted=drifted, longest=len(measured) // 4)
+    covariance[[3, 4], [3, 4]] += (moving * _BETWEEN_ROWS * row_s) ** 2
     explained = _explained(pieces, residual, measured, min(lag.rising_s, lag.falling_s))
     return LagFit(
         kind=kind,
