@@ -611,6 +611,7 @@ def test_a_simulated_rig_serves_both_and_commands_record_them(tmp_path: Path) ->
     assert read_wrench(of_force, WrenchReading()).force_n[:, 2].mean() == pytest.approx(1.4, abs=0.1)
 
 
+@pytest.mark.usefixtures("in_time")
 def test_a_force_cell_that_sends_lines_gives_a_thrust_map(tmp_path: Path) -> None:
     staircase = ("--from", 20000, "--to", 60000, "--step", 10000, "--hold", 2.5, "--rest", 1.5, "--yes")
     with lab_in(tmp_path) as lab:
