@@ -10,9 +10,10 @@ from matplotlib.colors import same_color
 from matplotlib.figure import Figure
 
 from cfid.drawing.style import ALERT
-from cfid.motors.steps.estimation import RotorModel, StepFit, fit_rotor_model, fit_steps
+from cfid.motors.steps.estimation import StepFit, fit_steps
 from cfid.motors.steps.figures import dynamics_figure
 from cfid.motors.steps.model import command_steps
+from cfid.motors.steps.rotor_model import RotorModel, fit_rotor_model
 
 Array = npt.NDArray[np.float64]
 Fits = tuple[Array, Array, tuple[StepFit, ...], RotorModel]

@@ -12,9 +12,10 @@ from scipy.stats import chi2
 
 from cfid.errors import FitError
 from cfid.motors.steps.data import SpeedRecord
-from cfid.motors.steps.estimation import fit_rotor_model, fit_steps
+from cfid.motors.steps.estimation import fit_steps
 from cfid.motors.steps.model import command_steps, followed
 from cfid.motors.steps.result import fit
+from cfid.motors.steps.rotor_model import fit_rotor_model
 from cfid.motors.steps.sag import LoggedBattery
 from tests.motors.sentences import rejections
 

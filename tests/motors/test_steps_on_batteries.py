@@ -6,8 +6,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.motors.steps.estimation import RotorModel, StepFit, fit_rotor_model, fit_steps
+from cfid.motors.steps.estimation import StepFit, fit_steps
 from cfid.motors.steps.model import command_steps
+from cfid.motors.steps.rotor_model import RotorModel, fit_rotor_model
 from cfid.motors.steps.sag import LoggedBattery
 
 Array = npt.NDArray[np.float64]

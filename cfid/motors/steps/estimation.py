@@ -1,28 +1,28 @@
-"""How rotors follow steps of the command: a first-order lag for each step, and one rotor model for all of them.
+"""How rotors follow steps of the command: a first-order lag for each step.
 
 Takes speeds, as a tachometer, `rotor_speed` or the vehicle's own log gives them, or thrust.
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import OptimizeResult, least_squares, nnls
+from scipy.optimize import OptimizeResult, least_squares
 
 from cfid.estimate.blocks import block_means
 from cfid.estimate.correlated_noise import noise_covariance
 from cfid.estimate.linear import gain_of
-from cfid.findings import Finding, rejection, texts
-from cfid.motors.steps.checks import EXPLAINED, rejections
+from cfid.findings import Finding, texts
+from cfid.motors.steps.checks import rejections
 from cfid.motors.steps.model import BEFORE, CommandStep, Lag, Part, Sag, StepData
 from cfid.motors.steps.sag import LoggedBattery, sags
 
 Array = npt.NDArray[np.float64]
 
 _QUICKEST, _SLOWEST = 1e-3, 10.0  # time constants over the time a command holds
-_SMOOTH = 0.25  # time constants over which noise is averaged before judging how much the lag explains
+SMOOTH = 0.25  # time constants over which noise is averaged before judging how much the lag explains
 _MOST = 150  # means of a step's samples, whose covariance is taken for that of its noise
 
 
@@ -71,32 +71,6 @@ class StepFit:
         return self.lag.sagging(self.battery).speed(time_s - self.step.at_s)
 
 
-@dataclass(frozen=True, kw_only=True)
-class RotorModel:
-    """The rotor model of four coefficients, fitted to all steps at once: see `fit_rotor_model`.
-
-    `rising` and `falling` are (linear in 1/s, quadratic in 1/rad), NaN where no step went that way. A coefficient
-    at its bound zero has no standard uncertainty (NaN). `covariance` (4, 4) is that of both, rising first, zero where
-    there is none. `rms` is what is left, in the unit of what was fitted.
-    """
-
-    rising: tuple[float, float]
-    falling: tuple[float, float]
-    rising_std: tuple[float, float]
-    falling_std: tuple[float, float]
-    covariance: Array
-    delay_s: float
-    delay_std_s: float
-    rms: float
-    explained: float
-    findings: tuple[Finding, ...]
-
-    @property
-    def accepted(self) -> bool:
-        """Whether the model describes the steps."""
-        return not texts(self.findings, "rejection")
-
-
 def fit_steps(
     *,
     time_s: Array,
@@ -116,107 +90,10 @@ def fit_steps(
     Raises FitError when there is no step, or one with too few samples.
     """
     data = StepData(time_s, value, steps, thrust_per_speed_squared_n_s2, blur_s)
-    return tuple(fit for fit, _ in _fit_each(data, battery))
+    return tuple(fit for fit, _ in fit_each(data, battery))
 
 
-def fit_rotor_model(
-    *,
-    time_s: Array,
-    value: Array,
-    steps: Sequence[CommandStep],
-    thrust_per_speed_squared_n_s2: float | None = None,
-    blur_s: float = 0.0,
-    command_row_s: float = 0.0,
-    battery: LoggedBattery | None = None,
-) -> RotorModel:
-    """Fit the rotor model of four coefficients to all steps at once, by output error.
-
-    With w the speed and c the one that the command leads to,
-
-        dw/dt = k1 (c - w) + k2 (c^2 - w^2),
-
-    k = `rising` where c > w and `falling` elsewhere: in this order the `rotor_dyn_coef` of utiasDSL's drone-models
-    (first_principles) and crazyflow, where speeds are in RPM and k2 is 2 pi / 60 of ours. Free are these four, none
-    below zero, so that every speed is stable; a delay; and where each step begins and leads. Where commands are known
-    in rows `command_row_s` apart, each step has its own delay, about the common one as a change within a row makes it.
-    See `fit_steps`.
-    """
-    data = StepData(time_s, value, steps, thrust_per_speed_squared_n_s2, blur_s)
-    lags, noises = zip(*_fit_each(data, battery), strict=True)
-    measured = np.concatenate([part.value for part in data.parts])
-    noise_std = _noise_std(data.parts, noises) if command_row_s else np.empty(0)
-    own = 3 if command_row_s else 2  # parameters of each step: begin, end, and how late its command was seen
-
-    def shown(p: Array, batteries: Iterable[Sag | None]) -> Array:
-        ways = [p[1:3] if lag.rising else p[3:5] for lag in lags]
-        each = zip(data.parts, p[5:].reshape(-1, own), ways, batteries, strict=True)
-        values = [
-            data.shown(part, Lag(p[0] + sum(late), begin, end, *way).sagging(sag))
-            for part, (begin, end, *late), way, sag in each
-        ]
-        return np.concatenate(values)
-
-    def residual(p: Array, batteries: Iterable[Sag | None] = tuple(lag.battery for lag in lags)) -> Array:
-        late = p[5:].reshape(-1, own)[:, 2:].ravel()
-        usual_late = noise_std * late * math.sqrt(12) / command_row_s if command_row_s else late
-        return np.concatenate([shown(p, batteries) - measured, usual_late])
-
-    start = _start(lags, own)
-    least = np.array([-math.inf, 0.0, 0.0, 0.0, 0.0] + [-math.inf] * own * len(lags))
-    lengths = [len(part.value) for part in data.parts]
-    fit = least_squares(
-        residual,
-        start,
-        jac=lambda p: _slopes(residual, p, lengths, own),
-        x_scale=np.maximum(np.abs(start), 1e-3),
-        bounds=(least, math.inf),
-    )
-    more = _of_sag(fit, residual(fit.x, [_larger(lag.battery) for lag in lags]))
-    covariance = _covariance(fit, data.parts, [*noises, *np.reshape(noise_std**2, (-1, 1, 1))]) + np.outer(more, more)
-    left = fit.fun[: len(measured)]
-    std, found = np.sqrt(np.diag(covariance)), np.where(fit.active_mask != 0, 0.0, fit.x)
-    for first, way in ((1, True), (3, False)):
-        if not any(lag.rising == way for lag in lags):
-            found[first : first + 2] = std[first : first + 2] = math.nan
-    covariance[:, np.isnan(std)] = covariance[np.isnan(std)] = 0.0
-    length = round(_SMOOTH * lags[0].time_constant_s / data.parts[0].interval_s)
-    explained = _explained(left, np.concatenate([part.value - part.value.mean() for part in data.parts]), length)
-    text = f"the rotor model explains only {100 * explained:.0f} % of the steps (limit {100 * EXPLAINED:.0f} %)."
-    misfit = rejection("rotor-model-misfit", text, "dynamics.rising", "dynamics.falling")
-    return RotorModel(
-        rising=(float(found[1]), float(found[2])),
-        falling=(float(found[3]), float(found[4])),
-        rising_std=(float(std[1]), float(std[2])),
-        falling_std=(float(std[3]), float(std[4])),
-        covariance=covariance[1:5, 1:5],
-        delay_s=float(found[0]),
-        delay_std_s=float(std[0]),
-        rms=float(np.sqrt(np.mean(left**2))),
-        explained=explained,
-        findings=(misfit,) if explained < EXPLAINED else (),
-    )
-
-
-def _slopes(residual: Callable[[Array], Array], p: Array, lengths: Sequence[int], own: int) -> Array:
-    """Return the forward differences of residuals of s steps, whose `own` parameters each change their own step only.
-
-    The residuals are those of the steps' values, then of what each step's parameters are expected to be, if anything.
-    All steps' levels are moved at once: hundreds of steps cost seven evaluations, not two for each.
-    """
-    moves = math.sqrt(np.finfo(float).eps) * np.maximum(1.0, np.abs(p)) * np.where(p < 0, -1.0, 1.0)
-    now, numbers = residual(p), np.arange(len(lengths))
-    slopes, steps = np.zeros((len(now), len(p))), np.append(np.repeat(numbers, lengths), numbers)[: len(now)]
-    for place in range(5):
-        moved = np.arange(len(p)) == place
-        slopes[:, place] = (residual(p + moved * moves) - now) / moves[place]
-    for level in range(5, 5 + own):
-        columns = level + own * steps
-        moved = np.isin(np.arange(len(p)), columns)
-        slopes[np.arange(len(now)), columns] = (residual(p + moved * moves) - now) / moves[columns]
-    return slopes
-
-
-def _fit_each(data: StepData, battery: LoggedBattery | None) -> list[tuple[StepFit, Array]]:
+def fit_each(data: StepData, battery: LoggedBattery | None) -> list[tuple[StepFit, Array]]:
     """Fit a lag to each step, with the covariance of its noise (m, m) in the means of `_thinned`."""
     fits = [_solve(data, part, None) for part in data.parts]
     ends = [math.sqrt(np.mean(fit.fun**2)) * np.linalg.norm(gain_of(fit.jac)[1]) for fit in fits]
@@ -252,12 +129,12 @@ def _lag_of(found: Array) -> Lag:
     return Lag(sum(delay_s), begin, end, 1 / tau_s, 0.0)
 
 
-def _larger(sag: Sag | None) -> Sag | None:
+def larger_sag(sag: Sag | None) -> Sag | None:
     """Return a sag that is larger by its standard uncertainty."""
     return None if sag is None else sag._replace(part=sag.part + sag.part_std)
 
 
-def _of_sag(fit: OptimizeResult, residual: Array) -> Array:
+def moved_by_sag(fit: OptimizeResult, residual: Array) -> Array:
     """Return how far the parameters (p,) of a fit go where a larger sag leaves residuals (n,), 0 at a bound."""
     free, change = fit.active_mask == 0, np.zeros(len(fit.x))
     change[free] = gain_of(fit.jac[:, free]) @ (fit.fun - residual)
@@ -267,9 +144,9 @@ def _of_sag(fit: OptimizeResult, residual: Array) -> Array:
 def _judged(data: StepData, part: Part, sag: Sag | None, fit: OptimizeResult) -> tuple[StepFit, Array]:
     """Return the fit of a step with its uncertainties and what speaks against it, and the covariance of its noise."""
     noise, lag = _noise(data, part, fit), _lag_of(fit.x)
-    more = _of_sag(fit, data.shown(part, lag.sagging(_larger(sag))) - part.value)
-    std = np.sqrt(np.diag(_covariance(fit, [part], [noise])) + more**2)
-    explained = _explained(fit.fun, part.value, round(_SMOOTH * fit.x[2] / part.interval_s))
+    more = moved_by_sag(fit, data.shown(part, lag.sagging(larger_sag(sag))) - part.value)
+    std = np.sqrt(np.diag(covariance_of(fit, [part], [noise])) + more**2)
+    explained = explained_part(fit.fun, part.value, round(SMOOTH * fit.x[2] / part.interval_s))
     found = StepFit(
         step=part.step,
         from_rad_per_s=lag.begin,
@@ -285,19 +162,7 @@ def _judged(data: StepData, part: Part, sag: Sag | None, fit: OptimizeResult) ->
     return found, noise
 
 
-def _start(lags: Sequence[StepFit], own: int) -> Array:
-    """Return a start from the lags of single steps: the inverse time constant is linear in the speed."""
-    start = [float(np.median([lag.delay_s for lag in lags]))]
-    for way in (True, False):
-        these = [lag for lag in lags if lag.rising == way] or lags
-        rows = np.array([[1.0, (lag.from_rad_per_s + 3 * lag.to_rad_per_s) / 2] for lag in these])
-        usual = np.abs(rows).mean(axis=0)  # a noisy step may end below 0
-        start += (0.9 * nnls(rows, [1 / lag.time_constant_s for lag in these])[0] + 0.1 / usual).tolist()
-    each = [(lag.from_rad_per_s, lag.to_rad_per_s, 0.0)[:own] for lag in lags]
-    return np.append(start, each)
-
-
-def _explained(residual: Array, value: Array, length: int) -> float:
+def explained_part(residual: Array, value: Array, length: int) -> float:
     """Return the part of the variance (r^2) that is explained, 0 where nothing varies."""
     length = min(max(length, 1), len(value) // 2)  # a slow lag is longer than its step
     noise, signal = (block_means(series, length=length) for series in (residual, value))
@@ -310,13 +175,7 @@ def _noise(data: StepData, part: Part, fit: OptimizeResult) -> Array:
     return noise_covariance(_thinned(part, fit.jac.T).T, residual, data.correlations(time_s))
 
 
-def _noise_std(parts: Sequence[Part], noises: Sequence[Array]) -> Array:
-    """Return the standard deviation of single samples of each step (s,), of noise with covariances (m, m)."""
-    each = zip(parts, noises, strict=True)
-    return np.array([math.sqrt(_block(part) * np.trace(noise) / len(noise)) for part, noise in each])
-
-
-def _covariance(fit: OptimizeResult, parts: Sequence[Part], noises: Sequence[Array]) -> Array:
+def covariance_of(fit: OptimizeResult, parts: Sequence[Part], noises: Sequence[Array]) -> Array:
     """Return the parameters' covariance (p, p), NaN at a bound, of noise with covariances (m, m) in each part.
 
     Residuals behind those of the parts are of what parameters are expected to be, each with a covariance (1, 1).
@@ -325,7 +184,7 @@ def _covariance(fit: OptimizeResult, parts: Sequence[Part], noises: Sequence[Arr
     lengths = [len(part.time_s) for part in parts] + [1] * (len(noises) - len(parts))
     jacobians = np.split(fit.jac[:, free], np.cumsum(lengths)[:-1])
     rows = [_thinned(part, own.T).T for part, own in zip(parts, jacobians, strict=False)] + jacobians[len(parts) :]
-    blocks = [_block(part) for part in parts] + [1] * (len(noises) - len(parts))
+    blocks = [block_of(part) for part in parts] + [1] * (len(noises) - len(parts))
     weight = np.repeat(np.sqrt(blocks), [len(own) for own in rows])
     gain = gain_of(weight[:, np.newaxis] * np.vstack(rows)) * weight
     columns = np.split(gain, np.cumsum([len(own) for own in rows])[:-1], axis=1)
@@ -337,8 +196,9 @@ def _covariance(fit: OptimizeResult, parts: Sequence[Part], noises: Sequence[Arr
 
 def _thinned(part: Part, value: Array) -> Array:
     """Return means (..., m) of neighbouring samples of a step (..., n)."""
-    return block_means(value, length=_block(part))
+    return block_means(value, length=block_of(part))
 
 
-def _block(part: Part) -> int:
+def block_of(part: Part) -> int:
+    """Return how many neighbouring samples of a step make a mean whose noise is looked at."""
     return -(-len(part.time_s) // _MOST)

@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 from cfid.drawing.style import ALERT, INK, MODEL, MUTED, RECORDED, draw_line, figure, legend, name_panel, styled, words
 from cfid.findings import texts
 from cfid.motors.panels import scientific
-from cfid.motors.steps.estimation import RotorModel, StepFit
+from cfid.motors.steps.estimation import StepFit
+from cfid.motors.steps.rotor_model import RotorModel
 
 Array = npt.NDArray[np.float64]
 

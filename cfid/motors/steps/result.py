@@ -15,8 +15,9 @@ from cfid.findings import Finding, note, rejection, warning
 from cfid.motors.delays import command_between_rows, delay_text, negative_delay
 from cfid.motors.steps.checks import off_the_map
 from cfid.motors.steps.data import SpeedRecord, of_run, of_table
-from cfid.motors.steps.estimation import RotorModel, StepFit, fit_rotor_model, fit_steps
+from cfid.motors.steps.estimation import StepFit, fit_steps
 from cfid.motors.steps.model import CommandStep, command_steps, followed
+from cfid.motors.steps.rotor_model import RotorModel, fit_rotor_model
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Figures, Result
