@@ -185,7 +185,7 @@ def _status(
 ) -> TaskStatus:
     """Judge a task by its runs, by its section of parameters.toml, and by the last fit that was rejected whole.
 
-    Runs of a series that is `short`, with the sentence that says so, are not yet the recording of it.
+    Runs of a series that is `short`, by name with the sentence that states it, are not yet the recording of it.
     """
     lacking = _lacking(task.recordings, [run for run in runs if run.folder.name not in short])
     short_of_runs = any(not one.repeats for one in lacking)

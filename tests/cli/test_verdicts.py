@@ -73,18 +73,15 @@ def test_an_encoder_that_freezes_in_the_middle_of_a_swing_is_named(bodies: Path)
     assert "the encoder froze, or something held the pendulum. Record it again." in line
 
 
-def test_lost_samples_stand_beside_what_a_recording_is_good_for(bodies: Path) -> None:
-    run = runs_of(bodies, "swing")[0]
+def counting(run: Run, **counts: float) -> Run:
+    """Return a run whose device has other counts of its samples."""
     (name, record), *_ = run.header.devices.items()
-    few, many = (
-        Run(
-            folder=run.folder,
-            header=run.header.model_copy(
-                update={"devices": {name: record.model_copy(update={"rows": 1000, "lost": lost})}}
-            ),
-        )
-        for lost in (5, 500)
-    )
+    devices = {name: record.model_copy(update={"rows": 1000, "lost": 0, **counts})}
+    return Run(folder=run.folder, header=run.header.model_copy(update={"devices": devices}))
+
+
+def test_lost_samples_stand_beside_what_a_recording_is_good_for(bodies: Path) -> None:
+    few, many = (counting(runs_of(bodies, "swing")[0], lost=lost) for lost in (5, 500))
 
     assert "lost" not in verdict_line(judged(few, lambda _: "fine."))
     assert verdict_line(judged(many, lambda _: "fine.")).startswith(
@@ -94,17 +91,7 @@ def test_lost_samples_stand_beside_what_a_recording_is_good_for(bodies: Path) ->
 
 def test_half_of_the_samples_never_taken_stand_beside_what_a_recording_is_good_for(bodies: Path) -> None:
     run = runs_of(bodies, "swing")[0]
-    (name, record), *_ = run.header.devices.items()
-    update = {"rows": 1000, "lost": 0, "rate_hz": 1000.0}
-    few, many = (
-        Run(
-            folder=run.folder,
-            header=run.header.model_copy(
-                update={"devices": {name: record.model_copy(update={**update, "skipped": skipped})}}
-            ),
-        )
-        for skipped in (50, 1000)
-    )
+    few, many = (counting(run, rate_hz=1000.0, skipped=skipped) for skipped in (50, 1000))
 
     assert "was read at" not in verdict_line(judged(few, lambda _: "fine."))
     assert verdict_line(judged(many, lambda _: "fine.")).endswith(
