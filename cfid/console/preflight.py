@@ -6,26 +6,21 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from cfid.console.live import LiveLine
-from cfid.console.messages import clock, note
+from cfid.console.messages import clock
 from cfid.console.preflight_lines import angle_steps, force_steps, sends_lines
 from cfid.counted import counted
-from cfid.errors import DeviceError
 from cfid.estimate.battery_endurance import CELL_MAH, Held, endurance
 from cfid.estimate.signal_quality import SignalQuality, signal_quality
 from cfid.records.run import DeviceRecord
 from cfid.rig.check import DeviceAnswer, State
 from cfid.rig.crazyflie_log import BATTERY
-from cfid.rig.log import Device
-from cfid.rig.sampling import Sampled, sample
+from cfid.rig.sampling import Sampled
 from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
 
 Array = npt.NDArray[np.float64]
 
-_LASTS = "battery lasts"
-QUICK_S = 1.0  # of signals before each recording with motors
+LASTS = "battery lasts"
 TARE_S = 0.2  # the live line shows forces above those of the beginning, as in a recording
-NOT_READ = "; battery not read"  # without them
 
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 
@@ -38,8 +33,7 @@ _RETURNS, _OUTER = 4, 0.2  # of a swing through its middle, beyond this part of 
 _SMOOTH = 0.5  # the correlation of a swing's neighbouring samples
 _STAMPS_S = 0.005  # from a device's stamp to its arrival, about the mean
 _FEWEST = 64
-_FEWEST_LINES = 3  # of a device that is stated as slow
-_WORTHLESS = {"load", "rate", "losses"}  # faults with which a recording is of no use
+FEWEST_LINES = 3  # of a device that is stated as slow
 
 
 def of_loadcell(record: DeviceRecord, sampled: Sampled, *, calm: bool = True) -> list[DeviceAnswer]:
@@ -81,9 +75,9 @@ def of_loadcell(record: DeviceRecord, sampled: Sampled, *, calm: bool = True) ->
 
 def _of_lines(record: DeviceRecord, sampled: Sampled, plan: Sequence[Held], *, mass_kg: float) -> list[DeviceAnswer]:
     """Judge a load cell that sends lines, by the rate that it states and by its steps."""
-    if sampled.rows < _FEWEST_LINES:
+    if sampled.rows < FEWEST_LINES:
         advice = f"check power and cable, or look for longer (--for): it states {record.rate_hz:g} Hz"
-        return [_answer("rate", counted(sampled.rows, "sample"), advice, limit=f"{_FEWEST_LINES}", within=False)]
+        return [_answer("rate", counted(sampled.rows, "sample"), advice, limit=f"{FEWEST_LINES}", within=False)]
     return [*_rate(sampled, record.rate_hz or math.nan), *force_steps(record, sampled, plan, mass_kg=mass_kg)]
 
 
@@ -232,63 +226,22 @@ def of_vehicle(sampled: Sampled, plan: Sequence[Held]) -> list[DeviceAnswer]:
 def battery(sampled: Sampled, plan: Sequence[Held]) -> DeviceAnswer:
     """Return the battery's voltage, and for how long it lasts; too short is a warning, as the cell may be another."""
     if BATTERY not in sampled.columns:
-        return DeviceAnswer(_LASTS, "warning", "the vehicle reports no voltage", "charge it before long recordings")
+        return DeviceAnswer(LASTS, "warning", "the vehicle reports no voltage", "charge it before long recordings")
     volts = float(np.median(sampled.columns[BATTERY]))
     found = endurance(volts, plan)
     if found is None:
-        return DeviceAnswer(_LASTS, "ok", f"{volts:.2f} V, which is no single lithium cell")
+        return DeviceAnswer(LASTS, "ok", f"{volts:.2f} V, which is no single lithium cell")
     shown = f"{volts:.2f} V: about {100 * found.charge:.0f} %, lasts {clock(found.lasts_s)} min at this plan's currents"
     takes = f"{clock(found.takes_s)} min, on a cell of {CELL_MAH:g} mAh"
     if found.enough:
-        return DeviceAnswer(_LASTS, "ok", shown, limit=takes)
+        return DeviceAnswer(LASTS, "ok", shown, limit=takes)
     return DeviceAnswer(
-        _LASTS,
+        LASTS,
         "warning",
         shown,
         "charge it, or record in parts with --resume; a supply does not run empty",
         takes,
     )
-
-
-def quick(devices: Sequence[Device], plan: Sequence[Held], *, mass_kg: float, calm: bool = True) -> str:
-    """Sample load cell and vehicle for a second, note each limit that is exceeded; return the battery's state.
-
-    A device that sends lines slowly is sampled for longer. Raises DeviceError where a recording would be worthless by a
-    second look too, since a busy computer may have missed the first, or a device failed.
-    """
-    every, wrong, worthless = _look(devices, plan, mass_kg=mass_kg, calm=calm)
-    if worthless:
-        every, wrong, worthless = _look(devices, plan, mass_kg=mass_kg, calm=calm)
-    lines = [f"{name}, {one.asked}: {one.answer} (limit {one.limit}): {one.advice}." for name, one in wrong]
-    if worthless:
-        raise DeviceError(f"not recorded: {' '.join(lines)} `cfid rig preflight` shows more; --no-preflight records.")
-    for line in lines:
-        note(line)
-    return next((f"; battery {one.answer}" for _, one in every if one.asked == _LASTS), "")
-
-
-Answers = list[tuple[str, DeviceAnswer]]  # by device
-
-
-def _look(
-    devices: Sequence[Device], plan: Sequence[Held], *, mass_kg: float, calm: bool
-) -> tuple[Answers, Answers, bool]:
-    """Return all answers, those beyond a limit, and whether with them a recording would be worthless."""
-    rates_hz = [device.record.rate_hz or math.inf for device in devices if sends_lines(device.record)]
-    for_s = max([QUICK_S, *((_FEWEST_LINES + 1) / rate_hz for rate_hz in rates_hz)])
-    live = LiveLine()
-    live.task("looking at the signals")
-    try:
-        sampled = sample(devices, for_s=for_s, tare_s=TARE_S, show=live.show)
-    finally:
-        live.end()
-    records = {device.record.file.removesuffix(".csv"): device.record for device in devices}
-    answers = judged(records, sampled, plan, mass_kg=mass_kg, calm=calm)
-    every = [(name, one) for name, own in answers.items() for one in own]
-    wrong = [
-        (name, one) for name, one in every if one.state == "fault" or (one.asked == _LASTS and one.advice and one.limit)
-    ]
-    return every, wrong, any(one.asked in _WORTHLESS and name == "loadcell" for name, one in wrong)
 
 
 def judged(

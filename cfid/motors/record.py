@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from cfid.console.live import LiveLine
-from cfid.console.preflight import NOT_READ, quick
+from cfid.console.quick_look import NOT_READ, quick
 from cfid.console.recording import Found, KeepOptions, Rig, effort_of, nothing_found, record
 from cfid.console.vehicle import ExperimentOptions, confirm, reach, refuse
 from cfid.console.verdicts import Judge

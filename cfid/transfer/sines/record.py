@@ -9,7 +9,7 @@ from typing import Any
 
 from cfid.console.live import LiveLine
 from cfid.console.messages import note as speech
-from cfid.console.preflight import NOT_READ, quick
+from cfid.console.quick_look import NOT_READ, quick
 from cfid.console.recording import Rig, attempt, effort_of, summary
 from cfid.console.vehicle import ExperimentOptions, confirm, reach, refuse
 from cfid.console.verdicts import Judge, judged
