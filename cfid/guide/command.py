@@ -123,7 +123,8 @@ def _print(
     from rich.console import Console
     from rich.table import Table
 
-    from cfid.guide.status import percent, remarks_of
+    from cfid.guide.certainty import percent
+    from cfid.guide.status import remarks_of
 
     table = Table(box=SIMPLE, pad_edge=False)
     for heading in ("fit", "runs", "state", "how sure", "what for"):

@@ -1,17 +1,16 @@
 """Where a campaign stands: every task with what is recorded and found, and the one command that comes next."""
 
-import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
-from cfid.estimate.differences import Compared, number_of
-from cfid.guide.plan import Aim, Assignment, Task, Words, is_vehicle, tasks
+from cfid.guide.certainty import Certainty, certainty_of, percent
+from cfid.guide.plan import Assignment, Task, Words, is_vehicle, tasks
 from cfid.motors.plan import missing
 from cfid.records.campaign import RUNS_FOLDER, Campaign
-from cfid.records.parameters import Parameter, Section
+from cfid.records.parameters import Section
 from cfid.records.rig_file import RIG_FILE, CampaignKind
 from cfid.records.run import Run
 from cfid.records.stale import Stale, is_blind, stale_in
@@ -19,28 +18,6 @@ from cfid.records.tables.angle import ENCODER
 from cfid.transfer.sines.plan import SineSweep, missing_sines
 
 State = Literal["missing", "not fitted", "stale", "rejected", "accepted"]
-
-_OWN = "noise and the inputs of its own fit"
-_SMALL = 0.1  # of a value's largest number: smaller ones, as products of inertia, are judged by the largest
-
-
-@dataclass(frozen=True, kw_only=True)
-class Certainty:
-    """How sure a quantity is, relative to its largest number, against what it is for; None where it was not found.
-
-    `bounded_by` names what rig.toml states and without which it would be sure enough: no recording changes that.
-    `mostly` is the largest part of its uncertainty: a cause that fits share, or its own fit's noise and inputs.
-    """
-
-    aim: Aim
-    std: float | None
-    bounded_by: str = ""
-    mostly: str = ""
-
-    @property
-    def short_by(self) -> float:
-        """How many times as uncertain it is as it should be, 0 where that is unknown."""
-        return 0.0 if self.std is None else self.std / self.aim.std
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,7 +184,7 @@ def _status(
         state, reason = "stale", f"{counted(newer, 'run was', 'runs were')} recorded after the fit."
     elif lacking:
         reason = f"`cfid {' '.join(lacking[0].words)}` once more would show what drifted since the first."
-    found = tuple(Certainty(aim=aim, std=None) if section is None else _certainty(section, aim) for aim in task.aims)
+    found = tuple(Certainty(aim=aim, std=None) if section is None else certainty_of(section, aim) for aim in task.aims)
     return TaskStatus(
         task=task,
         lacking=lacking,
@@ -287,55 +264,3 @@ def _still_holds(refused: Section, section: Section | None, runs: Sequence[Run])
 
 def _used_by(section: Section) -> set[str]:
     return {source.path.split("/")[1] for source in section.sources if source.path.startswith(f"{RUNS_FOLDER}/")}
-
-
-def _certainty(section: Section, aim: Aim) -> Certainty:
-    """Judge a quantity by its least sure number, relative to that, or to the largest one where that is small."""
-    parameter = section.parameters.get(aim.key)
-    if parameter is None or aim.key in section.rejected:
-        return Certainty(aim=aim, std=None)
-    numbers = list(_judged(section, parameter, aim))
-    largest = max((abs(one.value) for one in numbers), default=0.0)
-    ratios = [(one.std / abs(one.value), one) for one in numbers if abs(one.value) > _SMALL * largest]
-    if not ratios or not all(math.isfinite(ratio) for ratio, _ in ratios):
-        return Certainty(aim=aim, std=None)
-    ratio, least_sure = max(ratios, key=lambda one: one[0])
-    return Certainty(aim=aim, std=ratio, bounded_by=_bounding(least_sure, aim, ratio), mostly=_mostly(least_sure))
-
-
-def _judged(section: Section, parameter: Parameter, aim: Aim) -> Iterator[Compared]:
-    """Yield the numbers by which a quantity is judged, those without a standard uncertainty left out."""
-    numbers = list(parameter.numbers(aim.key))
-    if aim.weights is not None:
-        if all(one.std is not None for one in numbers):
-            yield number_of(section, aim.key, aim.weights(len(numbers)))
-        return
-    effects = {cause: moved[aim.key] for cause, moved in section.common.items() if aim.key in moved}
-    for place, one in enumerate(numbers):
-        if one.value is not None and one.std is not None:
-            yield Compared(one.value, one.std, {cause: moved[place] for cause, moved in effects.items()})
-
-
-def _bounding(found: Compared, aim: Aim, ratio: float) -> str:
-    """Return the largest cause that rig.toml states, where a number would be sure enough but for those; else ""."""
-    shares = {cause: abs(effect / found.value) for cause, effect in found.effects.items()}
-    enough = ratio <= aim.std or _own_std(found) / abs(found.value) > aim.std
-    return "" if enough or not shares else max(shares, key=lambda cause: shares[cause])
-
-
-def _mostly(found: Compared) -> str:
-    """Return the largest part of a number's uncertainty: a cause that fits share, or its own fit's noise and inputs."""
-    largest = max(found.effects, key=lambda cause: abs(found.effects[cause]), default="")
-    return largest if largest and abs(found.effects[largest]) > _own_std(found) else _OWN
-
-
-def _own_std(found: Compared) -> float:
-    """Return the standard uncertainty of a number without the causes that fits share."""
-    return math.sqrt(max(found.std**2 - sum(effect**2 for effect in found.effects.values()), 0.0))
-
-
-def percent(std: float | None) -> str:
-    """Return a relative standard uncertainty as text."""
-    if std is None:
-        return "-"
-    return f"{100 * std:.2g} %" if std < 1 else f"{100 * std:.0f} %"

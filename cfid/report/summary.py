@@ -8,8 +8,9 @@ from typing import NamedTuple
 from cfid.console.tables import value_and_deviation
 from cfid.counted import counted
 from cfid.estimate.differences import number_of
+from cfid.guide.certainty import percent
 from cfid.guide.plan import at_middle, slope_at_hover
-from cfid.guide.status import TaskStatus, next_of, percent
+from cfid.guide.status import TaskStatus, next_of
 from cfid.quantities.lookup import find
 from cfid.records.covariances import numbers_of
 from cfid.records.parameters import plain

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from cfid.findings import note, rejection, warning
+from cfid.guide.certainty import Certainty, percent
 from cfid.guide.plan import Aim, Task
-from cfid.guide.status import Certainty, TaskStatus, percent
+from cfid.guide.status import TaskStatus
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter, Section
 from cfid.records.rig_file import thesis_rig
