@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
 from cfid.errors import ConfigError, DataError
@@ -35,10 +34,10 @@ from cfid.records.tables.times import (
     times_of,
     unit_of,
 )
-from cfid.wire.rdt_status import Family, family_of, read_status
+from cfid.records.tables.wrench_status import Words, status_notes, status_words
+from cfid.wire.rdt_status import Family, family_of
 
 Units = Literal["counts", "n,nm"]
-Words = npt.NDArray[np.uint32]
 
 LOADCELL = "loadcell"
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
@@ -216,9 +215,9 @@ def _read(
         shown, wrench = wrench, np.full((len(values), len(AXES)), np.nan)
         wrench[:, [AXES.index(axis) for axis in axes]] = shown
     scale = scale * np.array(reading.gain or np.ones(len(AXES)))
-    words = _words(table, values[:, -1]) if _STATUS in places else None
+    words = status_words(table, values[:, -1]) if _STATUS in places else None
     notes = (*missing, *notes, *(() if own or missing else pauses(table, time)))
-    notes += scale_notes if words is None else (*scale_notes, *_faults(table, words, family))
+    notes += scale_notes if words is None else (*scale_notes, *status_notes(table, words, family))
     notes += line_notes(table)
     wrench /= scale  # in place: it may be larger than the memory
     return WrenchRecord(
@@ -301,25 +300,3 @@ def _scales(reading: WrenchReading, units: Units) -> tuple[Array, tuple[str, ...
     scale = np.repeat([USUAL_COUNTS if value is None else value for value in scales.values()], 3)
     taken = " ".join(f"{name} {USUAL_COUNTS:.0f}" for name in scales if name not in given)
     return scale, (f"counts are read as {taken}.",) if taken else ()
-
-
-def _words(table: CsvTable, values: Array) -> Words:
-    bad = [(values[part] < 0) | (values[part] >= 2.0**32) | (values[part] % 1 != 0) for part in parts(len(values))]
-    wrong = np.flatnonzero(np.concatenate(bad))
-    if len(wrong):
-        line = table.line_of_row(int(wrong[0]))
-        raise DataError(
-            f"{table.path}:{line}: status {values[wrong[0]]:.9g} is not a word of 32 bits. Delete that line."
-        )
-    return values.astype(np.uint32)
-
-
-def _faults(table: CsvTable, words: Words, family: Family) -> tuple[str, ...]:
-    """Return a note on the samples whose status word is not zero, with the meaning of the word."""
-    bad = np.flatnonzero(words)
-    if not len(bad):
-        return ()
-    seen = [read_status(word, family) for word in np.unique(words[bad]).tolist()]
-    meant = ", ".join(dict.fromkeys(text for status in seen for text in (*status.faults, *status.warnings)))
-    line = table.line_of_row(int(bad[0]))
-    return (f"{len(bad)} of {len(words)} samples have a status that is not 0 (first: line {line}): {meant}.",)
