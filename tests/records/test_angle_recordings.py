@@ -69,6 +69,30 @@ def test_wrong_readings_about_half_a_turn_off_are_left_out_before_turns_are_coun
     assert any(f"{len(wrong)} readings of 2000 off alone left out (first: line 152)." in one for one in record.notes)
 
 
+@pytest.mark.parametrize("off_rad", [np.pi, 3.0, -0.6])
+def test_stretches_that_jump_away_and_back_are_left_out_before_turns_are_counted(
+    tmp_path: Path, off_rad: float
+) -> None:
+    wrong = np.concatenate([np.arange(begin, begin + 6) for begin in (150, 900, 1700)])
+    displaced = ANGLE_RAD.copy()
+    displaced[wrong] += off_rad
+    record = read(tmp_path, text_of(TIME_S, displaced), angle_unit="rad")
+
+    assert off_by(record, np.delete(ANGLE_RAD, wrong)) < 1e-6
+    assert any(
+        "18 readings of 2000 between a jump and one back left out (first: line 152)." in one for one in record.notes
+    )
+
+
+def test_a_jump_that_nothing_takes_back_is_named_and_costs_no_readings(tmp_path: Path) -> None:
+    slipped = ANGLE_RAD.copy()
+    slipped[900:] += 1.8
+    record = read(tmp_path, text_of(TIME_S, slipped), angle_unit="rad")
+
+    assert len(record.time_s) == 2000
+    assert any("jumps by more than a quarter of a turn in 1 of 2000" in one for one in record.notes)
+
+
 def test_one_wrong_reading_does_not_hide_the_unit(tmp_path: Path) -> None:
     spiked = ANGLE_RAD.copy()
     spiked[700] = 44.0

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.large import differences, empty, joined, parts
-from cfid.records.tables.lone import MOST_SHARE, lone_readings, usual_bend
+from cfid.records.tables.lone import MOST_SHARE, displaced_readings, lone_readings, usual_bend
 from cfid.records.tables.table import Array, CsvTable
 from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, WORD_COUNTS_PER_TURN, decode_words
 
@@ -173,16 +173,28 @@ def _joined(table: CsvTable, turns: Array, rows: Rows | None, notes: tuple[str, 
 def _without_lone(
     table: CsvTable, angle: Array, rows: Rows | None, *, period: float
 ) -> tuple[Array, Rows | None, tuple[str, ...]]:
-    """Return an angle (n,) without readings that stand off alone between others, its rows, and a note on them.
+    """Return an angle (n,) without readings that stand off the others' course, its rows, and notes on them.
 
-    More than one in a hundred are no single faults, and stay.
+    Such are up to three in a row, and those between a jump and one back. More than one in a hundred are no single
+    faults, and stay.
     """
     limit = max(_LONE_RAD, _LONE_TIMES * usual_bend(angle, _USUAL, period=period))
     off = lone_readings(angle, limit, period=period)
     if not 0 < len(off) <= MOST_SHARE * len(angle):
+        off = off[:0]
+    angle, rows, notes = _without(table, angle, rows, off, "off alone")
+    off = displaced_readings(angle, limit, period=period)
+    angle, rows, more = _without(table, angle, rows, off, "between a jump and one back")
+    return angle, rows, notes + more
+
+
+def _without(
+    table: CsvTable, angle: Array, rows: Rows | None, off: Rows, what: str
+) -> tuple[Array, Rows | None, tuple[str, ...]]:
+    """Return an angle (n,) without the readings at some places, its rows, and a note on what they are."""
+    if not len(off):
         return angle, rows, ()
-    line = _line(table, off, rows)
-    text = f"{counted(len(off), 'reading')} of {len(angle)} off alone left out (first: line {line})."
+    text = f"{counted(len(off), 'reading')} of {len(angle)} {what} left out (first: line {_line(table, off, rows)})."
     kept = np.delete(np.arange(len(angle)) if rows is None else rows, off)
     return np.delete(angle, off), kept, (text,)
 

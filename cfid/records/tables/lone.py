@@ -49,6 +49,32 @@ def lone_readings(value: Array, limit: float, *, period: float | None = None) ->
     return np.unique(np.concatenate(found))
 
 
+def displaced_readings(value: Array, limit: float, *, period: float) -> Rows:
+    """Return the places of readings between a jump by more than a limit and the next one, which takes it back.
+
+    The values (n,) are on a circle whose length is the `period`. Of all readings one in a hundred at most lie between
+    two such jumps.
+    """
+    bent = [
+        begin + 1 + np.flatnonzero(np.abs(_shortest(bend, period)) > limit)
+        for begin, bend in differences(value, order=2)
+    ]
+    left = np.concatenate([np.empty(0, np.intp), *bent])
+    left = left[(left > 1) & (left + 3 < len(value))]
+    jump = _jump(value, left, period)
+    neighbours = np.maximum(*(np.abs(_jump(value, left + side, period)) for side in (-1, 1)))
+    is_one = (np.abs(jump) > limit) & (np.abs(jump) > neighbours)  # beside a jump, the course bends by half of it
+    left, jump = left[is_one], jump[is_one]
+    back = (np.abs(_shortest(jump[:-1] + jump[1:], period)) < limit) & (np.diff(left) <= MOST_SHARE * len(value))
+    places, at = [np.empty(0, np.intp)], 0
+    while at < len(back):
+        if back[at]:
+            places.append(np.arange(left[at] + 1, left[at + 1] + 1))
+        at += 1 + int(back[at])  # what takes one jump back begins no other stretch
+    found = np.concatenate(places)
+    return found if len(found) <= MOST_SHARE * len(value) else found[:0]
+
+
 def spikes_in(value: Array) -> Rows:
     """Return the places of samples of a signal (n,) that stand off alone by a fifth of all that it shows.
 
@@ -61,6 +87,12 @@ def spikes_in(value: Array) -> Rows:
     limit = max(_SPIKE * float(high - low), _SPIKE_TIMES * usual_bend(value, _USUAL))
     places = lone_readings(value, limit) if limit > 0 else np.empty(0, np.intp)
     return places if len(places) <= MOST_SHARE * len(value) else places[:0]
+
+
+def _jump(value: Array, left: Rows, period: float) -> Array:
+    """Return by how much the values (n,) go on after places (m,) beyond what they do before and behind."""
+    before, here, after = (_shortest(value[left + i + 1] - value[left + i], period) for i in (-1, 0, 1))
+    return _shortest(here - (before + after) / 2, period)
 
 
 def _goes_on(value: Array, left: Rows, right: Rows, limit: float, period: float | None) -> npt.NDArray[np.bool_]:
