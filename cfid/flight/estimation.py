@@ -16,7 +16,17 @@ from cfid.errors import FitError
 from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of, std_of
 from cfid.flight.likelihood import White, whitening, without
-from cfid.flight.model import AXES, DAMPING, ROW_S, Flight, FlightEquation, ThrustLag, blocks_of, segments
+from cfid.flight.model import (
+    AXES,
+    DAMPING,
+    ROW_S,
+    EquationsOf,
+    Flight,
+    FlightEquation,
+    ThrustLag,
+    equations_of,
+    segments,
+)
 from cfid.flight.uncertainty import covariance_of, excess_of_older_torques
 
 Array = npt.NDArray[np.float64]
@@ -85,7 +95,7 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
             f"{rows / 100:.1f} s in the air with every motor within its range (limit {_FEWEST / 100:g} s): the vehicle "
             "has to fly for longer, or lower its thrust."
         )
-    equations = Equations(flown)
+    equations = Equations([equations_of(flight) for flight in flown])
     equations, result = _settled(equations, _start(equations))
     found, jacobian, residual = _with_constant(result.x), np.asarray(result.jac), np.asarray(result.fun)
     covariance = covariance_of(jacobian, residual, [one.basis for one in equations.white])
@@ -155,7 +165,7 @@ def _settled(equations: "Equations", found: Array) -> tuple["Equations", Optimiz
 class Equations:
     """The equations of flights, whose residuals are whitened."""
 
-    flights: Sequence[Flight]
+    each: Sequence[EquationsOf]
     white: tuple[White, ...] = ()
 
     def whitened(self, p: Array) -> "Equations":
@@ -176,7 +186,7 @@ class Equations:
         """Return the equations for time constants and delays."""
         rising_s, falling_s, of_force_s, of_rates_s = map(float, p[: DELAYS.stop])
         lag, delays_s = ThrustLag(rising_s, falling_s), (of_force_s, of_rates_s)
-        return [one for flight in self.flights for one in blocks_of(flight, lag, delays_s)]
+        return [one for equations in self.each for one in equations(lag, delays_s)]
 
     def residual(self, p: Array) -> Array:
         """Return the whitened errors (n,) of parameters (10,)."""

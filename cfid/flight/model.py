@@ -11,8 +11,9 @@ shows this with a delay of its own, air, electronics and the vehicle's filter, w
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,7 @@ CLIMB_S = 5.0  # over which the climb is integrated from the force: the battery'
 DAMPING = 1  # the place of the rate among the other terms of an equation about an axis
 SAG_S = 5.0  # half the shortest period in which the battery's charge changes the thrust
 LEVER = 0.5**0.5  # of an arm, about the axes forward and left
+_KEPT = 4  # lags and delays whose equations are kept: those of a solution, and of slopes around it
 
 # The signs with which thrusts turn the vehicle about x and y, and their reaction torques about z; (3, 4).
 TURNING = np.array(
@@ -110,16 +112,30 @@ class FlightEquation(NamedTuple):
     lengths: tuple[int, ...]
 
 
-def blocks_of(
-    flight: Flight, lag: ThrustLag, delays_s: tuple[float, float] = (0.0, 0.0), *, axes: Sequence[int] = (0, 1, 2)
-) -> list[FlightEquation]:
-    """Return the equation of the vertical force and those of the rates about some axes, for rotors of a lag.
+EquationsOf = Callable[[ThrustLag, tuple[float, float]], list[FlightEquation]]
 
-    `delays_s` is how much later the accelerometer and the gyro show it, their filters included.
+
+def equations_of(flight: Flight) -> EquationsOf:
+    """Return what gives the equations of the vertical force and of the rates about each axis, for rotors of a lag.
+
+    It takes the lag and by how much later the accelerometer and the gyro show it, their filters included. The last few
+    are kept: a slope over the gyro's delay leaves the rotors and the vertical force as they were.
     """
-    late = lag.follow(flight.drive)
-    of_force, of_rates = (_seen(late, *sensor) for sensor in zip(delays_s, flight.low_pass_hz, strict=True))
-    return [_vertical(flight, of_force), *(_turning(flight, of_rates, axis) for axis in axes)]
+
+    @lru_cache(_KEPT)
+    def late(lag: ThrustLag) -> Array:
+        return lag.follow(flight.drive)
+
+    @lru_cache(_KEPT)
+    def vertical(lag: ThrustLag, delay_s: float) -> FlightEquation:
+        return _vertical(flight, _seen(late(lag), delay_s, flight.low_pass_hz[0]))
+
+    @lru_cache(_KEPT)
+    def turning(lag: ThrustLag, delay_s: float) -> list[FlightEquation]:
+        powers = _seen(late(lag), delay_s, flight.low_pass_hz[1])
+        return [_turning(flight, powers, axis) for axis in range(len(AXES))]
+
+    return lambda lag, delays_s: [vertical(lag, delays_s[0]), *turning(lag, delays_s[1])]
 
 
 def _seen(late: Array, delay_s: float, low_pass_hz: float | None) -> Array:
@@ -128,9 +144,10 @@ def _seen(late: Array, delay_s: float, low_pass_hz: float | None) -> Array:
         return _powers(delayed(late, delay_s))
     filtering_s = STEP_S / math.sqrt(2) / math.tan(math.pi * low_pass_hz * STEP_S)  # of slow motion
     powers = _powers(delayed(late, delay_s - filtering_s))
-    settled = powers[:, :1]
+    settled = powers[1:, :1]
     b, a = butter(2, low_pass_hz, fs=1 / STEP_S)
-    return np.asarray(settled + lfilter(b, a, powers - settled, axis=1))
+    powers[1:] = settled + lfilter(b, a, powers[1:] - settled, axis=1)
+    return powers
 
 
 def _powers(late: Array) -> Array:

@@ -11,7 +11,7 @@ from cfid.errors import ConfigError, DataError, FitError
 from cfid.flight.channels import at_rows
 from cfid.flight.data import FlownLog, flight_of, read_flight
 from cfid.flight.estimation import Equations, fit_flights
-from cfid.flight.model import LEVER, ROW_S, ROW_STEPS, STEP_S, ThrustLag, blocks_of
+from cfid.flight.model import LEVER, ROW_S, ROW_STEPS, STEP_S, ThrustLag, equations_of
 from cfid.flight.moving import moving_findings
 from cfid.flight.result import fit
 from cfid.flight.values import Body
@@ -182,7 +182,7 @@ def test_of_a_step_to_the_other_side_of_the_likeliest_parameters_half_is_taken()
         step = np.zeros(10)
         step[place] = 2 * found.std[place]
         at = found.values - step
-        equations = Equations([flight]).whitened(at)
+        equations = Equations([equations_of(flight)]).whitened(at)
         assert equations.likeliest(at, 2 * step) == 0.5
         assert equations.likeliest(at, step) == 1.0
 
@@ -215,7 +215,7 @@ def test_thrust_in_a_row_is_the_mean_over_its_10_ms(flown: tuple[Fleet, list[Fli
         driven=np.ones(500, dtype=bool),
         low_pass_hz=(None, None),
     )
-    vertical, *_ = blocks_of(flight, ThrustLag(0.05, 0.05))
+    vertical, *_ = equations_of(flight)(ThrustLag(0.05, 0.05), (0.0, 0.0))
     followed = (1 - np.exp(-STEP_S / 0.05)) / abs(np.exp(40j * np.pi * STEP_S) - np.exp(-STEP_S / 0.05))
     assert gain_at(20.0, vertical.terms[:, 1]) == pytest.approx(0.4 * followed * np.sinc(20.0 * ROW_S), rel=2e-3)
 
