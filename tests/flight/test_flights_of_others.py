@@ -285,8 +285,7 @@ MOVED: dict[str, tuple[Callable[[Flight], Flight], str, str]] = {
 }
 
 
-@pytest.mark.parametrize("log", [CIRCLE, HELIX])
-@pytest.mark.parametrize("defect", [None, *MOVED])
+@pytest.mark.parametrize(("log", "defect"), [(HELIX, None), (CIRCLE, None), *((CIRCLE, one) for one in MOVED)])
 def test_motion_capture_that_moves_otherwise_than_the_sensors_costs_the_drag(log: str, defect: str | None) -> None:
     flown = read_flight(FLIGHTS / log)
     change, code, words = MOVED[defect] if defect else (lambda one: one, "", "")
