@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -30,15 +31,27 @@ settings.load_profile("cfid")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the tutorial, which takes longest: nothing else should wait for its end."""
-    items.sort(key=lambda item: item.path.name != "test_tutorial.py")
-    for item in items:
+    """Begin with the tutorial, which takes longest, and spread what waits for clocks among what computes.
+
+    Every worker begins with a part of its own, and all of them would wait at the end.
+    """
+    timed = [item for item in items if _against_a_clock(item)]
+    place = dict[Path, float]()
+    for some in (timed, [item for item in items if not _against_a_clock(item)]):
+        for i, item in enumerate(some):
+            place.setdefault(item.path, i / len(some))
+    items.sort(key=lambda item: (item.path.name != "test_tutorial.py", place[item.path]))
+    for item in timed:
         # What runs against a clock gets a second try: a computer with more to do than it has cores may have kept the
         # devices and programs of the first from the processor. A witness, as of killed runs, can tell by how much rows
         # are late for that, but not what a program does that was held up: a device that is silent for half a second
         # is lost, and an answer after 50 ms is to no poll. The closing line counts it; a fault fails twice.
-        if "in_time" in getattr(item, "fixturenames", ()) and item.get_closest_marker("flaky") is None:
+        if item.get_closest_marker("flaky") is None:
             item.add_marker(pytest.mark.flaky(reruns=1))
+
+
+def _against_a_clock(item: pytest.Item) -> bool:
+    return "in_time" in getattr(item, "fixturenames", ())
 
 
 def pytest_collection_finish() -> None:
