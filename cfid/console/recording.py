@@ -1,6 +1,5 @@
 """The shared part of all `cfid log` commands: where to record, the run itself, and the summary at its end."""
 
-import contextlib
 import hashlib
 import json
 import shutil
@@ -173,25 +172,39 @@ def record(
 
 
 def attempt(plan: "Plan", devices: "Sequence[Device]", live: LiveLine) -> "tuple[Run | None, CfidError | None]":
-    """Record a run; return it, if its folder was created, and the error that ended it too early."""
-    from cfid.records.run import read_run
+    """Record a run; return it, where run.toml tells how it ended, and the error that ended it too early."""
+    from cfid.records.run import RUN_FILE
     from cfid.rig.log import record_run
 
     folders: list[Path] = []
+    stops_s: list[float] = []
 
     def begun(folder: Path) -> None:
         folders.append(folder)
         live.tell(f"recording into {folder} ({_until(plan)})")
 
     try:
-        return record_run(plan, devices, show=live.show, begun=begun, say=live.say), None
+        return record_run(plan, devices, show=live.show, begun=begun, say=live.say, stopped=stops_s.append), None
     except CfidError as error:
-        with contextlib.suppress(DataError):
-            if folders:
-                return read_run(folders[0]), error
-        return None, error
+        run = _closed(folders[0]) if folders else None
+        if run is None and stops_s:
+            live.say(stop_line(stops_s[0]))
+        if run is None and folders and str(folders[0]) not in str(error):
+            live.say(f"{folders[0] / RUN_FILE} cannot be written either. The run counts as cut; its rows are kept.")
+        return run, error
     finally:
         live.end()
+
+
+def _closed(folder: Path) -> "Run | None":
+    """Return a run that was closed, None where its run.toml could not be written or is gone."""
+    from cfid.records.run import read_run
+
+    try:
+        run = read_run(folder)
+    except DataError:
+        return None
+    return None if run.header.state == "recording" else run
 
 
 def _until(plan: "Plan") -> str:

@@ -189,17 +189,19 @@ def record_run(
     show: Callable[[Recorder], None],
     begun: Callable[[Path], None],
     say: Say = lambda _: None,
+    stopped: Callable[[float], None] = lambda _: None,
 ) -> Run:
     """Record the devices into a new run until the plan's time is over or a signal arrives.
 
-    `begun` gets the run's folder, `show` is called after every block, `say` gets what the plan's `notice` returned.
+    `begun` gets the run's folder, `show` is called after every block, `say` gets what the plan's `notice` returned,
+    `stopped` the seconds that the motors' stop took, which run.toml has too where it can be written.
     Without a procedure, a run that a signal ended is complete, and so is one whose procedure had only its last pause
     left. Raises DeviceError or DataError with the first failure, with the run closed as failed, or as complete in that
     pause, and all rows until then kept; KeyboardInterrupt when it was ended before the first row.
     """
 
     async def main(loop: Loop, ending: Ending) -> Run:
-        return await _recorded(plan, devices, loop, ending, show=show, begun=begun, say=say)
+        return await _recorded(plan, devices, loop, ending, show=show, begun=begun, say=say, stopped=stopped)
 
     return run_until_done(main)
 
@@ -229,9 +231,7 @@ def drive(
         try:
             await recorder.record(lambda: _first_of(ending, procedure, instruments, loop))
         finally:
-            for seconds in (instrument.facts().get("stopped_in_s") for instrument in instruments):
-                if seconds is not None:
-                    stopped(seconds)
+            _tell_stop(instruments, stopped)
 
     run_until_done(main)
 
@@ -245,6 +245,7 @@ async def _recorded(
     show: Callable[[Recorder], None],
     begun: Callable[[Path], None],
     say: Say,
+    stopped: Callable[[float], None],
 ) -> Run:
     clock = HostClock.now()
     instruments = [device.open(loop, clock) for device in devices]
@@ -279,6 +280,8 @@ async def _recorded(
             if _is_whole(instruments) and all(run.rows(instrument.name) for instrument in sampled):
                 run.close("complete", reason=str(error))
             raise
+        finally:
+            _tell_stop(instruments, stopped)
         if ending.signal and not any(run.rows(instrument.name) for instrument in sampled):
             raise KeyboardInterrupt
         for instrument in sampled:
@@ -297,6 +300,12 @@ async def _recorded(
 def _is_whole(instruments: Iterable[Instrument]) -> bool:
     """Return whether a procedure did all that was asked for, and only its last pause was left."""
     return any(isinstance(one, MotorCommands | Readings) and one.whole for one in instruments)
+
+
+def _tell_stop(instruments: Iterable[Instrument], stopped: Callable[[float], None]) -> None:
+    for seconds in (instrument.facts().get("stopped_in_s") for instrument in instruments):
+        if seconds is not None:
+            stopped(seconds)
 
 
 def _add_readings(recorder: Recorder, instruments: Sequence[Instrument], devices: Sequence[Device]) -> None:

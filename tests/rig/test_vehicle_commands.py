@@ -400,6 +400,39 @@ def test_a_staircase_is_felt_by_the_load_cell(bench: Bench) -> None:
     assert lifted == pytest.approx(thrust_n, rel=0.1)
 
 
+def test_a_run_that_is_moved_while_motors_turn_ends_with_how_they_stopped(bench: Bench) -> None:
+    pilot = bench.start(*STAIRS)
+    pilot.wait_until_motors_run()
+    (folder,) = (bench.folder / "runs").iterdir()
+    folder.rename(bench.folder / "elsewhere")
+
+    assert pilot.end() == 4, pilot.err
+    assert "was moved during the recording" in pilot.err
+    assert re.search(r"motors stopped, confirmed in \d+ ms\.", pilot.err)
+    assert not any(bench.motors)
+
+
+@pytest.mark.parametrize("fault", [True, False])
+def test_a_run_toml_that_cannot_be_written_at_the_end_is_named_with_how_the_motors_stopped(
+    bench: Bench, fault: bool
+) -> None:
+    pilot = bench.start(*STAIRS)
+    pilot.wait_until_motors_run()
+    (folder,) = (bench.folder / "runs").iterdir()
+    header = folder / "run.toml"
+    header.rename(folder / "begun.toml")
+    header.mkdir()  # no file takes its place, also for an administrator
+    if fault:
+        bench.vehicle_suffers(low_battery_after_s=0)
+
+    assert pilot.end() == (3 if fault else 4), pilot.err
+    assert re.search(r"motors stopped, confirmed in \d+ ms\.", pilot.err)
+    assert pilot.err.count("The run counts as cut; its rows are kept.") == 1
+    assert f"{header} cannot be written either" in pilot.err or f"{header}: cannot be written" in pilot.err
+    assert "None rows" not in pilot.out
+    assert not any(bench.motors)
+
+
 def test_an_interrupted_staircase_is_resumed_where_it_ended(bench: Bench) -> None:
     pilot = bench.start(*STAIRS)
     bench.wait_until(lambda: bench.motors[0] == 20000, pilot)
