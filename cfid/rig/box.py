@@ -139,7 +139,8 @@ def _page(box: LoadCellBox, path: str) -> str:
         raise DeviceError(f"{where}: its page was not complete after {_LONGEST_S:g} s. See `cfid rig check`.")
     if answer.status != http.client.OK:
         raise DeviceError(
-            f"{where}{path}: answers {answer.status} {answer.reason}, where a Net F/T has its settings: another device."
+            f"{where}{path}: answers {answer.status} {answer.reason[:40]}, where a Net F/T has its settings: another "
+            "device."
         )
     return content.decode("utf-8", "replace")
 

@@ -1,5 +1,6 @@
 """Reads a Net F/T's settings from its web pages, and its single readings over TCP port 49151."""
 
+import math
 import re
 import struct
 from collections.abc import Mapping
@@ -23,6 +24,9 @@ NEWTON_METRES: Mapping[str, float] = {
     "kgfcm": 0.0980665,
 }
 
+_FEWEST_COUNTS, _MOST_COUNTS = 1e-3, 1e12  # of a newton or newton metre: boxes have 200 to 1e8
+
+_LONGEST_TEXT = 80  # of a tag
 _TAG = re.compile(r"<([A-Za-z]\w*)>([^<>]*)</\1>")
 _READING = struct.Struct(">HH6h")
 _HEADER = 0x1234
@@ -94,7 +98,7 @@ def read_settings(xml: str) -> Settings:
         raise ValueError(f"forces are in the unknown unit '{force_unit}' (known: {', '.join(NEWTONS)})")
     if _torque_unit(torque_unit) not in NEWTON_METRES:
         raise ValueError(f"torques are in the unknown unit '{torque_unit}' (known: {', '.join(NEWTON_METRES)})")
-    return Settings(
+    settings = Settings(
         product=_text(tags, "prodname"),
         firmware=tags.get("mfgdigver", ""),
         configuration=tags.get("cfgnam", ""),
@@ -109,6 +113,10 @@ def read_settings(xml: str) -> Settings:
         rate_hz=_whole(tags, "comrdtrate", least=1),
         buffer_size=_whole(tags, "comrdtbsiz", least=1),
     )
+    for name, unit, counts in (("cfgcpf", "N", settings.counts_per_n), ("cfgcpt", "N m", settings.counts_per_nm)):
+        if not _FEWEST_COUNTS <= counts <= _MOST_COUNTS:
+            raise ValueError(f"<{name}> is '{_text(tags, name)}', {counts:g} counts per {unit}, as no load cell has")
+    return settings
 
 
 def read_reading(data: bytes) -> LoadReading:
@@ -125,8 +133,11 @@ def encode_reading(reading: LoadReading) -> bytes:
 
 
 def _tags(xml: str) -> dict[str, str]:
-    """Return the page's plain tags; the page is flat, and everything else in it is ignored."""
-    return {name: unescape(text).strip() for name, text in _TAG.findall(xml)}
+    """Return the page's plain tags; the page is flat, and everything else in it is ignored.
+
+    No text that a box means is as long as what is cut off.
+    """
+    return {name: unescape(text).strip()[:_LONGEST_TEXT] for name, text in _TAG.findall(xml)}
 
 
 def _text(tags: Mapping[str, str], name: str) -> str:
@@ -158,12 +169,13 @@ def _whole(tags: Mapping[str, str], name: str, *, least: int) -> int:
 
 
 def _six(tags: Mapping[str, str], name: str) -> tuple[float, ...]:
-    """Return six numbers, none for a page without them: that is no reason to reject a box."""
+    """Return six finite numbers, none for a page without them: that is no reason to reject a box."""
     texts = re.split(r"[;,\s]+", tags.get(name, "").strip())
     try:
-        return tuple(float(text) for text in texts) if len(texts) == 6 else ()
+        numbers = tuple(float(text) for text in texts)
     except ValueError:
         return ()
+    return numbers if len(numbers) == 6 and all(map(math.isfinite, numbers)) else ()
 
 
 def _torque_unit(text: str) -> str:

@@ -1,5 +1,6 @@
 """The page a Net F/T describes itself with, and what it is asked over HTTP."""
 
+import math
 import re
 
 import pytest
@@ -53,7 +54,24 @@ READ = Settings(
     buffer_size=40,
 )
 NEEDED = ["prodname", "cfgcpf", "cfgcpt", "scfgfu", "scfgtu", "comrdtrate", "comrdtbsiz"]
-VALUES = ["", "7", "-1", "nan", "inf", "1e400", "0.5", "N", "N-m", "1;2;3;4;5;6", "&lt;", "Ω", "<", "</netft>"]
+VALUES = [
+    "",
+    "7",
+    "-1",
+    "nan",
+    "inf",
+    "1e400",
+    "0.5",
+    "N",
+    "N-m",
+    "1;2;3;4;5;6",
+    "1;2;3;4;5;inf",
+    "5e-324",
+    "&lt;",
+    "Ω",
+    "<",
+    "</netft>",
+]
 
 
 def with_text(page: str, tag: str, text: str) -> str:
@@ -84,8 +102,9 @@ def check_that_a_page_is_read_or_refused(tags: list[tuple[str, str]]) -> None:
 
 
 def check_that_settings_can_be_meant(read: Settings) -> None:
-    assert 0 < read.counts_per_n < float("inf")
-    assert 0 < read.counts_per_nm < float("inf")
+    assert 1e-3 <= read.counts_per_n <= 1e12
+    assert 1e-3 <= read.counts_per_nm <= 1e12
+    assert all(map(math.isfinite, read.ranges + read.bias))
     assert read.rate_hz >= 1
     assert read.buffer_size >= 1
     assert {len(read.ranges), len(read.bias)} <= {0, 6}
@@ -186,9 +205,27 @@ def test_six_numbers_are_read_with_any_separator(text: str) -> None:
     assert read_settings(page_with("cfgmr", text)).ranges == (1, 2, 3, 4, 5, 6)
 
 
-@pytest.mark.parametrize("text", ["", "1;2;3", "1;2;3;4;5;x", "1;2;3;4;5;6;7"])
-def test_other_than_six_numbers_are_none(text: str) -> None:
-    assert read_settings(page_with("setbias", text)).bias == ()
+@pytest.mark.parametrize("text", ["", "1;2;3", "1;2;3;4;5;x", "1;2;3;4;5;6;7", "1;1;1;1;1;nan", "0;0;0;0;0;1e400"])
+@pytest.mark.parametrize("tag", ["setbias", "cfgmr"])
+def test_other_than_six_finite_numbers_are_none(tag: str, text: str) -> None:
+    read = read_settings(page_with(tag, text))
+    assert (read.bias if tag == "setbias" else read.ranges) == ()
+
+
+@pytest.mark.parametrize(
+    ("tag", "text", "unit"),
+    [
+        ("cfgcpf", "1e-320", "N"),
+        ("cfgcpf", "5e-324", "lbf"),
+        ("cfgcpf", "1e308", "klbf"),
+        ("cfgcpt", "1e308", "Nmm"),
+        ("cfgcpt", "5e-324", "lbf-ft"),
+    ],
+)
+def test_counts_per_newton_that_no_load_cell_has_are_refused_in_every_unit(tag: str, text: str, unit: str) -> None:
+    page = with_text(page_with(tag, text), "scfgfu" if tag == "cfgcpf" else "scfgtu", unit)
+    with pytest.raises(ValueError, match=f"<{tag}> is '{text}', .* as no load cell has"):
+        read_settings(page)
 
 
 @pytest.mark.parametrize(("text", "enabled"), [("Enabled", True), ("1", True), ("Disabled", False), ("0", False)])
