@@ -54,7 +54,7 @@ def write(vehicle: ExportVehicle) -> str:
         "rotors": _rotors(vehicle),
         "at_hovering": _at_hovering(vehicle),
     }
-    return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
 def covariance_blocks(content: Mapping[str, Any]) -> dict[str, Value]:

@@ -17,7 +17,7 @@ Format = Literal["html", "md", "json", "tex"]
 def rendered(report: Report, form: Format, folder: Path) -> str:
     """Return a report's text; figures are read from the campaign's folder.
 
-    What a terminal would obey becomes a question mark, but for JSON.
+    What a terminal would obey becomes a question mark, in JSON an escape.
     """
     # Each renderer is imported when it is wanted: a template engine is no use to a program that reads JSON.
     if form == "html":
@@ -26,4 +26,4 @@ def rendered(report: Report, form: Format, folder: Path) -> str:
         return printable_lines(as_markdown(report))
     if form == "tex":
         return printable_lines(as_tex(report))
-    return json.dumps({"made_by": MARK, **report.as_json()}, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return json.dumps({"made_by": MARK, **report.as_json()}, indent=1, allow_nan=False) + "\n"
