@@ -68,12 +68,12 @@ def note(text: str) -> None:
 def noted(text: str) -> str:
     """Return a note as the terminal shows it."""
     line = fitted(f"note: {in_options(text)}", indent=_HEAD, err=True)
-    return typer.style(line, fg=_colour(typer.colors.YELLOW))
+    return _coloured(line, typer.colors.YELLOW)
 
 
 def fault(text: str) -> None:
     """Print the error that ends the command."""
-    typer.secho(fitted(f"cfid: {in_options(text)}", indent=_HEAD, err=True), err=True, fg=_colour(typer.colors.RED))
+    typer.echo(_coloured(fitted(f"cfid: {in_options(text)}", indent=_HEAD, err=True), typer.colors.RED), err=True)
 
 
 @contextlib.contextmanager
@@ -133,5 +133,5 @@ def clock(seconds: float) -> str:
     return f"{int(seconds) // 60}:{int(seconds) % 60:02d}"
 
 
-def _colour(name: str) -> str | None:
-    return None if os.environ.get("NO_COLOR") else name
+def _coloured(text: str, name: str) -> str:
+    return text if os.environ.get("NO_COLOR") else typer.style(text, fg=name)

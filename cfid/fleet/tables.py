@@ -86,9 +86,15 @@ def print_details(comparisons: Sequence[ComparedNumber], summaries: Sequence[Sum
                 console.print(f"  {number:3}  {value} +- {std}{mark}", highlight=False)
 
 
+def _in_a_spreadsheet(text: str) -> str:
+    """Return a text that a spreadsheet takes for text, and not for a formula that somebody else wrote."""
+    return f"'{printable(text)}" if text[:1] in tuple("=+-@") else printable(text)
+
+
 def write_table(path: Path, rows: Sequence[Mapping[str, Any]], *, title: str) -> None:
     """Write rows to a new file in the format of its suffix. Raises ConfigError."""
-    texts = [{key: printable(one) if isinstance(one, str) else one for key, one in row.items()} for row in rows]
+    shown = _in_a_spreadsheet if path.suffix == ".csv" else printable
+    texts = [{key: shown(one) if isinstance(one, str) else one for key, one in row.items()} for row in rows]
     frame = DataFrame(texts)
     for name in _NUMBERS & {*frame.columns}:
         frame[name] = frame[name].astype(float)  # where none is known too

@@ -199,7 +199,8 @@ def _key(fault: Mapping[str, Any], content: Mapping[str, Any]) -> str:
         if part in there or (fault["type"] == "missing" and part == fault["loc"][-1]):
             known.append(str(part))
             here = there.get(part)
-    return ".".join(known) or "(top)"
+    key = ".".join(known) or "(top)"
+    return key if key.isprintable() else repr(key)  # a newline in it would pass for a line of cfid's own
 
 
 def _reason(kind: str, message: str) -> str:

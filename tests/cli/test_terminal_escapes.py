@@ -1,5 +1,6 @@
 """Nothing that a terminal would obey is printed, whatever files, notes and names contain."""
 
+import json
 import subprocess
 from collections.abc import Callable
 from datetime import UTC, datetime
@@ -46,12 +47,21 @@ def test_a_note_is_printed_without_its_escapes_and_its_markup_is_text(cfid: Cfid
 
 def test_a_key_of_rig_toml_is_printed_without_its_escapes(cfid: Cfid, campaign: Path) -> None:
     with (campaign / RIG_FILE).open("a") as file:
-        file.write('\n["\\u001b[2J\\u0007"]\nkey = 1\n')
+        file.write('\n["\\u001b[2J\\u0007\\nFORGED"]\nkey = 1\n')
 
     said = cfid("rig", "check", folder=campaign)
     assert said.returncode == 2
     assert harmless(said), said.stderr
     assert "there is no such key" in said.stderr
+    assert not any(line.startswith("FORGED") for line in said.stderr.splitlines())
+
+
+def test_json_for_a_file_has_escapes_where_it_is_printed(cfid: Cfid, campaign: Path) -> None:
+    (campaign / RIG_FILE).write_text(new_rig_text().replace('name = "', 'name = "\\u009b31m\\u202e\\u2028'))
+    said = cfid("export", "json", "--out", "-", folder=campaign)
+    assert said.returncode == 0, said.stderr
+    assert harmless(said), said.stdout
+    assert json.loads(said.stdout)["name"].startswith("\x9b31m\u202e\u2028")
 
 
 def test_a_name_that_is_no_run_is_printed_without_its_escapes(cfid: Cfid, campaign: Path) -> None:

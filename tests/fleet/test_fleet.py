@@ -193,6 +193,12 @@ def test_a_table_is_written_to_a_new_file(cfid: Cfid, tmp_path: Path, suffix: st
     assert "exists already" in again.stderr
 
 
+def test_a_name_in_a_csv_file_is_no_formula_of_a_spreadsheet(cfid: Cfid, tmp_path: Path) -> None:
+    folders = [campaign(tmp_path / name, day, 0.028) for day, name in enumerate(["=1+1", "@b", "c"])]
+    cfid("fleet", *folders, "--details", "--out", tmp_path / "table.csv")
+    assert list(pd.read_csv(tmp_path / "table.csv")["campaign"]) == ["'=1+1", "'@b", "c"]
+
+
 def test_a_table_without_details_has_a_row_a_number(cfid: Cfid, tmp_path: Path) -> None:
     folders = [campaign(tmp_path / f"c{day}", day, 0.028) for day in range(3)]
     cfid("fleet", *folders, "--out", tmp_path / "table.csv")
