@@ -44,7 +44,7 @@ class SignalPlot:
         self.figure = _figure("s", colours, x_range=time_range)
         draw = self.figure.step if signal.steps else self.figure.line
         more = {"mode": "after"} if signal.steps else {}
-        for k, name in enumerate(signal.names):
+        for k, name in reversed([*enumerate(signal.names)]):  # a rotor shakes Fz most: it would cover Fx and Fy
             draw("t", name, source=self._source, color=colours.line(k), line_width=1.3, **more)
         _finish(self.figure, colours)
         self.block = _block(self.figure, signal.title, signal.unit, signal.names, colours)
