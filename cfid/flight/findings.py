@@ -62,11 +62,22 @@ def findings_of(
     of_torques = unlike or _crossed(found) or [*_moment_findings(found, body), *_unlike_arm(quantities, body)]
     return (
         *(finding for one in flights for finding in _weight_findings(one)),
+        *_supply_findings(found, body),
         *_thrust_findings(found),
         *of_torques,
         *([] if unlike else (finding for one in flights for finding in moving_findings(one.flight, *_DRAG))),
         *_drag_findings(drags),
     )
+
+
+def _supply_findings(found: FlightFit, body: Body) -> list[Finding]:
+    if found.in_volts or not body.load_sag_std:
+        return []
+    text = (
+        "the log has no battery voltage: a battery gives way under all rotors together, and moments come out up to "
+        f"10 % small. Their uncertainty contains {100 * body.load_sag_std:g} % for it: log pm.vbat."
+    )
+    return [warning("flight-voltage-unknown", text, *MOMENTS.values())]
 
 
 def _weight_findings(flown: FlownLog) -> list[Finding]:

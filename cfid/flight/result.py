@@ -74,7 +74,7 @@ def fit(flights: Sequence[FlownLog], *, body: Body) -> Result:
         drawings=drawings,
         folder=flights[0].log.path.parent,
     )
-    return with_common_causes(result, power_law(quantities, *causes_of(body)))
+    return with_common_causes(result, power_law(quantities, *causes_of(body, in_volts=found.in_volts)))
 
 
 def _check(flights: Sequence[FlownLog]) -> None:

@@ -29,13 +29,18 @@ _TIMES = {
     SINGLE: (0.5, 0.5, 1.0, 0.0),
 }
 TIMES = tuple(_TIMES)
+# Without the battery's voltage, thrust's slope is that of all rotors together, under which a battery gives way: up to
+# 10 % less than that of one rotor against another, which turns the vehicle. The powers with which values go with it.
+LOAD_SAG_STD = 0.06
+_WITH_SAG = {**dict.fromkeys(MOMENTS.values(), 1.0), **dict.fromkeys((_RISING, _FALLING, _MEAN, SINGLE), 0.3)}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Body:
     """What a flight cannot tell: mass, arm from the centre to a motor's axis, torque of a rotor over its thrust.
 
-    Each has its standard uncertainty; None is unknown.
+    Each has its standard uncertainty; None is unknown. `load_sag_std` is the share of thrust's slope that a battery
+    may take by its sag under load, where the log has no voltage.
     """
 
     mass_kg: float
@@ -44,6 +49,7 @@ class Body:
     arm_std_m: float | None = None
     torque_m: float | None = None
     torque_std_m: float | None = None
+    load_sag_std: float = LOAD_SAG_STD
 
 
 def thrust_key(found: FlightFit) -> str:
@@ -101,7 +107,7 @@ def covariances_of(found: FlightFit, body: Body) -> tuple[Covariance, ...]:
     )
 
 
-def causes_of(body: Body) -> tuple[dict[str, dict[Cause, float]], dict[str, dict[str, float]]]:
+def causes_of(body: Body, *, in_volts: bool) -> tuple[dict[str, dict[Cause, float]], dict[str, dict[str, float]]]:
     """Return the causes by the unit they scale, and the powers with which quantities have them."""
     mass = Cause("mass", body.mass_std_kg / body.mass_kg if body.mass_std_kg else None)
     arm = Cause("arm", None if not body.arm_m or body.arm_std_m is None else body.arm_std_m / body.arm_m)
@@ -112,12 +118,15 @@ def causes_of(body: Body) -> tuple[dict[str, dict[Cause, float]], dict[str, dict
         measured["m"] = {arm: 1.0}
     if body.torque_m is not None:
         measured["N m/N"] = {torque: 1.0}
+    if not in_volts:
+        measured["sag"] = {Cause("the battery's sag under load", body.load_sag_std): 1.0}
     powers = {
         **{MOMENTS[axis]: {"kg": 1.0, "m": 1.0} for axis in ("roll", "pitch")},
         MOMENTS["yaw"]: {"kg": 1.0, "N m/N": 1.0},
         "flight.drag_kg_per_s.*": {"kg": 1.0},
     }
-    return measured, powers
+    with_sag = {key: {**powers.get(key, {}), "sag": power} for key, power in _WITH_SAG.items()}
+    return measured, {**with_sag, **{key: one for key, one in powers.items() if key not in with_sag}}
 
 
 def drag_quantities(drags: Mapping[str, AxisDrag | None], body: Body) -> dict[str, Parameter]:
@@ -135,8 +144,10 @@ def drag_quantities(drags: Mapping[str, AxisDrag | None], body: Body) -> dict[st
 
 
 def given(body: Body) -> dict[str, Parameter]:
-    """Return the mass and the arm that the rest was scaled by: they belong to it."""
+    """Return the mass, the arm and the torque over thrust that the rest was scaled by: they belong to it."""
     given = {"flight.mass_kg": Parameter(value=body.mass_kg, std=body.mass_std_kg)}
+    if body.torque_m is not None:
+        given["flight.torque_m"] = Parameter(value=body.torque_m, std=body.torque_std_m)
     if body.arm_m is not None:
         given["flight.arm_m"] = Parameter(value=body.arm_m, std=body.arm_std_m)
     return given

@@ -237,6 +237,8 @@ _FLIGHTS = _given(
              plausible=Range(0.005, 1, "10 g to 1 kg")),
     Quantity("flight.arm_m", "m", "l", "arm that moments in flight were scaled by",
              plausible=Range(0.01, 0.5, "a Crazyflie has 46 mm")),
+    Quantity("flight.torque_m", "m", "q", "torque over thrust that the moment about yaw in flight was scaled by",
+             plausible=Range(5e-4, 0.2, "a Crazyflie has 6 mm")),
     Quantity("flight.thrust_poly", "N(cmd)", "a_f", "input command to thrust in flight, one motor", Shape.POLYNOMIAL,
              Range(0.01, 10, "thrust of one motor", at=FULL_COMMAND), count=3, of="N", over="cmd"),
     Quantity("flight.thrust_voltage_poly", "N(V)", "v_f", "motor voltage to thrust in flight, one motor",

@@ -71,8 +71,12 @@ def fly(
     hover: bool = False,
     wind: float = 1.0,
     noise: float = 1.0,
+    load_sag: float = 0.0,
 ) -> list[FlightLog]:
-    """Return a log of each vehicle at 500 Hz; one that hovers has no manoeuvres. `noise` is the share of the usual."""
+    """Return a log of each vehicle at 500 Hz; one that hovers has no manoeuvres. `noise` is the share of the usual.
+
+    `load_sag` is the share of its voltage that the battery loses under the thrust of hovering.
+    """
     count, steps = len(vehicles.mass), int(seconds / STEP)
     level = _level(vehicles)
     late = np.tile(level[:, None], (1, 4))
@@ -99,7 +103,8 @@ def fly(
         command = _autopilot(vehicles, plan[step], shown, up, velocity[:, 2], level)
         rows[step, :, :4] = command
         pending.append(command)
-        ahead = pending.pop(0) - late
+        volts = 1 + load_sag * (1 - thrust.sum(axis=1) / (vehicles.mass * G))  # of those that hovering leaves
+        ahead = pending.pop(0) * volts[:, None] - late
         tau = np.where(ahead > 0, vehicles.rising[:, None], vehicles.falling[:, None])
         moved = ahead * (1 - np.exp(-STEP / tau))
         middle = k * (vehicles.idle[:, None] + vehicles.gain[:, None] * (late + moved / 2)) ** 2

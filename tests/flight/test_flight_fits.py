@@ -14,7 +14,7 @@ from cfid.flight.estimation import Equations, fit_flights
 from cfid.flight.model import LEVER, ROW_S, ROW_STEPS, STEP_S, ThrustLag, equations_of
 from cfid.flight.moving import moving_findings
 from cfid.flight.result import fit
-from cfid.flight.values import Body
+from cfid.flight.values import LOAD_SAG_STD, Body
 from cfid.records.logs.log import Channel, FlightLog, in_memory
 from cfid.records.result import Result
 from tests.flight.flying import ACCELEROMETER_DELAY_S, GYRO_DELAY_S, LATE_STEPS, STEP, Fleet, fleet, fly
@@ -32,6 +32,7 @@ def body_of(vehicles: Fleet, place: int) -> Body:
         arm_std_m=0.0,
         torque_m=float(vehicles.torque[place]),
         torque_std_m=0.0,
+        load_sag_std=0.0,
     )
 
 
@@ -185,6 +186,21 @@ def test_of_a_step_to_the_other_side_of_the_likeliest_parameters_half_is_taken()
         equations = Equations([equations_of(flight)]).whitened(at)
         assert equations.likeliest(at, 2 * step) == 0.5
         assert equations.likeliest(at, step) == 1.0
+
+
+def test_without_the_voltage_moments_contain_what_a_battery_gives_way_under_load() -> None:
+    """All rotors together were weaker by its sag than one against another: moments came out 4 to 9 % small at 2 %."""
+    rng = np.random.default_rng(11)
+    vehicles = fleet(3, rng)
+    biases = []
+    for place, log in enumerate(fly(vehicles, rng, seconds=18.0, wind=0.3, load_sag=0.06)):
+        body = replace(body_of(vehicles, place), load_sag_std=LOAD_SAG_STD)
+        result = fit([flight_of(log)], body=body)
+        expected = truths(vehicles, place)
+        assert max(map(abs, errors_in_std(result, expected).values())) < 2.5
+        assert "flight-voltage-unknown" in codes(result, "warning")
+        biases += [result.quantities[key].value / expected[key] - 1 for key in expected if "inertia" in key]
+    assert -0.12 < np.mean(biases) < -0.03
 
 
 def gain_at(frequency_hz: float, values: Array) -> float:
