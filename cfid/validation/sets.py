@@ -86,8 +86,8 @@ def _of_rig(at: Measured, name: str, in_volts: bool) -> ParameterSet:
 
 def _of_flights(at: Measured, name: str, in_volts: bool) -> ParameterSet:
     roll, pitch = (float(at[f"flight.inertia_kg_m2.{axis}"].value) for axis in ("roll", "pitch"))
-    yaw, torque = at.get("flight.inertia_kg_m2.yaw"), at.get("motor.torque_poly")
-    known = yaw is not None and torque is not None
+    yaw, torque_m = at.get("flight.inertia_kg_m2.yaw"), _torque_m(at)
+    known = yaw is not None and torque_m is not None
     thrust_n, in_volts = _thrust(at, "flight", in_volts)
     forward, left = (at.get(f"flight.drag_over_mass_per_s.{axis}") for axis in ("forward", "left"))
     return ParameterSet(
@@ -96,13 +96,21 @@ def _of_flights(at: Measured, name: str, in_volts: bool) -> ParameterSet:
         mass_kg=float(at["flight.mass_kg"].value),
         moments_kg_m2=(roll, pitch, roll + pitch if yaw is None else float(yaw.value)),
         arm_m=float(at["flight.arm_m"].value),
-        torque_m=0.0 if yaw is None or torque is None else float(torque.value[-2]),
+        torque_m=0.0 if yaw is None or torque_m is None else torque_m,
         thrust_n=thrust_n,
         in_volts=in_volts,
         lag=ThrustLag(at["flight.rising_s"].value, at["flight.falling_s"].value),
         delay_s=at["flight.delay_s"].value,
         drag_per_s=None if forward is None or left is None else (float(forward.value), float(left.value)),
     )
+
+
+def _torque_m(at: Measured) -> float | None:
+    """Return the torque over thrust that a flight's moment about yaw was scaled by, else the rig's, None for none."""
+    scaled, rig = at.get("flight.torque_m"), at.get("motor.torque_poly")
+    if scaled is not None:
+        return float(scaled.value)
+    return None if rig is None else float(rig.value[-2])
 
 
 def _arm_m(rig: Rig) -> float:
