@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.motors.lag.estimation import LogSegment, fit_lag
-from cfid.motors.lag.model import Signal
+from cfid.motors.lag.estimation import fit_lag
+from cfid.motors.lag.model import LogSegment, Signal
 from tests.coverage_rows import Row
 
 Array = npt.NDArray[np.float64]

@@ -14,8 +14,8 @@ import pytest
 from cfid.errors import ConfigError, DataError, FitError
 from cfid.motors.lag import fit
 from cfid.motors.lag.data import RotorLog, of_stand, rotor_log
-from cfid.motors.lag.estimation import LagFit, LogSegment, fit_lag, joined
-from cfid.motors.lag.model import InputLag, Signal
+from cfid.motors.lag.estimation import LagFit, fit_lag, joined
+from cfid.motors.lag.model import InputLag, LogSegment, Signal
 from cfid.records.result import Result
 from cfid.records.tables.stand import read_stand_table
 from tests.campaigns import Cfid

@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, note, of_recording
-from cfid.motors.lag.estimation import SETTLING_S, LogSegment
-from cfid.motors.lag.model import Signal
+from cfid.motors.lag.estimation import SETTLING_S
+from cfid.motors.lag.model import LogSegment, Signal
 from cfid.records.logs.any_kind import NO_OPTIONS, is_binary_log, read_log
 from cfid.records.logs.log import Channel, FlightLog, in_memory
 from cfid.records.logs.windows import windows
@@ -40,12 +40,14 @@ _PART_S = 300.0  # a flight is one part, or two
 class LogPart:
     """Commands by motor, 0 to 65535, with speeds in rad/s by motor, volts, and acceleration along z in m/s^2.
 
-    Each has its own times, in seconds since the log's first row of a command.
+    Each has its own times, in seconds since the log's first row of a command. Drives are those at the voltage `at_v`, 1
+    where none was logged.
     """
 
     commands: Mapping[int, Signal]
     speeds: Mapping[int, Signal]
     volts: Signal | None = None
+    at_v: float = 1.0
     acceleration: Signal | None = None
 
     @property
@@ -75,11 +77,11 @@ class LogPart:
         time_s, command = self.commands[motor]
         return np.zeros(0) if self.volts is None else np.interp(time_s[command > 0], *self.volts)
 
-    def _drive(self, motor: int) -> Array:
-        """Return the command over the full one, times the battery's volts where these are known."""
-        time_s, command = self.commands[motor]
-        volts = 1.0 if self.volts is None else np.interp(time_s, *self.volts)
-        return np.asarray(command / FULL_COMMAND * volts)
+    @property
+    def mean_v(self) -> float:
+        """The battery's mean voltage at the commands that drive motors, 1 where it was not logged."""
+        driven_v = np.concatenate([self.driven_volts(motor) for motor in self.commands])
+        return float(np.mean(driven_v)) if len(driven_v) else 1.0
 
     def _segments(self, motors: tuple[int, ...], measured: Signal) -> Iterator[LogSegment]:
         """Yield the segments without a break that are long enough to be used."""
@@ -87,13 +89,16 @@ class LogPart:
         runs = np.all([self.commands[motor].value > 0 for motor in motors], axis=0)
         ends = ~runs[:-1] | ~runs[1:] | (np.diff(time_s) > _BREAK_S)
         edges = np.concatenate([[0], np.flatnonzero(ends) + 1, [len(time_s)]])
-        drives = [self._drive(motor) for motor in motors]
+        drives = [self.commands[motor].value / FULL_COMMAND * self.at_v for motor in motors]
+        volts = None if self.volts is None else Signal(time_s, np.interp(time_s, *self.volts) / self.at_v)
         for first, last in zip(edges[:-1], edges[1:] - 1, strict=True):
             if last < first or time_s[last] - time_s[first] <= 2 * SETTLING_S:
                 continue
             inside = slice(first, last + 1)
             between = measured.between(float(time_s[first]), float(time_s[last]))
-            yield LogSegment(tuple(Signal(time_s[inside], drive[inside]) for drive in drives), between)
+            commands = tuple(Signal(time_s[inside], drive[inside]) for drive in drives)
+            ratio = None if volts is None else Signal(time_s[inside], volts.value[inside])
+            yield LogSegment(commands, between, ratio)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -134,7 +139,7 @@ class RotorLog:
         return replace(self, window=(low, min(high, self.window[1])))
 
     def parts(self) -> Iterator[LogPart]:
-        """Yield the window, in parts of equal length where it is longer than 5 minutes.
+        """Yield the window, in parts of equal length where it is longer than 5 minutes, their drives at one voltage.
 
         Raises DataError where nothing shows how the rotors follow.
         """
@@ -147,12 +152,15 @@ class RotorLog:
         count = ceil((high - low) / _PART_S)
         needed = (self.volts, None if self.speeds else self.acceleration)
         names = [*self.commands.values(), *self.speeds.values(), *(name for name in needed if name is not None)]
+        at_v = 0.0
         for part in windows(self.log, names, from_s=self.begin_s + low, long_s=(high - low) / count):
             signals = {name: self._since_begin(*timed) for name, timed in part.items()}
             known = all(len(signals[name].time_s) > 1 for name in names)
             if known and (self.volts is None or len(_possible(signals[self.volts]).time_s)):
                 self._refuse_slow(signals)
-                yield self._part(signals)
+                found = self._part(signals)
+                at_v = at_v or found.mean_v
+                yield replace(found, at_v=at_v)
 
     def _refuse_slow(self, signals: Mapping[str, Signal]) -> None:
         """Raise DataError where every interval between commands is a break."""

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,17 +19,19 @@ from scipy.optimize import OptimizeResult, least_squares
 from cfid.counted import counted
 from cfid.errors import FitError
 from cfid.estimate.blocks import block_means
-from cfid.estimate.linear import gain_of, sandwich, std_of
+from cfid.estimate.linear import gain_of, std_of
 from cfid.findings import Finding, texts
 from cfid.motors.lag.checks import EXPLAINED, Kind, rejections
-from cfid.motors.lag.model import InputLag, Signal
-from cfid.motors.lag.plausibility import any_far, clipped, moves, noise_of, odd, standing, without
+from cfid.motors.lag.model import InputLag, LogSegment, Signal, Supply, powers, speed_shown, thrust_shown
+from cfid.motors.lag.plausibility import any_far, clipped, moves, noise_of, odd, standing, varies, without
+from cfid.motors.lag.uncertainty import Expected, beside, correlation_of, covariances, drifts_of, whitened
 
 Array = npt.NDArray[np.float64]
 
 SETTLING_S = 1.0  # of each piece, in which the unknown state at its begin is forgotten
 _FEWEST = 200  # samples
 _FINEST_S = 2e-3  # what is sampled closer is averaged: rotors take many times longer
+_FINEST_VOLTS_S = 5e-3  # they change by some percent
 _QUICKEST_S, _SLOWEST_S, _EARLIEST_S, _LATEST_S = 1e-3, 2.0, -0.2, 0.5
 _STARTS_S, _STARTS_LATE_S = (0.015, 0.04, 0.1, 0.25), (0.0, 0.02, 0.06)
 _SMOOTH = 0.25  # time constants over which noise is averaged before judging how much the lag explains
@@ -37,29 +39,23 @@ _DRIFTED = 2.0  # times the variance that a drift leaves: without it the model i
 # Of the interval between rows of a command that moves in most of them: what it does between them is not known. On
 # chirps and ramps at 50 Hz time constants were up to this much off beyond noise.
 _BETWEEN_ROWS = 0.03
-_SURE_STD = 2.0  # of both fits' uncertainties: what noise explains
+SUPPLY_STD = Supply(power=0.5, whole=1.0, late=0.5)  # how unsure a supply is beside the usual one
 _SINGULAR = 1e-7  # of a Jacobian with columns of equal length
 _CLOSE = 1e-6  # relative to the cost of thousands of samples: far below the uncertainty
-_MOST_CORRELATED = 0.99  # with the sample before: nearer to 1, levels are lost
 _MOST_STEPS = 60  # of the search; a record that shows a lag needs 10
-
-
-class LogSegment(NamedTuple):
-    """A part of a record without a break: what drives each rotor, 0 to about 1, and what was measured."""
-
-    drives: tuple[Signal, ...]
-    measured: Signal
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LagFit:
     """A lag, and the map that it follows, c0 + c1 u + c2 u^2 of the drive u, with the covariance (6, 6) of map and lag.
 
-    `late_s` is how uncertain the delay is beside that, since rows show commands late: rotors and parts of one log have
-    it in common. `explained` is the part of the variance that the lag and a slow drift explain, averaged over a quarter
-    of a time constant, `rms` what is left, `drift` the relative change from begin to end at the same drives. `time_s`,
-    `measured` and, with the drift, `shown` (n,) were compared; `standing_s` and `odd_s` are the times of what was left
-    out, since a sensor stood still there, and since no command leads to it.
+    `doubts` (6, m) are the part of it that comes from what is expected of the voltage, one standard uncertainty each,
+    and `power` is the power of the voltage with which speeds go, and its standard uncertainty, None where not shown.
+    `late_s` is how uncertain the delay is beside that, since rows show commands late. Rotors and parts of one log have
+    it and the doubts in common. `explained` is the part of the variance that the lag and a slow drift explain, averaged
+    over a quarter of a time constant, `rms` what is left, `drift` the relative change from begin to end at the same
+    drives. `time_s`, `measured` and, with the drift, `shown` (n,) were compared; `standing_s` and `odd_s` are the times
+    of what was left out, since a sensor stood still there, and since no command leads to it.
     """
 
     kind: Kind
@@ -74,6 +70,8 @@ class LagFit:
     shown: Array
     findings: tuple[Finding, ...]
     late_s: float = 0.0
+    doubts: Array = field(default_factory=lambda: np.zeros((6, 0)))
+    power: tuple[float, float] | None = None
     standing_s: Array = field(default_factory=lambda: np.zeros(0))
     odd_s: Array = field(default_factory=lambda: np.zeros(0))
 
@@ -101,7 +99,8 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
     measured is the thrust of all rotors together in any unit, quadratic in speeds that are linear in the drive.
     `row_s` is the interval between two rows of the command, within which it changed before a row shows it: the delay
     is too short by any part of that. `moving` is a command that changes in most rows, whose steps these do not show.
-    The map holds in the middle of the record: its level and slope may drift, as with a battery that sags.
+    The map holds in the middle of the record: its level and slope may drift, as with a battery that sags. Where the
+    segments have a voltage, the drive goes with a power of it, which the record shows where the voltage changes enough.
     Speeds that no rotor had are left out. Raises FitError for less than 200 samples, and for a speed that stands still.
     """
     if kind == "speed":
@@ -115,16 +114,19 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
             f"{counted(len(measured), 'sample')} after the first {SETTLING_S:g} s with the rotors running "
             f"(limit {_FEWEST})."
         )
-    shown = (_speed if kind == "speed" else _thrust)(pieces)
+    shown = (speed_shown if kind == "speed" else thrust_shown)(pieces)
+    expected = _expected(pieces)
     start = _start(pieces, measured)
-    scale = np.append(np.full(3, max(float(np.std(measured)), 1e-12)), start[[3, 4, 3]])
-    low = [-np.inf] * 3 + [_QUICKEST_S, _QUICKEST_S, _EARLIEST_S]
-    high = [np.inf] * 3 + [_SLOWEST_S, _SLOWEST_S, _LATEST_S]
+    scale = np.concatenate([np.full(3, max(float(np.std(measured)), 1e-12)), start[[3, 4, 3]], expected.scale])
+    low = np.array([-np.inf] * 3 + [_QUICKEST_S, _QUICKEST_S, _EARLIEST_S] + [-np.inf] * len(expected.value))
+    high = np.array([np.inf] * 3 + [_SLOWEST_S, _SLOWEST_S, _LATEST_S] + [np.inf] * len(expected.value))
     lengths = [len(piece.measured.value) for piece in pieces]
 
     def fitted(begin: Array, white: Callable[[Array], Array], **loss: Any) -> OptimizeResult:
+        change = np.diff(white(shown(begin) - measured))  # a start is off smoothly: this is noise
+        noise = max(float(np.std(change)) / math.sqrt(2), 1e-12)
         return least_squares(
-            lambda p: white(shown(p) - measured),
+            lambda p: np.append(white(shown(p) - measured), expected.residual(p, noise=noise)),
             begin,
             x_scale=scale,
             bounds=(low, high),
@@ -135,8 +137,9 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
         )
 
     plain = fitted(start, np.asarray)
-    missed = np.var(plain.fun) > (1 - EXPLAINED[kind]) * np.var(measured)
-    if kind == "speed" and (missed or any_far(plain.fun)):
+    missing = plain.fun[: len(measured)]
+    missed = np.var(missing) > (1 - EXPLAINED[kind]) * np.var(measured)
+    if kind == "speed" and (missed or any_far(missing)):
         begin = _start(pieces, clipped(measured))
         sturdy = fitted(begin, np.asarray, loss="cauchy", f_scale=max(noise_of(shown(begin) - measured), 1e-9))
         flags = odd(measured, shown(sturdy.x), noise=noise_of(shown(sturdy.x) - measured))
@@ -146,24 +149,26 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
             time_s = np.concatenate([piece.measured.time_s for piece in pieces])[flags]
             fit = fit_lag(good, kind=kind, row_s=row_s, moving=moving)
             return replace(fit, odd_s=np.sort(np.concatenate([fit.odd_s, time_s])))
-    drifts = _drifts(pieces, shown(plain.x))
-    correlation = _correlation(_without(plain.fun, drifts), lengths)
-    white = partial(_whitened, lengths=lengths, correlation=correlation)
+    drifts = drifts_of(pieces, shown(plain.x))
+    correlation = correlation_of(beside(missing, drifts), lengths)
+    white = partial(whitened, lengths=lengths, correlation=correlation)
     white_drifts = np.column_stack([white(column) for column in drifts.T])
-    fit = fitted(plain.x, lambda residual: _without(white(residual), white_drifts))
+    fit = fitted(plain.x, lambda residual: beside(white(residual), white_drifts))
     off = shown(fit.x) - measured
-    residual = _without(off, drifts)
-    lag = InputLag(*fit.x[3:].tolist())
+    residual = beside(off, drifts)
+    lag = InputLag(*fit.x[3:6].tolist())
     columns = fit.jac / np.maximum(np.linalg.norm(fit.jac, axis=0), 1e-300)
     singular = np.linalg.svd(columns, compute_uv=False)[-1] < _SINGULAR or bool(np.any(fit.active_mask[3:]))
-    drifted = np.var(plain.fun) > _DRIFTED * np.var(residual)
-    covariance = _covariance(fit, plain, drifted=drifted, longest=len(measured) // 4)
+    drifted = np.var(missing) > _DRIFTED * np.var(residual)
+    covariance, doubts = covariances(fit, plain, expected, drifted=drifted, longest=len(measured) // 4)
     covariance[[3, 4], [3, 4]] += (moving * _BETWEEN_ROWS * row_s) ** 2
     explained = _explained(pieces, residual, measured, min(lag.rising_s, lag.falling_s))
     return LagFit(
         kind=kind,
         lag=lag,
-        covariance=np.full((6, 6), np.nan) if singular else covariance,
+        covariance=np.full((6, 6), np.nan) if singular else covariance[:6, :6],
+        doubts=doubts[:6],
+        power=(float(fit.x[6]), float(std_of(covariance)[6])) if expected.fitted else None,
         map=(float(fit.x[0]), float(fit.x[1]), float(fit.x[2])),
         explained=explained,
         rms=float(np.sqrt(np.mean(residual**2))),
@@ -174,7 +179,7 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
         findings=rejections(
             kind,
             lag,
-            std_of(covariance)[3:],
+            std_of(covariance)[3:6],
             explained,
             singular=singular,
             unseen_s=moving * row_s,
@@ -182,20 +187,6 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
         ),
         late_s=row_s / math.sqrt(3),
     )
-
-
-def _covariance(fit: OptimizeResult, plain: OptimizeResult, *, drifted: bool, longest: int) -> Array:
-    """Return the parameters' covariance (6, 6), with their change from a fit that neither whitens nor allows a drift.
-
-    The change counts where noise does not explain it, and no drift: the model misses something that both weigh
-    differently.
-    """
-    found = sandwich(fit.jac, fit.fun, longest=longest)
-    if drifted:
-        return found
-    change, other = fit.x - plain.x, sandwich(plain.jac, plain.fun, longest=longest)
-    unexplained = np.abs(change[3:]) > _SURE_STD * np.sqrt(np.diag(found)[3:] + np.diag(other)[3:])
-    return found + np.outer(change, change) if unexplained.any() else found
 
 
 def joined(fits: Sequence[LagFit]) -> LagFit:
@@ -210,13 +201,16 @@ def joined(fits: Sequence[LagFit]) -> LagFit:
     values = np.array([[*fit.map, *fit.lag] for fit in accepted])
     gain = gain_of(np.tile(np.eye(6), (len(accepted), 1)), covariance=covariance)
     mean = gain @ values.ravel()
+    doubts = gain @ np.vstack([fit.doubts for fit in accepted])
     apart = (values - mean).ravel()
     scatter = float(apart @ np.linalg.solve(covariance, apart)) / (len(apart) - 6)
     return replace(
         max(accepted, key=lambda fit: float(np.var(fit.shown))),
         lag=InputLag(*mean[3:].tolist()),
         map=(float(mean[0]), float(mean[1]), float(mean[2])),
-        covariance=max(scatter, 1.0) * gain @ covariance @ gain.T,
+        covariance=max(scatter, 1.0) * (gain @ covariance @ gain.T - doubts @ doubts.T) + doubts @ doubts.T,
+        doubts=doubts,
+        power=min((fit.power for fit in accepted if fit.power), key=lambda power: power[1], default=None),
         explained=float(np.mean([fit.explained for fit in accepted])),
         rms=float(np.sqrt(np.mean([fit.rms**2 for fit in accepted]))),
         drift=max((fit.drift for fit in accepted), key=abs),
@@ -224,35 +218,6 @@ def joined(fits: Sequence[LagFit]) -> LagFit:
         standing_s=np.concatenate([fit.standing_s for fit in fits]),
         odd_s=np.concatenate([fit.odd_s for fit in fits]),
     )
-
-
-def _drifts(pieces: Sequence[LogSegment], shown: Array) -> Array:
-    """Return what slowly changes (n, 3): level, how fast that changes, and slope, as of a battery or a warm motor."""
-    time_s = np.concatenate([piece.measured.time_s for piece in pieces])
-    late = time_s - np.mean(time_s)
-    return np.column_stack([late, late**2 - np.mean(late**2), late * (shown - np.mean(shown))])
-
-
-def _without(residual: Array, columns: Array) -> Array:
-    """Return residuals (n,) without what columns (n, m) explain of them."""
-    basis, _ = np.linalg.qr(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
-    return np.asarray(residual - basis @ (basis.T @ residual))
-
-
-def _correlation(residual: Array, lengths: Sequence[int]) -> float:
-    """Return how residuals (n,) of segments correlate with the one before, 0 at least."""
-    parts = np.split(residual, np.cumsum(lengths)[:-1])
-    both = sum(float(part[1:] @ part[:-1]) for part in parts)
-    return float(np.clip(both / max(float(residual @ residual), 1e-300), 0.0, _MOST_CORRELATED))
-
-
-def _whitened(residual: Array, *, lengths: Sequence[int], correlation: float) -> Array:
-    """Return residuals (n,) of segments without what each has in common with the one before, of variance 1 to 1."""
-    left = residual.copy()
-    left[1:] -= correlation * residual[:-1]
-    first = np.cumsum([0, *lengths[:-1]])
-    left[first] = math.sqrt(1 - correlation**2) * residual[first]
-    return left
 
 
 def _thinned(piece: LogSegment) -> LogSegment | None:
@@ -264,7 +229,23 @@ def _thinned(piece: LogSegment) -> LogSegment | None:
         return None
     length = max(int(_FINEST_S / np.median(np.diff(time_s))), 1)
     measured = Signal(block_means(time_s, length=length), block_means(value, length=length))
-    return piece._replace(measured=measured, drives=tuple(map(_changes, piece.drives)))
+    volts = None if piece.volts is None else _held_means(piece.volts)
+    return LogSegment(tuple(map(_changes, piece.drives)), measured, volts)
+
+
+def _held_means(volts: Signal) -> Signal:
+    """Return means of a voltage over at least 5 ms, each from the begin of what it is the mean of."""
+    time_s, value = volts
+    length = min(max(int(_FINEST_VOLTS_S / np.median(np.diff(time_s))), 1), len(time_s) - 1)
+    means = block_means((value[1:] + value[:-1]) / 2, length=length)
+    return Signal(time_s[::length][: len(means)], means)
+
+
+def _expected(pieces: Sequence[LogSegment]) -> Expected:
+    """Return what is expected of the supply, of nothing where no voltage is known."""
+    volts = [piece.volts for piece in pieces if piece.volts is not None]
+    value = np.array(Supply() if volts else ())
+    return Expected(value, np.array(SUPPLY_STD[: len(value)]), any(map(varies, volts)))
 
 
 def _moving(pieces: Sequence[LogSegment]) -> tuple[list[LogSegment], Array]:
@@ -290,51 +271,20 @@ def _changes(drive: Signal) -> Signal:
     return Signal(drive.time_s[kept], drive.value[kept])
 
 
-def _speed(pieces: Sequence[LogSegment]) -> Callable[[Array], Array]:
-    """Return the speeds (n,) over map and lag (6,): the speed that lags is that of the map."""
-
-    def shown(p: Array) -> Array:
-        lag = InputLag(*p[3:].tolist())
-        targets = [drive._replace(value=p[0] + p[1] * drive.value + p[2] * drive.value**2) for (drive,), _ in pieces]
-        each = zip(targets, pieces, strict=True)
-        return np.concatenate([lag.follow(target, piece.measured.time_s) for target, piece in each])
-
-    return shown
-
-
-def _thrust(pieces: Sequence[LogSegment]) -> Callable[[Array], Array]:
-    """Return the thrusts (n,) over map and lag (6,): each rotor's drive lags, and the map takes it to thrust."""
-    latest: dict[InputLag, Array] = {}  # most columns of a Jacobian have the same lag
-
-    def shown(p: Array) -> Array:
-        lag = InputLag(*p[3:].tolist())
-        if lag not in latest:
-            latest.clear()
-            latest[lag] = _powers(pieces, lag)
-        return np.asarray(latest[lag] @ p[:3])
-
-    return shown
-
-
-def _powers(pieces: Sequence[LogSegment], lag: InputLag) -> Array:
-    """Return one, the sum of the rotors' lagging drives and that of their squares (n, 3)."""
-    rows = []
-    for drives, (time_s, _) in pieces:
-        late = np.array([lag.follow(drive, time_s) for drive in drives])
-        rows.append(np.column_stack([np.ones(len(time_s)), late.sum(axis=0), (late**2).sum(axis=0)]))
-    return np.concatenate(rows)
-
-
 def _start(pieces: Sequence[LogSegment], measured: Array) -> Array:
-    """Return the best map and lag (6,) of a coarse grid, as fast upwards as downwards."""
+    """Return the best map and lag of a coarse grid, as fast upwards as downwards, with the usual supply (8,).
+
+    Without a voltage there is no supply (6,).
+    """
+    usual = () if pieces[0].volts is None else Supply()
     best, found = np.inf, np.zeros(6)
     for tau_s in _STARTS_S:
         for late_s in _STARTS_LATE_S:
-            rows = _powers(pieces, InputLag(tau_s, tau_s, late_s))
+            rows = powers(pieces, InputLag(tau_s, tau_s, late_s), Supply())
             values = gain_of(rows) @ measured
             left = float(np.sum((measured - rows @ values) ** 2))
             if left < best:
-                best, found = left, np.append(values, [tau_s, tau_s, late_s])
+                best, found = left, np.concatenate([values, [tau_s, tau_s, late_s], usual])
     return found
 
 

@@ -1,5 +1,6 @@
-"""First-order lag of a rotor, with one time constant upwards and one downwards, behind a command that is held."""
+"""What follows commands that are held: a lag with one time constant upwards and one downwards, and a static map."""
 
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,15 @@ class Signal(NamedTuple):
         inside = (self.time_s >= from_s) & (self.time_s < to_s)
         return Signal(self.time_s[inside], self.value[inside])
 
+    def held(self, time_s: Array) -> Array:
+        """Return the values that hold at times (m,), the first before its begin."""
+        return np.asarray(self.value[np.maximum(np.searchsorted(self.time_s, time_s, side="right") - 1, 0)])
+
+    def times(self, other: "Signal") -> "Signal":
+        """Return the product with another that is held as well."""
+        time_s = np.union1d(self.time_s, other.time_s)
+        return Signal(time_s, self.held(time_s) * other.held(time_s))
+
 
 class InputLag(NamedTuple):
     """dw/dt = (c - w) / tau, tau being `rising_s` where c > w and `falling_s` elsewhere, c from `delay_s` before."""
@@ -33,7 +43,7 @@ class InputLag(NamedTuple):
         every_s = np.concatenate([begin_s, time_s])
         order = np.argsort(every_s, kind="stable")
         at_s = every_s[order]
-        held = target.value[np.maximum(np.searchsorted(begin_s, at_s[:-1], side="right") - 1, 0)]
+        held = Signal(begin_s, target.value).held(at_s[:-1])
         step_s = np.diff(at_s)
         rising, falling = np.exp(-step_s / self.rising_s), np.exp(-step_s / self.falling_s)
         now = float(target.value[0])
@@ -42,3 +52,82 @@ class InputLag(NamedTuple):
             now = to + (now - to) * (left_rising if to > now else left_falling)
             course.append(now)
         return np.array(course)[order >= len(begin_s)]
+
+
+class Supply(NamedTuple):
+    """With which power of the voltage speeds go, and how: as with their drive, or the whole map of it.
+
+    The power is 1 of a motor at a chopped voltage, and 0 of one whose speed is held. `whole` is the part of it that
+    goes with the whole map, an idle speed included. `late` is the part of the delay that the voltage has as well, 0
+    where the command is late, as by a radio or a speed controller, and 1 where the speeds were measured late: usual is
+    either.
+    """
+
+    power: float = 1.0
+    whole: float = 0.0
+    late: float = 0.5
+
+
+class LogSegment(NamedTuple):
+    """A part of a record without a break: what drives each rotor, and what was measured.
+
+    Drives are commands, over the largest or so. `volts` is the battery's voltage over its usual one, None if unknown.
+    """
+
+    drives: tuple[Signal, ...]
+    measured: Signal
+    volts: Signal | None = None
+
+    def driven(self, lag: InputLag, supply: Supply) -> tuple[Signal, ...]:
+        """Return the drives with a power of the voltage, by the clock of the commands."""
+        return tuple(self._supplied(drive, lag, supply.power, supply) for drive in self.drives)
+
+    def target(self, map_of: Array, lag: InputLag, supply: Supply) -> Signal:
+        """Return the speed that a map (3,) of the only drive leads to, by the clock of the commands."""
+        time_s, value = self._supplied(self.drives[0], lag, supply.power * (1 - supply.whole), supply)
+        target = Signal(time_s, map_of[0] + map_of[1] * value + map_of[2] * value**2)
+        return self._supplied(target, lag, supply.power * supply.whole, supply)
+
+    def _supplied(self, signal: Signal, lag: InputLag, power: float, supply: Supply) -> Signal:
+        """Return a signal by the clock of the commands times a power of the voltage."""
+        if self.volts is None:
+            return signal
+        early_s = (1 - supply.late) * lag.delay_s
+        return signal.times(Signal(self.volts.time_s - early_s, self.volts.value**power))
+
+
+def speed_shown(pieces: Sequence[LogSegment]) -> Callable[[Array], Array]:
+    """Return the speeds (n,) over map, lag and supply (8,): the speed that lags is that of the map."""
+
+    def shown(p: Array) -> Array:
+        lag, supply = InputLag(*p[3:6].tolist()), Supply(*p[6:].tolist())
+        found = []
+        for piece in pieces:
+            found.append(lag.follow(piece.target(p[:3], lag, supply), piece.measured.time_s))
+        return np.concatenate(found)
+
+    return shown
+
+
+def thrust_shown(pieces: Sequence[LogSegment]) -> Callable[[Array], Array]:
+    """Return the thrusts (n,) over map, lag and supply (8,): each rotor's drive lags, the map takes it to thrust."""
+    latest: dict[tuple[InputLag, Supply], Array] = {}  # most columns of a Jacobian have the same lag
+
+    def shown(p: Array) -> Array:
+        lag, supply = InputLag(*p[3:6].tolist()), Supply(*p[6:].tolist())
+        if (lag, supply) not in latest:
+            latest.clear()
+            latest[lag, supply] = powers(pieces, lag, supply)
+        return np.asarray(latest[lag, supply] @ p[:3])
+
+    return shown
+
+
+def powers(pieces: Sequence[LogSegment], lag: InputLag, supply: Supply) -> Array:
+    """Return one, the sum of the rotors' lagging drives and that of their squares (n, 3)."""
+    rows = []
+    for piece in pieces:
+        time_s = piece.measured.time_s
+        late = np.array([lag.follow(drive, time_s) for drive in piece.driven(lag, supply)])
+        rows.append(np.column_stack([np.ones(len(time_s)), late.sum(axis=0), (late**2).sum(axis=0)]))
+    return np.concatenate(rows)

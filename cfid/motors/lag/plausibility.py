@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from cfid.estimate.blocks import block_means
 from cfid.motors.lag.model import Signal
 
 Array = npt.NDArray[np.float64]
@@ -12,16 +13,26 @@ Flags = npt.NDArray[np.bool_]
 
 _STILL_S = 1.0  # without the least change: telemetry may repeat a reading for some tenths
 _MOVES = 0.05  # of its mean: the standard deviation of a command that a speed would show
+_SHOWN, _SHOWN_S = 0.003, 0.05  # of its mean: what changes less, in means of 50 ms, may be the noise of its reading
 _BEYOND, _ODD = 0.25, 8.0  # of the range of speeds that the commands lead to, and standard deviations of the noise
 
 
 def moves(drive: Signal, time_s: Array) -> bool:
     """Return whether a drive changes at times (n,), beside a slow change, by so much that a speed would show it."""
-    if len(time_s) < 4:
-        return False
-    held = drive.value[np.maximum(np.searchsorted(drive.time_s, time_s, side="right") - 1, 0)]
-    trend = np.polynomial.Polynomial.fit(time_s, held, 2)(time_s)
-    return bool(np.std(held - trend) > _MOVES * abs(np.mean(held)))
+    return len(time_s) > 3 and _change(time_s, drive.held(time_s)) > _MOVES
+
+
+def varies(volts: Signal) -> bool:
+    """Return whether a battery's voltage changes, beside a slow change, by so much that speeds show what it does."""
+    length = max(round(_SHOWN_S / np.median(np.diff(volts.time_s))), 1)
+    time_s, means = (block_means(series, length=length) for series in volts)
+    return len(time_s) > 3 and _change(time_s, means) > _SHOWN
+
+
+def _change(time_s: Array, value: Array) -> float:
+    """Return how much values (n,) at times (n,) change, beside a slow change, over their mean."""
+    trend = np.polynomial.Polynomial.fit(time_s, value, 2)(time_s)
+    return float(np.std(value - trend) / max(abs(float(np.mean(value))), 1e-300))
 
 
 def standing(drive: Signal, measured: Signal) -> Flags:

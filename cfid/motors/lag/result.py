@@ -13,7 +13,14 @@ from cfid.findings import Finding, note, rejection, warning
 from cfid.motors.delays import command_between_rows, delay_text, negative_delay
 from cfid.motors.lag.data import LogPart, RotorLog
 from cfid.motors.lag.estimation import LagFit, fit_lag, joined
-from cfid.motors.lag.values import SPEED_POLY, joint_parameters, rotor_maps, rotor_rows, speed_map_findings
+from cfid.motors.lag.values import (
+    SPEED_POLY,
+    joint_parameters,
+    power_finding,
+    rotor_maps,
+    rotor_rows,
+    speed_map_findings,
+)
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Figures, Result
 
@@ -42,7 +49,7 @@ def fit(record: RotorLog) -> Result:
     except CfidError as error:
         raise type(error)(f"{record.path}: {str(error).removeprefix(f'{record.path}: ')}") from None
     accepted = {name: one for name, one in fits.items() if one.accepted} or fits
-    joint, covariances = joint_parameters(accepted.values(), volts=seen.volts)
+    joint, covariances = joint_parameters(accepted.values(), at_v=seen.at_v, volts=seen.volts)
 
     def drawings() -> Figures:
         from cfid.motors.lag.figures import lag_figure
@@ -55,7 +62,7 @@ def fit(record: RotorLog) -> Result:
         quantities={
             **joint,
             _ROWS: Parameter(value=rotor_rows(fits, seen.commands)),
-            "dynamics.map": Parameter(value=rotor_maps(fits, by_voltage=record.volts is not None)),
+            "dynamics.map": Parameter(value=rotor_maps(fits, at_v=seen.at_v, by_voltage=record.volts is not None)),
         },
         wanted=("dynamics.*",) if record.speeds else (_ROWS,),
         covariances=covariances,
@@ -88,12 +95,14 @@ def fit(record: RotorLog) -> Result:
 class _Seen(NamedTuple):
     """The interval between rows of the commands, from where to where each rotor's went, and who follows another's.
 
-    `volts` is the battery's mean voltage while rotors were driven, None where it was not logged.
+    `volts` is the battery's mean voltage while rotors were driven, None where it was not logged, and `at_v` that of the
+    drives.
     """
 
     row_s: float
     commands: Mapping[str, tuple[float, float]]
     volts: float | None
+    at_v: float
     others: tuple[Finding, ...]
 
 
@@ -104,14 +113,14 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
     failed: dict[str, FitError] = {}
     ranges: dict[str, tuple[float, float]] = {}
     others: dict[str, tuple[Finding, ...]] = {}
-    row_s, volts, rows = 0.0, 0.0, 0
+    row_s, volts, rows, at_v = 0.0, 0.0, 0, 1.0
     for part in record.parts():
-        row_s = max(row_s, part.row_s)
+        row_s, at_v = max(row_s, part.row_s), part.at_v
         for name, motor in names.items():
             driven = [part.commands[motor]] if motor else list(part.commands.values())
             on = np.concatenate([value[value > 0] for _, value in driven])
-            at_v = part.driven_volts(motor) if motor else np.zeros(0)
-            volts, rows = volts + float(at_v.sum()), rows + len(at_v)
+            driven_v = part.driven_volts(motor) if motor else np.zeros(0)
+            volts, rows = volts + float(driven_v.sum()), rows + len(driven_v)
             low, high = ranges.get(name, (np.inf, -np.inf))
             ranges[name] = min(low, float(on.min(initial=np.inf))), max(high, float(on.max(initial=-np.inf)))
             try:
@@ -134,6 +143,7 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
             row_s,
             ranges,
             volts / rows if rows else None,
+            at_v,
             tuple(one for name, each in others.items() if not found[name].accepted for one in each),
         ),
         tuple(
@@ -198,6 +208,8 @@ def _about(record: RotorLog, fits: Mapping[str, LagFit], seen: _Seen) -> tuple[F
                 f"voltage in another way than with the command; {held}"
             )
         found.append(warning("lag-map-drifts", text, SPEED_POLY, "dynamics.map"))
+    if record.speeds and seen.volts is not None and any(fit.accepted for fit in fits.values()):
+        found.append(power_finding(fit for fit in fits.values() if fit.accepted))
     if not record.speeds:
         found.append(rejection("lag-from-acceleration", _OF_ACCELERATION, *_OF_ONE_MOTOR))
     return tuple(found)

@@ -1,12 +1,14 @@
 """Lags and maps of rotors as quantities: means of the rotors with their covariance, and a row for each."""
 
+import math
 from collections.abc import Collection, Iterable, Mapping
 
 import numpy as np
 import numpy.typing as npt
 
 from cfid.findings import Finding, note, rejection
-from cfid.motors.lag.estimation import LagFit
+from cfid.motors.lag.estimation import SUPPLY_STD, LagFit
+from cfid.motors.lag.model import Supply
 from cfid.records.covariances import Covariance, covariance_between
 from cfid.records.parameters import Parameter
 from cfid.units import FULL_COMMAND
@@ -17,22 +19,28 @@ SPEED_POLY = "motor.speed_poly"
 
 
 def joint_parameters(
-    fits: Collection[LagFit], *, volts: float | None
+    fits: Collection[LagFit], *, at_v: float, volts: float | None
 ) -> tuple[dict[str, Parameter], tuple[Covariance, ...]]:
     """Return rates, delay and, of speeds, the map of the command, all means of rotors, and their covariance.
 
-    A map over command times battery voltage becomes that of the command at `volts`.
+    A map over command times battery voltage, that of drives at `at_v`, becomes that of the command at `volts`.
     """
-    full = FULL_COMMAND / (1.0 if volts is None else volts)
-    values, covariance = np.zeros(8), np.zeros((8, 8))
+    values, covariance, doubts = np.zeros(8), np.zeros((8, 8)), []
     for fit in fits:
+        ratio = 1.0 if volts is None else volts / at_v
+        power, power_std = fit.power or (1.0, 0.0)
+        full = FULL_COMMAND / (at_v * ratio**power)
         rising, falling, delay_s = fit.lag
         c0, c1, c2 = fit.map
         values += np.array([1 / rising, 0, 1 / falling, 0, delay_s, c2 / full**2, c1 / full, c0]) / len(fits)
         outward = np.zeros((8, 6))  # of map and lag
         outward[[0, 2, 4], [3, 4, 5]] = -1 / rising**2, -1 / falling**2, 1
         outward[[7, 6, 5], [0, 1, 2]] = 1, 1 / full, 1 / full**2
-        covariance += outward @ fit.covariance @ outward.T / len(fits) ** 2
+        covariance += outward @ (fit.covariance - fit.doubts @ fit.doubts.T) @ outward.T / len(fits) ** 2
+        at_ratio = outward[:, 1] * c1 + outward[:, 2] * 2 * c2
+        doubts.append(np.column_stack([outward @ fit.doubts, at_ratio * math.log(ratio) * power_std]))
+    mean_doubts = np.mean(doubts, axis=0)
+    covariance += mean_doubts @ mean_doubts.T
     covariance[4, 4] += max(fit.late_s for fit in fits) ** 2  # of all rotors in common
     std = np.sqrt(np.diag(covariance))
     rates = {"dynamics.rising": slice(0, 2), "dynamics.falling": slice(2, 4)}
@@ -72,6 +80,23 @@ def speed_map_findings(
     return (note("speed-map-voltage", text, SPEED_POLY),)
 
 
+def power_finding(fits: Iterable[LagFit]) -> Finding:
+    """Return with which power of the battery's voltage speeds go, in the rotors' mean."""
+    powers = [fit.power for fit in fits if fit.power is not None]
+    if powers:
+        power, std = np.mean(powers, axis=0)  # what is unsure is the voltage, which rotors have in common
+        text = (
+            f"speeds go with the power {power:.2f} +- {std:.2f} of the battery's voltage (0: not, 1: as with the "
+            "command)."
+        )
+    else:
+        text = (
+            "the battery's voltage hardly changed with the load, so that it does not show how speeds go with it: its "
+            f"power is taken as {Supply().power:g} +- {SUPPLY_STD.power:g} (0: not, 1: as with the command)."
+        )
+    return note("lag-voltage-power", text, SPEED_POLY, "dynamics.map")
+
+
 def rotor_rows(fits: Mapping[str, LagFit], commands: Mapping[str, tuple[float, float]]) -> list[dict[str, object]]:
     """Return a row for each rotor and way, with the lowest and the highest of its commands."""
     rows: list[dict[str, object]] = []
@@ -94,20 +119,26 @@ def rotor_rows(fits: Mapping[str, LagFit], commands: Mapping[str, tuple[float, f
     return rows
 
 
-def rotor_maps(fits: Mapping[str, LagFit], *, by_voltage: bool) -> list[dict[str, object]]:
-    """Return a row with the map of each accepted rotor."""
-    over = f"cmd / {FULL_COMMAND}" + " * V" * by_voltage
+def rotor_maps(fits: Mapping[str, LagFit], *, at_v: float, by_voltage: bool) -> list[dict[str, object]]:
+    """Return a row with the map of each accepted rotor, of drives at the voltage `at_v`."""
     of = {"speed": "rad/s", "thrust": "m/s^2"}
     return [
-        {"rotor": _rotor(name), "of": of[fit.kind], "over": over, **_map(fit)}
+        {"rotor": _rotor(name), "of": of[fit.kind], **_map(fit, at_v=at_v, by_voltage=by_voltage)}
         for name, fit in fits.items()
         if fit.accepted
     ]
 
 
-def _map(fit: LagFit) -> dict[str, object]:
+def _map(fit: LagFit, *, at_v: float, by_voltage: bool) -> dict[str, object]:
+    over = f"cmd / {FULL_COMMAND}" + " * V" * by_voltage
+    supply: dict[str, object] = {}
+    if fit.power is not None:
+        power, std = fit.power
+        over = f"cmd / {FULL_COMMAND} * at_v * (V / at_v)^power"
+        supply = {"at_v": at_v, "power": power, "std_power": _known(std)}
     values = {f"c{power}": value for power, value in enumerate(fit.map)}
-    return {**values, **{f"std_c{power}": _known(float(value)) for power, value in enumerate(fit.map_std)}}
+    stds = {f"std_c{power}": _known(float(value)) for power, value in enumerate(fit.map_std)}
+    return {"over": over, **values, **stds, **supply}
 
 
 def _rotor(name: str) -> int | None:

@@ -1,0 +1,96 @@
+"""What is left of a log beside its lag, slow drifts and correlated noise, and how unsure it leaves the lag."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import OptimizeResult
+
+from cfid.estimate.linear import gain_of, sandwich
+from cfid.motors.lag.model import LogSegment
+
+Array = npt.NDArray[np.float64]
+
+_SURE_STD = 2.0  # of both fits' uncertainties: what noise explains
+_HELD = 1e-3  # of what is unsure: how far a parameter goes that is not fitted
+_MOST_CORRELATED = 0.99  # with the sample before: nearer to 1, levels are lost
+
+
+class Expected(NamedTuple):
+    """What the last parameters (m,) of a fit are expected to be, and how unsure that is; `fitted` where a log shows it.
+
+    Others are held to what is expected.
+    """
+
+    value: Array
+    std: Array
+    fitted: bool
+
+    @property
+    def scale(self) -> Array:
+        """How far (m,) parameters may go."""
+        return self.std if self.fitted else _HELD * self.std
+
+    def residual(self, found: Array, *, noise: float) -> Array:
+        """Return residuals (m,) beside those of a log whose samples have a noise."""
+        return np.asarray(noise * (found[len(found) - len(self.value) :] - self.value) / self.scale)
+
+    def doubts(self, fit: OptimizeResult) -> Array:
+        """Return how far each parameter (p,) of a fit goes where one is off what was expected by its std, (p, m)."""
+        first = len(fit.fun) - len(self.value)
+        weights = np.diag(fit.jac[first:, fit.jac.shape[1] - len(self.value) :])
+        return np.asarray(gain_of(fit.jac)[:, first:] * (weights * self.std))
+
+
+def covariances(
+    fit: OptimizeResult, plain: OptimizeResult, expected: Expected, *, drifted: bool, longest: int
+) -> tuple[Array, Array]:
+    """Return the parameters' covariance (p, p), and how far (p, m) they go with what is not as expected.
+
+    The covariance contains the latter, and their change from a fit that neither whitens nor allows a drift. The change
+    counts where noise does not explain it, and no drift: the model misses something that both weigh differently.
+    """
+    doubts = expected.doubts(fit)
+    found = _of(fit, expected, longest=longest)
+    if drifted:
+        return found, doubts
+    change, other = fit.x - plain.x, _of(plain, expected, longest=longest)
+    unexplained = np.abs(change[3:6]) > _SURE_STD * np.sqrt(np.diag(found)[3:6] + np.diag(other)[3:6])
+    return (found + np.outer(change, change) if unexplained.any() else found), doubts
+
+
+def _of(fit: OptimizeResult, expected: Expected, *, longest: int) -> Array:
+    doubts = expected.doubts(fit)
+    measured = np.append(fit.fun[: len(fit.fun) - len(expected.value)], np.zeros(len(expected.value)))
+    return sandwich(fit.jac, measured, longest=longest) + doubts @ doubts.T
+
+
+def drifts_of(pieces: Sequence[LogSegment], shown: Array) -> Array:
+    """Return what slowly changes (n, 3): level, how fast that changes, and slope, as of a battery or a warm motor."""
+    time_s = np.concatenate([piece.measured.time_s for piece in pieces])
+    late = time_s - np.mean(time_s)
+    return np.column_stack([late, late**2 - np.mean(late**2), late * (shown - np.mean(shown))])
+
+
+def beside(residual: Array, columns: Array) -> Array:
+    """Return residuals (n,) without what columns (n, m) explain of them."""
+    basis, _ = np.linalg.qr(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
+    return np.asarray(residual - basis @ (basis.T @ residual))
+
+
+def correlation_of(residual: Array, lengths: Sequence[int]) -> float:
+    """Return how residuals (n,) of segments correlate with the one before, 0 at least."""
+    parts = np.split(residual, np.cumsum(lengths)[:-1])
+    both = sum(float(part[1:] @ part[:-1]) for part in parts)
+    return float(np.clip(both / max(float(residual @ residual), 1e-300), 0.0, _MOST_CORRELATED))
+
+
+def whitened(residual: Array, *, lengths: Sequence[int], correlation: float) -> Array:
+    """Return residuals (n,) of segments without what each has in common with the one before, of variance 1 to 1."""
+    left = residual.copy()
+    left[1:] -= correlation * residual[:-1]
+    first = np.cumsum([0, *lengths[:-1]])
+    left[first] = math.sqrt(1 - correlation**2) * residual[first]
+    return left

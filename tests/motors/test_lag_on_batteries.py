@@ -1,0 +1,103 @@
+"""A log on a battery that sags under load: time constants are the rotors', whatever the voltage does, and when."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+import pytest
+
+from cfid.motors.lag import fit
+from cfid.motors.lag.data import rotor_log
+from cfid.records.result import Result
+
+Array = npt.NDArray[np.float64]
+
+RISING_S, FALLING_S, STEP_S, A_ROW = 0.045, 0.08, 1e-3, 4
+ROTORS = (1, 2, 3, 4)
+
+
+def flown(
+    path: Path, seed: int, *, power: float, command_s: float = 0.0, speed_s: float = 0.0, long_s: float = 20.0
+) -> Result:
+    """Fit four rotors whose speeds go with a power of a voltage that falls with their thrust.
+
+    Commands come `command_s` late to them, and their speeds `speed_s` late to the log.
+    """
+    rng, steps = np.random.default_rng(seed), round(long_s / STEP_S)
+    time_s = STEP_S * np.arange(steps)
+    hz = np.geomspace(0.1, 8, 14)
+    phase = rng.uniform(0, 2 * np.pi, (len(ROTORS), len(hz), 1))
+    command = 32000 + 4500 * np.sin(2 * np.pi * hz[:, np.newaxis] * time_s + phase).sum(axis=1)
+    command = np.repeat(np.clip(command, 5000, 65000).round()[:, ::A_ROW], A_ROW, axis=1)
+    late, volts = round(command_s / STEP_S), np.empty(steps)
+    speed, speeds = np.full(len(ROTORS), 1000.0), np.empty((len(ROTORS), steps))
+    for step in range(steps):
+        volts[step] = 4.15 - 0.15 * step / steps - 0.4 * np.mean((speed / 2200) ** 2)
+        speeds[:, step] = speed
+        leads_to = 150 + 2100 * command[:, max(step - late, 0)] / 65535 * (volts[step] / 3.9) ** power
+        speed = speed - (speed - leads_to) * -np.expm1(-STEP_S / np.where(leads_to > speed, RISING_S, FALLING_S))
+    shown = np.maximum(np.arange(0, steps, A_ROW) - round(speed_s / STEP_S), 0)
+    measured = speeds[:, shown] + rng.normal(0, 3.0, (len(ROTORS), len(shown)))
+    table: dict[str, npt.NDArray[Any]] = {"t_ms": np.arange(0, steps, A_ROW)}
+    table |= {f"motor.m{motor}": command[motor - 1, ::A_ROW].astype(int) for motor in ROTORS}
+    table |= {f"rpm.m{motor}": 30 / np.pi * measured[motor - 1] for motor in ROTORS}
+    table["pm.vbat"] = volts[::A_ROW] + rng.normal(0, 0.005, len(shown))
+    pd.DataFrame(table).to_csv(path, index=False)
+    log = rotor_log(path)
+    assert log is not None
+    return fit(log)
+
+
+def off(result: Result) -> Iterator[float]:
+    """Yield by how many standard uncertainties each rotor's time constants and the rotor model are off."""
+    for row in result.quantities["dynamics.time_constant_s"].value:
+        assert row["accepted"]
+        yield (row["time_constant_s"] - (RISING_S if row["rising"] else FALLING_S)) / row["std_s"]
+    for key, tau_s in (("dynamics.rising", RISING_S), ("dynamics.falling", FALLING_S)):
+        yield (result.quantities[key].value[0] - 1 / tau_s) / result.quantities[key].std[0]
+
+
+@pytest.mark.parametrize(("power", "command_s", "speed_s"), [(0.5, 0.016, 0.0), (1.0, 0.016, 0.0), (1.0, 0.0, 0.016)])
+def test_a_delay_on_a_battery_that_sags_moves_no_time_constant_beyond_its_uncertainty(
+    tmp_path: Path, power: float, command_s: float, speed_s: float
+) -> None:
+    result = flown(tmp_path / "log.csv", 1, power=power, command_s=command_s, speed_s=speed_s)
+
+    assert np.abs(list(off(result))).max() < 3
+    for row in result.quantities["dynamics.map"].value:
+        assert abs(row["power"] - power) < 3 * row["std_power"] < 0.3
+    (note,) = (one.text for one in result.findings if one.code == "lag-voltage-power")
+    assert float(note.split("the power ")[1].split()[0]) == pytest.approx(power, abs=0.1)
+
+
+def test_a_voltage_that_hardly_changes_leaves_its_power_open(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    flown(path, 1, power=1.0, long_s=12.0)
+    table = pd.read_csv(path)
+    table["pm.vbat"] = 3.9 + np.random.default_rng(2).normal(0, 0.005, len(table))
+    table.to_csv(path, index=False)
+    log = rotor_log(path)
+    assert log is not None
+    result = fit(log)
+
+    assert all("power" not in row for row in result.quantities["dynamics.map"].value)
+    (note,) = (one.text for one in result.findings if one.code == "lag-voltage-power")
+    assert "1 +- 0.5" in note
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("power", [0.5, 1.0])
+@pytest.mark.parametrize(("command_s", "speed_s"), [(0.0, 0.0), (0.016, 0.0), (0.008, 0.008)])
+def test_intervals_on_a_battery_that_sags_hold_the_truth(
+    tmp_path: Path, power: float, command_s: float, speed_s: float
+) -> None:
+    logs = (flown(tmp_path / "log.csv", seed, power=power, command_s=command_s, speed_s=speed_s) for seed in range(12))
+    found = np.array([each for log in logs for each in off(log)])
+    rms = float(np.sqrt(np.mean(found**2)))
+    print(f"power {power:g}, {command_s:g} + {speed_s:g} s late: rms {rms:.2f}, largest {np.abs(found).max():.1f}")
+
+    assert rms < 1.2
+    assert np.abs(found).max() < 4
