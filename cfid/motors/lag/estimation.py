@@ -229,16 +229,12 @@ def _thinned(piece: LogSegment) -> LogSegment | None:
         return None
     length = max(int(_FINEST_S / np.median(np.diff(time_s))), 1)
     measured = Signal(block_means(time_s, length=length), block_means(value, length=length))
-    volts = None if piece.volts is None else _held_means(piece.volts)
-    return LogSegment(tuple(map(_changes, piece.drives)), measured, volts)
-
-
-def _held_means(volts: Signal) -> Signal:
-    """Return means of a voltage over at least 5 ms, each from the begin of what it is the mean of."""
-    time_s, value = volts
-    length = min(max(int(_FINEST_VOLTS_S / np.median(np.diff(time_s))), 1), len(time_s) - 1)
-    means = block_means((value[1:] + value[:-1]) / 2, length=length)
-    return Signal(time_s[::length][: len(means)], means)
+    volts = piece.volts
+    if volts is not None:
+        length = max(int(_FINEST_VOLTS_S / np.median(np.diff(volts.time_s))), 1)
+        volts = Signal(*(block_means(series, length=length) for series in volts))
+    every_s = math.inf if volts is None else _FINEST_VOLTS_S
+    return LogSegment(tuple(_changes(drive, every_s=every_s) for drive in piece.drives), measured, volts)
 
 
 def _expected(pieces: Sequence[LogSegment]) -> Expected:
@@ -265,9 +261,9 @@ def _moving(pieces: Sequence[LogSegment]) -> tuple[list[LogSegment], Array]:
     return moving, np.concatenate([piece.measured.time_s[flags] for piece, flags, _ in each] or [np.zeros(0)])
 
 
-def _changes(drive: Signal) -> Signal:
-    """Return a drive without the rows that repeat the one before."""
-    kept = np.append(True, np.diff(drive.value) != 0)
+def _changes(drive: Signal, *, every_s: float) -> Signal:
+    """Return a drive without the rows that repeat the one before, but with one in each interval."""
+    kept = np.append(True, (np.diff(drive.value) != 0) | (np.diff(drive.time_s // every_s) > 0))
     return Signal(drive.time_s[kept], drive.value[kept])
 
 

@@ -24,11 +24,6 @@ class Signal(NamedTuple):
         """Return the values that hold at times (m,), the first before its begin."""
         return np.asarray(self.value[np.maximum(np.searchsorted(self.time_s, time_s, side="right") - 1, 0)])
 
-    def times(self, other: "Signal") -> "Signal":
-        """Return the product with another that is held as well."""
-        time_s = np.union1d(self.time_s, other.time_s)
-        return Signal(time_s, self.held(time_s) * other.held(time_s))
-
 
 class InputLag(NamedTuple):
     """dw/dt = (c - w) / tau, tau being `rising_s` where c > w and `falling_s` elsewhere, c from `delay_s` before."""
@@ -43,7 +38,7 @@ class InputLag(NamedTuple):
         every_s = np.concatenate([begin_s, time_s])
         order = np.argsort(every_s, kind="stable")
         at_s = every_s[order]
-        held = Signal(begin_s, target.value).held(at_s[:-1])
+        held = target.value[np.maximum(np.cumsum(order < len(begin_s))[:-1] - 1, 0)]
         step_s = np.diff(at_s)
         rising, falling = np.exp(-step_s / self.rising_s), np.exp(-step_s / self.falling_s)
         now = float(target.value[0])
@@ -71,7 +66,8 @@ class Supply(NamedTuple):
 class LogSegment(NamedTuple):
     """A part of a record without a break: what drives each rotor, and what was measured.
 
-    Drives are commands, over the largest or so. `volts` is the battery's voltage over its usual one, None if unknown.
+    Drives are commands, over the largest or so. `volts` is the battery's voltage over its usual one, None if unknown,
+    and hardly changes between two values of a drive.
     """
 
     drives: tuple[Signal, ...]
@@ -80,20 +76,27 @@ class LogSegment(NamedTuple):
 
     def driven(self, lag: InputLag, supply: Supply) -> tuple[Signal, ...]:
         """Return the drives with a power of the voltage, by the clock of the commands."""
-        return tuple(self._supplied(drive, lag, supply.power, supply) for drive in self.drives)
+        ratios = (self._ratio(drive, lag, supply) for drive in self.drives)
+        each = zip(self.drives, ratios, strict=True)
+        return tuple(Signal(time_s, value * ratio**supply.power) for (time_s, value), ratio in each)
 
     def target(self, map_of: Array, lag: InputLag, supply: Supply) -> Signal:
         """Return the speed that a map (3,) of the only drive leads to, by the clock of the commands."""
-        time_s, value = self._supplied(self.drives[0], lag, supply.power * (1 - supply.whole), supply)
-        target = Signal(time_s, map_of[0] + map_of[1] * value + map_of[2] * value**2)
-        return self._supplied(target, lag, supply.power * supply.whole, supply)
-
-    def _supplied(self, signal: Signal, lag: InputLag, power: float, supply: Supply) -> Signal:
-        """Return a signal by the clock of the commands times a power of the voltage."""
+        (drive,) = self.drives
         if self.volts is None:
-            return signal
-        early_s = (1 - supply.late) * lag.delay_s
-        return signal.times(Signal(self.volts.time_s - early_s, self.volts.value**power))
+            return Signal(drive.time_s, map_of[0] + map_of[1] * drive.value + map_of[2] * drive.value**2)
+        log_ratio = np.log(self._ratio(drive, lag, supply))
+        value = drive.value * np.exp(supply.power * (1 - supply.whole) * log_ratio)
+        target = map_of[0] + value * (map_of[1] + map_of[2] * value)
+        return Signal(drive.time_s, target * np.exp(supply.power * supply.whole * log_ratio))
+
+    def _ratio(self, drive: Signal, lag: InputLag, supply: Supply) -> Array:
+        """Return the voltage over its usual one in the middle of each interval of a drive, 1 where it is unknown."""
+        if self.volts is None:
+            return np.ones(len(drive.time_s))
+        time_s = drive.time_s + (1 - supply.late) * lag.delay_s
+        time_s[:-1] += np.diff(drive.time_s) / 2
+        return np.asarray(np.interp(time_s, *self.volts))
 
 
 def speed_shown(pieces: Sequence[LogSegment]) -> Callable[[Array], Array]:
