@@ -1,9 +1,16 @@
 """Samples of a busy computer are placed by the stamps of the device that took them."""
 
+from datetime import UTC, datetime
+from pathlib import Path
+
 import numpy as np
 import numpy.typing as npt
 import pytest
 
+from cfid.records.line_devices import STAMP
+from cfid.records.run import DeviceRecord, Label
+from cfid.records.run_writer import create_run
+from cfid.records.tables.angle import Reading, read_angle
 from cfid.records.tables.stamps import StampedTimes, stamped_times
 
 Array = npt.NDArray[np.float64]
@@ -71,3 +78,26 @@ def test_stamps_are_not_used_that_count_something_else_or_start_anew() -> None:
     assert stamped_times(arrived, anew) is None
     assert stamped_times(arrived, np.full_like(stamps, 7.0)) is None
     assert stamped_times(arrived[:20], stamps[:20]) is None
+
+
+def test_stamps_that_lost_a_digit_cost_their_rows_alone(tmp_path: Path) -> None:
+    """Times by them ran to and fro, and a swing ended in a traceback."""
+    rng = np.random.default_rng(3)
+    seconds = 0.002 * np.arange(6000.0)
+    arrived, stamps = 1.7e9 + seconds + rng.gamma(3.0, 15e-6, 6000), (1e6 * seconds + 812_000).astype(np.int64)
+    wrong = rng.choice(6000, 120, replace=False)
+    short = np.array([int(str(stamp)[:-1]) for stamp in stamps[wrong]])
+    sent = stamps.copy()
+    sent[wrong] = short
+    angle = np.round(40 * np.exp(-seconds / 20) * np.cos(14 * seconds) * 4096 / 360).astype(int) + 2000
+    devices = {"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi", STAMP), counts_per_turn=4096.0)}
+    begun = datetime(2026, 1, 1, tzinfo=UTC)
+    with create_run(tmp_path, kind="swing", label=Label(), devices=devices, started=begun, cfid_version="0") as run:
+        run.append("encoder", (arrived, angle, sent))
+    record = read_angle(run.folder, Reading())
+
+    assert 5850 < len(record.time_s) <= 5880  # a right one between two wrong ones goes too
+    assert np.all(np.diff(record.time_s) > 0)
+    assert record.time_s == pytest.approx(0.002 * np.round(record.time_s / 0.002), abs=1e-4)
+    assert any("whose device_us is off that of the rows around" in one.text for one in record.findings)
+    assert not any("the file was changed" in one.text for one in record.findings)

@@ -23,7 +23,7 @@ from cfid.records.tables.blocks import open_table
 from cfid.records.tables.counts import CountsPerTurn, continuous_angle
 from cfid.records.tables.gyro import Rates, gyro_device, read_gyro
 from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema, unused_in_run
-from cfid.records.tables.stamps import stamped_times
+from cfid.records.tables.stamps import stamped_rows
 from cfid.records.tables.table import Array
 from cfid.records.tables.times import TIME_COLUMN, column_name, complete_rows, line_notes, pauses, times_of, unit_of
 from cfid.wire.rls import RLS_13BIT_IN_22
@@ -193,14 +193,17 @@ def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> t
     places = SCHEMA.places(table, named=reading.columns, rate_hz=reading.rate_hz)
     time_name, angle_name = places.get(TIME), places[_ANGLE.key]
     table, values, gaps_notes = complete_rows(table, list(places.values()), own=own, timed=TIME in places)
+    rows, stamped, stamp_notes = len(values), None, tuple[str, ...]()
+    if own:
+        table, values, stamped, stamp_notes = stamped_rows(table, values, STAMP)
     time, notes = times_of(table, time_name, values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
-    stamped = stamped_times(values[:, 0], table.numbers([STAMP])[:, 0]) if own and STAMP in table.names else None
     if stamped is not None:
         time = stamped.time_s - values[0, 0]
     unit = unit_of(table, _ANGLE.called, angle_name, reading.angle_unit, "angle_unit")
     angle = continuous_angle(table, angle_name, values[:, -1], unit=unit, counts_per_turn=reading.counts_per_turn)
     notes = (
         *gaps_notes,
+        *stamp_notes,
         *notes,
         *(() if own or gaps_notes else pauses(table, time)),
         *angle.notes,
@@ -225,4 +228,4 @@ def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> t
         begin_s=begin_s,
         time_scale_std=0.0 if stamped is None else stamped.scale_std,
     )
-    return record, len(values)
+    return record, rows

@@ -4,10 +4,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cfid.records.tables.table import Array
+from cfid.counted import counted
+from cfid.records.tables.lone import Rows, lone_readings
+from cfid.records.tables.table import Array, CsvTable
 
 _PARTS, _FEWEST_OF_A_PART = 12, 8  # of a recording, each with one quickest arrival
 _FEWEST_PARTS = 4
+_WRONG_S, _MOST_WRONG = 0.1, 0.1  # by which a stamp is off those around it, and the share of such: more are no clock
 _LARGEST_SKEW = 1e-3  # of two crystals, with margin: beyond it stamps count something else than microseconds
 _LARGEST_SCATTER_S = 2e-3  # of the quickest arrivals about a line: beyond it the device's clock jumped
 
@@ -19,6 +22,38 @@ class StampedTimes(NamedTuple):
     scale_std: float
 
 
+class StampedRows(NamedTuple):
+    """A run's table and its values (n, k), without rows whose stamp is wrong, their times by the others, and notes.
+
+    `times` are None where the device's clock tells none.
+    """
+
+    table: CsvTable
+    values: Array
+    times: StampedTimes | None
+    notes: tuple[str, ...]
+
+
+def stamped_rows(table: CsvTable, values: Array, column: str) -> StampedRows:
+    """Return the rows (n, k) of a run, whose first value is the time of arrival, with times by a column of stamps."""
+    if column not in table.names:
+        return StampedRows(table, values, None, ())
+    stamp_us = table.numbers([column])[:, 0]
+    wrong, notes = wrong_stamps(values[:, 0], stamp_us), tuple[str, ...]()
+    if len(wrong):
+        line, are = table.line_of_row(int(wrong[0])), "is" if len(wrong) == 1 else "are"
+        what = f"{counted(len(wrong), 'row')} of {len(values)} whose {column} is off that of the rows around"
+        notes = (f"{what} (first: line {line}) {are} left out: did the line lose a letter? Send a checksum with it.",)
+        table, values, stamp_us = table.without(wrong), np.delete(values, wrong, axis=0), np.delete(stamp_us, wrong)
+    return StampedRows(table, values, stamped_times(values[:, 0], stamp_us), notes)
+
+
+def wrong_stamps(arrival_s: Array, stamp_us: Array) -> Rows:
+    """Return the places of samples (n,) whose stamp alone is off that of those around, beside their arrivals."""
+    wrong = lone_readings(arrival_s - 1e-6 * stamp_us, _WRONG_S)
+    return wrong if len(wrong) <= _MOST_WRONG * len(stamp_us) else wrong[:0]
+
+
 def stamped_times(arrival_s: Array, stamp_us: Array) -> StampedTimes | None:
     """Return when samples (n,) were taken, by a line through the quickest arrivals over the device's stamps.
 
@@ -28,7 +63,7 @@ def stamped_times(arrival_s: Array, stamp_us: Array) -> StampedTimes | None:
     parts = min(len(arrival_s) // _FEWEST_OF_A_PART, _PARTS)
     device_s = 1e-6 * (stamp_us - stamp_us[0])
     span_s = float(device_s[-1])
-    if parts < _FEWEST_PARTS or span_s <= 0:
+    if parts < _FEWEST_PARTS or not np.all(np.diff(stamp_us) > 0):
         return None
     late_s = arrival_s - arrival_s[0] - device_s
     quickest = np.array([rows[late_s[rows].argmin()] for rows in np.array_split(np.arange(len(late_s)), parts)])

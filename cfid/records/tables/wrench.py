@@ -22,7 +22,7 @@ from cfid.records.run import RUN_FILE, Label, Run
 from cfid.records.run_notes import Facts, facts_of, file_name, gaps, losses, run_at
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema, unused_in_run
-from cfid.records.tables.stamps import stamped_times
+from cfid.records.tables.stamps import stamped_rows
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.times import (
     TIME_COLUMN,
@@ -204,8 +204,10 @@ def _read(
     places = _schema(axes).places(table, named=reading.columns, rate_hz=reading.rate_hz)
     names, time_name = {axis: places[axis] for axis in axes}, places.get(TIME)
     table, values, missing = complete_rows(table, list(places.values()), own=own, timed=TIME in places)
+    stamped, stamp_notes = None, tuple[str, ...]()
+    if own:
+        table, values, stamped, stamp_notes = stamped_rows(table, values, STAMP)
     time, notes = times_of(table, time_name, values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
-    stamped = stamped_times(values[:, 0], table.numbers([STAMP])[:, 0]) if own and STAMP in table.names else None
     begin_s = _begin_s(table, time_name, values, reading)
     if stamped is not None:
         time, begin_s = stamped.time_s - stamped.time_s[0], float(stamped.time_s[0])
@@ -216,7 +218,7 @@ def _read(
         wrench[:, [AXES.index(axis) for axis in axes]] = shown
     scale = scale * np.array(reading.gain or np.ones(len(AXES)))
     words = status_words(table, values[:, -1]) if _STATUS in places else None
-    notes = (*missing, *notes, *(() if own or missing else pauses(table, time)))
+    notes = (*missing, *stamp_notes, *notes, *(() if own or missing else pauses(table, time)))
     notes += scale_notes if words is None else (*scale_notes, *status_notes(table, words, family))
     notes += line_notes(table)
     wrench /= scale  # in place: it may be larger than the memory
