@@ -122,9 +122,31 @@ def test_lines_of_words_far_down_are_left_out_and_the_first_is_named(tmp_path: P
 
 def test_a_fault_far_down_names_its_line(tmp_path: Path) -> None:
     rows = lines("time,a", "{t},{x}", count=60_000, step=0.01).splitlines()
-    rows[50_000] = "1.0,2"
+    rows[50_000:] = rows[40_000:50_000]
     with pytest.raises(DataError, match=r":50001: time goes back.*Cut the file in two before that line"):
         read_log(written(tmp_path, "\n".join([*rows, ""])))
+
+
+def test_single_wrong_times_leave_out_their_rows_and_are_named(tmp_path: Path) -> None:
+    rows = lines("time,a", "{t},{x!r}", count=60_000, step=0.01).splitlines()
+    rows[50_000] = "90000,7"
+    rows[50_500] = "abc,7"
+    log = read_log(written(tmp_path, "\n".join([*rows, ""])))
+    kept = np.delete(np.arange(60_000), [49_999, 50_499])
+    np.testing.assert_array_equal(log.channel("a")[1], kept / 4)
+    np.testing.assert_allclose(log.channel("a")[0], 1000 + 0.01 * kept)
+    assert log.notes == (
+        "1 of 60000 rows lacks a number in column 'time' (first: line 50501) and is left out.",
+        "1 row whose time is off that of the rows around (first: 90000 in line 50001) is left out.",
+    )
+
+
+def test_times_of_day_are_refused_with_the_rate_that_stands_for_them(tmp_path: Path) -> None:
+    rows = "".join(f"2026-03-01 10:00:{at / 100:06.3f},{at}\n" for at in range(40))
+    path = written(tmp_path, f"time,gyro.x\n{rows}")
+    with pytest.raises(DataError, match="Dates and times of day are not read: write seconds, or give `rate_hz`"):
+        read_log(path)
+    assert read_log(path, Foreign(rate_hz=100.0)).series[0].time_s[-1] == pytest.approx(0.39)
 
 
 def test_nanobench_is_read_with_the_firmware_s_names() -> None:

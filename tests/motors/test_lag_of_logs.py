@@ -445,6 +445,14 @@ def test_the_command_recognises_a_log_and_a_table_of_a_stand(tmp_path: Path, fou
     assert "no step of the command" in cfid("fit", "dynamics", stand).stderr
 
 
+def test_a_fault_of_a_flight_table_s_time_is_not_taken_for_one_of_a_stand_s_columns(tmp_path: Path) -> None:
+    table = tmp_path / "flight.csv"
+    rows = "".join(f"{1000 + 10 * at % 300},30000,12000\n" for at in range(60))
+    table.write_text("Timestamp,motor.m1,rpm.m1\n" + rows)
+    with pytest.raises(DataError, match=r"flight.csv:32: time goes back from 1290.000000 to 1000.000000 ms"):
+        rotor_log(table)
+
+
 def test_where_whitening_and_drift_move_a_lag_beyond_noise_that_counts_in_its_uncertainty(tmp_path: Path) -> None:
     """A chirp at 50 Hz on a supply whose voltage falls with the speed, and the speed with it."""
     rng, row_s, in_std = np.random.default_rng(4), 0.02, []

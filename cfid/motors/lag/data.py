@@ -17,8 +17,10 @@ from cfid.findings import Finding, note, of_recording
 from cfid.motors.lag.estimation import SETTLING_S
 from cfid.motors.lag.model import LogSegment, Signal
 from cfid.records.logs.any_kind import NO_OPTIONS, is_binary_log, read_log
+from cfid.records.logs.kinds import is_flown
 from cfid.records.logs.log import Channel, FlightLog, in_memory
 from cfid.records.logs.windows import windows
+from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import Foreign
 from cfid.records.tables.stand import StandTable
 from cfid.units import FULL_COMMAND, MOTORS
@@ -189,10 +191,15 @@ def rotor_log(path: Path, reading: Foreign = NO_OPTIONS) -> RotorLog | None:
     try:
         log = read_log(path, reading)
     except DataError:
-        if path.is_file() and not is_binary_log(path):
+        if path.is_file() and not is_binary_log(path) and not _is_of_flight(path, reading):
             return None  # a thrust stand's table need not have times
         raise
     return of_log(log) if is_binary_log(path) or _of_motors(log, _COMMANDS) else None
+
+
+def _is_of_flight(path: Path, reading: Foreign) -> bool:
+    """Return whether a table has variables of a vehicle's firmware. Raises DataError for what is no table."""
+    return any(map(is_flown, open_table(path, skip_lines=reading.skip_lines, sha256="").names))
 
 
 def of_stand(table: StandTable) -> RotorLog | None:

@@ -22,7 +22,7 @@ from cfid.records.tables.matlab import is_matlab
 from cfid.records.tables.schema import TIME, Foreign, TableSchema
 from cfid.records.tables.stand_heads import heads_of, shows_stand
 from cfid.records.tables.table import REPAIR, CsvTable
-from cfid.records.tables.times import TIME_COLUMN, TWO_IN_ONE, line_notes, seconds_of, time_unit_of, times_of, unit_of
+from cfid.records.tables.times import TIME_COLUMN, known_rows, line_notes, seconds_of, time_unit_of, times_of, unit_of
 
 _SCHEMA = TableSchema(columns=(TIME_COLUMN,), words=("TIME",))
 _VARIABLE = re.compile(r"\w+\.\w+")  # of the firmware
@@ -51,9 +51,12 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
     Raises DataError for a file that is no table of numbers, or whose time has no unit that fits; ConfigError where an
     option contradicts the file.
     """
-    whole = _table(path, source.sha256, reading)
-    table = next(whole.blocks(), whole)
+    table = open_table(path, sha256=source.sha256, skip_lines=reading.skip_lines, columns=reading.columns)
     time = _SCHEMA.places(table, named=reading.columns[:1], rate_hz=reading.rate_hz).get(TIME)
+    raw, left_out = np.zeros(2), tuple[str, ...]()
+    if time is not None:
+        table, values, left_out = known_rows(table, [time], timed=True)
+        raw = values[:, 0]
     repeated = _repeated(table, time)
     named = [
         name
@@ -76,18 +79,17 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
         channels = tuple(Channel(name, _CRAZYSWARM[name]) for name in named)
     elif of_vehicle := any(crazyflie_channel(name).own_unit for name in named):
         assumed = ("columns with the firmware's names are in the firmware's units",)
-    raw = table.numbers([time])[:, 0] if time else np.zeros(2)
     stated = reading.time_unit is not None or _is_slow_stand(table, time)
     _, notes = times_of(table, time, raw, unit=reading.time_unit, rate_hz=reading.rate_hz, own=stated)
     if time is not None:
         reading = replace(reading, time_unit=time_unit_of(table, time, raw, unit=reading.time_unit))
     second_s, clock = _clock(table, time, raw, reading, of_vehicle=of_vehicle)
-    faults, missing, inexact, rows = _checked(path, source.sha256, reading, time, named)
+    faults, missing, inexact, rows = _checked(table, time, named)
     if len(faults) == len(named):
         raise DataError(next(iter({**faults, **repeated}.values()), f"{path}: no column but the time."))
     kept = [(name, channel) for name, channel in zip(named, channels, strict=True) if name not in faults]
     found = tuple(channel for _, channel in kept)
-    blocks = partial(_blocks, path, source.sha256, reading, time, [name for name, _ in kept], second_s=second_s)
+    blocks = partial(_blocks, table, reading, time, [name for name, _ in kept], second_s=second_s)
     return FlightLog(
         path=path,
         source=source,
@@ -96,6 +98,7 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
         series=(Series(name="log", rows=rows, channels=found, blocks=blocks),),
         assumed=(*assumed, *assumptions(found)),
         notes=(
+            *left_out,
             *notes,
             *(f"left out: {fault}" for fault in (*repeated.values(), *_merged(faults))),
             *(
@@ -106,7 +109,7 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
                 f"column '{printable(name)}' has numbers above 2^53, which lose their last digits here."
                 for name in inexact
             ),
-            *line_notes(whole),
+            *line_notes(table),
         ),
     )
 
@@ -171,10 +174,6 @@ def _clock(table: CsvTable, time: str | None, raw: Array, reading: Foreign, *, o
     return second_s, f"{column}, {how}" if how else column
 
 
-def _table(path: Path, sha256: str, reading: Foreign) -> CsvTable:
-    return open_table(path, sha256=sha256, skip_lines=reading.skip_lines, columns=reading.columns)
-
-
 class _Checked(NamedTuple):
     """Why columns are left out, how many rows lack a number in the others, and which of these have too many digits.
 
@@ -187,12 +186,11 @@ class _Checked(NamedTuple):
     rows: int
 
 
-def _checked(path: Path, sha256: str, reading: Foreign, time: str | None, names: Sequence[str]) -> _Checked:
+def _checked(whole: CsvTable, time: str | None, names: Sequence[str]) -> _Checked:
     faults: dict[str, str] = {}
     missing = dict.fromkeys(names, 0)
     largest = dict.fromkeys(names, 0.0)
-    whole = _table(path, sha256, reading)
-    rows, last = 0, -np.inf
+    rows = 0
     for table in whole.blocks():
         good = [name for name in names if name not in faults]
         values = _numbers(table, time, good)
@@ -203,11 +201,6 @@ def _checked(path: Path, sha256: str, reading: Foreign, time: str | None, names:
             if not rows and not there.any():
                 faults[name] = _fault(table, name)
         rows += len(values)
-        if time is not None:
-            back = np.flatnonzero(np.diff(values[:, 0], prepend=last) < 0)
-            if len(back):
-                raise DataError(f"{path}:{table.line_of_row(int(back[0]))}: time goes back. {TWO_IN_ONE}")
-            last = values[-1, 0]
     missing = {name: count for name, count in missing.items() if count and name not in faults}
     inexact = [name for name, number in largest.items() if number > _EXACT_BELOW]
     return _Checked(faults, missing, inexact, rows)
@@ -240,10 +233,10 @@ def _merged(faults: Mapping[str, str]) -> list[str]:
 
 
 def _blocks(
-    path: Path, sha256: str, reading: Foreign, time: str | None, names: Sequence[str], *, second_s: float
+    whole: CsvTable, reading: Foreign, time: str | None, names: Sequence[str], *, second_s: float
 ) -> Iterator[Array]:
     begun = 0
-    for table in _table(path, sha256, reading).blocks():
+    for table in whole.blocks():
         values = _numbers(table, time, names)
         if time is None:
             assert reading.rate_hz is not None

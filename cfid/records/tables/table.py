@@ -330,7 +330,10 @@ class Following:
 
 def _advice(field: str) -> str:
     if _CLOCK_TIME.search(field):
-        return "Dates and times of day are not read: write seconds, or give `rate_hz` and the other `columns`."
+        return (
+            "Dates and times of day are not read: write seconds, or give `rate_hz` where rows are evenly spaced "
+            "(`columns`, where given, then without this one)."
+        )
     return POINTS if has_comma(field) else REPAIR
 
 

@@ -139,17 +139,25 @@ def complete_rows(
     """
     if own:
         return table, numbers_of(table, columns), ()
+    table, known, notes = known_rows(table, columns, timed=timed)
+    return table, _enough(table, known), notes
+
+
+def known_rows(table: CsvTable, columns: Sequence[str], *, timed: bool) -> tuple[CsvTable, Array, tuple[str, ...]]:
+    """Return the columns (rows, columns) of another program's table as `complete_rows`, however few rows it has."""
     known, notes = table.known_numbers(columns), list[str]()
     if len(bad := np.flatnonzero(~np.isfinite(known).all(axis=1))):
         if len(bad) > _MISSING_SHARE * len(known):
-            return table, numbers_of(table, columns), ()
+            return table, table.numbers(columns), ()
         line, table = table.line_of_row(int(bad[0])), table.without(bad)
-        notes.append(f"{len(bad)} of {len(known)} rows lack a number (first: line {line}) and are left out.")
-        known = table.known_numbers(columns)
+        where = f" in column '{columns[0]}'" if len(columns) == 1 else ""
+        lack, are = ("lacks", "is") if len(bad) == 1 else ("lack", "are")
+        notes.append(f"{len(bad)} of {len(known)} rows {lack} a number{where} (first: line {line}) and {are} left out.")
+        known = np.delete(known, bad, axis=0)
     if timed and len(wrong := wrong_times(known[:, 0])):
         notes.append(wrong_times_note(table, known[:, 0], wrong))
         table, known = table.without(wrong), np.delete(known, wrong, axis=0)
-    return table, _enough(table, known), tuple(notes)
+    return table, known, tuple(notes)
 
 
 def wrong_times(time: Array) -> npt.NDArray[np.intp]:
