@@ -84,6 +84,18 @@ def test_stretches_that_jump_away_and_back_are_left_out_before_turns_are_counted
     )
 
 
+def test_wrong_readings_of_an_angle_over_many_turns_are_left_out_and_counted(tmp_path: Path) -> None:
+    fallen = 40 * np.maximum(TIME_S - 0.2, 0) ** 2
+    spiked, alone, moved = fallen.copy(), [0, 700, 1234, 1235], np.arange(1500, 1506)
+    spiked[alone] = 7.7
+    spiked[moved] += TURN
+    record = read(tmp_path, text_of(TIME_S, spiked), angle_unit="rad")
+
+    assert off_by(record, np.delete(fallen, [*alone, *moved])) < 1e-6
+    assert any("4 readings of 2000 off alone left out (first: line 2)." in one for one in record.notes)
+    assert any("6 readings of 1996 between a jump and one back left out" in one for one in record.notes)
+
+
 def test_a_jump_that_nothing_takes_back_is_named_and_costs_no_readings(tmp_path: Path) -> None:
     slipped = ANGLE_RAD.copy()
     slipped[900:] += 1.8

@@ -149,12 +149,13 @@ def _joined(table: CsvTable, turns: Array, rows: Rows | None, notes: tuple[str, 
     some = turns[:: len(turns) // _RANKED + 1]
     low, high = np.percentile(some, (1, 99))  # a few wrong readings must not make it look unwrapped
     angle = np.multiply(turns, 2 * np.pi, out=turns)
-    if high - low <= _FOLDED_TURNS:
-        angle, rows, lone_note = _without_lone(table, angle, rows, period=2 * np.pi)
+    wrapped = high - low <= _FOLDED_TURNS
+    angle, rows, lone_notes = _without_lone(table, angle, rows, period=2 * np.pi if wrapped else None)
+    notes += lone_notes
+    if wrapped:
         for part in parts(len(angle)):
             begin = max(part.start - 1, 0)  # unwrapped already
             angle[begin : part.stop] = np.unwrap(angle[begin : part.stop])
-        notes += lone_note
         jumps = _beyond(differences(angle)) + 1
     else:  # whole turns were counted: a fast rotation is fine, a sudden change of speed is not
         jumps = _beyond(differences(angle, order=2)) + 2
@@ -171,12 +172,12 @@ def _joined(table: CsvTable, turns: Array, rows: Rows | None, notes: tuple[str, 
 
 
 def _without_lone(
-    table: CsvTable, angle: Array, rows: Rows | None, *, period: float
+    table: CsvTable, angle: Array, rows: Rows | None, *, period: float | None
 ) -> tuple[Array, Rows | None, tuple[str, ...]]:
     """Return an angle (n,) without readings that stand off the others' course, its rows, and notes on them.
 
     Such are up to three in a row, and those between a jump and one back. More than one in a hundred are no single
-    faults, and stay.
+    faults, and stay. A `period` is that of a wrapped angle.
     """
     limit = max(_LONE_RAD, _LONE_TIMES * usual_bend(angle, _USUAL, period=period))
     off = lone_readings(angle, limit, period=period)

@@ -49,11 +49,11 @@ def lone_readings(value: Array, limit: float, *, period: float | None = None) ->
     return np.unique(np.concatenate(found))
 
 
-def displaced_readings(value: Array, limit: float, *, period: float) -> Rows:
+def displaced_readings(value: Array, limit: float, *, period: float | None = None) -> Rows:
     """Return the places of readings between a jump by more than a limit and the next one, which takes it back.
 
-    The values (n,) are on a circle whose length is the `period`. Of all readings one in a hundred at most lie between
-    two such jumps.
+    Of all readings (n,) one in a hundred at most lie between two such jumps. A `period` is the length of a circle on
+    which the values are.
     """
     bent = [
         begin + 1 + np.flatnonzero(np.abs(_shortest(bend, period)) > limit)
@@ -89,7 +89,7 @@ def spikes_in(value: Array) -> Rows:
     return places if len(places) <= MOST_SHARE * len(value) else places[:0]
 
 
-def _jump(value: Array, left: Rows, period: float) -> Array:
+def _jump(value: Array, left: Rows, period: float | None) -> Array:
     """Return by how much the values (n,) go on after places (m,) beyond what they do before and behind."""
     before, here, after = (_shortest(value[left + i + 1] - value[left + i], period) for i in (-1, 0, 1))
     return _shortest(here - (before + after) / 2, period)
