@@ -1,6 +1,6 @@
 """Friction of the swing's axis from dropped weights: quantities, findings, lines and figures."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -47,7 +47,7 @@ def fit(
     `from_s` and `to_s`, since the first sample, set it by hand.
 
     Raises ConfigError for a radius that is not known, or that is zero or less, DataError for a recording without a
-    weight, or in which nothing turns.
+    weight, or where none can be followed: the weight turns nothing, or the axis' turns cannot be counted.
     """
     check_positive(radius_m=radius_m, gravity_mps2=gravity_mps2)
     records = [angle_record(drop) for drop in drops]
@@ -62,7 +62,7 @@ def fit(
     if method == "default" and any(record.label.weight_std_g is None for record in records):
         notes += (taken_as_exact("weight", VISCOUS, COULOMB, SETUP_INERTIA),)
     setup = {"radius_m": radius_m, "gravity_mps2": gravity_mps2, "from_s": from_s, "to_s": to_s}
-    measured = [_measured(record, **setup) for record in records]
+    followed, measured, left_out = _followed(records, setup)
     if method == "thesis":
         found = thesis_friction(measured)
     else:
@@ -75,12 +75,12 @@ def fit(
             speed_scale_std=SCALE_STD if any(record.rates is not None for record in records) else 0.0,
         )
     quantities = _quantities(found, measured)
-    unsettled = [record for record, drop in zip(records, measured, strict=True) if not drop.settled]
+    unsettled = [record for record, drop in zip(followed, measured, strict=True) if not drop.settled]
 
     def drawings() -> Figures:
         from cfid.friction.figures import drops_figure, friction_figure
 
-        labels = [f"{1000 * d.weight_kg:g} g, {r.name}" for d, r in zip(measured, records, strict=True)]
+        labels = [f"{1000 * d.weight_kg:g} g, {r.name}" for d, r in zip(measured, followed, strict=True)]
         figures = {"friction_runs": drops_figure(measured, labels=labels)}
         if len(unsettled) < len(measured):
             figures["friction"] = friction_figure(measured, found, radius_m=radius_m, gravity_mps2=gravity_mps2)
@@ -91,7 +91,7 @@ def fit(
         method=method,
         quantities=quantities,
         wanted=(VISCOUS, COULOMB),
-        merits={"settled": len(measured) - len(unsettled), "left_out": len(unsettled)},
+        merits={"settled": len(measured) - len(unsettled), "left_out": len(unsettled) + len(left_out)},
         findings=(
             *notes,
             *(finding for record in records for finding in record.findings),
@@ -103,6 +103,7 @@ def fit(
                 warning("friction-drop-left-out", "the speed never settles; it is left out.").at(record.name)
                 for record in unsettled
             ),
+            *left_out,
         ),
         sources=tuple(record.source for record in records),
         rests_on=("site", "friction"),
@@ -142,16 +143,30 @@ def _given_numbers(radius_m: float, drops: Sequence[Drop]) -> list[Given]:
     ]
 
 
-def _measured(record: AngleRecord, **setup: Any) -> Drop:
-    weight_g, std_g = record.label.weight_g, record.label.weight_std_g or 0.0
-    if weight_g is None:
-        raise DataError(f"{record.name}: does not state its weight in grams: name it, as in 20={record.name}.")
-    try:
-        return measure_drop(
-            record.time_s, record.angle_rad, weight_kg=weight_g / 1000, weight_std_kg=std_g / 1000, **setup
-        )
-    except DataError as error:
-        raise DataError(f"{record.path}: {error}") from None
+def _followed(
+    records: Sequence[AngleRecord], setup: Mapping[str, Any]
+) -> tuple[list[AngleRecord], list[Drop], list[Finding]]:
+    """Return the records whose fall can be followed, with that, and warnings on the others.
+
+    Raises DataError for a record without a weight, and where none can be followed.
+    """
+    followed, drops, left_out = list[AngleRecord](), list[Drop](), list[Finding]()
+    fault = ""
+    for record in records:
+        weight_g, std_g = record.label.weight_g, record.label.weight_std_g or 0.0
+        if weight_g is None:
+            raise DataError(f"{record.name}: does not state its weight in grams: name it, as in 20={record.name}.")
+        weight = {"weight_kg": weight_g / 1000, "weight_std_kg": std_g / 1000}
+        try:
+            drops.append(measure_drop(record.time_s, record.angle_rad, **weight, **setup))
+        except DataError as error:
+            fault = fault or f"{record.path}: {error}"
+            left_out.append(warning("friction-drop-left-out", f"{error} It is left out.").at(record.name))
+        else:
+            followed.append(record)
+    if fault and not followed:
+        raise DataError(fault)
+    return followed, drops, left_out
 
 
 def _line(drop: Drop) -> str:

@@ -244,6 +244,18 @@ def test_a_window_by_hand_needs_samples_that_turn() -> None:
         measured(*fallen(30), 30, to_s=0.05)
 
 
+def drop_of(grams: float) -> AngleRecord:
+    time_s, angle = fallen(grams)
+    return AngleRecord(
+        path=Path("drop.csv"),
+        source=Source(path="drop.csv", sha256=""),
+        label=Label(weight_g=grams),
+        time_s=time_s,
+        angle_rad=angle,
+        findings=(),
+    )
+
+
 def test_labels_have_the_weights_and_one_without_is_refused(rig_file: Path) -> None:
     rig = load_rig(rig_file)
     assert rig.friction is not None
@@ -276,6 +288,22 @@ def test_labels_have_the_weights_and_one_without_is_refused(rig_file: Path) -> N
         cfid.friction.fit(records, radius_m=0.0)
     with pytest.raises(ConfigError, match="radius of the axis is not known"):
         cfid.friction.fit(records, rig=rig.model_copy(update={"friction": None}))
+
+
+def test_a_drop_that_cannot_be_followed_is_left_out_and_named_and_the_others_are_fitted() -> None:
+    records = [drop_of(grams) for grams in (30.0, 40.0, 50.0)]
+    jumped = replace(records[1], path=Path("slipped.csv"), angle_rad=np.where(records[1].time_s > 1.0, 3.0, 0.0))
+    jumped = replace(jumped, angle_rad=jumped.angle_rad + records[1].angle_rad)
+    among = cfid.friction.fit([jumped, records[0], records[2]], radius_m=RADIUS_M)
+    alone = cfid.friction.fit([records[0], records[2]], radius_m=RADIUS_M)
+
+    assert among.quantities == alone.quantities
+    (left_out,) = (one for one in among.findings if one.code == "friction-drop-left-out")
+    assert left_out.where == ("slipped",)
+    assert "the angle jumps by more than a quarter of a turn at 1.00 s" in left_out.text
+    assert left_out.text.endswith("It is left out.")
+    with pytest.raises(DataError, match=r"slipped.csv: the angle jumps"):
+        cfid.friction.fit([jumped, jumped], radius_m=RADIUS_M)
 
 
 @pytest.mark.parametrize("turns", [0.3, -0.5, 1.0])
