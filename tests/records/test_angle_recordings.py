@@ -112,6 +112,15 @@ def test_one_wrong_reading_does_not_hide_the_unit(tmp_path: Path) -> None:
     assert off_by(record, np.delete(ANGLE_RAD, 700)) < 1e-6
 
 
+@pytest.mark.parametrize("options", [{}, {"rate_hz": 1000.0}])
+def test_rows_that_are_newest_first_are_named_as_that_whether_a_rate_is_given_or_not(
+    tmp_path: Path, options: dict[str, Any]
+) -> None:
+    message = refusal(tmp_path, text_of(TIME_S[::-1], ANGLE_RAD[::-1]), angle_unit="rad", **options)
+    assert "time goes back from row to row, from 1.999 to 0 in column 't': the rows are newest first" in message
+    assert message.endswith("Sort them by that column, smallest first.")
+
+
 @pytest.mark.parametrize("wrong", [-5.0, 1e6, 0.0])
 def test_rows_with_single_wrong_times_are_left_out_and_counted(tmp_path: Path, wrong: float) -> None:
     times = TIME_S.copy()

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
-from cfid.large import differences, empty, usual_step
+from cfid.large import differences, empty, some_steps, usual_step
 from cfid.records.tables.lone import MOST_SHARE, lone_readings
 from cfid.records.tables.schema import TIME, Column, TimeUnit
 from cfid.records.tables.table import Array, CsvTable
@@ -210,6 +210,7 @@ def times_of(
             raise ConfigError("`time_unit` is that of a time column, and `rate_hz` stands for one: give one of them.")
         return np.arange(len(raw)) / rate_hz, _unused_times(table, rate_hz)
     stated = unit_of(table, TIME_COLUMN.called, column or "", unit, "time_unit")
+    _refuse_newest_first(table, column or "", raw)
     row = next((at + 1 + int(np.argmax(step < 0)) for at, step in differences(raw) if np.any(step < 0)), 0)
     if row:
         raise DataError(
@@ -236,9 +237,23 @@ def times_of(
 
 
 def _unused_times(table: CsvTable, rate_hz: float) -> tuple[str, ...]:
-    """Return a note on a time column whose place a rate takes."""
-    name = next((name for name in table.names if table.has_head and TIME_COLUMN.called.fullmatch(name)), None)
-    return () if name is None else (f"times are those of `rate_hz` {rate_hz:g}: column '{name}' is not used.",)
+    """Return a note on a time column whose place a rate takes. Raises DataError where its rows are newest first."""
+    place = next((at for at, name in enumerate(table.names) if TIME_COLUMN.called.fullmatch(name)), None)
+    if place is None or not table.has_head:
+        return ()
+    name, first = table.names[place], next(table.blocks(), table)
+    _refuse_newest_first(table, name, first.known_numbers([str(1 + place)])[:, 0])
+    return (f"times are those of `rate_hz` {rate_hz:g}: column '{name}' is not used.",)
+
+
+def _refuse_newest_first(table: CsvTable, column: str, raw: Array) -> None:
+    """Raise DataError where times (n,) go back in most rows."""
+    steps = some_steps(raw)
+    if np.count_nonzero(steps < 0) > len(steps) / 2:
+        raise DataError(
+            f"{table.path}: time goes back from row to row, from {raw[0]:.6g} to {raw[-1]:.6g} in column '{column}': "
+            "the rows are newest first, and would be read backwards. Sort them by that column, smallest first."
+        )
 
 
 def time_unit_of(
