@@ -141,6 +141,15 @@ def test_single_wrong_times_leave_out_their_rows_and_are_named(tmp_path: Path) -
     )
 
 
+def test_a_clock_that_was_set_forward_in_a_log_is_named_with_its_line(tmp_path: Path) -> None:
+    rows = "".join(f"{1000 + 10 * at + 3_600_000 * (at >= 200)},{at}\n" for at in range(400))
+    log = read_log(written(tmp_path, f"Timestamp,gyro.x\n{rows}"))
+    assert log.notes == (
+        "1 gap without rows, the longest of 3600 s after line 201 (1.99 s); rows are usually 10 ms apart. Was the "
+        "clock set?",
+    )
+
+
 def test_times_of_day_are_refused_with_the_rate_that_stands_for_them(tmp_path: Path) -> None:
     rows = "".join(f"2026-03-01 10:00:{at / 100:06.3f},{at}\n" for at in range(40))
     path = written(tmp_path, f"time,gyro.x\n{rows}")

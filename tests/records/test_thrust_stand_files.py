@@ -162,6 +162,12 @@ def test_rows_that_follow_quickly_are_a_recording_whose_clock_may_jitter(tmp_pat
     assert "a recording of 0.79 s in 80 rows, 100 Hz" in texts(table.findings, "note")[0]
 
 
+def test_a_gap_in_a_recording_is_named_with_its_line(tmp_path: Path) -> None:
+    rows = [(f"{0.01 * i + 60 * (i >= 50):.3f}", 1000 + 500 * (i >= 40), 0, i, 8, i, i) for i in range(80)]
+    table = read(tmp_path, text_of(rows))
+    assert "1 gap without rows, the longest of 60 s after line 51 (0.49 s)" in " ".join(notes_of(table))
+
+
 def test_load_cells_that_are_read_less_often_are_missing_in_between(tmp_path: Path) -> None:
     rows = [(f"{0.01 * i:.3f}", 1500 if i >= 10 else "", "", i if i % 4 == 0 else "", 8, i, 0) for i in range(80)]
     table = read(tmp_path, text_of(rows))

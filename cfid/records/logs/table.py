@@ -22,7 +22,16 @@ from cfid.records.tables.matlab import is_matlab
 from cfid.records.tables.schema import TIME, Foreign, TableSchema
 from cfid.records.tables.stand_heads import heads_of, shows_stand
 from cfid.records.tables.table import REPAIR, CsvTable
-from cfid.records.tables.times import TIME_COLUMN, known_rows, line_notes, seconds_of, time_unit_of, times_of, unit_of
+from cfid.records.tables.times import (
+    TIME_COLUMN,
+    known_rows,
+    line_notes,
+    pauses,
+    seconds_of,
+    time_unit_of,
+    times_of,
+    unit_of,
+)
 
 _SCHEMA = TableSchema(columns=(TIME_COLUMN,), words=("TIME",))
 _VARIABLE = re.compile(r"\w+\.\w+")  # of the firmware
@@ -80,8 +89,9 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
     elif of_vehicle := any(crazyflie_channel(name).own_unit for name in named):
         assumed = ("columns with the firmware's names are in the firmware's units",)
     stated = reading.time_unit is not None or _is_slow_stand(table, time)
-    _, notes = times_of(table, time, raw, unit=reading.time_unit, rate_hz=reading.rate_hz, own=stated)
+    time_s, notes = times_of(table, time, raw, unit=reading.time_unit, rate_hz=reading.rate_hz, own=stated)
     if time is not None:
+        notes += pauses(table, time_s)
         reading = replace(reading, time_unit=time_unit_of(table, time, raw, unit=reading.time_unit))
     second_s, clock = _clock(table, time, raw, reading, of_vehicle=of_vehicle)
     faults, missing, inexact, rows = _checked(table, time, named)

@@ -10,7 +10,7 @@ from cfid.errors import DataError
 from cfid.records.tables.schema import TimeUnit
 from cfid.records.tables.stand_columns import Found
 from cfid.records.tables.table import Array, CsvTable
-from cfid.records.tables.times import TIME_COLUMN, times_of, unit_of
+from cfid.records.tables.times import TIME_COLUMN, pauses, times_of, unit_of
 
 STAND_RATE_HZ = 100.0  # of Bitcraze's thrust stand, whose files have no time
 
@@ -70,7 +70,8 @@ def timing_of(table: CsvTable, found: Found, command: Array, *, unit: TimeUnit |
         )
         step_s = float(np.median(np.diff(times)))
         if step_s < _SETTLED_S:
-            return Timing(times, None, (*notes, *jitter), order)
+            gaps = () if order is not None else pauses(table, times)
+            return Timing(times, None, (*notes, *jitter, *gaps), order)
         text = f"rows are {step_s:.2g} s apart: each is taken as a settled point."
         return Timing(None, None, (*notes, text))
     if rate_hz is None and kind == "esc" and (held >= 2 or len(command) > _MOST_TYPED):

@@ -77,7 +77,10 @@ def line_notes(table: CsvTable) -> tuple[str, ...]:
 
 
 def pauses(table: CsvTable, time_s: Array) -> tuple[str, ...]:
-    """Return a note on the longest interval without a row at times (n,), where one is much longer than usual."""
+    """Return a note on the longest interval without a row at times (n,), where one is much longer than usual.
+
+    A clock that was set is asked after where it is more than half of the recording.
+    """
     usual_s = usual_step(time_s)
     least_s = max(_GAP * usual_s, _LEAST_GAP_S)
     found = [
@@ -86,10 +89,12 @@ def pauses(table: CsvTable, time_s: Array) -> tuple[str, ...]:
     if not found:
         return ()
     row, longest_s = max(found, key=lambda each: each[1])
+    longest = f"{longest_s:.3g}" if longest_s < 1000 else f"{longest_s:.0f}"
+    asked = " Was the clock set?" if longest_s > (time_s[-1] - time_s[0]) / 2 else ""
     return (
-        f"{counted(len(found), 'gap')} without rows, the longest of {longest_s:.3g} s after line "
+        f"{counted(len(found), 'gap')} without rows, the longest of {longest} s after line "
         f"{table.line_of_row(int(row))} "
-        f"({time_s[row] - time_s[0]:.4g} s); rows are usually {1e3 * usual_s:.3g} ms apart.",
+        f"({time_s[row] - time_s[0]:.4g} s); rows are usually {1e3 * usual_s:.3g} ms apart.{asked}",
     )
 
 
