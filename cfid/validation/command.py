@@ -41,7 +41,7 @@ def validate(
     from cfid.flight.data import read_flight
     from cfid.validation.measured import measured_in
     from cfid.validation.result import validate as compare
-    from cfid.validation.sets import published_set, sets_of
+    from cfid.validation.sets import NoVoltageError, published_set, sets_of
 
     workplace = open_workplace(rig)
     foreign = reading.foreign(clock)
@@ -49,18 +49,25 @@ def validate(
     flown = read_flight(path, foreign, from_s=cut.from_s, to_s=cut.to_s)
     in_volts = flown.flight.in_volts
     used = [] if workplace.campaign is None else [measured_in(workplace.campaign)]
-    sets, published = [], []
+    sets, published, faults = [], [], []
     for word in others or []:
         other = _measured(word)
-        if other is None:
-            published.append(published_set(word, in_volts=in_volts))
-        else:
+        if other is not None:
             used.append(other)
+            continue
+        try:
+            published.append(published_set(word, in_volts=in_volts))
+        except NoVoltageError as error:  # one set does not condemn the others
+            faults.append(error)
     for measured in used:
         found, missing = sets_of(measured, in_volts=in_volts)
         sets += found
         for text in missing:
             note(text)
+    if faults and not (sets or published):
+        raise faults[0]
+    for fault in faults:
+        note(f"{fault} It is left out.")
     result = compare(flown, [*sets, *published], used=used)
     deliver(replace(result, folder=workplace.figures_folder([path])), delivery, None, workplace.own_rig)
 

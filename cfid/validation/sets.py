@@ -20,6 +20,10 @@ _BEYOND = 20.0  # times mass times arm squared, or its part: bodies have 0.2 to 
 ARM_M = 0.046  # of a Crazyflie 2.x, from its centre to a motor's axis, for published sets
 
 
+class NoVoltageError(ConfigError):
+    """A published set's thrust is of volts, and the log has none."""
+
+
 def sets_of(measured: Measured, *, in_volts: bool) -> tuple[list[ParameterSet], list[str]]:
     """Return the sets that parameters make for a log with or without voltage, and what keeps the others from being one.
 
@@ -55,13 +59,13 @@ def _impossible(one: ParameterSet) -> str:
 
 
 def published_set(name: str, *, in_volts: bool) -> ParameterSet:
-    """Return a published set. Raises ConfigError for another name, or for one that needs the battery's voltage."""
+    """Return a published set. Raises ConfigError for another name, NoVoltageError for one that needs the battery's."""
     make = PUBLISHED.get(name)
     if make is None:
         raise ConfigError(f"`with` {name}: no campaign folder, and no published set ({', '.join(PUBLISHED)}).")
     one = make()
     if one.in_volts and not in_volts:
-        raise ConfigError(f"`with` {name}: its thrust is of volts, and the log has no battery voltage (pm.vbat).")
+        raise NoVoltageError(f"`with` {name}: its thrust is of volts, and the log has no battery voltage (pm.vbat).")
     return one
 
 

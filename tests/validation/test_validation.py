@@ -1,5 +1,6 @@
 """The set that a flight was flown with predicts it best; a flight that was fitted to is refused, as are half sets."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,6 +14,7 @@ from cfid.flight.data import FlownLog, flight_of, read_flight
 from cfid.flight.model import LEVER, ThrustLag
 from cfid.records.campaign import open_campaign
 from cfid.records.logs.any_kind import read_log
+from cfid.records.logs.log import Series
 from cfid.records.parameters import Parameter, Section, Source
 from cfid.validation.measured import Measured, measured_file, measured_in
 from cfid.validation.result import SetError, compared, validate
@@ -121,13 +123,18 @@ def test_a_flight_that_was_fitted_to_is_refused_in_another_format_too(tmp_path: 
         *(f"motor.m{motor}" for motor in (1, 2, 3, 4)),
         *(f"{one}.{axis}" for one in ("acc", "gyro") for axis in "xyz"),
     ]
-    frame = pd.DataFrame({"t_s": series.time_s} | {name: series.values(name) for name in names})
-    frame.loc[:, [f"acc.{axis}" for axis in "xyz"]] /= 9.81
-    frame.loc[:, [f"gyro.{axis}" for axis in "xyz"]] *= 180 / np.pi
-    frame.to_csv(tmp_path / "copy.csv", index=False)
+    write_table(series, names, tmp_path / "copy.csv")
     used = fitted_to("another", str(FLIGHTS / "eschmann_log10.usd"))
     with pytest.raises(DataError, match="were fitted to this flight"):
         validate(read_flight(tmp_path / "copy.csv"), [published_set("thesis", in_volts=False)], used=[used])
+
+
+def write_table(series: Series, names: Sequence[str], path: Path) -> None:
+    """Write channels of a log as a table in the firmware's units."""
+    frame = pd.DataFrame({"t_s": series.time_s} | {name: series.values(name) for name in names})
+    frame.loc[:, [f"acc.{axis}" for axis in "xyz"]] /= 9.81
+    frame.loc[:, [f"gyro.{axis}" for axis in "xyz"]] *= 180 / np.pi
+    frame.to_csv(path, index=False)
 
 
 def flights_section(**changed: object) -> str:
@@ -202,6 +209,24 @@ def test_published_sets_carry_a_crazyflie_and_others_are_refused() -> None:
         published_set("nobody", in_volts=True)
     with pytest.raises(ConfigError, match="no battery voltage"):
         published_set("firmware", in_volts=False)
+
+
+def test_a_published_set_that_needs_a_voltage_is_left_out_and_named_where_others_need_none(
+    flown: tuple[ParameterSet, FlownLog], cfid: Cfid, tmp_path: Path
+) -> None:
+    (series,) = flown[1].log.series
+    write_table(series, series.names[:10], tmp_path / "flight.csv")
+    found = cfid("validate", "flight.csv", "--with", "firmware", "--with", "thesis", "--no-figures")
+    assert found.returncode == 0, found.stderr
+    assert "thesis: 28 g" in found.stdout
+    said = " ".join(found.stderr.split())
+    assert (
+        "--with firmware: its thrust is of volts, and the log has no battery voltage (pm.vbat). It is left out" in said
+    )
+
+    alone = cfid("validate", "flight.csv", "--with", "firmware", "--no-figures")
+    assert alone.returncode == 2
+    assert "no battery voltage" in alone.stderr
 
 
 def test_a_campaign_without_fits_lacks_sets_and_names_what(cfid: Cfid, tmp_path: Path) -> None:
