@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cfid.console.flat import flat
-from cfid.console.inputs import Workplace, open_workplace, read_recording
+from cfid.console.inputs import Workplace, find_recording, open_workplace, read_recording
 from cfid.console.lists import measured
 from cfid.console.options import CutOptions, Delivery, GravityMps2, Method, ReadingOptions, RigOptions
 from cfid.console.outcome import deliver
@@ -16,6 +16,7 @@ from cfid.console.selection import chosen, labelled
 from cfid.units import MM
 
 if TYPE_CHECKING:
+    from cfid.findings import Finding
     from cfid.records.tables.angle import AngleRecord
 
 
@@ -51,8 +52,9 @@ def friction(
     workplace = open_workplace(rig, gravity=gravity)
     words = chosen(runs, workplace.campaign, suits=labelled("drop"), wanted="dropped weights")
     radius = measured(radius_mm, "--radius-mm")
+    records, left_out = _read_weights(words, reading, workplace)
     found = result.fit(
-        _read_weights(words, reading, workplace),
+        records,
         rig=None if workplace.borrowed else workplace.rig,
         radius_m=None if radius.value is None else MM * radius.value,
         radius_std_m=None if radius.std is None else MM * radius.std,
@@ -63,21 +65,41 @@ def friction(
         method=method,
     )
     folder = workplace.figures_folder([Path(source.path) for source in found.sources])
-    deliver(replace(found, folder=folder), delivery, workplace.campaign, workplace.own_rig)
+    found = replace(found, folder=folder, findings=(*left_out, *found.findings))
+    deliver(found, delivery, workplace.campaign, workplace.own_rig)
 
 
-def _read_weights(words: Sequence[str], reading: ReadingOptions, workplace: Workplace) -> "list[AngleRecord]":
-    """Read GRAMS=FILE, or a RUN whose label has its weight. Raises ConfigError for what is no weight."""
+def _read_weights(
+    words: Sequence[str], reading: ReadingOptions, workplace: Workplace
+) -> "tuple[list[AngleRecord], list[Finding]]":
+    """Read GRAMS=FILE, or a RUN whose label has its weight; return warnings on those that cannot be read.
+
+    Raises ConfigError for what is no weight, DataError for a file that is not there, and where none can be read.
+    """
+    from cfid.errors import DataError
+    from cfid.findings import warning
     from cfid.records.tables import angle
 
-    found = []
+    found, left_out = [], []
+    first: DataError | None = None
     for word in words:
         name, equals, rest = word.partition("=")
         if not equals or Path(word).exists():
             name, rest = "", word
-        record = read_recording(rest, reading.reading(), workplace)
-        found.append(angle.labelled(record, **_weight(name)) if name else record)
-    return found
+        weight = _weight(name) if name else {}
+        path = find_recording(rest, workplace)
+        try:
+            record = read_recording(rest, reading.reading(), workplace)
+        except DataError as error:  # one recording does not condemn the others
+            if not path.exists():
+                raise
+            first = first or error
+            left_out.append(warning("friction-drop-left-out", f"{error} It is left out."))
+        else:
+            found.append(angle.labelled(record, **weight))
+    if first is not None and not found:
+        raise first
+    return found, left_out
 
 
 def _weight(text: str) -> dict[str, float | None]:

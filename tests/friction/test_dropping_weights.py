@@ -19,6 +19,7 @@ from cfid.records.rig_file import load_rig
 from cfid.records.run import Label
 from cfid.records.tables.angle import AngleRecord, labelled
 from cfid.sim.plants import DroppingWeight, drop
+from tests.campaigns import Cfid
 
 Array = npt.NDArray[np.float64]
 
@@ -304,6 +305,22 @@ def test_a_drop_that_cannot_be_followed_is_left_out_and_named_and_the_others_are
     assert left_out.text.endswith("It is left out.")
     with pytest.raises(DataError, match=r"slipped.csv: the angle jumps"):
         cfid.friction.fit([jumped, jumped], radius_m=RADIUS_M)
+
+
+def test_a_file_of_a_drop_that_cannot_be_read_is_left_out_and_named(cfid: Cfid, tmp_path: Path) -> None:
+    for grams in (20, 30, 40):
+        time_s, angle = fallen(float(grams))
+        angle = np.where(np.arange(len(angle)) % 20 == 0, 7.7, angle) if grams == 20 else angle
+        rows = "".join(f"{t:.4f},{phi:.6f}\n" for t, phi in zip(time_s, angle, strict=True))
+        (tmp_path / f"drop_{grams}.csv").write_text(f"t,phi_rad\n{rows}")
+    words = ("--radius-mm", "2", "--no-figures")
+    found = cfid("fit", "friction", "20=drop_20.csv", "30=drop_30.csv", "40=drop_40.csv", *words)
+    assert found.returncode == 0, found.stderr
+    said = " ".join(found.stderr.split())
+    assert "drop_20.csv:4: the angle jumps" in said
+    assert "Whole turns cannot be counted. It is left out." in said
+    assert cfid("fit", "friction", "20=drop_20.csv", *words).returncode == 4
+    assert "no such file" in cfid("fit", "friction", "20=drop.csv", "30=drop_30.csv", *words).stderr
 
 
 @pytest.mark.parametrize("turns", [0.3, -0.5, 1.0])
