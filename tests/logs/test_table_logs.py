@@ -207,3 +207,11 @@ def test_whole_numbers_of_more_digits_than_a_float_has_are_named(tmp_path: Path)
     assert [note for note in log.notes if "2^53" in note] == [
         "column 'nanoseconds' has numbers above 2^53, which lose their last digits here."
     ]
+
+
+@pytest.mark.parametrize("large", ["3.1e+250", "-4.5e17", "123456789012345680.0", str(2**60)])
+def test_large_numbers_that_come_back_as_they_are_written_need_no_note(tmp_path: Path, large: str) -> None:
+    rows = "".join(f"{at / 100},{large if at == 7 else at}\n" for at in range(20))
+    log = read_log(written(tmp_path, f"t_s,value\n{rows}"))
+    assert log.channel("value")[1][7] == float(large)
+    assert not [note for note in log.notes if "2^53" in note]

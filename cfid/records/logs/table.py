@@ -185,7 +185,7 @@ def _clock(table: CsvTable, time: str | None, raw: Array, reading: Foreign, *, o
 
 
 class _Checked(NamedTuple):
-    """Why columns are left out, how many rows lack a number in the others, and which of these have too many digits.
+    """Why columns are left out, how many rows lack a number in the others, and which of these lose digits of theirs.
 
     Then how many rows there are.
     """
@@ -199,21 +199,21 @@ class _Checked(NamedTuple):
 def _checked(whole: CsvTable, time: str | None, names: Sequence[str]) -> _Checked:
     faults: dict[str, str] = {}
     missing = dict.fromkeys(names, 0)
-    largest = dict.fromkeys(names, 0.0)
+    inexact: dict[str, None] = {}
     rows = 0
     for table in whole.blocks():
         good = [name for name in names if name not in faults]
         values = _numbers(table, time, good)
         known = np.isfinite(values[:, len(_given(time)) :])
         for name, there, value in zip(good, known.T, values[:, len(_given(time)) :].T, strict=True):
-            largest[name] = float(np.abs(value).max(initial=largest[name], where=there))
+            if name not in inexact and np.abs(value).max(initial=0.0, where=there) > _EXACT_BELOW:
+                inexact |= {name: None} if table.loses_digits(name) else {}
             missing[name] += int(np.count_nonzero(~there))
             if not rows and not there.any():
                 faults[name] = _fault(table, name)
         rows += len(values)
     missing = {name: count for name, count in missing.items() if count and name not in faults}
-    inexact = [name for name, number in largest.items() if number > _EXACT_BELOW]
-    return _Checked(faults, missing, inexact, rows)
+    return _Checked(faults, missing, list(inexact), rows)
 
 
 def _numbers(table: CsvTable, time: str | None, names: Sequence[str]) -> Array:

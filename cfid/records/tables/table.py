@@ -46,6 +46,7 @@ Array = npt.NDArray[np.float64]
 
 _NUMBERS = (np.dtype(np.int64), np.dtype(np.float64))
 _TRUTHS = (b"rue", b"RUE", b"alse", b"ALSE")
+_WHOLE = r"[+-]?\d{16,300}"  # fewer digits are exact; more are no number
 REPAIR = "Repair or cut that line."
 _CLOCK_TIME = re.compile(r"\d:\d\d|\d{4}-\d\d-\d\d")
 
@@ -110,6 +111,14 @@ class CsvTable:
         if values is None:
             values = self._fields_parsed(rows, places)
         return np.where(np.isfinite(values), values, np.nan)
+
+    def loses_digits(self, column: str) -> bool:
+        """Return whether a whole number in a column, as it is written, is none of 64-bit floats."""
+        rows = self._rows()
+        if rows is None:
+            return False
+        fields = self._frame(rows, [self.place(column)], str).iloc[:, 0].str.strip()
+        return any(int(field) != int(float(field)) for field in fields[fields.str.fullmatch(_WHOLE)])
 
     def without(self, rows: Sequence[int] | Places) -> "CsvTable":
         """Return the table without some rows, counted from 0; the others keep their lines."""
