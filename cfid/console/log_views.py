@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cfid.console.views import View, curve_of, sampling
+from cfid.console.views import View, curve_of, sampling, shown_columns
 from cfid.quantities.lookup import unit_of
 from cfid.records.parameters import Parameter
 
@@ -81,8 +81,8 @@ def _view(log: "FlightLog", series: "Series") -> View:
 
     time_s, low, high, rows = _walked(series)
     since_s = time_s - time_s[0]
-    columns = dict(zip(series.names, rows[:, 1:].T, strict=True))
-    first = next((channel.name for channel in series.channels if channel.own_unit), series.names[0])
+    columns = shown_columns(dict(zip(series.names, rows[:, 1:].T, strict=True)), len(rows))
+    first = next((channel.name for channel in series.channels if channel.own_unit), next(iter(columns)))
     ranges = {
         f"range.{channel.name}": _range(np.array(both) * channel.factor, channel.unit)
         for channel, *both in zip(series.channels, low, high, strict=True)

@@ -204,12 +204,13 @@ def _device_view(run: "Run", device: str) -> View:
     notes = tuple(losses(run, run.header.devices[device], len(rows.time_s)))
     if device == SUPERVISOR:
         notes += (_states(since_s, rows.columns["state"]),)
-    first = groups(list(rows.columns))[0][0]
+    columns = shown_columns(rows.columns, len(rows.time_s))
+    first = groups(list(columns))[0][0]
 
     def draw() -> "Figure":
         from cfid.drawing.device import device_figure
 
-        return device_figure(rows.time_s, rows.columns, title=f"{run.folder.name}, {device}", notes=notes)
+        return device_figure(rows.time_s, columns, title=f"{run.folder.name}, {device}", notes=notes)
 
     return View(
         device=device,
@@ -223,7 +224,7 @@ def _device_view(run: "Run", device: str) -> View:
             for name, column in rows.columns.items()
             if device != SUPERVISOR  # a word of bits has no mean
         },
-        curve=curve_of(since_s, rows.columns[first], first),
+        curve=curve_of(since_s, columns[first], first),
         draw=draw,
     )
 
@@ -233,6 +234,13 @@ def _states(since_s: "Array", words: "Array") -> str:
     named = [(time_s, VehicleState.of(int(word)).name) for time_s, word in zip(since_s, words, strict=True)]
     changes = [named[0], *(after for before, after in pairwise(named) if after[1] != before[1])]
     return "vehicle: " + ", ".join(f"{name} at {time_s:.1f} s" for time_s, name in changes)
+
+
+def shown_columns(columns: "Mapping[str, Array]", rows: int) -> "Mapping[str, Array]":
+    """Return columns (rows,) to draw; of events that have no variables, which are times alone, how many there were."""
+    import numpy as np
+
+    return columns or {"events": np.arange(1.0, rows + 1)}
 
 
 def curve_of(time_s: "Array", value: "Array", name: str, *, factor: float = 1.0) -> Curve:

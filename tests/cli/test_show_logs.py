@@ -41,6 +41,27 @@ def test_every_series_of_a_log_has_a_view(cfid: Cfid, tmp_path: Path) -> None:
     assert numbers["recording.estPosition.range.count"]["value"] == [0, 19]
 
 
+@pytest.mark.parametrize("records", [1, 2])
+def test_events_without_variables_are_shown_by_their_times_in_a_log_and_in_the_run_made_of_it(
+    cfid: Cfid, tmp_path: Path, records: int
+) -> None:
+    landed = [(7, 5_100_500 + 100_000 * at, ()) for at in range(records)]
+    path = written(tmp_path, bytes_of([FIXED, (7, "landed", ())], [*rows(400), *landed]))
+    shown = cfid("show", path)
+    assert shown.returncode == 0, shown.stderr
+    assert "times alone." in " ".join(shown.stdout.split())
+    assert (tmp_path / "LOG00_landed_recording.png").is_file()
+
+    campaign = tmp_path / "campaign"
+    cfid("new", campaign)
+    cfid("import", path, "--campaign", campaign)
+    (run,) = (campaign / "runs").iterdir()
+    of_run = cfid("show", run, "--campaign", campaign, "--json")
+    assert of_run.returncode == 0, of_run.stderr
+    for made in (cfid("show", path, "--json"), of_run):
+        assert json.loads(made.stdout)["parameters"]["recording.landed.samples"]["value"] == records
+
+
 def test_of_many_series_those_of_known_units_and_most_rows_are_drawn_and_the_rest_is_named(
     cfid: Cfid, tmp_path: Path
 ) -> None:

@@ -170,7 +170,7 @@ def _described(series: Series) -> str:
     by_unit: dict[str, list[str]] = {}
     for channel in series.channels:
         by_unit.setdefault(_UNIT_WORDS.get(channel.own_unit, channel.own_unit), []).append(channel.name)
-    columns = ", ".join(f"{_listed(names)} in {unit}" for unit, names in by_unit.items())
+    columns = ", ".join(f"{_listed(names)} in {unit}" for unit, names in by_unit.items()) or "times alone"
     return f"{series.name}, {counted(series.rows, 'row')}{rate}: {columns}"
 
 
