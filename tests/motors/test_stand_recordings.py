@@ -14,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.errors import FitError
-from cfid.motors.maps import fit_thrust
+from cfid.errors import ConfigError, FitError
+from cfid.motors.maps import fit_speed, fit_thrust
+from cfid.motors.maps.evidence import Stand
 from cfid.motors.steps import fit as fit_dynamics
 from cfid.records.result import Result
 from cfid.records.run import read_run
@@ -91,9 +92,51 @@ def test_a_stepped_sweep_gives_the_settled_truth_within_its_uncertainty(tmp_path
     assert any("a recording of 27.98 s in 1120 rows, 40 Hz" in finding.text for finding in result.findings)
 
 
-def test_a_record_without_a_command_gives_the_same_by_the_changes_it_shows(tmp_path: Path) -> None:
-    from cfid.motors.maps import fit_speed
+def write_total(folder: Path, one: Sweep, head: str, speeds: int) -> Path:
+    """Write a sweep as a stand's table does that has the thrust of all motors in N, and one speed for each of some."""
+    path, command = folder / "total.csv", np.rint((one.pulse_us - 1000) / 1000 * 65535)
+    names = ["time[s]", "pwm", head, *(f"rpm{1 + at}" for at in range(speeds))]
+    columns = [one.time_s, command, one.thrust_n, *[one.speed_rad_s * 30 / math.pi] * speeds]
+    rows = [",".join(f"{x:.8g}" for x in row) for row in zip(*columns, strict=True)]
+    path.write_text("\n".join([",".join(names), *rows, ""]))
+    return path
 
+
+@pytest.mark.parametrize(("head", "speeds"), [("thrust[N]", 1), ("thrust[N]", 3), ("thrust_n", 4)])
+def test_thrust_beside_the_speeds_of_another_number_of_rotors_is_a_question_that_motors_answers(
+    cfid: Cfid, tmp_path: Path, head: str, speeds: int
+) -> None:
+    one = sweep()
+    path = write_total(tmp_path, one._replace(thrust_n=speeds * one.thrust_n), head, speeds)
+    asked = cfid("fit", "thrust", path, "--no-figures")
+    usual = "4 motors" if head == "thrust[N]" else "1 motor"
+    rotors = "1 rotor" if speeds == 1 else f"{speeds} rotors"
+    question = f"'{head}' is usually the thrust of {usual}, but the file has the speed of {rotors}. Give --motors"
+
+    assert asked.returncode == 2
+    assert question in " ".join(asked.stderr.split())
+    assert off(fit_thrust(path, gravity_mps2=9.81, stand=Stand(motors=speeds))) < 3
+
+
+def test_a_total_beside_the_speeds_of_four_rotors_needs_no_option(tmp_path: Path) -> None:
+    one = sweep()
+    assert off(fit_thrust(write_total(tmp_path, one._replace(thrust_n=4 * one.thrust_n), "thrust[N]", 4))) < 3
+
+
+def test_a_number_of_motors_that_comes_after_the_table_was_divided_is_refused(tmp_path: Path) -> None:
+    table = read_stand_table(write_total(tmp_path, sweep(), "thrust[N]", 4))
+    with pytest.raises(ConfigError, match="was read as the thrust of 4 motors: read the table with `motors` 1"):
+        fit_thrust(table, stand=Stand(motors=1))
+
+
+def test_a_number_of_motors_beside_speeds_alone_is_reported_as_unused(tmp_path: Path) -> None:
+    path = tmp_path / "speeds.csv"
+    path.write_text("cmd,rpm\n0,0\n20000,9000\n40000,14000\n60000,18000\n")
+    texts = [finding.text for finding in fit_speed(path, stand=Stand(motors=2)).findings]
+    assert "speeds.csv: `motors` is not used: the table has no thrust and no torque." in texts
+
+
+def test_a_record_without_a_command_gives_the_same_by_the_changes_it_shows(tmp_path: Path) -> None:
     one = sweep()
     assert off(fit_speed(write(tmp_path, one._replace(pulse_us=np.full(len(one.time_s), math.nan))))) < 3
 

@@ -106,6 +106,37 @@ def test_thrust_of_a_stand_is_the_total_of_four_motors_and_that_is_said(
     assert any(f"'{head}' is taken as the thrust of 4 motors" in note for note in notes_of(table)) == total
 
 
+@pytest.mark.parametrize(
+    ("head", "motors", "newtons", "said"),
+    [
+        ("thrust[N]", 1, 0.4, "'thrust[N]' is taken as the thrust of 1 motor (`motors`): not divided."),
+        ("thrust[N]", 2, 0.2, "'thrust[N]' is taken as the thrust of 2 motors (`motors`): divided by 2."),
+        (
+            "weight[g]",
+            2,
+            0.4e-3 * 9.81 / 2,
+            "'weight[g]' is taken as the thrust of 2 motors (`motors`): divided by 2 and grams by 9.81 m/s^2.",
+        ),
+    ],
+)
+def test_the_number_of_motors_that_is_stated_divides_a_total_and_its_torque(
+    tmp_path: Path, head: str, motors: int, newtons: float, said: str
+) -> None:
+    table = read(tmp_path, f"pwm,{head},torque_nm\n0,0,0\n40000,0.4,0.06\n", motors=motors)
+
+    assert np.asarray(table.thrust_n) == pytest.approx([0, newtons])
+    assert np.asarray(table.torque_nm) == pytest.approx([0, 0.06 / motors])
+    assert table.motors == motors
+    assert f"stand.csv: {said}" in notes_of(table)
+
+
+def test_a_total_of_four_motors_names_the_option_for_another_number(tmp_path: Path) -> None:
+    notes = notes_of(read(tmp_path, "pwm,thrust[N]\n0,0\n40000,0.4\n"))
+
+    expected = "'thrust[N]' is taken as the thrust of 4 motors: divided by 4. Fits take another number by `motors`."
+    assert f"stand.csv: {expected}" in notes
+
+
 def test_grams_are_weighed_at_the_gravity_given(tmp_path: Path) -> None:
     table = read(tmp_path, "pwm,thrust[g]\n0,0\n40000,40\n", gravity_mps2=9.80665)
 

@@ -56,7 +56,8 @@ def read_evidence(
 
     def of_stand(path: Path) -> Evidence:
         stands.append(path)
-        read = read_stand_as(path, foreign, gravity_mps2=workplace.rig.site.gravity_mps2, esc_us=esc_us)
+        gravity = workplace.rig.site.gravity_mps2
+        read = read_stand_as(path, foreign, gravity_mps2=gravity, esc_us=esc_us, motors=known.motors)
         return of_table(read, known, workplace.facts)
 
     def of_runs(run: Run) -> list[Evidence]:

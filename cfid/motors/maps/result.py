@@ -216,9 +216,11 @@ def _evidence(one: One, stand: Stand, rotors: Rotors | None) -> Evidence:
     path = None if isinstance(one, StandTable) else one.folder if isinstance(one, Run) else Path(one)
     stand_path = None if path is None else stand_file(path)
     if stand_path is not None:
-        read: StandTable | Run = read_stand_table(stand_path)
+        read: StandTable | Run = read_stand_table(stand_path, motors=stand.motors)
+    elif isinstance(one, StandTable | Run):
+        read = one
     else:
-        read = one if isinstance(one, StandTable | Run) else run_at(Path(one)) or read_stand_table(Path(one))
+        read = run_at(Path(one)) or read_stand_table(Path(one), motors=stand.motors)
     return (
         of_table(read, stand) if isinstance(read, StandTable) else of_run(read, stand, WrenchReading(), rotors=rotors)
     )

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.counted import counted
-from cfid.errors import CfidError, DataError, FitError
+from cfid.errors import CfidError, ConfigError, DataError, FitError
 from cfid.estimate.staircase import mean_in_windows, reduce_staircase
 from cfid.estimate.staircase_points import Point, Staircase
-from cfid.findings import Finding
+from cfid.findings import Finding, of_recording
 from cfid.large import chosen_rows, side_by_side
 from cfid.motors.maps.evidence import Evidence, Reduced, Stand, line_of, speed_findings, staircase_findings
 from cfid.motors.points import MotorPoints, joined, per_motor
@@ -32,11 +32,33 @@ _MOST_NAMED = 8  # steps left out that have a sentence each
 
 
 def of_table(table: StandTable, stand: Stand, facts: RigFacts = NONE_STATED) -> Evidence:
-    """Take a table's points, or reduce a record over time."""
+    """Take a table's points, or reduce a record over time.
+
+    Raises ConfigError where the speeds are those of another number of rotors than the thrust, and no number is stated.
+    """
+    _ask_motors(table, stand.motors)
     tachometer = _is_tachometers(table)
     stand = stand.where(facts) if tachometer else replace(stand, markers=stand.markers or 1)
     found = _of_record(table, stand) if table.time_s is not None else _of_points(table, stand)
+    if stand.motors is not None and table.thrust_n is None and table.torque_nm is None:
+        unused = of_recording(table.path.name, ["`motors` is not used: the table has no thrust and no torque."])
+        found = replace(found, findings=(*found.findings, *unused))
     return replace(found, tachometers=(stand.facts,)) if tachometer else found
+
+
+def _ask_motors(table: StandTable, motors: int | None) -> None:
+    """Raise ConfigError where it is not known how many motors gave the thrust, or where they were stated too late."""
+    if table.thrust_n is None:
+        return
+    named, usual = f"{table.path}: '{table.columns['thrust_n'][0]}'", table.motors or 1
+    if motors is None and table.rotors not in (None, usual):
+        rotors = counted(table.rotors, "rotor")
+        raise ConfigError(
+            f"{named} is usually the thrust of {counted(usual, 'motor')}, but the file has the speed of {rotors}. Give "
+            "`motors`, the number of motors whose thrust it is."
+        )
+    if motors is not None and table.motors not in (None, motors):
+        raise ConfigError(f"{named} was read as the thrust of {usual} motors: read the table with `motors` {motors}.")
 
 
 def _is_tachometers(table: StandTable) -> bool:

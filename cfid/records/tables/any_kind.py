@@ -23,7 +23,7 @@ _READERS: Mapping[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
     ),
     "crossings": (("time_unit",), read_crossings),
     "pings": ((), read_pings),
-    "stand": (("gravity_mps2", "rate_hz", "skip_lines", "time_unit", "esc_us"), read_stand_table),
+    "stand": (("gravity_mps2", "rate_hz", "skip_lines", "time_unit", "esc_us", "motors"), read_stand_table),
 }
 
 
@@ -42,7 +42,7 @@ def read_table(path: str | Path, *, kind: str, **settings: Any) -> Any:
 
     `settings` state what a file does not: `time_unit` ("s", "ms", "us"), `rate_hz`, `skip_lines`, `columns` ("t,phi"
     or a tuple); of angles `angle_unit` and `counts_per_turn`; of forces `units`, `counts_per_n`, `counts_per_nm`; of a
-    stand `gravity_mps2` and `esc_us`.
+    stand `gravity_mps2`, `esc_us` and `motors`.
     Raises ConfigError for an unknown kind or setting, DataError with file, line and next step.
     """
     if kind not in _READERS:

@@ -22,6 +22,7 @@ from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import Foreign, TimeUnit
 from cfid.records.tables.stand_columns import Found, columns_of, commands_of, turned
 from cfid.records.tables.stand_faults import without_faults
+from cfid.records.tables.stand_heads import heads_of
 from cfid.records.tables.stand_names import with_named
 from cfid.records.tables.stand_times import Timing, timing_of
 from cfid.records.tables.table import Array, CsvTable
@@ -45,7 +46,8 @@ class StandTable:
     `thrust_n` is one motor's where the file has the sum of `motors` motors; where `motors` is None, it is as in the
     file. `command` is nan where the file has thrust and speed alone, and any quantity where a field was no number.
     `speeds_rad_s` (n, s) are as displayed, nan where a sensor was dead: a motor's ("motor"), one rotor's in several
-    series ("series"), four rotors' at once ("rotors") or their mean ("mean"). `grams` is the reading of scales.
+    series ("series"), four rotors' at once ("rotors") or their mean ("mean"). `rotors` is of how many rotors the header
+    names a speed, None for none and for a mean. `grams` is the reading of scales.
     `time_s` is None for settled points and an array for a record over time, whose `rate_hz` is None where a column
     gave the time.
     """
@@ -56,6 +58,7 @@ class StandTable:
     command: Array
     thrust_n: Array | None
     motors: int | None
+    rotors: int | None
     torque_nm: Array | None
     vbat_v: Array | None
     grams: Array | None
@@ -80,11 +83,13 @@ def read_stand_table(
     time_unit: TimeUnit | None = None,
     columns: Sequence[str] = (),
     esc_us: tuple[float, float] | None = None,
+    motors: int | None = None,
 ) -> StandTable:
     """Read a table whose header names quantities and units, in any order; other columns are ignored with a note.
 
     Rows of a pwm that is held for long are a record over time, at `rate_hz` where no column gives the time. `esc_us`
-    are the pulse widths of commands 0 and 65535, `columns` what the header does not tell, as `with_named`. Fields that
+    are the pulse widths of commands 0 and 65535, `columns` what the header does not tell, as `with_named`. `motors` is
+    how many ran where a column is the sum of several motors, without it four; torque is divided by it, too. Fields that
     are no numbers are missing, with a note.
 
     Raises DataError with file, line or column, and next step; ConfigError for an invalid rate or range.
@@ -97,8 +102,9 @@ def read_stand_table(
         command = command[timing.order]
         found = {quantity: columns._replace(raw=columns.raw[timing.order]) for quantity, columns in found.items()}
     fault_notes = () if timing.time_s is None else without_faults(table, found, command, timing.order)
-    thrust, thrust_notes = _thrust(found, command, gravity_mps2)
-    torque, torque_notes = _torque(found, command)
+    total = _is_total(found)
+    thrust, thrust_notes = _thrust(found, command, gravity_mps2, motors=motors)
+    torque, torque_notes = _torque(found, command, motors=motors if total and motors else 1)
     speeds, speed_notes = _speeds(found, command, thrust, settled=timing.time_s is None)
     kind = found["speeds_rad_s"].head.kind if "speeds_rad_s" in found else None
     notes = (
@@ -119,7 +125,8 @@ def read_stand_table(
         columns={quantity: columns.names for quantity, columns in found.items()},
         command=command,
         thrust_n=thrust,
-        motors=ROTORS if _is_total(found) else None,
+        motors=(motors or ROTORS) if total else None,
+        rotors=_rotors(table),
         torque_nm=torque,
         vbat_v=_single(found, "vbat_v"),
         grams=_single(found, "grams"),
@@ -147,6 +154,7 @@ def read_stand_as(
     *,
     gravity_mps2: float = USUAL_GRAVITY_MPS2,
     esc_us: tuple[float, float] | None = None,
+    motors: int | None = None,
 ) -> StandTable:
     """Read a table as a command's options for other programs' files have it; see `read_stand_table`."""
     return read_stand_table(
@@ -157,6 +165,7 @@ def read_stand_as(
         time_unit=reading.time_unit,
         columns=reading.columns,
         esc_us=esc_us,
+        motors=motors,
     )
 
 
@@ -176,23 +185,36 @@ def _larger_motor(found: Found, thrust_n: Array | None) -> tuple[Finding, ...]:
 
 
 def _is_total(found: Found) -> bool:
-    """Return whether thrust is that of four motors; a stand with a motor controller has one."""
+    """Return whether thrust is that of several motors, four as a rule; a stand with a motor controller has one."""
     thrust, command = found.get("thrust_n"), found.get("command")
     return thrust is not None and thrust.head.kind != "" and (command is None or command.head.kind != "esc")
 
 
-def _thrust(found: Found, command: Array, gravity_mps2: float) -> tuple[Array | None, tuple[str, ...]]:
-    """Return thrust (n,) in newtons, of one motor where the file has four motors' total, and notes."""
+def _rotors(table: CsvTable) -> int | None:
+    """Return of how many rotors a header names speeds; several sensors or series are one rotor's."""
+    heads = [head for head, _ in heads_of(table.names).get("speeds_rad_s", ())]
+    if not heads or heads[0].kind == "mean":
+        return None
+    return len(heads) if heads[0].kind == "rotors" else 1
+
+
+def _thrust(
+    found: Found, command: Array, gravity_mps2: float, *, motors: int | None
+) -> tuple[Array | None, tuple[str, ...]]:
+    """Return thrust (n,) in newtons, of one motor where the file has the total of several, and notes."""
     column = found.get("thrust_n")
     if column is None:
         return None, ()
-    grams, total = column.head.kind == "total in grams", _is_total(found)
-    value = column.value[:, 0] * (gravity_mps2 if grams else 1.0) / (ROTORS if total else 1)
+    grams, ran = column.head.kind == "total in grams", (motors or ROTORS) if _is_total(found) else None
+    value = column.value[:, 0] * (gravity_mps2 if grams else 1.0) / (ran or 1)
     notes = []
     by = f"grams by {gravity_mps2:g} m/s^2" if grams else ""
-    if total:
-        by = f" and {by}" if by else ""
-        notes = [f"'{column.names[0]}' is taken as the thrust of {ROTORS} motors: divided by {ROTORS}{by}."]
+    if ran is not None:
+        how = [*([f"divided by {ran}"] if ran > 1 else []), *([by] if by else [])] or ["not divided"]
+        option = " (`motors`)" if motors else ""
+        end = "." if motors else ". Fits take another number by `motors`."
+        taken = f"'{column.names[0]}' is taken as the thrust of {counted(ran, 'motor')}{option}"
+        notes = [f"{taken}: {' and '.join(how)}{end}"]
     elif grams:
         notes = [f"'{column.names[0]}' is a weight: {by}."]
     value, is_turned = turned(value, _drive(found, command))
@@ -201,11 +223,11 @@ def _thrust(found: Found, command: Array, gravity_mps2: float) -> tuple[Array | 
     return stored(value), tuple(notes)
 
 
-def _torque(found: Found, command: Array) -> tuple[Array | None, tuple[str, ...]]:
+def _torque(found: Found, command: Array, *, motors: int) -> tuple[Array | None, tuple[str, ...]]:
     column = found.get("torque_nm")
     if column is None:
         return None, ()
-    value, is_turned = turned(column.value[:, 0], _drive(found, command))
+    value, is_turned = turned(column.value[:, 0] / motors, _drive(found, command))
     text = f"'{column.names[0]}' falls as the motor is driven harder: its sign is changed."
     return stored(value), (text,) if is_turned else ()
 
