@@ -7,6 +7,7 @@ from cfid.errors import ConfigError, DataError
 from cfid.records.files import check_regular, sha256_of
 from cfid.records.logs.blackbox import BEGIN as BLACKBOX
 from cfid.records.logs.blackbox import read_blackbox
+from cfid.records.logs.converted import read_converted
 from cfid.records.logs.log import FlightLog
 from cfid.records.logs.table import CLOCK_IS_FOR, read_table_log
 from cfid.records.logs.ulog import BEGIN as ULOG
@@ -44,7 +45,10 @@ def read_log(path: Path, reading: Foreign = NO_OPTIONS) -> FlightLog:
         return read_usd(path, source, reading.clock)
     if reader is not None and reading.clock is not None:
         raise ConfigError(f"{path}: {CLOCK_IS_FOR}")
-    return reader(path, source) if reader else read_table_log(path, source, reading)
+    if reader is not None:
+        return reader(path, source)
+    converted = read_converted(path, source) if stated is None and reading.clock is None else None
+    return converted or read_table_log(path, source, reading)
 
 
 def _binary_reader(path: Path) -> Callable[[Path, Source], FlightLog] | None:

@@ -1,12 +1,14 @@
 """What a recording of another program is, by its columns."""
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
 from cfid.records.logs.any_kind import is_binary_log
 from cfid.records.tables.angle import SCHEMA as ANGLE_COLUMNS
 from cfid.records.tables.blocks import open_table
+from cfid.records.tables.matlab import converted_series, is_matlab
 from cfid.records.tables.schema import TIME, Foreign
 from cfid.records.tables.stand_heads import heads_of, shows_stand
 from cfid.records.tables.times import TIME_COLUMN
@@ -34,11 +36,24 @@ def kind_at(path: Path, reading: Foreign) -> Kind | None:
         return "flight"
     if reading.columns:
         return "wrench" if len(reading.columns) > len(AXES) else "angle"
+    if is_matlab(path) and _is_converted_flight(path):
+        return "flight"
     table = open_table(path, skip_lines=reading.skip_lines, sha256="")
+    return _kind_of(table.names) if table.has_head else None
+
+
+def _kind_of(names: Sequence[str]) -> Kind | None:
     for kind, columns in _COLUMNS.items():
-        if table.has_head and any(column.fullmatch(name) for column in columns for name in table.names):
+        if any(column.fullmatch(name) for column in columns for name in names):
             return kind
-    return "stand" if table.has_head and shows_stand(heads_of(table.names)) else None
+    return "stand" if shows_stand(heads_of(names)) else None
+
+
+def _is_converted_flight(path: Path) -> bool:
+    """Return whether a MATLAB file is a log that cfid converted, or a run of a vehicle's devices, in several series."""
+    series, origin = converted_series(path)
+    kinds = {_kind_of(one.names) for one in series} - {None}
+    return len(series) > 1 and ("program" in origin or kinds == {"flight"})
 
 
 def has_times(path: Path, reading: Foreign) -> bool:

@@ -88,7 +88,9 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
         channels = tuple(Channel(name, _CRAZYSWARM[name]) for name in named)
     elif of_vehicle := any(crazyflie_channel(name).own_unit for name in named):
         assumed = ("columns with the firmware's names are in the firmware's units",)
-    stated = reading.time_unit is not None or _is_slow_stand(table, time)
+    if table.units:
+        channels, assumed = tuple(Channel(printable(name), table.units[name]) for name in named), ()
+    stated = reading.time_unit is not None or bool(table.units) or _is_slow_stand(table, time)
     time_s, notes = times_of(table, time, raw, unit=reading.time_unit, rate_hz=reading.rate_hz, own=stated)
     if time is not None:
         notes += pauses(table, time_s)

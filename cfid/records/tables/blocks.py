@@ -53,7 +53,7 @@ def open_table(path: Path, *, skip_lines: int = 0, columns: Sequence[str] = (), 
 
 def _of_matlab(content: MatlabTable, path: Path, sha256: str) -> CsvTable:
     first, *others = islice(csv_blocks(content), 2)
-    table = table_in(path, first, sha256=sha256)
+    table = replace(table_in(path, first, sha256=sha256), units=content.units)
     return replace(table, following=Following(partial(_continued, table, content))) if others else table
 
 

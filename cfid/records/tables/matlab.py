@@ -4,7 +4,7 @@ Files of version 5 to 7.2 are read by SciPy, those of 7.3, which are HDF5, by h5
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeGuard
 
@@ -18,6 +18,7 @@ from cfid.records.extras import optional_library
 from cfid.records.files import check_regular
 from cfid.records.tables.matlab_elements import check_elements
 from cfid.records.tables.matlab_hdf5 import Hdf5Tree
+from cfid.records.tables.matlab_origin import ORIGIN, Variable, texts_of, variables_of, with_own_names
 from cfid.records.tables.text import is_number
 
 _loadmat, _whosmat = later("scipy.io", "loadmat"), later("scipy.io", "whosmat")
@@ -35,11 +36,15 @@ _TIMES = ("t", "time", "timestamp")
 
 @dataclass(frozen=True, eq=False)
 class MatlabTable:
-    """Columns (n,) of equal length, by name; a matrix alone has no names. `place` is the struct they are in."""
+    """Columns (n,) of equal length, by name; a matrix alone has no names. `place` is the struct they are in.
+
+    `units` are by name those that the file states, "" for an unknown one.
+    """
 
     place: str
     names: tuple[str, ...]
     columns: tuple[npt.NDArray[Any], ...]
+    units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def rows(self) -> int:
@@ -71,13 +76,16 @@ def matlab_table(path: Path, columns: Sequence[str]) -> MatlabTable:
 
     Raises DataError for a file that cannot be read or has no table, ConfigError where several fit or h5py is missing.
     """
-    try:
-        tree = _tree(path)
-    except (ConfigError, DataError):
-        raise
-    except Exception as fault:  # a damaged file may make these libraries raise anything
-        raise DataError(f"{path}: not readable as a MATLAB file: {type(fault).__name__}.") from None
-    found = [table for table in _tables(tree, path.stem, place="") if len(table.columns[0]) > 1]
+    tree = _tree(path)
+    own = variables_of(tree)
+    units = {(one.series, _clean(one.name)): one.unit for one in own}
+    if own:
+        tree = with_own_names(tree, [one._replace(name=_clean(one.name)) for one in own])
+    found = [
+        replace(table, units={name: units.get((table.place, name), "") for name in table.names} if own else {})
+        for table in _tables(tree, path.stem, place="")
+        if len(table.columns[0]) > 1
+    ]
     every = found = [table for table in found if table.rows >= _FEWEST_ROWS] or found
     if not found:
         raise DataError(
@@ -86,7 +94,9 @@ def matlab_table(path: Path, columns: Sequence[str]) -> MatlabTable:
         )
     chosen = [table for table in found if columns and set(columns) <= set(_full_names(table))]
     if len(chosen) == 1:
-        return replace(chosen[0], names=_full_names(chosen[0]))
+        named = dict(zip(chosen[0].names, _full_names(chosen[0]), strict=True))
+        stated = {named[name]: unit for name, unit in chosen[0].units.items()}
+        return replace(chosen[0], names=tuple(named.values()), units=stated)
     if columns:
         found = [table for table in found if set(columns) <= {*table.names, *_numbers(table)}] or found
     if len(found) > 1:
@@ -96,6 +106,38 @@ def matlab_table(path: Path, columns: Sequence[str]) -> MatlabTable:
         raise ConfigError(f"{path}: several tables: {there[:300]}. Name the columns of one with `columns`.")
     _refuse_time_alone(path, found[0], every)
     return found[0]
+
+
+def converted_series(path: Path) -> tuple[list[MatlabTable], dict[str, str]]:
+    """Return the series of a MATLAB file that cfid wrote, the time first in each, and the texts of their origin.
+
+    Both are empty for a file that cfid did not write. Raises DataError and ConfigError as `matlab_table`.
+    """
+    if not _has_origin(path):
+        return [], {}
+    tree = _tree(path)
+    by_series: dict[str, list[Variable]] = {}
+    for one in variables_of(tree):
+        if one.variable in tree:
+            by_series.setdefault(one.series, []).append(one)
+    tables = []
+    for series, variables in by_series.items():
+        columns = tuple(np.ravel(np.asarray(tree[one.variable], dtype=np.float64)) for one in variables)
+        if len({len(column) for column in columns}) > 1:
+            return [], {}  # it was changed since
+        names = tuple(one.name for one in variables)
+        tables.append(MatlabTable(series, names, columns, {one.name: one.unit for one in variables}))
+    return tables, texts_of(tree)
+
+
+def _has_origin(path: Path) -> bool:
+    """Return whether a file has a variable of the name that cfid gives to what it knows of a recording."""
+    with path.open("rb") as file:
+        begin = file.read(len(_BEGINS[0]))
+    if begin != _BEGINS[0]:
+        return False  # cfid writes version 5
+    check_elements(path)
+    return any(name == ORIGIN for name, _, _ in _whosmat(path))
 
 
 def _full_names(table: MatlabTable) -> tuple[str, ...]:
@@ -118,7 +160,16 @@ def _numbers(table: MatlabTable) -> tuple[str, ...]:
     return tuple(str(1 + at) for at in range(len(table.columns)))
 
 
-def _tree(path: Path) -> Tree:
+def _tree(path: Path) -> dict[str, Tree]:
+    try:
+        return _read(path)
+    except (ConfigError, DataError):
+        raise
+    except Exception as fault:  # a damaged file may make these libraries raise anything
+        raise DataError(f"{path}: not readable as a MATLAB file: {type(fault).__name__}.") from None
+
+
+def _read(path: Path) -> dict[str, Tree]:
     with path.open("rb") as file:
         begin = file.read(len(_BEGINS[0]))
     if begin == _BEGINS[0]:

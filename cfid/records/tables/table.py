@@ -7,7 +7,7 @@ import csv
 import io
 import re
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
@@ -56,7 +56,8 @@ class CsvTable:
     """A CSV file, opened but not yet parsed: column names ('1', '2', ... without a header) and its body.
 
     A column is selected by its name, or by its number counted from 1. `preamble` is how many lines were left out
-    above the header, `prose` are lines of words among the rows, left out too. Of a large file `following()` yields the
+    above the header, `prose` are lines of words among the rows, left out too. `units` are those that the file states
+    beside the names, as a MATLAB file of cfid's does; "" is an unknown one. Of a large file `following()` yields the
     blocks of lines after these, whose columns are read one after another.
     """
 
@@ -68,6 +69,7 @@ class CsvTable:
     preamble: int
     decimal: str
     prose: tuple[TextLine, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
     following: "Following | None" = None
     _body: bytes
     _even: bool  # whether every line is known to have as many fields as there are columns

@@ -99,13 +99,13 @@ def pauses(table: CsvTable, time_s: Array) -> tuple[str, ...]:
 
 
 def unit_of(table: CsvTable, pattern: re.Pattern[str], column: str, given: str | None, setting: str) -> str | None:
-    """Return the unit that was given by a setting or in the column's name, if any.
+    """Return the unit that was given by a setting, in the column's name or by the file beside it, if any.
 
     Raises ConfigError when the two contradict each other.
     """
     name = table.names[table.place(column)]
     match = pattern.fullmatch(name)
-    word = match.group(1) if match else None
+    word = (match.group(1) if match else None) or table.units.get(name)
     named = next((unit for unit, words in _UNITS.items() if word and word.lower() in words), None)
     if given and named and given != named:
         raise ConfigError(f"{table.path}: column '{name}' is in {named}, but `{setting}` is {given}.")

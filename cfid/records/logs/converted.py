@@ -1,0 +1,34 @@
+"""Read a MATLAB file that cfid converted a recording to as that recording, where it has several series."""
+
+from pathlib import Path
+
+from cfid.records.logs.crazyflie_names import assumptions
+from cfid.records.logs.log import Channel, FlightLog, in_memory, printable
+from cfid.records.parameters import Source
+from cfid.records.tables.matlab import converted_series, is_matlab
+
+_PROGRAM = "MATLAB file of cfid: "
+
+
+def read_converted(path: Path, source: Source) -> FlightLog | None:
+    """Return the log of several series that cfid wrote to a MATLAB file, None for any other file.
+
+    Raises DataError where it cannot be read.
+    """
+    tables, origin = converted_series(path) if is_matlab(path) else ([], {})
+    if len(tables) < 2:
+        return None
+    series = []
+    for table in tables:
+        time_s, *values = table.columns
+        channels = [Channel(printable(name), table.units[name]) for name in table.names[1:]]
+        series.append(in_memory(table.place, time_s, channels, values))
+    program = (origin.get("program") or f"run {origin.get('run', '')} of cfid").removeprefix(_PROGRAM)
+    return FlightLog(
+        path=path,
+        source=source,
+        program=f"{_PROGRAM}{program}",
+        clock=origin.get("clock", "times are those of the run"),
+        series=tuple(series),
+        assumed=assumptions([channel for one in series for channel in one.channels]),
+    )
