@@ -377,6 +377,19 @@ def test_the_unit_in_the_header_of_a_column_that_is_named_counts(
     assert np.asarray(measured) == pytest.approx(expected)
 
 
+def test_a_column_of_a_known_unit_and_an_unknown_name_is_named_so(tmp_path: Path) -> None:
+    notes = notes_of(read(tmp_path, "cmd,thrust_n,torque_x[Nm]\n0,0,0\n20000,1,0.1\n"))
+    assert any("column 'torque_x[Nm]' has a known unit, but no known name: it is not used" in one for one in notes)
+
+
+@pytest.mark.parametrize(("head", "example"), [("torque", "torque_nm=2"), ("rpm.m1", "rpm=2"), ("voltage", "vbat_v=2")])
+def test_the_example_for_a_column_of_unknown_unit_is_of_its_quantity(tmp_path: Path, head: str, example: str) -> None:
+    question = (
+        f"column '{head}' has no known unit. Name it by `columns`, as in {example}. Known names, which state the unit"
+    )
+    assert question in refusal(tmp_path, f"cmd,{head}\n0,0\n20000,1\n")
+
+
 @pytest.mark.parametrize("column", ["ESC signal (µs)", "Puls [us]"])
 def test_a_command_whose_header_states_microseconds_is_a_pulse_width_also_where_it_is_named(
     tmp_path: Path, column: str

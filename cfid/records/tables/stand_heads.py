@@ -143,6 +143,13 @@ def in_own_unit(name: str, own: str) -> str:
     return name
 
 
+def _unknown(name: str, quantity: str) -> str:
+    """Return what is not known of a column: its name, where that states a known unit, or its unit."""
+    unit = _UNIT.fullmatch(spelt(name))
+    known = unit is not None and quantity in heads_of([f"{_TAKE_UNITS[quantity]}({unit['unit']})"])
+    return "has a known unit, but no known name" if known else "has no known unit"
+
+
 def called_as(quantity: str) -> str:
     """Return a name by which a quantity's column is known, with its unit."""
     return _EXAMPLES.get(quantity, quantity)
@@ -164,23 +171,23 @@ def check_heads(table: CsvTable, called: Mapping[str, Sequence[tuple[ColumnHead,
                 f"{table.path}: more than one column of {what}: {names}. Name one by `columns`, as in "
                 f"{columns[0][1]}={1 + table.names.index(columns[0][1])}."
             )
-    unknown = [
-        name
+    unknown = {
+        name: quantity
         for name in table.names
-        if not heads_of([name])
-        and any(spelt(name).startswith(stems) and quantity not in called for quantity, stems in _STEMS.items())
-    ]
+        for quantity, stems in _STEMS.items()
+        if not heads_of([name]) and spelt(name).startswith(stems) and quantity not in called
+    }
     if shows_stand(called):
         return tuple(
-            f"column '{name}' has no known unit: it is not used. Name it by `columns`, as in NAME="
+            f"column '{name}' {_unknown(name, quantity)}: it is not used. Name it by `columns`, as in NAME="
             f"{1 + table.names.index(name)} where NAME states the unit."
-            for name in unknown
+            for name, quantity in unknown.items()
         )
     if unknown:
-        place = 1 + table.names.index(unknown[0])
+        name, quantity = next(iter(unknown.items()))
         raise DataError(
-            f"{table.path}: column '{unknown[0]}' has no known unit. Name it by `columns`, as in "
-            f"thrust_n={place}. Known names: {HEADS}."
+            f"{table.path}: column '{name}' {_unknown(name, quantity)}. Name it by `columns`, as in "
+            f"{called_as(quantity)}={1 + table.names.index(name)}. Known names, which state the unit: {HEADS}."
         )
     lacks = "nothing measured" if "command" in called else "no motor command"
     raise DataError(
