@@ -63,6 +63,14 @@ def test_options_state_the_units_of_a_mat_file_as_of_a_csv_file(tmp_path: Path) 
     np.testing.assert_allclose(record.angle_rad, ANGLE_RAD, rtol=1e-14)
 
 
+@pytest.mark.parametrize(("time", "angle"), [("Time__ms_", "pos__deg_"), ("time_ms_", "theta_deg_")])
+def test_units_in_brackets_that_matlab_made_underscores_of_are_read(tmp_path: Path, time: str, angle: str) -> None:
+    savemat(tmp_path / "a.mat", {time: 1e3 * TIME_S, angle: np.degrees(ANGLE_RAD)})
+    record = read_angle(tmp_path / "a.mat", Reading())
+    np.testing.assert_allclose(record.angle_rad, ANGLE_RAD, rtol=1e-14)
+    assert record.time_s[-1] == pytest.approx(TIME_S[-1])
+
+
 def test_forces_of_a_mat_file_are_read(tmp_path: Path) -> None:
     names = ("Fx_n", "Fy_n", "Fz_n", "Tx_nm", "Ty_nm", "Tz_nm")
     savemat(tmp_path / "a.mat", {"t": TIME_S, **{name: at + ANGLE_RAD for at, name in enumerate(names)}})

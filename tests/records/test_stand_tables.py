@@ -377,6 +377,56 @@ def test_the_unit_in_the_header_of_a_column_that_is_named_counts(
     assert np.asarray(measured) == pytest.approx(expected)
 
 
+@pytest.mark.parametrize(
+    ("head", "quantity", "value", "expected"),
+    [
+        ("Thrust__kgf_", "thrust_n", 1, 9.80665),
+        ("Thrust_gf_", "thrust_n", 100, 0.980665),
+        ("weight_g_", "thrust_n", 4, 9.81e-3),
+        ("Torque__lbf_in_", "torque_nm", 1, 0.1129848),
+        ("Torque__N_m_", "torque_nm", 0.5, 0.5),
+        ("Rotation_speed__rpm_", "square_mean_speed_rad_s", 600, 20 * math.pi),
+        ("MotorOpticalSpeed_rad_s_", "square_mean_speed_rad_s", 9, 9),
+        ("Voltage__V_", "vbat_v", 12, 12),
+    ],
+)
+def test_a_unit_in_brackets_that_matlab_made_underscores_of_is_read(
+    tmp_path: Path, head: str, quantity: str, value: float, expected: float
+) -> None:
+    table = read(tmp_path, f"cmd,{head},grams\n0,{value},0\n20000,{value},1\n")
+    assert np.asarray(getattr(table, quantity))[-1] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("head", ["ESC_signal___s_", "ESCSignal__s_", "ESCSignal_us_"])
+def test_pulse_widths_whose_micro_sign_matlab_replaced_are_pulse_widths(tmp_path: Path, head: str) -> None:
+    assert read(tmp_path, f"{head},thrust_n\n1000,0\n1500,1\n").command.tolist() == [0, 32768]
+    named = read(tmp_path, f"{head},thrust_n\n1000,0\n1500,1\n", columns=(f"cmd={head}",))
+    assert named.command.tolist() == [0, 32768]
+
+
+@pytest.mark.parametrize("head", ["thrust_N_", "thrust_g_"])
+def test_a_thrust_whose_lost_brackets_stated_how_many_motors_ran_is_not_guessed(tmp_path: Path, head: str) -> None:
+    assert f"column '{head}' has a known unit, but no known name" in refusal(tmp_path, f"cmd,{head}\n0,0\n20000,1\n")
+
+
+@pytest.mark.parametrize(
+    ("head", "named", "expected"),
+    [
+        ("Thrust__kgf_", "thrust_n", 9.80665),
+        ("Lift__lbf_", "thrust_n", 4.4482216),
+        ("thrust_g_", "thrust_n", 9.80665e-3),
+        ("thrust_g_", "weight[g]", 9.81e-3 / 4),
+        ("thrust_N_", "thrust_n", 1),
+        ("thrust_N_", "thrust[N]", 0.25),
+    ],
+)
+def test_the_unit_in_a_name_of_matlab_counts_before_that_of_the_option(
+    tmp_path: Path, head: str, named: str, expected: float
+) -> None:
+    table = read(tmp_path, f"cmd,{head}\n0,0\n20000,1\n", columns=(f"{named}=2",))
+    assert np.asarray(table.thrust_n)[-1] == pytest.approx(expected)
+
+
 def test_a_column_of_a_known_unit_and_an_unknown_name_is_named_so(tmp_path: Path) -> None:
     notes = notes_of(read(tmp_path, "cmd,thrust_n,torque_x[Nm]\n0,0,0\n20000,1,0.1\n"))
     assert any("column 'torque_x[Nm]' has a known unit, but no known name: it is not used" in one for one in notes)

@@ -28,6 +28,7 @@ _TAKE_UNITS = {
     "speeds_rad_s": "motorspeed",
 }
 _UNIT = re.compile(r".*[(\[](?P<unit>[^()\[\]]+)[)\]]")  # at the end of a name without spaces
+_MANGLED = re.compile(r"[A-Za-z]\w*_+[A-Za-z](?:\w*[A-Za-z])?_", re.ASCII)
 _SEVERAL = ("series", "rotors")
 _STEMS = {
     "command": ("cmd", "command", "pwm", "esc"),
@@ -114,12 +115,37 @@ def spelt(name: str) -> str:
     return _DOT.sub(".", _MICRO.sub("u", bare)).lower()
 
 
+def _unmangled(name: str) -> list[tuple[str, str]]:
+    """Return what may have been the stem and the unit of a name whose brackets and signs MATLAB replaced by `_`.
+
+    `Torque__N_m_` was Torque (N·m); other names end in no underscore. Both are without spaces and case.
+    """
+    if not _MANGLED.fullmatch(name):
+        return []
+    found = []
+    for gap in re.finditer("_+", name[:-1]):
+        stem, unit = spelt(name[: gap.start()]).replace("_", ""), spelt(name[gap.end() : -1])
+        lost_sign = unit == "s" and len(gap[0]) > 1  # of (µs)
+        found += [(stem, "us" if lost_sign else unit.replace("_", sign)) for sign in ("./" if "_" in unit else ".")]
+    return found
+
+
+def _head_of(name: str) -> ColumnHead | None:
+    """Return the head by which a column is known; by a mangled name only where all that it may have been agree."""
+    plain = next((head for head in _KNOWN if re.fullmatch(head.called, spelt(name))), None)
+    if plain is not None:
+        return plain
+    may_be = [f"{stem}{pair[0]}{unit}{pair[1]}" for stem, unit in _unmangled(name) for pair in ("[]", "()")]
+    heads = [head for one in may_be for head in _KNOWN if re.fullmatch(head.called, one)]
+    alike = len({(head.quantity, head.factor, head.kind) for head in heads}) == 1
+    return heads[0] if alike else None
+
+
 def heads_of(names: Sequence[str]) -> dict[str, list[tuple[ColumnHead, str]]]:
     """Return the columns that are known, by quantity, each with the file's own name."""
     called: dict[str, list[tuple[ColumnHead, str]]] = {}
     for name in names:
-        head = next((head for head in _KNOWN if re.fullmatch(head.called, spelt(name))), None)
-        if head is not None:
+        if (head := _head_of(name)) is not None:
             called.setdefault(head.quantity, []).append((head, name))
         if TIME_COLUMN.called.fullmatch(name.strip()):
             called.setdefault("time_s", []).append((ColumnHead("time_s", "", kind="time"), name))
@@ -129,14 +155,17 @@ def heads_of(names: Sequence[str]) -> dict[str, list[tuple[ColumnHead, str]]]:
 def in_own_unit(name: str, own: str) -> str:
     """Return what a column of a known `name` is called: after its own header, where that states another unit.
 
-    The unit counts also in a header that is not known, as in Lift (gf).
+    The unit counts also in a header that is not known, as in Lift (gf) and Lift__gf_.
     """
     (quantity, ((head, _), *_)), *_ = heads_of([name]).items()
     if quantity == "time_s":
         named, stated = (TIME_COLUMN.called.fullmatch(one.strip()) for one in (name, own))
         return own if named and stated and stated[1] and not named[1] else name
     unit = _UNIT.fullmatch(spelt(own))
-    for known in (own, f"{_TAKE_UNITS.get(quantity)}({unit['unit']})" if unit else ""):
+    units = [unit["unit"]] if unit else [one for _, one in _unmangled(own)]
+    if head.kind == "total in grams" and not unit and "g" in units:
+        return name  # which brackets the g had, and so of how many motors it is, was lost
+    for known in (own, *(f"{_TAKE_UNITS.get(quantity)}({one})" for one in units)):
         for stated_head, _ in heads_of([known]).get(quantity, ()):
             if stated_head.factor != head.factor or (stated_head.kind == "esc") != (head.kind == "esc"):
                 return known
@@ -146,7 +175,8 @@ def in_own_unit(name: str, own: str) -> str:
 def _unknown(name: str, quantity: str) -> str:
     """Return what is not known of a column: its name, where that states a known unit, or its unit."""
     unit = _UNIT.fullmatch(spelt(name))
-    known = unit is not None and quantity in heads_of([f"{_TAKE_UNITS[quantity]}({unit['unit']})"])
+    units = [unit["unit"]] if unit else [one for _, one in _unmangled(name)]
+    known = any(quantity in heads_of([f"{_TAKE_UNITS[quantity]}({one})"]) for one in units)
     return "has a known unit, but no known name" if known else "has no known unit"
 
 

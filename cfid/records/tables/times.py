@@ -37,7 +37,7 @@ _UNITS: dict[str, tuple[str, ...]] = {
     "nm": ("nm", "n m", "n*m", "n·m"),
     "counts": ("counts", "count"),
 }
-_OTHER_UNIT = re.compile(r"[ _/,\[(]+(min|minutes?|h|hrs?|hours?|ns|nanoseconds?)[\])]?$", re.IGNORECASE)
+_OTHER_UNIT = re.compile(r"[ _/,\[(]+(min|minutes?|h|hrs?|hours?|ns|nanoseconds?)[\])_]?$", re.IGNORECASE)
 _FASTEST_S, _SLOWEST_S = 1.9e-5, 0.11  # sampling intervals of a rig: 50 kHz to 10 Hz, with margin for jitter
 _NO_TIME = "Is this the time column? See `columns` and `rate_hz`."
 _FEWEST_ROWS = 16
@@ -50,9 +50,9 @@ _UNIX_S = (1e9, 4e9)  # seconds since the epoch, from 2001 to 2096
 
 
 def column_name(names: str, units: Sequence[str]) -> re.Pattern[str]:
-    """Return the pattern of a column's names: `t`, `t_s`, `t [s]`, `angle(deg)`, `angle, deg`, ..."""
+    """Return the pattern of a column's names: `t`, `t_s`, `t [s]`, `angle(deg)`, `angle, deg`, `angle__deg_`, ..."""
     spelt = "|".join(re.escape(word) for unit in units for word in _UNITS[unit])
-    return re.compile(rf"(?:{names})(?:[ _/,\[(]+({spelt})[\])]?)?", re.IGNORECASE)
+    return re.compile(rf"(?:{names})(?:[ _/,\[(]+({spelt})[\])_]?)?", re.IGNORECASE)
 
 
 VEHICLE_CLOCK = Column(
