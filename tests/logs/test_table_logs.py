@@ -215,3 +215,22 @@ def test_large_numbers_that_come_back_as_they_are_written_need_no_note(tmp_path:
     log = read_log(written(tmp_path, f"t_s,value\n{rows}"))
     assert log.channel("value")[1][7] == float(large)
     assert not [note for note in log.notes if "2^53" in note]
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("theta_rad", "rad"),
+        ("pos__deg_", "deg"),
+        ("Fx_n", "N"),
+        ("Tz [Nm]", "N m"),
+        ("enc_counts", "counts"),
+        ("phi", ""),
+    ],
+)
+def test_the_unit_in_the_name_of_an_angle_or_a_force_is_that_of_the_channel(
+    tmp_path: Path, name: str, unit: str
+) -> None:
+    rows = "".join(f"{at / 100},{at},{at}\n" for at in range(20))
+    log = read_log(written(tmp_path, f"t_s,{name},other\n{rows}"))
+    assert [channel.own_unit for channel in log.series[0].channels] == [unit, ""]

@@ -17,6 +17,7 @@ from cfid.records.logs.crazyflie_names import assumptions, crazyflie_channel
 from cfid.records.logs.log import Array, Channel, FlightLog, Series, printable
 from cfid.records.logs.usd_clock import MOST_ROWS, decoded_clock
 from cfid.records.parameters import Source
+from cfid.records.tables.angle import SCHEMA as ANGLE_COLUMNS
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.matlab import is_matlab
 from cfid.records.tables.schema import TIME, Foreign, TableSchema
@@ -31,7 +32,9 @@ from cfid.records.tables.times import (
     time_unit_of,
     times_of,
     unit_of,
+    unit_word,
 )
+from cfid.records.tables.wrench import SCHEMA as WRENCH_COLUMNS
 
 _SCHEMA = TableSchema(columns=(TIME_COLUMN,), words=("TIME",))
 _VARIABLE = re.compile(r"\w+\.\w+")  # of the firmware
@@ -152,7 +155,17 @@ def _is_replaced(name: str, table: CsvTable, reading: Foreign) -> bool:
 def _firmware(name: str) -> Channel:
     """Return the channel of a column that may have the name of a variable of the firmware."""
     variable = crazyflie_channel(name)
-    return variable if variable.own_unit else Channel(printable(name), _bracketed(name))
+    return variable if variable.own_unit else Channel(printable(name), _bracketed(name) or _suffixed(name))
+
+
+def _suffixed(name: str) -> str:
+    """Return the unit in the name of an angle, a force or a torque, as in `theta_rad`, "" for none."""
+    for column in (*ANGLE_COLUMNS.columns, *WRENCH_COLUMNS.columns):
+        match = column.called.fullmatch(name)
+        if match is not None and match.lastindex is not None:
+            unit = unit_word(match[1]) or ""
+            return {"n": "N", "nm": "N m"}.get(unit, unit)
+    return ""
 
 
 def _bracketed(name: str) -> str:

@@ -98,6 +98,11 @@ def pauses(table: CsvTable, time_s: Array) -> tuple[str, ...]:
     )
 
 
+def unit_word(word: str) -> str | None:
+    """Return the unit that a word in a column's name is, None for another word."""
+    return next((unit for unit, words in _UNITS.items() if word.lower() in words), None)
+
+
 def unit_of(table: CsvTable, pattern: re.Pattern[str], column: str, given: str | None, setting: str) -> str | None:
     """Return the unit that was given by a setting, in the column's name or by the file beside it, if any.
 
@@ -106,7 +111,7 @@ def unit_of(table: CsvTable, pattern: re.Pattern[str], column: str, given: str |
     name = table.names[table.place(column)]
     match = pattern.fullmatch(name)
     word = (match.group(1) if match else None) or table.units.get(name)
-    named = next((unit for unit, words in _UNITS.items() if word and word.lower() in words), None)
+    named = None if word is None else unit_word(word)
     if given and named and given != named:
         raise ConfigError(f"{table.path}: column '{name}' is in {named}, but `{setting}` is {given}.")
     return given or named
