@@ -427,6 +427,27 @@ def test_the_unit_in_a_name_of_matlab_counts_before_that_of_the_option(
     assert np.asarray(table.thrust_n)[-1] == pytest.approx(expected)
 
 
+@pytest.mark.parametrize(
+    ("head", "named"),
+    [
+        ("F (mN)", "thrust_n"),
+        ("F__mN_", "thrust_n"),
+        ("Moment [N·cm]", "torque_nm"),
+        ("battery (mV)", "vbat_v"),
+        ("n (krpm)", "rpm"),
+    ],
+)
+def test_an_option_does_not_override_a_unit_that_is_not_read(tmp_path: Path, head: str, named: str) -> None:
+    text = f"cmd,{head},grams\n0,0,0\n20000,100,1\n"
+    question = refusal(tmp_path, text, ConfigError, columns=(f"{named}=2",))
+    assert f"column '{head}' states a unit that is not read. Convert it" in question
+
+
+@pytest.mark.parametrize("head", ["F (left)", "lift[1]", "thrust (mean)", "F_left_"])
+def test_words_in_brackets_that_are_no_unit_leave_the_unit_to_the_option(tmp_path: Path, head: str) -> None:
+    assert np.asarray(read(tmp_path, f"cmd,{head}\n0,0\n20000,1\n", columns=("thrust_n=2",)).thrust_n)[-1] == 1
+
+
 def test_a_column_of_a_known_unit_and_an_unknown_name_is_named_so(tmp_path: Path) -> None:
     notes = notes_of(read(tmp_path, "cmd,thrust_n,torque_x[Nm]\n0,0,0\n20000,1,0.1\n"))
     assert any("column 'torque_x[Nm]' has a known unit, but no known name: it is not used" in one for one in notes)

@@ -29,6 +29,8 @@ _TAKE_UNITS = {
 }
 _UNIT = re.compile(r".*[(\[](?P<unit>[^()\[\]]+)[)\]]")  # at the end of a name without spaces
 _MANGLED = re.compile(r"[A-Za-z]\w*_+[A-Za-z](?:\w*[A-Za-z])?_", re.ASCII)
+# Units of these quantities that are not read, as mN, N cm, mV and krpm; other words in brackets are none.
+_OTHER = re.compile(r"[mukcd]?(?:n|gf?|v|hz|lbf?s?|ozf?)(?:[.u-]*(?:[mc]?m|in|ft))?|krpm|rps|deg/s|ms|ns")
 _SEVERAL = ("series", "rotors")
 _STEMS = {
     "command": ("cmd", "command", "pwm", "esc"),
@@ -178,6 +180,15 @@ def _unknown(name: str, quantity: str) -> str:
     units = [unit["unit"]] if unit else [one for _, one in _unmangled(name)]
     known = any(quantity in heads_of([f"{_TAKE_UNITS[quantity]}({one})"]) for one in units)
     return "has a known unit, but no known name" if known else "has no known unit"
+
+
+def has_unread_unit(name: str, own: str) -> bool:
+    """Return whether a column's `own` header states a unit that is none of those of a known name's quantity."""
+    unit, (quantity, *_) = _UNIT.fullmatch(spelt(own)), heads_of([name])
+    units = [unit["unit"]] if unit else [one for _, one in _unmangled(own)]
+    if quantity not in _TAKE_UNITS or any(quantity in heads_of([f"{_TAKE_UNITS[quantity]}({one})"]) for one in units):
+        return False
+    return any(map(_OTHER.fullmatch, units))
 
 
 def called_as(quantity: str) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from cfid.errors import ConfigError
-from cfid.records.tables.stand_heads import HEADS, heads_of, in_own_unit
+from cfid.records.tables.stand_heads import HEADS, has_unread_unit, heads_of, in_own_unit
 from cfid.records.tables.table import CsvTable
 
 
@@ -13,7 +13,7 @@ def with_named(table: CsvTable, columns: Sequence[str]) -> tuple[CsvTable, tuple
 
     NAME is one that a header may have, and states the unit where the file's header does not; COLUMN is the file's name,
     or the number counted from 1. Other columns of the same quantity lose their names. Raises ConfigError for an unknown
-    name, DataError for a column that is not there.
+    name and for a header whose unit is not read, DataError for a column that is not there.
     """
     if not columns:
         return table, ()
@@ -28,6 +28,11 @@ def with_named(table: CsvTable, columns: Sequence[str]) -> tuple[CsvTable, tuple
                 f"{HEADS}."
             )
         place = table.place(column)
+        if has_unread_unit(name, table.names[place]):
+            raise ConfigError(
+                f"{table.path}: `columns` {pair}: column '{table.names[place]}' states a unit that is not read. "
+                f"Convert it, and call it by a known name: {HEADS}."
+            )
         called[place] = in_own_unit(name, table.names[place])
         quantities |= known.keys()
     if len(called) < len(columns) or len(set(called.values())) < len(columns):
