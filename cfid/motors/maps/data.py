@@ -1,17 +1,27 @@
-"""Steady points from load-cell files and runs, and from the speeds that a run holds."""
+"""Steady points from load-cell files, runs and tables, and from the speeds that a run holds."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from cfid.errors import CfidError, DataError
+from cfid.errors import CfidError, ConfigError, DataError
 from cfid.estimate.staircase import FZ, NeverRanError, reduce_single
 from cfid.findings import Finding, warning
 from cfid.motors.data import RunStaircase, channels_of, reduce_run, without_dead
-from cfid.motors.maps.evidence import Evidence, Reduced, Stand, line_of, speed_findings, staircase_findings
+from cfid.motors.maps.evidence import (
+    Evidence,
+    Reduced,
+    Stand,
+    line_of,
+    speed_findings,
+    staircase_findings,
+    together,
+)
+from cfid.motors.maps.table_data import of_table
 from cfid.motors.maps.thesis import reduce_thesis
 from cfid.motors.maps.warm_up import warm_up
 from cfid.motors.points import MotorPoints, per_motor, rotor_speed_rad_s
@@ -19,6 +29,8 @@ from cfid.motors.stand_points import points_of, reduce_speeds
 from cfid.motors.vibration.data import Rotors, speeds_from_vibration
 from cfid.records.parameters import Source
 from cfid.records.run import Run, refuse_contradiction
+from cfid.records.run_notes import run_at
+from cfid.records.tables.stand import StandTable, read_stand_table, stand_file
 from cfid.records.tables.vehicle import (
     READINGS,
     TACHOMETER,
@@ -33,6 +45,32 @@ from cfid.records.tables.wrench import LOADCELL, WrenchReading, WrenchRecord, re
 from cfid.units import MOTORS
 
 Array = npt.NDArray[np.float64]
+One = Evidence | StandTable | Run | Path | str
+Points = One | Sequence[One]
+
+
+def evidence_of(points: Points, stand: Stand | None = None, rotors: Rotors | None = None) -> Evidence:
+    """Return the steady points of runs and tables together. Raises ConfigError for none of them."""
+    many = [points] if isinstance(points, One) else list(points)
+    if not many:
+        raise ConfigError("nothing to fit: give at least one run or table.")
+    return together([_evidence_in(one, stand or Stand(), rotors) for one in many])
+
+
+def _evidence_in(one: One, stand: Stand, rotors: Rotors | None) -> Evidence:
+    if isinstance(one, Evidence):
+        return one
+    path = None if isinstance(one, StandTable) else one.folder if isinstance(one, Run) else Path(one)
+    stand_path = None if path is None else stand_file(path)
+    if stand_path is not None:
+        read: StandTable | Run = read_stand_table(stand_path, motors=stand.motors)
+    elif isinstance(one, StandTable | Run):
+        read = one
+    else:
+        read = run_at(Path(one)) or read_stand_table(Path(one), motors=stand.motors)
+    return (
+        of_table(read, stand) if isinstance(read, StandTable) else of_run(read, stand, WrenchReading(), rotors=rotors)
+    )
 
 
 def of_file(

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cfid.errors import ConfigError, FitError
+from cfid.errors import FitError
 from cfid.estimate.common_causes import (
     force_scales,
     power_law,
@@ -20,12 +20,12 @@ from cfid.estimate.common_causes import (
 )
 from cfid.findings import Finding, joined, rejection, texts, warning
 from cfid.motors.maps import estimation, values
-from cfid.motors.maps.data import of_run
+from cfid.motors.maps.data import Points, evidence_of
 from cfid.motors.maps.estimation import GIVEN_BY, OVER_SPEED, Method, MotorMap, Order, SpeedThrustMap
-from cfid.motors.maps.evidence import Evidence, Stand, together
+from cfid.motors.maps.evidence import Evidence, Stand
 from cfid.motors.maps.inverse import invert, maximum_thrust, on_battery
 from cfid.motors.maps.scales import ScalesCheck, scales_thrust_n, verify_thrust
-from cfid.motors.maps.table_data import of_table, read_scales
+from cfid.motors.maps.table_data import read_scales
 from cfid.motors.maps.voltage import KEY, VoltageComparison, compare_thrust
 from cfid.motors.vibration.data import Rotors
 from cfid.records.covariances import Covariance
@@ -33,14 +33,7 @@ from cfid.records.facts import RigFacts
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import implausible_gravity
 from cfid.records.result import Dependent, Figures, Result
-from cfid.records.run import Run
-from cfid.records.run_notes import run_at
-from cfid.records.tables.stand import StandTable, read_stand_table, stand_file
-from cfid.records.tables.wrench import WrenchReading
 from cfid.units import USUAL_GRAVITY_MPS2
-
-One = Evidence | StandTable | Run | Path | str
-Points = One | Sequence[One]
 
 _POWERS = {
     "motor.max_thrust_n": {"N": 1},
@@ -200,30 +193,6 @@ def fit_torque(
         )
     details = _MapDetails(parameters=values.map_parameters(mapped), covariances=values.covariances(mapped))
     return _result(mapped, found, details)
-
-
-def evidence_of(points: Points, stand: Stand | None = None, rotors: Rotors | None = None) -> Evidence:
-    """Return the steady points of runs and tables together. Raises ConfigError for none of them."""
-    many = [points] if isinstance(points, One) else list(points)
-    if not many:
-        raise ConfigError("nothing to fit: give at least one run or table.")
-    return together([_evidence(one, stand or Stand(), rotors) for one in many])
-
-
-def _evidence(one: One, stand: Stand, rotors: Rotors | None) -> Evidence:
-    if isinstance(one, Evidence):
-        return one
-    path = None if isinstance(one, StandTable) else one.folder if isinstance(one, Run) else Path(one)
-    stand_path = None if path is None else stand_file(path)
-    if stand_path is not None:
-        read: StandTable | Run = read_stand_table(stand_path, motors=stand.motors)
-    elif isinstance(one, StandTable | Run):
-        read = one
-    else:
-        read = run_at(Path(one)) or read_stand_table(Path(one), motors=stand.motors)
-    return (
-        of_table(read, stand) if isinstance(read, StandTable) else of_run(read, stand, WrenchReading(), rotors=rotors)
-    )
 
 
 @contextmanager
