@@ -134,11 +134,9 @@ class ReadingOptions:
 
     def foreign(self, clock: Literal["true", "84/85"] | None = None) -> "Foreign":
         """Return how to read a log or a table of motors. Raises ConfigError for what an angle alone has."""
-        from cfid.errors import ConfigError
         from cfid.records.tables.schema import Foreign
 
-        if self.angle_unit is not None or self.counts_per_turn is not None:
-            raise ConfigError("`angle_unit` and `counts_per_turn` are for a file with an angle: none is read here.")
+        self.refuse_angles()
         return Foreign(
             time_unit=self.time_unit,
             rate_hz=self.rate_hz,
@@ -146,6 +144,13 @@ class ReadingOptions:
             columns=self.column_names,
             clock=clock,
         )
+
+    def refuse_angles(self) -> None:
+        """Raise ConfigError for what an angle alone has."""
+        from cfid.errors import ConfigError
+
+        if self.angle_unit is not None or self.counts_per_turn is not None:
+            raise ConfigError("`angle_unit` and `counts_per_turn` are for a file with an angle: none is read here.")
 
     @property
     def column_names(self) -> tuple[str, ...]:
@@ -171,10 +176,15 @@ class LoadCellOptions:
         ),
     ] = None
 
-    def reading(self, file: ReadingOptions) -> "WrenchReading":
-        """Return these options and those of any file in the form that the load cell's reader takes."""
+    def reading(self, file: ReadingOptions, *, or_angles: bool = False) -> "WrenchReading":
+        """Return these options and those of any file in the form that the load cell's reader takes.
+
+        Raises ConfigError for what an angle alone has, unless angles may be read instead.
+        """
         from cfid.records.tables.wrench import WrenchReading
 
+        if not or_angles:
+            file.refuse_angles()
         return WrenchReading(
             time_unit=file.time_unit,
             units=self.units,

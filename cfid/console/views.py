@@ -79,7 +79,7 @@ def views_of(
     from cfid.records.tables.angle import ENCODER
     from cfid.records.tables.wrench import LOADCELL, holds_wrench, read_wrench
 
-    path, forces = find_recording(word, workplace), loadcell.reading(file)
+    path, forces = find_recording(word, workplace), loadcell.reading(file, or_angles=True)
     readers: dict[str, Callable[[], View]] = {
         ENCODER: lambda: _angle_view(ENCODER, read_recording(word, file.reading(), workplace)),
         LOADCELL: lambda: _wrench_view(LOADCELL, read_wrench(path, forces)),

@@ -233,3 +233,13 @@ def test_a_pipe_or_a_device_is_refused_and_not_read_for_ever(
 
         assert ended.returncode in (2, 4), ended.stderr
         assert "Traceback" not in ended.stderr
+
+
+@pytest.mark.parametrize(
+    "words", ["tf identify --index index.csv", "fit drag --index index.csv", "fit thrust 20000=cell.csv"]
+)
+@pytest.mark.parametrize("option", ["--angle-unit deg", "--counts-per-turn 4096"])
+def test_an_option_of_angles_is_refused_where_a_load_cell_is_read(cfid: Cfid, words: str, option: str) -> None:
+    said = cfid(*words.split(), *option.split())
+    assert said.returncode == 2
+    assert "are for a file with an angle: none is read here." in said.stderr
