@@ -555,6 +555,12 @@ def test_a_place_that_cannot_be_read_is_said(tmp_path: Path, name: str) -> None:
     assert str(tmp_path / name) in str(caught.value)
 
 
+def test_times_in_nanoseconds_since_1970_are_named_with_what_to_do(tmp_path: Path) -> None:
+    stamps = (1_764_100_000_000_000_000 + np.rint(1e9 * TIME_S)).astype(np.int64)
+    with pytest.raises(DataError, match=r"a date \(Unix time\) in ns; .* Divide the column by 1e9\."):
+        read(tmp_path, "%time,angle_deg\n" + "\n".join(f"{t},{a:.5f}" for t, a in zip(stamps, ANGLE_RAD, strict=True)))
+
+
 @pytest.mark.parametrize("name", ["time_min", "time [h]", "t_ns"])
 def test_times_in_a_unit_that_is_not_read_are_refused_by_its_name(tmp_path: Path, name: str) -> None:
     path = tmp_path / "swing.csv"

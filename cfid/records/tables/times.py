@@ -300,6 +300,11 @@ def _fitting(interval: float, slowest_s: float) -> list[str]:
 
 def _check_unit(path: Path, first: float, interval: float, unit: str, slowest_s: float) -> tuple[str, ...]:
     """Refuse a time unit that gives an impossible sampling interval, and propose a possible one."""
+    if _UNIX_S[0] <= 1e-9 * first <= _UNIX_S[1]:
+        raise DataError(
+            f"{path}: the time column starts at {first:.0f}, a date (Unix time) in ns; times are read in s, ms or "
+            "us. Divide the column by 1e9."
+        )
     fitting = _fitting(interval, slowest_s)
     dates = [name for name, scale in SECONDS.items() if _UNIX_S[0] <= first * scale <= _UNIX_S[1]]
     dated = f" It starts at {first:.0f}, which is a date (Unix time) in {dates[0]}." if dates else ""
