@@ -19,10 +19,11 @@ from cfid.records.logs.usd_clock import MOST_ROWS, decoded_clock
 from cfid.records.parameters import Source
 from cfid.records.tables.angle import SCHEMA as ANGLE_COLUMNS
 from cfid.records.tables.blocks import open_table
+from cfid.records.tables.line_faults import REPAIR
 from cfid.records.tables.matlab import is_matlab
 from cfid.records.tables.schema import TIME, Foreign, TableSchema
 from cfid.records.tables.stand_heads import heads_of, shows_stand
-from cfid.records.tables.table import REPAIR, CsvTable
+from cfid.records.tables.table import CsvTable
 from cfid.records.tables.times import (
     TIME_COLUMN,
     known_rows,

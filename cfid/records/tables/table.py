@@ -3,9 +3,6 @@
 It handles separators, headers and cut files; other modules interpret the columns.
 """
 
-import csv
-import io
-import re
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,9 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import pandas as pd  # half of the start-up time of a fit, and not needed to refuse a bad file
 
-from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.large import joined
 from cfid.records.tables.fields import (
@@ -28,27 +23,21 @@ from cfid.records.tables.fields import (
     without_comments,
     without_prose,
 )
-from cfid.records.tables.head import POINTS, head_of
+from cfid.records.tables.head import head_of
+from cfid.records.tables.line_faults import fault_of
+from cfid.records.tables.parsed import Spelling, columns_in, holds_truths, is_exact_in, known_columns_in
 from cfid.records.tables.text import (
-    NUMBER,
     TextLine,
     fields_of,
     filled_lines,
     has_comma,
     has_decimal_comma,
     has_decimal_commas,
-    is_finite,
     short,
     whole_lines,
 )
 
 Array = npt.NDArray[np.float64]
-
-_NUMBERS = (np.dtype(np.int64), np.dtype(np.float64))
-_TRUTHS = (b"rue", b"RUE", b"alse", b"ALSE")
-_WHOLE = r"[+-]?\d{16,300}"  # fewer digits are exact; more are no number
-REPAIR = "Repair or cut that line."
-_CLOCK_TIME = re.compile(r"\d:\d\d|\d{4}-\d\d-\d\d")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,9 +77,9 @@ class CsvTable:
 
     def _numbers(self, places: list[int]) -> Array:
         rows = self._rows()
-        if rows is not None and _holds_truths(rows):
+        if rows is not None and holds_truths(rows):
             self._check_lines(places)
-        values = None if rows is None else self._parsed(rows, places)
+        values = None if rows is None else columns_in(rows, places, self._spelling)
         if values is None or not np.all(np.isfinite(values)):
             self._check_lines(places)
             raise DataError(f"{self.path}: not readable as a table of numbers.")
@@ -109,18 +98,19 @@ class CsvTable:
         if rows is None:
             self._check_lines(())
             raise DataError(f"{self.path}: not readable as a table.")
-        values = None if _holds_truths(rows) else self._parsed(rows, places)
+        values = None if holds_truths(rows) else columns_in(rows, places, self._spelling)
         if values is None:
-            values = self._fields_parsed(rows, places)
+            values = known_columns_in(rows, places, self._spelling)
         return np.where(np.isfinite(values), values, np.nan)
+
+    @property
+    def _spelling(self) -> Spelling:
+        return Spelling(self._separator, self.decimal)
 
     def loses_digits(self, column: str) -> bool:
         """Return whether a whole number in a column, as it is written, is none of 64-bit floats."""
         rows = self._rows()
-        if rows is None:
-            return False
-        fields = self._frame(rows, [self.place(column)], str).iloc[:, 0].str.strip()
-        return any(int(field) != int(float(field)) for field in fields[fields.str.fullmatch(_WHOLE)])
+        return rows is not None and not is_exact_in(rows, self.place(column), self._spelling)
 
     def without(self, rows: Sequence[int] | Places) -> "CsvTable":
         """Return the table without some rows, counted from 0; the others keep their lines."""
@@ -243,40 +233,6 @@ class CsvTable:
         kept = np.repeat(filled, np.diff(ends, prepend=-1))
         return np.frombuffer(table._body, np.uint8)[kept].tobytes()
 
-    def _parsed(self, rows: bytes, places: list[int]) -> Array | None:
-        """Return the columns (rows, columns), None where one has no number; whole numbers are parsed faster as such."""
-        try:
-            frame = self._frame(rows, places, None)
-            if any(kind not in _NUMBERS for kind in frame.dtypes):  # too large for integers, or no numbers
-                frame = self._frame(rows, places, np.float64)
-            values: Array = frame.to_numpy(np.float64)
-        except (ValueError, OverflowError):
-            return None
-        return values
-
-    def _fields_parsed(self, rows: bytes, places: list[int]) -> Array:
-        """Return the columns (rows, columns) field by field, nan where one is no number; slow."""
-        fields = self._frame(rows, places, str)
-        spelt = fields.apply(lambda column: column.str.strip().str.replace(self.decimal, "."))
-        known = spelt.apply(lambda column: column.str.fullmatch(NUMBER))
-        values: Array = spelt.where(known).astype(np.float64).to_numpy()
-        return values
-
-    def _frame(self, rows: bytes, places: list[int], kind: type | None) -> "pd.DataFrame":
-        frame = pd.read_csv(
-            io.BytesIO(rows),
-            sep=self._separator or r"\s+",
-            header=None,
-            usecols=sorted(set(places)),
-            dtype=kind,
-            skipinitialspace=b" " in rows or b"\t" in rows,  # looking for spaces takes a third of the time
-            quoting=csv.QUOTE_NONE,
-            na_filter=False,
-            decimal=self.decimal,
-            encoding="latin-1",
-        )
-        return frame if places == list(frame) else frame[places]
-
     def _unquoted(self) -> "CsvTable":
         lines = self._body.decode("latin-1").split("\n")
         between = self._separator or " "
@@ -291,24 +247,9 @@ class CsvTable:
     def _check_lines(self, places: Sequence[int]) -> None:
         """Check every line by itself; slow."""
         for line in filled_lines(self._body):
-            fault = self._fault(line.text, places)
+            fault = fault_of(line.text, self.names, places, self._spelling)
             if fault:
                 raise DataError(f"{self.path}:{self._first_line + line.number - 1}: {fault}")
-
-    def _fault(self, line: str, places: Sequence[int]) -> str | None:
-        if "\0" in line:
-            return f"zero bytes in the middle of the file. {REPAIR}"
-        fields = fields_of(line, self._separator)
-        if len(fields) != len(self.names):
-            advice = POINTS if self._separator == "," and len(fields) > len(self.names) else REPAIR
-            return f"{counted(len(fields), 'field')} where the file has {counted(len(self.names), 'column')}. {advice}"
-        for place in places:
-            field, column = fields[place], f"column '{self.names[place]}'"
-            if not field:
-                return f"{column} is empty. {REPAIR}"
-            if not is_finite(field.replace(self.decimal, ".")):
-                return f"'{short(field)}' in {column} is not a number. {_advice(field)}"
-        return None
 
 
 @dataclass
@@ -337,20 +278,6 @@ class Following:
         if self._prose is None:
             deque(self(), maxlen=0)
         return self._prose or []
-
-
-def _advice(field: str) -> str:
-    if _CLOCK_TIME.search(field):
-        return (
-            "Dates and times of day are not read: write seconds, or give `rate_hz` where rows are evenly spaced "
-            "(`columns`, where given, then without this one)."
-        )
-    return POINTS if has_comma(field) else REPAIR
-
-
-def _holds_truths(rows: bytes) -> bool:
-    """Return whether `true` is among the fields, columns of which pandas reads as ones."""
-    return any(word[-1:] in rows and word in rows for word in _TRUTHS)  # one letter is searched for much faster
 
 
 def table_in(path: Path, content: bytes, *, sha256: str, skip_lines: int = 0) -> CsvTable:

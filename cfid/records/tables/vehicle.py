@@ -15,7 +15,8 @@ from cfid.records.files import check_regular
 from cfid.records.parameters import Source
 from cfid.records.run import Run
 from cfid.records.tables.blocks import open_table
-from cfid.records.tables.table import REPAIR, Array
+from cfid.records.tables.line_faults import REPAIR
+from cfid.records.tables.table import Array
 from cfid.records.tables.text import is_finite, short
 from cfid.units import MOTORS, RPM
 

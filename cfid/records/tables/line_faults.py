@@ -1,0 +1,38 @@
+"""What keeps a line of a file from being a row of its table, and what to do about it."""
+
+import re
+from collections.abc import Sequence
+
+from cfid.counted import counted
+from cfid.records.tables.head import POINTS
+from cfid.records.tables.parsed import Spelling
+from cfid.records.tables.text import fields_of, has_comma, is_finite, short
+
+REPAIR = "Repair or cut that line."
+_CLOCK_TIME = re.compile(r"\d:\d\d|\d{4}-\d\d-\d\d")
+
+
+def fault_of(line: str, names: Sequence[str], places: Sequence[int], spelling: Spelling) -> str | None:
+    """Return a sentence on a line with another number of fields than names, or without a number in some places."""
+    if "\0" in line:
+        return f"zero bytes in the middle of the file. {REPAIR}"
+    fields = fields_of(line, spelling.separator)
+    if len(fields) != len(names):
+        advice = POINTS if spelling.separator == "," and len(fields) > len(names) else REPAIR
+        return f"{counted(len(fields), 'field')} where the file has {counted(len(names), 'column')}. {advice}"
+    for place in places:
+        field, column = fields[place], f"column '{names[place]}'"
+        if not field:
+            return f"{column} is empty. {REPAIR}"
+        if not is_finite(field.replace(spelling.decimal, ".")):
+            return f"'{short(field)}' in {column} is not a number. {_advice(field)}"
+    return None
+
+
+def _advice(field: str) -> str:
+    if _CLOCK_TIME.search(field):
+        return (
+            "Dates and times of day are not read: write seconds, or give `rate_hz` where rows are evenly spaced "
+            "(`columns`, where given, then without this one)."
+        )
+    return POINTS if has_comma(field) else REPAIR
