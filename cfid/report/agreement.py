@@ -14,11 +14,11 @@ from cfid.estimate.differences import Compared, Difference, difference, number_o
 from cfid.findings import Finding, warning
 from cfid.quantities.lookup import unit_of
 from cfid.quantities.plausible import range_of
-from cfid.quantities.values import ENTRIES, is_number
+from cfid.quantities.values import is_number
 from cfid.records.fits import Fit
 from cfid.records.parameters import Section, plain
 from cfid.records.rig_file import Rig
-from cfid.report.known import Known, axis_of
+from cfid.report.known import Known
 from cfid.wire.app import MIDDLE
 
 LARGEST_IN_STD = 3.0  # standard uncertainties of the difference, beyond which the two disagree
@@ -77,27 +77,26 @@ def agreements_of(known: Known, latest: Mapping[str, Fit]) -> tuple[Agreement, .
         *_time_constants(known),
         *_clocks(known, latest),
         *_distances(known),
-        *_flights(known),
     )
 
 
 def _gains(known: Known) -> Iterator[Agreement]:
     """Compare each static gain of the transfer function with the slope of the thrust map at the sines' middle."""
-    map_slope = _slope(known, "motor.thrust_poly")
+    map_slope = slope_of(known, "motor.thrust_poly")
     if map_slope is None:
         return
     series = sorted(key for section in known.sections.values() for key in section.parameters if _is_series_gain(key))
     for key in ("tf.static_gain_n", *(dict.fromkeys(series) if len(set(series)) > 1 else ())):
-        if (gain := _sound(known, key)) is not None:
+        if (gain := sound(known, key)) is not None:
             name = key.removeprefix("tf.").removesuffix("static_gain_n").removeprefix("series.").rstrip(".")
             first = f"cfid tf identify{f', {name}' if name else ''}"
             title = f"Thrust per command about {MIDDLE:.0f}"
-            yield from _compared(title, (first, _number(gain)), ("cfid fit thrust", map_slope), unit_of(key))
+            yield from compared(title, (first, _number(gain)), ("cfid fit thrust", map_slope), unit_of(key))
 
 
-def _slope(known: Known, key: str) -> Compared | None:
+def slope_of(known: Known, key: str) -> Compared | None:
     """Return the slope of an accepted thrust map at the sines' middle, None without one."""
-    found = _sound(known, key)
+    found = sound(known, key)
     if found is None:
         return None
     powers = range(len(found[0].parameters[key].value) - 1, -1, -1)
@@ -110,13 +109,13 @@ def _is_series_gain(key: str) -> bool:
 
 def _hovering(known: Known) -> Iterator[Agreement]:
     """Compare the mass that four motors hold at full command with the weighed one: it flies."""
-    held = _sound(known, "motor.hover_mass_kg")
+    held = sound(known, "motor.hover_mass_kg")
     if held is None:
         return
     vehicle = known.rig.vehicle
     weighed = Compared(vehicle.mass_kg, vehicle.mass_std_kg, {})
     first = ("cfid fit thrust, four motors at full command", _number(held))
-    yield from _compared("Mass held, at least that weighed", first, ("rig.toml", weighed), "kg", at_least=True)
+    yield from compared("Mass held, at least that weighed", first, ("rig.toml", weighed), "kg", at_least=True)
 
 
 def _power(known: Known) -> Iterator[Agreement]:
@@ -125,7 +124,7 @@ def _power(known: Known) -> Iterator[Agreement]:
     No rotor takes less than T^1.5 / sqrt(2 rho A): speeds or torques that are too small show. One whose radius nobody
     stated is as large as the platform's can be.
     """
-    maps = [_sound(known, key) for key in ("motor.thrust_poly", "motor.speed_poly", "motor.torque_poly")]
+    maps = [sound(known, key) for key in ("motor.thrust_poly", "motor.speed_poly", "motor.torque_poly")]
     expected = range_of("rotor_radius_m", known.rig.vehicle.platform)
     if None in maps or expected is None:
         return
@@ -142,7 +141,7 @@ def _power(known: Known) -> Iterator[Agreement]:
     first = ("cfid fit torque times cfid fit speed", Compared(moment.value * turning.value, taken_std_w, {}))
     second = (f"the thrust by a rotor of {1e3 * radius_m:.3g} mm", Compared(ideal_w, ideal_std_w, {}))
     title = f"Power of a rotor at {MIDDLE:.0f}, at least an ideal one's"
-    yield from _compared(title, first, second, "W", at_least=True)
+    yield from compared(title, first, second, "W", at_least=True)
 
 
 def _at(found: tuple[Section, str], x: float) -> Compared:
@@ -159,7 +158,7 @@ def _scales(latest: Mapping[str, Fit]) -> Iterator[Agreement]:
     if not (is_number(gain) and is_number(std) and std):
         return
     sides = ("scales over map", Compared(gain, std, {})), ("agreement", Compared(1.0, 0.0, {}))
-    yield from _compared("Thrust by scales over the thrust map", *sides, "1")
+    yield from compared("Thrust by scales over the thrust map", *sides, "1")
 
 
 def _time_constants(known: Known) -> Iterator[Agreement]:
@@ -167,22 +166,32 @@ def _time_constants(known: Known) -> Iterator[Agreement]:
 
     A sine sees a mean of spinning up and down: the scatter of the steps, not that of their mean, is the uncertainty.
     """
-    steps, lag = known.find("dynamics.time_constant_s"), _sound(known, "tf.time_constant_s")
-    if steps is None or steps.rejected or lag is None:
-        return
-    rows: Sequence[Mapping[str, Any]] = [row for row in plain(steps.parameter.value) if row.get("accepted")]
+    steps, lag = of_steps(known), sound(known, "tf.time_constant_s")
+    if steps is not None and lag is not None:
+        sides = ("cfid fit dynamics, mean of steps", steps), ("cfid tf identify", _number(lag))
+        yield from compared("Time constant of motor and rotor", *sides, "s")
+
+
+def of_steps(known: Known, *, rising: bool | None = None) -> Compared | None:
+    """Return the mean time constant of accepted steps with their scatter: up, down or all; None of less than two."""
+    steps = known.find("dynamics.time_constant_s")
+    if steps is None or steps.rejected:
+        return None
+    rows: Sequence[Mapping[str, Any]] = [
+        row
+        for row in plain(steps.parameter.value)
+        if row.get("accepted") and (rising is None or row.get("rising") is rising)
+    ]
     if len(rows) < 2:
-        return
+        return None
     values = np.array([row["time_constant_s"] for row in rows], dtype=np.float64)
     stds = np.array([row["std_s"] or 0.0 for row in rows], dtype=np.float64)
-    of_steps = Compared(float(values.mean()), math.hypot(values.std(ddof=1), float(np.sqrt(np.mean(stds**2)))), {})
-    sides = ("cfid fit dynamics, mean of steps", of_steps), ("cfid tf identify", _number(lag))
-    yield from _compared("Time constant of motor and rotor", *sides, "s")
+    return Compared(float(values.mean()), math.hypot(values.std(ddof=1), float(np.sqrt(np.mean(stds**2)))), {})
 
 
 def _clocks(known: Known, latest: Mapping[str, Fit]) -> Iterator[Agreement]:
     """Compare the rate of the vehicle's clock by pings with that by crossings, which may scatter from run to run."""
-    pings = _sound(known, "latency.clock_skew")
+    pings = sound(known, "latency.clock_skew")
     skews = _skews(latest["tf"].quality.get("series")) if "tf" in latest else []
     if pings is None or not skews:
         return
@@ -190,7 +199,7 @@ def _clocks(known: Known, latest: Mapping[str, Fit]) -> Iterator[Agreement]:
     scatter = float(values.std(ddof=1)) if len(values) > 1 else 0.0
     of_runs = Compared(float(values.mean()), math.hypot(scatter, float(np.sqrt(np.mean(stds**2)))), {})
     sides = ("cfid tf latency", _number(pings)), ("cfid tf identify, crossings", of_runs)
-    yield from _compared("Rate of the vehicle's clock, less one", *sides, "1")
+    yield from compared("Rate of the vehicle's clock, less one", *sides, "1")
 
 
 def _skews(series: Any) -> list[tuple[float, float]]:
@@ -210,30 +219,10 @@ def _distances(known: Known) -> Iterator[Agreement]:
     """Compare the inertias about the centre of mass by two mounts along one axis."""
     key = "inertia.centre_kg_m2"
     for first, second in _parallel_mounts(known.rig):
-        one, other = _sound(known, f"{key}.{first}"), _sound(known, f"{key}.{second}")
+        one, other = sound(known, f"{key}.{first}"), sound(known, f"{key}.{second}")
         if one is not None and other is not None:
             sides = (f"mount {first}", _number(one)), (f"mount {second}", _number(other))
-            yield from _compared("Inertia about one axis by two distances", *sides, unit_of(f"{key}.{first}"))
-
-
-def _flights(known: Known) -> Iterator[Agreement]:
-    """Compare what flights gave with what the rig gave: moments of inertia, thrust per command, time constant."""
-    flown, frame = "cfid fit flight", known.rig.vehicle.body_frame
-    matrix = _sound(known, "inertia.matrix_kg_m2")
-    for axis, along in (("roll", frame.forward), ("pitch", frame.left), ("yaw", frame.up)):
-        moment = _sound(known, f"flight.inertia_kg_m2.{axis}")
-        if matrix is not None and moment is not None:
-            entry = [float(place == axis_of(along)[0]) for place in range(len(ENTRIES))]
-            sides = (flown, _number(moment)), ("cfid fit inertia", _number(matrix, entry))
-            yield from _compared(f"Moment of inertia about {axis}", *sides, unit_of("inertia.matrix_kg_m2"))
-    in_flight, on_rig = (_slope(known, key) for key in ("flight.thrust_poly", "motor.thrust_poly"))
-    if in_flight is not None and on_rig is not None:
-        sides = (flown, in_flight), ("cfid fit thrust", on_rig)
-        yield from _compared(f"Thrust per command about {MIDDLE:.0f}", *sides, "N")
-    lag, of_sines = _sound(known, "flight.time_constant_s"), _sound(known, "tf.time_constant_s")
-    if lag is not None and of_sines is not None:
-        sides = (flown, _number(lag)), ("cfid tf identify", _number(of_sines))
-        yield from _compared("Time constant of motor and rotor", *sides, "s")
+            yield from compared("Inertia about one axis by two distances", *sides, unit_of(f"{key}.{first}"))
 
 
 def _parallel_mounts(rig: Rig) -> Iterator[tuple[str, str]]:
@@ -245,7 +234,7 @@ def _parallel_mounts(rig: Rig) -> Iterator[tuple[str, str]]:
                 yield first, second
 
 
-def _sound(known: Known, key: str) -> tuple[Section, str] | None:
+def sound(known: Known, key: str) -> tuple[Section, str] | None:
     """Return the section of an accepted parameter with a standard uncertainty, and its key."""
     found = known.find(key)
     if found is None or found.rejected or found.parameter.std is None:
@@ -257,7 +246,7 @@ def _number(found: tuple[Section, str], weights: Sequence[float] = (1.0,)) -> Co
     return number_of(*found, weights)
 
 
-def _compared(
+def compared(
     title: str, first: tuple[str, Compared], second: tuple[str, Compared], unit: str, *, at_least: bool = False
 ) -> Iterator[Agreement]:
     """Yield a comparison, unless its joint uncertainty is unknown."""

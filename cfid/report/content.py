@@ -18,6 +18,7 @@ from cfid.records.stale import stale_in
 from cfid.report.agreement import Agreement, agreements_of
 from cfid.report.comparison import PublishedComparison, comparisons, frame_text
 from cfid.report.experiments import Experiment, experiments_of
+from cfid.report.flown import flown_agreements
 from cfid.report.known import Known
 from cfid.report.measurements import measurements_of
 from cfid.report.repeats import RepeatedFit, repeated_fits
@@ -110,7 +111,7 @@ def gather(campaign: Campaign, *, now: datetime) -> Report:
         sheet=sheet_of(known, commands, stale),
         experiments=experiments,
         repeats=repeated_fits(measured),
-        agreements=agreements_of(known, latest),
+        agreements=(*agreements_of(known, latest), *flown_agreements(known)),
         comparisons=comparisons(known),
         runs=tuple(_line(run) for run in runs),
         unreadable=(*broken_runs, *broken_fits),

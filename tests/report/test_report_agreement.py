@@ -2,6 +2,9 @@
 
 from pathlib import Path
 
+import numpy as np
+import pytest
+
 from cfid.records.campaign import Campaign
 from cfid.records.parameters import Parameter, Section, store_section
 from cfid.records.rig_file import load_rig
@@ -98,6 +101,67 @@ def test_moments_and_lag_of_flights_are_compared_with_those_of_the_rig(tmp_path:
     assert found(campaign, "Moment of inertia about roll").agrees
     assert not found(campaign, "Moment of inertia about yaw").agrees
     assert found(campaign, "Time constant of motor and rotor").agrees
+
+
+def test_a_flight_shows_a_moment_as_one_over_the_entry_of_the_inverse_matrix(tmp_path: Path) -> None:
+    campaign = new_campaign(tmp_path)
+    matrix = np.array([[1.6e-5, 2e-6, 0.5e-6], [2e-6, 1.7e-5, 3e-6], [0.5e-6, 3e-6, 2.9e-5]])
+    std = np.where(np.eye(3) > 0, 1e-7, 2e-8)
+    known = Parameter(value=matrix.tolist(), std=std.tolist(), unit="kg m^2")
+    put(campaign, "inertia", {"inertia.matrix_kg_m2": known})
+    put(campaign, "flight", {"flight.inertia_kg_m2.yaw": Parameter(value=2.8e-5, std=1e-8, unit="kg m^2")})
+    one = found(campaign, "Moment of inertia about yaw")
+    up = np.linalg.inv(matrix)[2, 2]
+    assert one.second_value == pytest.approx(1 / up, rel=1e-9)
+    assert one.second_value < 0.985 * matrix[2, 2]
+    scattered = np.random.default_rng(1).normal(size=(20000, 3, 3)) * np.triu(std)
+    scattered += np.triu(scattered, 1).transpose(0, 2, 1)
+    assert one.second_std == pytest.approx(np.std(1 / np.linalg.inv(matrix + scattered)[:, 2, 2]), rel=0.03)
+
+
+def test_thrust_over_voltage_is_compared_where_the_flight_hovers(tmp_path: Path) -> None:
+    campaign = new_campaign(tmp_path)
+    rig = [0.0, 0.0, 0.006, 0.0012]  # at 2.9 V a quarter of 32.5 g
+    of_rig = Parameter(value=rig, std=[0.0, 0.0, 1e-5, 0.0], unit="N(V)")
+    put(campaign, "thrust", {"motor.thrust_voltage_poly": of_rig})
+    for gain, agrees in ((1.003, True), (1.05, False)):
+        slope = Parameter(value=[gain * value for value in (-0.047, 0.0438, 0.0)], std=[0.0, 3e-4, 0.0], unit="N(V)")
+        mass = Parameter(value=0.0325, std=1e-4, unit="kg")
+        put(campaign, "flight", {"flight.thrust_voltage_poly": slope, "flight.mass_kg": mass})
+        one = found(campaign, "Thrust of a rotor at 2.9 V")
+        assert one.second_value == pytest.approx(0.006 * 2.9**2 + 0.0012 * 2.9**3)
+        assert one.second_std == pytest.approx(1e-5 * 2.9**2)
+        assert one.agrees is agrees
+
+
+def test_thrust_over_voltage_that_never_carries_the_vehicle_is_not_compared(tmp_path: Path) -> None:
+    campaign = new_campaign(tmp_path)
+    map_of_volts = Parameter(value=[0.0, 0.02, 0.004], std=[0.0, 1e-4, 0.0], unit="N(V)")
+    sinking = Parameter(value=[0.0, 0.02, -0.004], std=[0.0, 1e-4, 0.0], unit="N(V)")
+    put(campaign, "thrust", {"motor.thrust_voltage_poly": map_of_volts})
+    mass = Parameter(value=0.0325, std=1e-4, unit="kg")
+    put(campaign, "flight", {"flight.thrust_voltage_poly": sinking, "flight.mass_kg": mass})
+    assert not any(one.title.startswith("Thrust") for one in report_of(campaign).agreements)
+
+
+def test_time_constants_of_flights_are_compared_with_those_of_steps_up_and_down(tmp_path: Path) -> None:
+    campaign = new_campaign(tmp_path)
+    rows = [
+        {"time_constant_s": value + (0 if rising else 0.02), "std_s": 0.001, "accepted": True, "rising": rising}
+        for value in (0.049, 0.05, 0.051)
+        for rising in (True, False)
+    ]
+    put(campaign, "dynamics", {"dynamics.time_constant_s": Parameter(value=rows)})
+    flown = {
+        "flight.rising_s": Parameter(value=0.0505, std=0.001, unit="s"),
+        "flight.falling_s": Parameter(value=0.080, std=0.001, unit="s"),
+    }
+    put(campaign, "flight", flown)
+    rising, falling = (found(campaign, f"Time constant of a rotor that {way}") for way in ("speeds up", "slows down"))
+    assert rising.agrees
+    assert rising.second_value == pytest.approx(0.05)
+    assert not falling.agrees
+    assert falling.second_value == pytest.approx(0.07)
 
 
 def test_a_cause_that_both_share_counts_once(tmp_path: Path) -> None:
