@@ -10,6 +10,7 @@ from cfid.console.messages import clock
 from cfid.console.preflight_lines import angle_steps, force_steps, sends_lines
 from cfid.counted import counted
 from cfid.estimate.battery_endurance import CELL_MAH, Held, endurance
+from cfid.estimate.held_readings import rows_a_reading
 from cfid.estimate.signal_quality import SignalQuality, signal_quality
 from cfid.records.run import DeviceRecord
 from cfid.rig.check import DeviceAnswer, State
@@ -129,8 +130,9 @@ def of_encoder(record: DeviceRecord, sampled: Sampled) -> list[DeviceAnswer]:
     in_radians = (record.model_extra or {}).get("angle_unit") == "rad"
     degrees = _degrees(sampled.columns["phi"], math.tau if in_radians else record.counts_per_turn or math.nan)
     rate_hz = (sampled.rows - 1) / float(np.ptp(sampled.columns["t"]))
-    steps = [angle_steps(record, sampled)] if sends_lines(record) else []
-    answers = [*_rate(sampled, record.rate_hz or rate_hz), *steps, *_at_rest(degrees, rate_hz)]
+    steps = [angle_steps(record, sampled, swings=_swings(degrees))] if sends_lines(record) else []
+    rate = [*_rate(sampled, record.rate_hz or rate_hz), *_readings(degrees, rate_hz)]
+    answers = [*rate, *steps, *_at_rest(degrees, rate_hz)]
     if "device_us" not in sampled.columns:
         return [*answers, DeviceAnswer("stamps", "ok", "none: samples are placed by their arrival")]
     late_s = sampled.columns["t"] - 1e-6 * sampled.columns["device_us"]
@@ -142,10 +144,20 @@ def of_encoder(record: DeviceRecord, sampled: Sampled) -> list[DeviceAnswer]:
     return [*answers, _answer("stamps", shown, advice, limit=f"{1e3 * _STAMPS_S:g} ms", within=within)]
 
 
+def _readings(degrees: Array, rate_hz: float) -> list[DeviceAnswer]:
+    """Name the readings of an angle (n,) that are repeated; at rest those of a coarse encoder cannot show it."""
+    rows = rows_a_reading(degrees)
+    if rows == 1:
+        return []
+    shown = f"each repeated in about {rows} samples: {rate_hz / rows:.3g} a second"
+    advice = "send a line only where the sensor has a new reading, and state that rate in rig.toml"
+    return [DeviceAnswer("readings", "warning", shown, advice, f"{rate_hz:.0f} a second")]
+
+
 def _at_rest(degrees: Array, rate_hz: float) -> list[DeviceAnswer]:
     """Judge noise and drift of an angle (n,) at rest; one that swings is no fault of the rig, and hides both."""
     quality, moved = signal_quality(degrees, rate_hz=rate_hz), float(np.ptp(degrees))
-    if moved > _STILL_DEG and _swings(degrees):
+    if _swings(degrees):
         hint = "hold it still and check again: noise and drift are judged at rest"
         return [
             DeviceAnswer("at rest", "warning", f"it swings by {moved:.2g} degrees", hint, f"{_STILL_DEG:g} degrees")
@@ -171,6 +183,8 @@ def _at_rest(degrees: Array, rate_hz: float) -> list[DeviceAnswer]:
 
 def _swings(degrees: Array) -> bool:
     """Return whether an angle (n,) goes to and fro about its line: noise jumps, and a drift does not return."""
+    if np.ptp(degrees) <= _STILL_DEG:
+        return False
     place = np.arange(len(degrees))
     off = degrees - np.polyval(np.polyfit(place, degrees, 1), place)
     outer = off[np.abs(off) > _OUTER * np.ptp(off)]  # without noise about the middle

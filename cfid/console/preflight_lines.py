@@ -47,8 +47,8 @@ def force_steps(record: DeviceRecord, sampled: Sampled, plan: Sequence[Held], *,
     ]
 
 
-def angle_steps(record: DeviceRecord, sampled: Sampled) -> DeviceAnswer:
-    """Judge the steps of an angle by those of a swing."""
+def angle_steps(record: DeviceRecord, sampled: Sampled, *, swings: bool) -> DeviceAnswer:
+    """Judge the steps of an angle by those of a swing; the scatter of one that `swings` is no noise."""
     setting = EncoderLines.model_validate(_stated(record))
     (value,) = setting.measured
     turn = setting.turn(record.counts_per_turn or math.nan)
@@ -60,6 +60,7 @@ def angle_steps(record: DeviceRecord, sampled: Sampled) -> DeviceAnswer:
         unit="degrees",
         limit=_OF_SWING_DEG,
         advice="let the device send decimals; without a pattern, see that none is lost behind a comma",
+        moves=swings,
     )
 
 
@@ -69,9 +70,20 @@ def _stated(record: DeviceRecord) -> dict[str, Any]:
 
 
 def _steps(
-    setting: LineDevice, value: LineValue, column: Array, *, shown: float, unit: str, limit: float, advice: str
+    setting: LineDevice,
+    value: LineValue,
+    column: Array,
+    *,
+    shown: float,
+    unit: str,
+    limit: float,
+    advice: str,
+    moves: bool = False,
 ) -> DeviceAnswer:
-    """Judge the steps of a column (n,), times `shown` in a `unit`: no smaller than the last decimal that is sent."""
+    """Judge the steps of a column (n,), times `shown` in a `unit`: no smaller than the last decimal that is sent.
+
+    Noise beyond steps that are too large resolves what is between them, unless what is measured `moves`.
+    """
     factor = abs(setting.factor(value))
     numbers = column / factor
     decimal = _last_decimal(numbers)
@@ -79,13 +91,15 @@ def _steps(
     changes = len(between) > 0
     step = shown * factor * decimal * (float(between.min()) if changes else 1.0)
     noise = shown * float(np.std(column))
-    if changes:
+    if moves:
+        answer = f"{step:.2g} {unit}"
+    elif changes:
         answer = f"{step:.2g} {unit}, scatter {noise:.2g}"
     else:
         what = "whole numbers" if decimal == 1 else "multiples"
         answer = f"no change in {len(column)} samples, {what} of {step:.2g} {unit}"
         advice = f"touch it while it is looked at; if it then changes by so much: {advice}"
-    within = step <= limit or (changes and noise > _RESOLVED * step)
+    within = step <= limit or (changes and not moves and noise > _RESOLVED * step)
     state: State = "ok" if within else ("fault" if changes else "warning")
     most = "" if math.isinf(limit) else f"{limit:.2g} {unit}"
     return DeviceAnswer(f"steps of {value.name}", state, answer, "" if within else advice, most)

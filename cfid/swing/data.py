@@ -18,8 +18,8 @@ from cfid.records.tables.gyro import ALIGNMENT_STD_RAD, SCALE_STD
 from cfid.swing.axis_inertias import MountedSwing, Surroundings, SwungBody, swung_test_body
 from cfid.swing.collocation import NO_THREADS, Threads
 from cfid.swing.free_swing import FreeSwing, find_swing
-from cfid.swing.frozen import find_moving_swing
 from cfid.swing.release import FEWEST_PEAKS
+from cfid.swing.repeated import find_read_swing
 from cfid.units import MM
 
 Array = npt.NDArray[np.float64]
@@ -83,7 +83,7 @@ def swing_in(record: AngleRecord, threads: Threads = NO_THREADS, **window: Any) 
 def _finder(record: AngleRecord) -> Callable[..., FreeSwing]:
     if record.rates is not None:
         return find_swing
-    return _find_in_long if len(record.time_s) > _MOST_ROWS else find_moving_swing
+    return _find_in_long if len(record.time_s) > _MOST_ROWS else find_read_swing
 
 
 def _unsummed(record: AngleRecord) -> str:
@@ -160,7 +160,7 @@ def _find_in_long(
     around_s = (begin_s - _HELD_S, end_s + max(end_s - begin_s, _HELD_S))
     first, last = np.searchsorted(time_s, time_s[0] + np.array(around_s)).tolist()
     late_s = float(time_s[first] - time_s[0])
-    found = find_moving_swing(
+    found = find_read_swing(
         time_s[first:last],
         angle_rad[first:last],
         from_s=None if from_s is None else max(from_s - late_s, 0.0),

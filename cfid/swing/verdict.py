@@ -32,11 +32,12 @@ def verdict(run: Run) -> str:
         raise FitError(joined(texts(fitted.findings, "rejection")))
     degrees = math.degrees(float(np.max(np.abs(swing.peak_angle_rad))))
     frequency, std = fitted.coefficients.natural_frequency_squared_s2, fitted.std.natural_frequency_squared_s2
-    return (
+    line = (
         f"{counted(swing.peaks_used, 'peak')} from {degrees:.0f} degrees, {1e3 * fitted.residual_rms_rad:.2g} "
         "mrad off the "
         f"pendulum, inertia known to {100 * std / frequency:.1g} % from the swing alone."
     )
+    return joined([line, *texts(swing.findings, "warning")])
 
 
 def of_no_mount(run: Run) -> str:

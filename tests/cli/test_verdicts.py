@@ -73,6 +73,21 @@ def test_an_encoder_that_freezes_in_the_middle_of_a_swing_is_named(bodies: Path)
     assert "the encoder froze, or something held the pendulum. Record it again." in line
 
 
+def test_readings_that_are_repeated_in_several_rows_are_named_beside_what_a_swing_is_good_for(bodies: Path) -> None:
+    run = runs_of(bodies, "swing")[0]
+    path = run.device_file("encoder")
+    header, *rows = path.read_text().splitlines()
+    place, cells = run.header.devices["encoder"].columns.index("phi"), [row.split(",") for row in rows]
+    for i, row in enumerate(cells):
+        row[place] = cells[i - i % 8][place]
+    path.write_text("\n".join([header, *map(",".join, cells), ""]))
+
+    line = verdict_line(judged(run, cfid.swing.verdict.verdict))
+
+    assert line.startswith("good: ")
+    assert "Each reading of the angle is repeated in about 8 rows" in line
+
+
 def counting(run: Run, **counts: float) -> Run:
     """Return a run whose device has other counts of its samples."""
     (name, record), *_ = run.header.devices.items()

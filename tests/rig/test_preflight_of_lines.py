@@ -101,6 +101,47 @@ def test_steps_of_an_angle_are_judged_by_those_of_a_swing(value: LineValue, coun
     assert {answer.asked: answer.state for answer in answers}["steps of phi"] == state
 
 
+def swinging(
+    readings_hz: float, value: LineValue, *, rate_hz: float = 500, swings_deg: float = 40.0
+) -> dict[str, DeviceAnswer]:
+    """Return the answers about two seconds of an encoder on a body that swings at 2.2 Hz."""
+    encoder = EncoderLines(kind="lines", port="/dev/null", rate_hz=rate_hz, values=(value,))
+    record = record_of("encoder", encoder, scale={"angle_unit": "rad"})
+    time_s = np.arange(round(2 * rate_hz)) / rate_hz
+    read_s = np.floor(time_s * readings_hz + 1e-6) / readings_hz
+    noise_deg = 0.02 * np.random.default_rng(1).standard_normal(len(time_s))[np.round(read_s * rate_hz).astype(int)]
+    shown = np.round((180 + swings_deg * np.cos(14 * read_s) + noise_deg) / value.scale)
+    columns = {"t": time_s, "phi": encoder.factor(value) * shown}
+    answers = judged({"encoder": record}, {"encoder": Sampled(columns)}, [], mass_kg=MASS_KG)["encoder"]
+    return {answer.asked: answer for answer in answers}
+
+
+def test_a_swing_is_no_noise_that_resolves_the_steps_of_an_angle() -> None:
+    found = swinging(500, LineValue(name="phi", unit="deg"))["steps of phi"]
+
+    assert (found.state, found.answer) == ("fault", "1 degrees")
+    assert swinging(500, LineValue(name="phi", unit="deg", scale=0.01))["steps of phi"].state == "ok"
+
+
+@pytest.mark.parametrize(("scale", "swings_deg"), [(0.01, 40.0), (0.088, 40.0), (1.0, 40.0), (0.01, 4.0), (0.088, 4.0)])
+def test_readings_that_are_repeated_in_the_lines_of_a_moving_encoder_are_named(scale: float, swings_deg: float) -> None:
+    found = swinging(50, LineValue(name="phi", unit="deg", scale=scale), swings_deg=swings_deg)
+
+    assert found["readings"].state == "warning"
+    assert found["readings"].answer == "each repeated in about 10 samples: 50 a second"
+
+
+@pytest.mark.parametrize("scale", [0.01, 0.088, 1.0])
+@pytest.mark.parametrize("swings_deg", [40.0, 4.0, 0.0])
+@pytest.mark.parametrize("rate_hz", [50.0, 500.0])
+def test_a_coarse_encoder_whose_readings_come_with_every_line_is_not_said_to_repeat_them(
+    scale: float, swings_deg: float, rate_hz: float
+) -> None:
+    value = LineValue(name="phi", unit="deg", scale=scale)
+
+    assert "readings" not in swinging(rate_hz, value, rate_hz=rate_hz, swings_deg=swings_deg)
+
+
 RIG = """
 [devices.encoder]
 kind = "lines"
