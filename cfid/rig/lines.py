@@ -73,6 +73,7 @@ class Lines:
         self._paid_s: float | None = None  # when that gap ended
         self._latest: _Latest | None = None  # line
         self._before: _Latest | None = None  # that gap
+        self._restarted = False  # the device's clock went otherwise than this computer's in a gap
         self._stalls = Stalls(loop)
         self._sending_s = 0.0  # without gaps
         self._first: tuple[float, int] | None = None  # by this computer's clock, and the device's, in microseconds
@@ -217,6 +218,7 @@ class Lines:
         gone_s = 1e-6 * self._device.factor(stamp) * ((latest.ticks - before.ticks) % _WRAP)
         here_s = latest.received_s - before.received_s
         if abs(gone_s - here_s) > _LATE_S + _UNLIKE * here_s:
+            self._restarted = True
             return None
         return round(gone_s * self._device.rate_hz) - self._late - (latest.rejected - before.rejected)
 
@@ -231,6 +233,11 @@ class Lines:
 
     def _say_clock(self) -> None:
         """Say when the device's own clock went otherwise than this computer's: fits take its times."""
+        if self._restarted:
+            self._say(
+                f"the {self.name}'s clock, device_us, went otherwise than this computer's in a gap: was the device "
+                "restarted? See to its supply. A swing is timed by its clock before and after."
+            )
         if self._first is None or self._gaps or self._last[0] - self._first[0] < _TELLING_S:
             return
         here_s, there_s = self._last[0] - self._first[0], 1e-6 * (self._last[1] - self._first[1])

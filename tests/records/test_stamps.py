@@ -80,6 +80,28 @@ def test_stamps_are_not_used_that_count_something_else_or_start_anew() -> None:
     assert stamped_times(arrived[:20], stamps[:20]) is None
 
 
+def test_a_board_that_restarts_in_a_swing_is_named_and_its_times_are_joined_by_the_quickest_arrivals(
+    tmp_path: Path,
+) -> None:
+    rng = np.random.default_rng(4)
+    seconds = 0.002 * np.arange(12000.0)
+    seconds = seconds[(seconds < 9) | (seconds > 10.5)]  # silent while it starts
+    late = rng.gamma(3.0, 15e-6, len(seconds)) + np.where(rng.random(len(seconds)) < 0.005, 0.1, 0.0)
+    arrived = np.maximum.accumulate(1.7e9 + seconds + late)
+    sent = (1e6 * np.where(seconds < 9, seconds + 0.8, seconds - 9) * (1 + SKEW)).astype(np.int64)
+    angle = np.round(40 * np.exp(-seconds / 20) * np.cos(14 * seconds) * 4096 / 360).astype(int) + 2000
+    devices = {"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi", STAMP), counts_per_turn=4096.0)}
+    begun = datetime(2026, 1, 1, tzinfo=UTC)
+    with create_run(tmp_path, kind="swing", label=Label(), devices=devices, started=begun, cfid_version="0") as run:
+        run.append("encoder", (arrived, angle, sent))
+    record = read_angle(run.folder, Reading())
+
+    assert np.ptp(record.time_s - seconds) < 1e-3
+    (text,) = (one.text for one in record.findings if "starts anew" in one.text)
+    assert "line 4502, from 9" in text
+    assert "the device was restarted" in text
+
+
 def test_stamps_that_lost_a_digit_cost_their_rows_alone(tmp_path: Path) -> None:
     """Times by them ran to and fro, and a swing ended in a traceback."""
     rng = np.random.default_rng(3)

@@ -338,6 +338,19 @@ def test_a_clock_that_goes_otherwise_is_named_at_the_end(
     assert bool(session.said) is bool(went)
 
 
+def test_a_clock_that_starts_anew_in_a_gap_is_named_at_the_end(session: Session) -> None:
+    instrument, cable = cell(session)
+    ticks = [12500 * n if n < 200 else 12500 * (n - 300) for n in range(1000)]
+    send = sending(cable, lambda n: b"" if 200 <= n < 300 else b"%d,%d\r\n" % (ticks[n], n))
+
+    run, failure = session.record(instrument, for_s=8, also=send)
+
+    assert failure is None
+    assert run.header.devices["loadcell"].lost == pytest.approx(100, abs=3)
+    (text,) = session.said
+    assert text.startswith("the loadcell's clock, device_us, went otherwise than this computer's in a gap: was the dev")
+
+
 def test_a_device_none_of_whose_lines_match_fails_with_what_it_sent(session: Session) -> None:
     instrument, cable = cell(session)
     _, failure = session.record(instrument, for_s=8, also=sending(cable, lambda n: b"0,301,7,8\r\n"))

@@ -11,6 +11,7 @@ from cfid.records.tables.table import Array, CsvTable
 _PARTS, _FEWEST_OF_A_PART = 12, 8  # of a recording, each with one quickest arrival
 _FEWEST_PARTS = 4
 _WRONG_S, _MOST_WRONG = 0.1, 0.1  # by which a stamp is off those around it, and the share of such: more are no clock
+_MOST_RESTARTS = 3  # of a board in a recording: a count that starts anew more often is no clock
 _LARGEST_SKEW = 1e-3  # of two crystals, with margin: beyond it stamps count something else than microseconds
 _LARGEST_SCATTER_S = 2e-3  # of the quickest arrivals about a line: beyond it the device's clock jumped
 
@@ -45,7 +46,32 @@ def stamped_rows(table: CsvTable, values: Array, column: str) -> StampedRows:
         what = f"{counted(len(wrong), 'row')} of {len(values)} whose {column} is off that of the rows around"
         notes = (f"{what} (first: line {line}) {are} left out: did the line lose a letter? Send a checksum with it.",)
         table, values, stamp_us = table.without(wrong), np.delete(values, wrong, axis=0), np.delete(stamp_us, wrong)
+    if len(anew := restarts(stamp_us)):
+        line, often = table.line_of_row(int(anew[0])), "" if len(anew) == 1 else f" {len(anew)} times"
+        notes += (
+            f"{column} starts anew{often} (first: line {line}, from {stamp_us[anew[0] - 1]:.0f} to "
+            f"{stamp_us[anew[0]]:.0f}): the device was restarted. Times on both sides are joined by when rows arrived.",
+        )
+        stamp_us = _joined(values[:, 0], stamp_us, anew)
     return StampedRows(table, values, stamped_times(values[:, 0], stamp_us), notes)
+
+
+def restarts(stamp_us: Array) -> Rows:
+    """Return the places of the first samples (n,) after a restart of the device, whose stamps go on from less.
+
+    None where there are too many of them, or too few samples on a side to join by.
+    """
+    anew = np.flatnonzero(np.diff(stamp_us) < 0) + 1
+    shortest = np.diff(np.r_[0, anew, len(stamp_us)]).min()
+    sure = len(anew) <= _MOST_RESTARTS and shortest >= _FEWEST_OF_A_PART * _FEWEST_PARTS
+    return anew if sure else anew[:0]
+
+
+def _joined(arrival_s: Array, stamp_us: Array, anew: Rows) -> Array:
+    """Return stamps (n,) that go on at each restart, so that the quickest arrivals on both sides are equally late."""
+    late_us = 1e6 * (arrival_s - arrival_s[0]) - stamp_us
+    shifts = [float(part.min()) for part in np.split(late_us, anew)]
+    return np.asarray(stamp_us + np.repeat(shifts, np.diff(np.r_[0, anew, len(stamp_us)])))
 
 
 def wrong_stamps(arrival_s: Array, stamp_us: Array) -> Rows:
