@@ -1,7 +1,7 @@
 """Predict a flight from its commands: one integrator for every parameter set.
 
 Each segment begins with the rates that the gyro showed; from there on only commands count. Thrust of one rotor is a
-polynomial of its lagging drive; rates follow J dw/dt + w x J w = torques, by midpoints of 3.3 ms. A constant angular
+polynomial of its lagging drive; rates follow J dw/dt + w x J w = torques, by midpoints of 2 ms. A constant angular
 acceleration about each axis, what a centre of mass off the middle makes, is taken from the whole flight for every set
 alike: no set has it.
 """
@@ -81,7 +81,7 @@ def unchanged(flight: Flight, at: Rows) -> Array:
 
 
 def _thrusts(flight: Flight, one: ParameterSet) -> Array:
-    """Return the rotors' thrusts (n, 4) in N, three to a row."""
+    """Return the rotors' thrusts (n, 4) in N, `ROW_STEPS` to a row."""
     late = flight.drive if one.lag is None else one.lag.follow(flight.drive)
     return np.asarray(np.polynomial.polynomial.polyval(delayed(late, one.delay_s), np.array(one.thrust_n)))
 
