@@ -127,6 +127,25 @@ def test_a_fault_far_down_names_its_line(tmp_path: Path) -> None:
         read_log(written(tmp_path, "\n".join([*rows, ""])))
 
 
+def test_a_row_that_is_swapped_with_the_next_is_left_out_and_named(tmp_path: Path) -> None:
+    rows = lines("time,a", "{t},{x!r}", count=60_000, step=0.01).splitlines()
+    for row in (10, 50_000):
+        rows[row], rows[row + 1] = rows[row + 1], rows[row]
+    log = read_log(written(tmp_path, "\n".join([*rows, ""])))
+    kept = np.delete(np.arange(60_000), [9, 49_999])
+    np.testing.assert_array_equal(log.channel("a")[1], kept / 4)
+    assert log.notes == ("2 rows whose time is off that of the rows around (first: 1000.09 in line 12) are left out.",)
+
+
+def test_times_that_are_wrong_in_more_than_one_row_in_a_hundred_are_counted_with_what_helps(tmp_path: Path) -> None:
+    rows = lines("time,a", "{t},{x!r}", count=6000, step=0.01).splitlines()
+    for row in range(101, 6000, 50):
+        rows[row] = f"90000,{row}"
+    expected = r":103: time goes back 118 times, first from 90000.000000 to 1001.010000 s.*1 % at most.*`rate_hz`"
+    with pytest.raises(DataError, match=expected):
+        read_log(written(tmp_path, "\n".join([*rows, ""])))
+
+
 def test_single_wrong_times_leave_out_their_rows_and_are_named(tmp_path: Path) -> None:
     rows = lines("time,a", "{t},{x!r}", count=60_000, step=0.01).splitlines()
     rows[50_000] = "90000,7"

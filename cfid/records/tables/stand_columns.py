@@ -11,7 +11,7 @@ from cfid.errors import ConfigError, DataError
 from cfid.large import PART_ROWS, empty, side_by_side, stored
 from cfid.records.tables.stand_heads import HEADS, ColumnHead, check_heads, heads_of, shows_stand
 from cfid.records.tables.table import Array, CsvTable
-from cfid.records.tables.times import wrong_times, wrong_times_note
+from cfid.records.tables.wrong_times import wrong_times, wrong_times_note
 from cfid.units import FULL_COMMAND
 
 USUAL_ESC_US = (1000.0, 2000.0)  # pulse widths of standstill and full throttle, by convention

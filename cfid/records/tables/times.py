@@ -9,21 +9,25 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
-import numpy.typing as npt
 
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.large import differences, empty, some_steps, usual_step
-from cfid.records.tables.lone import MOST_SHARE, lone_readings
 from cfid.records.tables.schema import TIME, Column, TimeUnit
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.text import short
+from cfid.records.tables.wrong_times import late_rows, wrong_times, wrong_times_note
 
 PER_SECOND: dict[str, float] = {"s": 1.0, "ms": 1e3, "us": 1e6}  # to divide by: 1e-3 and 1e-6 are not exact
 SECONDS: dict[str, float] = {unit: 1 / count for unit, count in PER_SECOND.items()}
 TWO_IN_ONE = (
     "Was the clock set, or are two recordings in one file? Cut the file in two before that line (both with the "
     "header), or give `rate_hz` where its rows are evenly spaced."
+)
+_MOST_CUTS = 3  # recordings in one file: a time that goes back more often is wrong in single rows
+_WRONG_IN_MANY = (
+    "Rows with single wrong times are left out where they are 1 % at most. Correct the column, or give `rate_hz` where "
+    "the rows are evenly spaced."
 )
 _CUT_LINE = "the last line was cut (it has no end) and is left out."
 
@@ -43,7 +47,6 @@ _NO_TIME = "Is this the time column? See `columns` and `rate_hz`."
 _FEWEST_ROWS = 16
 _LOOKED_AT, _OFF_WHOLE = 1000, 0.01  # times that show whether they are whole numbers, and what is not
 _MISSING_SHARE = 0.1  # of a recording's rows that may lack a number
-_WRONG_TIME = 20.0  # usual intervals, by which a single time is wrong
 _REPEATED_SHARE = 0.01  # of time stamps that may repeat the previous one without a note
 _GAP, _LEAST_GAP_S = 10, 0.1  # usual intervals, and seconds: a busy computer's stamps are late by tens of milliseconds
 _UNIX_S = (1e9, 4e9)  # seconds since the epoch, from 2001 to 2096
@@ -164,28 +167,13 @@ def known_rows(table: CsvTable, columns: Sequence[str], *, timed: bool) -> tuple
         lack, are = ("lacks", "is") if len(bad) == 1 else ("lack", "are")
         notes.append(f"{len(bad)} of {len(known)} rows {lack} a number{where} (first: line {line}) and {are} left out.")
         known = np.delete(known, bad, axis=0)
-    if timed and len(wrong := wrong_times(known[:, 0])):
+    wrong = wrong_times(known[:, 0]) if timed else np.empty(0, np.intp)
+    if timed and not len(wrong):
+        wrong = late_rows(known[:, 0])
+    if len(wrong):
         notes.append(wrong_times_note(table, known[:, 0], wrong))
         table, known = table.without(wrong), np.delete(known, wrong, axis=0)
     return table, known, tuple(notes)
-
-
-def wrong_times(time: Array) -> npt.NDArray[np.intp]:
-    """Return the places of single times of a series (n,) that jump off and back, where the others do not go back."""
-    if not any(np.any(step < 0) for _, step in differences(time)):
-        return np.empty(0, np.intp)
-    lone = lone_readings(time, _WRONG_TIME * usual_step(time))
-    rising = len(lone) <= MOST_SHARE * len(time) and np.all(np.diff(np.delete(time, lone)) >= 0)
-    return lone if rising else lone[:0]
-
-
-def wrong_times_note(table: CsvTable, time: Array, places: npt.NDArray[np.intp]) -> str:
-    """Return the note on wrong times (n,) at some places, whose rows are left out."""
-    line = table.line_of_row(int(places[0]))
-    return (
-        f"{counted(len(places), 'row')} whose time is off that of the rows around (first: {time[places[0]]:.6g} in "
-        f"line {line}) {'is' if len(places) == 1 else 'are'} left out."
-    )
 
 
 def seconds_of(table: CsvTable, column: str, raw: Array, *, unit: TimeUnit | None) -> Array:
@@ -223,9 +211,11 @@ def times_of(
     _refuse_newest_first(table, column or "", raw)
     row = next((at + 1 + int(np.argmax(step < 0)) for at, step in differences(raw) if np.any(step < 0)), 0)
     if row:
+        times = sum(int(np.count_nonzero(step < 0)) for _, step in differences(raw))
+        often, advice = ("", TWO_IN_ONE) if times <= _MOST_CUTS else (f" {times} times, first", _WRONG_IN_MANY)
         raise DataError(
-            f"{table.path}:{table.line_of_row(row)}: time goes back from {raw[row - 1]:.6f} to {raw[row]:.6f} "
-            f"{stated or 's'}. {TWO_IN_ONE}"
+            f"{table.path}:{table.line_of_row(row)}: time goes back{often} from {raw[row - 1]:.6f} to {raw[row]:.6f} "
+            f"{stated or 's'}. {advice}"
         )
     interval = usual_step(raw)
     if raw[-1] == raw[0]:

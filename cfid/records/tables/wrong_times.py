@@ -1,0 +1,36 @@
+"""Single times of a table that are wrong, and rows that stand in the wrong order."""
+
+import numpy as np
+
+from cfid.counted import counted
+from cfid.large import differences, usual_step
+from cfid.records.tables.lone import MOST_SHARE, Rows, lone_readings
+from cfid.records.tables.table import Array, CsvTable
+
+_WRONG_TIME = 20.0  # usual intervals, by which a single time is wrong
+
+
+def wrong_times(time: Array) -> Rows:
+    """Return the places of single times of a series (n,) that jump off and back, where the others do not go back."""
+    if not any(np.any(step < 0) for _, step in differences(time)):
+        return np.empty(0, np.intp)
+    lone = lone_readings(time, _WRONG_TIME * usual_step(time))
+    rising = len(lone) <= MOST_SHARE * len(time) and np.all(np.diff(np.delete(time, lone)) >= 0)
+    return lone if rising else lone[:0]
+
+
+def late_rows(time: Array) -> Rows:
+    """Return the places of rows (n,) that stand behind a later one, as of two swapped ones, where no others go back."""
+    back = [begin + 1 + np.flatnonzero(step < 0) for begin, step in differences(time)]
+    late = np.concatenate([np.empty(0, np.intp), *back])
+    few = len(late) <= max(MOST_SHARE * len(time), 1)
+    return late if few and np.all(np.diff(np.delete(time, late)) >= 0) else late[:0]
+
+
+def wrong_times_note(table: CsvTable, time: Array, places: Rows) -> str:
+    """Return the note on wrong times (n,) at some places, whose rows are left out."""
+    line = table.line_of_row(int(places[0]))
+    return (
+        f"{counted(len(places), 'row')} whose time is off that of the rows around (first: {time[places[0]]:.6g} in "
+        f"line {line}) {'is' if len(places) == 1 else 'are'} left out."
+    )
