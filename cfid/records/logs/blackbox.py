@@ -6,7 +6,8 @@ Motors, their speeds and the acceleration along z get the names, numbers and uni
 import logging
 import re
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from cfid.errors import DataError
-from cfid.large import joined, stored
+from cfid.large import empty, joined, parts
 from cfid.records.extras import optional_library
 from cfid.records.logs.blackbox_bytes import LogBytes, logs_in
 from cfid.records.logs.crazyflie_names import crazyflie_channel
@@ -129,7 +130,7 @@ def _series(name: str, parser: Any, frames: Array) -> Series:
     for channel, value in _as_a_crazyflie_s(dict(zip(names, frames.T, strict=True)), headers):
         channels.append(crazyflie_channel(channel))
         values.append(value)
-    return in_memory(name, stored(frames[:, place] / 1e6), channels, values)
+    return in_memory(name, _by_parts(frames[:, place], lambda one: one / 1e6), channels, values)
 
 
 def _as_a_crazyflie_s(fields: Mapping[str, Array], headers: Any) -> Iterator[tuple[str, Array]]:
@@ -139,20 +140,36 @@ def _as_a_crazyflie_s(fields: Mapping[str, Array], headers: Any) -> Iterator[tup
     for place, motor in enumerate(BETAFLIGHT_QUAD_X):
         own, speed = f"motor[{place}]", f"eRPM[{place}]"
         if own in fields and low < high:
-            share = np.clip((fields[own] - low) / (high - low), 0, None)
-            yield f"control.m{motor}", stored(np.where(share > _MOST, np.nan, share))
+            yield f"control.m{motor}", _by_parts(fields[own], partial(_share, low=low, high=high))
         if speed in fields and isinstance(poles, int) and poles >= 2:
-            yield f"rpm.m{motor}", stored(fields[speed] * 100 / (poles / 2))
+            yield f"rpm.m{motor}", _by_parts(fields[speed], lambda one: one * 100 / (poles / 2))
     one_g = headers.get("acc_1G")
     if "accSmooth[2]" in fields and isinstance(one_g, int) and one_g > 0:
-        yield "acc.z", stored(fields["accSmooth[2]"] / one_g)
+        yield "acc.z", _by_parts(fields["accSmooth[2]"], lambda one: one / one_g)
+
+
+def _share(output: Array, *, low: float, high: float) -> Array:
+    """Return outputs (n,) as shares of full throttle, NaN where they are impossible."""
+    share = np.clip((output - low) / (high - low), 0, None)
+    return np.where(share > _MOST, np.nan, share)
+
+
+def _by_parts(values: Array, convert: Callable[[Array], Array]) -> Array:
+    """Return what becomes of values (n,), which may be larger than the memory."""
+    found = empty(len(values))
+    for part in parts(len(values)):
+        found[part] = convert(values[part])
+    return found
 
 
 def _impossible(parser: Any, frames: Array) -> int:
     """Return how many outputs of motors are beyond full throttle, which damaged bytes alone show."""
     low, high = _range(parser.headers.get("motorOutput"))
     own = [at for at, name in enumerate(parser.field_names) if _MOTOR.fullmatch(name)]
-    return int(np.count_nonzero(frames[:, own] > low + _MOST * (high - low))) if low < high else 0
+    if low >= high:
+        return 0
+    most = low + _MOST * (high - low)
+    return sum(int(np.count_nonzero(frames[part, at] > most)) for part in parts(len(frames)) for at in own)
 
 
 def _range(header: object) -> tuple[float, float]:
