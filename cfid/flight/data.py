@@ -121,7 +121,7 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
     )
     flight = by_command
     if volts is not None:
-        flight = replace(by_command, drive=by_command.drive * volts[:, np.newaxis], in_volts=True)
+        flight = replace(by_command, drive=by_command.drive * volts[:, np.newaxis], in_volts=True, volts=volts)
     return FlownLog(
         log=whole,
         flight=flight,

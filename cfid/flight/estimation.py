@@ -44,6 +44,8 @@ _LEVEL = 100  # rows: 1 s, whose mean forces are taken as independent
 _SMOOTH = 10  # rows over which noise is averaged before judging how much is explained
 LAGS, DELAYS, THRUST, TURNS = slice(0, 2), slice(2, 4), slice(4, 7), slice(7, 10)  # of the parameters
 _GRID_S = ROW_S / 24  # by which lags err: in calm air they come out 0.3 to 0.4 ms long, with steps of 2 and 3.3 ms
+_OF_COMMAND, _OF_COMMAND_STD = 0.5, 0.5  # of the delays: what the command alone has of them, as is expected
+_SLOPE_STD = 0.005  # of thrust's slope, which all moments share: in calm air they err alike, by 0.6 to 0.75 %
 _STEP = 1e-3  # of a time constant or delay, over which a slope is taken
 
 
@@ -97,13 +99,16 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
         )
     equations = Equations([equations_of(flight) for flight in flown])
     equations, result = _settled(equations, _start(equations))
-    found, jacobian, residual = _with_constant(result.x), np.asarray(result.jac), np.asarray(result.fun)
-    covariance = covariance_of(jacobian, residual, [one.basis for one in equations.white])
+    jacobian, residual = np.asarray(result.jac), np.asarray(result.fun)
+    equations, step, slopes, left = _with_late_commands(equations, _with_constant(result.x), jacobian, residual)
+    found, residual = _with_constant(result.x + step), left[: len(residual)]
+    covariance = covariance_of(slopes, left, [one.basis for one in equations.white])[: len(step), : len(step)]
     covariance = np.apply_along_axis(_with_constant, 1, np.apply_along_axis(_with_constant, 0, covariance))
     excess = excess_of_older_torques(jacobian, residual, equations.white)
     found = _undamped(found, equations)
     covariance[LAGS, LAGS] += _GRID_S**2
     covariance[TURNS, TURNS] += np.diag((excess / math.sqrt(3)) ** 2)
+    covariance[TURNS, TURNS] += _SLOPE_STD**2 * np.outer(found[TURNS], found[TURNS])
     found, covariance = _levelled(found, covariance, [one for one in equations.at(found) if one.axis is None])
     fitted = tuple((block, _fitted(block, found)) for block in equations.at(found))
     drives = np.concatenate([flight.row_drives[flight.driven] for flight in flown])
@@ -167,6 +172,7 @@ class Equations:
 
     each: Sequence[EquationsOf]
     white: tuple[White, ...] = ()
+    of_command: float = 0.0  # the share of the delays that the command alone has, not the battery's voltage
 
     def whitened(self, p: Array) -> "Equations":
         """Return the equations with what whitens the errors of parameters (10,)."""
@@ -186,7 +192,7 @@ class Equations:
         """Return the equations for time constants and delays."""
         rising_s, falling_s, of_force_s, of_rates_s = map(float, p[: DELAYS.stop])
         lag, delays_s = ThrustLag(rising_s, falling_s), (of_force_s, of_rates_s)
-        return [one for equations in self.each for one in equations(lag, delays_s)]
+        return [one for equations in self.each for one in equations(lag, delays_s, self.of_command)]
 
     def residual(self, p: Array) -> Array:
         """Return the whitened errors (n,) of parameters (10,)."""
@@ -211,6 +217,26 @@ class Equations:
             slow = [column[place] for column in columns]
             each.append(white.of(np.column_stack([*slow, -block.terms * gains, turned])))
         return np.concatenate(each)
+
+
+def _with_late_commands(
+    equations: Equations, p: Array, jacobian: Array, residual: Array
+) -> tuple[Equations, Array, Array, Array]:
+    """Let the flight show which share of the delays the command alone has, beside what is expected of it.
+
+    A battery gives way when rotors pull, not when they are commanded to. The effect is of some per cent, so that one
+    step from parameters (10,), whose errors are `residual` (n,) with slopes `jacobian` (n, 9), finds it. Returns the
+    equations with the share, the step (9,), and slopes (n + 1, 10) and errors (n + 1,) with those of the share. The
+    last row is what is expected, which errs by one standard uncertainty.
+    """
+    later = replace(equations, of_command=1.0).residual(p) - residual
+    rows = np.vstack([np.column_stack([jacobian, later]), np.eye(1, jacobian.shape[1] + 1, jacobian.shape[1])])
+    rows[-1] /= _OF_COMMAND_STD
+    errors = np.append(residual, -_OF_COMMAND / _OF_COMMAND_STD)
+    step = -gain_of(rows) @ errors
+    left = errors + rows @ step
+    left[-1] = 1.0
+    return replace(equations, of_command=float(step[-1])), step[:-1], rows, left
 
 
 def _undamped(p: Array, equations: Equations) -> Array:

@@ -51,7 +51,8 @@ class Flight:
 
     `rates` (m, 3) in rad/s and `force` (m, 3), the specific force in m/s^2, are along the vehicle's axes, as is
     `velocity` (m, 3) in m/s, None where unknown. `attitude` (m, 4) is the quaternion w, x, y, z that turns these axes
-    to the world's. `averaged` is true where rows are means over their 10 ms. `airborne` (m,) marks rows in the air,
+    to the world's. `volts` (n,) are in the drives, None where unknown. `averaged` is true where rows are means over
+    their 10 ms. `airborne` (m,) marks rows in the air,
     `driven` (m,) those of them at which every rotor has been under a command within its range for a while.
     `low_pass_hz` are the cut-offs of the Butterworth filters of accelerometer and gyro, None where unknown.
     """
@@ -67,6 +68,7 @@ class Flight:
     low_pass_hz: tuple[float | None, float | None] = (None, None)
     velocity: Array | None = None
     attitude: Array | None = None
+    volts: Array | None = None
 
     @property
     def time_s(self) -> Array:
@@ -77,6 +79,13 @@ class Flight:
     def row_drives(self) -> Array:
         """The drives (m, 4) at the sensors' rows."""
         return self.drive[::ROW_STEPS][: len(self.rates)]
+
+    def drives_of_late(self, command_s: float) -> Array:
+        """Return the drives (n, 4) of commands that act so much later, at the voltage of that moment."""
+        if self.volts is None:
+            return self.drive
+        volts = self.volts[:, np.newaxis]
+        return np.asarray(delayed(self.drive / volts, command_s) * volts)
 
 
 class ThrustLag(NamedTuple):
@@ -112,42 +121,57 @@ class FlightEquation(NamedTuple):
     lengths: tuple[int, ...]
 
 
-EquationsOf = Callable[[ThrustLag, tuple[float, float]], list[FlightEquation]]
+EquationsOf = Callable[..., list[FlightEquation]]
 
 
 def equations_of(flight: Flight) -> EquationsOf:
     """Return what gives the equations of the vertical force and of the rates about each axis, for rotors of a lag.
 
-    It takes the lag and by how much later the accelerometer and the gyro show it, their filters included. The last few
-    are kept: a slope over the gyro's delay leaves the rotors and the vertical force as they were.
+    It takes the lag, by how much later the accelerometer and the gyro show it, their filters included, and the share
+    of what is left of these delays that the command alone has, not the voltage. The last few are kept: a slope over
+    the gyro's delay leaves the rotors and the vertical force as they were.
     """
+    of_filters_s = [_filtering_s(low_pass_hz) for low_pass_hz in flight.low_pass_hz]
 
     @lru_cache(_KEPT)
-    def late(lag: ThrustLag) -> Array:
-        return lag.follow(flight.drive)
+    def late(lag: ThrustLag, command_s: float) -> Array:
+        return lag.follow(flight.drives_of_late(command_s))
 
     @lru_cache(_KEPT)
-    def vertical(lag: ThrustLag, delay_s: float) -> FlightEquation:
-        return _vertical(flight, _seen(late(lag), delay_s, flight.low_pass_hz[0]))
+    def vertical(lag: ThrustLag, command_s: float, delay_s: float) -> FlightEquation:
+        return _vertical(flight, _seen(late(lag, command_s), delay_s, flight.low_pass_hz[0]))
 
     @lru_cache(_KEPT)
-    def turning(lag: ThrustLag, delay_s: float) -> list[FlightEquation]:
-        powers = _seen(late(lag), delay_s, flight.low_pass_hz[1])
+    def turning(lag: ThrustLag, command_s: float, delay_s: float) -> list[FlightEquation]:
+        powers = _seen(late(lag, command_s), delay_s, flight.low_pass_hz[1])
         return [_turning(flight, powers, axis) for axis in range(len(AXES))]
 
-    return lambda lag, delays_s: [vertical(lag, delays_s[0]), *turning(lag, delays_s[1])]
+    def equations(lag: ThrustLag, delays_s: tuple[float, float], of_command: float = 0.0) -> list[FlightEquation]:
+        common_s = min(delay_s - of_filter_s for delay_s, of_filter_s in zip(delays_s, of_filters_s, strict=True))
+        command_s = 0.0 if flight.volts is None else of_command * max(common_s, 0.0)
+        of_force_s, of_rates_s = delays_s
+        return [
+            vertical(lag, command_s, of_force_s - command_s),
+            *turning(lag, command_s, of_rates_s - command_s),
+        ]
+
+    return equations
 
 
 def _seen(late: Array, delay_s: float, low_pass_hz: float | None) -> Array:
     """Return the powers (3, n, 4) of lagging drives as a sensor shows them, whose filter is a part of the delay."""
     if low_pass_hz is None:
         return _powers(delayed(late, delay_s))
-    filtering_s = STEP_S / math.sqrt(2) / math.tan(math.pi * low_pass_hz * STEP_S)  # of slow motion
-    powers = _powers(delayed(late, delay_s - filtering_s))
+    powers = _powers(delayed(late, delay_s - _filtering_s(low_pass_hz)))
     settled = powers[1:, :1]
     b, a = butter(2, low_pass_hz, fs=1 / STEP_S)
     powers[1:] = settled + lfilter(b, a, powers[1:] - settled, axis=1)
     return powers
+
+
+def _filtering_s(low_pass_hz: float | None) -> float:
+    """Return by how much a sensor's filter delays slow motion, 0 where it is unknown."""
+    return 0.0 if low_pass_hz is None else STEP_S / math.sqrt(2) / math.tan(math.pi * low_pass_hz * STEP_S)
 
 
 def _powers(late: Array) -> Array:

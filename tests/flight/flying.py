@@ -72,10 +72,13 @@ def fly(
     wind: float = 1.0,
     noise: float = 1.0,
     load_sag: float = 0.0,
+    late_steps: int = LATE_STEPS,
+    with_volts: bool = False,
 ) -> list[FlightLog]:
     """Return a log of each vehicle at 500 Hz; one that hovers has no manoeuvres. `noise` is the share of the usual.
 
-    `load_sag` is the share of its voltage that the battery loses under the thrust of hovering.
+    `load_sag` is the share of its voltage that the battery loses under the thrust of hovering, 4 V being left, which
+    the log has `with_volts`. Commands act `late_steps` later, the voltage at once.
     """
     count, steps = len(vehicles.mass), int(seconds / STEP)
     level = _level(vehicles)
@@ -85,8 +88,8 @@ def fly(
     torque_wind, force_wind = np.zeros((count, 3)), np.zeros((count, 3))
     bias = rng.normal(0, 0.01, (count, 3)), rng.normal(0, 0.05, (count, 3)) * [1, 1, 0.2]
     plan = _manoeuvres(count, steps, rng) * (0.02 if hover else 1.0)
-    rows = np.zeros((steps, count, 10 + 7))
-    pending = [late.copy() for _ in range(LATE_STEPS)]
+    rows = np.zeros((steps, count, 10 + 7 + with_volts))
+    pending = [late.copy() for _ in range(late_steps)]
     gyro, accelerometer = _LowPass(GYRO_HZ, (count, 3)), _LowPass(ACCELEROMETER_HZ, (count, 3))
     for step in range(steps):
         k = vehicles.k * (1 + SAG * (0.5 - step / steps))
@@ -104,6 +107,8 @@ def fly(
         rows[step, :, :4] = command
         pending.append(command)
         volts = 1 + load_sag * (1 - thrust.sum(axis=1) / (vehicles.mass * G))  # of those that hovering leaves
+        if with_volts:
+            rows[step, :, 17] = 4 * volts
         ahead = pending.pop(0) * volts[:, None] - late
         tau = np.where(ahead > 0, vehicles.rising[:, None], vehicles.falling[:, None])
         moved = ahead * (1 - np.exp(-STEP / tau))
@@ -193,12 +198,13 @@ def _quaternion(turn: Array) -> Array:
 
 
 def _log(rows: Array, *, number: int) -> FlightLog:
-    """Return rows (steps, 17) as a log; before and after them the motors stand."""
+    """Return rows (steps, 17), or with the voltage (steps, 18), as a log; before and after them the motors stand."""
     channels = [Channel(f"motor.m{motor}", "1") for motor in (1, 2, 3, 4)]
     channels += [Channel(f"gyro.{axis}", "rad/s") for axis in "xyz"] + [
         Channel(f"acc.{axis}", "m/s^2") for axis in "xyz"
     ]
     channels += [Channel(name, "m/s") for name in ("vx", "vy", "vz")] + [Channel(f"q{part}", "1") for part in "wxyz"]
+    channels += [Channel("pm.vbat", "V")] * (rows.shape[1] - len(channels))
     values = rows.copy()
     values[:, :4] *= 65535
     time_s = np.asarray(STEP * np.arange(len(rows)), dtype=np.float64)

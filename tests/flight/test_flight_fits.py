@@ -203,6 +203,22 @@ def test_without_the_voltage_moments_contain_what_a_battery_gives_way_under_load
     assert -0.12 < np.mean(biases) < -0.03
 
 
+def test_a_voltage_that_acts_before_late_commands_costs_no_moments() -> None:
+    """Delayed with the command, a battery that gives way under load made moments 1 % small, here by up to 2 %."""
+    rng = np.random.default_rng(12)
+    vehicles = fleet(3, rng)
+    logs = fly(vehicles, rng, seconds=24.0, wind=0.1, load_sag=0.08, late_steps=5, with_volts=True)
+    moments = {key for key in truths(vehicles, 0) if "inertia" in key}
+    errors, relative = [], []
+    for place, log in enumerate(logs):
+        expected = {key: value for key, value in truths(vehicles, place).items() if key in moments}
+        result = fit([flight_of(log)], body=body_of(vehicles, place))
+        errors += [abs(error) for error in errors_in_std(result, expected).values()]
+        relative += [result.quantities[key].value / value - 1 for key, value in expected.items()]
+    assert max(errors) < 2.0
+    assert abs(np.mean(relative)) < 0.007
+
+
 def gain_at(frequency_hz: float, values: Array) -> float:
     """The size of a sine in rows of 10 ms, without those at the begin and end."""
     at_s = ROW_S * np.arange(len(values))
