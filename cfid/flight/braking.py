@@ -37,7 +37,8 @@ class AxisDrag:
 def fit_drag(flights: Sequence[Flight], *, axis: int) -> AxisDrag | None:
     """Fit specific force = -rate * velocity + a constant of each flight along an axis across the thrust, 0 or 1.
 
-    Returns None where less than 5 s have a velocity.
+    A share of the force along z is a term beside: a tilted accelerometer shows that much of the thrust. Returns None
+    where less than 5 s have a velocity.
     """
     blocks = []
     for flight in flights:
@@ -47,7 +48,8 @@ def fit_drag(flights: Sequence[Flight], *, axis: int) -> AxisDrag | None:
         at = np.concatenate([np.arange(one.start, one.stop) for one in parts])
         lengths = tuple(one.stop - one.start for one in parts)
         terms = -flight.velocity[at, axis : axis + 1]
-        blocks.append(FlightEquation(axis, flight.force[at, axis], terms, np.ones((len(at), 1)), lengths))
+        others = np.column_stack([np.ones(len(at)), flight.force[at, 2]])
+        blocks.append(FlightEquation(axis, flight.force[at, axis], terms, others, lengths))
     if sum(map(len, (block.shown for block in blocks))) < _FEWEST:
         return None
     found = np.zeros(1)
@@ -61,7 +63,7 @@ def fit_drag(flights: Sequence[Flight], *, axis: int) -> AxisDrag | None:
         rows, shown = np.concatenate([one[0] for one in each]), np.concatenate([one[1] for one in each])
         found = gain_of(rows) @ shown
     covariance = sandwich(rows, shown - rows @ found, longest=len(shown) // (8 * len(blocks)))
-    velocity = np.concatenate([-without(block.terms[:, 0], np.ones((len(block.shown), 1))) for block in blocks])
+    velocity = np.concatenate([-without(block.terms[:, 0], block.others) for block in blocks])
     force = np.concatenate([without(block.shown, block.others) for block in blocks])
     slow = [block_means(values, length=_SMOOTH) for values in (force + found[0] * velocity, force)]
     return AxisDrag(

@@ -8,6 +8,7 @@ import numpy.typing as npt
 import pytest
 
 from cfid.errors import ConfigError, DataError, FitError
+from cfid.flight.braking import fit_drag
 from cfid.flight.channels import at_rows
 from cfid.flight.data import FlownLog, flight_of, read_flight
 from cfid.flight.estimation import Equations, fit_flights
@@ -217,6 +218,22 @@ def test_a_voltage_that_acts_before_late_commands_costs_no_moments() -> None:
         relative += [result.quantities[key].value / value - 1 for key, value in expected.items()]
     assert max(errors) < 2.0
     assert abs(np.mean(relative)) < 0.007
+
+
+def test_an_accelerometer_tilted_by_five_degrees_leaves_the_drag_as_it_is(flown: tuple[Fleet, list[FlightLog]]) -> None:
+    """What it showed of the thrust made drag up to a fifth smaller at a stated 5 %."""
+    vehicles, logs = flown
+    for place, log in enumerate(logs):
+        read = flight_of(log)
+        tilt = np.radians(5.0)
+        turn = np.array([[np.cos(tilt), 0, -np.sin(tilt)], [0, 1, 0], [np.sin(tilt), 0, np.cos(tilt)]])
+        straight, tilted = (
+            fit_drag([replace(read.flight, force=read.flight.force @ each)], axis=0) for each in (np.eye(3), turn)
+        )
+        assert straight is not None
+        assert tilted is not None
+        assert abs(tilted.rate / straight.rate - 1) < 0.01
+        assert abs(tilted.rate - vehicles.braking[place]) < 2.5 * tilted.std
 
 
 def gain_at(frequency_hz: float, values: Array) -> float:
