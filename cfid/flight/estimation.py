@@ -45,6 +45,7 @@ _SMOOTH = 10  # rows over which noise is averaged before judging how much is exp
 LAGS, DELAYS, THRUST, TURNS = slice(0, 2), slice(2, 4), slice(4, 7), slice(7, 10)  # of the parameters
 _GRID_S = ROW_S / 24  # by which lags err: in calm air they come out 0.3 to 0.4 ms long, with steps of 2 and 3.3 ms
 _OF_COMMAND, _OF_COMMAND_STD = 0.5, 0.5  # of the delays: what the command alone has of them, as is expected
+_ZERO_STD = 0.02  # of the weight, an accelerometer's zero: the zero-g offset in a BMI088's data sheet is 20 mg
 _SLOPE_STD = 0.005  # of thrust's slope, which all moments share: in calm air they err alike, by 0.6 to 0.75 %
 _STEP = 1e-3  # of a time constant or delay, over which a slope is taken
 
@@ -275,7 +276,9 @@ def _levelled(p: Array, covariance: Array, vertical: Sequence[FlightEquation]) -
     of_slopes[THRUST.start, THRUST] = [0.0, *(-mean[1:] / mean[0])]
     spread = of_slopes @ covariance @ of_slopes.T
     means = block_means(np.concatenate(left), length=_LEVEL)
-    spread[THRUST.start, THRUST.start] += float(np.var(means)) / max(len(means) - 1, 1) / mean[0] ** 2
+    zero_std = _ZERO_STD * float(np.concatenate([block.shown for block in vertical]).mean())
+    variance = float(np.var(means)) / max(len(means) - 1, 1) + zero_std**2
+    spread[THRUST.start, THRUST.start] += variance / mean[0] ** 2
     return found, spread
 
 

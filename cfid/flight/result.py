@@ -138,5 +138,6 @@ def _assumptions(body: Body) -> list[str]:
         "assumed: axes forward, left, up; four alike rotors with thrust along z"
         + arm
         + f"; mass {1e3 * body.mass_kg:g} g; "
-        "scales and times of accelerometer and gyro exact; no climb in the mean; sensors show thrust a delay later",
+        "scales and times of gyro and accelerometer exact, the latter's zero to 0.02 g; no climb in the mean; sensors "
+        "show thrust a delay later",
     ]
