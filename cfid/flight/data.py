@@ -8,13 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError
-from cfid.findings import Finding, note, of_recording, warning
+from cfid.findings import Finding, note, of_recording, rejection, warning
 from cfid.flight.channels import at_rows, command_names, commands_of, forces_of, held, motion, rates_of, volts_of
-from cfid.flight.model import ROW_S, ROW_STEPS, STEP_S, Flight, turned_back
+from cfid.flight.model import AXES, ROW_S, ROW_STEPS, STEP_S, Flight, segments, turned_back
 from cfid.records.logs.any_kind import NO_OPTIONS, read_log
 from cfid.records.logs.log import FlightLog
 from cfid.records.logs.run import log_of_run
 from cfid.records.run_notes import run_at
+from cfid.records.tables.gyro import at_end_of_range
 from cfid.records.tables.schema import Foreign, refuse_for_run
 from cfid.units import DEAD_COMMAND, FULL_COMMAND, USUAL_GRAVITY_MPS2
 
@@ -31,6 +32,8 @@ _STRUCK_S = 0.5  # around such a specific force
 _SETTLING_S = 0.3  # after a motor left its range, in which rotors forget it
 _TURNED = 34.0  # rad/s, near the range of the gyro, 2000 deg/s
 _MOST_S = 600.0
+_FEWEST = 500  # rows: 5 s, that a gyro has to show of the turning about an axis
+_AT_END_S = 2 * ROW_S  # around a gyro's end of range, in which a row's mean has a part of it
 _AROUND_S = 5.0  # of rows that are kept before and after, for channels that are logged rarely
 
 
@@ -106,13 +109,16 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
     unseen, gaps = _unseen(timed, row_s)
     airborne = _airborne(share, force, spun) & ~unseen
     within = ~unseen & ((share > DEAD_COMMAND) & (share < FULL_COMMAND)).all(axis=1)
+    driven = airborne & ~_late(np.asarray(~within), _SETTLING_S)
+    beyond, clipped = _beyond(*rates, row_s, driven)
     by_command = Flight(
         name=path.stem,
         drive=command / FULL_COMMAND,
         rates=spun,
         force=force,
         airborne=airborne,
-        driven=airborne & ~_late(np.asarray(~within), _SETTLING_S),
+        driven=driven,
+        beyond=beyond,
         averaged=averaged,
         in_volts=False,
         low_pass_hz=(forces_hz, rates_hz),
@@ -130,7 +136,7 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
             *of_recording(path.name, log.notes),
             *(note("recording", f"assumed: {text}.").at(path.name) for text in log.assumed),
             *(warning("recording", text).at(path.name) for text in (*faults, *gaps)),
-            *(one.at(path.name) for one in _between(commands[0][0])),
+            *(one.at(path.name) for one in (*_between(commands[0][0]), *clipped)),
         ),
     )
 
@@ -156,6 +162,32 @@ def _unseen(timed: Sequence[Array], row_s: Array) -> tuple[Mask, tuple[str, ...]
     lost_s = ROW_S * int(np.count_nonzero(unseen))
     text = f"{lost_s:.3g} s in gaps without rows (above {1e3 * _SLOWEST_S:.0f} ms), and what follows, are left out."
     return unseen, (text,) if unseen.any() else ()
+
+
+def _beyond(time_s: Array, rates: Array, row_s: Array, driven: Mask) -> tuple[Mask | None, list[Finding]]:
+    """Return rows (m,) at which a gyro stood at an end of its range, None if it did not, and a finding on them.
+
+    Where less than 5 s of the rows that are `driven` (m,) would be left, what rests on them is rejected.
+    """
+    ends = [at_end_of_range(rate, rate) | at_end_of_range(rate, -rate) for rate in rates.T]
+    at_s = time_s[np.logical_or.reduce(ends)]
+    if not len(at_s):
+        return None, []
+    beyond = np.searchsorted(at_s, row_s + _AT_END_S) > np.searchsorted(at_s, row_s - _AT_END_S)
+    reached = [
+        f"{np.degrees(np.abs(rate).max()):.0f} deg/s about {axis}"
+        for axis, rate, end in zip(AXES, rates.T, ends, strict=True)
+        if end.any()
+    ]
+    text = f"the gyro reached {', '.join(reached)}, the end of its range, and shows no more than that: "
+    left = sum(one.stop - one.start for one in segments(driven & ~beyond))
+    lost_s = ROW_S * int(np.count_nonzero(beyond))
+    remedy = "Set a larger range, or turn slower."
+    if left < _FEWEST:
+        text += f"{ROW_S * left:.1f} s are left without it (at least {ROW_S * _FEWEST:g} s). {remedy}"
+        return None, [rejection("flight-gyro-clipped", text, "flight.inertia_kg_m2.*", "flight.*_s")]
+    text += f"{lost_s:.3g} s are left out for moments. {remedy}"
+    return beyond, [warning("flight-gyro-clipped", text, "flight.inertia_kg_m2.*")]
 
 
 def _window(time_s: Array, path: Path, from_s: float, to_s: float) -> tuple[float, float]:

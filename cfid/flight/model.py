@@ -54,6 +54,7 @@ class Flight:
     to the world's. `volts` (n,) are in the drives, None where unknown. `averaged` is true where rows are means over
     their 10 ms. `airborne` (m,) marks rows in the air,
     `driven` (m,) those of them at which every rotor has been under a command within its range for a while.
+    `beyond` (m,) marks rows at which the gyro stood at an end of its range, None where it did not.
     `low_pass_hz` are the cut-offs of the Butterworth filters of accelerometer and gyro, None where unknown.
     """
 
@@ -69,6 +70,7 @@ class Flight:
     velocity: Array | None = None
     attitude: Array | None = None
     volts: Array | None = None
+    beyond: Mask | None = None
 
     @property
     def time_s(self) -> Array:
@@ -234,7 +236,8 @@ def _turning(flight: Flight, powers: Array, axis: int) -> FlightEquation:
     ]
     if axis == 2:  # what speeds a rotor up turns the vehicle the other way
         others.append(np.diff(_rows(flight, turning[:, 1:2])[:, 0]) / ROW_S)
-    both = flight.driven[1:] & flight.driven[:-1]
+    known = flight.driven if flight.beyond is None else flight.driven & ~flight.beyond
+    both = known[1:] & known[:-1]
     shown = np.diff(flight.rates[:, axis]) / ROW_S
     return _cut(axis, shown, np.diff(gone, axis=0) / ROW_S, np.column_stack(others), segments(both))
 

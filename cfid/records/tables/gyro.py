@@ -7,12 +7,15 @@ the rate.
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from cfid.errors import DataError
 from cfid.records.run import DeviceRecord, Run
 from cfid.records.tables.stamps import stamped_times
 from cfid.records.tables.table import Array
 from cfid.records.tables.vehicle import VEHICLE_LOG, Rows, read_rows
+
+Marks = npt.NDArray[np.bool_]
 
 GYRO = tuple(f"gyro.{axis}" for axis in "xyz")  # deg/s, as the firmware logs it
 RANGE_DPS = 2000.0  # of every gyro that a Crazyflie has had
@@ -69,7 +72,9 @@ def read_gyro(run: Run, device: str = VEHICLE_LOG) -> Turned:
     if len(time) < 2 or not np.all(np.diff(time) > 0):
         raise DataError(f"{where}: the times of its rows do not increase.")
     fastest = np.degrees(rates[:, np.argmax(np.abs(rates).max(axis=0))])
-    if (reached := float(np.abs(fastest).max())) > _AT_THE_END * RANGE_DPS or _clipped(fastest):
+    if (reached := float(np.abs(fastest).max())) > _AT_THE_END * RANGE_DPS or at_end_of_range(
+        fastest, np.abs(fastest)
+    ).any():
         raise DataError(
             f"{where}: the gyro reached {reached:.0f} deg/s, the end of its range, and shows no more than that. Set a "
             "larger range, release lower, or drop a lighter weight."
@@ -80,16 +85,16 @@ def read_gyro(run: Run, device: str = VEHICLE_LOG) -> Turned:
     return Turned(rows, time, angle, found, scale_std)
 
 
-def _clipped(rate: Array) -> bool:
-    """Return whether several half-swings of a rate (n,) end at one value: an end of the gyro's range.
+def at_end_of_range(rate: Array, reached: Array) -> Marks:
+    """Return the samples (n,) at which a rate (n,) stands at an end of the gyro's range: the most that it `reached`.
 
-    A peak is round: of a cosine, the samples within 1/1000 of its top take a thirty-fifth of a half-swing.
+    None, unless several of its half-swings end flat there. A peak is round: of a cosine, the samples within 1/1000 of
+    its top take a thirty-fifth of a half-swing.
     """
-    fast = np.abs(rate)
-    top = fast >= (1 - _ROUND) * fast.max()
+    top = reached >= (1 - _ROUND) * reached.max()
     halves = np.split(top, np.flatnonzero(np.diff(np.signbit(rate))) + 1)
     flat = [half for half in halves if np.count_nonzero(half) > max(_FEWEST_FLAT, _FLAT_SHARE * len(half))]
-    return len(flat) >= _FEWEST_HALVES
+    return top if len(flat) >= _FEWEST_HALVES else np.zeros(len(top), dtype=bool)
 
 
 def about_one_axis(rates_rad_per_s: Array) -> Rates:
