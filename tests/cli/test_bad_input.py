@@ -71,7 +71,12 @@ CASES: dict[str, tuple[Spoil, tuple[str, ...], int, tuple[str, ...]]] = {
         4,
         (":2:", "nan", "phi"),
     ),
-    "a word too many in a row": (replaced(700, "0.7,512,lost"), (), 4, (":701:", "3 fields")),
+    "a word too many in 200 rows": (
+        lambda lines: [*lines[:700], *(f"{line},lost" for line in lines[700:900]), *lines[900:]],
+        (),
+        4,
+        (":701:", "3 fields"),
+    ),
     "time going back": (lambda lines: [*lines[:900], *lines[500:]], (), 4, (":901:", "goes back")),
     "a clock that was set ahead by 30 years": (
         lambda lines: [
@@ -243,3 +248,10 @@ def test_an_option_of_angles_is_refused_where_a_load_cell_is_read(cfid: Cfid, wo
     said = cfid(*words.split(), *option.split())
     assert said.returncode == 2
     assert "are for a file with an angle: none is read here." in said.stderr
+
+
+@pytest.mark.parametrize("option", ["--units n,nm", "--counts-per-n 100", "--window 1,5", "--flip-fz"])
+def test_an_option_of_a_load_cell_is_refused_where_a_stand_is_read(cfid: Cfid, tmp_path: Path, option: str) -> None:
+    rows = "".join(f"{1000 + 100 * at},{5 * at * at}\n" for at in range(11))
+    (tmp_path / "stand.csv").write_text(f"ESC signal (us),Thrust (gf)\n{rows}")
+    refused(cfid("fit", "thrust", tmp_path / "stand.csv", *option.split()), 2, "are for a load cell's recording")

@@ -120,6 +120,23 @@ def test_lines_of_words_far_down_are_left_out_and_the_first_is_named(tmp_path: P
     assert "2 lines without a number are left out (first: line 70001, 'paused')." in log.notes
 
 
+@pytest.mark.parametrize("damaged", ["0.31", "5.01,2,7", "5.01,2,5.02,3"])
+def test_a_damaged_line_of_many_is_left_out_and_named_and_one_of_few_is_refused(tmp_path: Path, damaged: str) -> None:
+    rows = lines("time,a", "{t},{x!r}", count=2000, step=0.01).splitlines()
+    log = read_log(written(tmp_path, "\n".join([*rows[:501], damaged, *rows[501:], ""])))
+    np.testing.assert_array_equal(log.channel("a")[1], np.arange(2000) / 4)
+    assert f"line 502, '{damaged}', has not 2 fields and is left out." in log.notes
+    with pytest.raises(DataError, match=r":22: "):
+        read_log(written(tmp_path, "\n".join([*rows[:21], damaged, *rows[21:40], ""])))
+
+
+@pytest.mark.parametrize("column", ["imu_acc_x", "motor_motor_m1", "imu_gyro_x"])
+def test_a_part_of_nanobench_is_read_with_the_firmware_s_names(tmp_path: Path, column: str) -> None:
+    log = read_log(written(tmp_path, lines(f"t,{column}", "{t},{x!r}", count=200, step=0.01)))
+    assert log.program == "CSV log of NanoBench"
+    assert log.series[0].names in (("acc.x",), ("motor.m1",), ("imu_gyro_x", "gyro.x"), ("imu_gyro_x",))
+
+
 def test_a_fault_far_down_names_its_line(tmp_path: Path) -> None:
     rows = lines("time,a", "{t},{x}", count=60_000, step=0.01).splitlines()
     rows[50_000:] = rows[40_000:50_000]

@@ -389,7 +389,15 @@ def test_lines_that_no_table_has_are_named_as_that(tmp_path: Path) -> None:
 
 def test_a_fault_late_in_a_large_file_is_named_with_its_line(tmp_path: Path) -> None:
     rows = [f"{at},{2 * at}" for at in range(200_000)]
-    rows[170_000] += ",1"
+    rows[170_000] = "none,1"
     table = open_table(write(tmp_path, "\n".join(["t,phi", *rows, ""])))
-    with pytest.raises(DataError, match=r":170002: 3 fields where the file has 2 columns"):
+    with pytest.raises(DataError, match=r":170002: 'none' in column 't' is not a number"):
+        table.numbers(["t"])
+
+
+def test_many_lines_with_other_fields_are_refused_by_the_first_of_them(tmp_path: Path) -> None:
+    rows = [f"{at},{2 * at}" for at in range(2000)]
+    rows[1000:1010] = [f"{row},1" for row in rows[1000:1010]]
+    table = open_table(write(tmp_path, "\n".join(["t,phi", *rows, ""])))
+    with pytest.raises(DataError, match=r":1002: 3 fields where the file has 2 columns"):
         table.numbers(["t"])

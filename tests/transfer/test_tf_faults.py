@@ -97,9 +97,9 @@ FAULTS: dict[str, tuple[Spoil, int, tuple[str, ...]]] = {
     ),
     "no number in crossings": (replaced("crossings_10.csv", "30000", "nan"), 4, ("crossings_10.csv:", "'nan'")),
     "crossings back in time": (
-        rewritten("crossings_10.csv", lambda lines: [*lines[:4], lines[6], lines[5], *lines[7:]]),
+        rewritten("crossings_10.csv", lambda lines: [*lines[:4], *lines[8:3:-1], *lines[9:]]),
         4,
-        ("crossings_10.csv:6: time goes back.",),
+        ("crossings_10.csv:", "time goes back."),
     ),
     "an index without a column": (
         replaced("index.csv", "loadcell", "cell"),
@@ -146,6 +146,41 @@ def test_without_stamps_of_the_vehicle_a_cut_and_a_swap_are_found_too(
     ended = tf("identify", "--index", index, "--no-figures")
     assert ended.returncode == 0, ended.stderr
     assert "(crossings_10.csv): the report of the end is missing" in ended.stderr
+
+
+def spiked(line: str) -> str:
+    time, *others = line.split(",")
+    return ",".join([f"{float(time) + 50:.6f}", *others])
+
+
+SINGLE: dict[str, Spoil] = {
+    "a crossing without a time": rewritten(
+        "crossings_10.csv", lambda lines: [*lines[:9], "nan," + lines[9].partition(",")[2], *lines[10:]]
+    ),
+    "a crossing at a wrong time": rewritten(
+        "crossings_10.csv", lambda lines: [*lines[:9], spiked(lines[9]), *lines[10:]]
+    ),
+    "two crossings swapped": rewritten(
+        "crossings_10.csv", lambda lines: [*lines[:9], lines[10], lines[9], *lines[11:]]
+    ),
+    "two rows of the load cell swapped": rewritten(
+        "cell_0.csv", lambda lines: [*lines[:900], lines[901], lines[900], *lines[902:]]
+    ),
+    "a row of the load cell cut": rewritten("cell_0.csv", lambda lines: [*lines[:900], lines[900][:14], *lines[901:]]),
+}
+
+
+@pytest.mark.parametrize("fault", SINGLE)
+def test_one_wrong_line_of_a_file_is_left_out_and_named_and_the_sines_are_identified(
+    tf: Here, index: Path, fault: str
+) -> None:
+    usual = tf.json("identify", "--index", index)["parameters"]["tf.time_constant_s"]
+    SINGLE[fault](index.parent)
+    said = tf("identify", "--index", index, "--no-figures")
+    found = tf.json("identify", "--index", index)["parameters"]["tf.time_constant_s"]
+    assert said.returncode == 0, said.stderr
+    assert "left out" in said.stderr
+    assert abs(found["value"] - usual["value"]) < found["std"]
 
 
 @pytest.mark.parametrize("method", ["default", "thesis"])

@@ -48,6 +48,7 @@ _NANOBENCH = {
     **dict.fromkeys(("wx_vicon", "wy_vicon", "wz_vicon"), "rad/s"),
 }
 _NANOBENCH |= {f"imu_gyro_{axis}": "rad/s" for axis in "xyz"}  # as its motion capture shows; the firmware's are deg/s
+_OF_NANOBENCH = {"wx_vicon", "motor_motor_m1", "imu_gyro_x", "imu_acc_x"}  # any tells it, as parts of it have others
 _CRAZYSWARM = {**dict.fromkeys("xyz", "m"), **dict.fromkeys(("qw", "qx", "qy", "qz"), "1")}
 _EMPTY = " is empty."
 _EXACT_BELOW = 2.0**53
@@ -84,7 +85,7 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
         if time is not None and reading.time_unit is None:
             reading = replace(reading, time_unit="ms")
             assumed = ("Timestamp is in ms, as that program writes it",)
-    elif "wx_vicon" in named:
+    elif _OF_NANOBENCH & {*named}:
         program = "CSV log of NanoBench"
         channels = tuple(Channel(name, _NANOBENCH[name]) if name in _NANOBENCH else _nanobench(name) for name in named)
     elif set(named) == set(_CRAZYSWARM):

@@ -16,7 +16,7 @@ from cfid.records.run_notes import run_at
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import TIME, Column, TableSchema, TimeUnit
 from cfid.records.tables.table import Array
-from cfid.records.tables.times import TIME_COLUMN, VEHICLE_CLOCK, line_notes, seconds_of, vehicle_us
+from cfid.records.tables.times import TIME_COLUMN, VEHICLE_CLOCK, known_rows, line_notes, seconds_of, vehicle_us
 
 CROSSINGS = "crossings"
 
@@ -48,8 +48,9 @@ class CrossingRecord:
 def read_crossings(path: Path, *, time_unit: TimeUnit | None = None) -> CrossingRecord:
     """Read a run's crossings, or a CSV file with a time and `thrust_rec`, and `sample` and `vehicle_us` if it has both.
 
-    A file without a header has time and command in its first two columns, like the thesis' files. Raises DataError with
-    file, line and next step.
+    A file without a header has time and command in its first two columns, like the thesis' files. Of a file that is no
+    run's, rows without a number and with single wrong times are left out: a report that is missing costs nothing else.
+    Raises DataError with file, line and next step.
     """
     run = run_at(path)
     path = path if run is None else run.device_file(CROSSINGS)
@@ -57,7 +58,8 @@ def read_crossings(path: Path, *, time_unit: TimeUnit | None = None) -> Crossing
     places = SCHEMA.places(table) if table.has_head else {TIME: "1", _COMMAND: "2"}
     stamped = {_SAMPLE, _VEHICLE} <= places.keys()
     keys = (TIME, _COMMAND, *((_SAMPLE, _VEHICLE) if stamped else ()))
-    values = table.numbers([places[key] for key in keys])
+    names = [places[key] for key in keys]
+    table, values, left_out = known_rows(table, names, timed=True) if run is None else (table, table.numbers(names), ())
     columns = dict(zip(keys, values.T, strict=True))
     host_s = seconds_of(table, places[TIME], values[:, 0], unit=time_unit)
     backwards = np.flatnonzero(np.diff(host_s) < 0)
@@ -71,5 +73,5 @@ def read_crossings(path: Path, *, time_unit: TimeUnit | None = None) -> Crossing
         command=values[:, 1],
         sample=values[:, 2] if stamped else None,
         vehicle_us=vehicle_us(table, places, columns) if stamped else None,
-        findings=of_recording(path.name, line_notes(table)),
+        findings=of_recording(path.name, (*left_out, *line_notes(table))),
     )

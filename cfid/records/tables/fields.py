@@ -12,6 +12,7 @@ from cfid.records.tables.text import TextLine, decoded, is_prose
 Places = npt.NDArray[np.intp]
 
 _SPACE = 32
+_CUT_SHARE = 0.002  # of lines: more are no single faults
 _ALL_BUT = {separator: bytes({*range(256)} - {ord(separator), ord("\n")}) for separator in (",", ";")}
 
 
@@ -47,14 +48,18 @@ def without_comments(body: bytes) -> bytes:
 
 
 def without_prose(body: bytes, separator: str | None, columns: int) -> tuple[bytes, tuple[TextLine, ...]]:
-    """Return the body with its lines of prose blanked out, and these; a line that has a number is never one."""
+    """Return the body with its lines of prose blanked out, and these.
+
+    A line that has a number is one where few have another number of fields than there are columns: it was cut.
+    """
     if b'"' in body:
         return body, ()
     fields, ends = fields_of_lines(body, separator)
     starts = np.concatenate([[0], ends[:-1] + 1])
     odd = np.flatnonzero((fields > 0) & (fields != columns)).tolist()
     lines = (TextLine(at, int(starts[at]), decoded(body[starts[at] : ends[at]])) for at in odd)
-    found = tuple(line for line in lines if is_prose(line.text, separator))
+    few = len(odd) <= _CUT_SHARE * np.count_nonzero(fields)
+    found = tuple(line for line in lines if few or is_prose(line.text, separator))
     return blanked(body, [line.number for line in found]), found
 
 

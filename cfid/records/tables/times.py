@@ -15,7 +15,7 @@ from cfid.errors import ConfigError, DataError
 from cfid.large import differences, empty, some_steps, usual_step
 from cfid.records.tables.schema import TIME, Column, TimeUnit
 from cfid.records.tables.table import Array, CsvTable
-from cfid.records.tables.text import short
+from cfid.records.tables.text import TextLine, short
 from cfid.records.tables.wrong_times import late_rows, wrong_times, wrong_times_note
 
 PER_SECOND: dict[str, float] = {"s": 1.0, "ms": 1e3, "us": 1e6}  # to divide by: 1e-3 and 1e-6 are not exact
@@ -68,15 +68,24 @@ TIME_COLUMN = Column(TIME, column_name("t|time|timestamp|ticks?", ("s", "ms", "u
 
 
 def line_notes(table: CsvTable) -> tuple[str, ...]:
-    """Return notes on a table's lines that are left out: lines of words, and a cut last one."""
-    prose = table.all_prose()
-    if not prose:
-        return (_CUT_LINE,) if table.cut else ()
-    words = short(prose[0].text.strip())
-    text = f"line {prose[0].number}, '{words}', has no number and is left out."
-    if len(prose) > 1:
-        text = f"{len(prose)} lines without a number are left out (first: line {prose[0].number}, '{words}')."
-    return (text, *((_CUT_LINE,) if table.cut else ()))
+    """Return notes on a table's lines that are left out: lines of words, damaged ones, and a cut last one."""
+    lines = table.all_prose()
+    words = [line for line in lines if not any(sign.isdigit() for sign in line.text)]
+    damaged = [line for line in lines if line not in words]
+    return (
+        *_left_out(words, "has no number and is", "without a number are"),
+        *_left_out(damaged, f"has not {counted(len(table.names), 'field')} and is", "that are damaged are"),
+        *((_CUT_LINE,) if table.cut else ()),
+    )
+
+
+def _left_out(lines: Sequence[TextLine], one: str, many: str) -> tuple[str, ...]:
+    if not lines:
+        return ()
+    first, text = lines[0].number, short(lines[0].text.strip())
+    if len(lines) == 1:
+        return (f"line {first}, '{text}', {one} left out.",)
+    return (f"{len(lines)} lines {many} left out (first: line {first}, '{text}').",)
 
 
 def pauses(table: CsvTable, time_s: Array) -> tuple[str, ...]:

@@ -15,16 +15,19 @@ def wrong_times(time: Array) -> Rows:
     if not any(np.any(step < 0) for _, step in differences(time)):
         return np.empty(0, np.intp)
     lone = lone_readings(time, _WRONG_TIME * usual_step(time))
-    rising = len(lone) <= MOST_SHARE * len(time) and np.all(np.diff(np.delete(time, lone)) >= 0)
-    return lone if rising else lone[:0]
+    return lone if _is_few(lone, time) else lone[:0]
 
 
 def late_rows(time: Array) -> Rows:
     """Return the places of rows (n,) that stand behind a later one, as of two swapped ones, where no others go back."""
     back = [begin + 1 + np.flatnonzero(step < 0) for begin, step in differences(time)]
     late = np.concatenate([np.empty(0, np.intp), *back])
-    few = len(late) <= max(MOST_SHARE * len(time), 1)
-    return late if few and np.all(np.diff(np.delete(time, late)) >= 0) else late[:0]
+    return late if _is_few(late, time) else late[:0]
+
+
+def _is_few(places: Rows, time: Array) -> bool:
+    """Return whether few of all times (n,) stand at some places, and the others do not go back."""
+    return len(places) <= max(MOST_SHARE * len(time), 1) and bool(np.all(np.diff(np.delete(time, places)) >= 0))
 
 
 def wrong_times_note(table: CsvTable, time: Array, places: Rows) -> str:
