@@ -55,6 +55,11 @@ def read_evidence(
     files: list[str] = []
 
     def of_stand(path: Path) -> Evidence:
+        if scale != LoadCellOptions() or known.window_s is not None or known.flip_fz is not None:
+            raise ConfigError(
+                "`units`, `counts_per_n`, `counts_per_nm`, `window` and `flip_fz` are for a load cell's recording, and "
+                f"{path} is a thrust stand's table."
+            )
         stands.append(path)
         gravity = workplace.rig.site.gravity_mps2
         read = read_stand_as(path, foreign, gravity_mps2=gravity, esc_us=esc_us, motors=known.motors)

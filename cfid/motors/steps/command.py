@@ -69,6 +69,8 @@ def dynamics(
     run = None if stand is not None else run_at(path)
     foreign = reading.foreign(clock)
     found = _recorded(stand or path, run, foreign, is_table=stand is not None, esc_us=pulses_us(esc_us))
+    if not isinstance(found, Run) and scale != LoadCellOptions():
+        raise ConfigError(f"{path}: --units, --counts-per-n and --counts-per-nm are for a load cell's recording.")
     if isinstance(found, RotorLog):
         log = found if rotor is None else found.only(rotor)
         result = lag.fit(log.between(cut.from_s, cut.to_s))
