@@ -17,7 +17,7 @@ from cfid.rig.motors import Four
 from tests.campaigns import in_this_process
 from tests.flying_in_a_folder import Bench, bench_in
 
-STAIRCASE = ("--from", 20000, "--to", 50000, "--step", 10000, "--hold", 1.2, "--rest", 0.3, "--yes", "--no-preflight")
+STAIRCASE = ("--from", 20000, "--to", 50000, "--step", 10000, "--hold", 1.5, "--rest", 0.8, "--yes", "--no-preflight")
 IDLE_RAD_PER_S, RAD_PER_S_PER_COMMAND = 381.0, 0.0408  # of the simulated rotors
 DEVICE = "\n[devices.{name}]\nkind = 'lines'\nport = '{port}'\nrate_hz = 20\nvalues = [{{ name = '{value}' }}]\n"
 
