@@ -10,7 +10,7 @@ import pytest
 from cfid.records.line_devices import STAMP
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
-from cfid.records.tables.angle import Reading, read_angle
+from cfid.records.tables.angle import AngleRecord, Reading, read_angle
 from cfid.records.tables.stamps import StampedTimes, stamped_times
 
 Array = npt.NDArray[np.float64]
@@ -36,6 +36,16 @@ def placed(arrival_s: Array, stamp_us: Array) -> StampedTimes:
     found = stamped_times(arrival_s, stamp_us)
     assert found is not None
     return found
+
+
+def recorded(folder: Path, taken_s: Array, arrived_s: Array, sent_us: npt.NDArray[np.int64]) -> AngleRecord:
+    """Return what is read of a run in which a pendulum's angles arrived with a device's stamps."""
+    angle = np.round(40 * np.exp(-taken_s / 20) * np.cos(14 * taken_s) * 4096 / 360).astype(int) + 2000
+    devices = {"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi", STAMP), counts_per_turn=4096.0)}
+    begun = datetime(2026, 1, 1, tzinfo=UTC)
+    with create_run(folder, kind="swing", label=Label(), devices=devices, started=begun, cfid_version="0") as run:
+        run.append("encoder", (arrived_s, angle, sent_us))
+    return read_angle(run.folder, Reading())
 
 
 def test_stalls_of_16_ms_leave_intervals_true_within_their_stated_scale() -> None:
@@ -89,12 +99,7 @@ def test_a_board_that_restarts_in_a_swing_is_named_and_its_times_are_joined_by_t
     late = rng.gamma(3.0, 15e-6, len(seconds)) + np.where(rng.random(len(seconds)) < 0.005, 0.1, 0.0)
     arrived = np.maximum.accumulate(1.7e9 + seconds + late)
     sent = (1e6 * np.where(seconds < 9, seconds + 0.8, seconds - 9) * (1 + SKEW)).astype(np.int64)
-    angle = np.round(40 * np.exp(-seconds / 20) * np.cos(14 * seconds) * 4096 / 360).astype(int) + 2000
-    devices = {"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi", STAMP), counts_per_turn=4096.0)}
-    begun = datetime(2026, 1, 1, tzinfo=UTC)
-    with create_run(tmp_path, kind="swing", label=Label(), devices=devices, started=begun, cfid_version="0") as run:
-        run.append("encoder", (arrived, angle, sent))
-    record = read_angle(run.folder, Reading())
+    record = recorded(tmp_path, seconds, arrived, sent)
 
     assert np.ptp(record.time_s - seconds) < 1e-3
     (text,) = (one.text for one in record.findings if "starts anew" in one.text)
@@ -111,12 +116,7 @@ def test_stamps_that_lost_a_digit_cost_their_rows_alone(tmp_path: Path) -> None:
     short = np.array([int(str(stamp)[:-1]) for stamp in stamps[wrong]])
     sent = stamps.copy()
     sent[wrong] = short
-    angle = np.round(40 * np.exp(-seconds / 20) * np.cos(14 * seconds) * 4096 / 360).astype(int) + 2000
-    devices = {"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi", STAMP), counts_per_turn=4096.0)}
-    begun = datetime(2026, 1, 1, tzinfo=UTC)
-    with create_run(tmp_path, kind="swing", label=Label(), devices=devices, started=begun, cfid_version="0") as run:
-        run.append("encoder", (arrived, angle, sent))
-    record = read_angle(run.folder, Reading())
+    record = recorded(tmp_path, seconds, arrived, sent)
 
     assert 5850 < len(record.time_s) <= 5880  # a right one between two wrong ones goes too
     assert np.all(np.diff(record.time_s) > 0)

@@ -49,10 +49,10 @@ _MOST_STEPS = 60  # of the search; a record that shows a lag needs 10
 class LagFit:
     """A lag, and the map that it follows, c0 + c1 u + c2 u^2 of the drive u, with the covariance (6, 6) of map and lag.
 
-    `doubts` (6, m) are the part of it that comes from what is expected of the voltage, one standard uncertainty each,
+    `effects` (6, m) are the part of it that comes from what is expected of the voltage, one standard uncertainty each,
     and `power` is the power of the voltage with which speeds go, and its standard uncertainty, None where not shown.
     `late_s` is how uncertain the delay is beside that, since rows show commands late. Rotors and parts of one log have
-    it and the doubts in common. `explained` is the part of the variance that the lag and a slow drift explain, averaged
+    both in common. `explained` is the part of the variance that the lag and a slow drift explain, averaged
     over a quarter of a time constant, `rms` what is left, `drift` the relative change from begin to end at the same
     drives. `time_s`, `measured` and, with the drift, `shown` (n,) were compared; `standing_s` and `odd_s` are the times
     of what was left out, since a sensor stood still there, and since no command leads to it.
@@ -70,7 +70,7 @@ class LagFit:
     shown: Array
     findings: tuple[Finding, ...]
     late_s: float = 0.0
-    doubts: Array = field(default_factory=lambda: np.zeros((6, 0)))
+    effects: Array = field(default_factory=lambda: np.zeros((6, 0)))
     power: tuple[float, float] | None = None
     standing_s: Array = field(default_factory=lambda: np.zeros(0))
     odd_s: Array = field(default_factory=lambda: np.zeros(0))
@@ -160,14 +160,14 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
     columns = fit.jac / np.maximum(np.linalg.norm(fit.jac, axis=0), 1e-300)
     singular = np.linalg.svd(columns, compute_uv=False)[-1] < _SINGULAR or bool(np.any(fit.active_mask[3:]))
     drifted = np.var(missing) > _DRIFTED * np.var(residual)
-    covariance, doubts = covariances(fit, plain, expected, drifted=drifted, longest=len(measured) // 4)
+    covariance, effects = covariances(fit, plain, expected, drifted=drifted, longest=len(measured) // 4)
     covariance[[3, 4], [3, 4]] += (moving * _BETWEEN_ROWS * row_s) ** 2
     explained = _explained(pieces, residual, measured, min(lag.rising_s, lag.falling_s))
     return LagFit(
         kind=kind,
         lag=lag,
         covariance=np.full((6, 6), np.nan) if singular else covariance[:6, :6],
-        doubts=doubts[:6],
+        effects=effects[:6],
         power=(float(fit.x[6]), float(std_of(covariance)[6])) if expected.fitted else None,
         map=(float(fit.x[0]), float(fit.x[1]), float(fit.x[2])),
         explained=explained,
@@ -201,15 +201,15 @@ def joined(fits: Sequence[LagFit]) -> LagFit:
     values = np.array([[*fit.map, *fit.lag] for fit in accepted])
     gain = gain_of(np.tile(np.eye(6), (len(accepted), 1)), covariance=covariance)
     mean = gain @ values.ravel()
-    doubts = gain @ np.vstack([fit.doubts for fit in accepted])
+    effects = gain @ np.vstack([fit.effects for fit in accepted])
     apart = (values - mean).ravel()
     scatter = float(apart @ np.linalg.solve(covariance, apart)) / (len(apart) - 6)
     return replace(
         max(accepted, key=lambda fit: float(np.var(fit.shown))),
         lag=InputLag(*mean[3:].tolist()),
         map=(float(mean[0]), float(mean[1]), float(mean[2])),
-        covariance=max(scatter, 1.0) * (gain @ covariance @ gain.T - doubts @ doubts.T) + doubts @ doubts.T,
-        doubts=doubts,
+        covariance=max(scatter, 1.0) * (gain @ covariance @ gain.T - effects @ effects.T) + effects @ effects.T,
+        effects=effects,
         power=min((fit.power for fit in accepted if fit.power), key=lambda power: power[1], default=None),
         explained=float(np.mean([fit.explained for fit in accepted])),
         rms=float(np.sqrt(np.mean([fit.rms**2 for fit in accepted]))),

@@ -37,7 +37,7 @@ class Expected(NamedTuple):
         """Return residuals (m,) beside those of a log whose samples have a noise."""
         return np.asarray(noise * (found[len(found) - len(self.value) :] - self.value) / self.scale)
 
-    def doubts(self, fit: OptimizeResult) -> Array:
+    def effects(self, fit: OptimizeResult) -> Array:
         """Return how far each parameter (p,) of a fit goes where one is off what was expected by its std, (p, m)."""
         first = len(fit.fun) - len(self.value)
         weights = np.diag(fit.jac[first:, fit.jac.shape[1] - len(self.value) :])
@@ -52,19 +52,19 @@ def covariances(
     The covariance contains the latter, and their change from a fit that neither whitens nor allows a drift. The change
     counts where noise does not explain it, and no drift: the model misses something that both weigh differently.
     """
-    doubts = expected.doubts(fit)
+    effects = expected.effects(fit)
     found = _of(fit, expected, longest=longest)
     if drifted:
-        return found, doubts
+        return found, effects
     change, other = fit.x - plain.x, _of(plain, expected, longest=longest)
     unexplained = np.abs(change[3:6]) > _SURE_STD * np.sqrt(np.diag(found)[3:6] + np.diag(other)[3:6])
-    return (found + np.outer(change, change) if unexplained.any() else found), doubts
+    return (found + np.outer(change, change) if unexplained.any() else found), effects
 
 
 def _of(fit: OptimizeResult, expected: Expected, *, longest: int) -> Array:
-    doubts = expected.doubts(fit)
+    effects = expected.effects(fit)
     measured = np.append(fit.fun[: len(fit.fun) - len(expected.value)], np.zeros(len(expected.value)))
-    return sandwich(fit.jac, measured, longest=longest) + doubts @ doubts.T
+    return sandwich(fit.jac, measured, longest=longest) + effects @ effects.T
 
 
 def drifts_of(pieces: Sequence[LogSegment], shown: Array) -> Array:

@@ -25,7 +25,7 @@ def joint_parameters(
 
     A map over command times battery voltage, that of drives at `at_v`, becomes that of the command at `volts`.
     """
-    values, covariance, doubts = np.zeros(8), np.zeros((8, 8)), []
+    values, covariance, effects = np.zeros(8), np.zeros((8, 8)), []
     for fit in fits:
         ratio = 1.0 if volts is None else volts / at_v
         power, power_std = fit.power or (1.0, 0.0)
@@ -36,11 +36,11 @@ def joint_parameters(
         outward = np.zeros((8, 6))  # of map and lag
         outward[[0, 2, 4], [3, 4, 5]] = -1 / rising**2, -1 / falling**2, 1
         outward[[7, 6, 5], [0, 1, 2]] = 1, 1 / full, 1 / full**2
-        covariance += outward @ (fit.covariance - fit.doubts @ fit.doubts.T) @ outward.T / len(fits) ** 2
+        covariance += outward @ (fit.covariance - fit.effects @ fit.effects.T) @ outward.T / len(fits) ** 2
         at_ratio = outward[:, 1] * c1 + outward[:, 2] * 2 * c2
-        doubts.append(np.column_stack([outward @ fit.doubts, at_ratio * math.log(ratio) * power_std]))
-    mean_doubts = np.mean(doubts, axis=0)
-    covariance += mean_doubts @ mean_doubts.T
+        effects.append(np.column_stack([outward @ fit.effects, at_ratio * math.log(ratio) * power_std]))
+    mean_effects = np.mean(effects, axis=0)
+    covariance += mean_effects @ mean_effects.T
     covariance[4, 4] += max(fit.late_s for fit in fits) ** 2  # of all rotors in common
     std = np.sqrt(np.diag(covariance))
     rates = {"dynamics.rising": slice(0, 2), "dynamics.falling": slice(2, 4)}
