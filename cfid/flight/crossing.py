@@ -7,7 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.estimate.linear import gain_of, sandwich, std_of
-from cfid.flight.estimation import TURNS, FlightFit
+from cfid.flight.equations import TURNS
+from cfid.flight.estimation import FlightFit
 from cfid.flight.likelihood import whitening, without
 from cfid.flight.model import AXES
 

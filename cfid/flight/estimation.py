@@ -15,12 +15,12 @@ from scipy.optimize import OptimizeResult, least_squares
 from cfid.errors import FitError
 from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of, std_of
-from cfid.flight.likelihood import White, whitening, without
+from cfid.flight.equations import DELAY_S, LAGS, THRUST, TURNS, Equations, fitted_in
+from cfid.flight.likelihood import without
 from cfid.flight.model import (
     AXES,
     DAMPING,
     ROW_S,
-    EquationsOf,
     Flight,
     FlightEquation,
     ThrustLag,
@@ -34,20 +34,16 @@ Array = npt.NDArray[np.float64]
 _QUICKEST_S, _SLOWEST_S = 5e-3, 1.0  # of a lag
 _EARLIEST_S, _LATEST_S = -0.02, 0.05  # of a delay
 _STARTS_S = (0.02, 0.04, 0.07, 0.12)
-_DELAY_S = 0.008  # to start with
 _MOST_ROUNDS = 40  # in which noise and parameters are estimated in turn
 _STEPS = 5  # of a round
 _SETTLED = 0.05  # standard uncertainties that a round may move a parameter by
-_SHARES = (1.0, 0.5, 0.25)  # of a round's step, that are tried where it turns back on the last one
 _FEWEST = 500  # rows: 5 s
 _LEVEL = 100  # rows: 1 s, whose mean forces are taken as independent
 _SMOOTH = 10  # rows over which noise is averaged before judging how much is explained
-LAGS, DELAYS, THRUST, TURNS = slice(0, 2), slice(2, 4), slice(4, 7), slice(7, 10)  # of the parameters
 _GRID_S = ROW_S / 24  # by which lags err: in calm air they come out 0.3 to 0.4 ms long, with steps of 2 and 3.3 ms
 _OF_COMMAND, _OF_COMMAND_STD = 0.5, 0.5  # of the delays: what the command alone has of them, as is expected
 _ZERO_STD = 0.02  # of the weight, an accelerometer's zero: the zero-g offset in a BMI088's data sheet is 20 mg
 _SLOPE_STD = 0.005  # of thrust's slope, which all moments share: in calm air they err alike, by 0.6 to 0.75 %
-_STEP = 1e-3  # of a time constant or delay, over which a slope is taken
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,7 +107,7 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
     covariance[TURNS, TURNS] += np.diag((excess / math.sqrt(3)) ** 2)
     covariance[TURNS, TURNS] += _SLOPE_STD**2 * np.outer(found[TURNS], found[TURNS])
     found, covariance = _levelled(found, covariance, [one for one in equations.at(found) if one.axis is None])
-    fitted = tuple((block, _fitted(block, found)) for block in equations.at(found))
+    fitted = tuple((block, fitted_in(block, found)) for block in equations.at(found))
     drives = np.concatenate([flight.row_drives[flight.driven] for flight in flown])
     return FlightFit(
         values=found,
@@ -127,7 +123,7 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
     )
 
 
-def _settled(equations: "Equations", found: Array) -> tuple["Equations", OptimizeResult]:
+def _settled(equations: Equations, found: Array) -> tuple[Equations, OptimizeResult]:
     """Return the equations whitened by the noise that they leave, and their solution: each is found from the other.
 
     In calm air and with an instrument that is mostly noise, a round moves some parameters by many standard
@@ -167,59 +163,6 @@ def _settled(equations: "Equations", found: Array) -> tuple["Equations", Optimiz
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Equations:
-    """The equations of flights, whose residuals are whitened."""
-
-    each: Sequence[EquationsOf]
-    white: tuple[White, ...] = ()
-    of_command: float = 0.0  # the share of the delays that the command alone has, not the battery's voltage
-
-    def whitened(self, p: Array) -> "Equations":
-        """Return the equations with what whitens the errors of parameters (10,)."""
-        white = [whitening(block, _left(block, p), fed_back=True) for block in self.at(p)]
-        return replace(self, white=tuple(white))
-
-    def likeliest(self, p: Array, step: Array) -> float:
-        """Return the share of a step (10,) from parameters (10,) after which the errors are likeliest, when whitened.
-
-        Their likelihood, with sizes and autoregression that suit it best, is that of normal errors.
-        """
-        sizes = [[math.log(one.size) for one in self.whitened(p + share * step).white] for share in _SHARES]
-        rows = [len(one.basis) for one in self.white]
-        return _SHARES[int(np.argmin(np.array(sizes) @ rows))]
-
-    def at(self, p: Array) -> list[FlightEquation]:
-        """Return the equations for time constants and delays."""
-        rising_s, falling_s, of_force_s, of_rates_s = map(float, p[: DELAYS.stop])
-        lag, delays_s = ThrustLag(rising_s, falling_s), (of_force_s, of_rates_s)
-        return [one for equations in self.each for one in equations(lag, delays_s, self.of_command)]
-
-    def residual(self, p: Array) -> Array:
-        """Return the whitened errors (n,) of parameters (10,)."""
-        each = zip(self.at(p), self.white, strict=True)
-        return np.concatenate([one.of((block.shown - _fitted(block, p))[:, np.newaxis])[:, 0] for block, one in each])
-
-    def jacobian(self, p: Array) -> Array:
-        """Return the slopes (n, 10) of the whitened errors over the parameters."""
-        blocks, columns = self.at(p), []
-        for place in range(DELAYS.stop):
-            ahead = p.copy()
-            step = _STEP * max(abs(float(p[place])), _DELAY_S)
-            ahead[place] += step
-            moved = zip(self.at(ahead), blocks, strict=True)
-            columns.append([-(_fitted(one, p) - _fitted(block, p)) / step for one, block in moved])
-        each = []
-        for place, (block, white) in enumerate(zip(blocks, self.white, strict=True)):
-            gains, turned = np.ones(3), np.zeros((len(block.shown), len(AXES)))
-            if block.axis is not None:
-                gains = np.full(3, p[TURNS][block.axis])
-                turned[:, block.axis] = -(block.terms @ p[THRUST])
-            slow = [column[place] for column in columns]
-            each.append(white.of(np.column_stack([*slow, -block.terms * gains, turned])))
-        return np.concatenate(each)
-
-
 def _with_late_commands(
     equations: Equations, p: Array, jacobian: Array, residual: Array
 ) -> tuple[Equations, Array, Array, Array]:
@@ -249,7 +192,7 @@ def _undamped(p: Array, equations: Equations) -> Array:
     found = p.copy()
     for axis in range(len(AXES)):
         damping = [
-            (len(block.shown), float(white.others_in(block.shown - _fitted(block, p))[DAMPING]))
+            (len(block.shown), float(white.others_in(block.shown - fitted_in(block, p))[DAMPING]))
             for block, white in zip(equations.at(p), equations.white, strict=True)
             if block.axis == axis
         ]
@@ -264,7 +207,7 @@ def _levelled(p: Array, covariance: Array, vertical: Sequence[FlightEquation]) -
     slopes[THRUST.start] = 0.0
     terms, forces, left = [], [], []
     for block in vertical:
-        force = block.shown - _fitted(block, slopes)
+        force = block.shown - fitted_in(block, slopes)
         others = gain_of(block.others) @ force
         terms.append(block.terms)
         forces.append(force - others[0] * block.others[:, 0])  # without the climb
@@ -286,7 +229,7 @@ def _start(equations: Equations) -> Array:
     """Return the best parameters (10,) of a coarse grid of lags, as fast upwards as downwards."""
     best, found = np.inf, np.zeros(TURNS.stop)
     for tau_s in _STARTS_S:
-        p = np.concatenate([[tau_s, tau_s, _DELAY_S, _DELAY_S], np.zeros(6)])
+        p = np.concatenate([[tau_s, tau_s, DELAY_S, DELAY_S], np.zeros(6)])
         blocks = equations.at(p)
         vertical = [block for block in blocks if block.axis is None]
         rows, shown = (np.concatenate(each) for each in zip(*((b.terms, b.shown) for b in vertical), strict=True))
@@ -305,7 +248,7 @@ def _start(equations: Equations) -> Array:
 def _scales(p: Array) -> Array:
     """Return the sizes of the parameters (10,)."""
     thrust = np.full(3, max(float(np.max(np.abs(p[THRUST]))), 1e-6))
-    return np.concatenate([p[LAGS], [_DELAY_S, _DELAY_S], thrust, np.maximum(np.abs(p[TURNS]), 1e-3)])
+    return np.concatenate([p[LAGS], [DELAY_S, DELAY_S], thrust, np.maximum(np.abs(p[TURNS]), 1e-3)])
 
 
 def _with_constant(free: npt.ArrayLike) -> Array:
@@ -316,17 +259,6 @@ def _with_constant(free: npt.ArrayLike) -> Array:
 def _without_constant(columns: Array) -> Array:
     """Return parameters (10,), or slopes over them (n, 10), without those of the thrust's constant."""
     return np.delete(columns, THRUST.start, axis=-1)
-
-
-def _fitted(block: FlightEquation, p: Array) -> Array:
-    """Return what the rotors do (k,) in an equation."""
-    gain = 1.0 if block.axis is None else float(p[TURNS][block.axis])
-    return np.asarray(gain * (block.terms @ p[THRUST]))
-
-
-def _left(block: FlightEquation, p: Array) -> Array:
-    """Return an equation's errors (k,), before they are whitened."""
-    return without(block.shown - _fitted(block, p), block.others)
 
 
 def _explained(fitted: Sequence[tuple[FlightEquation, Array]]) -> float:

@@ -10,7 +10,8 @@ from cfid.findings import Finding, note, rejection, warning
 from cfid.flight.braking import AxisDrag
 from cfid.flight.crossing import crossing_of
 from cfid.flight.data import FlownLog
-from cfid.flight.estimation import DELAYS, THRUST, TURNS, FlightFit, fit_flights
+from cfid.flight.equations import DELAYS, THRUST, TURNS
+from cfid.flight.estimation import FlightFit, fit_flights
 from cfid.flight.model import AXES
 from cfid.flight.moving import moving_findings
 from cfid.flight.turning import turning_findings

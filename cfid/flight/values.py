@@ -9,7 +9,8 @@ import numpy.typing as npt
 from cfid.estimate.common_causes import Cause
 from cfid.estimate.linear import std_of
 from cfid.flight.braking import AxisDrag
-from cfid.flight.estimation import DELAYS, LAGS, THRUST, TURNS, FlightFit
+from cfid.flight.equations import DELAYS, LAGS, THRUST, TURNS
+from cfid.flight.estimation import FlightFit
 from cfid.flight.model import AXES, LEVER
 from cfid.records.covariances import Covariance, covariance_between
 from cfid.records.parameters import Parameter

@@ -11,7 +11,8 @@ from cfid.errors import ConfigError, DataError, FitError
 from cfid.flight.braking import fit_drag
 from cfid.flight.channels import at_rows
 from cfid.flight.data import FlownLog, flight_of, read_flight
-from cfid.flight.estimation import THRUST, Equations, fit_flights
+from cfid.flight.equations import THRUST, Equations
+from cfid.flight.estimation import fit_flights
 from cfid.flight.model import LEVER, ROW_S, ROW_STEPS, STEP_S, ThrustLag, equations_of
 from cfid.flight.moving import moving_findings
 from cfid.flight.result import fit

@@ -13,7 +13,8 @@ from scipy.ndimage import uniform_filter1d
 
 from cfid.errors import DataError
 from cfid.flight.data import FlownLog, flight_of, read_flight
-from cfid.flight.estimation import THRUST, TURNS, FlightFit, fit_flights
+from cfid.flight.equations import THRUST, TURNS
+from cfid.flight.estimation import FlightFit, fit_flights
 from cfid.flight.findings import contradictions
 from cfid.flight.likelihood import PAST, whitening, without
 from cfid.flight.model import Flight
