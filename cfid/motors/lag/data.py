@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from math import ceil
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +15,7 @@ from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, note, of_recording
 from cfid.motors.lag.estimation import SETTLING_S
 from cfid.motors.lag.model import LogSegment, Signal
+from cfid.motors.lag.survey import PART_S, possible, survey
 from cfid.records.logs.any_kind import NO_OPTIONS, is_binary_log, read_log
 from cfid.records.logs.kinds import is_flown
 from cfid.records.logs.log import Channel, FlightLog, in_memory
@@ -31,11 +31,9 @@ _COMMANDS = ("motor.m{}", "pwm.m{}_pwm", "pwm.m{}", "control.m{}")
 _SPEEDS = ("rpm.m{}", "motor.m{}_rpm")
 _VOLTS, _ACCELERATION = ("pm.vbat", "pm.vbatMV"), "acc.z"
 _BREAK_S = 0.1  # without a row, after which the rotors' state is unknown
-_BATTERY_V = (1.0, 60.0)
 _IMPOSSIBLE_SHARE = 0.1  # of the voltages that are numbers, up to which the others are used
 _OWN_STEPS = 0.5  # of the rows in which a command differs from the one before: below, rows show its own steps
 _FEWEST_CHANGES, _HELD_S = 20, 0.5  # of a stand's command that never rests: how often and how fast it changes
-_PART_S = 300.0  # a flight is one part, or two
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -151,14 +149,14 @@ class RotorLog:
         if not self.speeds and missing:
             raise DataError(f"{self.path}: no {missing}: the thrust in acc.z is that of all four.")
         low, high = self.window
-        count = ceil((high - low) / _PART_S)
+        count = ceil((high - low) / PART_S)
         needed = (self.volts, None if self.speeds else self.acceleration)
         names = [*self.commands.values(), *self.speeds.values(), *(name for name in needed if name is not None)]
         at_v = 0.0
         for part in windows(self.log, names, from_s=self.begin_s + low, long_s=(high - low) / count):
             signals = {name: self._since_begin(*timed) for name, timed in part.items()}
             known = all(len(signals[name].time_s) > 1 for name in names)
-            if known and (self.volts is None or len(_possible(signals[self.volts]).time_s)):
+            if known and (self.volts is None or len(possible(signals[self.volts]).time_s)):
                 self._refuse_slow(signals)
                 found = self._part(signals)
                 at_v = at_v or found.mean_v
@@ -181,7 +179,7 @@ class RotorLog:
         return LogPart(
             commands={motor: signals[name] for motor, name in self.commands.items()},
             speeds={motor: speed._replace(value=_known(speed.value)) for motor, speed in speeds.items()},
-            volts=None if self.volts is None else _possible(signals[self.volts]),
+            volts=None if self.volts is None else possible(signals[self.volts]),
             acceleration=None if self.speeds or self.acceleration is None else signals[self.acceleration],
         )
 
@@ -241,7 +239,7 @@ def of_log(log: FlightLog) -> RotorLog:
         )
     speeds = {motor: name for motor, name in _of_motors(log, _SPEEDS).items() if motor in commands}
     volts = _first(log, _VOLTS)
-    seen = _seen(log, commands, speeds, volts)
+    seen = survey(log, commands, speeds, volts)
     faults = []
     for motor, counts in seen.speeds.items():
         if counts.zero:
@@ -270,53 +268,6 @@ def of_log(log: FlightLog) -> RotorLog:
             *(note("recording", f"assumed: {text}.").at(log.path.name) for text in log.assumed),
         ),
     )
-
-
-class _Counts(NamedTuple):
-    """How many of a rotor's speeds are 0 while it is driven, no numbers, known, and there."""
-
-    zero: int
-    missing: int
-    known: int
-    rows: int
-
-
-class _Surveyed(NamedTuple):
-    """When a log's commands begin and end, what its speeds are, and how many voltages are no numbers or impossible.
-
-    The last number of `volts` is how many there are.
-    """
-
-    begin_s: float
-    end_s: float
-    speeds: Mapping[int, _Counts]
-    volts: tuple[int, int, int]
-
-
-def _seen(log: FlightLog, commands: Mapping[int, str], speeds: Mapping[int, str], volts: str | None) -> _Surveyed:
-    names = [*commands.values(), *speeds.values(), *(() if volts is None else (volts,))]
-    begin_s = min(float(next(log.series_of(name).blocks())[0, 0]) for name in commands.values())
-    end_s, voltages = begin_s, np.zeros(3, np.intp)
-    counts = {motor: np.zeros(len(_Counts._fields), np.intp) for motor in speeds}
-    for found in windows(log, names, from_s=begin_s, long_s=_PART_S):
-        end_s = max([end_s, *(float(found[name].time_s[-1]) for name in commands.values() if len(found[name].time_s))])
-        for motor, name in speeds.items():
-            (time_s, speed), driven = found[name], found[commands[motor]]
-            on = np.interp(time_s, *driven) > 0 if len(driven.time_s) else np.zeros(len(speed), bool)
-            zero, known = np.sum((speed <= 0) & on), np.sum(speed > 0)
-            counts[motor] += np.array([zero, np.sum(~np.isfinite(speed)), known, len(speed)])
-        if volts is not None:
-            voltage = found[volts].value
-            missing, possible = np.sum(~np.isfinite(voltage)), len(_possible(Signal(*found[volts])).value)
-            voltages += np.array([missing, len(voltage) - missing - possible, len(voltage)])
-    whole = {motor: _Counts(*map(int, count)) for motor, count in counts.items()}
-    return _Surveyed(begin_s, end_s, whole, (int(voltages[0]), int(voltages[1]), int(voltages[2])))
-
-
-def _possible(volts: Signal) -> Signal:
-    """Return the voltages that a battery may have."""
-    possible = (volts.value > _BATTERY_V[0]) & (volts.value < _BATTERY_V[1])
-    return Signal(volts.time_s[possible], volts.value[possible])
 
 
 def _known(speed: Array) -> Array:
