@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 _EVERY_S = 0.2
 _MINUTES_FROM_S = 100.0
 _SLOWEST_HZ = 0.5
+_USUAL_COLUMNS = 80  # of a terminal that states no width, as on a serial line
 _INDENT = 2  # of a message's further lines
 _BARS = "▁▂▃▄▅▆▇█"
 
@@ -92,7 +93,7 @@ class LiveLine:
     def _columns(self) -> int:
         """Return how long the line may be, 0 where the terminal was closed."""
         try:
-            return 0 if self._terminal is None else max(os.get_terminal_size(self._terminal).columns - 1, 0)
+            return 0 if self._terminal is None else (os.get_terminal_size(self._terminal).columns or _USUAL_COLUMNS) - 1
         except OSError:
             return 0
 

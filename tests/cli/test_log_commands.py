@@ -199,11 +199,11 @@ def test_a_reader_that_went_away_costs_words_and_no_rows(lab: Lab) -> None:
 
 
 class Terminal:
-    """A terminal of 80 columns, and everything that was shown on it."""
+    """A terminal, of 80 columns where nothing else is said, and everything that was shown on it."""
 
-    def __init__(self) -> None:
+    def __init__(self, columns: int = COLUMNS) -> None:
         self.screen, self.end = pty.openpty()
-        fcntl.ioctl(self.end, termios.TIOCSWINSZ, struct.pack("HHHH", 24, COLUMNS, 0, 0))
+        fcntl.ioctl(self.end, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
         os.set_blocking(self.screen, False)
         self._shown = b""
 
@@ -234,6 +234,17 @@ def started(lab: Lab, terminal: Terminal, *words: object) -> Command:
     log = lab.start(*words, stderr=terminal.end)
     os.close(terminal.end)
     return log
+
+
+def test_a_terminal_that_states_no_width_shows_the_line_in_80_columns(lab: Lab) -> None:
+    terminal = Terminal(columns=0)
+    log = started(lab, terminal, "log", "encoder")
+    line = re.compile(r"\r +\d+\.\d s  [^\r]*0 lost  [1-9]\d* Hz[^\r]*")
+    log.wait_until(lambda: len(line.findall(terminal.shown())) > 1, "a line")
+    log.ask_to_end()
+    terminal.hang_up()
+
+    assert all(len(frame) < COLUMNS for frame in line.findall(terminal.shown()))
 
 
 @BOTH
