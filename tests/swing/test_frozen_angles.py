@@ -3,19 +3,15 @@
 import functools
 import math
 import re
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
 from cfid.errors import DataError
-from cfid.records.parameters import Source
-from cfid.records.run import Label
-from cfid.records.tables.angle import AngleRecord
 from cfid.sim.plants import HandRelease, Motion, Pendulum, swing
-from cfid.swing.data import swing_in
-from cfid.swing.estimation import SwingFit, fit_swing
+from cfid.swing.estimation import SwingFit
+from tests.swing.fitting import fitted
 
 Array = npt.NDArray[np.float64]
 
@@ -34,14 +30,6 @@ def read(steps: str) -> Array:
     """Return readings (n,) every millisecond, with noise of 0.3 mrad and an encoder's steps."""
     angle = swung().angle_rad[:, 0] + 3e-4 * np.random.default_rng(1).standard_normal(len(swung().time_s))
     return np.asarray(STEPS[steps] * np.floor(angle / STEPS[steps]) if STEPS[steps] else angle)
-
-
-def fitted(time_s: Array, angle_rad: Array) -> SwingFit:
-    record = AngleRecord(
-        path=Path("one.csv"), source=Source("one.csv", ""), label=Label(), time_s=time_s, angle_rad=angle_rad,
-        findings=(),
-    )  # fmt: skip
-    return fit_swing(swing_in(record))
 
 
 def frozen(fit: SwingFit) -> list[str]:

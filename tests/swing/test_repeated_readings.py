@@ -2,18 +2,14 @@
 
 import functools
 import math
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.records.parameters import Source
-from cfid.records.run import Label
-from cfid.records.tables.angle import AngleRecord
 from cfid.sim.plants import HandRelease, Motion, Pendulum, swing
-from cfid.swing.data import swing_in
-from cfid.swing.estimation import SwingFit, fit_swing
+from cfid.swing.estimation import SwingFit
+from tests.swing.fitting import fitted
 
 Array = npt.NDArray[np.float64]
 
@@ -34,14 +30,6 @@ def read(every_ms: int, steps: str, *, first_ms: int = 0) -> tuple[Array, Array]
     latest = np.maximum((np.arange(count) - first_ms) // every_ms * every_ms + first_ms, 0)
     angle = swung().angle_rad[latest, 0] + 3e-4 * np.random.default_rng(1).standard_normal(count)[latest]
     return swung().time_s[::ROW_MS], (STEPS_RAD[steps] * np.floor(angle / STEPS_RAD[steps]))[::ROW_MS]
-
-
-def fitted(time_s: Array, angle_rad: Array) -> SwingFit:
-    record = AngleRecord(
-        path=Path("one.csv"), source=Source("one.csv", ""), label=Label(), time_s=time_s, angle_rad=angle_rad,
-        findings=(),
-    )  # fmt: skip
-    return fit_swing(swing_in(record))
 
 
 def repeated(fit: SwingFit) -> list[str]:
