@@ -86,7 +86,8 @@ def encoder(
     """
     from cfid.records.devices import EncoderPort
     from cfid.records.facts import RigFacts
-    from cfid.rig.log import Plan, ready_encoder
+    from cfid.rig.log import Plan
+    from cfid.rig.ready_sensors import ready_encoder
     from cfid.swing.during import Release
 
     campaign, devices, simulated = rig_of(keep.campaign)
@@ -193,7 +194,8 @@ def loadcell(
 
     Example: [bold]cfid log loadcell --for 30 --note "empty mount"[/bold]
     """
-    from cfid.rig.log import Plan, ready_loadcell
+    from cfid.rig.log import Plan
+    from cfid.rig.ready_sensors import ready_loadcell
 
     campaign, devices, simulated = rig_of(keep.campaign)
     setting = devices.loadcell

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from cfid.estimate.battery_endurance import Held
     from cfid.records.run import DeviceRecord
     from cfid.rig.check import DeviceAnswer
-    from cfid.rig.log import Device
+    from cfid.rig.device import Device
     from cfid.rig.ready_vehicle import ReadyVehicle
     from cfid.rig.sampling import Sampled
 
@@ -100,7 +100,7 @@ def _look(
     from cfid.console.preflight_lines import sends_lines
     from cfid.console.vehicle import reach
     from cfid.rig.check import DeviceAnswer
-    from cfid.rig.log import ready_encoder, ready_loadcell
+    from cfid.rig.ready_sensors import ready_encoder, ready_loadcell
     from cfid.rig.sampling import sample
 
     campaign, devices, simulated = rig

@@ -10,7 +10,7 @@ from cfid.console.preflight_lines import sends_lines
 from cfid.errors import DeviceError
 from cfid.estimate.battery_endurance import Held
 from cfid.rig.check import DeviceAnswer
-from cfid.rig.log import Device
+from cfid.rig.device import Device
 from cfid.rig.sampling import sample
 
 NOT_READ = "; battery not read"  # without such a look

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
     from cfid.records.devices import Devices
     from cfid.records.run import Run
-    from cfid.rig.log import Device, Plan
+    from cfid.rig.device import Device
+    from cfid.rig.log import Plan
 
 OUTPUT = "Output"
 

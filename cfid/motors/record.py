@@ -16,13 +16,15 @@ from cfid.motors.during import Steps
 from cfid.motors.plan import StaircasePlan
 from cfid.motors.typed import Expected, expected_of
 from cfid.records.run import Label
+from cfid.rig.device import Device
 from cfid.rig.hand_held import Readings
-from cfid.rig.log import Device, Plan, Procedure, ready_loadcell
+from cfid.rig.log import Plan, Procedure
 from cfid.rig.loop import Loop
 from cfid.rig.motor_commands import MotorCommands, four
 from cfid.rig.motors import STILL
 from cfid.rig.questions import UNDO, Answer, Questions
 from cfid.rig.ready_instruments import ready_instrument, ready_scales, ready_tachometer, typed_readings
+from cfid.rig.ready_sensors import ready_loadcell
 from cfid.rig.ready_vehicle import ReadyVehicle
 from cfid.rig.recorder import Say, sleep
 

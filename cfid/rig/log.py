@@ -1,4 +1,4 @@
-"""Records one run: locks and opens devices, records until the end, and closes them however it ends."""
+"""Records one run: opens its devices, records until the end, and closes them however it ends."""
 
 from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
 from contextlib import ExitStack
@@ -10,45 +10,19 @@ from typing import Any
 from twisted.internet.defer import Deferred
 
 from cfid import __version__
-from cfid.errors import ConfigError, DeviceError
-from cfid.records.devices import EncoderPort, LoadCellBox
+from cfid.errors import DeviceError
 from cfid.records.facts import NONE_STATED, RigFacts
-from cfid.records.line_devices import EncoderLines, LoadCellLines
-from cfid.records.run import DeviceRecord, Label, Run
-from cfid.records.run_writer import create_run
-from cfid.rig import box as loadcell_box
+from cfid.records.run import Label, Run
+from cfid.records.run_writer import RunWriter, create_run
 from cfid.rig.clock import HostClock
-from cfid.rig.e201_port import find_encoder, lock_name
-from cfid.rig.encoder import Encoder
+from cfid.rig.device import Device
 from cfid.rig.hand_held import Readings
-from cfid.rig.loadcell import LoadCell
-from cfid.rig.lock import DeviceLock
 from cfid.rig.loop import Ending, Loop, run_until_done, until_over
 from cfid.rig.motor_commands import MotorCommands
 from cfid.rig.noticing import Notice, Noticing
-from cfid.rig.progress import Reading
-from cfid.rig.rdt_port import Inbox, RdtPort
-from cfid.rig.ready_lines import angle_scale, ready_lines
 from cfid.rig.recorder import Instrument, Nowhere, Recorder, Say, Sink
-from cfid.rig.serial_line import serial_lines
-from cfid.rig.shown import degrees, first_force, vertical_force
 
-Open = Callable[[Loop, HostClock], Instrument]
 Procedure = Callable[[Mapping[str, Any], Loop], Coroutine[Any, Any, None]]  # of the run's instruments by name
-
-
-@dataclass(frozen=True, kw_only=True)
-class Device:
-    """A device that was checked and locked: its description in run.toml, and how a loop opens it.
-
-    An `eventful` device may have no rows; any other device without rows is a fault. `reading` is what the live line
-    shows of it.
-    """
-
-    record: DeviceRecord
-    open: Open
-    eventful: bool = False
-    reading: Reading | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,113 +47,6 @@ class Plan:
     facts: RigFacts = NONE_STATED
     requested: Mapping[str, Any] = field(default_factory=dict)
     simulated: bool = False
-
-
-def ready_encoder(
-    setting: EncoderPort | EncoderLines, held: ExitStack, *, counts_per_turn: float | str, continuous: bool, say: Say
-) -> Device:
-    """Find and lock the encoder; return how it is recorded. Raises ConfigError or DeviceError."""
-    if isinstance(setting, EncoderLines):
-        scale = angle_scale(setting, counts_per_turn)
-        record, opened_lines = ready_lines("encoder", setting, held, say=say, scale=scale)
-        return Device(record=record, open=opened_lines, reading=degrees(setting.turn(counts_per_turn)))
-    found = find_encoder(setting.port, counts_per_turn=counts_per_turn)
-    names = [lock_name(found.port)]
-    holding = held.enter_context(ExitStack())
-    holding.enter_context(DeviceLock.take(names[0]))
-
-    def again() -> Any:
-        """Find it after its plug was pulled; where it then has another port, lock that one instead."""
-        there = find_encoder(setting.port, counts_per_turn=counts_per_turn, serial_number=found.serial_number)
-        name = lock_name(there.port)
-        if name != names[-1]:
-            lock = DeviceLock.take(name)
-            holding.close()
-            holding.enter_context(lock)
-            names.append(name)
-        return there
-
-    def opened(loop: Loop, clock: HostClock) -> Instrument:
-        return Encoder(
-            found,
-            open_line=serial_lines(loop),
-            find=again,
-            counts_per_turn=counts_per_turn,
-            rate_hz=setting.rate_hz,
-            continuous=continuous,
-            loop=loop,
-            clock=clock,
-            say=say,
-        )
-
-    record = DeviceRecord.model_validate(
-        {
-            "file": "encoder.csv",
-            "columns": ("t", "phi", "device_us") if found.stamped and not continuous else ("t", "phi"),
-            "counts_per_turn": counts_per_turn,
-            "asked": "continuous" if continuous else "polled",
-            "rate_hz": setting.rate_hz,
-            "interface": found._asdict(),
-        }
-    )
-    return Device(record=record, open=opened, reading=degrees(counts_per_turn))
-
-
-def ready_loadcell(
-    setting: LoadCellBox | LoadCellLines,
-    held: ExitStack,
-    *,
-    buffered: bool,
-    bias: bool,
-    say: Say,
-    patient: bool = True,
-) -> Device:
-    """Lock the load cell, set its rate and read its settings; return how it is recorded.
-
-    Without `patient` the run ends as soon as its stream breaks off. Raises ConfigError or DeviceError.
-    """
-    if isinstance(setting, LoadCellLines):
-        if bias:
-            raise ConfigError("`bias`: only a Net F/T box has a bias; fits take the zero from pauses.")
-        record, opened_lines = ready_lines("loadcell", setting, held, say=say, patient=patient, scale={"units": "n,nm"})
-        return Device(record=record, open=opened_lines, reading=first_force(setting.measured[0].name))
-    setting = loadcell_box.resolved(setting)
-    where = f"{setting.address}:{setting.rdt_port}"
-    held.enter_context(DeviceLock.take(where))
-    if bias and not loadcell_box.take_bias(setting):
-        say(f"{where}: the box' page still shows the earlier bias. Check that the load reads zero now.")
-    settings = loadcell_box.set_rate(setting, buffered=buffered)
-
-    def opened(loop: Loop, clock: HostClock) -> Instrument:
-        inbox = Inbox((setting.address, setting.rdt_port))
-        port = RdtPort(inbox, box=(setting.address, setting.rdt_port), reactor=loop)
-        port.startListening()
-        return LoadCell(
-            settings,
-            inbox,
-            port,
-            where=where,
-            loop=loop,
-            clock=clock,
-            say=say,
-            buffered=buffered,
-            patient=patient,
-        )
-
-    record = DeviceRecord.model_validate(
-        {
-            "file": "loadcell.csv",
-            "columns": LoadCell.columns,
-            "counts_per_n": settings.counts_per_n,
-            "counts_per_nm": settings.counts_per_nm,
-            "asked": "buffered" if buffered else "real-time",
-            "rate_hz": settings.rate_hz,
-            "biased": bias,
-            "address": where,
-            "settings": settings._asdict(),
-        }
-    )
-    return Device(record=record, open=opened, reading=vertical_force(settings.counts_per_n))
 
 
 def record_run(
@@ -273,28 +140,36 @@ async def _recorded(
         recorder.for_s = plan.lasts_s if plan.for_s is None else plan.for_s
         recorder.tare_s = plan.tare_s
         _add_readings(recorder, instruments, devices)
-        sampled = [instrument for instrument, device in zip(instruments, devices, strict=True) if not device.eventful]
+        sampled = [
+            instrument.name for instrument, device in zip(instruments, devices, strict=True) if not device.eventful
+        ]
         try:
             await recorder.record(lambda: _lasting(plan, instruments, loop, ending))
         except DeviceError as error:
-            if _is_whole(instruments) and all(run.rows(instrument.name) for instrument in sampled):
+            if _is_whole(instruments) and all(run.rows(name) for name in sampled):
                 run.close("complete", reason=str(error))
             raise
         finally:
             _tell_stop(instruments, stopped)
-        if ending.signal and not any(run.rows(instrument.name) for instrument in sampled):
+        if ending.signal and not any(run.rows(name) for name in sampled):
             raise KeyboardInterrupt
-        for instrument in sampled:
-            if not run.rows(instrument.name):
-                raise DeviceError(
-                    f"{instrument.name}: not one sample in {recorder.seconds:.1f} s. `cfid rig check` looks for the "
-                    "cause."
-                )
+        _check_rows(run, sampled, recorder.seconds)
         early = f"ended by {ending.signal} after {recorder.seconds:.1f} s" if ending.signal else ""
-        if plan.procedure is not None:
-            whole = _is_whole(instruments)
-            return run.close("interrupted" if early and not whole else "complete", reason="" if whole else early)
+        return _closed(run, plan, early, whole=_is_whole(instruments))
+
+
+def _check_rows(run: RunWriter, sampled: Iterable[str], seconds: float) -> None:
+    """Raise DeviceError for a device that sent nothing."""
+    for name in sampled:
+        if not run.rows(name):
+            raise DeviceError(f"{name}: not one sample in {seconds:.1f} s. `cfid rig check` looks for the cause.")
+
+
+def _closed(run: RunWriter, plan: Plan, early: str, *, whole: bool) -> Run:
+    """Close a run as complete, or as interrupted where its procedure was ended before it was whole."""
+    if plan.procedure is None:
         return run.close("complete", reason=early if plan.for_s else "")
+    return run.close("interrupted" if early and not whole else "complete", reason="" if whole else early)
 
 
 def _is_whole(instruments: Iterable[Instrument]) -> bool:

@@ -5,9 +5,9 @@ from contextlib import ExitStack
 from cfid.records.line_devices import LineDevice
 from cfid.records.run import DeviceRecord
 from cfid.rig.clock import HostClock
+from cfid.rig.device import Device, Open
 from cfid.rig.hand_held import HandHeld, Readings, ScalesParser, Ut372Parser
 from cfid.rig.listening import find_ut372, serial_ports, ut372_ports
-from cfid.rig.log import Device, Open
 from cfid.rig.loop import Loop
 from cfid.rig.progress import Reading
 from cfid.rig.ready_lines import ready_lines

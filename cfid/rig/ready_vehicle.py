@@ -15,8 +15,8 @@ from cfid.rig.clock import HostClock
 from cfid.rig.crazyflie import Link
 from cfid.rig.crazyflie_log import BATTERY, CrazyflieLog
 from cfid.rig.crossings import Crossings
+from cfid.rig.device import Device
 from cfid.rig.lock import DeviceLock
-from cfid.rig.log import Device
 from cfid.rig.loop import Loop
 from cfid.rig.motor_commands import MotorCommands
 from cfid.rig.motors import Firmware, Limits, Motors, SinePlayer, firmware_of

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cfid.rig.log import Device, Procedure, drive
+from cfid.rig.device import Device
+from cfid.rig.log import Procedure, drive
 from cfid.rig.loop import Loop
 from cfid.rig.recorder import Recorder, sleep
 

@@ -29,8 +29,9 @@ from cfid.records.tables.angle import Reading, read_angle
 from cfid.records.tables.wrench import WrenchReading, read_wrench
 from cfid.rig.e201_port import lock_name
 from cfid.rig.lock import holder_of
-from cfid.rig.log import Plan, ready_encoder, ready_loadcell, record_run
+from cfid.rig.log import Plan, record_run
 from cfid.rig.loop import Loop
+from cfid.rig.ready_sensors import ready_encoder, ready_loadcell
 from cfid.rig.sim_file import devices_in, published
 from cfid.sim.service import Addresses, SimulatedRig
 from cfid.wire.rls import STEPS_PER_TURN, decode_words

@@ -21,12 +21,14 @@ from cfid.records.run import Label, Run
 from cfid.records.tables.angle import Reading, read_angle
 from cfid.records.tables.wrench import WrenchReading, read_wrench
 from cfid.rig.check_lines import check_lines
+from cfid.rig.device import Device
 from cfid.rig.encoder import Receiver
 from cfid.rig.lines import Lines
 from cfid.rig.listening import Port
 from cfid.rig.lock import DeviceLock
-from cfid.rig.log import Device, Plan, ready_encoder, ready_loadcell, record_run
+from cfid.rig.log import Plan, record_run
 from cfid.rig.loop import Loop
+from cfid.rig.ready_sensors import ready_encoder, ready_loadcell
 from cfid.rig.recorder import sleep
 from tests.rig.virtual import UNIX_S, Session, rows_of
 from tests.rig_in_a_folder import lab_in, rig_sim

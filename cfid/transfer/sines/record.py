@@ -20,7 +20,9 @@ from cfid.records.devices import LoadCellBox
 from cfid.records.line_devices import LoadCellLines
 from cfid.records.run import Label, Run
 from cfid.rig.crossings import Crossings
-from cfid.rig.log import Device, Plan, ready_loadcell
+from cfid.rig.device import Device
+from cfid.rig.log import Plan
+from cfid.rig.ready_sensors import ready_loadcell
 from cfid.rig.recorder import sleep
 from cfid.transfer.sines.during import Felt
 from cfid.transfer.sines.plan import PLANNED, Sine
