@@ -40,10 +40,10 @@ def fit(runs: Sequence[PingRecord | Run | Path | str]) -> Result:
     trips = round_trips(rtt_s)
     findings = [finding for record in records for finding in record.findings]
     if trips.are_correlated:
+        why = "and parts of the record differ" if trips.wander else f"fewer than {FEW_EFFECTIVE:.0f}"
         text = (
-            f"{trips.answers} round trips are worth only {trips.effective:.0f} independent ones (limit "
-            f"{FEW_EFFECTIVE:.0f}, or any where parts of the record differ), as late answers follow each other: the "
-            "uncertainties of mean and clock are rough."
+            f"{trips.answers} round trips are worth only {trips.effective:.0f} independent ones, {why}, as late "
+            "answers follow each other: the uncertainties of mean and clock are rough."
         )
         findings.append(warning("round-trips-correlated", text, "latency.rtt_mean_s", "latency.clock_*"))
     line = None

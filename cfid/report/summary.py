@@ -1,7 +1,7 @@
 """The first screen of a report: the main numbers in plain units, the weakest, what matters, and what comes next."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -97,7 +97,7 @@ def summary_of(
     step = next_of(statuses)
     if step.words == _REPORT:  # which this is
         step = replace(step, words=("export",), why=f"{step.why} Hand it to firmware and simulators.")
-    findings = tuple(_findings(experiments))
+    findings = tuple(_findings([one for one in experiments if not _is_contained(one, experiments)]))
     return FirstScreen(
         numbers=tuple(_numbers(known)),
         weakest=_weakest(statuses),
@@ -153,6 +153,15 @@ def _title(key: str) -> str:
     """Return what the registry calls a quantity, as a sentence begins."""
     quantity = find(key)
     return quantity.title[0].upper() + quantity.title[1:] if quantity else key
+
+
+def _is_contained(experiment: Experiment, others: Iterable[Experiment]) -> bool:
+    """Return whether a later fit of the kind took all recordings of this one, and more: its findings count."""
+    own = {source.sha256 for source in experiment.sources}
+    return bool(own) and any(
+        other.name == experiment.name and other.found > experiment.found and own < {one.sha256 for one in other.sources}
+        for other in others
+    )
 
 
 def _findings(experiments: Sequence[Experiment]) -> Iterator[str]:

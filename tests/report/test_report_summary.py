@@ -1,7 +1,7 @@
 """The first screen says what was measured and how sure, what matters, and what comes next."""
 
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from cfid.guide.certainty import Certainty, percent
 from cfid.guide.plan import Aim, Task
 from cfid.guide.status import TaskStatus
 from cfid.records.covariances import covariance_between
-from cfid.records.parameters import Parameter, Section
+from cfid.records.parameters import Parameter, Section, Source
 from cfid.records.rig_file import thesis_rig
 from cfid.report.experiments import Experiment
 from cfid.report.known import Known
@@ -127,6 +127,19 @@ def test_rejections_come_before_warnings_each_sentence_once_and_notes_stay_below
     assert summary(experiments=(warned, rejected, simulated)).findings == (
         "Torque: it is noise.",
         "Thrust, Torque: it wanders.",
+    )
+
+
+def test_a_fit_whose_recordings_a_later_one_took_too_has_no_say_there() -> None:
+    wanders, noisy = warning("a", "it wanders."), warning("b", "it is noisy.")
+    earlier = replace(EXPERIMENT, title="Thrust, earlier", findings=(wanders,), sources=(Source("1", "a"),))
+    other = replace(earlier, title="Thrust, another", sources=(Source("3", "c"),))
+    both = (Source("1", "a"), Source("2", "b"))
+    later = replace(EXPERIMENT, findings=(noisy,), sources=both, found=NOW + timedelta(hours=1))
+
+    assert summary(experiments=(later, earlier, other)).findings == (
+        "Thrust: it is noisy.",
+        "Thrust, another: it wanders.",
     )
 
 
