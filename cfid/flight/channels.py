@@ -11,6 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from cfid.errors import DataError
 from cfid.flight.model import ROW_S, STEP_S
+from cfid.records.logs.crazyflie_names import first_of, refuse_unread
 from cfid.records.logs.log import FlightLog
 from cfid.units import FULL_COMMAND, MOTORS
 
@@ -42,10 +43,13 @@ _TELLING = 100  # rows of commands
 
 def command_names(log: FlightLog) -> list[str]:
     """Return what the commands of motors 1 to 4 are called. Raises DataError where one is missing."""
-    names = [_first(log, _COMMANDS, motor) for motor in MOTORS]
+    names = [first_of(log, _COMMANDS, motor) for motor in MOTORS]
     missing = [f"motor.m{motor}" for motor, name in zip(MOTORS, names, strict=True) if name is None]
     if missing:
-        raise DataError(f"{log.path}: no {', '.join(missing)}: a flight's thrust is that of all four motors.")
+        raise DataError(
+            f"{log.path}: no {', '.join(missing)}: a flight's thrust is that of all four motors. Give the columns of a "
+            "table these names."
+        )
     return [name for name in names if name is not None]
 
 
@@ -97,7 +101,9 @@ def _sensor(
     """Return a sensor's times (n,) and values (n, 3) along the vehicle's axes, and the cut-off of its filter in Hz."""
     for names, signs, low_pass_hz in (*kinds, (_OF_PX4, _DOWN, None)):
         for series in log.series:
-            if set(names) <= set(series.names) and (names is not _OF_PX4 or series.name == topic):
+            if set(names) <= set(series.variables) and (names is not _OF_PX4 or series.name == topic):
+                for name in names:
+                    refuse_unread(log, series.channels[series.place_of(name)])
                 values = np.column_stack([sign * series.values(name) for name, sign in zip(names, signs, strict=True)])
                 known = np.isfinite(values).all(axis=1)
                 if np.count_nonzero(known) > 1:
@@ -121,7 +127,7 @@ def motion(log: FlightLog, at_s: Array) -> tuple[Array | None, Array | None]:
 
 def volts_of(log: FlightLog, at_s: Array) -> tuple[Array | None, tuple[str, ...]]:
     """Return the battery's voltage (n,) at times, None where it is not known, and sentences on what is impossible."""
-    name = _first(log, _VOLTS)
+    name = first_of(log, _VOLTS)
     if name is None:
         return None, ()
     time_s, volts = log.channel(name)
@@ -151,8 +157,3 @@ def at_rows(time_s: Array, values: Array, row_s: Array, *, averaged: bool) -> Ar
     total = CubicSpline(time_s, values).antiderivative()  # straight lines between rows of 2 ms lose 1 % at 20 Hz
     low, high = (np.clip(row_s + side * ROW_S / 2, time_s[0], time_s[-1]) for side in (-1, 1))
     return np.asarray((total(high) - total(low)) / ROW_S)
-
-
-def _first(log: FlightLog, patterns: Sequence[str], motor: int = 0) -> str | None:
-    there = {name for series in log.series for name in series.names}
-    return next((name for pattern in patterns if (name := pattern.format(motor)) in there), None)

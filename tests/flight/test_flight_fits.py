@@ -357,6 +357,18 @@ def test_a_table_without_a_gyro_or_without_four_motors_is_refused(tmp_path: Path
         read_flight(path)
 
 
+def test_a_unit_that_is_not_read_is_refused_with_those_that_are(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    names = ("acc.x", "acc.y", "gyro.x", "gyro.y", "gyro.z", *(f"motor.m{motor} [PWM]" for motor in (1, 2, 3, 4)))
+    rows = "\n".join(f"{0.01 * row:.2f},{','.join(['30000'] * 10)}" for row in range(1000))
+    path.write_text(f"t,acc.z [ft/s^2],{','.join(names)}\n{rows}\n", encoding="utf-8")
+    with pytest.raises(DataError, match=r"'acc\.z \[ft/s\^2\]' is in ft/s\^2.* give it in g, m/s\^2, "):
+        read_flight(path)
+    path.write_text(f"t,acc.z,{','.join(names).replace('PWM', '%')}\n{rows}\n", encoding="utf-8")
+    with pytest.raises(DataError, match=r"'motor\.m1 \[%\]' is in %.* give it in PWM \(0 to 65535\), "):
+        read_flight(path)
+
+
 def test_a_window_without_rows_is_refused(flown: tuple[Fleet, list[FlightLog]]) -> None:
     with pytest.raises(ConfigError, match="are left of the log"):
         flight_of(flown[1][0], from_s=100.0)

@@ -62,6 +62,16 @@ def test_a_flight_s_log_becomes_a_run_with_its_commands_and_origin(tmp_path: Pat
     assert "microseconds, not corrected" in origin["clock"]
 
 
+def test_units_in_the_heads_of_a_flight_s_log_are_those_of_its_run(tmp_path: Path, campaign: Path) -> None:
+    file = tmp_path / "log.csv"
+    rows = [f"{at / 100:.2f},{at},{at},{at}\n" for at in range(200)]
+    file.write_text("t,motor.m1 [PWM],gyro.x [rad/s],acc.z (m/s^2)\n" + "".join(rows))
+    log, run = read_log(file), log_of_run(imported(campaign, file))
+    for name in ("motor.m1", "gyro.x", "acc.z"):
+        np.testing.assert_array_equal(log.channel(name)[1], np.arange(200))
+        np.testing.assert_array_equal(run.channel(name)[1], np.arange(200))
+
+
 def test_a_slow_clock_is_corrected_once_by_an_import_and_not_again_by_what_reads_the_run(
     tmp_path: Path, campaign: Path, cfid: Cfid
 ) -> None:

@@ -270,3 +270,36 @@ def test_the_unit_in_the_name_of_an_angle_or_a_force_is_that_of_the_channel(
     rows = "".join(f"{at / 100},{at},{at}\n" for at in range(20))
     log = read_log(written(tmp_path, f"t_s,{name},other\n{rows}"))
     assert [channel.own_unit for channel in log.series[0].channels] == [unit, ""]
+
+
+def test_units_in_brackets_behind_the_firmware_s_names_are_the_columns_own(tmp_path: Path) -> None:
+    head = "time [s],motor.m1 [PWM],gyro.x [rad/s],gyro.y (deg/s),acc.z [m/s^2],acc.x [g],pm.vbat [mV],rpm.m1 [rpm]"
+    log = read_log(written(tmp_path, lines(head, "{t},{x},{x},{x},{x},{x},{x},{x}", step=0.01)))
+    x = np.arange(40) / 4
+    expected = {"motor.m1": x, "gyro.x": x, "gyro.y": np.radians(x), "acc.z": x, "acc.x": 9.81 * x, "pm.vbat": x / 1e3}
+    for name, value in expected.items():
+        np.testing.assert_allclose(log.channel(name)[1], value)
+    assert log.series[0].names[:4] == ("motor.m1", "gyro.x [rad/s]", "gyro.y", "acc.z [m/s^2]")
+    assert log.assumed == ("1 g is 9.81 m/s^2",)
+
+
+def test_units_in_brackets_behind_nanobench_s_names_are_the_columns_own(tmp_path: Path) -> None:
+    head = "t,motor_motor_m1,imu_gyro_x [deg/s],imu_acc_x [m/s^2]"
+    log = read_log(written(tmp_path, lines(head, "{t},{x},{x},{x}", step=0.01)))
+    np.testing.assert_allclose(log.channel("gyro.x")[1], np.radians(np.arange(40) / 4))
+    np.testing.assert_allclose(log.channel("acc.x")[1], np.arange(40) / 4)
+
+
+def test_a_second_line_may_state_the_units_of_the_firmware_s_variables(tmp_path: Path) -> None:
+    log = read_log(written(tmp_path, lines("t,motor.m1,acc.z\ns,PWM,m/s^2", "{t},{x},{x}", step=0.01)))
+    np.testing.assert_allclose(log.channel("acc.z")[1], np.arange(40) / 4)
+
+
+def test_underscores_stand_for_the_firmware_s_dots_where_a_column_can_be_no_other_vehicle_s(tmp_path: Path) -> None:
+    log = read_log(written(tmp_path, lines("Timestamp,motor_m1,gyro_x,range_x", "{t:.0f},{x},{x},{x}", step=2)))
+    assert log.series[0].names == ("motor.m1", "gyro.x", "range_x")
+    assert log.assumed[0] == "column 'motor_m1' is the firmware's motor.m1, and others like it are too"
+    assert log.channel("gyro.x")[1][-1] == pytest.approx(np.radians(39 / 4))
+    for others in ("t,gyro_x,acc_x", "t,motor_m1,motor.m1"):
+        path = written(tmp_path, lines(others, "{t},{x},{x}", step=0.01))
+        assert read_log(path).series[0].names == tuple(others.split(",")[1:])

@@ -17,6 +17,7 @@ from cfid.motors.lag.estimation import SETTLING_S
 from cfid.motors.lag.model import LogSegment, Signal
 from cfid.motors.lag.survey import PART_S, possible, survey
 from cfid.records.logs.any_kind import NO_OPTIONS, is_binary_log, read_log
+from cfid.records.logs.crazyflie_names import first_of
 from cfid.records.logs.kinds import is_flown
 from cfid.records.logs.log import Channel, FlightLog, in_memory
 from cfid.records.logs.windows import windows
@@ -238,7 +239,7 @@ def of_log(log: FlightLog) -> RotorLog:
             "actuator_outputs are not read)."
         )
     speeds = {motor: name for motor, name in _of_motors(log, _SPEEDS).items() if motor in commands}
-    volts = _first(log, _VOLTS)
+    volts = first_of(log, _VOLTS)
     seen = survey(log, commands, speeds, volts)
     faults = []
     for motor, counts in seen.speeds.items():
@@ -260,7 +261,7 @@ def of_log(log: FlightLog) -> RotorLog:
         commands=commands,
         speeds={motor: name for motor, name in speeds.items() if seen.speeds[motor].known},
         volts=volts if use_volts else None,
-        acceleration=_first(log, (_ACCELERATION,)),
+        acceleration=first_of(log, (_ACCELERATION,)),
         begin_s=seen.begin_s,
         window=(0.0, np.nextafter(seen.end_s - seen.begin_s, np.inf)),
         findings=(
@@ -275,11 +276,6 @@ def _known(speed: Array) -> Array:
     return np.where(speed > 0, speed, np.nan)
 
 
-def _first(log: FlightLog, patterns: tuple[str, ...], motor: int = 0) -> str | None:
-    there = {name for series in log.series for name in series.names}
-    return next((name for pattern in patterns if (name := pattern.format(motor)) in there), None)
-
-
 def _of_motors(log: FlightLog, patterns: tuple[str, ...]) -> dict[int, str]:
-    found = {motor: _first(log, patterns, motor) for motor in MOTORS}
+    found = {motor: first_of(log, patterns, motor) for motor in MOTORS}
     return {motor: name for motor, name in found.items() if name is not None}

@@ -1,9 +1,10 @@
-"""Units of the variables that Crazyflie firmware logs, by their names."""
+"""Units of the variables that Crazyflie firmware logs, by their names or as their columns' headers state them."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
-from cfid.records.logs.log import Channel
+from cfid.errors import DataError
+from cfid.records.logs.log import Channel, FlightLog
 from cfid.units import FULL_COMMAND, USUAL_GRAVITY_MPS2
 
 # As the firmware documents its log variables. A name that is not here has no unit that is certain.
@@ -27,13 +28,78 @@ _UNITS = (
     (r"baro\.pressure", "mbar"),
     (r"mag\.[xyz]", "gauss"),
 )
+# Units in brackets, as messages spell them, and what else they are written as.
+_WORDS = {
+    "PWM (0 to 65535)": "1",
+    **{unit: unit for unit in ("g", "m/s^2", "deg/s", "rad/s", "mrad/s", "deg", "rad", "rpm", "V", "mV")},
+    **{unit: unit for unit in ("m", "mm", "m/s", "mm/s", "mm/s^2", "mbar", "gauss")},
+}
+_SPELT = {unit.lower(): unit for unit in _WORDS.values()} | {
+    "pwm": "1",
+    "m/s2": "m/s^2",
+    "m/s²": "m/s^2",
+    "dps": "deg/s",
+    "°/s": "deg/s",
+    "°": "deg",
+}
+_BRACKETED = re.compile(r"(?P<variable>\w+\.\w+?)[\s_]*[\[(](?P<unit>[^\[\]()]+)[\])]\s*")
+_OF_CRAZYFLIE = re.compile(r"motor\.|pwm\.|pm\.|stabilizer\.|stateEstimateZ?\.|ctrltargetZ?\.|controller\.")
 _PATTERNS = tuple((re.compile(pattern), unit) for pattern, unit in _UNITS)
 
 
 def crazyflie_channel(name: str) -> Channel:
-    """Return the channel of a variable of the firmware, such as `gyro.x`."""
-    unit = next((unit for pattern, unit in _PATTERNS if pattern.fullmatch(name)), "")
-    return Channel(name, unit, FULL_COMMAND) if name.startswith("control.m") else Channel(name, unit)
+    """Return the channel of a variable of the firmware, such as `gyro.x`.
+
+    A unit in brackets behind it, as in `gyro.x [rad/s]`, is the column's own. Where that is not the firmware's, it
+    stays in the name: whoever reads what was written of the channel has to know.
+    """
+    found = _BRACKETED.fullmatch(name)
+    variable, word = (found["variable"], found["unit"].strip()) if found else (name, "")
+    unit = next((unit for pattern, unit in _PATTERNS if pattern.fullmatch(variable)), "")
+    scale = FULL_COMMAND if variable.startswith("control.m") else 1.0
+    if not (unit and word):
+        return Channel(name, unit, scale)
+    stated = _SPELT.get(word.lower(), word)
+    return Channel(variable, unit, scale) if stated == unit else Channel(f"{variable} [{word}]", stated)
+
+
+def with_dot(names: Sequence[str]) -> list[str]:
+    """Return columns' names with the firmware's dot where an underscore stands for it, as in `motor_m1`.
+
+    Names that other vehicles' logs have too, as `gyro_x`, are the firmware's where one of the columns is no other's.
+    """
+    dotted = [name if crazyflie_channel(name).own_unit else name.replace("_", ".", 1) for name in names]
+    meant = [is_variable(new) and new not in names for new in dotted]
+    alone = any(is_ and _OF_CRAZYFLIE.match(new) for is_, new in zip(meant, dotted, strict=True))
+    return [new if is_ and alone else name for is_, new, name in zip(meant, dotted, names, strict=True)]
+
+
+def is_variable(name: str) -> bool:
+    """Return whether a column has the name of a variable of the firmware, with or without a unit in brackets."""
+    return bool(crazyflie_channel(name).own_unit)
+
+
+def first_of(log: FlightLog, patterns: Sequence[str], motor: int = 0) -> str | None:
+    """Return the first of some variables, in which `{}` is a motor's number, that a log has; None for none of them.
+
+    Raises DataError for one in a unit that is not read.
+    """
+    there = {channel.variable: channel for series in log.series for channel in series.channels}
+    found = next((name for pattern in patterns if (name := pattern.format(motor)) in there), None)
+    if found is not None:
+        refuse_unread(log, there[found])
+    return found
+
+
+def refuse_unread(log: FlightLog, channel: Channel) -> None:
+    """Raise DataError for a variable of the firmware in a unit that is not read."""
+    own = crazyflie_channel(channel.variable)
+    if own.own_unit and channel.unit != own.unit:
+        read = [word for word, unit in _WORDS.items() if Channel("", unit).unit == own.unit]
+        raise DataError(
+            f"{log.path}: column '{channel.name}' is in {channel.own_unit}, which is not read for {channel.variable}: "
+            f"give it in {', '.join(read)}, and so in its header."
+        )
 
 
 def assumptions(channels: Iterable[Channel]) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ Kind = Literal["angle", "wrench", "flight", "stand"]
 
 _FLOWN = re.compile(
     r"(?:\w+_)?(?:(?:gyro|acc)[._][xyz]|(?:motor|pwm|rpm)[._]m[1-4]\w*|(?:stateEstimate|stabilizer)[._]\w+|pm[._]vbat\w*)"
+    r"(?:\s*[\[(][^\[\]()]+[\])])?"
 )
 _COLUMNS: dict[Kind, tuple[re.Pattern[str], ...]] = {  # of which one shows the kind
     "wrench": tuple(column.called for column in WRENCH_COLUMNS.columns if column.key in AXES),

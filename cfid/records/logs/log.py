@@ -51,6 +51,11 @@ class Channel:
     scale: float = 1.0
 
     @property
+    def variable(self) -> str:
+        """The name without the unit in brackets that ends it where the unit is not the variable's usual one."""
+        return self.name.partition(" [")[0]
+
+    @property
     def unit(self) -> str:
         """The SI unit."""
         return _SI.get(self.own_unit, (self.own_unit, 1.0))[0]
@@ -80,13 +85,22 @@ class Series:
         return tuple(channel.name for channel in self.channels)
 
     @property
+    def variables(self) -> tuple[str, ...]:
+        """The names of the channels' variables."""
+        return tuple(channel.variable for channel in self.channels)
+
+    def place_of(self, name: str) -> int:
+        """Return the position of a channel, by its name or variable; ValueError for another name."""
+        return (self.names if name in self.names else self.variables).index(name)
+
+    @property
     def time_s(self) -> Array:
         """The times (rows,) in s by the log's clock."""
         return self.column(0)
 
     def values(self, name: str) -> Array:
-        """Return a channel (rows,) in its SI unit; ValueError for another name."""
-        place = self.names.index(name)
+        """Return a channel (rows,) in its SI unit, by its name or variable; ValueError for another name."""
+        place = self.place_of(name)
         column = self.column(1 + place)
         column *= self.channels[place].factor
         return column
@@ -129,11 +143,11 @@ class FlightLog:
         return series.time_s, series.values(name)
 
     def series_of(self, name: str) -> Series:
-        """Return the series with a channel; of several, the one with most rows.
+        """Return the series with a channel, by its name or variable; of several, the one with most rows.
 
         Raises DataError naming the channels there are.
         """
-        having = [series for series in self.series if name in series.names]
+        having = [series for series in self.series if name in {*series.names, *series.variables}]
         if not having:
             there = "; ".join(f"{series.name}: {', '.join(series.names)}" for series in self.series)
             raise DataError(f"{self.path}: no channel {name}; it has {there}.")

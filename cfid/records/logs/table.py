@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cfid.errors import ConfigError, DataError
-from cfid.records.logs.crazyflie_names import assumptions, crazyflie_channel
+from cfid.records.logs.crazyflie_names import assumptions, crazyflie_channel, is_variable, with_dot
 from cfid.records.logs.log import Array, Channel, FlightLog, Series, printable
 from cfid.records.logs.usd_clock import MOST_ROWS, decoded_clock
 from cfid.records.parameters import Source
@@ -39,7 +39,7 @@ from cfid.records.tables.wrench import SCHEMA as WRENCH_COLUMNS
 
 _SCHEMA = TableSchema(columns=(TIME_COLUMN,), words=("TIME",))
 _VARIABLE = re.compile(r"\w+\.\w+")  # of the firmware
-_BLOCK_NAME = re.compile(r"[a-z]+_(?P<group>[A-Za-z]+)_(?P<variable>\w+)")  # NanoBench: log block and variable
+_BLOCK_NAME = re.compile(r"[a-z]+_(?P<group>[A-Za-z]+)_(?P<variable>\w+.*)")  # NanoBench: log block and variable
 _NANOBENCH = {
     **dict.fromkeys(("px", "py", "pz"), "m"),
     **dict.fromkeys(("vx", "vy", "vz"), "m/s"),
@@ -77,7 +77,10 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
         for name in table.names
         if name and name != time and name not in repeated and not _is_replaced(name, table, reading)
     ]
-    program, channels = ("table of a MATLAB file" if is_matlab(path) else "CSV log"), tuple(map(_firmware, named))
+    program, channels = (
+        ("table of a MATLAB file" if is_matlab(path) else "CSV log"),
+        tuple(map(_firmware, with_dot(named))),
+    )
     assumed: tuple[str, ...] = ()
     of_vehicle = False
     if table.names[0] == "Timestamp" and named and all(map(_VARIABLE.fullmatch, named)):
@@ -91,8 +94,8 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
     elif set(named) == set(_CRAZYSWARM):
         program = "CSV file of Crazyswarm2's simulator"
         channels = tuple(Channel(name, _CRAZYSWARM[name]) for name in named)
-    elif of_vehicle := any(crazyflie_channel(name).own_unit for name in named):
-        assumed = ("columns with the firmware's names are in the firmware's units",)
+    elif of_vehicle := any(map(is_variable, with_dot(named))):
+        assumed = _as_firmware(named)
     if table.units:
         channels, assumed = tuple(Channel(printable(name), table.units[name]) for name in named), ()
     stated = reading.time_unit is not None or bool(table.units) or _is_slow_stand(table, time)
@@ -158,6 +161,17 @@ def _firmware(name: str) -> Channel:
     """Return the channel of a column that may have the name of a variable of the firmware."""
     variable = crazyflie_channel(name)
     return variable if variable.own_unit else Channel(printable(name), _bracketed(name) or _suffixed(name))
+
+
+def _as_firmware(names: Sequence[str]) -> tuple[str, ...]:
+    """Return what columns of the firmware's variables take for granted."""
+    read = with_dot(names)
+    changed = [(old, new) for old, new in zip(names, read, strict=True) if old != new]
+    unstated = [name for name in read if is_variable(name) and not name.endswith(("]", ")"))]
+    return (
+        *(f"column '{printable(old)}' is the firmware's {new}, and others like it are too" for old, new in changed[:1]),
+        *(("columns with the firmware's names are in the firmware's units",) if unstated else ()),
+    )
 
 
 def _suffixed(name: str) -> str:

@@ -35,7 +35,7 @@ def windows(log: FlightLog, names: Sequence[str], *, from_s: float, long_s: floa
 
 def _cut(series: Series, names: Sequence[str], from_s: float, long_s: float) -> Iterator[Array]:
     """Yield the rows (n, 1 + names) of each part, times first."""
-    places = [0, *(1 + series.names.index(name) for name in names)]
+    places = [0, *(1 + series.place_of(name) for name in names)]
     factors = [1.0, *(series.channels[place - 1].factor for place in places[1:])]
     kept, end_s = [np.zeros((0, len(places)))], from_s + long_s
     for block in series.blocks():

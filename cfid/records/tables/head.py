@@ -14,7 +14,7 @@ COMMENT = r"[ \t]*(?:#|%|//)"
 
 _MOST_LINES = 60  # in which the rows have to begin
 _UNITS = re.compile(
-    r"s|sec|ms|[uµμ]s|hz|rad|deg|°|degrees|counts?|(?:rad|deg|°|m)/s2?|rpm|n|k?gf?|n[·*.]?m|m?v|a|w|m?m|%|-",
+    r"s|sec|ms|[uµμ]s|hz|rad|deg|°|degrees|counts?|(?:rad|deg|°|m)/s(?:\^?2|²)?|pwm|rpm|n|k?gf?|n[·*.]?m|m?v|a|w|m?m|%|-",
     re.IGNORECASE,
 )
 
