@@ -31,6 +31,19 @@ def test_the_client_s_log_is_in_milliseconds_and_firmware_units(tmp_path: Path) 
     assert log.assumed == ("Timestamp is in ms, as that program writes it",)
 
 
+@pytest.mark.parametrize("begin", ["23", "1764000000"])
+def test_a_client_s_log_whose_times_are_in_seconds_is_refused_with_the_option_that_helps(
+    tmp_path: Path, begin: str
+) -> None:
+    rows = "".join(f"{begin}.{at:03d},0\n" for at in range(0, 900, 10))
+    path = written(tmp_path, f"Timestamp,gyro.z\n{rows}")
+    with pytest.raises(
+        DataError, match=r"Timestamp is read in ms, .* and its rows would be 0\.01 ms apart.*`time_unit` s"
+    ):
+        read_log(path)
+    assert read_log(path, Foreign(time_unit="s")).series[0].time_s[-1] == pytest.approx(float(begin) + 0.89)
+
+
 @pytest.mark.parametrize(("unit", "second"), [("s", 1.0), ("ms", 1e3), ("us", 1e6)])
 def test_a_table_decoded_from_a_card_shows_its_slow_clock_and_is_corrected_once(
     tmp_path: Path, unit: Literal["s", "ms", "us"], second: float

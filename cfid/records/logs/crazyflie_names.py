@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Sequence
 
 from cfid.errors import DataError
-from cfid.records.logs.log import Channel, FlightLog
+from cfid.records.logs.log import Channel, FlightLog, printable
 from cfid.units import FULL_COMMAND, USUAL_GRAVITY_MPS2
 
 # As the firmware documents its log variables. A name that is not here has no unit that is certain.
@@ -77,6 +77,17 @@ def with_dot(names: Sequence[str]) -> list[str]:
 def is_variable(name: str) -> bool:
     """Return whether a column has the name of a variable of the firmware, with or without a unit in brackets."""
     return bool(crazyflie_channel(name).own_unit)
+
+
+def taken_for_granted(names: Sequence[str]) -> tuple[str, ...]:
+    """Return what reading columns by the firmware's names takes for granted."""
+    read = with_dot(names)
+    changed = [(old, new) for old, new in zip(names, read, strict=True) if old != new]
+    unstated = [name for name in read if is_variable(name) and not name.endswith(("]", ")"))]
+    return (
+        *(f"column '{printable(old)}' is the firmware's {new}, and others like it are too" for old, new in changed[:1]),
+        *(("columns with the firmware's names are in the firmware's units",) if unstated else ()),
+    )
 
 
 def first_of(log: FlightLog, patterns: Sequence[str], motor: int = 0) -> str | None:

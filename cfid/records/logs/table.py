@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from cfid.errors import ConfigError, DataError
-from cfid.records.logs.crazyflie_names import assumptions, crazyflie_channel, is_variable, with_dot
+from cfid.large import usual_step
+from cfid.records.logs.crazyflie_names import assumptions, crazyflie_channel, is_variable, taken_for_granted, with_dot
 from cfid.records.logs.log import Array, Channel, FlightLog, Series, printable
 from cfid.records.logs.usd_clock import MOST_ROWS, decoded_clock
 from cfid.records.parameters import Source
@@ -55,6 +56,7 @@ _EXACT_BELOW = 2.0**53
 _IN_BRACKETS = re.compile(r"[(\[](?P<unit>[A-Za-zµμ°%][\w/^·.*°% ]{0,7})[)\]]\s*$")
 _SPELT = {"rpm": "rpm", "n·m": "N m", "n.m": "N m", "nm": "N m", "n*m": "N m", "°": "deg"}
 _CLIENT = "CSV log of the Crazyflie client"
+_LEAST_STEP_MS = 0.5  # between rows of the client, which come every ms at most
 _UNITS = {1.0: "s", 1e-3: "ms", 1e-6: "us"}
 CLOCK_IS_FOR = "`clock` is for logs of a Crazyflie's uSD card and tables made of them."
 
@@ -86,6 +88,7 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
     if table.names[0] == "Timestamp" and named and all(map(_VARIABLE.fullmatch, named)):
         program = _CLIENT
         if time is not None and reading.time_unit is None:
+            _refuse_seconds(table, raw)
             reading = replace(reading, time_unit="ms")
             assumed = ("Timestamp is in ms, as that program writes it",)
     elif _OF_NANOBENCH & {*named}:
@@ -95,7 +98,7 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
         program = "CSV file of Crazyswarm2's simulator"
         channels = tuple(Channel(name, _CRAZYSWARM[name]) for name in named)
     elif of_vehicle := any(map(is_variable, with_dot(named))):
-        assumed = _as_firmware(named)
+        assumed = taken_for_granted(named)
     if table.units:
         channels, assumed = tuple(Channel(printable(name), table.units[name]) for name in named), ()
     stated = reading.time_unit is not None or bool(table.units) or _is_slow_stand(table, time)
@@ -134,6 +137,16 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
     )
 
 
+def _refuse_seconds(table: CsvTable, raw: Array) -> None:
+    """Raise DataError for times (n,) of the Crazyflie's client, who counts ms, that are closer than its rows can be."""
+    step = usual_step(raw)
+    if 0 < step < _LEAST_STEP_MS:
+        raise DataError(
+            f"{table.path}: Timestamp is read in ms, as the Crazyflie client writes it, and its rows would be "
+            f"{step:.3g} ms apart (limit {_LEAST_STEP_MS:g} ms). If it is in s, give `time_unit` s."
+        )
+
+
 def _repeated(table: CsvTable, time: str | None) -> dict[str, str]:
     """Return why columns of one name are left out, by name."""
     places: dict[str, list[str]] = {}
@@ -161,17 +174,6 @@ def _firmware(name: str) -> Channel:
     """Return the channel of a column that may have the name of a variable of the firmware."""
     variable = crazyflie_channel(name)
     return variable if variable.own_unit else Channel(printable(name), _bracketed(name) or _suffixed(name))
-
-
-def _as_firmware(names: Sequence[str]) -> tuple[str, ...]:
-    """Return what columns of the firmware's variables take for granted."""
-    read = with_dot(names)
-    changed = [(old, new) for old, new in zip(names, read, strict=True) if old != new]
-    unstated = [name for name in read if is_variable(name) and not name.endswith(("]", ")"))]
-    return (
-        *(f"column '{printable(old)}' is the firmware's {new}, and others like it are too" for old, new in changed[:1]),
-        *(("columns with the firmware's names are in the firmware's units",) if unstated else ()),
-    )
 
 
 def _suffixed(name: str) -> str:
