@@ -90,6 +90,12 @@ def rates_of(log: FlightLog) -> tuple[tuple[Array, Array], float | None]:
     return _sensor(log, _RATES, "vehicle_angular_velocity", "rates")
 
 
+def unit_of_rates(log: FlightLog) -> str:
+    """Return the unit that the log's rates are read in, "" where there are none."""
+    there = {channel.variable: channel for series in log.series for channel in series.channels}
+    return next((there[names[0]].own_unit for names, _, _ in _RATES if set(names) <= set(there)), "")
+
+
 def forces_of(log: FlightLog) -> tuple[tuple[Array, Array], float | None]:
     """Return times (n,) and specific forces (n, 3) in m/s^2, and the cut-off of their filter, as `rates_of`."""
     return _sensor(log, _FORCES, "vehicle_acceleration", "accelerations")

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, note, of_recording, rejection, warning
 from cfid.flight.channels import at_rows, command_names, commands_of, forces_of, held, motion, rates_of, volts_of
+from cfid.flight.gyro_unit import refuse_other_unit
 from cfid.flight.model import AXES, ROW_S, ROW_STEPS, STEP_S, Flight, segments, turned_back
 from cfid.records.logs.any_kind import NO_OPTIONS, read_log
 from cfid.records.logs.log import FlightLog
@@ -105,7 +106,9 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
     if velocity is not None and attitude is not None:
         velocity = turned_back(attitude, velocity)
     share = command[::ROW_STEPS]
-    _check_weight(force[(share > 0).all(axis=1)], path)
+    running = (share > 0).all(axis=1)
+    _check_weight(force[running], path)
+    refuse_other_unit(log, *rates, np.interp(rates[0], row_s, running) == 1)
     unseen, gaps = _unseen(timed, row_s)
     airborne = _airborne(share, force, spun) & ~unseen
     within = ~unseen & ((share > DEAD_COMMAND) & (share < FULL_COMMAND)).all(axis=1)
@@ -216,7 +219,7 @@ def _check_weight(force: Array, path: Path) -> None:
         reason = "in m/s^2, not in g" if size > _WEIGHT[1] else "in g, not in m/s^2"
         raise DataError(
             f"{path}: accelerations of {size:.2g} g while the motors run, where a flight has about 1: are they "
-            f"{reason}? Scale these columns."
+            f"{reason}? Scale these columns, or state their unit in the header of a table, as in acc.x [m/s^2]."
         )
     if float(np.median(force[:, 2])) < 0:
         raise DataError(

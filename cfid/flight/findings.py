@@ -8,10 +8,12 @@ import numpy as np
 from cfid.errors import FitError
 from cfid.findings import Finding, note, rejection, warning
 from cfid.flight.braking import AxisDrag
+from cfid.flight.channels import unit_of_rates
 from cfid.flight.crossing import crossing_of
 from cfid.flight.data import FlownLog
 from cfid.flight.equations import DELAYS, THRUST, TURNS
 from cfid.flight.estimation import FlightFit, fit_flights
+from cfid.flight.gyro_unit import OF_ARM, unlike_arm
 from cfid.flight.model import AXES
 from cfid.flight.moving import moving_findings
 from cfid.flight.turning import turning_findings
@@ -26,7 +28,6 @@ _LEAST_SPEED_MPS = 0.3  # root mean square along an axis
 _EXPLAINED_DRAG = 0.8  # of the horizontal specific force: else wind or a tilted sensor decides
 _LEAST_TURN_RAD_PER_S2 = 5.0  # root mean square; with 0.6 about yaw a public log gave 8e-5 kg m^2, others publish 3e-5
 _FIRST_S, _LAST_S = -0.005, 0.045  # of a sensor's delay: stamps err by some ms, and the fit searches up to 50 ms
-_OF_ARM = 0.08, 0.9  # the moment over mass times arm squared: published quadrocopters have 0.2 to 0.4
 _FED_BACK = 0.03  # of a moment, from where a warning names what older torques would change
 # Of g, in the mean of a flight: less does not carry it, more is steep flight; public logs have 1.01 to 1.05.
 _LIGHTEST, _HEAVIEST = 0.9, 1.3
@@ -39,8 +40,10 @@ _MANOEUVRES = {
 }
 
 
-def contradictions(flown: FlownLog) -> tuple[Finding, ...]:
-    """Return what a flight shows that no vehicle does with such axes, motors and times; none where too little flew."""
+def contradictions(flown: FlownLog, arms_m: Sequence[float] = ()) -> tuple[Finding, ...]:
+    """Return what a flight shows that no vehicle does with such axes, motors and times, or with any of some arms; none
+    where too little flew.
+    """
     unlike = turning_findings(flown.flight)
     otherwise = (*unlike, *([] if unlike else moving_findings(flown.flight)))
     try:
@@ -48,7 +51,9 @@ def contradictions(flown: FlownLog) -> tuple[Finding, ...]:
     except FitError:
         return otherwise
     # Rates about other axes than the torques' show no delay of their own.
-    return (*otherwise, *([] if unlike else _delay_findings(found, ())), *(_crossed(found) or _wrong_ways(found)))
+    of_unit = [_other_unit(found, arm_m, unit_of_rates(flown.log)) for arm_m in arms_m]
+    of_torques = of_unit[0] if of_unit and all(of_unit) else _crossed(found) or _wrong_ways(found)
+    return (*otherwise, *([] if unlike else _delay_findings(found, ())), *of_torques)
 
 
 def findings_of(
@@ -60,7 +65,11 @@ def findings_of(
 ) -> tuple[Finding, ...]:
     """Judge what a fit to flights found, by what these excited and by what no quadrocopter does."""
     unlike = [finding for one in flights for finding in turning_findings(one.flight)]
-    of_torques = unlike or _crossed(found) or [*_moment_findings(found, body), *_unlike_arm(quantities, body)]
+    read = unit_of_rates(flights[0].log)
+    of_unit = [] if body.arm_m is None else _other_unit(found, body.arm_m, read)
+    of_torques = (
+        unlike or _crossed(found) or of_unit or [*_moment_findings(found, body), *_unlike_arm(quantities, body)]
+    )
     return (
         *(finding for one in flights for finding in _weight_findings(one)),
         *_supply_findings(found, body),
@@ -226,13 +235,20 @@ def _unlike_arm(quantities: Mapping[str, Parameter], body: Body) -> list[Finding
     for axis in ("roll", "pitch"):
         one = quantities.get(MOMENTS[axis])
         share = 0.0 if one is None else plain(one.value) / (body.mass_kg * body.arm_m**2)
-        if share > 0 and not _OF_ARM[0] < share < _OF_ARM[1]:
+        if share > 0 and not OF_ARM[0] < share < OF_ARM[1]:
             text = (
                 f"the moment about {axis} is {share:.2g} times mass times arm squared, and quadrocopters have 0.2 to "
-                f"0.4 (limits {_OF_ARM[0]:g} and {_OF_ARM[1]:g}): is the arm of {1e3 * body.arm_m:g} mm right?"
+                f"0.4 (limits {OF_ARM[0]:g} and {OF_ARM[1]:g}): is the arm of {1e3 * body.arm_m:g} mm right?"
             )
             result.append(rejection("flight-moment-unlike-arm", text, MOMENTS[axis]))
     return result
+
+
+def _other_unit(found: FlightFit, arm_m: float, read: str) -> list[Finding]:
+    """Reject the moments of a gyro that was `read` in one unit where they suit the arm in the other."""
+    closed = bool(np.all(found.std[TURNS][:2] < _LOOSE * np.abs(found.values[TURNS][:2])))
+    text = unlike_arm(found, arm_m, read) if closed and _excited(found) else None
+    return [] if text is None else [rejection("flight-gyro-unit", text, *MOMENTS.values())]
 
 
 def _wrong_ways(found: FlightFit) -> list[Finding]:

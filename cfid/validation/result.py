@@ -63,7 +63,11 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Me
         command="validate",
         method="default",
         quantities={},
-        findings=(*flown.findings, *contradictions(flown), *_unpredicted(table, flown, at)),
+        findings=(
+            *flown.findings,
+            *contradictions(flown, [one.arm_m for one in sets]),
+            *_unpredicted(table, flown, at),
+        ),
         merits={
             "segments": len(at),
             "sets": {one.name: one.origin for one in sets},

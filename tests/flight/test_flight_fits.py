@@ -357,6 +357,65 @@ def test_a_table_without_a_gyro_or_without_four_motors_is_refused(tmp_path: Path
         read_flight(path)
 
 
+def in_another_unit(log: FlightLog, *, read: str, scale: float, attitude: bool) -> FlightLog:
+    """Return a log whose gyro is read in a unit of which it has `scale` times as much, with or without attitude."""
+    (series,) = log.series
+    kept = [place for place, name in enumerate(series.names) if attitude or name[0] not in "qv"]
+    channels = [series.channels[place] for place in kept]
+    changed = [Channel(one.name, read, scale) if one.name.startswith("gyro") else one for one in channels]
+    values = [series.column(1 + place) for place in kept]
+    return replace(log, series=(in_memory("log", series.time_s, changed, values),))
+
+
+@pytest.mark.parametrize(
+    ("read", "scale", "attitude", "words"),
+    [
+        (
+            "deg/s",
+            1.0,
+            True,
+            r"turns 0\.01\d+ times as fast as the attitude \(qw, qx, qy, qz\): is it in rad/s, not in deg/s\? State it",
+        ),
+        (
+            "rad/s",
+            57.3,
+            True,
+            r"turns 5\d\.\d times as fast as the attitude \(qw, .* is it in deg/s, not in rad/s\? State it",
+        ),
+        ("rad/s", 57.3, False, r"turns by up to \d+ deg/s .* gyros end at 2000: is it in deg/s, not in rad/s\?"),
+    ],
+)
+def test_a_gyro_in_another_unit_than_it_is_read_in_is_refused_with_its_own(
+    flown: tuple[Fleet, list[FlightLog]], *, read: str, scale: float, attitude: bool, words: str
+) -> None:
+    with pytest.raises(DataError, match=words):
+        flight_of(in_another_unit(flown[1][0], read=read, scale=scale, attitude=attitude))
+    flight_of(in_another_unit(flown[1][0], read="deg/s", scale=float(np.degrees(1)), attitude=attitude))
+
+
+def test_without_an_attitude_the_arm_shows_that_a_gyro_read_in_degrees_is_in_radians(
+    flown: tuple[Fleet, list[FlightLog]],
+) -> None:
+    vehicles, logs = flown
+    read = flight_of(in_another_unit(logs[0], read="deg/s", scale=1.0, attitude=False))
+    result = fit([read], body=body_of(vehicles, 0))
+    (found,) = [one for one in result.findings if one.code == "flight-gyro-unit"]
+    assert "is it in rad/s, not in deg/s? State it in the header of a table, as in gyro.x [rad/s]" in found.text
+    assert "flight-moment-unlike-arm" not in codes(result)
+    assert {"flight.inertia_kg_m2.roll", "flight.inertia_kg_m2.yaw"} <= set(result.rejected)
+
+
+def test_a_gyro_is_not_blamed_for_the_unit_of_an_attitude(flown: tuple[Fleet, list[FlightLog]]) -> None:
+    log = in_another_unit(flown[1][0], read="rad/s", scale=1.0, attitude=False)
+    (series,) = log.series
+    rates = np.column_stack([series.values(f"gyro.{axis}") for axis in "xy"])
+    in_radians = np.cumsum(rates, axis=0) * STEP
+    channels = [*series.channels, Channel("stabilizer.roll", "deg"), Channel("stabilizer.pitch", "deg")]
+    values = [*(series.column(1 + place) for place in range(len(series.names))), *in_radians.T]
+    of_degrees = [replace(one, own_unit="deg/s", scale=57.3) if "gyro" in one.name else one for one in channels]
+    flight_of(replace(log, series=(in_memory("log", series.time_s, of_degrees, values),)))
+
+
 def test_a_unit_that_is_not_read_is_refused_with_those_that_are(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     names = ("acc.x", "acc.y", "gyro.x", "gyro.y", "gyro.z", *(f"motor.m{motor} [PWM]" for motor in (1, 2, 3, 4)))

@@ -14,7 +14,7 @@ from cfid.flight.data import FlownLog, flight_of, read_flight
 from cfid.flight.model import LEVER, ThrustLag
 from cfid.records.campaign import open_campaign
 from cfid.records.logs.any_kind import read_log
-from cfid.records.logs.log import Series
+from cfid.records.logs.log import Series, in_memory
 from cfid.records.parameters import Parameter, Section, Source
 from cfid.validation.measured import Measured, measured_file, measured_in
 from cfid.validation.result import SetError, compared, validate
@@ -305,3 +305,17 @@ def test_a_log_whose_axes_or_motors_are_others_is_named(flown: tuple[ParameterSe
     mirrored = replace(flight, flight=turned, by_command=replace(flight.by_command, rates=turned.rates))
     findings = validate(mirrored, [true], used=()).findings
     assert any("the wrong way about roll" in finding.text for finding in findings)
+
+
+def test_a_gyro_read_in_degrees_that_is_in_radians_is_named_by_the_arms_of_the_sets() -> None:
+    rng = np.random.default_rng(11)
+    vehicles = fleet(1, rng)
+    (log,) = fly(vehicles, rng, seconds=24.0, wind=0.1)
+    (series,) = log.series
+    kept = [place for place, name in enumerate(series.names) if name[0] not in "qv"]
+    channels = [series.channels[place] for place in kept]
+    changed = [replace(one, own_unit="deg/s") if "gyro" in one.name else one for one in channels]
+    wrong = in_memory("log", series.time_s, changed, [series.column(1 + place) for place in kept])
+    result = validate(flight_of(replace(log, series=(wrong,))), [truth(vehicles)], used=())
+    assert not result.accepted
+    assert "is it in rad/s, not in deg/s?" in " ".join(one.text for one in result.findings)
