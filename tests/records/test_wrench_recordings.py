@@ -240,6 +240,30 @@ def test_counts_taken_for_newtons_are_refused(tmp_path: Path) -> None:
     assert "are they counts? Then leave out `units` n,nm" in refusal(tmp_path, text_of(), units="n,nm")
 
 
+@pytest.mark.parametrize("unit", ["n", "counts"])
+def test_a_single_value_that_no_load_cell_measures_is_left_out_and_named(tmp_path: Path, unit: str) -> None:
+    head = ",".join(
+        ["t", *(f"{axis}_{'nm' if unit == 'n' and axis[0] == 'T' else unit}" for axis in HEAD.split(",")[1:])]
+    )
+    values = COUNTS if unit == "counts" else COUNTS / 1e6
+    rows = text_of(values, head=head).split("\n")
+    fields = rows[120].split(",")
+    rows[120] = ",".join([*fields[:3], "1e300", *fields[4:]])
+    record = read(tmp_path, "\n".join(rows))
+    assert len(record.time_s) == ROWS - 1
+    assert record.force_n[119] == pytest.approx(COUNTS[120, :3] / 1e6)
+    assert "fts.csv: 1 row of 200 with a value that no load cell measures (first: 1e+300 in line 121) left out." in (
+        record.notes
+    )
+
+
+def test_a_header_of_newtons_over_counts_is_asked_about_with_what_can_be_done(tmp_path: Path) -> None:
+    head = ",".join(["t", *(f"{axis}_{'n' if axis[0] == 'F' else 'nm'}" for axis in HEAD.split(",")[1:])])
+    message = refusal(tmp_path, text_of(head=head))
+    assert "are they counts? Then write so in the header, as in Fx_counts." in message
+    assert "`units`" not in message
+
+
 @pytest.mark.parametrize(
     ("options", "expected"),
     [

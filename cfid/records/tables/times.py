@@ -46,7 +46,7 @@ _FASTEST_S, _SLOWEST_S = 1.9e-5, 0.11  # sampling intervals of a rig: 50 kHz to 
 _NO_TIME = "Is this the time column? See `columns` and `rate_hz`."
 _FEWEST_ROWS = 16
 _LOOKED_AT, _OFF_WHOLE = 1000, 0.01  # times that show whether they are whole numbers, and what is not
-_MISSING_SHARE = 0.1  # of a recording's rows that may lack a number
+MISSING_SHARE = 0.1  # of a recording's rows that may lack a number
 _REPEATED_SHARE = 0.01  # of time stamps that may repeat the previous one without a note
 _GAP, _LEAST_GAP_S = 10, 0.1  # usual intervals, and seconds: a busy computer's stamps are late by tens of milliseconds
 _UNIX_S = (1e9, 4e9)  # seconds since the epoch, from 2001 to 2096
@@ -169,7 +169,7 @@ def known_rows(table: CsvTable, columns: Sequence[str], *, timed: bool) -> tuple
     """Return the columns (rows, columns) of another program's table as `complete_rows`, however few rows it has."""
     known, notes = table.known_numbers(columns), list[str]()
     if len(bad := np.flatnonzero(~np.isfinite(known).all(axis=1))):
-        if len(bad) > _MISSING_SHARE * len(known):
+        if len(bad) > MISSING_SHARE * len(known):
             return table, table.numbers(columns), ()
         line, table = table.line_of_row(int(bad[0])), table.without(bad)
         where = f" in column '{columns[0]}'" if len(columns) == 1 else ""

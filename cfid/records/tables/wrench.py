@@ -8,14 +8,13 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
 
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, of_recording, texts
-from cfid.large import parts
 from cfid.records.line_devices import STAMP
 from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
@@ -34,10 +33,9 @@ from cfid.records.tables.times import (
     times_of,
     unit_of,
 )
+from cfid.records.tables.wrench_range import Unit, Units, check_values, possible_rows
 from cfid.records.tables.wrench_status import Words, status_notes, status_words
 from cfid.wire.rdt_status import Family, family_of
-
-Units = Literal["counts", "n,nm"]
 
 LOADCELL = "loadcell"
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
@@ -61,9 +59,6 @@ def _schema(axes: Sequence[str]) -> TableSchema:
 
 
 SCHEMA = _schema(AXES)
-# What no reading exceeds: a count is a signed word of 32 bits, and the largest load cells end at 40 kN.
-_LARGEST: dict[Units, float] = {"counts": 2.0**31, "n,nm": 1e5}
-
 _Scale = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
 
 
@@ -204,6 +199,12 @@ def _read(
     places = _schema(axes).places(table, named=reading.columns, rate_hz=reading.rate_hz)
     names, time_name = {axis: places[axis] for axis in axes}, places.get(TIME)
     table, values, missing = complete_rows(table, list(places.values()), own=own, timed=TIME in places)
+    wrench = values[:, time_name is not None :][:, : len(axes)]
+    units = _units(table, names, reading.units)
+    if not own:
+        table, values, beyond = possible_rows(table, values, wrench, units)
+        wrench, missing = values[:, time_name is not None :][:, : len(axes)], (*missing, *beyond)
+    check_values(table, list(names.values()), wrench, units)
     stamped, stamp_notes = None, tuple[str, ...]()
     if own:
         table, values, stamped, stamp_notes = stamped_rows(table, values, STAMP)
@@ -212,7 +213,7 @@ def _read(
     if stamped is not None:
         time, begin_s = stamped.time_s - stamped.time_s[0], float(stamped.time_s[0])
     wrench = values[:, time_name is not None :][:, : len(axes)]
-    scale, scale_notes = _scales(reading, _units(table, names, wrench, reading.units))
+    scale, scale_notes = _scales(reading, units.name)
     if axes != AXES:
         shown, wrench = wrench, np.full((len(values), len(AXES)), np.nan)
         wrench[:, [AXES.index(axis) for axis in axes]] = shown
@@ -242,22 +243,19 @@ def _begin_s(table: CsvTable, column: str | None, values: Array, reading: Wrench
     return float(seconds_of(table, column, values[:1, 0], unit=reading.time_unit)[0])
 
 
-def _units(table: CsvTable, columns: Mapping[str, str], values: Array, given: Units | None) -> Units:
-    """Return the unit of values (n, k): the given one, the header's, else counts; refuse impossible values.
-
-    `columns` has the name of each axis' column.
-    """
+def _units(table: CsvTable, columns: Mapping[str, str], given: Units | None) -> Unit:
+    """Return the unit of axes, each of a column: the given one, the header's, else counts."""
     found: set[Units] = set()
+    stated = False
     for axis, column in columns.items():
         own = "n" if axis[0] == "F" else "nm"
         _check_unit(table, axis, column)
         named = unit_of(table, _NAMES[axis], column, own if given == "n,nm" else given, "units")
         found.add("n,nm" if named == own else "counts")
+        stated |= named is not None
     if len(found) > 1:
         raise DataError(f"{table.path}: its header has some axes in counts and some not: give `units`.")
-    units = found.pop()
-    _check_values(table, list(columns.values()), values, units)
-    return units
+    return Unit(found.pop(), "option" if given else "header" if stated else None)
 
 
 def _check_unit(table: CsvTable, axis: str, column: str) -> None:
@@ -269,23 +267,6 @@ def _check_unit(table: CsvTable, axis: str, column: str) -> None:
             f"{table.path}: column '{name}' is in {stated[1].strip()}: forces are read in N, torques in N m, or both "
             "in counts. Convert it."
         )
-
-
-def _check_values(table: CsvTable, axes: Sequence[str], values: Array, units: Units) -> None:
-    for part in parts(len(values)):
-        wrong = ~(np.abs(values[part]) <= _LARGEST[units])
-        if units == "counts":
-            wrong |= values[part] != np.rint(values[part])
-        if wrong.any():
-            break
-    else:
-        return
-    row, axis = (int(place) for place in np.argwhere(wrong)[0])
-    row += part.start
-    here = f"{table.path}:{table.line_of_row(row)}: {values[row, axis]:.9g} in column '{axes[axis]}' is"
-    if units == "counts":
-        raise DataError(f"{here} not a count (a whole number of 32 bits): give `units` n,nm if these are N and N m.")
-    raise DataError(f"{here} more than any load cell measures: are they counts? Then leave out `units` n,nm.")
 
 
 def _scales(reading: WrenchReading, units: Units) -> tuple[Array, tuple[str, ...]]:
