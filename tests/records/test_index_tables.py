@@ -57,3 +57,19 @@ def test_crossings_of_others_are_read_by_their_names_and_units(tmp_path: Path, h
     np.testing.assert_array_equal(found.sample, sample)
     assert found.vehicle_us is not None
     np.testing.assert_allclose(found.vehicle_us, 1e6 * time_s)
+
+
+@pytest.mark.parametrize(
+    ("row", "note"),
+    [
+        ("11.0,30004\n11.0,30004\n", "1 report that repeats the one before is left out (first: 30004 in line 7)."),
+        ("10.9,1e300\n11.0,30004\n", "1 report whose command is not 0 to 65535 is left out (first: 1e+300 in line 6)."),
+    ],
+)
+def test_a_report_that_stands_twice_or_that_no_vehicle_makes_is_left_out_and_named(
+    tmp_path: Path, row: str, note: str
+) -> None:
+    rows = "".join(f"{10 + 0.25 * at},{30000 + at}\n" for at in range(9))
+    found = read_crossings(written(tmp_path, f"t,command\n{rows}".replace("11.0,30004\n", row)))
+    np.testing.assert_array_equal(found.command, 30000 + np.arange(9))
+    assert [one.sentence for one in found.findings] == [note]

@@ -9,14 +9,24 @@ from pathlib import Path
 
 import numpy as np
 
+from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.findings import Finding, of_recording
 from cfid.records.parameters import Source
 from cfid.records.run_notes import run_at
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import TIME, Column, TableSchema, TimeUnit
-from cfid.records.tables.table import Array
-from cfid.records.tables.times import TIME_COLUMN, VEHICLE_CLOCK, known_rows, line_notes, seconds_of, vehicle_us
+from cfid.records.tables.table import Array, CsvTable
+from cfid.records.tables.times import (
+    MISSING_SHARE,
+    TIME_COLUMN,
+    VEHICLE_CLOCK,
+    known_rows,
+    line_notes,
+    seconds_of,
+    vehicle_us,
+)
+from cfid.units import FULL_COMMAND
 
 CROSSINGS = "crossings"
 
@@ -49,7 +59,8 @@ def read_crossings(path: Path, *, time_unit: TimeUnit | None = None) -> Crossing
     """Read a run's crossings, or a CSV file with a time and `thrust_rec`, and `sample` and `vehicle_us` if it has both.
 
     A file without a header has time and command in its first two columns, like the thesis' files. Of a file that is no
-    run's, rows without a number and with single wrong times are left out: a report that is missing costs nothing else.
+    run's, rows without a number, with single wrong times or commands, and repeated ones are left out: a report that is
+    missing costs nothing else.
     Raises DataError with file, line and next step.
     """
     run = run_at(path)
@@ -60,6 +71,9 @@ def read_crossings(path: Path, *, time_unit: TimeUnit | None = None) -> Crossing
     keys = (TIME, _COMMAND, *((_SAMPLE, _VEHICLE) if stamped else ()))
     names = [places[key] for key in keys]
     table, values, left_out = known_rows(table, names, timed=True) if run is None else (table, table.numbers(names), ())
+    if run is None:
+        table, values, faulty = _without_faults(table, values)
+        left_out = (*left_out, *faulty)
     columns = dict(zip(keys, values.T, strict=True))
     host_s = seconds_of(table, places[TIME], values[:, 0], unit=time_unit)
     backwards = np.flatnonzero(np.diff(host_s) < 0)
@@ -75,3 +89,22 @@ def read_crossings(path: Path, *, time_unit: TimeUnit | None = None) -> Crossing
         vehicle_us=vehicle_us(table, places, columns) if stamped else None,
         findings=of_recording(path.name, (*left_out, *line_notes(table))),
     )
+
+
+def _without_faults(table: CsvTable, values: Array) -> tuple[CsvTable, Array, tuple[str, ...]]:
+    """Return a table and its values (n, k) without rows that repeat the one before, and single impossible commands."""
+    notes = []
+    repeated = np.append(False, np.all(np.diff(values, axis=0) == 0, axis=1)) if len(values) else np.zeros(0, bool)
+    impossible = ~((values[:, 1] >= 0) & (values[:, 1] <= FULL_COMMAND))
+    if np.count_nonzero(impossible) > max(MISSING_SHARE * len(values), 1):
+        impossible[:] = False  # of another unit: the analysis says what they are compared with
+    for wrong, one, many in (
+        (repeated, "that repeats the one before is", "that repeat the one before are"),
+        (impossible & ~repeated, "whose command is not 0 to 65535 is", "whose commands are not 0 to 65535 are"),
+    ):
+        if count := int(np.count_nonzero(wrong)):
+            row = int(np.argmax(wrong))
+            first = f"first: {values[row, 1]:g} in line {table.line_of_row(row)}"
+            notes.append(f"{counted(count, 'report')} {one if count == 1 else many} left out ({first}).")
+    wrong = repeated | impossible
+    return table.without(np.flatnonzero(wrong)), values[~wrong], tuple(notes)
