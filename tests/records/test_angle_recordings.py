@@ -469,6 +469,16 @@ def test_a_range_that_may_be_of_either_unit_is_asked_about(tmp_path: Path, value
     assert "may be radians or degrees: give `angle_unit` rad or deg" in message
 
 
+@pytest.mark.parametrize(("head", "per_rad"), [("t,theta_rad", 1.0), ("t,theta [deg]", 57.3)])
+def test_counts_per_turn_beside_an_angle_in_another_unit_are_named_as_not_used(
+    tmp_path: Path, head: str, per_rad: float
+) -> None:
+    text = text_of(TIME_S, per_rad * ANGLE_RAD, head)
+    (note,) = set(read(tmp_path, text, counts_per_turn=4096.0).notes) - set(read(tmp_path, text).notes)
+    assert "`counts_per_turn` is not used: column 'theta" in note
+    assert note.endswith(("is in rad.", "is in deg."))
+
+
 def test_an_angle_with_fractions_is_no_count(tmp_path: Path) -> None:
     text = text_of(TIME_S, ANGLE_RAD)
     for options in ({"counts_per_turn": 8192.0}, {"angle_unit": "counts"}):

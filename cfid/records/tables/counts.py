@@ -66,6 +66,8 @@ def continuous_angle(
                 f"{span:.4g} may be radians or degrees: give `angle_unit` rad or deg."
             )
     if unit != "counts":
+        if counts_per_turn is not None:
+            notes += (f"`counts_per_turn` is not used: column '{column}' is in {unit}.",)
         return _joined(table, _turns(values, 360.0 if unit == "deg" else 2 * np.pi), None, notes)
     if not whole:
         raise DataError(
