@@ -87,7 +87,17 @@ def test_commands_held_once_leave_the_two_forms_on_one_path_and_that_is_said() -
     vbat = sagging(up)
     found = compare_thrust(command=up, vbat_v=vbat, thrust_n=thrust_of(motor_volts(command=up, vbat_v=vbat)))
 
-    assert "every command was held once" in remarks(found)[0]
+    assert "every command was held once: voltage fell as the command rose, from 4" in remarks(found)[0]
+
+
+@pytest.mark.parametrize(("noisy", "at"), [(0.0, "12"), (0.1, "11.9 to 12")])
+def test_commands_held_once_on_a_supply_are_not_said_to_make_its_voltage_fall(noisy: float, at: str) -> None:
+    up = UP_AND_DOWN[:33]
+    vbat = 12.0 - noisy * np.linspace(0, 1, len(up))
+    found = compare_thrust(command=up, vbat_v=vbat, thrust_n=thrust_of(motor_volts(command=up, vbat_v=vbat)))
+
+    assert "voltage fell" not in remarks(found)[0]
+    assert f"every command was held once, at {at} V, so this run" in remarks(found)[0]
 
 
 def test_a_command_is_judged_by_points_that_have_not_seen_it() -> None:

@@ -20,6 +20,7 @@ KEY = "motor.thrust_voltage_poly"
 THRUST_ORDER = 3  # as the firmware compensates the battery
 
 _TELLING = 1.05  # ratio of prediction errors from which one form is the better one
+_SAGS, _FALLS = 0.01, -0.8  # share of a voltage by which it falls, and correlation with the command from which it does
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,7 +170,7 @@ def compare(
         voltage_rms=voltage_rms,
         command_rms=command_rms,
         judged=len(inner),
-        findings=_visited_once(command),
+        findings=_visited_once(command, vbat_v[used]),
     )
 
 
@@ -184,12 +185,15 @@ def _unseen(x: Array, value: Array, left_out: npt.NDArray[np.bool_], order: int,
     return value[left_out] - fit.at(x[left_out])
 
 
-def _visited_once(command: Array) -> tuple[Finding, ...]:
-    """Warn when no command was held at two voltages: the run cannot distinguish both forms."""
+def _visited_once(command: Array, vbat_v: Array) -> tuple[Finding, ...]:
+    """Warn when no command (n,) was held at two voltages (n,): the run cannot distinguish both forms."""
     if len(np.unique(command)) < len(command):
         return ()
-    text = (
-        "every command was held once: voltage fell as the command rose, so this run cannot separate the two. Record "
-        "the way down too, or repeat on another charge."
-    )
+    low, high = float(vbat_v.min()), float(vbat_v.max())
+    ends = dict.fromkeys(f"{volts:.4g}" for volts in (low, high))
+    where, remedy = f", at {' to '.join(ends)} V", "Repeat it at another voltage: another charge, or supply voltage."
+    if high - low > _SAGS * high and float(np.corrcoef(command, vbat_v)[0, 1]) < _FALLS:
+        where = f": voltage fell as the command rose, from {high:.3g} to {low:.3g} V"
+        remedy = "Record the way down too, or repeat on another charge."
+    text = f"every command was held once{where}, so this run cannot separate the two. {remedy}"
     return (warning("voltage-follows-command", text, KEY),)
