@@ -34,6 +34,19 @@ def test_a_comma_that_may_be_of_thousands_is_never_a_decimal_one(tmp_path: Path,
         row.number("l")
 
 
+def test_three_digits_behind_a_comma_are_decimal_where_other_fields_show_it_and_asked_about_where_not(
+    tmp_path: Path,
+) -> None:
+    text = "l;n;a\n1,200;0,000;23966,1\n"
+    (row,) = read_index(written(tmp_path, text), columns=("l", "n", "a")).rows
+    assert [row.number(name) for name in "lna"] == [1.2, 0, 23966.1]
+
+    for others in ("1", "23966.1"):
+        (row,) = read_index(written(tmp_path, text.replace("0,000;23966,1", f"1;{others}")), columns=("l", "n")).rows
+        with pytest.raises(DataError, match=r"'1,200' in column 'l' is not a number\. Its comma may mark thousands: "):
+            row.number("l")
+
+
 def test_two_spellings_of_one_column_are_refused(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="more than one column l in its header"):
         read_index(written(tmp_path, "l,periods\n1,2\n"), columns=("l",))

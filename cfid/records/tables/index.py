@@ -14,6 +14,7 @@ from cfid.records.parameters import Source
 from cfid.records.tables.text import (
     fields_of,
     filled_lines,
+    has_comma,
     has_decimal_comma,
     is_finite,
     read_text,
@@ -28,18 +29,21 @@ _SPELT = {"periods": "l", "samples": "n"} | {
 
 @dataclass(frozen=True, kw_only=True)
 class IndexRow:
-    """One row: its fields by column, its file and its line."""
+    """One row: its fields by column, its file and its line, and whether the file's numbers have decimal commas."""
 
     path: Path
     line: int
     fields: Mapping[str, str]
+    decimal_commas: bool = False
 
     def number(self, column: str) -> float:
         """Return a finite number. Raises DataError with file and line."""
         text = self.fields[column]
-        number = text.replace(",", ".") if has_decimal_comma(text) else text
+        decimal = has_decimal_comma(text) or (self.decimal_commas and text.count(",") == 1)
+        number = text.replace(",", ".") if decimal else text
         if not is_finite(number):
-            raise self.fault(f"'{text}' in column '{column}' is not a number.")
+            doubt = " Its comma may mark thousands: write a decimal point, or no comma." if has_comma(text) else ""
+            raise self.fault(f"'{text}' in column '{column}' is not a number.{doubt}")
         return float(number)
 
     def whole(self, column: str, least: int, most: int) -> int:
@@ -72,7 +76,8 @@ def read_index(path: Path, *, columns: Sequence[str], optional: Sequence[str] = 
     """Read an index with the named columns, in any order. Raises DataError with file, line and next step.
 
     Case, spaces and brackets of their names do not matter: `Angle [deg]` is `angle_deg`, `wind min (m/s)` is
-    `wind_min_mps`. Numbers may have decimal commas between semicolons or tabs.
+    `wind_min_mps`. Numbers may have decimal commas between semicolons or tabs; one of three
+    digits behind it is one where other fields show decimal commas, and none a decimal point.
     """
     content = read_text(path)
     lines = filled_lines(whole_lines(content.rstrip() + b"\n")[0])
@@ -89,12 +94,18 @@ def read_index(path: Path, *, columns: Sequence[str], optional: Sequence[str] = 
         raise DataError(
             f"{path}: no column {', '.join(missing)} among {', '.join(names)}: its header should be {wanted}."
         )
-    rows = []
+    each: list[tuple[int, list[str]]] = []
     for line in lines:
         fields = fields_of(line.text, separator)
         if len(fields) != len(names):
             raise DataError(f"{path}:{line.number}: {counted(len(fields), 'field')} where its header has {len(names)}.")
-        rows.append(IndexRow(path=path, line=line.number, fields=dict(zip(names, fields, strict=True))))
+        each.append((line.number, fields))
+    every = [field for _, fields in each for field in fields]
+    commas = any(map(has_decimal_comma, every)) and not any("." in field and is_finite(field) for field in every)
+    rows = [
+        IndexRow(path=path, line=line, fields=dict(zip(names, fields, strict=True)), decimal_commas=commas)
+        for line, fields in each
+    ]
     if not rows:
         raise DataError(f"{path}: a header and no rows: it names no run.")
     unused = [name for name in names if name not in {*columns, *optional}]
