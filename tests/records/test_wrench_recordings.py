@@ -240,6 +240,15 @@ def test_counts_taken_for_newtons_are_refused(tmp_path: Path) -> None:
     assert "are they counts? Then leave out `units` n,nm" in refusal(tmp_path, text_of(), units="n,nm")
 
 
+@pytest.mark.parametrize("unit", ["kgf", "mN", "lbf"])
+def test_forces_in_a_unit_that_is_not_read_are_refused_at_once(tmp_path: Path, unit: str) -> None:
+    head = ",".join(["t", *(f"{axis} ({unit})" for axis in HEAD.split(",")[1:])])
+    message = refusal(tmp_path, text_of(COUNTS / 1e6, head=head))
+    assert f"column 'Fx ({unit})' is in {unit}: forces are read in N, torques in N m, or both in counts." in message
+    beside = text_of(COUNTS[:, [0, 1, 2, 3, 4, 5, 0]], head=f"{HEAD},Fx ({unit})")
+    assert read(tmp_path, beside).force_n[:, 0] == pytest.approx(COUNTS[:, 0] / 1e6)
+
+
 @pytest.mark.parametrize("unit", ["n", "counts"])
 def test_a_single_value_that_no_load_cell_measures_is_left_out_and_named(tmp_path: Path, unit: str) -> None:
     head = ",".join(

@@ -196,6 +196,8 @@ def _read(
     axes: tuple[str, ...] = AXES,
 ) -> WrenchRecord:
     table = open_table(path, skip_lines=reading.skip_lines, columns=reading.columns)
+    if not reading.columns:
+        _refuse_units(table, axes)
     places = _schema(axes).places(table, named=reading.columns, rate_hz=reading.rate_hz)
     names, time_name = {axis: places[axis] for axis in axes}, places.get(TIME)
     table, values, missing = complete_rows(table, list(places.values()), own=own, timed=TIME in places)
@@ -256,6 +258,16 @@ def _units(table: CsvTable, columns: Mapping[str, str], given: Units | None) -> 
     if len(found) > 1:
         raise DataError(f"{table.path}: its header has some axes in counts and some not: give `units`.")
     return Unit(found.pop(), "option" if given else "header" if stated else None)
+
+
+def _refuse_units(table: CsvTable, axes: Sequence[str]) -> None:
+    """Raise DataError for an axis that the header has in a unit alone that is not read here."""
+    for axis in axes:
+        if any(map(_NAMES[axis].fullmatch, table.names)):
+            continue
+        named = (name for name in table.names if re.fullmatch(rf"{axis}[\s_]*", _IN_BRACKETS.sub("", name), re.I))
+        for name in named:
+            _check_unit(table, axis, name)
 
 
 def _check_unit(table: CsvTable, axis: str, column: str) -> None:
