@@ -15,7 +15,7 @@ from scipy.optimize import OptimizeResult, least_squares
 from cfid.errors import FitError
 from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of, std_of
-from cfid.flight.equations import DELAY_S, LAGS, THRUST, TURNS, Equations, fitted_in
+from cfid.flight.equations import DELAY_S, DELAYS, LAGS, THRUST, TURNS, Equations, fitted_in
 from cfid.flight.likelihood import without
 from cfid.flight.model import (
     AXES,
@@ -41,6 +41,7 @@ _FEWEST = 500  # rows: 5 s
 _LEVEL = 100  # rows: 1 s, whose mean forces are taken as independent
 _SMOOTH = 10  # rows over which noise is averaged before judging how much is explained
 _GRID_S = ROW_S / 24  # by which lags err: in calm air they come out 0.3 to 0.4 ms long, with steps of 2 and 3.3 ms
+_GYRO_DELAY_STD_S = 4e-5  # by which it errs: in calm air it comes out 0.02 to 0.07 ms early, the more the less noise
 _OF_COMMAND, _OF_COMMAND_STD = 0.5, 0.5  # of the delays: what the command alone has of them, as is expected
 _ZERO_STD = 0.02  # of the weight, an accelerometer's zero: the zero-g offset in a BMI088's data sheet is 20 mg
 _SLOPE_STD = 0.005  # of thrust's slope, which all moments share: in calm air they err alike, by 0.6 to 0.75 %
@@ -104,6 +105,7 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
     excess = excess_of_older_torques(jacobian, residual, equations.white)
     found = _undamped(found, equations)
     covariance[LAGS, LAGS] += _GRID_S**2
+    covariance[DELAYS.stop - 1, DELAYS.stop - 1] += _GYRO_DELAY_STD_S**2
     covariance[TURNS, TURNS] += np.diag((excess / math.sqrt(3)) ** 2)
     covariance[TURNS, TURNS] += _SLOPE_STD**2 * np.outer(found[TURNS], found[TURNS])
     found, covariance = _levelled(found, covariance, [one for one in equations.at(found) if one.axis is None])

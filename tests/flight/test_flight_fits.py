@@ -176,6 +176,15 @@ def test_flights_in_still_air_contain_the_truth() -> None:
         assert max(map(abs, errors.values())) < 3.5
 
 
+def test_delays_of_calm_flights_err_alike_and_their_uncertainty_contains_it() -> None:
+    """Each came out 0.03 ms early, 1.3 of the standard uncertainties that noise alone made."""
+    rng = np.random.default_rng(6)
+    logs = fly(fleet(3, rng), rng, seconds=24.0, wind=0.0, noise=0.2)
+    found = [fit_flights([flight_of(log).flight]) for log in logs]
+    delay_s = LATE_STEPS * STEP + GYRO_DELAY_S
+    assert abs(np.mean([(one.values[3] - delay_s) / one.std[3] for one in found])) < 1.0
+
+
 def test_of_a_step_to_the_other_side_of_the_likeliest_parameters_half_is_taken() -> None:
     """Steps to and fro between two such sides never came to rest: in still air with little noise, 12 of 40 flights."""
     rng = np.random.default_rng(6)
