@@ -207,6 +207,20 @@ def test_pings_of_others_are_read_by_their_names_and_units(tmp_path: Path, head:
     assert any("is read in ms, by its size" in one.text for one in found.findings) == ("round trip" in head)
 
 
+@pytest.mark.parametrize("fault", ["nan", "", "lost", "1e300", "-50"])
+def test_single_round_trips_that_cannot_be_are_left_out_and_named(tmp_path: Path, fault: str) -> None:
+    rtt_ms = [50.0 + place % 7 for place in range(100)]
+    rows = [f"{place / 10:.1f},{value}" for place, value in enumerate(rtt_ms)]
+    rows[40] = f"4.0,{fault}"
+    path = tmp_path / "pings.csv"
+    path.write_text("\n".join(["t,rtt_ms", *rows, ""]))
+    found = read_pings(path)
+
+    np.testing.assert_allclose(found.rtt_s, np.delete(rtt_ms, 40) / 1e3)
+    assert any("1 of 100 rows" in one.text or "1 row of 100" in one.text for one in found.findings)
+    assert any("line 42" in one.text for one in found.findings)
+
+
 @pytest.mark.parametrize(
     ("text", "code", "message"),
     [

@@ -487,10 +487,21 @@ def test_an_angle_with_fractions_is_no_count(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("head", ["t,phi", "t,phi_rad"])
 @pytest.mark.parametrize("value", ["1e300", "-1e300", "9007199254740993"])
-def test_a_value_that_no_angle_has_is_refused_with_its_line(tmp_path: Path, head: str, value: str) -> None:
-    lines = text_of(TIME_S, words(ANGLE_RAD), head).splitlines(keepends=True)
+def test_values_that_no_angle_has_are_left_out_and_named_and_many_are_refused(
+    tmp_path: Path, head: str, value: str
+) -> None:
+    angle = words(ANGLE_RAD) if head == "t,phi" else ANGLE_RAD
+    lines = text_of(TIME_S, angle, head).splitlines(keepends=True)
+    whole = read(tmp_path, "".join(lines))
     lines[900] = f"0.899,{value}\n"
-    assert "swing.csv:901:" in refusal(tmp_path, "".join(lines))
+    record = read(tmp_path, "".join(lines))
+    np.testing.assert_array_equal(record.angle_rad, np.delete(whole.angle_rad, 899))
+    (note,) = [one.text for one in record.findings if "not an angle" in one.text]
+    assert "1 row of " in note
+    assert " in line 901) left out." in note
+
+    many = [line if place % 5 else f"{line.split(',')[0]},{value}\n" for place, line in enumerate(lines)]
+    assert "swing.csv:6:" in refusal(tmp_path, "".join([lines[0], *many[1:]]))
 
 
 def spoilt(share: float, spoil: Callable[[int], int]) -> npt.NDArray[np.int64]:

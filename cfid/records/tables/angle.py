@@ -20,7 +20,8 @@ from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
 from cfid.records.run_notes import Facts, facts_of, file_name, gaps, losses, run_at
 from cfid.records.tables.blocks import open_table
-from cfid.records.tables.counts import CountsPerTurn, continuous_angle
+from cfid.records.tables.counts import CountsPerTurn, continuous_angle, is_angle
+from cfid.records.tables.few_rows import without_few
 from cfid.records.tables.gyro import Rates, gyro_device, read_gyro
 from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema, unused_in_run
 from cfid.records.tables.stamps import stamped_rows
@@ -193,6 +194,9 @@ def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> t
     places = SCHEMA.places(table, named=reading.columns, rate_hz=reading.rate_hz)
     time_name, angle_name = places.get(TIME), places[_ANGLE.key]
     table, values, gaps_notes = complete_rows(table, list(places.values()), own=own, timed=TIME in places)
+    if not own:
+        table, values, beyond = without_few(table, values, ~is_angle(values[:, -1]), values[:, -1], "is not an angle")
+        gaps_notes = (*gaps_notes, *beyond)
     rows, stamped, stamp_notes = len(values), None, tuple[str, ...]()
     if own:
         table, values, stamped, stamp_notes = stamped_rows(table, values, STAMP)

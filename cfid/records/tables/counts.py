@@ -39,6 +39,14 @@ class Angle(NamedTuple):
     notes: tuple[str, ...]
 
 
+def is_angle(values: Array) -> npt.NDArray[np.bool_]:
+    """Return which values (n,) may be angles in some unit, counts included."""
+    found = np.empty(len(values), bool)
+    for part in parts(len(values)):
+        found[part] = np.abs(values[part]) < _EXACT
+    return found
+
+
 def continuous_angle(
     table: CsvTable, column: str, values: Array, *, unit: str | None, counts_per_turn: CountsPerTurn | None
 ) -> Angle:

@@ -10,9 +10,19 @@ from cfid.findings import Finding, of_recording
 from cfid.records.parameters import Source
 from cfid.records.run_notes import losses, run_at
 from cfid.records.tables.blocks import open_table
+from cfid.records.tables.few_rows import without_few
 from cfid.records.tables.schema import Column, TableSchema
 from cfid.records.tables.table import Array, CsvTable
-from cfid.records.tables.times import SECONDS, TIME_COLUMN, VEHICLE_CLOCK, column_name, line_notes, unit_of, vehicle_us
+from cfid.records.tables.times import (
+    SECONDS,
+    TIME_COLUMN,
+    VEHICLE_CLOCK,
+    column_name,
+    known_rows,
+    line_notes,
+    unit_of,
+    vehicle_us,
+)
 
 PINGS = "pings"
 
@@ -27,6 +37,7 @@ SCHEMA = TableSchema(
     hint="It should hold round trips, one a row.",
 )
 _SHORTEST_S, _LONGEST_S = 3e-4, 0.3  # of usual round trips: in one unit only
+_LATEST_S = 60.0  # by when an answer comes, if at all
 _SLOWEST_S = 20.0  # from one ping to the next
 
 
@@ -55,24 +66,37 @@ def read_pings(path: Path) -> PingRecord:
     """Read a run of `cfid log ping`, or a CSV file with a column rtt_s, and t and vehicle_us if it has them.
 
     Other names and units are read too; a unit that the name does not state is the one that gives usual round trips.
+    Of a file that is no run's, the few rows without a number or with an impossible round trip are left out.
     Raises DataError with file, line and next step.
     """
     run = run_at(path)
     file = path if run is None else run.device_file(PINGS)
     table = open_table(file)
     places = SCHEMA.places(table)
-    columns = dict(zip(places, table.numbers(list(places.values())).T, strict=True))
-    wrong = np.flatnonzero(columns[_RTT.key] <= 0)
+    names, left_out = list(places.values()), tuple[str, ...]()
+    if run is None:
+        table, values, left_out = known_rows(table, names, timed=False)
+    else:
+        values = table.numbers(names)
+    place = list(places).index(_RTT.key)
+    shown = values[:, place].copy()
+    values[:, place], notes = _seconds(table, _RTT, places[_RTT.key], shown, usual_s=(_SHORTEST_S, _LONGEST_S))
+    if run is None:
+        possible = (values[:, place] > 0) & (values[:, place] < _LATEST_S)
+        table, values, impossible = without_few(table, values, ~possible, shown, "no round trip takes")
+        left_out = (*left_out, *impossible)
+    columns = dict(zip(places, values.T, strict=True))
+    rtt_s = columns[_RTT.key]
+    wrong = np.flatnonzero(rtt_s <= 0)
     if len(wrong):
         raise DataError(
             f"{file}:{table.line_of_row(int(wrong[0]))}: a round trip takes more than zero seconds. Delete that line."
         )
-    rtt_s, notes = _seconds(table, _RTT, places[_RTT.key], columns[_RTT.key], usual_s=(_SHORTEST_S, _LONGEST_S))
     sent_s = None
     if _SENT.key in places:
         sent_s, of_times = _seconds(table, _SENT, places[_SENT.key], columns[_SENT.key], usual_s=(0.0, _SLOWEST_S))
         notes += of_times
-    notes += line_notes(table)
+    notes += (*left_out, *line_notes(table))
     notes += () if run is None else tuple(losses(run, run.header.devices[PINGS], len(rtt_s)))
     return PingRecord(
         path=path,

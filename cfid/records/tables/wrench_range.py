@@ -5,11 +5,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from cfid.counted import counted
 from cfid.errors import DataError
-from cfid.large import chosen_rows, parts
+from cfid.large import parts
+from cfid.records.tables.few_rows import without_few
 from cfid.records.tables.table import Array, CsvTable
-from cfid.records.tables.times import MISSING_SHARE
 
 Units = Literal["counts", "n,nm"]
 
@@ -28,18 +27,12 @@ def possible_rows(
     table: CsvTable, values: Array, wrench: Array, units: Unit
 ) -> tuple[CsvTable, Array, tuple[str, ...]]:
     """Return a table and its values (n, k) without the few rows that no load cell measures in a unit that is stated."""
-    wrong = np.zeros(len(wrench), bool)
-    for part in parts(len(wrench)):
-        wrong[part] = ~(np.abs(wrench[part]) <= _LARGEST[units.name]).all(axis=1)
-    if units.by is None or not 0 < np.count_nonzero(wrong) <= MISSING_SHARE * len(wrong):
-        return table, values, ()
-    row = int(np.argmax(wrong))
-    first = wrench[row][np.abs(wrench[row]) > _LARGEST[units.name]][0]
-    note = (
-        f"{counted(int(np.count_nonzero(wrong)), 'row')} of {len(wrong)} with a value that no load cell measures "
-        f"(first: {first:.9g} in line {table.line_of_row(row)}) left out."
-    )
-    return table.without(np.flatnonzero(wrong)), chosen_rows(values, ~wrong), (note,)
+    wrong, farthest = np.zeros(len(wrench), bool), np.zeros(len(wrench))
+    for part in parts(len(wrench) if units.by else 0):
+        largest = np.argmax(np.abs(wrench[part]), axis=1)
+        farthest[part] = np.take_along_axis(wrench[part], largest[:, None], axis=1)[:, 0]
+        wrong[part] = ~(np.abs(farthest[part]) <= _LARGEST[units.name])
+    return without_few(table, values, wrong, farthest, "no load cell measures")
 
 
 def check_values(table: CsvTable, axes: Sequence[str], values: Array, units: Unit) -> None:
