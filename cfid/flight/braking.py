@@ -9,14 +9,14 @@ import numpy.typing as npt
 
 from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of, sandwich
-from cfid.flight.likelihood import whitening, without
-from cfid.flight.model import Flight, FlightEquation, segments
+from cfid.flight.likelihood import PAST, whitening, without
+from cfid.flight.model import ROW_S, Flight, FlightEquation, segments
 
 Array = npt.NDArray[np.float64]
 
 _ROUNDS = 3  # in which noise and drag are estimated in turn
-_FEWEST = 500  # rows: 5 s
-_SMOOTH = 10  # rows over which noise is averaged before judging how much is explained
+_SHORTEST_S = 5.0  # of all flights
+_MEAN_ROWS = 10
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,20 +37,14 @@ class AxisDrag:
 def fit_drag(flights: Sequence[Flight], *, axis: int) -> AxisDrag | None:
     """Fit specific force = -rate * velocity + a constant of each flight along an axis across the thrust, 0 or 1.
 
-    A share of the force along z is a term beside: a tilted accelerometer shows that much of the thrust. Returns None
-    where less than 5 s have a velocity.
+    A share of the force along z is a term beside: a tilted accelerometer shows that much of the thrust. Means over
+    0.1 s are compared, in which a velocity's noise, quick as it is, hardly counts as motion. Returns None where less
+    than 5 s have a velocity.
     """
-    blocks = []
-    for flight in flights:
-        parts = [] if flight.velocity is None else segments(flight.airborne)
-        if flight.velocity is None or not parts:
-            continue
-        at = np.concatenate([np.arange(one.start, one.stop) for one in parts])
-        lengths = tuple(one.stop - one.start for one in parts)
-        terms = -flight.velocity[at, axis : axis + 1]
-        others = np.column_stack([np.ones(len(at)), flight.force[at, 2]])
-        blocks.append(FlightEquation(axis, flight.force[at, axis], terms, others, lengths))
-    if sum(map(len, (block.shown for block in blocks))) < _FEWEST:
+    blocks = [
+        block for flight in flights if flight.velocity is not None if (block := _block(flight, flight.velocity, axis))
+    ]
+    if ROW_S * _MEAN_ROWS * sum(len(block.shown) for block in blocks) < _SHORTEST_S:
         return None
     found = np.zeros(1)
     rows, shown = np.zeros((0, 1)), np.zeros(0)
@@ -65,12 +59,24 @@ def fit_drag(flights: Sequence[Flight], *, axis: int) -> AxisDrag | None:
     covariance = sandwich(rows, shown - rows @ found, longest=len(shown) // (8 * len(blocks)))
     velocity = np.concatenate([-without(block.terms[:, 0], block.others) for block in blocks])
     force = np.concatenate([without(block.shown, block.others) for block in blocks])
-    slow = [block_means(values, length=_SMOOTH) for values in (force + found[0] * velocity, force)]
     return AxisDrag(
         rate=float(found[0]),
         std=math.sqrt(float(covariance[0, 0])),
-        explained=float(1 - np.var(slow[0]) / np.var(slow[1])),
+        explained=float(1 - np.var(force + found[0] * velocity) / np.var(force)),
         speed=float(np.std(velocity)),
         velocity=velocity,
         force=force,
     )
+
+
+def _block(flight: Flight, velocity: Array, axis: int) -> FlightEquation | None:
+    """Return the equation of a flight's stretches that are long enough for the model of the noise."""
+    columns = np.column_stack([-velocity[:, axis], np.ones(len(velocity)), flight.force[:, 2], flight.force[:, axis]])
+    parts = [
+        block_means(columns[one].T, length=_MEAN_ROWS).T
+        for one in segments(flight.airborne, fewest=2 * PAST * _MEAN_ROWS)
+    ]
+    if not parts:
+        return None
+    means = np.concatenate(parts)
+    return FlightEquation(axis, means[:, 3], means[:, :1], means[:, 1:3], tuple(map(len, parts)))

@@ -287,6 +287,20 @@ def test_an_accelerometer_tilted_by_five_degrees_leaves_the_drag_as_it_is(flown:
         assert abs(tilted.rate - vehicles.braking[place]) < 2.5 * tilted.std
 
 
+def test_noise_of_a_velocity_leaves_the_drag_as_it_is(flown: tuple[Fleet, list[FlightLog]]) -> None:
+    """The quieter the accelerometer, the more quick noise of the velocity counted: drag came out up to 88 % small."""
+    for place, log in enumerate(flown[1]):
+        flight = flight_of(log).flight
+        noise = 0.05 * np.random.default_rng(place).standard_normal(flight.force.shape)
+        exact, noisy = (
+            fit_drag([replace(flight, velocity=np.asarray(flight.velocity) + each)], axis=0) for each in (0.0, noise)
+        )
+        assert exact is not None
+        assert noisy is not None
+        assert abs(noisy.rate / exact.rate - 1) < 0.02
+        assert abs(noisy.rate - exact.rate) < 0.5 * noisy.std
+
+
 def gain_at(frequency_hz: float, values: Array) -> float:
     """The size of a sine in rows of 10 ms, without those at the begin and end."""
     at_s = ROW_S * np.arange(len(values))
