@@ -70,7 +70,7 @@ def at_hand(campaign: str) -> Iterator[Place]:
     with _faults(campaign):
         files, root = _files_at(campaign)
     with tempfile.TemporaryDirectory(prefix="cfid-fleet-") as temporary:
-        folder = Path(temporary).resolve() / (PurePosixPath(root).name or "campaign")
+        folder = Path(temporary).resolve() / "campaign"  # not a name of the server's, which may lead elsewhere
 
         def bring(name: str, only: Sequence[str] | None = None) -> None:
             there, here = f"{root}/{name}" if name else root, folder / name

@@ -178,6 +178,21 @@ def test_campaigns_of_a_server_are_fitted_to_the_same(cfid: Cfid, campaigns: Pat
     assert "source-" not in compared.stderr
 
 
+@pytest.mark.parametrize("path", ["c3/x/..", "c3/x/%2e%2e", "c3/.", "c3//"])
+def test_a_campaign_of_a_server_is_made_in_its_temporary_folder_whatever_its_name(
+    cfid: Cfid, served: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str
+) -> None:
+    (temporary := tmp_path / "temporary").mkdir()
+    (victim := tmp_path / "victim").write_text("ORIGINAL")
+    (temporary / "rig.toml").symlink_to(victim)
+    monkeypatch.setenv("TMPDIR", str(temporary))
+    ended = cfid("fleet", "fit", f"{served}/{path}", "--out", tmp_path / "out", "--jobs", 1)
+
+    assert ended.returncode == 0, ended.stderr
+    assert victim.read_text() == "ORIGINAL"
+    assert [one.name for one in temporary.iterdir()] == ["rig.toml"]
+
+
 def test_a_fleet_goes_on_where_it_was_interrupted(campaigns: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = ["fleet", "fit", campaigns / "c*", "--out", out, "--jobs", 1]
