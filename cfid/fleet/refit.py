@@ -1,5 +1,6 @@
 """Refit one campaign from its recordings: what a process, or a worker of a cluster, is given to do."""
 
+import math
 import re
 import tempfile
 import time
@@ -103,7 +104,11 @@ def _repeat(fit: Fit, own: Campaign, made: Campaign, place: Place, changes: Mapp
         notes += (f"changed since it was fitted: {', '.join(changed)}.",)
     sources = tuple(replace(source, path=place.named(source.path)) for source in result.sources)
     made.keep(replace(result, sources=sources), force=options.get("force", False), options=options)
-    moved, most = _largest_move(fit.section, made.sections()[result.section_name])
+    moves = _moves(fit.section, made.sections()[result.section_name])
+    beyond = [name for move, name in moves if not math.isfinite(move)]
+    if beyond:
+        notes += (f"its kept std is too small to compare with: {', '.join(beyond)}.",)
+    moved, most = max((one for one in moves if math.isfinite(one[0])), default=(None, ""))
     return Refit(name=fit.name, moved=moved, most=most, notes=notes)
 
 
@@ -137,14 +142,13 @@ def _scales(named: Path, own: Campaign, place: Place) -> Path:
     return own.runs_folder / named
 
 
-def _largest_move(kept: Section, made: Section) -> tuple[float | None, str]:
-    """Return the largest change of a number in standard uncertainties of the kept one, and its name."""
+def _moves(kept: Section, made: Section) -> list[tuple[float, str]]:
+    """Return the change of each number in standard uncertainties of the kept one, and its name."""
     new = {one.name: one.value for key, found in made.parameters.items() for one in found.numbers(key)}
-    moves = [
+    return [
         (abs(value - one.value) / one.std, one.name)
         for key, found in kept.parameters.items()
         if key not in kept.rejected
         for one in found.numbers(key)
         if one.std and one.value is not None and (value := new.get(one.name)) is not None
     ]
-    return max(moves, default=(None, ""))

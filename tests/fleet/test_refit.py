@@ -466,3 +466,20 @@ def test_a_fit_whose_name_was_edited_is_repeated_by_its_command(three: Path) -> 
     path.write_text(path.read_text().replace('"name": "swing x"', '"name": "renamed"'))
     found = refit(str(three / "c3"))
     assert [(one.name, one.fault) for one in found.fits] == [("renamed", "")]
+
+
+def test_a_kept_std_that_is_too_small_to_compare_with_is_noted_and_stops_nothing(
+    cfid: Cfid, three: Path, tmp_path: Path
+) -> None:
+    path = next((three / "c3" / "fits").glob("*swing*.json"))
+    content = json.loads(path.read_text())
+    kept = content["section"]["parameters"]["swing.natural_frequency_squared_s2"]
+    kept["value"], kept["std"] = kept["value"] - 1, 1e-320
+    path.write_text(json.dumps(content))
+    ended = cfid("fleet", "fit", three / "c3", three / "c1", "--out", tmp_path / "out", "--jobs", 1, "--json")
+
+    assert ended.returncode == 0, ended.stderr
+    first, other = json.loads(ended.stdout)["campaigns"]
+    (fit,) = first["fits"]
+    assert (fit["moved_in_std"], fit["done"], other["folder"]) == (0, True, "c1")
+    assert fit["text"] == "its kept std is too small to compare with: swing.natural_frequency_squared_s2."
