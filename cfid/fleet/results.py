@@ -22,6 +22,7 @@ from cfid.records.files import check_regular
 MANIFEST = "manifest.jsonl"
 _HALF = ".half-"  # begins the name of a folder that is not complete
 _LARGEST = 1 << 26  # bytes of a manifest
+_LONGEST = 200  # characters of a folder's name, of the 255 bytes that file systems take; an address may have more
 FORMAT = 1
 
 
@@ -73,7 +74,7 @@ class Results:
             os.fsync(file.fileno())
 
     def _free_name(self, campaign: str) -> str:
-        stem = re.sub(r"[^A-Za-z0-9_+-][^A-Za-z0-9_.+-]*", "-", PurePosixPath(campaign).name) or "campaign"
+        stem = re.sub(r"[^A-Za-z0-9_+-][^A-Za-z0-9_.+-]*", "-", PurePosixPath(campaign).name)[:_LONGEST] or "campaign"
         number = 1
         while (name := f"{stem}-{number}" if number > 1 else stem) in self._taken:
             number += 1

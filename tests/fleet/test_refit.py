@@ -17,6 +17,7 @@ import pandas as pd
 import pytest
 
 from cfid.fleet.refit import Refitted, refit
+from cfid.fleet.results import results_in
 from cfid.records.campaign import open_campaign
 from cfid.records.files import sha256_of
 from cfid.records.parameters import Section, load_sections, plain
@@ -483,3 +484,12 @@ def test_a_kept_std_that_is_too_small_to_compare_with_is_noted_and_stops_nothing
     (fit,) = first["fits"]
     assert (fit["moved_in_std"], fit["done"], other["folder"]) == (0, True, "c1")
     assert fit["text"] == "its kept std is too small to compare with: swing.natural_frequency_squared_s2."
+
+
+def test_a_campaign_whose_name_is_too_long_for_a_folder_is_kept_under_its_beginning(tmp_path: Path) -> None:
+    made = Refitted(files={"rig.toml": b""}, fits=(), processor_s=0.0)
+    with results_in(tmp_path / "out", changes={}) as results:
+        rows = [results.keep(f"https://lab.example/{'x' * 300}{i}", made) for i in range(2)]
+
+    assert [row["folder"] for row in rows] == ["x" * 200, f"{'x' * 200}-2"]
+    assert all((tmp_path / "out" / row["folder"] / "rig.toml").exists() for row in rows)
