@@ -43,15 +43,16 @@ def printable_lines(text: str) -> str:
 def echo(text: object = "", *, nl: bool = True, err: bool = False) -> None:
     """Print lines in which there may be what others wrote, as a path, to stdout or stderr.
 
-    A terminal that was closed takes none, and nobody is there to read them; raises OSError for any other output.
+    A terminal that was closed takes none, and nobody is there to read them. Where stderr takes none, as a full disk,
+    the command goes on without: its results go elsewhere. Raises OSError for any other stdout.
     """
-    stream = sys.stderr if err else sys.stdout
     try:
         typer.echo(printable_lines(str(text)), nl=nl, err=err)
     except OSError as error:
-        if error.errno != errno.EIO or not stat.S_ISCHR(os.fstat(stream.fileno()).st_mode):
+        closed = error.errno == errno.EIO and stat.S_ISCHR(os.fstat(sys.stdout.fileno()).st_mode)
+        if not (err or closed):
             raise
-        _drop(stream)
+        _drop(sys.stderr if err else sys.stdout)
 
 
 def note(text: str) -> None:
@@ -84,8 +85,7 @@ def patience(first_s: float = _PATIENCE_S) -> Iterator[None]:
     def tell() -> None:
         waited_s = step_s = first_s
         while not ended.wait(step_s):
-            with contextlib.suppress(OSError):
-                echo(f"still reading and computing after {waited_s:.0f} s; Ctrl-C ends it", err=True)
+            echo(f"still reading and computing after {waited_s:.0f} s; Ctrl-C ends it", err=True)
             step_s, waited_s = waited_s, 2 * waited_s
 
     threading.Thread(target=tell, daemon=True).start()

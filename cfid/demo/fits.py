@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from cfid.console.messages import result
+from cfid.console.messages import echo, result
 from cfid.console.tables import value_and_deviation
 from cfid.errors import FitError
 from cfid.records.campaign import Campaign
@@ -66,7 +66,7 @@ def run_all(campaign: Campaign, commands: Sequence[str], *, figures: bool) -> No
 
 def _tell_done(words: str, every: Sequence["Future[tuple[int, str, str]]"], _: object) -> None:
     done = sum(one.done() for one in every)
-    typer.echo(f"{done} of {len(every)} done: cfid {words}", err=True)
+    echo(f"{done} of {len(every)} done: cfid {words}", err=True)
 
 
 class _Processes:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from cfid.console.messages import clock, note, printable
+from cfid.console.messages import clock, echo, note, printable
 from cfid.fleet.command import Index, Jobs, Scheduler, processors
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def _print_progress(done: int, total: int, before: int, seconds: float) -> None:
     if done == total or done % -(-total // _LINES) == 0:
         rest_s = seconds / (done - before) * (total - done)
         ahead = "" if done == total else f", {clock(rest_s)} to go"
-        typer.echo(f"{done} of {total} campaigns in {clock(seconds)}{ahead}", err=True)
+        echo(f"{done} of {total} campaigns in {clock(seconds)}{ahead}", err=True)
 
 
 def _failures(row: Mapping[str, Any]) -> list[str]:

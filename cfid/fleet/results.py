@@ -12,7 +12,7 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, BinaryIO
 
 from cfid import __version__
 from cfid.errors import ConfigError, DataError
@@ -52,7 +52,7 @@ class Results:
                 for fit in refitted.fits
             ],
         }
-        try:
+        with _faults(self.folder / name):
             half = Path(tempfile.mkdtemp(prefix=_HALF, dir=self.folder))  # a name that nobody can foretell
             half.chmod(0o777 & ~_umask())
             for file, content in refitted.files.items():
@@ -61,8 +61,6 @@ class Results:
                 path.write_bytes(content)
             self._append(row)
             half.rename(self.folder / name)
-        except OSError as error:
-            raise ConfigError(f"{self.folder / name}: cannot be written: {error.strerror or error}.") from None
         self.done[campaign] = row
         self._taken.add(name)
         return row
@@ -90,33 +88,54 @@ def results_in(folder: Path, *, changes: Mapping[str, str]) -> Iterator[Results]
     others = {f"set {name}": value for name, value in sorted(changes.items()) if name != "method"}
     method = changes.get("method", "as kept")
     head = {"format": FORMAT, "cfid_version": __version__, "method": method, **others}
-    path = folder / MANIFEST
+    with _faults(folder):
+        file = _manifest(folder, head)
+    with file:
+        with _faults(folder):
+            results = _begun(file, folder, head)
+        yield results  # an error of what is done meanwhile is none of the folder's
+
+
+@contextmanager
+def _faults(folder: Path) -> Iterator[None]:
+    """Turn an error of a file into a ConfigError that names the folder."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if path.is_symlink():
-            raise ConfigError(f"{path}: is a link: give a new folder.")
-        if not path.exists():
-            if any(folder.iterdir()):
-                raise ConfigError(f"{folder}: is not empty, and has no {MANIFEST}: give a new folder.")
-            path.write_bytes(_line(head))
-        check_regular(path)
-        with path.open("r+b") as file:
-            _lock(file.fileno(), folder)
-            content = file.read(_LARGEST + 1)
-            if len(content) > _LARGEST:
-                raise ConfigError(f"{path}: is larger than {_LARGEST >> 20} MB: give a new folder.")
-            rows = list(_rows(content, path))
-            if not rows or rows[0] != head:
-                was = rows[0] if rows else "no first line"
-                raise ConfigError(f"{path}: was begun with {_said(was)}, now {_said(head)}: give a new folder.")
-            file.truncate(content.rfind(b"\n") + 1)  # without a line that a crash cut
-            for left in folder.glob(f"{_HALF}*"):
-                if left.is_dir() and not left.is_symlink():
-                    shutil.rmtree(left, ignore_errors=True)
-            done = {row["campaign"]: row for row in rows[1:] if (folder / row["folder"]).is_dir()}
-            yield Results(folder, done, {entry.name for entry in folder.iterdir()})
+        yield
     except OSError as error:
         raise ConfigError(f"{folder}: cannot be written: {error.strerror or error}.") from None
+
+
+def _manifest(folder: Path, head: Mapping[str, Any]) -> BinaryIO:
+    """Open the manifest of a folder, which is made where there is none. Raises OSError, ConfigError."""
+    path = folder / MANIFEST
+    folder.mkdir(parents=True, exist_ok=True)
+    if path.is_symlink():
+        raise ConfigError(f"{path}: is a link: give a new folder.")
+    if not path.exists():
+        if any(folder.iterdir()):
+            raise ConfigError(f"{folder}: is not empty, and has no {MANIFEST}: give a new folder.")
+        path.write_bytes(_line(head))
+    check_regular(path)
+    return path.open("r+b")
+
+
+def _begun(file: BinaryIO, folder: Path, head: Mapping[str, Any]) -> Results:
+    """Return what an open manifest states, without what a crash left. Raises OSError, ConfigError, DataError."""
+    path = folder / MANIFEST
+    _lock(file.fileno(), folder)
+    content = file.read(_LARGEST + 1)
+    if len(content) > _LARGEST:
+        raise ConfigError(f"{path}: is larger than {_LARGEST >> 20} MB: give a new folder.")
+    rows = list(_rows(content, path))
+    if not rows or rows[0] != head:
+        was = rows[0] if rows else "no first line"
+        raise ConfigError(f"{path}: was begun with {_said(was)}, now {_said(head)}: give a new folder.")
+    file.truncate(content.rfind(b"\n") + 1)  # without a line that a crash cut
+    for left in folder.glob(f"{_HALF}*"):
+        if left.is_dir() and not left.is_symlink():
+            shutil.rmtree(left, ignore_errors=True)
+    done = {row["campaign"]: row for row in rows[1:] if (folder / row["folder"]).is_dir()}
+    return Results(folder, done, {entry.name for entry in folder.iterdir()})
 
 
 def _umask() -> int:

@@ -4,6 +4,7 @@ import http.server
 import importlib.util
 import json
 import os
+import pty
 import shutil
 import signal
 import threading
@@ -365,6 +366,37 @@ def test_campaigns_that_cannot_be_read_do_not_stop_the_others(cfid: Cfid, three:
     assert "2 of 3 campaigns were not refitted" in ended.stderr
     assert "holds no fit that could be repeated" in ended.stderr
     assert list(found_in(tmp_path / "out")) == ["c3"]
+
+
+def test_every_campaign_that_was_not_refitted_is_named_however_many(
+    cfid: Cfid, campaigns: Path, tmp_path: Path
+) -> None:
+    for number in range(15):
+        shutil.copytree(campaigns / "c3", tmp_path / f"n{number}", ignore=shutil.ignore_patterns("fits", "runs"))
+    ended = cfid("fleet", "fit", "n*", campaigns / "c3", "--out", tmp_path / "out", "--jobs", 1)
+
+    assert ended.returncode == 4
+    assert all(f"{tmp_path / f'n{number}'}/fits: holds no fit" in ended.stderr for number in range(15))
+    assert "more, which the manifest names" not in ended.stderr
+
+
+@pytest.mark.parametrize("where", ["a full disk", "a terminal that hung up", "a pipe without a reader"])
+def test_a_fleet_goes_on_without_its_progress_where_stderr_takes_nothing(
+    campaigns: Path, tmp_path: Path, where: str
+) -> None:
+    if where == "a full disk":
+        stderr = os.open("/dev/full", os.O_WRONLY)
+    else:
+        far, stderr = pty.openpty() if where == "a terminal that hung up" else os.pipe()
+        os.close(far)
+    words = ["fleet", "fit", campaigns / "c*", "--out", "out", "--jobs", 1]
+    with (tmp_path / "said").open("w") as said:
+        code = started(words, anew=True, cwd=tmp_path, stdout=said, stderr=stderr).wait(LONGEST_S)
+    os.close(stderr)
+
+    assert code == 0
+    assert found_in(tmp_path / "out") == found_in(campaigns)
+    assert "inertia 1 0 0 0" in " ".join((tmp_path / "said").read_text().split())
 
 
 def test_a_fit_that_cannot_be_repeated_is_named(cfid: Cfid, three: Path, tmp_path: Path) -> None:
