@@ -70,9 +70,9 @@ def fleet_fit(
     (_print_json if json else _print_summary)(rows, faults)
     failed = [text for row in rows for text in _failures(row)]
     if faults:
-        raise DataError(f"{len(faults)} of {len(every)} campaigns were not refitted: {_listed(faults)}")
+        raise DataError("\n  ".join([f"{len(faults)} of {len(every)} campaigns were not refitted:", *faults]))
     if failed:
-        raise FitError(f"{len(failed)} fits of {out} were not made: {_listed(failed)}")
+        raise FitError("\n  ".join([f"{len(failed)} fits of {out} were not made:", *_shortened(failed)]))
 
 
 def _keep(results: "Results", answers: "Iterator[tuple[str, Refitted | DataError]]", every: Sequence[str]) -> list[str]:
@@ -115,11 +115,10 @@ def _failures(row: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _listed(texts: Sequence[str]) -> str:
+def _shortened(texts: Sequence[str]) -> list[str]:
+    """Return sentences of fits, and in place of many how many more there are: the manifest has each."""
     more = len(texts) - _MOST_LISTED
-    return "\n  ".join(
-        ["", *texts[:_MOST_LISTED], *([f"and {more} more, which the manifest names."] if more > 0 else [])]
-    )
+    return [*texts[:_MOST_LISTED], *([f"and {more} more, which the manifest names."] if more > 0 else [])]
 
 
 def _print_json(rows: "Sequence[Mapping[str, Any]]", faults: Sequence[str]) -> None:
