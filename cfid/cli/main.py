@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from cfid.cli.groups import LazyGroup
-from cfid.console.messages import fault, note
+from cfid.console.messages import echo, fault, note
 
 app = typer.Typer(
     cls=LazyGroup,
@@ -26,7 +26,7 @@ def _print_version(wanted: bool) -> None:
     from cfid import __version__
 
     if wanted:
-        typer.echo(f"cfid {__version__}")
+        echo(f"cfid {__version__}")
         raise typer.Exit
 
 

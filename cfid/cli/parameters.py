@@ -213,7 +213,7 @@ def _print_json(sections: "dict[str, Section]") -> None:
             for name, section in sections.items()
         },
     }
-    typer.echo(json.dumps(plain(content), indent=2, allow_nan=False))
+    echo(json.dumps(plain(content), indent=2, allow_nan=False))
 
 
 def _print_tables(sections: "dict[str, Section]") -> None:

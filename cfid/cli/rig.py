@@ -83,7 +83,7 @@ def report_answers(
         import json as encoder
 
         content = {name: [answer._asdict() for answer in own] for name, own in answers.items()}
-        typer.echo(encoder.dumps({"command": command, "simulated": simulated, "devices": content}, indent=2))
+        echo(encoder.dumps({"command": command, "simulated": simulated, "devices": content}, indent=2))
     else:
         for name, answer in ((name, answer) for name, own in answers.items() for answer in own):
             limit = f" (limit {answer.limit})" if answer.limit else ""

@@ -139,7 +139,7 @@ def _print_runs(runs: "list[Run | DataError]", *, only: str, newest: int | None,
     if json:
         import json as encoder
 
-        typer.echo(encoder.dumps({"command": "runs", "runs": [row for row, _ in rows], "warnings": broken}, indent=2))
+        echo(encoder.dumps({"command": "runs", "runs": [row for row, _ in rows], "warnings": broken}, indent=2))
         return
     if not rows and not broken:
         echo(f"no run has '{only}' in its name, state or note" if only else "no runs yet")

@@ -6,6 +6,7 @@ import typer
 
 from cfid.console.flat import flat
 from cfid.console.inputs import open_workplace
+from cfid.console.messages import echo
 from cfid.console.options import Delivery, EscUs, LoadCellOptions, LogClock, ReadingOptions, RigOptions, pulses_us
 from cfid.console.outcome import deliver
 from cfid.console.views import View, views_of
@@ -99,4 +100,4 @@ def _plot_in_terminal(view: View) -> None:
     plotext.ylabel(view.curve.name)
     plotext.plotsize(78, 22)
     plotext.theme("clear")
-    typer.echo(plotext.uncolorize(plotext.build()))
+    echo(plotext.uncolorize(plotext.build()))

@@ -5,7 +5,7 @@ import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from cfid.console.messages import clock, fitted, in_options, noted
+from cfid.console.messages import clock, fitted, in_options, noted, printable, printable_lines
 from cfid.console.screen import Screen
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class LiveLine:
             return
         self._next_s = now_s + _EVERY_S
         parts = line_of(recorder, task=self._task, question=self._question, left=self._left)
-        self._replace(fitting(parts, self._columns()))
+        self._replace(fitting([printable(part) for part in parts], self._columns()))
 
     def say(self, text: str) -> None:
         """Print a note above the line."""
@@ -70,7 +70,7 @@ class LiveLine:
 
     def tell(self, text: str) -> None:
         """Print a message that is not a note above the line."""
-        self._print(fitted(text, indent=_INDENT, err=True))
+        self._print(fitted(printable_lines(text), indent=_INDENT, err=True))
 
     def _print(self, text: str) -> None:
         self._replace("")

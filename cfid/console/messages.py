@@ -8,7 +8,7 @@ import stat
 import sys
 import textwrap
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TextIO
 
 import typer
@@ -53,6 +53,34 @@ def echo(text: object = "", *, nl: bool = True, err: bool = False) -> None:
         if not (err or closed):
             raise
         _drop(sys.stderr if err else sys.stdout)
+
+
+def headline(text: str) -> None:
+    """Print a line in bold, as what follows it is about."""
+    typer.secho(printable_lines(text), bold=True)
+
+
+def ask(question: str, *, ring: Callable[[], None] = lambda: None) -> str:
+    """Print a question on stderr and return the line typed, "" where the input ended.
+
+    `ring` calls the operator. Raises OSError where stderr takes nothing: nobody can have read the question.
+    """
+    typer.echo(f"{fitted(printable_lines(question), err=True)} ", nl=False, err=True)
+    ring()
+    line = typed_line()
+    if not line.endswith("\n"):
+        echo(err=True)  # the question ends its line
+    return line
+
+
+def typed_line() -> str:
+    """Return the next line of standard input, and read no byte beyond it: a script's further answers follow."""
+    if sys.stdin is None:
+        return ""
+    line = b""
+    while not line.endswith(b"\n") and (byte := os.read(sys.stdin.fileno(), 1)):
+        line += byte
+    return line.decode(errors="replace")
 
 
 def note(text: str) -> None:

@@ -243,7 +243,7 @@ def _stopped_in_s(run: "Run") -> float | None:
 
 def print_json(content: Mapping[str, Any]) -> None:
     """Print the one object of --json."""
-    typer.echo(json.dumps(content, indent=2))
+    echo(json.dumps(content, indent=2))
 
 
 def summary(

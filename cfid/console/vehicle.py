@@ -1,7 +1,5 @@
 """Connect a command to the vehicle, and have the operator confirm that it is fastened before a motor turns."""
 
-import os
-import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -10,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cfid.console.lists import comma_list
-from cfid.console.messages import fitted, note
+from cfid.console.messages import ask, note
 from cfid.console.recording import refuse_mixture
 from cfid.errors import ConfigError
 
@@ -112,16 +110,6 @@ def reach_at(setting: "CrazyflieLink", held: ExitStack) -> "ReadyVehicle":
     return vehicle
 
 
-def typed_line() -> str:
-    """Return the next line of standard input, and read no byte beyond it: a script's further answers follow."""
-    if sys.stdin is None:
-        return ""
-    line = b""
-    while not line.endswith(b"\n") and (byte := os.read(sys.stdin.fileno(), 1)):
-        line += byte
-    return line.decode(errors="replace")
-
-
 def refuse(vehicle: "ReadyVehicle", motors: Sequence[int], commands: Sequence[int]) -> int:
     """Return the largest of the commands. Raises ConfigError when rig.toml or the rotors do not allow one of them.
 
@@ -153,12 +141,7 @@ def confirm(
         return
     which = f"motor {motors[0]}" if len(motors) == 1 else f"motors {', '.join(map(str, motors))}"
     turns = f"{vehicle.uri}: {which} will turn at commands up to {largest}{effort}."
-    question = fitted(f"{turns} Is the vehicle fastened and everyone clear? [y/N]", err=True)
-    typer.echo(f"{question} ", nl=False, err=True)
-    ring()
-    answer = typed_line()
-    if not answer.endswith("\n"):
-        typer.echo(err=True)  # the input ended: the question ends its line
+    answer = ask(f"{turns} Is the vehicle fastened and everyone clear? [y/N]", ring=ring)
     if not answer:
         raise ConfigError("nobody confirmed that the vehicle is fastened: use --yes in a script.")
     if answer.strip().lower() not in ("y", "yes"):

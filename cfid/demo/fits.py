@@ -7,11 +7,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 
-import typer
 from rich.console import Console
 from rich.table import Table
 
-from cfid.console.messages import echo, result
+from cfid.console.messages import echo, headline, result
 from cfid.console.tables import value_and_deviation
 from cfid.errors import FitError
 from cfid.records.campaign import Campaign
@@ -98,8 +97,8 @@ class _Processes:
 
 
 def _print_output(words: str, code: int, out: str, err: str) -> None:
-    typer.secho(f"\n$ cfid {words}", bold=True)
-    typer.echo(out, nl=False)
+    headline(f"\n$ cfid {words}")
+    echo(out, nl=False)
     if code:
         raise FitError(f"cfid {words} failed: {err.strip()}")
 

@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import typer
-
+from cfid.console.messages import headline
 from cfid.errors import DeviceError
 from cfid.records.campaign import Campaign
 from cfid.rig.sim_file import SIM_FILE
@@ -29,7 +28,7 @@ def record_over_wires(campaign: Campaign, *, truth: Path | None, seed: int) -> N
     """Serve a rig and record the LOGS from it. Raises DeviceError that names the command which failed."""
     with _served(campaign.folder, truth=truth, seed=seed):
         for words in LOGS:
-            typer.secho(f"\n$ cfid {words}", bold=True)
+            headline(f"\n$ cfid {words}")
             if subprocess.run(_command(*words.split()), cwd=campaign.folder, check=False).returncode:
                 raise DeviceError(f"cfid {words} failed; {campaign.folder} keeps what was recorded.")
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from cfid.console.campaign import here
-from cfid.console.messages import echo, in_options, note
+from cfid.console.messages import echo, headline, in_options, note
 
 if TYPE_CHECKING:
     from cfid.export.target import Target
@@ -133,7 +133,7 @@ def _write(text: str, out: str, *, force: bool) -> None:
     from cfid.records.files import write_whole
 
     if out == "-":
-        typer.echo(text, nl=False)
+        echo(text, nl=False)
         return
     path = Path(out)
     try:
@@ -170,10 +170,10 @@ def _print_list(vehicle: "ExportVehicle", *, json: bool) -> None:
         import json as encoder
 
         content = {"command": "export list", "targets": rows, "version": __version__}
-        typer.echo(encoder.dumps(content, indent=2))
+        echo(encoder.dumps(content, indent=2))
         return
     for row in rows:
-        typer.secho(f"{row['target']}: {row['about']}", bold=True)
+        headline(f"{row['target']}: {row['about']}")
         _print_keys("has", ["; ".join(need["keys"] for need in row["needs"] + row["uses"] if need["known"])])
         _print_keys("MISSING", [f"{n['keys']}: {n['given_by']}" for n in row["needs"] if not n["known"]])
         _print_keys("could also use", [f"{n['keys']}: {n['given_by']}" for n in row["uses"] if not n["known"]])

@@ -159,4 +159,4 @@ def _print_json(comparisons: "Sequence[ComparedNumber]", summaries: "Sequence[Su
             for one in comparisons
         },
     }
-    typer.echo(json.dumps(plain(content), indent=2, allow_nan=False))
+    echo(json.dumps(plain(content), indent=2, allow_nan=False))

@@ -124,7 +124,7 @@ def _shortened(texts: Sequence[str]) -> list[str]:
 def _print_json(rows: "Sequence[Mapping[str, Any]]", faults: Sequence[str]) -> None:
     import json
 
-    typer.echo(json.dumps({"command": "fleet fit", "campaigns": list(rows), "not_refitted": list(faults)}, indent=2))
+    echo(json.dumps({"command": "fleet fit", "campaigns": list(rows), "not_refitted": list(faults)}, indent=2))
 
 
 def _print_summary(rows: "Sequence[Mapping[str, Any]]", _: Sequence[str]) -> None:

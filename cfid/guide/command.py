@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from cfid.console.campaign import here
-from cfid.console.messages import echo, fitted, note, printable
-from cfid.console.vehicle import typed_line
+from cfid.console.messages import echo, fitted, note, printable, typed_line
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -56,7 +55,7 @@ def next_step(
     found = here(campaign)
     _name_unreadable_runs(found)
     step = next_of(status_of(found, kind=kind))
-    typer.echo(fitted(printable(step.why)))
+    echo(fitted(printable(step.why)))
     words = step.words if step.recording is None else _prepared(step.recording, found)
     echo(f"next: cfid {' '.join(words)}")
     if not yes and _typed("Start it? [Y/n]").lower() not in ("", "y", "yes"):
@@ -69,7 +68,7 @@ def _prepared(recording: "Assignment", campaign: "Campaign") -> tuple[str, ...]:
     """Say what to do at the rig; return the command's words with what the operator answered."""
     from cfid.rig.sim_file import devices_in
 
-    typer.echo(fitted(printable(recording.reminder)))
+    echo(fitted(printable(recording.reminder)))
     if devices_in(campaign.folder, campaign.rig)[1] and (set_up := _simulated(recording)):
         note(f"the rig is simulated: it has to run as `cfid rig sim {set_up}` for this.")
     questions = recording.questions or {}
@@ -89,10 +88,10 @@ def _simulated(recording: "Assignment") -> str:
 
 def _typed(question: str) -> str:
     """Return the line typed. Ctrl-C ends the program by itself. Raises ConfigError when the input ends."""
-    typer.echo(f"{question}: ", nl=False)
+    echo(f"{question}: ", nl=False)
     line = typed_line()  # and no byte more: the command that this program becomes asks further questions
     if not line:
-        typer.echo()
+        echo()
         raise ConfigError(
             f"{question}: standard input ended before an answer, nothing was started. Run `cfid next` in a terminal, "
             "or type its command yourself; --yes leaves out the question whether to start."
@@ -135,10 +134,10 @@ def _print(
         table.add_row(one.task.section, runs, one.state, sure, "\n".join(found.aim.purpose for found in one.found))
     Console().print(table)
     for sentence in remarks_of(statuses, unusable):
-        typer.echo(fitted(printable(sentence), indent=6))
+        echo(fitted(printable(sentence), indent=6))
     if others:
-        typer.echo(fitted(printable(f"beside the plan: {', '.join(others)}: `cfid parameters` shows them."), indent=6))
-    typer.echo(fitted(f"next: cfid {printable(' '.join(step.words))}\n      {printable(step.why)}", indent=6))
+        echo(fitted(printable(f"beside the plan: {', '.join(others)}: `cfid parameters` shows them."), indent=6))
+    echo(fitted(f"next: cfid {printable(' '.join(step.words))}\n      {printable(step.why)}", indent=6))
 
 
 def _print_json(
@@ -163,4 +162,4 @@ def _print_json(
     following = {"command": list(step.words), "why": step.why}
     again = [{"run": one.run, "reason": one.reason, "command": list(one.words)} for one in unusable]
     content = {"command": "status", "tasks": rows, "not_usable": again, "beside": list(others), "next": following}
-    typer.echo(json.dumps(content, indent=2))
+    echo(json.dumps(content, indent=2))
