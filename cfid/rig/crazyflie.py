@@ -29,6 +29,9 @@ _FOREIGN_TRIES = 5  # connections in which something answered, but never as a Cr
 _ECHO = Packet(ECHO_PORT, ECHO_CHANNEL, encode_echo(0))
 _NAME = Packet(15, 1, b"Bitcraze Crazyflie")  # the beginning of its answer to cflib's first request
 _CLOSE_S = 2.5
+# cflib's steps of a connection, each taken when the answer to the one before is there. An answer that came twice, as
+# datagrams may, would begin them anew: a reset of the vehicle's log among them, when cfid has begun its own.
+_STEPS = ("_platform_info_fetched", "_log_toc_updated_cb", "_mems_updated_cb", "_param_toc_updated_cb")
 _CHECK_EVERY_S = 0.02
 _ECHO_EVERY_S = 0.1
 _LONGEST_QUEUE = 64  # packets that wait for the driver
@@ -192,6 +195,8 @@ class Link:
         cf = self._cf
         cf.connected.add_callback(lambda uri: connected.set())
         cf.param.request_update_of_all_params = lambda: None  # cfid reads the few values that it needs
+        for step in _STEPS:
+            setattr(cf, step, _once(getattr(cf, step)))
         # cflib itself would close the link from the thread that met the error, and wait there for that same thread.
         cf._link_error_cb = self._failed
         cf.connection_failed.add_callback(lambda uri, reason: self._failed(reason))
@@ -267,6 +272,17 @@ class Link:
         self._named = self._named or (came[:2] == _NAME[:2] and came.payload.startswith(_NAME.payload))
         self._arrived.put((came, self.received_s))
         self._wake()
+
+
+def _once(step: Callable[[], None]) -> Callable[[], None]:
+    """Return a step that is taken the first time and never again."""
+    left = [step]
+
+    def take() -> None:
+        if left:
+            left.pop()()
+
+    return take
 
 
 def _meaning(uri: str, reason: str) -> str:

@@ -1,0 +1,57 @@
+"""A vehicle whose packets arrive more than once, as UDP may deliver them."""
+
+import select
+import socket
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+
+from tests.flying_in_a_folder import Bench, bench_in
+
+pytestmark = pytest.mark.usefixtures("in_time")
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    with bench_in(tmp_path) as bench:
+        yield bench
+
+
+@contextmanager
+def relayed(uri: str, arriving: Callable[[bytes], Sequence[bytes]]) -> Iterator[str]:
+    """Give an address of the vehicle at which `arriving` is what arrives of each of its packets."""
+    ended = threading.Event()
+    with socket.socket(type=socket.SOCK_DGRAM) as near, socket.socket(type=socket.SOCK_DGRAM) as far:
+        near.bind(("127.0.0.1", 0))
+        far.connect(("127.0.0.1", urlsplit(uri).port or 0))
+
+        def relay() -> None:
+            client = None
+            while not ended.is_set():
+                ready, _, _ = select.select([near, far], [], [], 0.1)
+                if near in ready:
+                    datagram, client = near.recvfrom(64)
+                    far.send(datagram)
+                if far in ready and client is not None:
+                    for datagram in arriving(far.recv(64)):
+                        near.sendto(datagram, client)
+
+        thread = threading.Thread(target=relay)
+        thread.start()
+        try:
+            yield f"udp://127.0.0.1:{near.getsockname()[1]}"
+        finally:
+            ended.set()
+            thread.join()
+
+
+def test_packets_that_arrive_three_times_are_those_of_one_vehicle(bench: Bench) -> None:
+    with relayed(bench.uri, lambda packet: [packet] * 3) as uri:
+        pilot = bench.start("motors", "set", 20000, "--motor", 1, "--for", 2, "--yes", "--uri", uri)
+        assert pilot.end() == 0, pilot.err
+    assert any(any(motors) for _, motors in bench.history)
+    assert not any(bench.motors)
