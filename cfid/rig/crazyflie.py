@@ -29,6 +29,7 @@ _FOREIGN_TRIES = 5  # connections in which something answered, but never as a Cr
 _ECHO = Packet(ECHO_PORT, ECHO_CHANNEL, encode_echo(0))
 _NAME = Packet(15, 1, b"Bitcraze Crazyflie")  # the beginning of its answer to cflib's first request
 _CLOSE_S = 2.5
+_SEND_S = 0.5  # in which cflib hands a packet to a driver that takes packets
 # cflib's steps of a connection, each taken when the answer to the one before is there. An answer that came twice, as
 # datagrams may, would begin them anew: a reset of the vehicle's log among them, when cfid has begun its own.
 _STEPS = ("_platform_info_fetched", "_log_toc_updated_cb", "_mems_updated_cb", "_param_toc_updated_cb")
@@ -163,7 +164,12 @@ class Link:
 
         That setpoint would grow old, and lock a vehicle whose motors ran within the last two seconds.
         """
+        # cflib repeats requests from timers, which look twice at the link that they send on. One that holds its lock
+        # for longer waits for the driver, and looks no more.
+        held = self._cf._send_lock.acquire(timeout=_SEND_S)
         driver, self._cf.link = self._cf.link, None
+        if held:
+            self._cf._send_lock.release()
         if driver is not None:
             driver.close()
         updater = self._cf.param.param_updater

@@ -1,4 +1,4 @@
-"""A vehicle whose packets arrive more than once, as UDP may deliver them."""
+"""A vehicle whose packets arrive more than once, as UDP may deliver them, and a link that closes while it sends."""
 
 import select
 import socket
@@ -9,7 +9,10 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
+from cflib.crazyflie import Crazyflie
+from cflib.crtp.crtpstack import CRTPPacket
 
+from cfid.rig.crazyflie import Link
 from tests.flying_in_a_folder import Bench, bench_in
 
 pytestmark = pytest.mark.usefixtures("in_time")
@@ -55,3 +58,44 @@ def test_packets_that_arrive_three_times_are_those_of_one_vehicle(bench: Bench) 
         assert pilot.end() == 0, pilot.err
     assert any(any(motors) for _, motors in bench.history)
     assert not any(bench.motors)
+
+
+class SlowDriver:
+    """A driver of cflib's whose sender is held up after it has looked for the link, until that is closed."""
+
+    def __init__(self) -> None:
+        self.looked, self.closing = threading.Event(), threading.Event()
+        self.sent: list[object] = []
+
+    @property
+    def needs_resending(self) -> bool:
+        self.looked.set()
+        self.closing.wait(0.2)
+        return True
+
+    def send_packet(self, packet: object) -> None:
+        self.sent.append(packet)
+
+    def close(self) -> None:
+        self.closing.set()
+
+
+def test_a_packet_that_cflib_is_sending_when_the_link_closes_is_sent_or_left_out() -> None:
+    cf, driver, faults = Crazyflie(), SlowDriver(), list[BaseException]()
+    cf.link = driver
+    packet = CRTPPacket(header=0x50, data=[5])
+
+    def send() -> None:
+        try:
+            cf.send_packet(packet, expected_reply=(5,))
+        except AttributeError as error:
+            faults.append(error)
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    assert driver.looked.wait(10)
+    Link("udp://127.0.0.1:9", cf).close()
+    sender.join()
+
+    assert not faults
+    assert driver.sent == [packet]
