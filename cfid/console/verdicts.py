@@ -34,7 +34,7 @@ def judged(run: "Run", judge: Judge | None) -> "Run":
     try:
         usable, text = True, f"{judge(run)}{_losses(run)}"
     except CfidError as error:
-        usable, text = False, str(error)
+        usable, text = False, f"{error}{_losses(run)}"  # which may be the cause
     except KeyboardInterrupt:  # the run is complete, and how the motors stopped is still to be printed
         note("not judged: interrupted.")
         return run

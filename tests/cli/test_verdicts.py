@@ -114,6 +114,15 @@ def test_half_of_the_samples_never_taken_stand_beside_what_a_recording_is_good_f
     )
 
 
+def test_losses_stand_beside_why_a_recording_is_of_no_use(bodies: Path) -> None:
+    """A drop that a busy computer read at 713 of 1000 Hz was told to fall farther alone."""
+    run = counting(runs_of(bodies, "drop")[0], rate_hz=1000.0, skipped=1000)
+
+    line = verdict_line(judged(run, cfid.swing.verdict.verdict))
+    assert line.startswith("NOT USABLE: ")
+    assert line.endswith(" encoder was read at 500 of 1000 Hz: end other programs. Record it again.")
+
+
 def test_a_recording_without_a_mount_says_over_what_it_turned_and_who_takes_it(bodies: Path) -> None:
     run = runs_of(bodies, "swing")[0]
     line = verdict_line(judged(run, cfid.swing.verdict.of_no_mount))
