@@ -48,7 +48,8 @@ class CrazyflieLog:
         self._rows: list[tuple[float, int, tuple[float, ...]]] = []
         self._last_ms: int | None = None
         self._low_since_s: float | None = None
-        self._rejected = 0
+        self._newest_ms: int | None = None
+        self._rejected = self._duplicates = 0
         self._streaming, self._received_s = False, 0.0
         self._refusal: BaseException | None = None
         vehicle.listen(LOG_PORT, LOG_DATA_CHANNEL, self._take_row)
@@ -83,8 +84,8 @@ class CrazyflieLog:
         """Do nothing: the code that opened the link closes it."""
 
     def facts(self) -> Mapping[str, Any]:
-        """Return the number of invalid rows."""
-        return {"rejected": self._rejected}
+        """Return how many rows were invalid, and how many had come before."""
+        return {"losses": {"rejected": self._rejected, "duplicates": self._duplicates}}
 
     async def _begin(self) -> None:
         await self._control(LogCommand.CREATE, crtp.encode_create_log(_BLOCK, self._variables))
@@ -111,6 +112,10 @@ class CrazyflieLog:
         if row is None:
             self._rejected += payload[:1] == bytes([_BLOCK])
             return
+        if row[0] == self._newest_ms:  # datagrams may arrive twice
+            self._duplicates += 1
+            return
+        self._newest_ms = row[0]
         self._rows.append((arrived_s, *row))
         self._received_s = arrived_s
         self.latest = dict(zip(self._names, row[1], strict=True))

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import urlsplit
 
+import pandas as pd
 import pytest
 from cflib.crazyflie import Crazyflie
 from cflib.crtp.crtpstack import CRTPPacket
@@ -58,6 +59,20 @@ def test_packets_that_arrive_three_times_are_those_of_one_vehicle(bench: Bench) 
         assert pilot.end() == 0, pilot.err
     assert any(any(motors) for _, motors in bench.history)
     assert not any(bench.motors)
+
+
+def test_a_row_of_the_vehicles_log_that_arrives_three_times_is_recorded_once_and_counted(bench: Bench) -> None:
+    with relayed(bench.uri, lambda packet: [packet] * 3) as uri:
+        pilot = bench.start("log", "gyro", "--axis", "x", "--for", 1, "--uri", uri)
+        assert pilot.end() == 0, pilot.err
+    record = bench.run().header.devices["crazyflie"]
+    stamps = pd.read_csv(bench.run().device_file("crazyflie"))["vehicle_ms"]
+
+    assert not stamps.duplicated().any()
+    assert len(stamps) == record.rows
+    again = (record.model_extra or {})["losses"]["duplicates"]
+    assert again == pytest.approx(2 * record.rows, abs=4)
+    assert f"{again} duplicates" in pilot.out
 
 
 class SlowDriver:
