@@ -15,12 +15,12 @@ def make_campaign(folder: Path) -> Path:
     Raises ConfigError when it exists already.
     """
     from cfid.records.campaign import RUNS_FOLDER
+    from cfid.records.files import write_new
     from cfid.records.rig_file import RIG_FILE, new_rig_text
 
     try:
         (folder / RUNS_FOLDER).mkdir(parents=True, exist_ok=True)
-        with (folder / RIG_FILE).open("x", encoding="utf-8") as file:
-            file.write(new_rig_text())
+        write_new(folder / RIG_FILE, new_rig_text().encode())
     except FileExistsError:
         raise ConfigError(f"{folder / RIG_FILE} exists already: nothing was changed.") from None
     except OSError as error:

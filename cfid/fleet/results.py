@@ -17,7 +17,7 @@ from typing import Any, BinaryIO
 from cfid import __version__
 from cfid.errors import ConfigError, DataError
 from cfid.fleet.refit import Refitted
-from cfid.records.files import check_regular
+from cfid.records.files import check_regular, write_new
 
 MANIFEST = "manifest.jsonl"
 _HALF = ".half-"  # begins the name of a folder that is not complete
@@ -114,7 +114,7 @@ def _manifest(folder: Path, head: Mapping[str, Any]) -> BinaryIO:
     if not path.exists():
         if any(folder.iterdir()):
             raise ConfigError(f"{folder}: is not empty, and has no {MANIFEST}: give a new folder.")
-        path.write_bytes(_line(head))
+        write_new(path, _line(head))
     check_regular(path)
     return path.open("r+b")
 

@@ -19,6 +19,7 @@ from cfid.errors import ConfigError
 from cfid.fleet.comparison import ComparedNumber
 from cfid.fleet.summary import Summary
 from cfid.records import lab_book
+from cfid.records.files import write_new
 
 SUFFIXES = (".csv", ".parquet", ".html")
 
@@ -110,8 +111,7 @@ def write_table(path: Path, rows: Sequence[Mapping[str, Any]], *, title: str) ->
         except ImportError:
             raise ConfigError(f"{path}: Parquet needs pyarrow: pip install 'cfid[parquet]'.") from None
     try:
-        with path.open("xb") as file:
-            file.write(content.getvalue())
+        write_new(path, content.getvalue())
     except FileExistsError:
         raise ConfigError(f"{path} exists already: nothing was changed. Name another file.") from None
     except OSError as error:

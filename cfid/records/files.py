@@ -52,6 +52,23 @@ def write_whole(path: Path, content: bytes) -> None:
     _sync_folder(path.parent)
 
 
+def write_new(path: Path, content: bytes) -> None:
+    """Write a file that does not exist; where that fails, as on a full disk, there is none afterwards.
+
+    Raises FileExistsError, which leaves it as it is, or any other OSError.
+    """
+    with path.open("xb") as file:
+        try:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        except BaseException:
+            with contextlib.suppress(OSError):  # the first error is the one to report
+                path.unlink()
+            raise
+    _sync_folder(path.parent)
+
+
 def _sync_folder(folder: Path) -> None:
     """Flush a folder's names to the disk, where the system can: a rename then outlives a power cut."""
     with contextlib.suppress(OSError):

@@ -1,0 +1,45 @@
+"""A new file is whole or not there, so that the command that could not write it can be repeated."""
+
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cfid.records.rig_file import RIG_FILE, new_rig_text
+
+TOO_SMALL = 10  # bytes that a file may have, as on a disk that is nearly full
+
+
+def run(folder: Path, *words: str, full: bool) -> "subprocess.CompletedProcess[str]":
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (TOO_SMALL, TOO_SMALL))
+
+    command = [sys.executable, "-B", "-m", "cfid.cli.main", *words]  # Python's own cache has no limit to meet
+    return subprocess.run(
+        command, cwd=folder, preexec_fn=limit if full else None, capture_output=True, text=True, check=False
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "left"),
+    [
+        (("new", "sub"), "sub/rig.toml"),
+        (("fleet", ".", "--out", "x.csv"), "x.csv"),
+        (("fleet", ".", "--out", "x.html"), "x.html"),
+        (("fleet", "fit", ".", "--out", "out", "--jobs", "1"), "out/manifest.jsonl"),
+    ],
+)
+def test_a_command_that_a_full_disk_stopped_can_be_repeated(words: tuple[str, ...], left: str, tmp_path: Path) -> None:
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    assert run(tmp_path, "set", "rotor_radius_m", "0.0231", full=False).returncode == 0
+    stopped = run(tmp_path, *words, full=True)
+    assert stopped.returncode == 2
+    assert "File too large" in stopped.stderr
+    assert not (tmp_path / left).exists()
+
+    again = run(tmp_path, *words, full=False)
+    assert "exists already" not in again.stderr
+    assert "give a new folder" not in again.stderr
+    assert (tmp_path / left).stat().st_size > TOO_SMALL
