@@ -4,6 +4,7 @@ import glob
 import os
 import re
 import tempfile
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -23,6 +24,8 @@ _NAME = re.compile(r"[A-Za-z0-9_+-][A-Za-z0-9_.+ -]*")  # of a file that another
 _SHOWN = 100  # characters of an invalid name that a message quotes
 _SILENT_S = 20.0
 _LARGEST_INDEX = 1 << 24  # bytes
+_LARGEST_TEXT, _LARGEST_RECORDING = 1 << 26, 1 << 33  # bytes; of the first no more is read, of rows these are a day's
+_SLOWEST_BPS = 1000.0  # bytes a second, below any network on which somebody would wait for a recording
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +81,9 @@ def at_hand(campaign: str) -> Iterator[Place]:
                 here.mkdir(parents=True, exist_ok=True)
                 for path, file in _listing(files, there):
                     if only is None or file in only:
-                        files.get_file(path, str(here / file))
+                        largest = _LARGEST_RECORDING if name.startswith(RUNS_FOLDER) else _LARGEST_TEXT
+                        with _faults("/".join(filter(None, (campaign, name, file)))):
+                            files.get_file(path, str(here / file), callback=Arriving(largest))
 
         def bring_run(name: str) -> None:
             if not (folder / RUNS_FOLDER / name).exists():
@@ -148,6 +153,27 @@ def _files_at(address: str) -> tuple[Any, str]:
         raise ConfigError(f"{address}: fsspec is not installed here: pip install 'cfid[fleet]'.") from None
     files, root = url_to_fs(address, **_limits(address))
     return files, str(root).rstrip("/")
+
+
+class Arriving:
+    """Watches a file that another computer sends, as fsspec calls it: one that is too large or too slow ends."""
+
+    def __init__(self, largest: int, *, clock: Callable[[], float] = time.monotonic) -> None:
+        """Begin with nothing; `largest` in bytes, `clock` in seconds."""
+        self._largest, self._clock = largest, clock
+        self._began_s, self._bytes = clock(), 0
+
+    def set_size(self, size: int | None) -> None:
+        """Take the size that the server states, which may be wrong."""
+
+    def relative_update(self, count: int) -> None:
+        """Count bytes that came. Raises ValueError."""
+        self._bytes += count
+        if self._bytes > self._largest:
+            raise ValueError(f"it sends more than {self._largest >> 20} MB, where a smaller file is expected")
+        spent_s = self._clock() - self._began_s
+        if spent_s > _SILENT_S and self._bytes < _SLOWEST_BPS * spent_s:
+            raise ValueError(f"it sent {self._bytes} bytes in {spent_s:.0f} s (limit {_SLOWEST_BPS:g} a second)")
 
 
 def _limits(address: str) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """`cfid fleet fit`: campaigns refitted from their recordings, wherever they lie, into a folder of their own."""
 
+import contextlib
 import http.server
 import importlib.util
 import json
@@ -17,6 +18,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
+from cfid.fleet.places import Arriving
 from cfid.fleet.refit import Refitted, refit
 from cfid.fleet.results import results_in
 from cfid.records.campaign import open_campaign
@@ -193,6 +195,50 @@ def test_a_campaign_of_a_server_is_made_in_its_temporary_folder_whatever_its_nam
     assert ended.returncode == 0, ended.stderr
     assert victim.read_text() == "ORIGINAL"
     assert [one.name for one in temporary.iterdir()] == ["rig.toml"]
+
+
+class _Endless(http.server.BaseHTTPRequestHandler):
+    """Lists a rig.toml that never ends."""
+
+    def do_GET(self) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", "text/html")
+        self.end_headers()
+        if self.path.endswith("/"):
+            self.wfile.write(b'<a href="rig.toml">rig.toml</a>')
+            return
+        with contextlib.suppress(OSError):  # who asked has had enough
+            while True:
+                self.wfile.write(b"#" * (1 << 20))
+
+    def log_message(self, *_: object) -> None:
+        """Print nothing."""
+
+
+def test_a_file_of_a_server_that_never_ends_is_refused(tmp_path: Path) -> None:
+    pytest.importorskip("aiohttp", reason="fsspec's HTTP is not installed: pip install 'cfid[fleet]'")
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), _Endless) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        found = refit(f"http://127.0.0.1:{server.server_port}/c1")
+        server.shutdown()
+        thread.join()
+    assert found.fault.endswith(
+        "/c1/rig.toml: cannot be read: it sends more than 64 MB, where a smaller file is expected."
+    )
+
+
+def test_a_file_that_drips_is_refused_and_a_slow_one_is_not() -> None:
+    now_s = 0.0
+    slow, dripping = (Arriving(1 << 26, clock=lambda: now_s) for _ in range(2))
+    for _ in range(20):
+        now_s += 1
+        slow.relative_update(2000)
+        dripping.relative_update(1)
+    now_s += 1
+    slow.relative_update(2000)
+    with pytest.raises(ValueError, match=r"21 bytes in 21 s \(limit 1000 a second\)"):
+        dripping.relative_update(1)
 
 
 def test_a_fleet_goes_on_where_it_was_interrupted(campaigns: Path, tmp_path: Path) -> None:
