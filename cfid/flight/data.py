@@ -188,8 +188,8 @@ def _beyond(time_s: Array, rates: Array, row_s: Array, driven: Mask) -> tuple[Ma
     remedy = "Set a larger range, or turn slower."
     if left < _FEWEST:
         text += f"{ROW_S * left:.1f} s are left without it (at least {ROW_S * _FEWEST:g} s). {remedy}"
-        return None, [rejection("flight-gyro-clipped", text, "flight.inertia_kg_m2.*", "flight.*_s")]
-    text += f"{lost_s:.3g} s are left out for moments. {remedy}"
+        return beyond, [rejection("flight-gyro-clipped", text, "flight.inertia_kg_m2.*", "flight.*_s")]
+    text += f"{lost_s:.3g} s are left out of what rests on rates. {remedy}"
     return beyond, [warning("flight-gyro-clipped", text, "flight.inertia_kg_m2.*")]
 
 

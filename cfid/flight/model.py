@@ -82,6 +82,11 @@ class Flight:
         """The drives (m, 4) at the sensors' rows."""
         return self.drive[::ROW_STEPS][: len(self.rates)]
 
+    @property
+    def rates_known(self) -> Mask:
+        """The driven rows (m,) at which the gyro was within its range."""
+        return self.driven if self.beyond is None else self.driven & ~self.beyond
+
     def drives_of_late(self, command_s: float) -> Array:
         """Return the drives (n, 4) of commands that act so much later, at the voltage of that moment."""
         if self.volts is None:
@@ -236,7 +241,7 @@ def _turning(flight: Flight, powers: Array, axis: int) -> FlightEquation:
     ]
     if axis == 2:  # what speeds a rotor up turns the vehicle the other way
         others.append(np.diff(_rows(flight, turning[:, 1:2])[:, 0]) / ROW_S)
-    known = flight.driven if flight.beyond is None else flight.driven & ~flight.beyond
+    known = flight.rates_known if segments(flight.rates_known) else flight.driven  # else a finding rejects the moments
     both = known[1:] & known[:-1]
     shown = np.diff(flight.rates[:, axis]) / ROW_S
     return _cut(axis, shown, np.diff(gone, axis=0) / ROW_S, np.column_stack(others), segments(both))

@@ -47,8 +47,8 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Me
     at = starts(flown.by_command)
     if len(at) < FEWEST:
         raise DataError(
-            f"{flown.log.path}: {counted(len(at), 'segment')} of 1 s in the air with every motor within its range "
-            f"(at least {FEWEST}): fly for longer."
+            f"{flown.log.path}: {counted(len(at), 'segment')} of 1 s in the air with every motor and the gyro within "
+            f"their ranges (at least {FEWEST}): fly for longer, and turn slower where the gyro reaches its range."
         )
     each = {one.name: errors(flown.flight if one.in_volts else flown.by_command, one, at) for one in sets}
     table = compared(each)

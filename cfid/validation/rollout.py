@@ -46,9 +46,12 @@ class ParameterSet:
 
 
 def starts(flight: Flight) -> Rows:
-    """Return the rows (s,) at which segments of a second begin, one after the other where all rotors were driven."""
+    """Return the rows (s,) at which segments of a second begin, one after the other where all rotors were driven.
+
+    The gyro is within its range in each: what is beyond it is not known.
+    """
     last = max(HORIZONS)
-    runs = [np.arange(one.start, one.stop - last, last) for one in segments(flight.driven, last + 1)]
+    runs = [np.arange(one.start, one.stop - last, last) for one in segments(flight.rates_known, last + 1)]
     return np.concatenate([*runs, np.zeros(0, np.intp)]).astype(np.intp)
 
 
@@ -90,10 +93,10 @@ def _rates(flight: Flight, one: ParameterSet, turning: Array, at: Rows) -> tuple
     """Return the predicted rates (s, h, 3) at each row of each segment, and the turns (s, h, 3, 3) since its begin."""
     moments = np.array(one.moments_kg_m2)
     pushed = turning / moments
-    driven = flight.driven[1:] & flight.driven[:-1]
+    known = flight.rates_known[1:] & flight.rates_known[:-1]
     by_row = pushed[: len(flight.rates) * ROW_STEPS].reshape(-1, ROW_STEPS, 3).mean(axis=1)[:-1]
     shown = np.diff(flight.rates, axis=0) / ROW_S + _gyroscopic(flight.rates[:-1], moments)
-    pushed = pushed + (shown - by_row)[driven].mean(axis=0)
+    pushed = pushed + (shown - by_row)[known].mean(axis=0)
     now = flight.rates[at].copy()
     course = [now.copy()]
     for step in range(max(HORIZONS) * ROW_STEPS):

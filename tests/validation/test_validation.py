@@ -97,6 +97,23 @@ def test_a_set_differs_from_itself_by_nothing(flown: tuple[ParameterSet, FlownLo
     assert len(table) == 2 * 3 * len(HORIZONS)
 
 
+def test_rows_beyond_the_range_of_a_gyro_are_no_truth(flown: tuple[ParameterSet, FlownLog]) -> None:
+    """A clipped gyro preferred moments that were 5 % wrong, significantly."""
+    true, flight = flown
+    (series,) = flight.log.series
+    rows = np.concatenate(list(series.blocks()))
+    rows[:, 5:8] = np.clip(rows[:, 5:8], -5.0, 5.0)
+    clipped = flight_of(replace(flight.log, series=(replace(series, blocks=lambda: iter([rows])),)))
+    at = starts(clipped.by_command)
+    assert clipped.flight.beyond is not None
+    assert len(at) < len(starts(flight.by_command))
+    assert not any(clipped.flight.beyond[begin : begin + max(HORIZONS) + 1].any() for begin in at)
+    whole, left = (of(table_of(one, true), "rates", 0.1, "truth").error for one in (flight, clipped))
+    assert left < 1.2 * whole
+    (found,) = [one.text for one in clipped.findings if one.code == "flight-gyro-clipped"]
+    assert "are left out of what rests on rates" in found
+
+
 def test_a_flight_that_a_campaign_was_fitted_to_is_refused(flown: tuple[ParameterSet, FlownLog]) -> None:
     true, flight = flown
     with pytest.raises(DataError, match="validate with another flight"):
