@@ -29,6 +29,10 @@ _LIFTED = 0.8  # of the median sum of squared drives, above which the vehicle is
 _EDGE_S = 1.0  # from there on, and before its end: the ground's air, and touching it
 _WEIGHT = (0.2, 5.0)  # of gravity, which a median specific force is nearly: beyond, its unit is another
 _CRASH_MPS2 = 60.0
+_FORGOTTEN_S = 0.2  # in which thrust follows commands: their mean, less than half that of flight, carries nothing then
+_IDLING = 0.05  # of the largest sum of squared drives: less carries nothing, however long motors idle
+_UNCARRIED, _HELD = 0.5, 0.8  # of the sum of squared drives in flight, and of gravity: what holds it is the ground
+_STANDING_S = 0.1  # for which that has to last: blows are shorter
 _STRUCK_S = 0.5  # around such a specific force
 _SETTLING_S = 0.3  # after a motor left its range, in which rotors forget it
 _TURNED = 34.0  # rad/s, near the range of the gyro, 2000 deg/s
@@ -229,9 +233,12 @@ def _check_weight(force: Array, path: Path) -> None:
 
 
 def _airborne(command: Array, force: Array, rates: Array) -> Mask:
-    """Return the rows (m,) in the air: under a thrust that carries, away from the ground, and not struck."""
+    """Return the rows (m,) in the air: under a thrust that carries, away from the ground, and not struck.
+
+    Between hops and in landings the ground carries the vehicle, whether its motors idle or stand.
+    """
     lift = np.sum(command**2, axis=1)
-    carried = lift > _LIFTED * np.median(lift[lift > 0]) if np.any(lift > 0) else np.zeros(len(lift), bool)
+    carried = lift > _LIFTED * _usual(lift)
     count = round(_EDGE_S / ROW_S)
     flown = np.zeros(len(lift), bool)
     if carried.any():
@@ -239,8 +246,37 @@ def _airborne(command: Array, force: Array, rates: Array) -> Mask:
     running = (command > 0).all(axis=1)
     struck = np.linalg.norm(force, axis=1) > _CRASH_MPS2
     wild = (np.abs(rates) > _TURNED).any(axis=1)
-    around = round(_STRUCK_S / ROW_S)
-    return np.asarray(flown & running & ~_late(_late(struck | wild, _STRUCK_S)[::-1], around * ROW_S)[::-1])
+    flown &= ~_around(_standing(lift, force), _EDGE_S)
+    return np.asarray(flown & running & ~_around(struck | wild, _STRUCK_S))
+
+
+def _usual(lift: Array) -> float:
+    """Return the median of sums of squared drives (m,) in flight: most rows between idling and full command fly."""
+    running = lift[lift > 0]
+    if not len(running):
+        return np.inf
+    return float(np.median(running[running > _IDLING * running.max()]))
+
+
+def _standing(lift: Array, force: Array) -> Mask:
+    """Return the rows (m,) at which the vehicle is held by the ground: it weighs, and its rotors do not carry it.
+
+    `lift` (m,) is the sum of squared drives. In the air rotors that do not carry let the specific force fall as well.
+    """
+    count = round(_FORGOTTEN_S / ROW_S)
+    total = np.cumsum(np.concatenate([[0.0], lift]))
+    begin = np.maximum(np.arange(len(lift)) - count, 0)
+    recent = (total[1:] - total[begin]) / (np.arange(len(lift)) + 1 - begin)
+    held = (recent < _UNCARRIED * _usual(lift)) & (force[:, 2] > _HELD * USUAL_GRAVITY_MPS2)
+    standing = np.zeros(len(lift), bool)
+    for part in segments(held, round(_STANDING_S / ROW_S)):
+        standing[part] = True
+    return standing
+
+
+def _around(mask: Mask, for_s: float) -> Mask:
+    """Return rows (m,) that are marked, and those for a time before and after them."""
+    return np.asarray(_late(_late(mask, for_s)[::-1], for_s)[::-1])
 
 
 def _late(mask: Mask, for_s: float) -> Mask:

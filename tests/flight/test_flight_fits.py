@@ -154,6 +154,26 @@ def test_a_log_with_a_gap_is_fitted_without_it(flown: tuple[Fleet, list[FlightLo
     assert max(map(abs, errors.values())) < 3.5
 
 
+@pytest.mark.parametrize("idling", [4000.0, 0.0])
+def test_hops_with_a_rest_between_them_are_fitted_without_it(
+    flown: tuple[Fleet, list[FlightLog]], idling: float
+) -> None:
+    """All of it counted as flight, and the fit was refused since rotors explained none of the weight on the ground."""
+    vehicles, logs = flown
+    (series,) = logs[0].series
+    rows = np.concatenate(list(series.blocks()))
+    middle, count = len(rows) // 2, round(4.0 / STEP)
+    rest = np.repeat(rows[middle : middle + 1], count, axis=0)
+    rest[:, 1:5], rest[:, 5:8], rest[:, 8:11], rest[:, 11:14] = idling, 0.0, (0.0, 0.0, 9.81), 0.0
+    together = np.concatenate([rows[:middle], rest, rows[middle:]])
+    together[:, 0] = STEP * np.arange(len(together))
+    hops = replace(logs[0], series=(replace(series, rows=len(together), blocks=lambda: iter([together])),))
+    whole, cut = flight_of(logs[0]), flight_of(hops)
+    assert whole.in_air_s - 2.5 < cut.in_air_s < whole.in_air_s - 1.5
+    errors = errors_in_std(fit([cut], body=body_of(vehicles, 0)), truths(vehicles, 0))
+    assert max(map(abs, errors.values())) < 3.5
+
+
 @pytest.mark.parametrize(("late_s", "when"), [(-0.030, "before"), (0.060, "after")])
 def test_a_gyro_whose_times_are_not_those_of_the_commands_is_refused(
     flown: tuple[Fleet, list[FlightLog]], late_s: float, when: str
