@@ -131,8 +131,8 @@ def motion(log: FlightLog, at_s: Array) -> tuple[Array | None, Array | None]:
     return None, None
 
 
-def volts_of(log: FlightLog, at_s: Array) -> tuple[Array | None, tuple[str, ...]]:
-    """Return the battery's voltage (n,) at times, None where it is not known, and sentences on what is impossible."""
+def volts_of(log: FlightLog) -> tuple[tuple[Array, Array] | None, tuple[str, ...]]:
+    """Return times and the battery's voltage (n,), None where it is not known, and sentences on what is impossible."""
     name = first_of(log, _VOLTS)
     if name is None:
         return None, ()
@@ -140,7 +140,7 @@ def volts_of(log: FlightLog, at_s: Array) -> tuple[Array | None, tuple[str, ...]
     known = np.isfinite(volts) & (volts > 1.0) & (volts < 60.0)
     if not known.all() or not len(volts):
         return None, ("the battery's voltage has impossible values: it is not used.",)
-    return np.interp(at_s, time_s, volts), ()
+    return (time_s, volts), ()
 
 
 def held(time_s: Array, command: Array, at_s: Array) -> Array:

@@ -47,12 +47,14 @@ class FlownLog:
     """A log with its flight, and findings about reading it.
 
     `by_command` is the same flight with drives that are the command over the full one, whether volts are known or not.
+    `voltmeter` are the battery's volts (k,) as the log has them, at times since the flight's first drive.
     """
 
     log: FlightLog
     flight: Flight
     by_command: Flight
     findings: tuple[Finding, ...]
+    voltmeter: tuple[Array, Array] | None = None
 
     @property
     def in_air_s(self) -> float:
@@ -101,7 +103,7 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
     rows = int((end - begin) / ROW_S)
     at_s = np.asarray(begin + STEP_S * np.arange(rows * ROW_STEPS), dtype=np.float64)
     command = np.column_stack([held(*one, at_s) for one in commands])
-    volts, faults = volts_of(log, at_s + STEP_S / 2)  # in the middle of what a command's mean is over
+    voltmeter, faults = volts_of(log)
     row_s = np.asarray(begin + ROW_S * np.arange(rows), dtype=np.float64)
     averaged = float(np.median(np.diff(rates[0]))) < _AVERAGED_S
     force = at_rows(*forces, row_s, averaged=averaged)
@@ -133,12 +135,15 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
         attitude=attitude,
     )
     flight = by_command
-    if volts is not None:
+    if voltmeter is not None:
+        voltmeter = voltmeter[0] - begin, voltmeter[1]
+        volts = np.interp(at_s - begin + STEP_S / 2, *voltmeter)  # in the middle of what a command's mean is over
         flight = replace(by_command, drive=by_command.drive * volts[:, np.newaxis], in_volts=True, volts=volts)
     return FlownLog(
         log=whole,
         flight=flight,
         by_command=by_command,
+        voltmeter=voltmeter,
         findings=(
             *of_recording(path.name, log.notes),
             *(note("recording", f"assumed: {text}.").at(path.name) for text in log.assumed),

@@ -101,6 +101,7 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
     equations, step, slopes, left = _with_late_commands(equations, _with_constant(result.x), jacobian, residual)
     found, residual = _with_constant(result.x + step), left[: len(residual)]
     covariance = covariance_of(slopes, left, [one.basis for one in equations.white])[: len(step), : len(step)]
+    covariance += _of_volts(flown, equations, found, slopes)[: len(step), : len(step)]
     covariance = np.apply_along_axis(_with_constant, 1, np.apply_along_axis(_with_constant, 0, covariance))
     excess = excess_of_older_torques(jacobian, residual, equations.white)
     found = _undamped(found, equations)
@@ -183,6 +184,14 @@ def _with_late_commands(
     left = errors + rows @ step
     left[-1] = 1.0
     return replace(equations, of_command=float(step[-1])), step[:-1], rows, left
+
+
+def _of_volts(flown: Sequence[Flight], equations: Equations, p: Array, slopes: Array) -> Array:
+    """Return the covariance (10, 10) that the volts' uncertainty makes, of parameters (10,) and equations' slopes."""
+    other = replace(equations, each=[equations_of(one.with_other_volts) for one in flown])
+    change = np.append(other.residual(p) - equations.residual(p), 0.0)
+    effect = gain_of(slopes) @ change
+    return np.outer(effect, effect)
 
 
 def _undamped(p: Array, equations: Equations) -> Array:

@@ -84,8 +84,9 @@ def _supply_findings(found: FlightFit, body: Body) -> list[Finding]:
     if found.in_volts or not body.load_sag_std:
         return []
     text = (
-        "the log has no battery voltage: a battery gives way under all rotors together, and moments come out up to "
-        f"10 % small. Their uncertainty contains {100 * body.load_sag_std:g} % for it: log pm.vbat."
+        "thrust is of commands, without the battery's voltage: a battery gives way under all rotors together, and "
+        f"moments come out up to 10 % small. Their uncertainty contains {100 * body.load_sag_std:g} % for it: log "
+        "pm.vbat."
     )
     return [warning("flight-voltage-unknown", text, *MOMENTS.values())]
 

@@ -12,7 +12,7 @@ shows this with a delay of its own, air, electronics and the vehicle's filter, w
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -51,9 +51,10 @@ class Flight:
 
     `rates` (m, 3) in rad/s and `force` (m, 3), the specific force in m/s^2, are along the vehicle's axes, as is
     `velocity` (m, 3) in m/s, None where unknown. `attitude` (m, 4) is the quaternion w, x, y, z that turns these axes
-    to the world's. `volts` (n,) are in the drives, None where unknown. `averaged` is true where rows are means over
-    their 10 ms. `airborne` (m,) marks rows in the air,
-    `driven` (m,) those of them at which every rotor has been under a command within its range for a while.
+    to the world's. `volts` (n,) are in the drives, None where unknown, and `volts_std` (n,) is by how much they err if
+    all do by one standard uncertainty, None where they are exact. `averaged` is true where rows are means over their
+    10 ms. `airborne` (m,) marks rows in the air, `driven` (m,) those of them at which every rotor has been under a
+    command within its range for a while.
     `beyond` (m,) marks rows at which the gyro stood at an end of its range, None where it did not.
     `low_pass_hz` are the cut-offs of the Butterworth filters of accelerometer and gyro, None where unknown.
     """
@@ -70,6 +71,7 @@ class Flight:
     velocity: Array | None = None
     attitude: Array | None = None
     volts: Array | None = None
+    volts_std: Array | None = None
     beyond: Mask | None = None
 
     @property
@@ -93,6 +95,19 @@ class Flight:
             return self.drive
         volts = self.volts[:, np.newaxis]
         return np.asarray(delayed(self.drive / volts, command_s) * volts)
+
+    @property
+    def step_driven(self) -> Mask:
+        """The drives (n,) at driven rows."""
+        return np.repeat(self.driven, ROW_STEPS)[: len(self.drive)]
+
+    @property
+    def with_other_volts(self) -> "Flight":
+        """The flight with volts that err by their standard uncertainty."""
+        if self.volts is None or self.volts_std is None:
+            return self
+        volts = self.volts + self.volts_std
+        return replace(self, drive=self.drive * (volts / self.volts)[:, np.newaxis], volts=volts)
 
 
 class ThrustLag(NamedTuple):
@@ -138,7 +153,7 @@ def equations_of(flight: Flight) -> EquationsOf:
     of what is left of these delays that the command alone has, not the voltage. The last few are kept: a slope over
     the gyro's delay leaves the rotors and the vertical force as they were.
     """
-    of_filters_s = [_filtering_s(low_pass_hz) for low_pass_hz in flight.low_pass_hz]
+    of_filters_s = [filtering_s(low_pass_hz) for low_pass_hz in flight.low_pass_hz]
 
     @lru_cache(_KEPT)
     def late(lag: ThrustLag, command_s: float) -> Array:
@@ -169,14 +184,14 @@ def _seen(late: Array, delay_s: float, low_pass_hz: float | None) -> Array:
     """Return the powers (3, n, 4) of lagging drives as a sensor shows them, whose filter is a part of the delay."""
     if low_pass_hz is None:
         return _powers(delayed(late, delay_s))
-    powers = _powers(delayed(late, delay_s - _filtering_s(low_pass_hz)))
+    powers = _powers(delayed(late, delay_s - filtering_s(low_pass_hz)))
     settled = powers[1:, :1]
     b, a = butter(2, low_pass_hz, fs=1 / STEP_S)
     powers[1:] = settled + lfilter(b, a, powers[1:] - settled, axis=1)
     return powers
 
 
-def _filtering_s(low_pass_hz: float | None) -> float:
+def filtering_s(low_pass_hz: float | None) -> float:
     """Return by how much a sensor's filter delays slow motion, 0 where it is unknown."""
     return 0.0 if low_pass_hz is None else STEP_S / math.sqrt(2) / math.tan(math.pi * low_pass_hz * STEP_S)
 

@@ -7,6 +7,7 @@ from fnmatch import fnmatchcase
 from cfid.errors import ConfigError, DataError
 from cfid.estimate.common_causes import power_law, with_common_causes
 from cfid.findings import Finding, warning
+from cfid.flight.battery import with_whole_sag
 from cfid.flight.braking import AxisDrag, fit_drag
 from cfid.flight.channels import same_flight
 from cfid.flight.data import FlownLog
@@ -40,11 +41,15 @@ def fit(flights: Sequence[FlownLog], *, body: Body) -> Result:
     _check(flights)
     flights, left_out = _alike(flights)
     found = fit_flights([one.flight for one in flights])
+    whole, of_voltage = with_whole_sag(flights, found)
+    if of_voltage:
+        flights, found = whole, fit_flights([one.flight for one in whole])
     drags = {name: fit_drag([one.flight for one in flights], axis=axis) for axis, name in enumerate(_DRAG_AXES)}
     measured = {**quantities_of(found, body), **drag_quantities(drags, body)}
     quantities = {**measured, **given(body)}
     findings = (
         *left_out,
+        *of_voltage,
         *(finding for one in flights for finding in one.findings),
         *findings_of(flights, found, drags, measured, body),
     )

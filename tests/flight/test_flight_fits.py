@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pytest
+from scipy.signal import lfilter
 
 from cfid.errors import ConfigError, DataError, FitError
 from cfid.flight.braking import fit_drag
@@ -248,6 +249,53 @@ def test_a_voltage_that_acts_before_late_commands_costs_no_moments() -> None:
         relative += [result.quantities[key].value / value - 1 for key, value in expected.items()]
     assert max(errors) < 2.0
     assert abs(np.mean(relative)) < 0.007
+
+
+def recorded(log: FlightLog, kind: str) -> FlightLog:
+    """A log whose voltage is new every 0.1 s, every 0.1 s in a series of its own, or smoothed by 0.1 s."""
+    (series,) = log.series
+    rows = np.concatenate(list(series.blocks()))
+    volts = rows[:, -1]
+    if kind == "apart":
+        battery = in_memory("battery", rows[::50, 0], [Channel("pm.vbat", "V")], [volts[::50]])
+        flight = replace(series, channels=series.channels[:-1], blocks=lambda: iter([rows[:, :-1]]))
+        return replace(log, series=(flight, battery))
+    share = 1 - np.exp(-STEP / 0.1)
+    smooth = volts[0] + lfilter([share], [1, share - 1], volts - volts[0])
+    rows[:, -1] = smooth if kind == "smoothed" else np.repeat(volts[::50], 50)[: len(volts)]
+    return replace(log, series=(replace(series, blocks=lambda: iter([rows])),))
+
+
+@pytest.mark.parametrize("kind", ["held", "apart", "smoothed"])
+def test_a_voltage_that_is_recorded_rarely_or_smoothed_costs_no_moments(kind: str) -> None:
+    """Moments came out 4 to 10 % small at a stated 0.6 %: the sag under load was not in the drives."""
+    rng = np.random.default_rng(13)
+    vehicles = fleet(1, rng)
+    (log,) = fly(vehicles, rng, seconds=24.0, wind=0.1, load_sag=0.08, with_volts=True)
+    result = fit([flight_of(recorded(log, kind))], body=body_of(vehicles, 0))
+    moments = {key: value for key, value in truths(vehicles, 0).items() if "inertia" in key}
+    assert max(map(abs, errors_in_std(result, moments).values())) < 2.0
+    assert max(abs(result.quantities[key].value / value - 1) for key, value in moments.items()) < 0.02
+    (found,) = [one.text for one in result.findings if one.code == "flight-voltage-late"]
+    assert ("smoothed by" if kind == "smoothed" else "new every 100 ms") in found
+    assert not {"flight-voltage-late", "flight-voltage-not-used"} & codes(
+        fit([flight_of(log)], body=body_of(vehicles, 0)), "warning"
+    )
+
+
+def test_a_voltage_that_does_not_show_the_load_is_not_used() -> None:
+    rng = np.random.default_rng(13)
+    vehicles = fleet(1, rng)
+    (log,) = fly(vehicles, rng, seconds=18.0, wind=0.1, load_sag=0.08, with_volts=True)
+    (series,) = log.series
+    rows = np.concatenate(list(series.blocks()))
+    rows[:, -1] = np.repeat(rows[::500, -1], 500)  # new every second
+    result = fit(
+        [flight_of(replace(log, series=(replace(series, blocks=lambda: iter([rows])),)))], body=body_of(vehicles, 0)
+    )
+    (found,) = [one.text for one in result.findings if one.code == "flight-voltage-not-used"]
+    assert "1 s apart" in found
+    assert "flight.thrust_poly" in result.quantities
 
 
 def clipped(log: FlightLog, most_rad_per_s: float) -> FlightLog:

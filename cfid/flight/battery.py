@@ -1,0 +1,192 @@
+"""What a battery's voltage that is recorded late, smoothed or rarely leaves out of its sag under load.
+
+A battery gives way within milliseconds of its rotors' load. The load is taken as a sum, neither part negative, of
+squares of the commands and of the drives that follow them with the rotors' lag. The record is what is left of
+
+    volts = what changes within 5 s and slower - load
+
+after a first-order low-pass at the times of its samples. What these take from the load is put back. A brushed motor's
+current overshoots, which nearly undoes a smoothing as short as the rotors' lag: the less the smoothing exceeds that,
+the less is known of what it takes.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import nnls
+from scipy.signal import lfilter
+
+from cfid.findings import Finding, warning
+from cfid.flight.data import FlownLog
+from cfid.flight.estimation import FlightFit
+from cfid.flight.model import SAG_S, STEP_S, delayed, filtering_s
+from cfid.flight.values import MOMENTS, TIMES
+
+Array = npt.NDArray[np.float64]
+
+_LATE_S = 0.01  # half the samples' distance and the smoothing together: moments err by 0.3 % at most, and no more
+_SMOOTHED_S = (0.0, *(0.003 * 1.1**power for power in range(60)))  # up to 0.83 s: more shows no load of manoeuvres
+_SHOWN = 0.5  # of the variance within 5 s, that the load has to explain
+_FEWEST = 60  # samples
+_APART_S = 0.25  # between samples: manoeuvres of half a second show in fewer by chance
+_QUICK = 0.05  # of the times between changes, the quantile that is the time between samples
+_SINGLE = 1.5  # rows: changes that are closer are in each row
+_LESS = 0.85  # of what no smoothing leaves unexplained, that one has to leave at most: 20 ms of another load leave 0.9
+_SAMPLED_STD = 0.2  # of the sag between samples; currents that overshoot leave a seventh of it out
+_SMOOTHED_STD = 0.3  # of the sag that a long smoothing takes; currents that overshoot leave up to 0.4 of it out
+_LEAD = 0.75  # of the lag, by which a current that overshoots leads: 1 / 0.57 - 1 with 1.5 V induced of 2.5 V at hover
+
+
+class Record(NamedTuple):
+    """Samples (k,) of the voltage at times since the first drive, and how far apart they are."""
+
+    time_s: Array
+    volts: Array
+    apart_s: float
+
+
+class Shown(NamedTuple):
+    """What a record shows of the load: its smoothing, and how much of its variance the load explains.
+
+    `between` (n,) and `taken` (n,) are what is missing at the drives, between its samples and by its smoothing.
+    """
+
+    smoothed_s: float
+    explained: float
+    between: Array
+    taken: Array
+
+
+def with_whole_sag(flights: Sequence[FlownLog], found: FlightFit) -> tuple[Sequence[FlownLog], list[Finding]]:
+    """Return flights whose voltage has the sag that a late record leaves out, with findings on it.
+
+    `found` is a fit to them, which tells the rotors' lag. Where a record does not show the load, drives of all are
+    commands alone.
+    """
+    if not found.in_volts:
+        return flights, []
+    each, findings = [], []
+    for one in flights:
+        whole, finding = _whole(one, found)
+        if finding is not None:
+            findings.append(finding.at(one.flight.name))
+        if whole is None:
+            return [replace(flown, flight=flown.by_command) for flown in flights], findings
+        each.append(whole)
+    return each, findings
+
+
+def _whole(flown: FlownLog, found: FlightFit) -> tuple[FlownLog | None, Finding | None]:
+    """Return a flight with the whole sag, None where its record does not show it, and a finding unless it is as is."""
+    if flown.voltmeter is None:
+        return flown, None
+    record = _sampled(*flown.voltmeter)
+    shown = None
+    if len(record.time_s) >= _FEWEST and record.apart_s < _APART_S:
+        shown = _shown(flown, record, found)
+    if shown is None or shown.explained < _SHOWN:
+        return (None, _unusable(record)) if record.apart_s / 2 > _LATE_S else (flown, None)
+    if shown.smoothed_s == _SMOOTHED_S[-1]:
+        return None, _unusable(record)
+    if record.apart_s / 2 + shown.smoothed_s <= _LATE_S:
+        return flown, None
+    at_s, missing = _middles_s(flown), shown.between + shown.taken
+    volts = np.interp(at_s, record.time_s, record.volts) + missing
+    lead_s = _LEAD * sum(found.lag) / 2
+    taken_std = max(lead_s / max(shown.smoothed_s, lead_s), _SMOOTHED_STD)
+    volts_std = _SAMPLED_STD * shown.between + taken_std * shown.taken
+    drive = flown.by_command.drive * volts[:, np.newaxis]
+    flight = replace(flown.flight, drive=drive, volts=volts, volts_std=volts_std)
+    return replace(flown, flight=flight), _late(
+        record, shown, missing[flight.step_driven], volts_std[flight.step_driven]
+    )
+
+
+def _sampled(time_s: Array, volts: Array) -> Record:
+    """Return the samples of a voltage (k,) that rows may repeat: those at which it changes, where these are apart."""
+    row_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else math.inf
+    changes = np.flatnonzero(np.diff(volts)) + 1
+    if len(changes) < 2:
+        return Record(time_s[:1], volts[:1], math.inf)
+    apart_s = float(np.quantile(np.diff(time_s[changes]), _QUICK))
+    if apart_s < _SINGLE * row_s:
+        return Record(time_s, volts, row_s)
+    return Record(time_s[changes], volts[changes], apart_s)
+
+
+def _shown(flown: FlownLog, record: Record, found: FlightFit) -> Shown | None:
+    """Return what a record shows of the load with the smoothing that suits it best; None where too few samples flew."""
+    flight, at_s = flown.by_command, _middles_s(flown)
+    in_air = np.interp(record.time_s, flight.time_s, flight.airborne.astype(float), left=0.0, right=0.0) == 1.0
+    time_s, volts = record.time_s[in_air], record.volts[in_air]
+    if len(time_s) < _FEWEST:
+        return None
+    phase = np.pi * (time_s - time_s[0]) / (time_s[-1] - time_s[0])
+    count = max(round((time_s[-1] - time_s[0]) / SAG_S), 1)
+    slow = np.column_stack([np.cos(power * phase) for power in range(1 + count)])
+    basis, loads = np.linalg.qr(slow)[0], _loads(flown, found)
+    left = volts - basis @ (basis.T @ volts)
+
+    def explaining(smoothed_s: float) -> tuple[float, Array]:
+        """Return the part of the variance that smoothed loads leave unexplained, and their factors (2,)."""
+        smooth = np.column_stack([np.interp(time_s, at_s, column) for column in _smoothed(loads, smoothed_s).T])
+        factors, error = nnls(smooth - basis @ (basis.T @ smooth), -left)
+        return error**2 / max(float(left @ left), 1e-300), np.asarray(factors)
+
+    smoothed_s = min(_SMOOTHED_S, key=lambda each: explaining(each)[0])
+    if explaining(smoothed_s)[0] > _LESS * explaining(0.0)[0]:
+        smoothed_s = 0.0
+    unexplained, factors = explaining(smoothed_s)
+    smooth, load = _smoothed(loads, smoothed_s) @ factors, loads @ factors
+    recorded = np.interp(at_s, record.time_s, np.interp(record.time_s, at_s, smooth))
+    return Shown(smoothed_s, 1 - unexplained, recorded - smooth, smooth - load)
+
+
+def _loads(flown: FlownLog, found: FlightFit) -> Array:
+    """Return the load (n, 2) but for factors: squares of commands, and of what follows them with the rotors' lag."""
+    command = flown.by_command.drive
+    delay_s = max(float(found.values[3]) - filtering_s(flown.flight.low_pass_hz[1]), 0.0)
+    late = delayed(found.lag.follow(command), delay_s)
+    return np.column_stack([np.sum(delayed(command, delay_s) ** 2, axis=1), np.sum(late**2, axis=1)])
+
+
+def _middles_s(flown: FlownLog) -> Array:
+    """Return the times (n,) of the drives' middles since the first drive's begin."""
+    return np.asarray(STEP_S * (np.arange(len(flown.by_command.drive)) + 0.5), dtype=np.float64)
+
+
+def _smoothed(loads: Array, for_s: float) -> Array:
+    if for_s == 0:
+        return loads
+    share = 1 - math.exp(-STEP_S / for_s)
+    return np.asarray(loads[0] + lfilter([share], [1.0, share - 1], loads - loads[0], axis=0))
+
+
+def _late(record: Record, shown: Shown, missing: Array, volts_std: Array) -> Finding:
+    """Name what is missing (k,) in a record while the rotors are driven, in V, and how uncertain it is."""
+    left_v, std_v = float(np.std(missing)), float(np.std(volts_std))
+    text = (
+        f"the battery's voltage is {_described(record, shown.smoothed_s)}: it leaves out {left_v:.2g} V rms of the sag "
+        "under load, which is added from the commands in proportion to the sag that it shows. The uncertainties "
+        f"contain {std_v:.1g} V rms for that. Log pm.vbat at 100 Hz or more, not smoothed."
+    )
+    return warning("flight-voltage-late", text, *TIMES, *MOMENTS.values())
+
+
+def _unusable(record: Record) -> Finding:
+    every = f"{record.apart_s:.2g} s apart" if math.isfinite(record.apart_s) else "all the same"
+    text = (
+        f"the battery's voltage, whose values are {every}, does not show what rotors draw: it is not used, and thrust "
+        "is that of the commands. Log pm.vbat at 100 Hz or more, not smoothed."
+    )
+    return warning("flight-voltage-not-used", text, *MOMENTS.values())
+
+
+def _described(record: Record, smoothed_s: float) -> str:
+    apart = f"new every {1e3 * record.apart_s:.0f} ms" if record.apart_s / 2 > _LATE_S / 2 else ""
+    smoothed = f"smoothed by {1e3 * smoothed_s:.0f} ms" if smoothed_s > _LATE_S / 2 else ""
+    return " and ".join(word for word in (apart, smoothed) if word)
