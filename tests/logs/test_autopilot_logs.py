@@ -131,6 +131,13 @@ def test_a_ulog_file_without_data_ends_in_a_sentence(tmp_path: Path) -> None:
         read_log(written(tmp_path, ulog()[:60]))
 
 
+def test_a_blackbox_log_with_a_damaged_header_is_named_with_what_to_do(tmp_path: Path) -> None:
+    pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
+    damaged = blackbox().replace(b"I interval:1", b"I interval:x")
+    with pytest.raises(DataError, match=r"cannot read the header of log 1 of 1 \(.*Error\)\. Copy it"):
+        read_log(written(tmp_path, damaged))
+
+
 def test_zeros_after_a_blackbox_log_are_passed_over(tmp_path: Path) -> None:
     pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
     path = written(tmp_path, blackbox())

@@ -47,7 +47,10 @@ def read_blackbox(path: Path, source: Source) -> FlightLog:
         try:
             parser = orangebox.Parser(LogBytes(orangebox, *place))
         except Exception as fault:  # a damaged file may make it raise anything
-            raise DataError(f"{path}: not readable as a blackbox log: {type(fault).__name__}.") from None
+            raise DataError(
+                f"{path}: not readable as a blackbox log: orangebox cannot read the header of log {number} of "
+                f"{len(logs)} ({type(fault).__name__}). Copy it from the flight controller again."
+            ) from None
         if _TIME not in parser.field_names:
             raise DataError(f"{path}: log {number} of {len(logs)} is a blackbox log without a field '{_TIME}'.")
         program = program or printable(str(parser.headers.get("Firmware revision", "unknown firmware")))

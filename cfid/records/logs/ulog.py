@@ -72,7 +72,10 @@ def read_ulog(path: Path, source: Source) -> FlightLog:
             with redirect_stdout(io.StringIO()), part:  # pyulog prints what it finds damaged
                 log = pyulog.ULog(part)
         except Exception as fault:  # a damaged file may make it raise anything
-            raise DataError(f"{path}: not readable as a ULog file: {type(fault).__name__}.") from None
+            raise DataError(
+                f"{path}: not readable as a ULog file: pyulog cannot read it ({type(fault).__name__}). Copy it from "
+                "the autopilot again."
+            ) from None
         timed = [topic for topic in log.data_list if _is_number(topic.data.get("timestamp"))]
         ordered = [_in_order(_rows(topic.data)) for topic in timed]
         back += sum(len(topic.data["timestamp"]) - len(rows) for topic, rows in zip(timed, ordered, strict=True))

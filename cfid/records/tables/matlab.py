@@ -166,7 +166,9 @@ def _tree(path: Path) -> dict[str, Tree]:
     except (ConfigError, DataError):
         raise
     except Exception as fault:  # a damaged file may make these libraries raise anything
-        raise DataError(f"{path}: not readable as a MATLAB file: {type(fault).__name__}.") from None
+        raise DataError(
+            f"{path}: not readable as a MATLAB file: it is damaged ({type(fault).__name__}). Save it again."
+        ) from None
 
 
 def _read(path: Path) -> dict[str, Tree]:
