@@ -80,6 +80,11 @@ class Flight:
         return np.asarray(ROW_S * np.arange(len(self.rates)), dtype=np.float64)
 
     @property
+    def rescaled(self) -> bool:
+        """Whether a Crazyflie's firmware, whose filters are known, divided accelerations by what rest showed."""
+        return self.low_pass_hz[0] is not None
+
+    @property
     def row_drives(self) -> Array:
         """The drives (m, 4) at the sensors' rows."""
         return self.drive[::ROW_STEPS][: len(self.rates)]

@@ -22,6 +22,7 @@ from cfid.flight.values import (
     drag_quantities,
     given,
     quantities_of,
+    rescaled_thrust,
 )
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Figures, Result
@@ -75,11 +76,13 @@ def fit(flights: Sequence[FlownLog], *, body: Body) -> Result:
         sources=tuple(one.log.source for one in flights),
         rests_on=_RESTS_ON,
         covariances=covariances_of(found, body),
-        lines=(*_lines(flights, found, drags), *_assumptions(body)),
+        lines=(*_lines(flights, found, drags), *_assumptions(flights, body)),
         drawings=drawings,
         folder=flights[0].log.path.parent,
     )
-    return with_common_causes(result, power_law(quantities, *causes_of(body, in_volts=found.in_volts)))
+    rescaled = any(one.flight.rescaled for one in flights)
+    scales = power_law(quantities, *causes_of(body, in_volts=found.in_volts, rescaled=rescaled))
+    return with_common_causes(result, scales, *([rescaled_thrust(found, body)] if rescaled else []))
 
 
 def _check(flights: Sequence[FlownLog]) -> None:
@@ -137,12 +140,15 @@ def _lines(
     ]
 
 
-def _assumptions(body: Body) -> list[str]:
+def _assumptions(flights: Sequence[FlownLog], body: Body) -> list[str]:
     arm = "" if body.arm_m is None else f", {1e3 * LEVER * body.arm_m:.4g} mm from the axes forward and left"
+    scale = "exact"
+    if any(one.flight.rescaled for one in flights):
+        scale = f"to {100 * body.rescaled_std:g} % (a Crazyflie divides by what it shows at rest)"
     return [
         "assumed: axes forward, left, up; four alike rotors with thrust along z"
         + arm
         + f"; mass {1e3 * body.mass_kg:g} g; "
-        "scales and times of gyro and accelerometer exact, the latter's zero to 0.02 g; no climb in the mean; sensors "
-        "show thrust a delay later",
+        f"times of gyro and accelerometer and the former's scale exact, the latter's {scale}, and its zero to 0.02 g; "
+        "no climb in the mean; sensors show thrust a delay later",
     ]

@@ -14,7 +14,7 @@ from cfid.flight.estimation import FlightFit
 from cfid.flight.model import AXES, LEVER
 from cfid.records.covariances import Covariance, covariance_between
 from cfid.records.parameters import Parameter
-from cfid.units import FULL_COMMAND
+from cfid.units import FULL_COMMAND, MOTORS, USUAL_GRAVITY_MPS2
 
 Array = npt.NDArray[np.float64]
 
@@ -33,6 +33,9 @@ TIMES = tuple(_TIMES)
 # Without the battery's voltage, thrust's slope is that of all rotors together, under which a battery gives way: up to
 # 10 % less than that of one rotor against another, which turns the vehicle. The powers with which values go with it.
 LOAD_SAG_STD = 0.06
+# A Crazyflie's firmware divides accelerations by what 200 samples at rest show (processAccScale), zero and all: the
+# zero, 0.02 g (see `estimation`), becomes a scale of all but the weight itself.
+RESCALED_STD = 0.02
 _WITH_SAG = {**dict.fromkeys(MOMENTS.values(), 1.0), **dict.fromkeys((_RISING, _FALLING, _MEAN, SINGLE), 0.3)}
 
 
@@ -41,7 +44,8 @@ class Body:
     """What a flight cannot tell: mass, arm from the centre to a motor's axis, torque of a rotor over its thrust.
 
     Each has its standard uncertainty; None is unknown. `load_sag_std` is the share of thrust's slope that a battery
-    may take by its sag under load, where the log has no voltage.
+    may take by its sag under load, where the log has no voltage, `rescaled_std` the scale of accelerations that a
+    firmware divides by what rest shows.
     """
 
     mass_kg: float
@@ -51,6 +55,7 @@ class Body:
     torque_m: float | None = None
     torque_std_m: float | None = None
     load_sag_std: float = LOAD_SAG_STD
+    rescaled_std: float = RESCALED_STD
 
 
 def thrust_key(found: FlightFit) -> str:
@@ -108,8 +113,13 @@ def covariances_of(found: FlightFit, body: Body) -> tuple[Covariance, ...]:
     )
 
 
-def causes_of(body: Body, *, in_volts: bool) -> tuple[dict[str, dict[Cause, float]], dict[str, dict[str, float]]]:
-    """Return the causes by the unit they scale, and the powers with which quantities have them."""
+def causes_of(
+    body: Body, *, in_volts: bool, rescaled: bool
+) -> tuple[dict[str, dict[Cause, float]], dict[str, dict[str, float]]]:
+    """Return the causes by the unit they scale, and the powers with which quantities have them.
+
+    `rescaled` accelerations have a scale that their firmware took from rest.
+    """
     mass = Cause("mass", body.mass_std_kg / body.mass_kg if body.mass_std_kg else None)
     arm = Cause("arm", None if not body.arm_m or body.arm_std_m is None else body.arm_std_m / body.arm_m)
     torque_std = None if not body.torque_m or body.torque_std_m is None else body.torque_std_m / body.torque_m
@@ -121,13 +131,28 @@ def causes_of(body: Body, *, in_volts: bool) -> tuple[dict[str, dict[Cause, floa
         measured["N m/N"] = {torque: 1.0}
     if not in_volts:
         measured["sag"] = {Cause("the battery's sag under load", body.load_sag_std): 1.0}
+    if rescaled:
+        measured["m/s^2"] = {_rescaled(body): 1.0}
     powers = {
-        **{MOMENTS[axis]: {"kg": 1.0, "m": 1.0} for axis in ("roll", "pitch")},
-        MOMENTS["yaw"]: {"kg": 1.0, "N m/N": 1.0},
-        "flight.drag_kg_per_s.*": {"kg": 1.0},
+        **{MOMENTS[axis]: {"kg": 1.0, "m": 1.0, "m/s^2": 1.0} for axis in ("roll", "pitch")},
+        MOMENTS["yaw"]: {"kg": 1.0, "N m/N": 1.0, "m/s^2": 1.0},
+        "flight.drag_kg_per_s.*": {"kg": 1.0, "m/s^2": 1.0},
+        "flight.drag_over_mass_per_s.*": {"m/s^2": 1.0},
     }
     with_sag = {key: {**powers.get(key, {}), "sag": power} for key, power in _WITH_SAG.items()}
     return measured, {**with_sag, **{key: one for key, one in powers.items() if key not in with_sag}}
+
+
+def rescaled_thrust(found: FlightFit, body: Body) -> dict[Cause, dict[str, Array]]:
+    """Return what a scale that a firmware takes from rest does to thrust: all of it but the weight goes with it."""
+    value, _ = _of_thrust(found, body)
+    weight = np.zeros_like(value)
+    weight[0 if found.in_volts else -1] = body.mass_kg * USUAL_GRAVITY_MPS2 / len(MOTORS)
+    return {_rescaled(body): {thrust_key(found): body.rescaled_std * (value - weight)}}
+
+
+def _rescaled(body: Body) -> Cause:
+    return Cause("the accelerometer's scale", body.rescaled_std)
 
 
 def drag_quantities(drags: Mapping[str, AxisDrag | None], body: Body) -> dict[str, Parameter]:
