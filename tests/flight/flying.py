@@ -72,13 +72,15 @@ def fly(
     wind: float = 1.0,
     noise: float = 1.0,
     load_sag: float = 0.0,
+    inflow: float = 0.0,
     late_steps: int = LATE_STEPS,
     with_volts: bool = False,
 ) -> list[FlightLog]:
     """Return a log of each vehicle at 500 Hz; one that hovers has no manoeuvres. `noise` is the share of the usual.
 
     `load_sag` is the share of its voltage that the battery loses under the thrust of hovering, 4 V being left, which
-    the log has `with_volts`. Commands act `late_steps` later, the voltage at once.
+    the log has `with_volts`. Commands act `late_steps` later, the voltage at once. `inflow` is the share of thrust that
+    a climb of 1 m/s along the rotors' axis takes.
     """
     count, steps = len(vehicles.mass), int(seconds / STEP)
     level = _level(vehicles)
@@ -96,6 +98,8 @@ def fly(
         thrust = k * (vehicles.idle[:, None] + vehicles.gain[:, None] * late) ** 2
         up = turn[:, 2, :]  # the world's vertical along the vehicle's axes
         at = (np.einsum("nij,nj->ni", turn.transpose(0, 2, 1), velocity)) * [1.0, 1.0, 1.2]
+        taken = 1 - inflow * at[:, 2:] / 1.2  # of thrust, by air along the rotors' axis
+        thrust = thrust * taken
         force = force_wind - vehicles.braking[:, None] * at
         force[:, 2] += thrust.sum(axis=1) / vehicles.mass
         shown = gyro(rates + bias[0] + rng.normal(0, 0.04 * noise, (count, 3)))
@@ -113,6 +117,7 @@ def fly(
         tau = np.where(ahead > 0, vehicles.rising[:, None], vehicles.falling[:, None])
         moved = ahead * (1 - np.exp(-STEP / tau))
         middle = k * (vehicles.idle[:, None] + vehicles.gain[:, None] * (late + moved / 2)) ** 2
+        middle = middle * taken
         spun_up = vehicles.gain[:, None] * moved / STEP  # rad/s^2
         turning = np.column_stack(
             [
