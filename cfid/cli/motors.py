@@ -92,8 +92,18 @@ def stop(*, vehicle: LinkOptions, yes: Unasked = False, campaign: CampaignFolder
             _stop(uri, setting)
         except DeviceError as error:
             failed.append(error)
+    for other in _held_beside(setting.uri):
+        note(f"{other}: another cfid holds this vehicle, and it was not stopped: cfid motors stop --uri {other}")
     if failed:
         raise type(failed[0])("\n".join(map(str, failed)))
+
+
+def _held_beside(uri: str | None) -> list[str]:
+    """Return the vehicles that other programs hold on this computer beside the one that was named to stop."""
+    from cfid.rig.address import resolved
+    from cfid.rig.lock import vehicles_held
+
+    return [] if uri is None else [other for other in vehicles_held() if other != resolved(uri)]
 
 
 def _stop(uri: str, setting: "CrazyflieLink") -> None:

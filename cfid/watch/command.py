@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from cfid.console.inputs import find_recording, open_workplace
-from cfid.console.messages import echo, note
+from cfid.console.messages import echo
 from cfid.console.options import RigOptions
 from cfid.records.extras import optional_library
 
@@ -38,8 +38,6 @@ def watch(
         folder=None if run is None else find_recording(run, workplace),
         runs_folder=None if found is None else found.runs_folder,
     )
-    if found is None:
-        note("there is no campaign here, hence no button that stops motors.")
     serve(
         watched,
         campaign=None if found is None else found.folder,

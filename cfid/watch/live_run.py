@@ -12,7 +12,7 @@ import numpy.typing as npt
 from cfid.errors import DataError
 from cfid.motors.plan import StaircasePlan
 from cfid.records.run import RUN_FILE, DeviceRecord, Run, RunHeader, read_run
-from cfid.records.tables.vehicle import SUPERVISOR, VEHICLE_LOG
+from cfid.records.tables.vehicle import COMMANDS, SUPERVISOR, VEHICLE_LOG
 from cfid.records.tables.wrench import LOADCELL
 from cfid.rig.crazyflie_log import BATTERY
 from cfid.transfer.sines.plan import SAMPLE_S
@@ -106,6 +106,13 @@ class LiveRun:
     def recording(self) -> bool:
         """Whether run.toml states that it is being recorded; a run that was cut states so for ever."""
         return self.header.state == "recording"
+
+    @property
+    def driven(self) -> str | None:
+        """The address of the vehicle that it drives, or drove when it was cut; None of one that is over."""
+        record = self.header.devices.get(COMMANDS)
+        uri = None if record is None or not self.recording else (record.model_extra or {}).get("uri")
+        return uri if isinstance(uri, str) else None
 
     @property
     def signals(self) -> list[Trace]:

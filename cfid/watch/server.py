@@ -33,7 +33,8 @@ _PLOTS = "/plots"
 def serve(watched: Watched, *, campaign: Path | None, port: int, ready: Callable[[str], None]) -> None:
     """Serve the page until Ctrl-C; `ready` gets its address. Port 0 is any free one.
 
-    `campaign` is the folder whose vehicle the button stops. Raises ConfigError when the port cannot be taken.
+    The button stops the vehicle that the shown run drives, else that of `campaign`, a folder. Raises ConfigError when
+    the port cannot be taken.
     """
     try:
         sockets = bind_sockets(port, LOOPBACK)
@@ -50,7 +51,7 @@ async def _serving(
     watched: Watched, campaign: Path | None, sockets: list[Any], port: int, ready: Callable[[str], None]
 ) -> None:
     gate = Gate(port)
-    stop = None if campaign is None else MotorStop(campaign)
+    stop = MotorStop(campaign)
 
     def draw(document: Document) -> None:
         context = document.session_context
@@ -62,10 +63,10 @@ async def _serving(
         gate=gate,
         use_index=False,
         extra_patterns=[
-            ("/", _Page, {"gate": gate, "can_stop": stop is not None}),
+            ("/", _Page, {"gate": gate}),
             ("/page.js", _Script),
             ("/facts", _FactsPage, {"watched": watched, "gate": gate}),
-            ("/stop", _Stop, {"gate": gate, "stop": stop}),
+            ("/stop", _Stop, {"gate": gate, "stop": stop, "watched": watched}),
         ],
         extra_websocket_origins=gate.hosts,
     )
@@ -107,15 +108,15 @@ class _Refused(RequestHandler):
 
 
 class _Page(RequestHandler):
-    def initialize(self, gate: Gate, can_stop: bool) -> None:
-        self._gate, self._can_stop = gate, can_stop
+    def initialize(self, gate: Gate) -> None:
+        self._gate = gate
 
     def set_default_headers(self) -> None:
         for name, value in HEADERS.items():
             self.set_header(name, value)
 
     def get(self) -> None:
-        self.finish(page_html(self._gate, can_stop=self._can_stop))
+        self.finish(page_html(self._gate))
 
 
 class _Script(RequestHandler):
@@ -135,15 +136,16 @@ class _FactsPage(RequestHandler):
 
 
 class _Stop(RequestHandler):
-    def initialize(self, gate: Gate, stop: MotorStop | None) -> None:
-        self._gate, self._stop = gate, stop
+    def initialize(self, gate: Gate, stop: MotorStop, watched: Watched) -> None:
+        self._gate, self._stop, self._watched = gate, stop, watched
 
     async def post(self) -> None:
-        if self._stop is None or not self._gate.admits_stop(self.request.headers, self._token()):
+        if not self._gate.admits_stop(self.request.headers, self._token()):
             self.set_status(403)
             self.finish("Not stopped: no button of the page sent this request.\n")
             return
-        report = await self._stop.press()
+        self._watched.look_for_newer()  # which nothing has done where the plots were not loaded
+        report = await self._stop.press(self._watched.run)
         self.finish({"stopped": report.stopped, "text": report.text})
 
     def _token(self) -> str:

@@ -37,17 +37,14 @@ class Watched:
         now_s = time.monotonic()
         if now_s >= self._next_look_s:
             self._next_look_s = now_s + _LOOK_S
-            self._look_for_newer()
+            self.look_for_newer()
         if self.run is None:
             return
         self.revision += self.run.read(_READ_S)
         self._compute(now_s)
 
-    def close(self) -> None:
-        """End the thread that computes spectra."""
-        self._computer.shutdown(cancel_futures=True)
-
-    def _look_for_newer(self) -> None:
+    def look_for_newer(self) -> None:
+        """Turn to a newer run of the campaign's, unless one that is recorded is shown."""
         found = None if self._runs_folder is None else newest_run(self._runs_folder)
         if found is None or (self.run is not None and (self.run.folder == found or self.run.recording_now)):
             return
@@ -56,6 +53,10 @@ class Watched:
         except DataError:  # it is looked at again
             return
         self.revision += 1
+
+    def close(self) -> None:
+        """End the thread that computes spectra."""
+        self._computer.shutdown(cancel_futures=True)
 
     def _compute(self, now_s: float) -> None:
         """Take over a spectrum that is ready, and begin the next one."""

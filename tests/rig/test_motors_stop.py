@@ -327,6 +327,21 @@ def test_motors_stop_needs_neither_a_current_folder_nor_a_campaign(tmp_path: Pat
         assert pilot.end() != 1
 
 
+def test_motors_stop_names_a_vehicle_that_another_command_holds_and_rig_toml_does_not_name(tmp_path: Path) -> None:
+    with bench_in(tmp_path) as bench:
+        pilot = bench.start(*HOLD)
+        pilot.wait_until_motors_run()
+        rig = tmp_path / "rig.toml"
+        rig.write_text(rig.read_text().replace(bench.uri, "udp://127.0.0.1:9"))
+        other = bench.start("motors", "stop")
+        assert other.end() == 3
+        assert f"was not stopped: cfid motors stop --uri {bench.uri}" in " ".join(other.err.split())
+        last = bench.start("motors", "stop", "--uri", bench.uri)
+        assert last.end() == 0
+        assert not any(bench.motors)
+        assert pilot.end() != 1
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux that takes nothing")
 @pytest.mark.parametrize("full", [("stderr",), ("stdout", "stderr")])
 def test_motors_stop_needs_nobody_who_reads_what_it_prints(tmp_path: Path, full: tuple[str, ...]) -> None:
