@@ -20,6 +20,7 @@ import numpy.typing as npt
 from scipy.optimize import nnls
 from scipy.signal import lfilter
 
+from cfid.estimate.blocks import block_means
 from cfid.findings import Finding, warning
 from cfid.flight.data import FlownLog
 from cfid.flight.estimation import FlightFit
@@ -31,6 +32,8 @@ Array = npt.NDArray[np.float64]
 _LATE_S = 0.01  # half the samples' distance and the smoothing together: moments err by 0.3 % at most, and no more
 _SMOOTHED_S = (0.0, *(0.003 * 1.1**power for power in range(60)))  # up to 0.83 s: more shows no load of manoeuvres
 _SHOWN = 0.5  # of the variance within 5 s, that the load has to explain
+_HIDDEN = 0.003  # of the voltage, that a record which does not show the load may leave out: moments err by 0.6 %
+_MEAN_S = 0.02  # over which samples are averaged: noise of 20 mV in rows of 2 ms hides the load
 _FEWEST = 60  # samples
 _APART_S = 0.25  # between samples: manoeuvres of half a second show in fewer by chance
 _QUICK = 0.05  # of the times between changes, the quantile that is the time between samples
@@ -52,11 +55,13 @@ class Record(NamedTuple):
 class Shown(NamedTuple):
     """What a record shows of the load: its smoothing, and how much of its variance the load explains.
 
+    `hidden_v` is what the smoothing that suits it best takes, however little better that suits than none.
     `between` (n,) and `taken` (n,) are what is missing at the drives, between its samples and by its smoothing.
     """
 
     smoothed_s: float
     explained: float
+    hidden_v: float
     between: Array
     taken: Array
 
@@ -89,7 +94,8 @@ def _whole(flown: FlownLog, found: FlightFit) -> tuple[FlownLog | None, Finding 
     if len(record.time_s) >= _FEWEST and record.apart_s < _APART_S:
         shown = _shown(flown, record, found)
     if shown is None or shown.explained < _SHOWN:
-        return (None, _unusable(record)) if record.apart_s / 2 > _LATE_S else (flown, None)
+        hides = record.apart_s / 2 > _LATE_S or (shown is not None and shown.hidden_v > _HIDDEN * np.mean(record.volts))
+        return (None, _unusable(record)) if hides else (flown, None)
     if shown.smoothed_s == _SMOOTHED_S[-1]:
         return None, _unusable(record)
     if record.apart_s / 2 + shown.smoothed_s <= _LATE_S:
@@ -125,6 +131,8 @@ def _shown(flown: FlownLog, record: Record, found: FlightFit) -> Shown | None:
     time_s, volts = record.time_s[in_air], record.volts[in_air]
     if len(time_s) < _FEWEST:
         return None
+    length = max(round(_MEAN_S / record.apart_s), 1)
+    at_samples_s, (time_s, volts) = time_s, block_means(np.array([time_s, volts]), length=length)
     phase = np.pi * (time_s - time_s[0]) / (time_s[-1] - time_s[0])
     count = max(round((time_s[-1] - time_s[0]) / SAG_S), 1)
     slow = np.column_stack([np.cos(power * phase) for power in range(1 + count)])
@@ -133,17 +141,19 @@ def _shown(flown: FlownLog, record: Record, found: FlightFit) -> Shown | None:
 
     def explaining(smoothed_s: float) -> tuple[float, Array]:
         """Return the part of the variance that smoothed loads leave unexplained, and their factors (2,)."""
-        smooth = np.column_stack([np.interp(time_s, at_s, column) for column in _smoothed(loads, smoothed_s).T])
+        columns = [np.interp(at_samples_s, at_s, column) for column in _smoothed(loads, smoothed_s).T]
+        smooth = block_means(np.array(columns), length=length).T
         factors, error = nnls(smooth - basis @ (basis.T @ smooth), -left)
         return error**2 / max(float(left @ left), 1e-300), np.asarray(factors)
 
-    smoothed_s = min(_SMOOTHED_S, key=lambda each: explaining(each)[0])
-    if explaining(smoothed_s)[0] > _LESS * explaining(0.0)[0]:
-        smoothed_s = 0.0
+    best_s = min(_SMOOTHED_S, key=lambda each: explaining(each)[0])
+    hidden = (_smoothed(loads, best_s) - loads) @ explaining(best_s)[1]
+    smoothed_s = best_s if explaining(best_s)[0] <= _LESS * explaining(0.0)[0] else 0.0
     unexplained, factors = explaining(smoothed_s)
     smooth, load = _smoothed(loads, smoothed_s) @ factors, loads @ factors
     recorded = np.interp(at_s, record.time_s, np.interp(record.time_s, at_s, smooth))
-    return Shown(smoothed_s, 1 - unexplained, recorded - smooth, smooth - load)
+    hidden_v = float(np.std(hidden[flown.flight.step_driven]))
+    return Shown(smoothed_s, 1 - unexplained, hidden_v, recorded - smooth, smooth - load)
 
 
 def _loads(flown: FlownLog, found: FlightFit) -> Array:
