@@ -443,6 +443,41 @@ def test_an_option_does_not_override_a_unit_that_is_not_read(tmp_path: Path, hea
     assert f"column '{head}' states a unit that is not read. Convert it" in question
 
 
+@pytest.mark.parametrize(
+    ("head", "named", "quantity", "expected"),
+    [
+        ("Thrust (grams)", "thrust_n", "thrust_n", 9.80665e-3),
+        ("thrust_g", "thrust_n", "thrust_n", 9.80665e-3),
+        ("thrust_g", "thrust_total_g", "thrust_n", 9.81e-3 / 4),
+        ("Thrust gf", "thrust_n", "thrust_n", 9.80665e-3),
+        ("lift_kgf", "thrust_n", "thrust_n", 9.80665),
+        ("moment lbf·in", "torque_nm", "torque_nm", 0.1129848),
+        ("rotor_rpm", "speed_rad_s", "square_mean_speed_rad_s", math.pi / 30),
+        ("rotor_n", "rpm", "square_mean_speed_rad_s", math.pi / 30),
+        ("rig_s", "thrust_n", "thrust_n", 1),
+    ],
+)
+def test_a_unit_that_a_header_states_without_brackets_counts_before_that_of_the_option(
+    tmp_path: Path, head: str, named: str, quantity: str, expected: float
+) -> None:
+    table = read(tmp_path, f"cmd,{head},grams\n0,1,0\n20000,1,1\n", columns=(f"{named}=2",))
+    assert np.asarray(getattr(table, quantity))[-1] == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize(("head", "named"), [("lift_mN", "thrust_n"), ("esc ms", "cmd"), ("n krpm", "rpm")])
+def test_an_option_does_not_override_a_unit_without_brackets_that_is_not_read(
+    tmp_path: Path, head: str, named: str
+) -> None:
+    text = f"command,{head},grams\n0,0,0\n20000,100,1\n"
+    question = refusal(tmp_path, text, ConfigError, columns=(f"{named}=2",))
+    assert f"column '{head}' states a unit that is not read. Convert it" in question
+
+
+def test_a_thrust_in_grams_spelt_out_in_round_brackets_is_that_of_what_ran(tmp_path: Path) -> None:
+    table = read(tmp_path, "cmd,Thrust (grams)\n0,0\n20000,100\n")
+    assert np.asarray(table.thrust_n)[-1] == pytest.approx(0.980665)
+
+
 @pytest.mark.parametrize("head", ["F (left)", "lift[1]", "thrust (mean)", "F_left_"])
 def test_words_in_brackets_that_are_no_unit_leave_the_unit_to_the_option(tmp_path: Path, head: str) -> None:
     assert np.asarray(read(tmp_path, f"cmd,{head}\n0,0\n20000,1\n", columns=("thrust_n=2",)).thrust_n)[-1] == 1

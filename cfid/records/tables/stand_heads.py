@@ -28,6 +28,7 @@ _TAKE_UNITS = {
     "speeds_rad_s": "motorspeed",
 }
 _UNIT = re.compile(r".*[(\[](?P<unit>[^()\[\]]+)[)\]]")  # at the end of a name without spaces
+_LAST_WORD = re.compile(r".*[^\s_][\s_]+(?P<unit>[^\s_]+)")  # which a unit without brackets is, as in thrust_gf
 _MANGLED = re.compile(r"[A-Za-z]\w*_+[A-Za-z](?:\w*[A-Za-z])?_", re.ASCII)
 # Units of these quantities that are not read, as mN, N cm, mV and krpm; other words in brackets are none.
 _OTHER = re.compile(r"[mukcd]?(?:n|gf?|v|hz|lbf?s?|ozf?)(?:[.u-]*(?:[mc]?m|in|ft))?|krpm|rps|deg/s|ms|ns")
@@ -75,7 +76,7 @@ _KNOWN = (
         "thrust",
         {
             "n": 1.0,
-            "gf?": _GRAM_FORCE_N,
+            "g(?:f|rams?)?": _GRAM_FORCE_N,
             "kgf?": 1e3 * _GRAM_FORCE_N,
             "lbf": _POUND_FORCE_N,
             "ozf": _POUND_FORCE_N / 16,
@@ -157,15 +158,14 @@ def heads_of(names: Sequence[str]) -> dict[str, list[tuple[ColumnHead, str]]]:
 def in_own_unit(name: str, own: str) -> str:
     """Return what a column of a known `name` is called: after its own header, where that states another unit.
 
-    The unit counts also in a header that is not known, as in Lift (gf) and Lift__gf_.
+    The unit counts also in a header that is not known, as in Lift (gf), Lift__gf_ and lift_gf.
     """
     (quantity, ((head, _), *_)), *_ = heads_of([name]).items()
     if quantity == "time_s":
         named, stated = (TIME_COLUMN.called.fullmatch(one.strip()) for one in (name, own))
         return own if named and stated and stated[1] and not named[1] else name
-    unit = _UNIT.fullmatch(spelt(own))
-    units = [unit["unit"]] if unit else [one for _, one in _unmangled(own)]
-    if head.kind == "total in grams" and not unit and "g" in units:
+    units = _units_of(own)
+    if head.kind == "total in grams" and "g" in units and not _UNIT.fullmatch(spelt(own)):
         return name  # which brackets the g had, and so of how many motors it is, was lost
     for known in (own, *(f"{_TAKE_UNITS.get(quantity)}({one})" for one in units)):
         for stated_head, _ in heads_of([known]).get(quantity, ()):
@@ -174,21 +174,41 @@ def in_own_unit(name: str, own: str) -> str:
     return name
 
 
+def _units_of(own: str) -> list[str]:
+    """Return what may be the unit that a header states: in brackets, in what MATLAB made of them, or the last word."""
+    if unit := _UNIT.fullmatch(spelt(own)):
+        return [unit["unit"]]
+    last = _LAST_WORD.fullmatch(own.strip())
+    return [one for _, one in _unmangled(own)] or ([spelt(last["unit"])] if last else [])
+
+
+def _is_unit(unit: str, quantity: str) -> bool:
+    """Return whether a quantity is read in a unit."""
+    return quantity in heads_of([f"{_TAKE_UNITS[quantity]}({unit})"])
+
+
+def _states_other(own: str, quantity: str) -> bool:
+    """Return whether a header states a unit, and none in which its quantity is read.
+
+    Without brackets, a single letter, as in rotor_n, is a symbol, and known names keep what they state.
+    """
+    units = _units_of(own)
+    if any(_is_unit(one, quantity) for one in units):
+        return False
+    bare = not (_UNIT.fullmatch(spelt(own)) or _unmangled(own))
+    return any(_OTHER.fullmatch(one) for one in units if not bare or (len(one) > 1 and not heads_of([own])))
+
+
 def _unknown(name: str, quantity: str) -> str:
     """Return what is not known of a column: its name, where that states a known unit, or its unit."""
-    unit = _UNIT.fullmatch(spelt(name))
-    units = [unit["unit"]] if unit else [one for _, one in _unmangled(name)]
-    known = any(quantity in heads_of([f"{_TAKE_UNITS[quantity]}({one})"]) for one in units)
+    known = any(_is_unit(one, quantity) for one in _units_of(name))
     return "has a known unit, but no known name" if known else "has no known unit"
 
 
 def has_unread_unit(name: str, own: str) -> bool:
     """Return whether a column's `own` header states a unit that is none of those of a known name's quantity."""
-    unit, (quantity, *_) = _UNIT.fullmatch(spelt(own)), heads_of([name])
-    units = [unit["unit"]] if unit else [one for _, one in _unmangled(own)]
-    if quantity not in _TAKE_UNITS or any(quantity in heads_of([f"{_TAKE_UNITS[quantity]}({one})"]) for one in units):
-        return False
-    return any(map(_OTHER.fullmatch, units))
+    quantity, *_ = heads_of([name])
+    return quantity in _TAKE_UNITS and _states_other(own, quantity)
 
 
 def called_as(quantity: str) -> str:
