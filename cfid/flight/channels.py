@@ -3,12 +3,14 @@
 Whatever the autopilot's axes, they become x forward, y left, z up.
 """
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
+from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.flight.model import ROW_S, STEP_S
 from cfid.records.logs.crazyflie_names import first_of, refuse_unread
@@ -20,6 +22,9 @@ _Sensor = tuple[tuple[str, ...], tuple[float, ...], float | None]
 
 _COMMANDS = ("motor.m{}", "pwm.m{}_pwm", "pwm.m{}", "control.m{}")
 _VOLTS = ("pm.vbat", "pm.vbatMV")
+_LIKE_VOLTS = re.compile(r"(?:v_?bat|batt(?:ery)?|voltage)(?:\W.*|_?m?v|_?voltage)?", re.IGNORECASE)
+_VOLTS_RANGE = (1.0, 60.0)
+_WRONG_SHARE = 0.1  # of the voltage's values, below which these alone are left out
 _DOWN = (1.0, -1.0, -1.0)  # of PX4's axes: x forward, y right, z down
 _UP = (1.0, 1.0, 1.0)
 # What sensors are called, in order of preference, with the signs that turn them to forward, left and up, and the
@@ -132,15 +137,34 @@ def motion(log: FlightLog, at_s: Array) -> tuple[Array | None, Array | None]:
 
 
 def volts_of(log: FlightLog) -> tuple[tuple[Array, Array] | None, tuple[str, ...]]:
-    """Return times and the battery's voltage (n,), None where it is not known, and sentences on what is impossible."""
+    """Return times and the battery's voltage (n,), None where it is not known, and sentences on what is not used.
+
+    Single values that no battery has are left out.
+    """
     name = first_of(log, _VOLTS)
     if name is None:
-        return None, ()
+        return None, _may_be_volts(log)
     time_s, volts = log.channel(name)
-    known = np.isfinite(volts) & (volts > 1.0) & (volts < 60.0)
-    if not known.all() or not len(volts):
-        return None, ("the battery's voltage has impossible values: it is not used.",)
-    return (time_s, volts), ()
+    there = np.isfinite(volts)
+    wrong = there & ~((volts > _VOLTS_RANGE[0]) & (volts < _VOLTS_RANGE[1]))
+    if not there.any():
+        return None, (f"'{name}' has no number: no voltage is used.",)
+    limits = f"which no battery is ({_VOLTS_RANGE[0]:g} to {_VOLTS_RANGE[1]:g} V)"
+    if np.count_nonzero(wrong) > _WRONG_SHARE * np.count_nonzero(there):
+        middle = float(np.median(volts[wrong]))
+        unit = " Is it in mV? State it in the header of a table, as in pm.vbat [mV]." if middle > 1e3 else ""
+        return None, (f"'{name}' is {middle:.4g} V, {limits}: no voltage is used.{unit}",)
+    known = there & ~wrong
+    values = counted(int(np.count_nonzero(wrong)), "value")
+    text = f"{values} of '{name}', the first {volts[np.argmax(wrong)]:.4g} V, {limits}: left out."
+    return (time_s[known], volts[known]), (text,) if wrong.any() else ()
+
+
+def _may_be_volts(log: FlightLog) -> tuple[str, ...]:
+    """Return a sentence on a channel of a table that may be the voltage, whose name does not state it."""
+    names = [channel.name for series in log.series for channel in series.channels]
+    may_be = next((name for name in names if _LIKE_VOLTS.fullmatch(name)), None)
+    return () if may_be is None else (f"column '{may_be}' is not used: if it is the voltage, call it pm.vbat.",)
 
 
 def held(time_s: Array, command: Array, at_s: Array) -> Array:

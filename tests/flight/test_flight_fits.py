@@ -1,5 +1,6 @@
 """Simulated flights give their vehicles' thrust, lag, moments and drag back; flights that cannot tell are refused."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -472,6 +473,44 @@ def test_a_drive_is_the_command_times_the_voltage_while_it_holds(flown: tuple[Fl
     ratio = read.flight.drive / read.by_command.drive
     middle_s = STEP_S * (np.arange(len(ratio)) + 0.5)
     assert ratio[:, 0] == pytest.approx(4.0 + 0.2 * np.sin(20 * np.pi * middle_s), abs=2e-3)
+
+
+def with_battery(log: FlightLog, name: str, volts: Array) -> FlightLog:
+    """Return a log with a battery's voltage (rows,)."""
+    return replace(log, series=(*log.series, in_memory("battery", log.series[0].time_s, [Channel(name, "V")], [volts])))
+
+
+def test_single_values_that_no_battery_has_and_empty_fields_do_not_cost_the_voltage(
+    flown: tuple[Fleet, list[FlightLog]],
+) -> None:
+    volts = np.linspace(4.1, 3.9, flown[1][0].series[0].rows)
+    whole = flight_of(with_battery(flown[1][0], "pm.vbat", volts))
+    holed = volts.copy()
+    holed[1::2], holed[2000:2020:2] = np.nan, 0.0
+    read = flight_of(with_battery(flown[1][0], "pm.vbat", holed))
+    assert read.flight.volts == pytest.approx(whole.flight.volts, abs=1e-4)
+    said = "10 values of 'pm.vbat', the first 0 V, which no battery is (1 to 60 V): left out."
+    assert any(said in one.text for one in read.findings)
+    assert not any("pm.vbat" in one.text for one in whole.findings)
+
+
+@pytest.mark.parametrize(
+    ("name", "scale", "words"),
+    [
+        ("pm.vbat", 1e3, r"'pm\.vbat' is 4000 V, which no battery is .*: no voltage is used\. Is it in mV\?"),
+        ("pm.vbat", 0.0, r"'pm\.vbat' is 0 V, which no battery is \(1 to 60 V\): no voltage is used\.$"),
+        ("pm.vbat", np.nan, r"'pm\.vbat' has no number: no voltage is used\."),
+        ("vbat", 1.0, r"column 'vbat' is not used: if it is the voltage, call it pm\.vbat\."),
+        ("Battery [V]", 1.0, r"column 'Battery \[V\]' is not used: if it is the voltage, call it pm\.vbat\."),
+    ],
+)
+def test_a_voltage_that_is_not_used_is_named_with_what_would_serve(
+    flown: tuple[Fleet, list[FlightLog]], name: str, scale: float, words: str
+) -> None:
+    log = flown[1][0]
+    read = flight_of(with_battery(log, name, np.full(log.series[0].rows, 4.0 * scale)))
+    assert read.flight.volts is None
+    assert any(re.search(words, one.text) for one in read.findings)
 
 
 def test_without_arm_and_torque_no_moment_is_given(flown: tuple[Fleet, list[FlightLog]]) -> None:
