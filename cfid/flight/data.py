@@ -23,6 +23,7 @@ from cfid.units import DEAD_COMMAND, FULL_COMMAND, USUAL_GRAVITY_MPS2
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 _SLOWEST_S = 0.021  # between rows of a sensor: slower, rates change unseen
+_OTHER_UNIT_S = 0.5  # between rows, which is 1000 times what autopilots log at most
 _AVERAGED_S = ROW_S / 2  # between rows of a sensor, below which they are averaged
 _CLOSE_S = 0.005  # between commands: farther apart, those of an autopilot are guessed
 _LIFTED = 0.8  # of the median sum of squared drives, above which the vehicle is in the air
@@ -85,7 +86,9 @@ def read_flight(
 def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None = None) -> FlownLog:
     """Take the flight out of a log that was read, as `read_flight`."""
     path = log.path
-    from_s, to_s = _window(log.channel(command_names(log)[0])[0], path, from_s or 0.0, np.inf if to_s is None else to_s)
+    first = log.channel(command_names(log)[0])[0]
+    _check_spacing(first, log)
+    from_s, to_s = _window(first, path, from_s or 0.0, np.inf if to_s is None else to_s)
     around = from_s - _AROUND_S, to_s + _AROUND_S
     whole, log = log, replace(log, series=tuple(one.between(*around) for one in log.series))
     commands = commands_of(log)
@@ -94,12 +97,8 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
     timed = [one[0] for one in (*commands, rates, forces)]
     begin, end = max(from_s, *(float(one[0]) for one in timed)), min(to_s, *(float(one[-1]) for one in timed))
     _check_left(end - begin, path)
-    slowest = max(float(np.median(np.diff(one))) for one in timed)
-    if slowest > _SLOWEST_S:
-        raise DataError(
-            f"{path}: rows {1e3 * slowest:.0f} ms apart (limit {1e3 * _SLOWEST_S:.0f} ms): log motors, gyro and "
-            "accelerometer every 10 ms at least (PX4: the high rate of SDLOG_PROFILE)."
-        )
+    for one in timed:
+        _check_spacing(one, log)
     rows = int((end - begin) / ROW_S)
     at_s = np.asarray(begin + STEP_S * np.arange(rows * ROW_STEPS), dtype=np.float64)
     command = np.column_stack([held(*one, at_s) for one in commands])
@@ -200,6 +199,17 @@ def _beyond(time_s: Array, rates: Array, row_s: Array, driven: Mask) -> tuple[Ma
         return beyond, [rejection("flight-gyro-clipped", text, "flight.inertia_kg_m2.*", "flight.*_s")]
     text += f"{lost_s:.3g} s are left out of what rests on rates. {remedy}"
     return beyond, [warning("flight-gyro-clipped", text, "flight.inertia_kg_m2.*")]
+
+
+def _check_spacing(time_s: Array, log: FlightLog) -> None:
+    """Raise DataError for rows at times (n,) that are too far apart for rates to be seen."""
+    if len(time_s) < 2 or (apart_s := float(np.median(np.diff(time_s)))) <= _SLOWEST_S:
+        return
+    other = f" Here {log.clock}: if they are in a smaller unit, give `time_unit`." if apart_s >= _OTHER_UNIT_S else ""
+    raise DataError(
+        f"{log.path}: rows {1e3 * apart_s:.0f} ms apart (limit {1e3 * _SLOWEST_S:.0f} ms): log motors, gyro and "
+        f"accelerometer every 10 ms at least (PX4: the high rate of SDLOG_PROFILE).{other}"
+    )
 
 
 def _window(time_s: Array, path: Path, from_s: float, to_s: float) -> tuple[float, float]:

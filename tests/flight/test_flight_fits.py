@@ -21,6 +21,7 @@ from cfid.flight.result import fit
 from cfid.flight.values import INFLOW_STD, LOAD_SAG_STD, RESCALED_STD, Body
 from cfid.records.logs.log import Channel, FlightLog, in_memory
 from cfid.records.result import Result
+from cfid.records.tables.schema import Foreign
 from cfid.units import FULL_COMMAND, USUAL_GRAVITY_MPS2
 from tests.flight.flying import ACCELEROMETER_DELAY_S, GYRO_DELAY_S, LATE_STEPS, STEP, Fleet, fleet, fly
 
@@ -615,6 +616,21 @@ def test_a_unit_that_is_not_read_is_refused_with_those_that_are(tmp_path: Path) 
     path.write_text(f"t,acc.z,{','.join(names).replace('PWM', '%')}\n{rows}\n", encoding="utf-8")
     with pytest.raises(DataError, match=r"'motor\.m1 \[%\]' is in %.* give it in PWM \(0 to 65535\), "):
         read_flight(path)
+
+
+def test_a_flight_whose_times_are_in_a_smaller_unit_is_asked_for_it_before_its_length_is_refused(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "log.csv"
+    names = (
+        *(f"motor.m{motor}" for motor in (1, 2, 3, 4)),
+        *(f"{what}.{axis}" for what in ("gyro", "acc") for axis in "xyz"),
+    )
+    rows = "\n".join(f"{2000 * row},{','.join(['30000'] * 4 + ['0'] * 5 + ['1'])}" for row in range(10_000))
+    path.write_text(f"Timestamp,{','.join(names)}\n{rows}\n", encoding="utf-8")
+    with pytest.raises(DataError, match=r"rows 2000 ms apart .* Timestamp in ms: if they .* give `time_unit`\.$"):
+        read_flight(path)
+    assert read_flight(path, Foreign(time_unit="us")).flight.averaged
 
 
 def test_a_window_without_rows_is_refused(flown: tuple[Fleet, list[FlightLog]]) -> None:
