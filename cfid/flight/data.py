@@ -13,6 +13,7 @@ from cfid.flight.channels import at_rows, command_names, commands_of, forces_of,
 from cfid.flight.gyro_unit import refuse_other_unit
 from cfid.flight.model import AXES, ROW_S, ROW_STEPS, STEP_S, Flight, segments, turned_back
 from cfid.records.logs.any_kind import NO_OPTIONS, read_log
+from cfid.records.logs.limits import COMMANDS, FORCES, RATES, Limits
 from cfid.records.logs.log import FlightLog
 from cfid.records.logs.run import log_of_run
 from cfid.records.run_notes import run_at
@@ -91,9 +92,14 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
     from_s, to_s = _window(first, path, from_s or 0.0, np.inf if to_s is None else to_s)
     around = from_s - _AROUND_S, to_s + _AROUND_S
     whole, log = log, replace(log, series=tuple(one.between(*around) for one in log.series))
-    commands = commands_of(log)
+    spoilt: list[str] = []
+    commands = [
+        _possible(*one, COMMANDS, name, spoilt) for name, one in zip(command_names(log), commands_of(log), strict=True)
+    ]
     rates, rates_hz = rates_of(log)
+    rates = _possible(*rates, RATES, "gyro", spoilt)
     forces, forces_hz = forces_of(log)
+    forces = _possible(*forces, FORCES, "accelerometer", spoilt)
     timed = [one[0] for one in (*commands, rates, forces)]
     begin, end = max(from_s, *(float(one[0]) for one in timed)), min(to_s, *(float(one[-1]) for one in timed))
     _check_left(end - begin, path)
@@ -146,10 +152,21 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
         findings=(
             *of_recording(path.name, log.notes),
             *(note("recording", f"assumed: {text}.").at(path.name) for text in log.assumed),
-            *(warning("recording", text).at(path.name) for text in (*faults, *gaps)),
+            *(warning("recording", text).at(path.name) for text in (*spoilt, *faults, *gaps)),
             *(one.at(path.name) for one in (*_between(commands[0][0]), *clipped)),
         ),
     )
+
+
+def _possible(time_s: Array, values: Array, limits: Limits, what: str, notes: list[str]) -> tuple[Array, Array]:
+    """Return the rows of times (n,) and values (n,) or (n, 3) without a few that cannot be, which `notes` then name."""
+    outside = limits.outside(values)
+    rows, known = (np.atleast_2d(mask.T) for mask in (outside, np.isfinite(values)))
+    wrong, count = rows.any(axis=0), int(np.count_nonzero(rows.any(axis=0)))
+    if not limits.few(count, int(np.count_nonzero(known.all(axis=0)))):
+        return time_s, values
+    notes.append(limits.left_out(what, count, float(values[outside][0])))
+    return time_s[~wrong], values[~wrong]
 
 
 def _between(time_s: Array) -> list[Finding]:

@@ -476,6 +476,34 @@ def test_a_drive_is_the_command_times_the_voltage_while_it_holds(flown: tuple[Fl
     assert ratio[:, 0] == pytest.approx(4.0 + 0.2 * np.sin(20 * np.pi * middle_s), abs=2e-3)
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("motor.m1", 1e300, r"motor\.m1: 1 value that cannot be, the first 1e\+300 \(limits 0 and 65535\), left out\."),
+        ("motor.m1", 1e6, r"motor\.m1: 1 value that cannot be, the first 1e\+06 \(limits 0 and 65535\), left out\."),
+        ("gyro.x", 87.0, r"gyro: 1 value that cannot be, the first 87 rad/s \(limits -36 and 36 rad/s\), left out\."),
+        ("gyro.x", -1e300, r"gyro: 1 value that cannot be, the first -1e\+300 rad/s"),
+        ("acc.z", 1e300, r"accelerometer: 1 value that cannot be, the first 1e\+300 m/s\^2 \(limits -10000 and 10000"),
+    ],
+)
+def test_one_value_that_cannot_be_changes_nothing_and_is_named(
+    flown: tuple[Fleet, list[FlightLog]], name: str, value: float, words: str
+) -> None:
+    vehicles, logs = flown
+    (series,) = logs[0].series
+    (rows,) = series.blocks()
+    spoilt = rows.copy()
+    spoilt[len(rows) // 2, 1 + series.place_of(name)] = value
+    read = flight_of(replace(logs[0], series=(replace(series, blocks=lambda: iter([spoilt])),)))
+    assert any(re.search(words, one.text) for one in read.findings)
+
+    whole, found = (fit([one], body=body_of(vehicles, 0)) for one in (flight_of(logs[0]), read))
+    assert codes(found) == codes(whole)
+    for key in truths(vehicles, 0):
+        std = whole.quantities[key].std
+        assert found.quantities[key].value == pytest.approx(whole.quantities[key].value, abs=0.5 * std)
+
+
 def with_battery(log: FlightLog, name: str, volts: Array) -> FlightLog:
     """Return a log with a battery's voltage (rows,)."""
     return replace(log, series=(*log.series, in_memory("battery", log.series[0].time_s, [Channel(name, "V")], [volts])))
