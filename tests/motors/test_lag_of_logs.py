@@ -116,6 +116,35 @@ def test_a_few_voltages_and_speeds_that_are_missing_are_left_out_and_named(tmp_p
     assert f"the battery's voltage is {where} of {rows} rows: these are left out" in said
 
 
+@pytest.mark.parametrize(
+    ("place", "value", "said"),
+    [
+        (0, 1e300, "motor.m1: 1 value that cannot be, the first 1e+300 (limits 0 and 65535), left out."),
+        (0, 1e12, "motor.m1: 1 value that cannot be, the first 1e+12 (limits 0 and 65535), left out."),
+        (0, 1e6, "motor.m1: 1 value that cannot be, the first 1e+06 (limits 0 and 65535), left out."),
+        (0, -5.0, "motor.m1: 1 value that cannot be, the first -5 (limits 0 and 65535), left out."),
+        (1, 1e300, "rpm.m1: 1 value that cannot be, the first 1.047e+299 rad/s (limits -20000 and 20000 rad/s)"),
+        (1, 1e100, "rpm.m1: 1 value that cannot be, the first 1.047e+99 rad/s (limits -20000 and 20000 rad/s)"),
+    ],
+)
+def test_one_command_or_speed_that_cannot_be_is_left_out_and_named(
+    tmp_path: Path, place: int, value: float, said: str
+) -> None:
+    _, command, speed = flown(1, 7, rotors=1, noise=3.0, red=0.0)
+    columns = np.array([65535 * command[0, 0], NEXT * speed[0]])
+    columns[place, columns.shape[1] // 2] = value
+    path = tmp_path / "log.csv"
+    rows = "\n".join(f"{at / RATE_HZ:.3f},{u!r},{w!r}" for at, (u, w) in enumerate(columns.T.tolist()))
+    path.write_text(f"t,motor.m1,rpm.m1\n{rows}\n", encoding="utf-8")
+    result = fit(read(path))
+
+    assert result.accepted
+    assert any(said in one.text for one in result.findings)
+    assert seconds(result, "dynamics.rising") == pytest.approx(RISING_S, rel=0.01)
+    assert seconds(result, "dynamics.falling") == pytest.approx(FALLING_S, rel=0.01)
+    assert "motor.speed_poly" in result.without_rejected().quantities
+
+
 def test_a_voltage_that_is_mostly_impossible_is_not_used_and_that_is_said(tmp_path: Path) -> None:
     volts = np.where(np.arange(500) < 200, 0.0, 3.9)
     log = read(logged(tmp_path, (MOTORS[0], SPEEDS[0], "pm.vbat(f)"), *np.full((2, 500), 9000), volts))

@@ -19,6 +19,7 @@ from cfid.motors.lag.survey import PART_S, possible, survey
 from cfid.records.logs.any_kind import NO_OPTIONS, is_binary_log, read_log
 from cfid.records.logs.crazyflie_names import first_of
 from cfid.records.logs.kinds import is_flown
+from cfid.records.logs.limits import COMMANDS, FORCES, SPEEDS, Limits
 from cfid.records.logs.log import Channel, FlightLog, in_memory
 from cfid.records.logs.windows import windows
 from cfid.records.tables.blocks import open_table
@@ -106,7 +107,8 @@ class LogPart:
 class RotorLog:
     """A log with commands: the names of its channels, by motor, and the window of it to use.
 
-    The window is in seconds since `begin_s`, the log's first row of a command.
+    The window is in seconds since `begin_s`, the log's first row of a command. `limits` are by the names of channels of
+    which a few values are outside, and left out.
     """
 
     log: FlightLog
@@ -115,6 +117,7 @@ class RotorLog:
     speeds: Mapping[int, str]
     volts: str | None
     acceleration: str | None
+    limits: Mapping[str, Limits]
     begin_s: float
     window: tuple[float, float]
     findings: tuple[Finding, ...] = ()
@@ -155,7 +158,7 @@ class RotorLog:
         names = [*self.commands.values(), *self.speeds.values(), *(name for name in needed if name is not None)]
         at_v = 0.0
         for part in windows(self.log, names, from_s=self.begin_s + low, long_s=(high - low) / count):
-            signals = {name: self._since_begin(*timed) for name, timed in part.items()}
+            signals = {name: self._since_begin(*self._within(name, *timed)) for name, timed in part.items()}
             known = all(len(signals[name].time_s) > 1 for name in names)
             if known and (self.volts is None or len(possible(signals[self.volts]).time_s)):
                 self._refuse_slow(signals)
@@ -174,6 +177,12 @@ class RotorLog:
 
     def _since_begin(self, time_s: Array, value: Array) -> Signal:
         return Signal(time_s - self.begin_s, value).between(self.window[0], self.window[1])
+
+    def _within(self, name: str, time_s: Array, value: Array) -> Signal:
+        """Return a channel with nan for values that cannot be."""
+        if name not in self.limits:
+            return Signal(time_s, value)
+        return Signal(time_s, np.where(self.limits[name].outside(value), np.nan, value))
 
     def _part(self, signals: Mapping[str, Signal]) -> LogPart:
         speeds = {motor: signals[name] for motor, name in self.speeds.items()}
@@ -240,8 +249,13 @@ def of_log(log: FlightLog) -> RotorLog:
         )
     speeds = {motor: name for motor, name in _of_motors(log, _SPEEDS).items() if motor in commands}
     volts = first_of(log, _VOLTS)
-    seen = survey(log, commands, speeds, volts)
-    faults = []
+    acceleration = first_of(log, (_ACCELERATION,))
+    limits = dict.fromkeys(commands.values(), COMMANDS) | dict.fromkeys(speeds.values(), SPEEDS)
+    if acceleration is not None and not speeds:
+        limits[acceleration] = FORCES
+    seen = survey(log, commands, speeds, volts, limits)
+    limits = {name: limits[name] for name, (wrong, known, _) in seen.outside.items() if limits[name].few(wrong, known)}
+    faults = [one.left_out(name, seen.outside[name].wrong, seen.outside[name].first) for name, one in limits.items()]
     for motor, counts in seen.speeds.items():
         if counts.zero:
             faults.append(
@@ -261,7 +275,8 @@ def of_log(log: FlightLog) -> RotorLog:
         commands=commands,
         speeds={motor: name for motor, name in speeds.items() if seen.speeds[motor].known},
         volts=volts if use_volts else None,
-        acceleration=first_of(log, (_ACCELERATION,)),
+        acceleration=acceleration,
+        limits=limits,
         begin_s=seen.begin_s,
         window=(0.0, np.nextafter(seen.end_s - seen.begin_s, np.inf)),
         findings=(
