@@ -443,6 +443,15 @@ def test_an_option_does_not_override_a_unit_that_is_not_read(tmp_path: Path, hea
     assert f"column '{head}' states a unit that is not read. Convert it" in question
 
 
+def test_speeds_of_a_rotor_that_turns_the_other_way_are_positive(tmp_path: Path) -> None:
+    table = read(tmp_path, "cmd,thrust_n,Motor Optical Speed (RPM)\n0,0,1\n20000,1,-600\n40000,4,-1200\n")
+    assert np.asarray(table.square_mean_speed_rad_s)[1:].tolist() == pytest.approx([20 * math.pi, 40 * math.pi])
+    said = (
+        "'Motor Optical Speed (RPM)' is negative throughout, of a rotor that turns the other way: its sign is turned."
+    )
+    assert any(said in note for note in notes_of(table))
+
+
 @pytest.mark.parametrize(
     ("head", "named", "quantity", "expected"),
     [

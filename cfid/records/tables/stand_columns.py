@@ -19,6 +19,7 @@ USUAL_ESC_US = (1000.0, 2000.0)  # pulse widths of standstill and full throttle,
 _LONGEST_PULSE_US = 5000.0  # beyond all that controllers take, of which few reach 2500
 _MOST_VOLTS = 60.0  # more than any battery that flies, and less than its millivolts
 _REST_NOISE = 1e-3  # of the fastest: so much below zero is noise
+_FORWARD = 1e-2  # of the fastest, which noise shows of a rotor that turns backwards
 _IMPOSSIBLE_SHARE = 0.1  # of a column's values, below which these alone are left out
 _ALIKE = 1.05  # ratio of two sensors of one rotor's speed; poles or markers that are wrong make 7/6 and more
 _ROW_BY_ROW = ("time_s", "command")  # without them a row is of no use
@@ -136,6 +137,15 @@ def _without_doubled(table: CsvTable, called: dict[str, list[tuple[ColumnHead, s
     return notes
 
 
+def _backwards(speeds: Columns) -> list[str]:
+    """Turn the sign of a stand's speed that is as good as never above zero: of a rotor that turns the other way."""
+    highest, lowest, name = np.nanmax(speeds.raw), np.nanmin(speeds.raw), speeds.names[0]
+    if speeds.head.kind != "motor" or lowest >= 0 or highest > -_FORWARD * lowest:
+        return []
+    speeds.raw[:] *= -1
+    return [f"'{name}' is negative throughout, of a rotor that turns the other way: its sign is turned."]
+
+
 def _at_rest(speeds: Columns, command: Columns | None) -> list[str]:
     """Set speeds a little below zero to zero at the lowest command: noise of a sensor whose rotor stands."""
     if command is None:
@@ -244,6 +254,7 @@ def _check(table: CsvTable, found: Found) -> list[str]:
         if command.head.kind == "pwm" and 0 < np.nanmax(raw) <= 100:
             raise DataError(f"{table.path}: no pwm above 100: is it in per cent? Then name the column pwm_percent.")
     if speeds := found.get("speeds_rad_s"):
+        notes += _backwards(speeds)
         notes += _at_rest(speeds, command)
         notes += _impossible(table, speeds, speeds.raw < 0, "a speed is zero or more.")
     if battery := found.get("vbat_v"):
