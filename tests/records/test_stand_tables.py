@@ -461,6 +461,7 @@ def test_speeds_of_a_rotor_that_turns_the_other_way_are_positive(tmp_path: Path)
         ("Thrust gf", "thrust_n", "thrust_n", 9.80665e-3),
         ("lift_kgf", "thrust_n", "thrust_n", 9.80665),
         ("moment lbf·in", "torque_nm", "torque_nm", 0.1129848),
+        ("omega [rad/sec]", "rpm", "square_mean_speed_rad_s", 1),
         ("rotor_rpm", "speed_rad_s", "square_mean_speed_rad_s", math.pi / 30),
         ("rotor_n", "rpm", "square_mean_speed_rad_s", math.pi / 30),
         ("rig_s", "thrust_n", "thrust_n", 1),
@@ -473,7 +474,9 @@ def test_a_unit_that_a_header_states_without_brackets_counts_before_that_of_the_
     assert np.asarray(getattr(table, quantity))[-1] == pytest.approx(expected, rel=1e-4)
 
 
-@pytest.mark.parametrize(("head", "named"), [("lift_mN", "thrust_n"), ("esc ms", "cmd"), ("n krpm", "rpm")])
+@pytest.mark.parametrize(
+    ("head", "named"), [("lift_mN", "thrust_n"), ("esc ms", "cmd"), ("n krpm", "rpm"), ("n erpm", "rpm")]
+)
 def test_an_option_does_not_override_a_unit_without_brackets_that_is_not_read(
     tmp_path: Path, head: str, named: str
 ) -> None:
@@ -485,6 +488,23 @@ def test_an_option_does_not_override_a_unit_without_brackets_that_is_not_read(
 def test_a_thrust_in_grams_spelt_out_in_round_brackets_is_that_of_what_ran(tmp_path: Path) -> None:
     table = read(tmp_path, "cmd,Thrust (grams)\n0,0\n20000,100\n")
     assert np.asarray(table.thrust_n)[-1] == pytest.approx(0.980665)
+
+
+@pytest.mark.parametrize(
+    ("head", "remedy"),
+    [
+        ("Torque (mN·m)", "Convert it to a unit that is read, and state that in its header, as in torque_nm."),
+        ("vbat[mV]", "Convert it to a unit that is read, and state that in its header, as in vbat_v."),
+        ("Speed (eRPM)", "Convert it to a unit that is read, and state that in its header, as in rpm."),
+        ("Speed (rev/s)", "Convert it to a unit that is read, and state that in its header, as in rpm."),
+        ("Speed (krpm)", "Convert it to a unit that is read, and state that in its header, as in rpm."),
+        ("torque", "Name it by `columns`, as in torque_nm=3."),
+        ("omega", "Name it by `columns`, as in rpm=3."),
+    ],
+)
+def test_a_column_that_is_not_used_is_named_with_what_would_serve(tmp_path: Path, head: str, remedy: str) -> None:
+    notes = notes_of(read(tmp_path, f"cmd,thrust_n,{head}\n0,0,0\n20000,1,100\n"))
+    assert any(f"column '{head}' has no known unit: it is not used. {remedy}" in note for note in notes)
 
 
 @pytest.mark.parametrize("head", ["F (left)", "lift[1]", "thrust (mean)", "F_left_"])

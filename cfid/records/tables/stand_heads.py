@@ -31,7 +31,7 @@ _UNIT = re.compile(r".*[(\[](?P<unit>[^()\[\]]+)[)\]]")  # at the end of a name 
 _LAST_WORD = re.compile(r".*[^\s_][\s_]+(?P<unit>[^\s_]+)")  # which a unit without brackets is, as in thrust_gf
 _MANGLED = re.compile(r"[A-Za-z]\w*_+[A-Za-z](?:\w*[A-Za-z])?_", re.ASCII)
 # Units of these quantities that are not read, as mN, N cm, mV and krpm; other words in brackets are none.
-_OTHER = re.compile(r"[mukcd]?(?:n|gf?|v|hz|lbf?s?|ozf?)(?:[.u-]*(?:[mc]?m|in|ft))?|krpm|rps|deg/s|ms|ns")
+_OTHER = re.compile(r"[mukcd]?(?:n|gf?|v|hz|lbf?s?|ozf?)(?:[.u-]*(?:[mc]?m|in|ft))?|[ke]rpm|rps|rev/s|deg/s|ms|ns")
 _SEVERAL = ("series", "rotors")
 _STEMS = {
     "command": ("cmd", "command", "pwm", "esc"),
@@ -106,7 +106,7 @@ _KNOWN = (
     *_of_stand(
         "speeds_rad_s",
         "motoropticalspeed|motorelectricalspeed|motorspeed|rotationspeed|rotationalspeed|speed|rpm",
-        {"rpm": RPM, "rad/s": 1.0, "hz": 60 * RPM},
+        {"rpm": RPM, "rad/s(?:ec)?": 1.0, "hz": 60 * RPM},
         "motor",
     ),
 )
@@ -205,6 +205,14 @@ def _unknown(name: str, quantity: str) -> str:
     return "has a known unit, but no known name" if known else "has no known unit"
 
 
+def _remedy(table: CsvTable, name: str, quantity: str) -> str:
+    """Return what to do about a column that is not known: no option reads a unit that the header states."""
+    called = f"{called_as(quantity)}={1 + table.names.index(name)}"
+    if _states_other(name, quantity):
+        return f"Convert it to a unit that is read, and state that in its header, as in {called_as(quantity)}"
+    return f"Name it by `columns`, as in {called}"
+
+
 def has_unread_unit(name: str, own: str) -> bool:
     """Return whether a column's `own` header states a unit that is none of those of a known name's quantity."""
     quantity, *_ = heads_of([name])
@@ -240,15 +248,14 @@ def check_heads(table: CsvTable, called: Mapping[str, Sequence[tuple[ColumnHead,
     }
     if shows_stand(called):
         return tuple(
-            f"column '{name}' {_unknown(name, quantity)}: it is not used. Name it by `columns`, as in NAME="
-            f"{1 + table.names.index(name)} where NAME states the unit."
+            f"column '{name}' {_unknown(name, quantity)}: it is not used. {_remedy(table, name, quantity)}."
             for name, quantity in unknown.items()
         )
     if unknown:
         name, quantity = next(iter(unknown.items()))
         raise DataError(
-            f"{table.path}: column '{name}' {_unknown(name, quantity)}. Name it by `columns`, as in "
-            f"{called_as(quantity)}={1 + table.names.index(name)}. Known names, which state the unit: {HEADS}."
+            f"{table.path}: column '{name}' {_unknown(name, quantity)}. {_remedy(table, name, quantity)}. Known names, "
+            f"which state the unit: {HEADS}."
         )
     lacks = "nothing measured" if "command" in called else "no motor command"
     raise DataError(
