@@ -443,6 +443,13 @@ def test_an_option_does_not_override_a_unit_that_is_not_read(tmp_path: Path, hea
     assert f"column '{head}' states a unit that is not read. Convert it" in question
 
 
+def test_pulse_widths_under_pwm_are_asked_about_and_read_where_they_are_named_so(tmp_path: Path) -> None:
+    text = "pwm,thrust_n\n1000,0\n1500,1\n2000,4\n"
+    question = 'are these pulse widths in us? Then name the column by `columns`, as in "ESC signal (us)=1".'
+    assert question in refusal(tmp_path, text)
+    assert read(tmp_path, text, columns=("ESC signal (us)=1",)).command.tolist() == [0, 32768, 65535]
+
+
 def test_speeds_of_a_rotor_that_turns_the_other_way_are_positive(tmp_path: Path) -> None:
     table = read(tmp_path, "cmd,thrust_n,Motor Optical Speed (RPM)\n0,0,1\n20000,1,-600\n40000,4,-1200\n")
     assert np.asarray(table.square_mean_speed_rad_s)[1:].tolist() == pytest.approx([20 * math.pi, 40 * math.pi])

@@ -17,6 +17,7 @@ from cfid.units import FULL_COMMAND
 USUAL_ESC_US = (1000.0, 2000.0)  # pulse widths of standstill and full throttle, by convention
 
 _LONGEST_PULSE_US = 5000.0  # beyond all that controllers take, of which few reach 2500
+_PULSES_US = (800.0, 2500.0)  # within which those of all controllers are; a motor starts at a pwm of 1000 to 3000
 _MOST_VOLTS = 60.0  # more than any battery that flies, and less than its millivolts
 _REST_NOISE = 1e-3  # of the fastest: so much below zero is noise
 _FORWARD = 1e-2  # of the fastest, which noise shows of a rotor that turns backwards
@@ -253,6 +254,12 @@ def _check(table: CsvTable, found: Found) -> list[str]:
             notes += _impossible(table, command, raw > _LONGEST_PULSE_US, "no motor controller has such pulses.")
         if command.head.kind == "pwm" and 0 < np.nanmax(raw) <= 100:
             raise DataError(f"{table.path}: no pwm above 100: is it in per cent? Then name the column pwm_percent.")
+        if command.head.kind == "pwm" and np.nanmin(raw) >= _PULSES_US[0] and np.nanmax(raw) <= _PULSES_US[1]:
+            place = 1 + table.names.index(command.names[0])
+            raise DataError(
+                f"{table.path}: no pwm below {np.nanmin(raw):g} or above {np.nanmax(raw):g}: are these pulse widths in "
+                f'us? Then name the column by `columns`, as in "ESC signal (us)={place}".'
+            )
     if speeds := found.get("speeds_rad_s"):
         notes += _backwards(speeds)
         notes += _at_rest(speeds, command)

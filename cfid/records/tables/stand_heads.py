@@ -32,6 +32,7 @@ _LAST_WORD = re.compile(r".*[^\s_][\s_]+(?P<unit>[^\s_]+)")  # which a unit with
 _MANGLED = re.compile(r"[A-Za-z]\w*_+[A-Za-z](?:\w*[A-Za-z])?_", re.ASCII)
 # Units of these quantities that are not read, as mN, N cm, mV and krpm; other words in brackets are none.
 _OTHER = re.compile(r"[mukcd]?(?:n|gf?|v|hz|lbf?s?|ozf?)(?:[.u-]*(?:[mc]?m|in|ft))?|[ke]rpm|rps|rev/s|deg/s|ms|ns")
+_BARE_COMMAND = re.compile("cmd|command|pwm")  # known names that state no unit
 _SEVERAL = ("series", "rotors")
 _STEMS = {
     "command": ("cmd", "command", "pwm", "esc"),
@@ -167,7 +168,8 @@ def in_own_unit(name: str, own: str) -> str:
     units = _units_of(own)
     if head.kind == "total in grams" and "g" in units and not _UNIT.fullmatch(spelt(own)):
         return name  # which brackets the g had, and so of how many motors it is, was lost
-    for known in (own, *(f"{_TAKE_UNITS.get(quantity)}({one})" for one in units)):
+    whole = [] if _BARE_COMMAND.fullmatch(spelt(own)) else [own]
+    for known in (*whole, *(f"{_TAKE_UNITS.get(quantity)}({one})" for one in units)):
         for stated_head, _ in heads_of([known]).get(quantity, ()):
             if stated_head.factor != head.factor or (stated_head.kind == "esc") != (head.kind == "esc"):
                 return known
