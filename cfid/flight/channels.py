@@ -43,6 +43,7 @@ _FORCES: tuple[_Sensor, ...] = (
 _OF_PX4 = ("xyz[0]", "xyz[1]", "xyz[2]")  # of many of its topics
 _VELOCITY, _QUATERNION = ("vx", "vy", "vz"), ("qw", "qx", "qy", "qz")  # of motion capture, in the world's axes
 _PER_CENT = 100.0
+_PULSES = 2500.0  # 4 % of the full command, with which nothing flies; DShot ends at 2047, pulse widths at 2500 us
 _TELLING = 100  # rows of commands
 
 
@@ -59,11 +60,11 @@ def command_names(log: FlightLog) -> list[str]:
 
 
 def commands_of(log: FlightLog) -> list[tuple[Array, Array]]:
-    """Return the times (n,) and commands (n,), 0 to 65535, of each motor. Raises DataError for shares or per cent."""
+    """Return the times (n,) and commands (n,), 0 to 65535, of each motor. Raises DataError for other units."""
     found = [log.channel(name) for name in command_names(log)]
     most = max(float(np.nanmax(command, initial=0.0)) for _, command in found)
-    if 0 < most <= _PER_CENT:
-        unit = "shares of one" if most <= 1 else "per cent"
+    if 0 < most <= _PULSES:
+        unit = "shares of one" if most <= 1 else "per cent" if most <= _PER_CENT else "of 8 bits, DShot or pulse widths"
         raise DataError(
             f"{log.path}: commands of at most {most:.3g}, where full thrust is {FULL_COMMAND:g}: are they {unit}? "
             "Scale the motors' columns."

@@ -52,11 +52,12 @@ def refuse_other_unit(log: FlightLog, time_s: Array, rates: Array, running: Mask
                 f"{remedy(read)}"
             )
     beyond = (np.abs(rates) > _FASTEST).any(axis=1) & running
-    if read == "rad/s" and np.count_nonzero(beyond) > _SHARE * np.count_nonzero(running):
+    if np.count_nonzero(beyond) > _SHARE * np.count_nonzero(running):
         most = math.degrees(float(np.abs(rates[running]).max()))
+        smaller = "is it in a smaller unit? Scale its columns to deg/s."
         raise DataError(
             f"{log.path}: the gyro turns by up to {most:.0f} deg/s while the motors run, and gyros end at 2000: "
-            f"{remedy(read)}"
+            f"{remedy(read) if read == 'rad/s' else smaller}"
         )
 
 

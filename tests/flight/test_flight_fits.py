@@ -600,6 +600,12 @@ def in_another_unit(log: FlightLog, *, read: str, scale: float, attitude: bool) 
             True,
             r"turns 5\d\.\d times as fast as the attitude \(qw, .* is it in deg/s, not in rad/s\? State it",
         ),
+        (
+            "deg/s",
+            57296.0,
+            False,
+            r"turns by up to \d+ deg/s .* is it in a smaller unit\? Scale its columns to deg/s\.",
+        ),
         ("rad/s", 57.3, False, r"turns by up to \d+ deg/s .* gyros end at 2000: is it in deg/s, not in rad/s\?"),
     ],
 )
@@ -621,6 +627,16 @@ def test_without_an_attitude_the_arm_shows_that_a_gyro_read_in_degrees_is_in_rad
     assert "is it in rad/s, not in deg/s? State it in the header of a table, as in gyro.x [rad/s]" in found.text
     assert "flight-moment-unlike-arm" not in codes(result)
     assert {"flight.inertia_kg_m2.roll", "flight.inertia_kg_m2.yaw"} <= set(result.rejected)
+
+
+@pytest.mark.parametrize("most", [255.0, 1000.0, 2047.0])
+def test_commands_in_small_numbers_are_refused_with_what_they_may_be(
+    flown: tuple[Fleet, list[FlightLog]], most: float
+) -> None:
+    (series,) = flown[1][0].series
+    channels = tuple(replace(one, scale=most / 65535) if "motor" in one.name else one for one in series.channels)
+    with pytest.raises(DataError, match=r"where full thrust is 65535: are they of 8 bits, DShot or pulse widths\?"):
+        flight_of(replace(flown[1][0], series=(replace(series, channels=channels),)))
 
 
 def test_a_gyro_is_not_blamed_for_the_unit_of_an_attitude(flown: tuple[Fleet, list[FlightLog]]) -> None:
