@@ -217,7 +217,7 @@ def _rate(sampled: Sampled, requested_hz: float) -> list[DeviceAnswer]:
         _answer(
             "losses",
             f"{100 * share:.2g} % of {sampled.rows + sampled.lost} samples",
-            "use a direct cable; `cfid rig check` names a receive buffer that is too small",
+            "use a direct cable, and end other programs; `cfid rig check` names what it finds of the device",
             limit=f"{100 * _MOST_LOST:g} %",
             within=share <= _MOST_LOST,
         ),

@@ -140,7 +140,10 @@ def _reduced(
         points.append(_point(record, baselines, intervals[i], begun[max(i - 1, 0)], stretch))
     reasons = [point.reason for point in points if (point.command or 0) > DEAD_COMMAND]
     if reasons and all(reason.startswith(_SILENT) for reason in reasons):
-        raise DataError(f"the motors never turn: {reasons[-1]}. Is the vehicle armed, its battery charged?")
+        raise DataError(
+            f"no motor is felt: {reasons[-1]}. Is the vehicle armed, its battery charged? Where motors turned, the "
+            "load cell did not feel them: see to its cable, its mount, and the axis of thrust."
+        )
     before, ended = baselines[0], baselines[-1].time_s > bounds[steps[-1]][1]
     after = baselines[-1] if ended and len(baselines) > driven else None
     return Staircase(
@@ -209,7 +212,7 @@ def _point(
     found = Level(math.nan, *[np.full_like(tare, math.nan)] * 4) if stretch.reason else _averaged(record, stretch)
     mean, std, reason = found.mean - tare, np.hypot(found.std, std_of_tare), stretch.reason
     if (command or 0) > DEAD_COMMAND and abs(mean[record.thrust]) < _SEEN * std[record.thrust]:
-        reason = f"{_SILENT} at command {command}: {mean[record.thrust]:.2g} +- {std[record.thrust]:.2g}"
+        reason = f"{_SILENT} at command {command}: {mean[record.thrust]:.2g} +- {std[record.thrust]:.2g} N"
     return Point(
         command=command,
         motors=motors,

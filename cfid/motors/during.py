@@ -9,6 +9,7 @@ _FZ = 3  # among the columns of a load cell's rows, `t` the first
 _WRONG_STEPS = 2  # in a row, after which the operator is warned
 _LEAST_COMMAND = 8000  # a smaller one gives too little thrust to be sure
 _FEWEST_BLOCKS = 12
+_UNFELT = "no thrust is felt"
 _DRIFT = 0.05  # of a step's height, as the fit allows in a window
 _SURE = 4.0  # standard uncertainties
 
@@ -44,7 +45,11 @@ class Steps:
         if len(self._wrong) < _WRONG_STEPS:
             return ""
         self._done = True
-        return f"{' '.join(self._wrong)} Hold longer (`hold`), or look at motors and mount."
+        unfelt = all(text.startswith(_UNFELT) for text in self._wrong)
+        advice = (
+            "Look at motors, load cell and mount." if unfelt else "Hold longer (`hold`), or look at motors and mount."
+        )
+        return f"{' '.join(self._wrong)} {advice}"
 
     def _end_step(self) -> None:
         late = np.array(self._means[len(self._means) // 2 :])
@@ -57,7 +62,7 @@ class Steps:
         std = float(np.std(np.diff(late)) * np.sqrt(2 / len(late)))  # of a difference of means, from neighbours
         std = max(std, float(np.std(self._tare)) / np.sqrt(len(self._tare)))
         if height < _SURE * std:
-            self._wrong.append(f"no thrust is felt at command {self._command}: {height:.2g} mN, noise {std:.2g} mN.")
+            self._wrong.append(f"{_UNFELT} at command {self._command}: {height:.2g} mN, noise {std:.2g} mN.")
         elif abs(change) > _DRIFT * height + _SURE * std:
             self._wrong.append(
                 f"command {self._command} does not settle: between the last quarters of its hold Fz changes by "

@@ -384,7 +384,8 @@ def test_motors_that_never_turn_are_told_only_where_they_should() -> None:
     still = LoadCellTruth().bias + np.random.default_rng(1).normal(0, 0.005, found.wrench.shape)
     dead = np.where(found.commands > 0, 900.0, 0.0)
 
-    with pytest.raises(DataError, match="the motors never turn: no thrust is seen at command 40000"):
+    said = r"no motor is felt: no thrust is seen at command 40000: \S+ \+- \S+ N\. .*the load cell did not feel them"
+    with pytest.raises(DataError, match=said):
         reduce_staircase(**spoiled(found, channels=still))
     assert all(point.settled for point in reduce_staircase(**spoiled(found, channels=still, commands=dead)).points)
     with pytest.raises(DataError, match="never run"):
