@@ -58,6 +58,8 @@ class DeviceProgress:
         if not len(rows):
             return zero_s
         zero_s = float(rows[0, 0]) if zero_s is None else zero_s
+        if not self._marks:
+            self._marks.append((float(rows[0, 0]), 1))  # a short file is read at once, and has a rate too
         self._count_missing(rows)
         for signal in self.signals:
             signal.add(rows[:, 0] - zero_s, rows)

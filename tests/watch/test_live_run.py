@@ -75,6 +75,17 @@ def test_rows_of_the_vehicles_log_that_are_lost_are_counted_by_its_own_time(reco
     assert "97 rows, 3 lost" in facts_html(run, refused=0)
 
 
+def test_a_short_run_that_is_read_at_once_has_a_rate(recording: Recording) -> None:
+    """Without one its force had no spectrum."""
+    begin_s = time.time()
+    writer = recording("crazyflie", ("vehicle_ms", "pm.vbat"), kind="thrust")
+    rows(writer, "crazyflie", begin_s + np.arange(300) / 100, 10 * np.arange(300), np.full(300, 3.7))
+    run = LiveRun(writer.folder)
+    run.read(1.0)
+
+    assert run.devices["crazyflie"].rate_hz == pytest.approx(100, rel=0.01)
+
+
 def test_forces_are_drawn_in_millinewtons_above_the_cells_bias_with_losses_rate_and_time_left(
     recording: Recording,
 ) -> None:
