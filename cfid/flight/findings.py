@@ -85,7 +85,7 @@ def _supply_findings(found: FlightFit, body: Body) -> list[Finding]:
         return []
     text = (
         "thrust is of commands, without the battery's voltage: a battery gives way under all rotors together, and "
-        f"moments come out up to 10 % small. Their uncertainty contains {100 * body.load_sag_std:g} % for it: log "
+        f"moments come out up to 15 % small. Their uncertainty contains {100 * body.load_sag_std:g} % for it: log "
         "pm.vbat."
     )
     return [warning("flight-voltage-unknown", text, *MOMENTS.values())]

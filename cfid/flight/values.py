@@ -31,8 +31,8 @@ _TIMES = {
 }
 TIMES = tuple(_TIMES)
 # Without the battery's voltage, thrust's slope is that of all rotors together, under which a battery gives way: up to
-# 10 % less than that of one rotor against another, which turns the vehicle. The powers with which values go with it.
-LOAD_SAG_STD = 0.06
+# 15 % less than that of one rotor against another, which turns the vehicle. The powers with which values go with it.
+LOAD_SAG_STD = 0.08
 # A Crazyflie's firmware divides accelerations by what 200 samples at rest show (processAccScale), zero and all: the
 # zero, 0.02 g (see `estimation`), becomes a scale of all but the weight itself.
 RESCALED_STD = 0.02
@@ -41,7 +41,7 @@ RESCALED_STD = 0.02
 # that was half as much short, and their mean 0.4 times as much long.
 INFLOW_STD = 0.02
 _WITH_INFLOW = {_RISING: -0.5, _FALLING: 1.0, _MEAN: 0.4, SINGLE: 0.4}
-_WITH_SAG = {**dict.fromkeys(MOMENTS.values(), 1.0), **dict.fromkeys((_RISING, _FALLING, _MEAN, SINGLE), 0.3)}
+_WITH_SAG = {**dict.fromkeys(MOMENTS.values(), 1.0), **dict.fromkeys((_RISING, _FALLING, _MEAN, SINGLE), 0.25)}
 
 
 @dataclass(frozen=True, kw_only=True)
