@@ -146,10 +146,16 @@ def _environment(added: Mapping[str, str]) -> Iterator[None]:
 
 
 def _serve(pipe: Connection, work: Work[Any]) -> None:
-    """Do what comes through a pipe until it is closed."""
+    """Work in a process of its own, until the pipe is closed or the command ends it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the command too, which ends this
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())  # so that its temporary folders go
     warnings.simplefilter("ignore")  # of libraries: nobody could tell of which campaign
+    _do_each(pipe, work)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # nothing of its own is left, and libraries close what is theirs
+
+
+def _do_each(pipe: Connection, work: Work[Any]) -> None:
+    """Do what comes through a pipe until it is closed."""
     while True:
         try:
             task = pipe.recv()
