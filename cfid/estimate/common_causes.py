@@ -249,7 +249,8 @@ def _percent(moved: Array, value: Any, key: str) -> str:
     values = np.array(numbers_of(key, plain(value)), dtype=np.float64)
     part = np.abs(moved[values != 0] / values[values != 0]) if np.any(values) else np.zeros(1)
     most = 100 * float(part.max())
-    return f"{most:.2g} %" if np.ptp(part) < 1e-9 else f"up to {most:.2g} % of a coefficient"
+    text = f"{most:.2g} %" if most < 100 else f"{most:.0f} %"
+    return text if np.ptp(part) < 1e-9 else f"up to {text} of a coefficient"
 
 
 def _taken_as_exact(unstated: Sequence[str]) -> list[Finding]:

@@ -9,7 +9,8 @@ import numpy.typing as npt
 
 from cfid.records.run import DeviceRecord
 from cfid.records.tables.angle import ENCODER
-from cfid.records.tables.vehicle import COMMANDS, SUPERVISOR, VEHICLE_LOG
+from cfid.records.tables.crossings import CROSSINGS
+from cfid.records.tables.vehicle import COMMANDS, READINGS, SUPERVISOR, VEHICLE_LOG
 from cfid.records.tables.wrench import AXES, LOADCELL, USUAL_COUNTS
 from cfid.watch.extremes import Extremes
 from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
@@ -23,7 +24,13 @@ _START_S = 0.3  # at rest in every recording with motors
 
 _STAMPS = {"t", "vehicle_ms", "vehicle_us", "device_us", "sample", "report", "status", "stable"}
 _UNITS = {"pm": "V", "gyro": "degrees/s", "acc": "g", "rpm": "rpm", "rtt_s": "s", "grams": "g"}
-_TITLES = {"pm": "battery", "motor": "motors, as the vehicle logs them", "rtt_s": "round trip"}
+_TITLES = {
+    "pm": "battery",
+    "motor": "motors, as the vehicle logs them",
+    "rtt_s": "round trip",
+    "thrust_rec": "command, as the vehicle reports it",
+}
+_BESIDE = {READINGS: {"command", "withdrawn"}}  # columns of a device that say what a value is of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +91,7 @@ def signals_of(device: str, record: DeviceRecord, *, rests: bool) -> list[Trace]
 
 def _groups(device: str, record: DeviceRecord) -> Iterator[Trace]:
     """Yield a signal for each group of a vehicle's variables, as `gyro.x` and `gyro.y`; for others one of all."""
-    names = [name for name in record.columns if name not in _STAMPS]
+    names = [name for name in record.columns if name not in _STAMPS | _BESIDE.get(device, set())]
     if device == VEHICLE_LOG:
         groups = [(group, tuple(members)) for group, members in groupby(names, lambda name: name.partition(".")[0])]
     else:
@@ -96,7 +103,7 @@ def _groups(device: str, record: DeviceRecord) -> Iterator[Trace]:
             unit=_UNITS.get(group, ""),
             names=members,
             convert=_picked(record, members, 1.0),
-            steps=device == COMMANDS,
+            steps=device in (COMMANDS, CROSSINGS),
         )
 
 

@@ -168,6 +168,14 @@ def test_a_vehicles_state_after_the_end_is_the_one_last_seen(recording: Recordin
     assert "<th>vehicle, last seen</th>" in facts_html(run, refused=0)
 
 
+def test_typed_readings_are_drawn_without_their_commands_and_reported_commands_as_steps(recording: Recording) -> None:
+    typed = LiveRun(recording("readings", ("command", "rpm", "withdrawn"), kind="speed").folder)
+    reported = LiveRun(recording("crossings", ("thrust_rec", "sample", "vehicle_us"), kind="sine").folder)
+
+    assert [(one.names, one.unit) for one in typed.signals] == [(("rpm",), "rpm")]
+    assert [(one.title, one.steps) for one in reported.signals] == [("command, as the vehicle reports it", True)]
+
+
 def test_a_device_of_no_known_kind_is_drawn_in_its_own_columns(recording: Recording) -> None:
     writer = recording("crazyflie", ("vehicle_ms", "pm.vbat", "gyro.x", "gyro.y"))
     run = LiveRun(writer.folder)
