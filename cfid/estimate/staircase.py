@@ -43,6 +43,10 @@ class NeverRanError(DataError):
     """A record in which no motor is seen to run."""
 
 
+class NoBaselineError(DataError):
+    """A record that begins with a command."""
+
+
 def reduce_staircase(
     *,
     time_s: Array,
@@ -131,7 +135,7 @@ def _reduced(
     )
     driven = bool(baselines) and baselines[0].time_s > bounds[steps[0]][0]
     if not baselines or (driven and steps == [0]):
-        raise DataError("no baseline before the first command: log for some seconds before the motors start.")
+        raise NoBaselineError("no baseline before the first command: log for some seconds before the motors start.")
     points = []
     for i, window in zip(steps, by_hand, strict=True):
         height = max(heights[i], _LEAST_HEIGHT * heights.max())

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.errors import ConfigError, FitError
+from cfid.errors import ConfigError, DataError, FitError
 from cfid.motors.maps import fit_speed, fit_thrust
 from cfid.motors.maps.evidence import Stand
 from cfid.motors.steps import fit as fit_dynamics
@@ -90,6 +90,16 @@ def test_a_stepped_sweep_gives_the_settled_truth_within_its_uncertainty(tmp_path
     assert as_it_stands < 0.99 * K  # what an average of all rows would give
     assert off(result) < 3
     assert any("a recording of 27.98 s in 1120 rows, 40 Hz" in finding.text for finding in result.findings)
+
+
+def test_a_stand_whose_motor_rests_at_longer_pulses_than_usual_is_told_the_option(cfid: Cfid, tmp_path: Path) -> None:
+    one = sweep()
+    path = write(tmp_path, one._replace(pulse_us=1100 + 0.8 * (one.pulse_us - 1000)))
+
+    with pytest.raises(DataError, match=r"motors stand at its shortest pulses, of 1100 us, give .* `esc_us` 1100,2000"):
+        fit_thrust(path, gravity_mps2=9.81)
+    ended = cfid("fit", "thrust", path, "--esc-us", "1100,1900", "--no-figures")
+    assert ended.returncode == 0, ended.stderr
 
 
 def write_total(folder: Path, one: Sweep, head: str, speeds: int) -> Path:

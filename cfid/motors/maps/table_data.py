@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from cfid.counted import counted
 from cfid.errors import CfidError, ConfigError, DataError, FitError
-from cfid.estimate.staircase import mean_in_windows, reduce_staircase
+from cfid.estimate.staircase import NoBaselineError, mean_in_windows, reduce_staircase
 from cfid.estimate.staircase_points import Point, Staircase
 from cfid.findings import Finding, of_recording
 from cfid.large import chosen_rows, side_by_side
@@ -21,8 +21,9 @@ from cfid.records.facts import NONE_STATED, RigFacts
 from cfid.records.run import Run
 from cfid.records.run_notes import run_at
 from cfid.records.tables.stand import StandTable, read_stand_table
+from cfid.records.tables.stand_columns import USUAL_ESC_US
 from cfid.records.tables.vehicle import READINGS, SCALES, holds, read_rows, shown_at_commands
-from cfid.units import DEAD_COMMAND
+from cfid.units import DEAD_COMMAND, FULL_COMMAND
 
 Array = npt.NDArray[np.float64]
 
@@ -107,6 +108,8 @@ def _of_record(table: StandTable, stand: Stand) -> Evidence:
             thrust=0,
         )
         settled = found.steady()
+    except NoBaselineError as error:
+        raise DataError(f"{table.path}: {error}{_longer_rest(table)}") from None
     except CfidError as error:
         raise type(error)(f"{table.path}: {error}") from None
     shown, volts = (
@@ -142,6 +145,16 @@ def _of_record(table: StandTable, stand: Stand) -> Evidence:
         ),
         paths=(table.path,),
     )
+
+
+def _longer_rest(table: StandTable) -> str:
+    """Return a sentence for a table whose range of pulse widths was assumed, and which has none of a motor at rest."""
+    if not any("`esc_us`" in finding.text for finding in table.findings) or not np.nanmin(table.command) > 0:
+        return ""
+    low, high = USUAL_ESC_US
+    least_us = low + np.nanmin(table.command) / FULL_COMMAND * (high - low)
+    stands = f" If motors stand at its shortest pulses, of {least_us:.0f} us, give their range"
+    return f"{stands}: `esc_us` {least_us:.0f},{high:g}."
 
 
 def _forces(table: StandTable) -> tuple[Array, npt.NDArray[np.bool_]]:
