@@ -14,6 +14,7 @@ from cflib.crazyflie import Crazyflie
 from cflib.crtp.crtpstack import CRTPPacket
 
 from cfid.rig.crazyflie import Link
+from cfid.wire.app import AppPorts
 from tests.flying_in_a_folder import Bench, bench_in
 
 pytestmark = pytest.mark.usefixtures("in_time")
@@ -59,6 +60,16 @@ def test_packets_that_arrive_three_times_are_those_of_one_vehicle(bench: Bench) 
         assert pilot.end() == 0, pilot.err
     assert any(any(motors) for _, motors in bench.history)
     assert not any(bench.motors)
+
+
+def test_an_empty_packet_before_the_apps_hello_makes_it_no_firmware_of_2015(bench: Bench) -> None:
+    """Its motors obeyed nothing then, and the command ended as if they had turned."""
+    empty = bytes([AppPorts().ping << 4])
+    with relayed(bench.uri, lambda packet: [empty, packet]) as uri:
+        pilot = bench.start("motors", "set", 20000, "--motor", 1, "--for", 1, "--yes", "--uri", uri)
+        assert pilot.end() == 0, pilot.err
+    assert "which runs cfid's app" in pilot.err
+    assert any(any(motors) for _, motors in bench.history)
 
 
 def test_a_row_of_the_vehicles_log_that_arrives_three_times_is_recorded_once_and_counted(bench: Bench) -> None:
