@@ -426,7 +426,16 @@ def test_every_campaign_that_was_not_refitted_is_named_however_many(
     assert "more, which the manifest names" not in ended.stderr
 
 
-@pytest.mark.parametrize("where", ["a full disk", "a terminal that hung up", "a pipe without a reader"])
+@pytest.mark.parametrize(
+    "where",
+    [
+        "a full disk",
+        *(
+            pytest.param(where, marks=pytest.mark.slow)
+            for where in ("a terminal that hung up", "a pipe without a reader")
+        ),
+    ],
+)
 def test_a_fleet_goes_on_without_its_progress_where_stderr_takes_nothing(
     campaigns: Path, tmp_path: Path, where: str
 ) -> None:

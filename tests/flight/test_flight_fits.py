@@ -271,7 +271,7 @@ def recorded(log: FlightLog, kind: str) -> FlightLog:
     return replace(log, series=(replace(series, blocks=lambda: iter([rows])),))
 
 
-@pytest.mark.parametrize("kind", ["held", "apart", "smoothed"])
+@pytest.mark.parametrize("kind", ["held", pytest.param("apart", marks=pytest.mark.slow), "smoothed"])
 def test_a_voltage_that_is_recorded_rarely_or_smoothed_costs_no_moments(kind: str) -> None:
     """Moments came out 4 to 10 % small at a stated 0.6 %: the sag under load was not in the drives."""
     rng = np.random.default_rng(13)
@@ -303,7 +303,7 @@ def test_a_voltage_that_does_not_show_the_load_is_not_used() -> None:
     assert "flight.thrust_poly" in result.quantities
 
 
-@pytest.mark.parametrize("smoothed_s", [0.5, 2.0])
+@pytest.mark.parametrize("smoothed_s", [0.5, pytest.param(2.0, marks=pytest.mark.slow)])
 def test_noise_does_not_make_a_smoothed_voltage_pass_for_a_whole_one(smoothed_s: float) -> None:
     """Noise of 20 mV in each row hid the load: moments were 7 to 13 % small at a stated 2 %, without a word."""
     rng = np.random.default_rng(13)
