@@ -85,6 +85,7 @@ def on_processes(work: Work[Answer], tasks: Sequence[str], *, number: int) -> It
                     yield task, answer
     finally:
         for worker in workers.values():
+            worker.pipe.close()  # upon which also one ends in which a library's callback swallowed the signal
             worker.process.terminate()
             worker.process.join()
 

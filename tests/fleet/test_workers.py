@@ -1,12 +1,14 @@
 """Work on many campaigns in processes and on a cluster: what a worker that dies had is done by another."""
 
+import threading
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
 
 from cfid.errors import DataError
 from cfid.fleet.workers import TRIES, on_cluster, on_processes
-from tests.fleet.work import die_of_bad, die_once, fail, length, threads
+from tests.fleet.work import die_of_bad, die_once, fail, length, swallow, threads
 
 pytestmark = pytest.mark.usefixtures("in_time")
 
@@ -40,6 +42,17 @@ def test_a_bug_is_the_answer_to_its_task_alone() -> None:
     assert task == "a"
     assert isinstance(answer, DataError)
     assert str(answer) == "a: TypeError: a is no number"
+
+
+def test_a_process_that_takes_its_end_for_nothing_ends_all_the_same() -> None:
+    """A refit that was interrupted waited for it without end."""
+    answers = on_processes(swallow, ["quick", "slow"], number=1)
+    assert isinstance(answers, Generator)
+    assert next(answers) == ("quick", "quick")
+    closing = threading.Thread(target=answers.close, daemon=True)
+    closing.start()
+    closing.join(20)
+    assert not closing.is_alive()
 
 
 def test_a_process_has_one_thread_so_that_numbers_add_up_in_one_order() -> None:
