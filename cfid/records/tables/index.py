@@ -42,8 +42,8 @@ class IndexRow:
         decimal = has_decimal_comma(text) or (self.decimal_commas and text.count(",") == 1)
         number = text.replace(",", ".") if decimal else text
         if not is_finite(number):
-            doubt = " Its comma may mark thousands: write a decimal point, or no comma." if has_comma(text) else ""
-            raise self.fault(f"'{text}' in column '{column}' is not a number.{doubt}")
+            advice = " Its comma may mark thousands: write a decimal point, or no comma." if has_comma(text) else ""
+            raise self.fault(f"'{text}' in column '{column}' is not a number.{advice}")
         return float(number)
 
     def whole(self, column: str, least: int, most: int) -> int:
