@@ -9,12 +9,10 @@ from pathlib import Path
 from typing import Literal, cast
 
 import numpy as np
-import numpy.typing as npt
-from scipy.stats import median_abs_deviation
 
 from cfid.counted import counted
 from cfid.findings import Finding, note, of_recording
-from cfid.large import empty, parts, stored
+from cfid.large import stored
 from cfid.quantities.plausible import range_of
 from cfid.records.parameters import Source
 from cfid.records.run_notes import run_at
@@ -24,6 +22,7 @@ from cfid.records.tables.stand_columns import Found, columns_of, commands_of, tu
 from cfid.records.tables.stand_faults import without_faults
 from cfid.records.tables.stand_heads import heads_of
 from cfid.records.tables.stand_names import with_named
+from cfid.records.tables.stand_speeds import mean_of_known, speeds_of
 from cfid.records.tables.stand_times import Timing, timing_of
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.text import short
@@ -33,10 +32,6 @@ from cfid.units import ROTORS, USUAL_GRAVITY_MPS2
 Speeds = Literal["motor", "series", "rotors", "mean"]
 
 STAND = "stand"
-_TURNING_RAD_S = 100.0  # faster than any rotor that stands, slower than any that flies
-_LEAST_THRUST = 0.05  # of the largest: there a rotor turns
-_DRIVEN_THRUST = 0.01  # of the largest, above what the load cell shows at rest: there a rotor that is driven turns
-_FEWEST_AT_REST, _NOISE_STD = 5, 5.0  # rows that show a load cell's noise, and how far it reaches
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +66,7 @@ class StandTable:
     @property
     def square_mean_speed_rad_s(self) -> Array | None:
         """The speed at which every rotor would give the mean of their thrusts (n,), by k w^2."""
-        return None if self.speeds_rad_s is None else _mean_of_known(self.speeds_rad_s, power=2)
+        return None if self.speeds_rad_s is None else mean_of_known(self.speeds_rad_s, power=2)
 
 
 def read_stand_table(
@@ -105,7 +100,7 @@ def read_stand_table(
     total = _is_total(found)
     thrust, thrust_notes = _thrust(found, command, gravity_mps2, motors=motors)
     torque, torque_notes = _torque(found, command, motors=motors if total and motors else 1)
-    speeds, speed_notes = _speeds(found, command, thrust, settled=timing.time_s is None)
+    speeds, speed_notes = speeds_of(found, command, thrust, settled=timing.time_s is None)
     kind = found["speeds_rad_s"].head.kind if "speeds_rad_s" in found else None
     notes = (
         *named,
@@ -234,68 +229,7 @@ def _torque(found: Found, command: Array, *, motors: int) -> tuple[Array | None,
 
 def _drive(found: Found, command: Array) -> Array:
     """Return what drives a motor: the command (n,), or the speed where there is none."""
-    return command if "command" in found else _mean_of_known(found["speeds_rad_s"].value)
-
-
-def _speeds(
-    found: Found, command: Array, thrust_n: Array | None, *, settled: bool
-) -> tuple[Array | None, tuple[str, ...]]:
-    """Return speeds (n, s) with nan for a sensor that shows 0 while rotors turn, and a note.
-
-    They turn where another sensor or the thrust shows it or, in a table of settled points, where one did at no larger
-    command.
-    """
-    columns = found.get("speeds_rad_s")
-    if columns is None:
-        return None, ()
-    value = columns.value
-    fastest = value.max(axis=1, initial=0.0, where=np.isfinite(value))
-    if settled and np.isfinite(command).all():
-        fastest = np.array([fastest[command <= one].max() for one in command])
-    turning = fastest > _TURNING_RAD_S
-    if thrust_n is not None and columns.head.kind == "motor" and np.isfinite(thrust_n).any():
-        turning |= _has_thrust(thrust_n, command)
-    notes = [
-        f"'{name}' is taken as the rotor's speed, which it is where the stand's program knew the motor's poles."
-        for name in columns.names
-        if "electrical" in name.lower()
-    ]
-    for name, speed in zip(columns.names, value.T, strict=True):
-        dead = (speed == 0) & turning
-        speed[dead] = np.nan
-        if count := int(np.count_nonzero(dead)):
-            notes.append(
-                f"'{name}' shows 0 in {counted(count, 'row')} in which rotors turn: its sensor is dead there, "
-                "the values are "
-                "missing."
-            )
-    return value, tuple(notes)
-
-
-def _has_thrust(thrust_n: Array, command: Array) -> npt.NDArray[np.bool_]:
-    """Return the rows (n,) in which the thrust shows that a rotor turns; a load cell may be untared, or drift."""
-    largest = float(np.nanmax(thrust_n))
-    if np.isnan(command).all():
-        return np.asarray(thrust_n > _LEAST_THRUST * largest)
-    at_rest = thrust_n[(command == 0) & np.isfinite(thrust_n)]
-    level, reach = 0.0, _DRIVEN_THRUST * largest
-    if len(at_rest) >= _FEWEST_AT_REST:
-        level = float(np.median(at_rest))
-        reach = max(reach, _NOISE_STD * float(median_abs_deviation(at_rest, scale="normal")))
-    return np.asarray((command != 0) & (thrust_n > level + reach))
-
-
-def _mean_of_known(values: Array, power: int = 1) -> Array:
-    """Return the mean of each row (n,), or that of its powers, over what is known in it, nan for nothing."""
-    if values.shape[1] == 1:
-        return values[:, 0]
-    found = empty(len(values))
-    for part in parts(len(values)):
-        known = np.isfinite(values[part])
-        with np.errstate(invalid="ignore"):
-            mean = np.sum(np.where(known, values[part], 0.0) ** power, axis=1) / known.sum(axis=1)
-        found[part] = mean ** (1 / power)
-    return found
+    return command if "command" in found else mean_of_known(found["speeds_rad_s"].value)
 
 
 def _single(found: Found, quantity: str) -> Array | None:
