@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -73,3 +74,20 @@ def blanked(body: bytes, lines: Sequence[int]) -> bytes:
         begin, end = (int(ends[at - 1]) + 1 if at else 0), int(ends[at])
         content[begin:end] = b" " * (end - begin)
     return bytes(content)
+
+
+class Rows(NamedTuple):
+    """Lines of a table, the lines of words among them, and whether every line is known to be a row."""
+
+    body: bytes
+    prose: tuple[TextLine, ...]
+    even: bool
+
+
+def rows_of(text: bytes, separator: str | None, columns: int, first_line: int) -> Rows:
+    """Return lines without comments and words, which are blank in their places, and the lines of words."""
+    body = without_comments(text)
+    if evenly_filled(body, separator, columns):
+        return Rows(body, (), True)
+    body, prose = without_prose(body, separator, columns)
+    return Rows(body, tuple(line._replace(number=first_line + line.number) for line in prose), False)

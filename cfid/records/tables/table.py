@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -20,8 +19,7 @@ from cfid.records.tables.fields import (
     blanked,
     evenly_filled,
     fields_of_lines,
-    without_comments,
-    without_prose,
+    rows_of,
 )
 from cfid.records.tables.head import head_of
 from cfid.records.tables.line_faults import fault_of
@@ -169,7 +167,7 @@ class CsvTable:
         """
         text, cut = whole_lines(content)
         first_line = self._first_line + self._body.count(b"\n")
-        rows = _rows_of(text, self._separator, len(self.names), first_line)
+        rows = rows_of(text, self._separator, len(self.names), first_line)
         shown = self.decimal == "," or b"." in self._body  # whole numbers show no decimal sign
         decimal = self.decimal if shown else _decimal(rows.body, self._separator)
         return replace(
@@ -286,7 +284,7 @@ def table_in(path: Path, content: bytes, *, sha256: str, skip_lines: int = 0) ->
     if not text or text.isspace():
         raise DataError(f"{path}: its only line has no end: the recording was cut before its first row.")
     head = head_of(path, text, skip_lines=skip_lines)
-    rows = _rows_of(text[head.row.begin :], head.separator, len(head.names), head.row.number)
+    rows = rows_of(text[head.row.begin :], head.separator, len(head.names), head.row.number)
     return CsvTable(
         path=path,
         sha256=sha256,
@@ -301,21 +299,6 @@ def table_in(path: Path, content: bytes, *, sha256: str, skip_lines: int = 0) ->
         _first_line=head.row.number,
         _separator=head.separator,
     )
-
-
-class _Rows(NamedTuple):
-    body: bytes
-    prose: tuple[TextLine, ...]
-    even: bool
-
-
-def _rows_of(text: bytes, separator: str | None, columns: int, first_line: int) -> _Rows:
-    """Return lines without comments and words, which are blank in their places, and the lines of words."""
-    body = without_comments(text)
-    if evenly_filled(body, separator, columns):
-        return _Rows(body, (), True)
-    body, prose = without_prose(body, separator, columns)
-    return _Rows(body, tuple(line._replace(number=first_line + line.number) for line in prose), False)
 
 
 def _decimal(body: bytes, separator: str | None) -> str:
