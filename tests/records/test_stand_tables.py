@@ -229,10 +229,10 @@ def test_a_row_without_a_command_is_left_out_and_a_column_of_text_is_not_used(tm
 
 
 def test_a_column_of_an_unknown_unit_is_named_where_it_is_not_needed(tmp_path: Path) -> None:
-    table = read(tmp_path, "cmd,thrust_n,vbat[mV]\n1,4,4100\n")
+    table = read(tmp_path, "cmd,thrust_n,vbat[kV]\n20000,4,4100\n")
 
     assert table.vbat_v is None
-    assert any("column 'vbat[mV]' has no known unit: it is not used" in text for text in notes_of(table))
+    assert any("column 'vbat[kV]' has no known unit: it is not used" in text for text in notes_of(table))
 
 
 # Refusals
@@ -265,11 +265,22 @@ def test_a_column_of_an_unknown_unit_is_named_where_it_is_not_needed(tmp_path: P
             "pwm_percent,thrust_n\n20,0.1\n100.5,0.1\n",
             "stand.csv:3: 100.5 in column 'pwm_percent': the largest",
         ),
-        ("pwm,thrust_n\n0,0\n100,0.1\n", "no pwm above 100: is it in per cent? Then name the column pwm_percent"),
+        (
+            "pwm,thrust_n\n0,0\n100,0.1\n",
+            "no command above 100 in 'pwm', of 65535: is it in per cent? Then name the column by `columns`, as in "
+            "pwm_percent=1.",
+        ),
+        (
+            "thrust_n,cmd\n0,0\n0.1,0.9\n",
+            "no command above 0.9 in 'cmd', of 65535: is it a fraction of one? Then name the column by `columns`, "
+            "as in command_fraction=2.",
+        ),
+        ("command_fraction,thrust_n\n0.5,0.1\n1.5,0.1\n", "1.5 in column 'command_fraction': the largest is 1, as a"),
         ("cmd,rpm_1,rpm_2\n0,0,0\n2000,9000,-1\n", "stand.csv:3: -1 in column 'rpm_2': a speed is zero or more"),
         (
             "cmd,thrust_n,vbat_v\n0,0,4.1\n0,0,3900\n",
-            "stand.csv:3: 3900 in column 'vbat_v': no battery has that voltage",
+            "stand.csv:3: 3900 in column 'vbat_v': no battery has that voltage. Is it in millivolts? Then its "
+            "name has to be vbat_mv.",
         ),
         ("cmd,thrust_n,vbat_v\n0,0,0\n", "stand.csv:2: 0 in column 'vbat_v': no battery"),
     ],
@@ -430,11 +441,11 @@ def test_the_unit_in_a_name_of_matlab_counts_before_that_of_the_option(
 @pytest.mark.parametrize(
     ("head", "named"),
     [
-        ("F (mN)", "thrust_n"),
-        ("F__mN_", "thrust_n"),
-        ("Moment [N·cm]", "torque_nm"),
-        ("battery (mV)", "vbat_v"),
-        ("n (krpm)", "rpm"),
+        ("F (uN)", "thrust_n"),
+        ("F__uN_", "thrust_n"),
+        ("Moment [uN·m]", "torque_nm"),
+        ("battery (kV)", "vbat_v"),
+        ("n (eRPM)", "rpm"),
     ],
 )
 def test_an_option_does_not_override_a_unit_that_is_not_read(tmp_path: Path, head: str, named: str) -> None:
@@ -471,6 +482,10 @@ def test_speeds_of_a_rotor_that_turns_the_other_way_are_positive(tmp_path: Path)
         ("omega [rad/sec]", "rpm", "square_mean_speed_rad_s", 1),
         ("rotor_rpm", "speed_rad_s", "square_mean_speed_rad_s", math.pi / 30),
         ("rotor_n", "rpm", "square_mean_speed_rad_s", math.pi / 30),
+        ("lift_mN", "thrust_n", "thrust_n", 1e-3),
+        ("F [cN]", "thrust_n", "thrust_n", 1e-2),
+        ("moment (N·cm)", "torque_nm", "torque_nm", 1e-2),
+        ("n krpm", "rpm", "square_mean_speed_rad_s", 100 * math.pi / 3),
         ("rig_s", "thrust_n", "thrust_n", 1),
     ],
 )
@@ -481,9 +496,7 @@ def test_a_unit_that_a_header_states_without_brackets_counts_before_that_of_the_
     assert np.asarray(getattr(table, quantity))[-1] == pytest.approx(expected, rel=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("head", "named"), [("lift_mN", "thrust_n"), ("esc ms", "cmd"), ("n krpm", "rpm"), ("n erpm", "rpm")]
-)
+@pytest.mark.parametrize(("head", "named"), [("lift_uN", "thrust_n"), ("esc ms", "cmd"), ("n erpm", "rpm")])
 def test_an_option_does_not_override_a_unit_without_brackets_that_is_not_read(
     tmp_path: Path, head: str, named: str
 ) -> None:
@@ -500,11 +513,9 @@ def test_a_thrust_in_grams_spelt_out_in_round_brackets_is_that_of_what_ran(tmp_p
 @pytest.mark.parametrize(
     ("head", "remedy"),
     [
-        ("Torque (mN·m)", "Convert it to a unit that is read, and state that in its header, as in torque_nm."),
-        ("vbat[mV]", "Convert it to a unit that is read, and state that in its header, as in vbat_v."),
+        ("Torque (uN·m)", "Convert it to a unit that is read, and state that in its header, as in torque_nm."),
+        ("vbat[kV]", "Convert it to a unit that is read, and state that in its header, as in vbat_v."),
         ("Speed (eRPM)", "Convert it to a unit that is read, and state that in its header, as in rpm."),
-        ("Speed (rev/s)", "Convert it to a unit that is read, and state that in its header, as in rpm."),
-        ("Speed (krpm)", "Convert it to a unit that is read, and state that in its header, as in rpm."),
         ("torque", "Name it by `columns`, as in torque_nm=3."),
         ("omega", "Name it by `columns`, as in rpm=3."),
     ],
@@ -669,3 +680,29 @@ def test_a_tachometer_that_is_slower_than_its_rows_does_not_hang(tmp_path: Path)
     noise = np.random.default_rng(3).normal(0, 1.0, 600)
     path.write_text(stepped_stand({"Motor Optical Speed (RPM)": {at: 9000 + noise[at // 20] for at in range(600)}}))
     assert "repeat the one before while" not in " ".join(one.text for one in read_stand_table(path).findings)
+
+
+@pytest.mark.parametrize(
+    ("head", "quantity", "value", "expected"),
+    [
+        ("Thrust (mN)", "thrust_n", 250, 0.25),
+        ("Thrust (cN)", "thrust_n", 25, 0.25),
+        ("Torque (mN·m)", "torque_nm", 250, 0.25),
+        ("Torque (N·cm)", "torque_nm", 25, 0.25),
+        ("Torque (gf·cm)", "torque_nm", 100, 9.80665e-3),
+        ("Torque (kgf·m)", "torque_nm", 0.1, 0.980665),
+        ("Motor Speed (krpm)", "square_mean_speed_rad_s", 6, 200 * math.pi),
+        ("Motor Speed (rev/s)", "square_mean_speed_rad_s", 100, 200 * math.pi),
+        ("Motor Speed (deg/s)", "square_mean_speed_rad_s", 36000, 200 * math.pi),
+        ("Voltage (mV)", "vbat_v", 3700, 3.7),
+        ("vbat_mV", "vbat_v", 3700, 3.7),
+        ("command_fraction", "command", 0.5, 32767.5),
+    ],
+)
+def test_units_with_prefixes_and_fractions_of_the_command_are_read(
+    tmp_path: Path, head: str, quantity: str, value: float, expected: float
+) -> None:
+    drive = "" if quantity == "command" else "20000,"
+    names = f"cmd,{head}" if drive else head
+    table = read(tmp_path, f"{names},grams\n{drive}{value},0\n{drive}{value},1\n")
+    assert np.asarray(getattr(table, quantity))[-1] == pytest.approx(expected)

@@ -18,6 +18,7 @@ USUAL_ESC_US = (1000.0, 2000.0)  # pulse widths of standstill and full throttle,
 
 _LONGEST_PULSE_US = 5000.0  # beyond all that controllers take, of which few reach 2500
 _PULSES_US = (800.0, 2500.0)  # within which those of all controllers are; a motor starts at a pwm of 1000 to 3000
+_LARGEST = {"percent": (100.0, " per cent"), "fraction": (1.0, ", as a fraction")}
 _MOST_VOLTS = 60.0  # more than any battery that flies, and less than its millivolts
 _REST_NOISE = 1e-3  # of the fastest: so much below zero is noise
 _FORWARD = 1e-2  # of the fastest, which noise shows of a rotor that turns backwards
@@ -246,14 +247,13 @@ def _check(table: CsvTable, found: Found) -> list[str]:
     """Set impossible values of a quantity to nan, with notes; refuse many of them, naming the first's line."""
     notes: list[str] = []
     if command := found.get("command"):
-        percent, raw = command.head.kind == "percent", command.raw
+        raw = command.raw
         notes += _impossible(table, command, raw < 0, "a command is zero or more.")
-        most = 100.0 if percent else FULL_COMMAND
-        notes += _impossible(table, command, raw > most, f"the largest is {most:g}{' per cent' if percent else ''}.")
+        most, called = _LARGEST.get(command.head.kind, (FULL_COMMAND, ""))
+        notes += _impossible(table, command, raw > most, f"the largest is {most:g}{called}.")
         if command.head.kind == "esc":
             notes += _impossible(table, command, raw > _LONGEST_PULSE_US, "no motor controller has such pulses.")
-        if command.head.kind == "pwm" and 0 < np.nanmax(raw) <= 100:
-            raise DataError(f"{table.path}: no pwm above 100: is it in per cent? Then name the column pwm_percent.")
+        _check_scale(table, command)
         if command.head.kind == "pwm" and np.nanmin(raw) >= _PULSES_US[0] and np.nanmax(raw) <= _PULSES_US[1]:
             place = 1 + table.names.index(command.names[0])
             raise DataError(
@@ -265,9 +265,26 @@ def _check(table: CsvTable, found: Found) -> list[str]:
         notes += _at_rest(speeds, command)
         notes += _impossible(table, speeds, speeds.raw < 0, "a speed is zero or more.")
     if battery := found.get("vbat_v"):
-        wrong = (battery.raw <= 0) | (battery.raw > _MOST_VOLTS)
-        notes += _impossible(table, battery, wrong, "no battery has that voltage. Is the column in millivolts?")
+        wrong = (battery.raw <= 0) | (battery.value > _MOST_VOLTS)
+        why = "no battery has that voltage."
+        if np.nanmedian(battery.raw) > _MOST_VOLTS:
+            why += " Is it in millivolts? Then its name has to be vbat_mv."
+        notes += _impossible(table, battery, wrong, why)
     return notes
+
+
+def _check_scale(table: CsvTable, command: Columns) -> None:
+    """Refuse commands from 0 to 65535 none of which turns a motor: they are shares of the full one."""
+    largest, name = np.nanmax(command.raw), command.names[0]
+    if command.head.kind not in ("", "pwm") or not 0 < largest <= 100:
+        return
+    place, what = 1 + table.names.index(name), ("a fraction of one", "command_fraction")
+    if largest > 1:
+        what = ("in per cent", "pwm_percent")
+    raise DataError(
+        f"{table.path}: no command above {largest:g} in '{name}', of 65535: is it {what[0]}? Then name the column by "
+        f"`columns`, as in {what[1]}={place}."
+    )
 
 
 def _impossible(table: CsvTable, column: Columns, wrong: npt.NDArray[np.bool_], why: str) -> list[str]:

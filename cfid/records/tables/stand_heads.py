@@ -1,5 +1,6 @@
 """What tables of motors call their columns: the quantity, the unit and its factor to SI, by the header alone."""
 
+import math
 import re
 from collections.abc import Container, Mapping, Sequence
 from typing import NamedTuple
@@ -10,15 +11,17 @@ from cfid.records.tables.times import TIME_COLUMN
 from cfid.units import FULL_COMMAND, RPM
 
 HEADS = (
-    "cmd, command or pwm (0 to 65535), pwm_percent, ESC signal (us); thrust_n, Thrust (N), (gf) or (kgf) (of what "
-    "ran), weight[g], thrust[g], thrust_total_g, thrust[N] (of four motors); torque_nm, Torque (N.m); grams (scales); "
-    "speed_rad_s, rpm, Motor Optical Speed (RPM), rpm_1, rpm_2, ... (series of one rotor), rpm1 to rpm4 (four rotors), "
-    "rpm_mean; vbat_v, vbat[V], voltage_V, Voltage (V); t"
+    "cmd, command or pwm (0 to 65535), pwm_percent, command_fraction (0 to 1), ESC signal (us); thrust_n, Thrust (N), "
+    "(gf) or (kgf) (of what ran), weight[g], thrust[g], thrust_total_g, thrust[N] (of four motors); torque_nm, "
+    "Torque (N.m); grams (scales); speed_rad_s, rpm, Motor Optical Speed (RPM), rpm_1, rpm_2, ... (series of one "
+    "rotor), rpm1 to rpm4 (four rotors), rpm_mean; vbat_v, vbat[V], voltage_V, Voltage (V); t"
 )
 MEASURED = ("thrust_n", "torque_nm", "speeds_rad_s", "grams")
 
 _GRAM_FORCE_N = 9.80665e-3  # by definition
 _POUND_FORCE_N, _INCH_M = 4.4482216152605, 0.0254
+_METRIC_N = {"n": 1.0, "mn": 1e-3, "cn": 1e-2, "gf?": _GRAM_FORCE_N, "kgf?": 1e3 * _GRAM_FORCE_N}
+_ARM_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 _EXAMPLES = {"command": "cmd", "speeds_rad_s": "rpm", "time_s": "t"}
 _TAKE_UNITS = {
     "command": "esc",
@@ -30,7 +33,7 @@ _TAKE_UNITS = {
 _UNIT = re.compile(r".*[(\[](?P<unit>[^()\[\]]+)[)\]]")  # at the end of a name without spaces
 _LAST_WORD = re.compile(r".*[^\s_][\s_]+(?P<unit>[^\s_]+)")  # which a unit without brackets is, as in thrust_gf
 _MANGLED = re.compile(r"[A-Za-z]\w*_+[A-Za-z](?:\w*[A-Za-z])?_", re.ASCII)
-# Units of these quantities that are not read, as mN, N cm, mV and krpm; other words in brackets are none.
+# Units of these quantities, some of which are not read, as uN, kV and eRPM; other words in brackets are none.
 _OTHER = re.compile(r"[mukcd]?(?:n|gf?|v|hz|lbf?s?|ozf?)(?:[.u-]*(?:[mc]?m|in|ft))?|[ke]rpm|rps|rev/s|deg/s|ms|ns")
 _BARE_COMMAND = re.compile("cmd|command|pwm")  # known names that state no unit
 _SEVERAL = ("series", "rotors")
@@ -56,7 +59,9 @@ class ColumnHead(NamedTuple):
 
 def _of_stand(quantity: str, stem: str, units: Mapping[str, float], kind: str) -> list[ColumnHead]:
     """Return the heads of RCbenchmark's and Tyto's programs: a name, a side of a double stand, a unit in brackets."""
-    return [ColumnHead(quantity, rf"(?:{stem})[ab]?[(\[]{unit}[)\]]", factor, kind) for unit, factor in units.items()]
+    return [
+        ColumnHead(quantity, rf"(?:{stem})[ab]?[(\[](?:{unit})[)\]]", factor, kind) for unit, factor in units.items()
+    ]
 
 
 _KNOWN = (
@@ -68,6 +73,7 @@ _KNOWN = (
         FULL_COMMAND / 100,
         "percent",
     ),
+    ColumnHead("command", r"command_fraction", FULL_COMMAND, "fraction"),
     ColumnHead("command", r"(?:esc(?:signal|throttle)?|throttle|pwm)(?:[ab]?\(us\)|\[us\]|_us)", kind="esc"),
     ColumnHead("thrust_n", r"thrust_n"),
     ColumnHead("thrust_n", r"thrust\[n\]", kind="total"),
@@ -77,6 +83,8 @@ _KNOWN = (
         "thrust",
         {
             "n": 1.0,
+            "mn": 1e-3,
+            "cn": 1e-2,
             "g(?:f|rams?)?": _GRAM_FORCE_N,
             "kgf?": 1e3 * _GRAM_FORCE_N,
             "lbf": _POUND_FORCE_N,
@@ -89,15 +97,16 @@ _KNOWN = (
         "torque_nm",
         "torque",
         {
-            r"n[.u-]*m": 1.0,
-            r"n[.u-]*mm": 1e-3,
+            **{rf"{force}[.u-]*{arm}": _METRIC_N[force] * _ARM_M[arm] for force in _METRIC_N for arm in _ARM_M},
             r"lbf?[.u]*in": _POUND_FORCE_N * _INCH_M,
             r"lbf?[.u]*ft": _POUND_FORCE_N * 12 * _INCH_M,
             r"ozf?[.u]*in": _POUND_FORCE_N * _INCH_M / 16,
         },
         "",
     ),
-    ColumnHead("vbat_v", r"vbat_v|vbat\[v\]|voltage_v|voltage[ab]?[(\[]v[)\]]"),
+    ColumnHead("vbat_v", r"vbat_v|voltage_v"),
+    ColumnHead("vbat_v", r"vbat_mv|voltage_mv", 1e-3),
+    *_of_stand("vbat_v", "vbat|voltage", {"v": 1.0, "mv": 1e-3}, ""),
     ColumnHead("grams", r"grams"),
     ColumnHead("speeds_rad_s", r"speed_rad_s|(?:omega|ω)(?:_rad_s|\[rad/s\]|\(rad/s\))", kind="motor"),
     ColumnHead("speeds_rad_s", r"rpm", RPM, "motor"),
@@ -107,7 +116,13 @@ _KNOWN = (
     *_of_stand(
         "speeds_rad_s",
         "motoropticalspeed|motorelectricalspeed|motorspeed|rotationspeed|rotationalspeed|speed|rpm",
-        {"rpm": RPM, "rad/s(?:ec)?": 1.0, "hz": 60 * RPM},
+        {
+            "rpm": RPM,
+            "krpm": 1e3 * RPM,
+            "rad/s(?:ec)?": 1.0,
+            "deg/s(?:ec)?": math.radians(1),
+            "hz|rps|rev/s(?:ec)?": 60 * RPM,
+        },
         "motor",
     ),
 )
