@@ -34,7 +34,8 @@ Array = npt.NDArray[np.float64]
 _QUICKEST_S, _SLOWEST_S = 5e-3, 1.0  # of a lag
 _EARLIEST_S, _LATEST_S = -0.02, 0.05  # of a delay
 _STARTS_S = (0.02, 0.04, 0.07, 0.12)
-_MOST_ROUNDS = 40  # in which noise and parameters are estimated in turn
+_MOST_ROUNDS = 100  # in which noise and parameters are estimated in turn
+_WHOLE_ROUNDS = 3  # at first, since single steps from afar can end elsewhere
 _STEPS = 5  # of a round
 _SETTLED = 0.05  # standard uncertainties that a round may move a parameter by
 _FEWEST = 500  # rows: 5 s
@@ -136,22 +137,10 @@ def _settled(equations: Equations, found: Array) -> tuple[Equations, OptimizeRes
     where the parameters do not come to rest.
     """
     last = np.zeros(TURNS.stop - 1)
-    for _ in range(_MOST_ROUNDS):
+    for place in range(_MOST_ROUNDS):
         equations = equations.whitened(found)
         begin = _without_constant(found)
-        result = least_squares(
-            lambda free, to=equations: to.residual(_with_constant(free)),
-            begin,
-            lambda free, to=equations: _without_constant(to.jacobian(_with_constant(free))),
-            bounds=(
-                [_QUICKEST_S, _QUICKEST_S, _EARLIEST_S, _EARLIEST_S, *[-np.inf] * 5],
-                [_SLOWEST_S, _SLOWEST_S, _LATEST_S, _LATEST_S, *[np.inf] * 5],
-            ),
-            x_scale=_without_constant(_scales(found)),
-            xtol=1e-5,
-            ftol=1e-7,
-            max_nfev=_STEPS,
-        )
+        result = _improved(equations, begin, _without_constant(_scales(found)), whole=place < _WHOLE_ROUNDS)
         step, std = np.asarray(result.x) - begin, np.linalg.norm(gain_of(np.asarray(result.jac)), axis=1)
         if np.all(np.abs(step) <= _SETTLED * std):
             return equations, result
@@ -164,6 +153,31 @@ def _settled(equations: Equations, found: Array) -> tuple[Equations, OptimizeRes
         "changes, or it does not tell lag, delays and moments apart. Fit a part of it (`from_s`, `to_s`), or fly "
         "quicker manoeuvres."
     )
+
+
+def _improved(equations: Equations, begin: Array, scales: Array, *, whole: bool) -> OptimizeResult:
+    """Return better parameters (9,) than `begin` (9,): those of least errors for a `whole` round, else one step on.
+
+    What whitens the errors changes after a round, so that more than a step is of no use once it has come near. A step
+    that does not lessen the errors is shortened.
+    """
+    for most in (_STEPS,) if whole else (2, _STEPS):  # evaluations, one of them at the begin
+        result = least_squares(
+            lambda free: equations.residual(_with_constant(free)),
+            begin,
+            lambda free: _without_constant(equations.jacobian(_with_constant(free))),
+            bounds=(
+                [_QUICKEST_S, _QUICKEST_S, _EARLIEST_S, _EARLIEST_S, *[-np.inf] * 5],
+                [_SLOWEST_S, _SLOWEST_S, _LATEST_S, _LATEST_S, *[np.inf] * 5],
+            ),
+            x_scale=scales,
+            xtol=1e-5,
+            ftol=1e-7,
+            max_nfev=most,
+        )
+        if result.status != 0 or np.any(result.x != begin):
+            break
+    return result
 
 
 def _with_late_commands(
