@@ -221,11 +221,11 @@ FAULTS: dict[str, tuple[str | bytes, str]] = {
     "decimal commas between spaces without a head": ("0,001 1,5\n0,002 1,6\n", "1: '0,001 1,5' is neither"),
     "decimal commas and points": (
         "t;phi\n0,5;1\n1.5;2\n",
-        "2: '0,5' in column 't' is not a number. Numbers need",
+        "2: '0,5' in column 't' is not a number. Write thousands",
     ),
     "commas that may be of thousands": ("t;phi\n0;1,234\n1;2,345\n", "2: '1,234' in column 'phi' is not a number"),
     "one row below prose": ("Dear Sir,\nyours:\n1,2\n", "not a CSV file of numbers: line 2 reads 'yours:'"),
-    "thousands commas": ("t;phi\n0;1,234,567\n", "2: '1,234,567' in column 'phi' is not a number. Numbers need"),
+    "thousands commas": ("t;phi\n0;1,234,567\n", "2: '1,234,567' in column 'phi' is not a number. Write thousands"),
     "thousands points": ("t;phi\n0;1.234.567\n", "2: '1.234.567' in column 'phi' is not a number"),
     "thousands apostrophes": ("t;phi\n0;1'234\n", "2: '1'234' in column 'phi' is not a number"),
     "thousands spaces": ("t;phi\n0;1 234\n", "2: '1 234' in column 'phi' is not a number"),

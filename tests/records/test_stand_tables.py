@@ -706,3 +706,68 @@ def test_units_with_prefixes_and_fractions_of_the_command_are_read(
     names = f"cmd,{head}" if drive else head
     table = read(tmp_path, f"{names},grams\n{drive}{value},0\n{drive}{value},1\n")
     assert np.asarray(getattr(table, quantity))[-1] == pytest.approx(expected)
+
+
+FLIGHT_STAND = (
+    "Time (s),Powertrain 1 - ESC throttle (μs),Powertrain 1 - force Fx (N),Powertrain 1 - force Fz (thrust) (kgf),"
+    "Powertrain 1 - torque MX (N⋅m),Powertrain 1 - torque MZ (torque) (N⋅m),Powertrain 1 - voltage (V),"
+    "Powertrain 1 - rotation speed (rpm),Powertrain 1 - vibration (g)\n"
+    "0,1000,9,0,9,0,12,0,0\n2,1500,9,1,9,0.1,12,600,0\n4,2000,9,2,9,0.2,12,1200,0\n"
+)
+
+
+@pytest.mark.parametrize("name", ["Powertrain 1", "left - front"])
+def test_a_table_of_tytos_flight_stand_is_read_whatever_its_powertrain_is_called(tmp_path: Path, name: str) -> None:
+    table = read(tmp_path, FLIGHT_STAND.replace("Powertrain 1", name))
+    assert table.command.tolist() == [0, 32768, 65535]
+    assert np.asarray(table.thrust_n) == pytest.approx([0, 9.80665, 19.6133])
+    assert np.asarray(table.torque_nm).tolist() == [0, 0.1, 0.2]
+    assert np.asarray(table.vbat_v).tolist() == [12, 12, 12]
+    assert np.asarray(table.square_mean_speed_rad_s) == pytest.approx([0, 20 * math.pi, 40 * math.pi])
+
+
+BOTH_SIDES = "Time (s),ESC A (µs),ESC B (µs),Thrust A (N),Thrust B (N),Voltage A (V),Voltage B (V)\n"
+
+
+def test_of_a_double_stand_the_side_that_is_driven_is_taken(tmp_path: Path) -> None:
+    table = read(tmp_path, BOTH_SIDES + "0,1000,1000,0,0,0,12\n2,1000,1500,0,1,0,12\n4,1000,2000,0,4,0,12\n")
+    assert table.command.tolist() == [0, 32768, 65535]
+    assert np.asarray(table.thrust_n).tolist() == [0, 1, 4]
+    assert np.asarray(table.vbat_v).tolist() == [12, 12, 12]
+    said = "'ESC B (µs)' alone changes: the columns of the other side are not used."
+    assert any(said in one for one in notes_of(table))
+
+
+def test_a_double_stand_both_of_whose_sides_are_driven_is_a_question_with_an_answer_for_all_columns(
+    tmp_path: Path,
+) -> None:
+    text = BOTH_SIDES + "0,1000,1000,0,0,11,12\n2,1500,1200,2,1,11,12\n4,2000,1400,8,4,11,12\n"
+    question = refusal(tmp_path, text)
+    answer = '"ESC A (µs)=2","Thrust A (N)=4","Voltage A (V)=6"'
+    assert f"Name the columns of one by `columns`, as in {answer}." in question
+    table = read(tmp_path, text, columns=tuple(answer.replace('"', "").split(",")))
+    assert np.asarray(table.thrust_n).tolist() == [0, 2, 8]
+    assert np.asarray(table.vbat_v).tolist() == [11, 11, 11]
+
+
+@pytest.mark.parametrize(
+    ("time", "said"),
+    [
+        ("2026-03-29T00:59:50.{:03d}", "stand.csv:2: '2026-03-29T00:59:50.000' in column 't' is not a number. Dates"),
+        ("00:59:50.{:03d}", "stand.csv:2: '00:59:50.000' in column 't' is not a number. Dates and times of day"),
+    ],
+)
+@pytest.mark.parametrize("command", ["ESC signal (us)", "pwm_percent"])
+def test_a_recording_whose_times_are_dates_is_refused_as_that_and_no_rate_is_assumed(
+    tmp_path: Path, time: str, said: str, command: str
+) -> None:
+    low, high = (0, 50) if command == "pwm_percent" else (1000, 1500)
+    rows = "".join(f"{time.format(20 * i)},{low if i < 20 else high},{i // 20}\n" for i in range(40))
+    assert said in refusal(tmp_path, f"t,{command},thrust_n\n{rows}")
+
+
+@pytest.mark.parametrize("number", ['"1,000.5"', "1'000.5", "1\u2019000.5", "1\u202f000.5"])
+def test_thousands_with_a_sign_between_them_are_refused_with_what_to_write(tmp_path: Path, number: str) -> None:
+    said = refusal(tmp_path, f"cmd,thrust_n,rpm\n2000,0.1,900\n20000,0.2,{number}\n40000,0.4,3000\n")
+    assert "stand.csv:3: '1" in said
+    assert "in column 'rpm' is not a number. Write thousands without a sign or a space between digits." in said

@@ -9,6 +9,9 @@ from cfid.records.tables.parsed import Spelling
 from cfid.records.tables.text import fields_of, has_comma, is_finite, short
 
 REPAIR = "Repair or cut that line."
+NO_THOUSANDS = "Write thousands without a sign or a space between digits."
+# Thousands apart by a point, a comma, an apostrophe or a space of any width.
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:[.,'\u2019\s]\d{3})+(?:[.,]\d*)?")
 _CLOCK_TIME = re.compile(r"\d:\d\d|\d{4}-\d\d-\d\d")
 
 
@@ -35,4 +38,6 @@ def _advice(field: str) -> str:
             "Dates and times of day are not read: write seconds, or give `rate_hz` where rows are evenly spaced "
             "(`columns`, where given, then without this one)."
         )
+    if _THOUSANDS.fullmatch(field):
+        return NO_THOUSANDS
     return POINTS if has_comma(field) else REPAIR

@@ -9,7 +9,9 @@ import numpy.typing as npt
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.large import PART_ROWS, empty, side_by_side, stored
+from cfid.records.tables.line_faults import NO_THOUSANDS
 from cfid.records.tables.stand_heads import HEADS, ColumnHead, check_heads, heads_of, shows_stand
+from cfid.records.tables.stand_sides import of_one_side
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.wrong_times import wrong_times, wrong_times_note
 from cfid.units import FULL_COMMAND
@@ -58,10 +60,12 @@ def columns_of(table: CsvTable) -> tuple[CsvTable, Found, tuple[str, ...]]:
     doubled = _without_doubled(table, called)
     names = [name for columns in called.values() for _, name in columns]
     values = dict(zip(names, table.known_numbers(names).T, strict=True))
+    _check_thousands(table, values)
     empty = [name for name, value in values.items() if not np.isfinite(value).any()]
     used = {quantity: [one for one in columns if one[1] not in empty] for quantity, columns in called.items()}
     used = {quantity: columns for quantity, columns in used.items() if columns}
     notes = [*doubled.values(), *(f"'{name}' holds no number: it is not used." for name in empty)]
+    notes += of_one_side(table, used, values)
     notes += _one_of_two_speeds(table, used, values)
     notes += check_heads(table, used)
     found = {
@@ -137,6 +141,13 @@ def _without_doubled(table: CsvTable, called: dict[str, list[tuple[ColumnHead, s
     if notes and not shows_stand(called):
         raise DataError(f"{table.path}: {next(iter(notes.values()))}")
     return notes
+
+
+def _check_thousands(table: CsvTable, values: Mapping[str, Array]) -> None:
+    """Refuse numbers with signs between thousands: columns without their large values would pass for whole ones."""
+    for name, value in values.items():
+        if not np.isfinite(value).all() and (fault := table.fault_in(name)) and fault.endswith(NO_THOUSANDS):
+            raise DataError(fault)
 
 
 def _backwards(speeds: Columns) -> list[str]:

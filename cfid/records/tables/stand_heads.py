@@ -35,6 +35,11 @@ _LAST_WORD = re.compile(r".*[^\s_][\s_]+(?P<unit>[^\s_]+)")  # which a unit with
 _MANGLED = re.compile(r"[A-Za-z]\w*_+[A-Za-z](?:\w*[A-Za-z])?_", re.ASCII)
 # Units of these quantities, some of which are not read, as uN, kV and eRPM; other words in brackets are none.
 _OTHER = re.compile(r"[mukcd]?(?:n|gf?|v|hz|lbf?s?|ozf?)(?:[.u-]*(?:[mc]?m|in|ft))?|[ke]rpm|rps|rev/s|deg/s|ms|ns")
+# As in Powertrain 1 - force Fz (thrust) (N), whose first part the operator chooses; and as in Thrust A (N).
+_OF_POWERTRAIN = re.compile(
+    r"(?P<side>.+)-(?P<column>(?:escthrottle|forcefz\(thrust\)|torquemz\(torque\)|rotationspeed|voltage)\(.+\))"
+)
+_LETTERED = re.compile(r"(?:esc|escsignal|escthrottle|thrust|torque|voltage|motor\w*speed)(?P<side>[ab])[(\[].+[)\]]")
 _BARE_COMMAND = re.compile("cmd|command|pwm")  # known names that state no unit
 _SEVERAL = ("series", "rotors")
 _STEMS = {
@@ -80,7 +85,7 @@ _KNOWN = (
     ColumnHead("thrust_n", r"(?:weight|thrust)\[g\]|thrust_total_g", 1e-3, "total in grams"),
     *_of_stand(
         "thrust_n",
-        "thrust",
+        r"thrust|forcefz\(thrust\)",
         {
             "n": 1.0,
             "mn": 1e-3,
@@ -95,7 +100,7 @@ _KNOWN = (
     ColumnHead("torque_nm", r"torque_nm"),
     *_of_stand(
         "torque_nm",
-        "torque",
+        r"torque|torquemz\(torque\)",
         {
             **{rf"{force}[.u-]*{arm}": _METRIC_N[force] * _ARM_M[arm] for force in _METRIC_N for arm in _ARM_M},
             r"lbf?[.u]*in": _POUND_FORCE_N * _INCH_M,
@@ -134,6 +139,20 @@ def spelt(name: str) -> str:
     return _DOT.sub(".", _MICRO.sub("u", bare)).lower()
 
 
+def _without_side(name: str) -> str:
+    """Return a name without spaces and case, and without the powertrain that Tyto's Flight Stand writes before it."""
+    of_one = _OF_POWERTRAIN.fullmatch(spelt(name))
+    return of_one["column"] if of_one else spelt(name)
+
+
+def side_of(name: str) -> str | None:
+    """Return which motor of a double stand a column is of: a powertrain, or side a or b; None where it is of all."""
+    if of_one := _OF_POWERTRAIN.fullmatch(spelt(name)):
+        return of_one["side"]
+    lettered = _LETTERED.fullmatch(spelt(name))
+    return lettered["side"] if lettered else None
+
+
 def _unmangled(name: str) -> list[tuple[str, str]]:
     """Return what may have been the stem and the unit of a name whose brackets and signs MATLAB replaced by `_`.
 
@@ -151,7 +170,7 @@ def _unmangled(name: str) -> list[tuple[str, str]]:
 
 def _head_of(name: str) -> ColumnHead | None:
     """Return the head by which a column is known; by a mangled name only where all that it may have been agree."""
-    plain = next((head for head in _KNOWN if re.fullmatch(head.called, spelt(name))), None)
+    plain = next((head for head in _KNOWN if re.fullmatch(head.called, _without_side(name))), None)
     if plain is not None:
         return plain
     may_be = [f"{stem}{pair[0]}{unit}{pair[1]}" for stem, unit in _unmangled(name) for pair in ("[]", "()")]

@@ -74,13 +74,22 @@ def timing_of(table: CsvTable, found: Found, command: Array, *, unit: TimeUnit |
             return Timing(times, None, (*notes, *jitter, *gaps), order)
         text = f"rows are {step_s:.2g} s apart: each is taken as a settled point."
         return Timing(None, None, (*notes, text))
-    if rate_hz is None and kind == "esc" and (held >= 2 or len(command) > _MOST_TYPED):
+    of_program = kind == "esc" and (held >= 2 or len(command) > _MOST_TYPED)
+    if rate_hz is None and not of_program and (not kind or held < _HELD_ROWS):
+        return Timing(None, None, ())
+    if rate_hz is None and (fault := _fault_of_times(table)):
+        raise DataError(fault)
+    if rate_hz is None and of_program:
         raise DataError(
             f"{table.path}: {len(command)} rows are a recording, and no column is its time: give `rate_hz`."
         )
-    if rate_hz is None and (not kind or held < _HELD_ROWS):
-        return Timing(None, None, ())
     rate = STAND_RATE_HZ if rate_hz is None else rate_hz
     times, notes = times_of(table, None, command, unit=unit, rate_hz=rate)
     assumed = f"a record over time without a time column: {rate:g} Hz is assumed (`rate_hz`)."
     return Timing(times, rate, (*notes, *([assumed] if rate_hz is None else [])))
+
+
+def _fault_of_times(table: CsvTable) -> str | None:
+    """Return what is wrong with a column that is called a time and holds none, as one of dates."""
+    named = (name for name in table.names if TIME_COLUMN.called.fullmatch(name.strip()))
+    return next((fault for name in named if (fault := table.fault_in(name))), None)

@@ -6,7 +6,7 @@ It handles separators, headers and cut files; other modules interpret the column
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +36,8 @@ from cfid.records.tables.text import (
 )
 
 Array = npt.NDArray[np.float64]
+
+_LOOKED_AT = 10_000  # rows, for what makes a column no number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,6 +102,20 @@ class CsvTable:
         if values is None:
             values = known_columns_in(rows, places, self._spelling)
         return np.where(np.isfinite(values), values, np.nan)
+
+    def fault_in(self, column: str) -> str | None:
+        """Return a sentence on the first field of a column that is neither empty nor a number, None without one.
+
+        In a long file, the first rows are looked at.
+        """
+        place = self.place(column)
+        for line in islice(filled_lines(self._body), _LOOKED_AT):
+            fields = fields_of(line.text, self._separator)
+            if len(fields) == len(self.names) and fields[place]:
+                fault = fault_of(line.text, self.names, [place], self._spelling)
+                if fault is not None:
+                    return f"{self.path}:{self._first_line + line.number - 1}: {fault}"
+        return None
 
     @property
     def _spelling(self) -> Spelling:
