@@ -20,6 +20,7 @@ Array = npt.NDArray[np.float64]
 
 _HEAD = f"{'circumstances':<28} {'packets':>8} {'mean RTT [ms]':>14} {'std [ms]':>10} {'least [ms]':>11}"
 _BINS, _BAR_WIDTH = 12, 40
+_EARLIEST_S = 1e9  # since 1970: 2001, before the first vehicle
 _LONG_S = 500.0  # of a record, in which delays that drift over a minute come and go several times
 
 
@@ -112,12 +113,24 @@ def _trip_quantities(trips: RoundTrips) -> dict[str, Parameter]:
 
 
 def _clock_quantities(line: ClockLine, trips: RoundTrips) -> dict[str, Parameter]:
-    """Return the host's time when the vehicle's clock was zero, as if the quickest answer took half its round trip."""
-    std_s = hypot(line.offset_std_s, line.rate_std * line.middle_device_s)
-    return {
-        "latency.clock_offset_s": Parameter(value=line.offset_s - trips.offset_bound_s, std=std_s),
-        "latency.clock_skew": Parameter(value=line.skew, std=line.rate_std / line.rate**2),
-    }
+    """Return the vehicle's rate, and the host's time when its clock was zero where the host's times are dated.
+
+    The latter is as if the quickest answer took half its round trip.
+    """
+    skew = {"latency.clock_skew": Parameter(value=line.skew, std=line.rate_std / line.rate**2)}
+    if not _is_dated(line):
+        return skew
+    offset = Parameter(value=line.offset_s - trips.offset_bound_s, std=_offset_std_s(line))
+    return {"latency.clock_offset_s": offset, **skew}
+
+
+def _is_dated(line: ClockLine) -> bool:
+    """Return whether the host's times are those since 1970, not since the begin of a record."""
+    return line.offset_s > _EARLIEST_S
+
+
+def _offset_std_s(line: ClockLine) -> float:
+    return hypot(line.offset_std_s, line.rate_std * line.middle_device_s)
 
 
 def _table(records: Sequence[PingRecord], rtt_s: Array) -> list[str]:
@@ -138,10 +151,14 @@ def _row(circumstances: str, rtt_s: Array) -> str:
 
 
 def _clock_line(line: ClockLine, trips: RoundTrips) -> str:
-    std_s = _clock_quantities(line, trips)["latency.clock_offset_s"].std
-    return (
+    rate = (
         f"the vehicle's clock: {1e6 * line.skew:+.1f} ppm against this computer's; answers came "
-        f"{1e3 * line.mean_offset_s:.2f} ms later, on average, than the quickest. The standard uncertainty of its "
-        f"offset, {1e3 * std_s:.2f} ms, covers how answers scatter; how the quickest round trip divides into its two "
-        f"ways is unknown, and moves the offset by up to {1e3 * trips.offset_bound_s:.2f} ms more"
+        f"{1e3 * line.mean_offset_s:.2f} ms later, on average, than the quickest. "
+    )
+    if not _is_dated(line):
+        return f"{rate}Times of sending since the begin of a record, not since 1970, show no offset of the clocks"
+    return (
+        f"{rate}The standard uncertainty of its offset, {1e3 * _offset_std_s(line):.2f} ms, covers how answers "
+        "scatter; how the quickest round trip divides into its two ways is unknown, and moves the offset by up to "
+        f"{1e3 * trips.offset_bound_s:.2f} ms more"
     )

@@ -221,6 +221,40 @@ def test_single_round_trips_that_cannot_be_are_left_out_and_named(tmp_path: Path
     assert any("line 42" in one.text for one in found.findings)
 
 
+def foreign_pings(path: Path, *, begin_s: float, stamps: dict[int, float] | None = None) -> Path:
+    """Write pings as another program has them, whose stamps are wrong in some rows."""
+    rng = np.random.default_rng(4)
+    sent_s = begin_s + 0.1 * np.arange(400)
+    there_s, back_s = rng.uniform(0.004, 0.006, 400), rng.uniform(0.004, 0.006, 400)
+    vehicle_us = np.floor(1e6 * (sent_s + there_s - begin_s + 12.3))
+    for row, stamp in (stamps or {}).items():
+        vehicle_us[row] = stamp
+    rows = zip(sent_s, 1e3 * (there_s + back_s), vehicle_us, strict=True)
+    path.write_text("t,rtt_ms,vehicle_us\n" + "".join(f"{a:.6f},{b:.4f},{c:.0f}\n" for a, b, c in rows))
+    return path
+
+
+def test_times_since_the_begin_of_a_record_give_the_skew_and_no_offset(tmp_path: Path) -> None:
+    found = latency.fit([foreign_pings(tmp_path / "begun.csv", begin_s=0.0)])
+    dated = latency.fit([foreign_pings(tmp_path / "dated.csv", begin_s=1.75e9)])
+    assert "latency.clock_offset_s" not in found.quantities
+    assert "latency.clock_offset_s" in dated.quantities
+    skews = [one.quantities["latency.clock_skew"] for one in (found, dated)]
+    assert skews[0].value == pytest.approx(skews[1].value, abs=0.1 * float(skews[1].std or 0))
+    assert "since the begin of a record, not since 1970, show no offset" in " ".join(found.summary())
+
+
+@pytest.mark.parametrize("stamp", [0.0, 1e18])
+def test_a_single_wrong_stamp_of_the_vehicle_is_left_out_and_named(tmp_path: Path, stamp: float) -> None:
+    whole = latency.fit([foreign_pings(tmp_path / "whole.csv", begin_s=0.0)])
+    found = latency.fit([foreign_pings(tmp_path / "wrong.csv", begin_s=0.0, stamps={200: stamp})])
+    first, second = (one.quantities["latency.clock_skew"] for one in (whole, found))
+    assert first.std is not None
+    assert second.value == pytest.approx(first.value, abs=0.5 * first.std)
+    assert second.std == pytest.approx(first.std, rel=0.2)
+    assert any("1 row of 400 with a value that is off the vehicle's clock" in one.text for one in found.findings)
+
+
 @pytest.mark.parametrize(
     ("text", "code", "message"),
     [

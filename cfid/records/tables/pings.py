@@ -10,19 +10,12 @@ from cfid.findings import Finding, of_recording
 from cfid.records.parameters import Source
 from cfid.records.run_notes import losses, run_at
 from cfid.records.tables.blocks import open_table
+from cfid.records.tables.column_units import SECONDS, column_name, unit_of
 from cfid.records.tables.few_rows import without_few
 from cfid.records.tables.schema import Column, TableSchema
 from cfid.records.tables.table import Array, CsvTable
-from cfid.records.tables.times import (
-    SECONDS,
-    TIME_COLUMN,
-    VEHICLE_CLOCK,
-    column_name,
-    known_rows,
-    line_notes,
-    unit_of,
-    vehicle_us,
-)
+from cfid.records.tables.times import TIME_COLUMN, VEHICLE_CLOCK, known_rows, line_notes, vehicle_us
+from cfid.records.tables.wrong_times import wrong_times
 
 PINGS = "pings"
 
@@ -85,6 +78,11 @@ def read_pings(path: Path) -> PingRecord:
         possible = (values[:, place] > 0) & (values[:, place] < _LATEST_S)
         table, values, impossible = without_few(table, values, ~possible, shown, "no round trip takes")
         left_out = (*left_out, *impossible)
+        if VEHICLE_CLOCK.key in places:
+            stamps = values[:, list(places).index(VEHICLE_CLOCK.key)]
+            off = np.isin(np.arange(len(stamps)), wrong_times(stamps))
+            table, values, lone = without_few(table, values, off, stamps, "is off the vehicle's clock")
+            left_out = (*left_out, *lone)
     columns = dict(zip(places, values.T, strict=True))
     rtt_s = columns[_RTT.key]
     wrong = np.flatnonzero(rtt_s <= 0)
