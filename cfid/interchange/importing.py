@@ -24,11 +24,12 @@ from cfid.records.run import DeviceRecord, Label, Origin, Run
 from cfid.records.run_writer import create_run
 from cfid.records.tables.angle import ENCODER, Reading, read_angle
 from cfid.records.tables.blocks import open_table
+from cfid.records.tables.column_units import unit_of
 from cfid.records.tables.schema import Foreign, TimeUnit
 from cfid.records.tables.stand import STAND
 from cfid.records.tables.stand_names import with_named
 from cfid.records.tables.table import CsvTable
-from cfid.records.tables.times import TIME_COLUMN, unit_of
+from cfid.records.tables.times import TIME_COLUMN
 from cfid.records.tables.vehicle import COMMANDS, VEHICLE_LOG
 from cfid.records.tables.wrench import AXES, LOADCELL, WrenchReading, read_wrench
 from cfid.units import MOTORS

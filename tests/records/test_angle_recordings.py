@@ -592,6 +592,35 @@ def test_times_in_a_unit_that_is_not_read_are_refused_by_its_name(tmp_path: Path
         read_angle(path, Reading(columns=(name, "angle_rad")))
 
 
+@pytest.mark.parametrize("by_number", [False, True])
+@pytest.mark.parametrize("unit", ["[gon]", "(mrad)", "_arcmin", ", turns"])
+def test_an_angle_in_a_unit_that_is_not_read_is_refused_by_its_name(
+    tmp_path: Path, unit: str, *, by_number: bool
+) -> None:
+    path = tmp_path / "swing.csv"
+    name = f"swing{unit}"
+    path.write_text(f"t_s;{name}\n" + "".join(f"{i / 100:.2f};{np.sin(i / 50):.6f}\n" for i in range(2000)))
+    columns = ("1", "2") if by_number else ("t_s", name)
+    with pytest.raises(ConfigError, match="angles are read in rad, deg or counts"):
+        read_angle(path, Reading(columns=columns))
+    assert read_angle(path, Reading(columns=columns, angle_unit="rad")).angle_rad[50] == pytest.approx(np.sin(1))
+
+
+@pytest.mark.parametrize("name", ["sample", "Sample index", "n", "Row No."])
+def test_a_counter_of_rows_that_is_named_as_the_time_is_refused(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "swing.csv"
+    path.write_text(f"{name},angle_rad\n" + "".join(f"{i},{np.sin(i / 50):.6f}\n" for i in range(2000)))
+    with pytest.raises(ConfigError, match="counts rows: give `rate_hz`"):
+        read_angle(path, Reading(columns=("1", "2")))
+
+
+def test_minus_signs_of_typesetters_are_minus_signs(tmp_path: Path) -> None:
+    rows = "".join(f"{i / 100:.2f},{np.sin(i / 50):.6f}\n" for i in range(2000))
+    plain = read(tmp_path, f"t_s,angle_rad\n{rows}")
+    set_in_type = read(tmp_path, f"t_s,angle_rad\n{rows}".replace("-", "\u2212"))
+    np.testing.assert_array_equal(set_in_type.angle_rad, plain.angle_rad)
+
+
 def test_a_gap_in_a_bare_file_is_named_with_its_line(tmp_path: Path) -> None:
     lines = text_of(TIME_S, ANGLE_RAD, "t,phi_rad").splitlines()
     record = read(tmp_path, "\n".join([*lines[:501], *lines[801:], ""]))

@@ -20,22 +20,13 @@ from cfid.records.logs.usd_clock import MOST_ROWS, decoded_clock
 from cfid.records.parameters import Source
 from cfid.records.tables.angle import SCHEMA as ANGLE_COLUMNS
 from cfid.records.tables.blocks import open_table
+from cfid.records.tables.column_units import unit_of, unit_word
 from cfid.records.tables.line_faults import REPAIR
 from cfid.records.tables.matlab import is_matlab
 from cfid.records.tables.schema import TIME, Foreign, TableSchema
 from cfid.records.tables.stand_heads import heads_of, shows_stand
 from cfid.records.tables.table import CsvTable
-from cfid.records.tables.times import (
-    TIME_COLUMN,
-    known_rows,
-    line_notes,
-    pauses,
-    seconds_of,
-    time_unit_of,
-    times_of,
-    unit_of,
-    unit_word,
-)
+from cfid.records.tables.times import TIME_COLUMN, known_rows, line_notes, pauses, seconds_of, time_unit_of, times_of
 from cfid.records.tables.wrench import SCHEMA as WRENCH_COLUMNS
 
 _SCHEMA = TableSchema(columns=(TIME_COLUMN,), words=("TIME",))

@@ -5,6 +5,7 @@ option, never a guess; time and counts are checked before use.
 """
 
 import math
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -20,13 +21,14 @@ from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
 from cfid.records.run_notes import Facts, facts_of, file_name, gaps, losses, run_at
 from cfid.records.tables.blocks import open_table
+from cfid.records.tables.column_units import column_name, unit_of
 from cfid.records.tables.counts import CountsPerTurn, continuous_angle, is_angle
 from cfid.records.tables.few_rows import without_few
 from cfid.records.tables.gyro import Rates, gyro_device, read_gyro
 from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema, unused_in_run
 from cfid.records.tables.stamps import stamped_rows
-from cfid.records.tables.table import Array
-from cfid.records.tables.times import TIME_COLUMN, column_name, complete_rows, line_notes, pauses, times_of, unit_of
+from cfid.records.tables.table import Array, CsvTable
+from cfid.records.tables.times import TIME_COLUMN, complete_rows, line_notes, pauses, times_of
 from cfid.wire.rls import RLS_13BIT_IN_22
 
 AngleUnit = Literal["counts", "rad", "deg"]
@@ -43,6 +45,7 @@ _ANGLE = Column(
     column_name(r"(?:phi|angle|theta|alpha|[φϕθϑα]|pos|position|enc|encoder)_?\d?", ("rad", "deg", "counts")),
     "of angle (phi, angle, theta)",
 )
+_OTHER_UNIT = re.compile(r"[ _/,\[(]+(gon|grads?|mrad|arcmin|arcsec|turns?|revs?|revolutions?)[\])_]?$", re.IGNORECASE)
 SCHEMA = TableSchema(
     columns=(TIME_COLUMN, _ANGLE),
     words=("TIME", "ANGLE"),
@@ -203,7 +206,7 @@ def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> t
     time, notes = times_of(table, time_name, values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
     if stamped is not None:
         time = stamped.time_s - values[0, 0]
-    unit = unit_of(table, _ANGLE.called, angle_name, reading.angle_unit, "angle_unit")
+    unit = _unit_of_angle(table, angle_name, reading.angle_unit)
     angle = continuous_angle(table, angle_name, values[:, -1], unit=unit, counts_per_turn=reading.counts_per_turn)
     notes = (
         *gaps_notes,
@@ -233,3 +236,14 @@ def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> t
         time_scale_std=0.0 if stamped is None else stamped.scale_std,
     )
     return record, rows
+
+
+def _unit_of_angle(table: CsvTable, column: str, given: AngleUnit | None) -> str | None:
+    """Return the unit of an angle as `unit_of`. Raises ConfigError where its name states one that is not read."""
+    name = table.names[table.place(column)]
+    if given is None and (other := _OTHER_UNIT.search(name)) is not None:
+        raise ConfigError(
+            f"{table.path}: column '{name}' is in '{other[1]}'; angles are read in rad, deg or counts. Convert "
+            "them, or give `angle_unit` where the name is wrong."
+        )
+    return unit_of(table, _ANGLE.called, column, given, "angle_unit")

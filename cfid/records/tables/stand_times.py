@@ -7,10 +7,11 @@ import numpy.typing as npt
 
 from cfid.counted import counted
 from cfid.errors import DataError
+from cfid.records.tables.column_units import unit_of
 from cfid.records.tables.schema import TimeUnit
 from cfid.records.tables.stand_columns import Found
 from cfid.records.tables.table import Array, CsvTable
-from cfid.records.tables.times import TIME_COLUMN, pauses, times_of, unit_of
+from cfid.records.tables.times import TIME_COLUMN, pauses, times_of
 
 STAND_RATE_HZ = 100.0  # of Bitcraze's thrust stand, whose files have no time
 

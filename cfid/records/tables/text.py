@@ -14,6 +14,7 @@ from cfid.records.files import read_small
 
 _BOM = b"\xef\xbb\xbf"
 _NO_BREAK_SPACE = re.compile(rb"\xc2\xa0|(?<=[\x00-\x7f])\xa0")  # in UTF-8, and in one byte after one of ASCII
+_MINUS = "\u2212".encode()  # which typeset numbers have
 _OTHER_BOMS = (b"\xff\xfe", b"\xfe\xff", b"\0\0\xfe\xff")  # UTF-16 and UTF-32
 _WRITTEN_ONLY = {b"\x89MCAP0\r\n": "an MCAP", b"PAR1": "a Parquet"}
 _CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1f]")
@@ -75,9 +76,10 @@ def check_text(path: Path, content: bytes) -> None:
 
 
 def whole_lines(content: bytes) -> tuple[bytes, bool]:
-    r"""Return the complete lines, each ended by \n and with plain spaces, and whether the file was cut after them.
+    r"""Return the complete lines, and whether the file was cut after them.
 
-    Zero bytes at the end, which a power failure may leave, count as a cut.
+    Each line is ended by \n and has plain spaces and minus signs. Zero bytes at the end, which a power failure may
+    leave, count as a cut.
     """
     text = content.removeprefix(_BOM).rstrip(b"\0")
     cut = content.endswith(b"\0")
@@ -85,6 +87,8 @@ def whole_lines(content: bytes) -> tuple[bytes, bool]:
         text = text.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     if b"\xa0" in text:
         text = _NO_BREAK_SPACE.sub(b" ", text)
+    if _MINUS in text:
+        text = text.replace(_MINUS, b"-")
     end = text.rfind(b"\n") + 1
     return text[:end], cut or bool(text[end:].strip())
 

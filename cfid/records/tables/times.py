@@ -13,13 +13,12 @@ import numpy as np
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.large import differences, empty, some_steps, usual_step
+from cfid.records.tables.column_units import PER_SECOND, SECONDS, column_name, unit_of
 from cfid.records.tables.schema import TIME, Column, TimeUnit
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.text import TextLine, short
 from cfid.records.tables.wrong_times import late_rows, wrong_times, wrong_times_note
 
-PER_SECOND: dict[str, float] = {"s": 1.0, "ms": 1e3, "us": 1e6}  # to divide by: 1e-3 and 1e-6 are not exact
-SECONDS: dict[str, float] = {unit: 1 / count for unit, count in PER_SECOND.items()}
 TWO_IN_ONE = (
     "Was the clock set, or are two recordings in one file? Cut the file in two before that line (both with the "
     "header), or give `rate_hz` where its rows are evenly spaced."
@@ -31,17 +30,10 @@ _WRONG_IN_MANY = (
 )
 _CUT_LINE = "the last line was cut (it has no end) and is left out."
 
-_UNITS: dict[str, tuple[str, ...]] = {
-    "s": ("s", "sec", "second", "seconds"),
-    "ms": ("ms", "msec", "millis", "milliseconds"),
-    "us": ("us", "µs", "μs", "usec", "micros", "microseconds"),
-    "rad": ("rad", "radian", "radians"),
-    "deg": ("deg", "degree", "degrees", "°"),
-    "n": ("n", "newton", "newtons"),
-    "nm": ("nm", "n m", "n*m", "n·m"),
-    "counts": ("counts", "count"),
-}
 _OTHER_UNIT = re.compile(r"[ _/,\[(]+(min|minutes?|h|hrs?|hours?|ns|nanoseconds?)[\])_]?$", re.IGNORECASE)
+_COUNTER = re.compile(
+    r"(?:sample|row|index|count|counter|number|no|nr|n|#)s?(?:[ _.]*(?:index|number|no|nr|#))?\.?", re.I
+)
 _FASTEST_S, _SLOWEST_S = 1.9e-5, 0.11  # sampling intervals of a rig: 50 kHz to 10 Hz, with margin for jitter
 _NO_TIME = "Is this the time column? See `columns` and `rate_hz`."
 _FEWEST_ROWS = 16
@@ -50,12 +42,6 @@ MISSING_SHARE = 0.1  # of a recording's rows that may lack a number
 _REPEATED_SHARE = 0.01  # of time stamps that may repeat the previous one without a note
 _GAP, _LEAST_GAP_S = 10, 0.1  # usual intervals, and seconds: a busy computer's stamps are late by tens of milliseconds
 _UNIX_S = (1e9, 4e9)  # seconds since the epoch, from 2001 to 2096
-
-
-def column_name(names: str, units: Sequence[str]) -> re.Pattern[str]:
-    """Return the pattern of a column's names: `t`, `t_s`, `t [s]`, `angle(deg)`, `angle, deg`, `angle__deg_`, ..."""
-    spelt = "|".join(re.escape(word) for unit in units for word in _UNITS[unit])
-    return re.compile(rf"(?:{names})(?:[ _/,\[(]+({spelt})[\])_]?)?", re.IGNORECASE)
 
 
 VEHICLE_CLOCK = Column(
@@ -108,25 +94,6 @@ def pauses(table: CsvTable, time_s: Array) -> tuple[str, ...]:
         f"{table.line_of_row(int(row))} "
         f"({time_s[row] - time_s[0]:.4g} s); rows are usually {1e3 * usual_s:.3g} ms apart.{asked}",
     )
-
-
-def unit_word(word: str) -> str | None:
-    """Return the unit that a word in a column's name is, None for another word."""
-    return next((unit for unit, words in _UNITS.items() if word.lower() in words), None)
-
-
-def unit_of(table: CsvTable, pattern: re.Pattern[str], column: str, given: str | None, setting: str) -> str | None:
-    """Return the unit that was given by a setting, in the column's name or by the file beside it, if any.
-
-    Raises ConfigError when the two contradict each other.
-    """
-    name = table.names[table.place(column)]
-    match = pattern.fullmatch(name)
-    word = (match.group(1) if match else None) or table.units.get(name)
-    named = None if word is None else unit_word(word)
-    if given and named and given != named:
-        raise ConfigError(f"{table.path}: column '{name}' is in {named}, but `{setting}` is {given}.")
-    return given or named
 
 
 def vehicle_us(table: CsvTable, places: Mapping[str, str], columns: Mapping[str, Array]) -> Array | None:
@@ -275,10 +242,16 @@ def time_unit_of(
     stated = unit_of(table, TIME_COLUMN.called, column, unit, "time_unit")
     if stated is not None:
         return cast(TimeUnit, stated)
-    if (other := _OTHER_UNIT.search(column)) is not None:
+    name = table.names[table.place(column)] if table.has_head and column else column
+    if (other := _OTHER_UNIT.search(name)) is not None:
         raise ConfigError(
-            f"{table.path}: column '{column}' is in '{other[1]}'; times are read in s, ms or us. Convert them, or give "
+            f"{table.path}: column '{name}' is in '{other[1]}'; times are read in s, ms or us. Convert them, or give "
             "`time_unit` where the name is wrong."
+        )
+    if _COUNTER.fullmatch(name):
+        raise ConfigError(
+            f"{table.path}: column '{name}' counts rows: give `rate_hz` (`columns` then without it), or `time_unit` "
+            "where it is a time."
         )
     step = usual_step(raw)
     fitting = _fitting(step, slowest_s)

@@ -20,19 +20,11 @@ from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
 from cfid.records.run_notes import Facts, facts_of, file_name, gaps, losses, run_at
 from cfid.records.tables.blocks import open_table
+from cfid.records.tables.column_units import column_name, unit_of
 from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema, unused_in_run
 from cfid.records.tables.stamps import stamped_rows
 from cfid.records.tables.table import Array, CsvTable
-from cfid.records.tables.times import (
-    TIME_COLUMN,
-    column_name,
-    complete_rows,
-    line_notes,
-    pauses,
-    seconds_of,
-    times_of,
-    unit_of,
-)
+from cfid.records.tables.times import TIME_COLUMN, complete_rows, line_notes, pauses, seconds_of, times_of
 from cfid.records.tables.wrench_range import Unit, Units, check_values, possible_rows
 from cfid.records.tables.wrench_status import Words, status_notes, status_words
 from cfid.wire.rdt_status import Family, family_of

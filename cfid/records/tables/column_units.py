@@ -1,0 +1,45 @@
+"""Units of columns: what names spell them, and which one a column's name, its file or a setting states."""
+
+import re
+from collections.abc import Sequence
+
+from cfid.errors import ConfigError
+from cfid.records.tables.table import CsvTable
+
+PER_SECOND: dict[str, float] = {"s": 1.0, "ms": 1e3, "us": 1e6}  # to divide by: 1e-3 and 1e-6 are not exact
+SECONDS: dict[str, float] = {unit: 1 / count for unit, count in PER_SECOND.items()}
+_UNITS: dict[str, tuple[str, ...]] = {
+    "s": ("s", "sec", "second", "seconds"),
+    "ms": ("ms", "msec", "millis", "milliseconds"),
+    "us": ("us", "µs", "μs", "usec", "micros", "microseconds"),
+    "rad": ("rad", "radian", "radians"),
+    "deg": ("deg", "degree", "degrees", "°"),
+    "n": ("n", "newton", "newtons"),
+    "nm": ("nm", "n m", "n*m", "n·m"),
+    "counts": ("counts", "count"),
+}
+
+
+def column_name(names: str, units: Sequence[str]) -> re.Pattern[str]:
+    """Return the pattern of a column's names: `t`, `t_s`, `t [s]`, `angle(deg)`, `angle, deg`, `angle__deg_`, ..."""
+    spelt = "|".join(re.escape(word) for unit in units for word in _UNITS[unit])
+    return re.compile(rf"(?:{names})(?:[ _/,\[(]+({spelt})[\])_]?)?", re.IGNORECASE)
+
+
+def unit_word(word: str) -> str | None:
+    """Return the unit that a word in a column's name is, None for another word."""
+    return next((unit for unit, words in _UNITS.items() if word.lower() in words), None)
+
+
+def unit_of(table: CsvTable, pattern: re.Pattern[str], column: str, given: str | None, setting: str) -> str | None:
+    """Return the unit that was given by a setting, in the column's name or by the file beside it, if any.
+
+    Raises ConfigError when the two contradict each other.
+    """
+    name = table.names[table.place(column)]
+    match = pattern.fullmatch(name)
+    word = (match.group(1) if match else None) or table.units.get(name)
+    named = None if word is None else unit_word(word)
+    if given and named and given != named:
+        raise ConfigError(f"{table.path}: column '{name}' is in {named}, but `{setting}` is {given}.")
+    return given or named
