@@ -23,6 +23,7 @@ _ADDRESS = re.compile(r"[A-Za-z][\w+.-]*://")
 _NAME = re.compile(r"[A-Za-z0-9_+-][A-Za-z0-9_.+ -]*")  # of a file that another computer lists: no path, nothing hidden
 _SHOWN = 100  # characters of an invalid name that a message quotes
 _SILENT_S = 20.0
+_LISTED_S = 30.0  # for the whole list of a folder, which may drip
 _LARGEST_INDEX = 1 << 24  # bytes
 _LARGEST_TEXT, _LARGEST_RECORDING = 1 << 26, 1 << 33  # bytes; of the first no more is read, of rows these are a day's
 _SLOWEST_BPS = 1000.0  # bytes a second, below any network on which somebody would wait for a recording
@@ -106,7 +107,8 @@ def _matching(word: str) -> list[str]:
             return [word.rstrip("/")]
         with _faults(word):
             files, root = _files_at(word)
-            found = [files.unstrip_protocol(one) for one in sorted(files.glob(root)) if files.isdir(one)]
+            found = [files.unstrip_protocol(one) for one in sorted(files.glob(root, **_patience(files)))]
+            found = [one for one in found if files.isdir(one, **_patience(files))]
     else:
         try:
             if not is_glob(word) or Path(word).exists():
@@ -123,10 +125,11 @@ def _matching(word: str) -> list[str]:
 def _listed(index: str) -> list[str]:
     """Return the lines of an index, relative ones as those of its folder; a line that begins with # is a comment."""
     if is_address(index):
-        with _faults(index):
+        with _faults(index), tempfile.TemporaryDirectory(prefix="cfid-fleet-") as temporary:
             files, path = _files_at(index)
-            with files.open(path, "rb") as file:
-                content: bytes = file.read(_LARGEST_INDEX)
+            here = Path(temporary) / "index"
+            files.get_file(path, str(here), callback=Arriving(_LARGEST_INDEX))
+            content = here.read_bytes()
     else:
         try:
             check_regular(Path(index))
@@ -185,9 +188,14 @@ def _limits(address: str) -> dict[str, Any]:
     return {"client_kwargs": {"timeout": aiohttp.ClientTimeout(sock_connect=_SILENT_S, sock_read=_SILENT_S)}}
 
 
+def _patience(files: Any) -> dict[str, float]:
+    """Return the setting that ends a list of a folder which takes too long, of file systems that have it."""
+    return {"timeout": _LISTED_S} if getattr(files, "async_impl", False) else {}
+
+
 def _listing(files: Any, folder: str) -> list[tuple[str, str]]:
     """Return the paths of a folder's files, each with its name; a name that leads elsewhere is left out."""
-    paths = [one["name"] for one in files.ls(f"{folder}/", detail=True) if one["type"] == "file"]
+    paths = [one["name"] for one in files.ls(f"{folder}/", detail=True, **_patience(files)) if one["type"] == "file"]
     named = [(path, PurePosixPath(unquote(path) if is_address(path) else path).name) for path in paths]
     return [(path, name) for path, name in named if _NAME.fullmatch(name)]
 
@@ -201,4 +209,6 @@ def _faults(place: str) -> Iterator[None]:
         raise
     except Exception as error:
         reason = str(error) or type(error).__name__
+        if isinstance(error, TimeoutError) and not str(error):  # as fsspec's have no words
+            reason = f"it did not answer within {_LISTED_S:.0f} s"
         raise DataError(f"{place}: cannot be read: {reason.splitlines()[0].rstrip('.')}.") from None

@@ -228,6 +228,41 @@ def test_a_file_of_a_server_that_never_ends_is_refused(tmp_path: Path) -> None:
     )
 
 
+class _Dripping(http.server.BaseHTTPRequestHandler):
+    """Sends a byte a second, whatever is asked for."""
+
+    def do_GET(self) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", "text/html")
+        self.end_headers()
+        with contextlib.suppress(OSError):  # who asked has had enough
+            while True:
+                self.wfile.write(b" ")
+                time.sleep(1)
+
+    def log_message(self, *_: object) -> None:
+        """Print nothing."""
+
+
+@pytest.mark.slow  # it waits for two limits of time
+@pytest.mark.parametrize("words", [["{}/c1"], ["{}/*"], ["--index", "{}/index.txt"]], ids=["one", "glob", "index"])
+def test_a_server_that_drips_lists_and_indices_is_left(cfid: Cfid, tmp_path: Path, words: list[str]) -> None:
+    pytest.importorskip("aiohttp", reason="fsspec's HTTP is not installed: pip install 'cfid[fleet]'")
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), _Dripping) as server:
+        server.daemon_threads = True
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        began_s = time.monotonic()
+        given = [word.format(f"http://127.0.0.1:{server.server_port}") for word in words]
+        ended = cfid("fleet", "fit", *given, "--out", tmp_path / "out", "--jobs", 1)
+        took_s = time.monotonic() - began_s
+        server.shutdown()
+        thread.join()
+    assert took_s < 100
+    assert ended.returncode == 4
+    assert "it did not answer within 30 s" in ended.stderr or "bytes in 2" in ended.stderr
+
+
 def test_a_file_that_drips_is_refused_and_a_slow_one_is_not() -> None:
     now_s = 0.0
     slow, dripping = (Arriving(1 << 26, clock=lambda: now_s) for _ in range(2))
