@@ -15,6 +15,7 @@ from cfid.errors import DataError
 from cfid.flight.model import ROW_S, STEP_S
 from cfid.records.logs.crazyflie_names import first_of, refuse_unread
 from cfid.records.logs.log import FlightLog
+from cfid.records.tables import supply
 from cfid.units import FULL_COMMAND, MOTORS
 
 Array = npt.NDArray[np.float64]
@@ -23,7 +24,6 @@ _Sensor = tuple[tuple[str, ...], tuple[float, ...], float | None]
 _COMMANDS = ("motor.m{}", "pwm.m{}_pwm", "pwm.m{}", "control.m{}")
 _VOLTS = ("pm.vbat", "pm.vbatMV")
 _LIKE_VOLTS = re.compile(r"(?:v_?bat|batt(?:ery)?|voltage)(?:\W.*|_?m?v|_?voltage)?", re.IGNORECASE)
-_VOLTS_RANGE = (1.0, 60.0)
 _WRONG_SHARE = 0.1  # of the voltage's values, below which these alone are left out
 _DOWN = (1.0, -1.0, -1.0)  # of PX4's axes: x forward, y right, z down
 _UP = (1.0, 1.0, 1.0)
@@ -140,24 +140,26 @@ def motion(log: FlightLog, at_s: Array) -> tuple[Array | None, Array | None]:
 def volts_of(log: FlightLog) -> tuple[tuple[Array, Array] | None, tuple[str, ...]]:
     """Return times and the battery's voltage (n,), None where it is not known, and sentences on what is not used.
 
-    Single values that no battery has are left out.
+    Single values that no battery has, or not beside the others, are left out.
     """
     name = first_of(log, _VOLTS)
     if name is None:
         return None, _may_be_volts(log)
     time_s, volts = log.channel(name)
     there = np.isfinite(volts)
-    wrong = there & ~((volts > _VOLTS_RANGE[0]) & (volts < _VOLTS_RANGE[1]))
+    wrong = supply.impossible(volts)
     if not there.any():
         return None, (f"'{name}' has no number: no voltage is used.",)
-    limits = f"which no battery is ({_VOLTS_RANGE[0]:g} to {_VOLTS_RANGE[1]:g} V)"
+    limits = f"which no battery is ({supply.RANGE_V[0]:g} to {supply.RANGE_V[1]:g} V)"
     if np.count_nonzero(wrong) > _WRONG_SHARE * np.count_nonzero(there):
         middle = float(np.median(volts[wrong]))
         unit = " Is it in mV? State it in the header of a table, as in pm.vbat [mV]." if middle > 1e3 else ""
         return None, (f"'{name}' is {middle:.4g} V, {limits}: no voltage is used.{unit}",)
     known = there & ~wrong
-    values = counted(int(np.count_nonzero(wrong)), "value")
-    text = f"{values} of '{name}', the first {volts[np.argmax(wrong)]:.4g} V, {limits}: left out."
+    values, first = counted(int(np.count_nonzero(wrong)), "value"), float(volts[np.argmax(wrong)])
+    if supply.RANGE_V[0] < first < supply.RANGE_V[1]:
+        limits = f"where the others are about {np.median(volts[known]):.3g} V"
+    text = f"{values} of '{name}', the first {first:.4g} V, {limits}: left out."
     return (time_s[known], volts[known]), (text,) if wrong.any() else ()
 
 

@@ -523,6 +523,20 @@ def test_single_values_that_no_battery_has_and_empty_fields_do_not_cost_the_volt
     assert not any("pm.vbat" in one.text for one in whole.findings)
 
 
+@pytest.mark.parametrize(("wrong", "count"), [(59.0, 1), (30.0, 1), (8.0, 1), (1.5, 200)])
+def test_a_voltage_that_the_others_refute_changes_nothing_and_is_named(
+    flown: tuple[Fleet, list[FlightLog]], wrong: float, count: int
+) -> None:
+    volts = np.linspace(4.1, 3.9, flown[1][0].series[0].rows)
+    whole = flight_of(with_battery(flown[1][0], "pm.vbat", volts))
+    spoilt = volts.copy()
+    spoilt[3000 : 3000 + count] = wrong
+    read = flight_of(with_battery(flown[1][0], "pm.vbat", spoilt))
+    assert read.flight.volts == pytest.approx(whole.flight.volts, abs=1e-4)
+    said = f"of 'pm.vbat', the first {wrong:g} V, where the others are about 4 V: left out."
+    assert any(said in one.text for one in read.findings)
+
+
 @pytest.mark.parametrize(
     ("name", "scale", "words"),
     [

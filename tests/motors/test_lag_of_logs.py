@@ -145,6 +145,31 @@ def test_one_command_or_speed_that_cannot_be_is_left_out_and_named(
     assert "motor.speed_poly" in result.without_rejected().quantities
 
 
+@pytest.mark.parametrize(
+    ("wrong", "begin", "count"), [(59.0, 700, 1), (12.0, 1900, 1), (8.0, 700, 1), (1.5, 900, 120), (41.0, 900, 200)]
+)
+def test_a_voltage_that_the_others_refute_is_left_out_and_named(
+    tmp_path: Path, wrong: float, begin: int, count: int
+) -> None:
+    rng, (_, command, speed) = np.random.default_rng(3), flown(1, 7, rotors=1, noise=3.0, red=0.0)
+    sag = 0.2 * np.convolve(command[0, 0], np.ones(5) / 5, mode="same")
+    volts = 4.1 - sag + rng.normal(0, 0.004, len(sag))
+    commands = np.round(65535 * command[0, 0] * 3.6 / (4.1 - sag))  # compensated: the speed does not sag
+
+    def read_with(volts: Array) -> RotorLog:
+        columns = (commands, NEXT * speed[0], volts)
+        return read(logged(tmp_path, (MOTORS[0], "rpm.m1(f)", "pm.vbat(f)"), *columns))
+
+    whole = fit(read_with(volts)).quantities
+    volts[begin : begin + count] = wrong
+    result = fit(read_with(volts))
+
+    where = f"no number in 0 and impossible in {count} of {len(volts)} rows: these are left out (the first {wrong:g} V"
+    assert any(where in one.text for one in result.findings)
+    for key in ("dynamics.rising", "dynamics.falling"):
+        assert abs(result.quantities[key].value[0] - whole[key].value[0]) < whole[key].std[0]
+
+
 def test_a_voltage_that_is_mostly_impossible_is_not_used_and_that_is_said(tmp_path: Path) -> None:
     volts = np.where(np.arange(500) < 200, 0.0, 3.9)
     log = read(logged(tmp_path, (MOTORS[0], SPEEDS[0], "pm.vbat(f)"), *np.full((2, 500), 9000), volts))

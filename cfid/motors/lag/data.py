@@ -108,7 +108,7 @@ class RotorLog:
     """A log with commands: the names of its channels, by motor, and the window of it to use.
 
     The window is in seconds since `begin_s`, the log's first row of a command. `limits` are by the names of channels of
-    which a few values are outside, and left out.
+    which a few values are outside, and left out, as are the voltages at `wrong_volts_s` (k,) since then.
     """
 
     log: FlightLog
@@ -120,6 +120,7 @@ class RotorLog:
     limits: Mapping[str, Limits]
     begin_s: float
     window: tuple[float, float]
+    wrong_volts_s: Array
     findings: tuple[Finding, ...] = ()
 
     @property
@@ -160,7 +161,7 @@ class RotorLog:
         for part in windows(self.log, names, from_s=self.begin_s + low, long_s=(high - low) / count):
             signals = {name: self._since_begin(*self._within(name, *timed)) for name, timed in part.items()}
             known = all(len(signals[name].time_s) > 1 for name in names)
-            if known and (self.volts is None or len(possible(signals[self.volts]).time_s)):
+            if known and (self.volts is None or len(self._volts(signals).time_s)):
                 self._refuse_slow(signals)
                 found = self._part(signals)
                 at_v = at_v or found.mean_v
@@ -184,12 +185,16 @@ class RotorLog:
             return Signal(time_s, value)
         return Signal(time_s, np.where(self.limits[name].outside(value), np.nan, value))
 
+    def _volts(self, signals: Mapping[str, Signal]) -> Signal:
+        assert self.volts is not None
+        return possible(signals[self.volts], self.wrong_volts_s)
+
     def _part(self, signals: Mapping[str, Signal]) -> LogPart:
         speeds = {motor: signals[name] for motor, name in self.speeds.items()}
         return LogPart(
             commands={motor: signals[name] for motor, name in self.commands.items()},
             speeds={motor: speed._replace(value=_known(speed.value)) for motor, speed in speeds.items()},
-            volts=None if self.volts is None else possible(signals[self.volts]),
+            volts=None if self.volts is None else self._volts(signals),
             acceleration=None if self.speeds or self.acceleration is None else signals[self.acceleration],
         )
 
@@ -263,12 +268,12 @@ def of_log(log: FlightLog) -> RotorLog:
             )
         if missing := counts.missing:
             faults.append(f"rotor {motor}: {missing} of {counts.rows} speeds are no numbers, and left out.")
-    missing, wrong, rows = seen.volts
+    rows, missing, wrong = seen.volts.rows, seen.volts.missing, len(seen.volts.wrong_s)
     use_volts = wrong <= _IMPOSSIBLE_SHARE * (rows - missing) and missing < rows
     if missing or wrong:
         used = "these are left out" if use_volts else f"it is not used (limit {_IMPOSSIBLE_SHARE:.0%} impossible)"
         where = f"is no number in {missing} and impossible in {wrong} of {rows} rows"
-        faults.append(f"the battery's voltage {where}: {used}.")
+        faults.append(f"the battery's voltage {where}: {used}{seen.volts.left_out()}.")
     return RotorLog(
         log=log,
         name=log.path.stem,
@@ -279,6 +284,7 @@ def of_log(log: FlightLog) -> RotorLog:
         limits=limits,
         begin_s=seen.begin_s,
         window=(0.0, np.nextafter(seen.end_s - seen.begin_s, np.inf)),
+        wrong_volts_s=seen.volts.wrong_s - seen.begin_s,
         findings=(
             *of_recording(log.path.name, (*log.notes, *faults)),
             *(note("recording", f"assumed: {text}.").at(log.path.name) for text in log.assumed),

@@ -1,19 +1,20 @@
 """What a log holds of its rotors, seen before it is fitted: when it was driven, and which values are impossible."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from cfid.large import joined
 from cfid.motors.lag.model import Signal
 from cfid.records.logs.limits import Limits
 from cfid.records.logs.log import FlightLog
 from cfid.records.logs.windows import windows
+from cfid.records.tables import supply
 
 Array = npt.NDArray[np.float64]
 
-_BATTERY_V = (1.0, 60.0)
 PART_S = 300.0  # a flight is one part, or two
 
 
@@ -42,16 +43,33 @@ class Outside(NamedTuple):
         )
 
 
-class Surveyed(NamedTuple):
-    """When a log's commands begin and end, what its speeds are, and how many voltages are no numbers or impossible.
+class Volts(NamedTuple):
+    """How many voltages there are and how many are no numbers, and when which are impossible, by the log's clock."""
 
-    The last number of `volts` is how many there are. `outside` is by the name of a channel that has limits.
+    rows: int
+    missing: int
+    wrong_s: Array
+    wrong_v: Array
+    usual_v: float
+
+    def left_out(self) -> str:
+        """Return a clause on those that are impossible, "" for none."""
+        if not len(self.wrong_v):
+            return ""
+        others = "" if np.isnan(self.usual_v) else f", where the others are about {self.usual_v:.3g} V"
+        return f" (the first {self.wrong_v[0]:.4g} V{others})"
+
+
+class Surveyed(NamedTuple):
+    """When a log's commands begin and end, and what its speeds and voltages are.
+
+    `outside` is by the name of a channel that has limits.
     """
 
     begin_s: float
     end_s: float
     speeds: Mapping[int, Counts]
-    volts: tuple[int, int, int]
+    volts: Volts
     outside: Mapping[str, Outside]
 
 
@@ -68,26 +86,37 @@ def survey(
     """
     names = [*limits, *(() if volts is None else (volts,))]
     begin_s = min(float(next(log.series_of(name).blocks())[0, 0]) for name in commands.values())
-    end_s, voltages = begin_s, np.zeros(3, np.intp)
+    end_s = begin_s
     counts = {motor: np.zeros(len(Counts._fields), np.intp) for motor in speeds}
     outside = dict.fromkeys(limits, Outside())
-    for found in windows(log, names, from_s=begin_s, long_s=PART_S):
-        end_s = max([end_s, *(float(found[name].time_s[-1]) for name in commands.values() if len(found[name].time_s))])
-        outside = {name: counts.and_of(found[name].value, limits[name]) for name, counts in outside.items()}
-        for motor, name in speeds.items():
-            (time_s, speed), driven = found[name], found[commands[motor]]
-            on = np.interp(time_s, *driven) > 0 if len(driven.time_s) else np.zeros(len(speed), bool)
-            zero, known = np.sum((speed <= 0) & on), np.sum(speed > 0)
-            counts[motor] += np.array([zero, np.sum(~np.isfinite(speed)), known, len(speed)])
-        if volts is not None:
-            voltage = found[volts].value
-            missing, kept = np.sum(~np.isfinite(voltage)), len(possible(Signal(*found[volts])).value)
-            voltages += np.array([missing, len(voltage) - missing - kept, len(voltage)])
-    whole = {motor: Counts(*map(int, count)) for motor, count in counts.items()}
-    return Surveyed(begin_s, end_s, whole, (int(voltages[0]), int(voltages[1]), int(voltages[2])), outside)
+
+    def voltages() -> Iterator[Array]:
+        """Look at everything else on the way."""
+        nonlocal end_s, outside
+        for found in windows(log, names, from_s=begin_s, long_s=PART_S):
+            ends = (float(found[name].time_s[-1]) for name in commands.values() if len(found[name].time_s))
+            end_s = max([end_s, *ends])
+            outside = {name: counts.and_of(found[name].value, limits[name]) for name, counts in outside.items()}
+            for motor, name in speeds.items():
+                (time_s, speed), driven = found[name], found[commands[motor]]
+                on = np.interp(time_s, *driven) > 0 if len(driven.time_s) else np.zeros(len(speed), bool)
+                zero, known = np.sum((speed <= 0) & on), np.sum(speed > 0)
+                counts[motor] += np.array([zero, np.sum(~np.isfinite(speed)), known, len(speed)])
+            yield np.zeros((0, 2)) if volts is None else np.column_stack(found[volts])
+
+    voltage = _volts_of(joined(voltages()))
+    return Surveyed(begin_s, end_s, {motor: Counts(*map(int, one)) for motor, one in counts.items()}, voltage, outside)
 
 
-def possible(volts: Signal) -> Signal:
-    """Return the voltages that a battery may have."""
-    possible = (volts.value > _BATTERY_V[0]) & (volts.value < _BATTERY_V[1])
+def possible(volts: Signal, wrong_s: Array) -> Signal:
+    """Return the voltages that are numbers, and not at the times (k,) of those that are wrong."""
+    possible = np.isfinite(volts.value) & ~np.isin(volts.time_s, wrong_s)
     return Signal(volts.time_s[possible], volts.value[possible])
+
+
+def _volts_of(timed: Array) -> Volts:
+    """Return what times and voltages (n, 2) show."""
+    time_s, volts = timed.T
+    wrong = supply.impossible(volts)
+    missing = int(np.count_nonzero(~np.isfinite(volts)))
+    return Volts(len(volts), missing, time_s[wrong], volts[wrong], supply.usual(volts, wrong))
