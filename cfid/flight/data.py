@@ -13,6 +13,7 @@ from cfid.flight.channels import at_rows, command_names, commands_of, forces_of,
 from cfid.flight.gyro_unit import refuse_other_unit
 from cfid.flight.model import AXES, ROW_S, ROW_STEPS, STEP_S, Flight, segments, turned_back
 from cfid.records.logs.any_kind import NO_OPTIONS, read_log
+from cfid.records.logs.hung import without_hung
 from cfid.records.logs.limits import COMMANDS, FORCES, RATES, Limits
 from cfid.records.logs.log import FlightLog
 from cfid.records.logs.run import log_of_run
@@ -100,6 +101,7 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
     rates = _possible(*rates, RATES, "gyro", spoilt)
     forces, forces_hz = forces_of(log)
     forces = _possible(*forces, FORCES, "accelerometer", spoilt)
+    (rates, forces), hung = without_hung({"gyro": rates, "accelerometer": forces})
     timed = [one[0] for one in (*commands, rates, forces)]
     begin, end = max(from_s, *(float(one[0]) for one in timed)), min(to_s, *(float(one[-1]) for one in timed))
     _check_left(end - begin, path)
@@ -152,7 +154,7 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
         findings=(
             *of_recording(path.name, log.notes),
             *(note("recording", f"assumed: {text}.").at(path.name) for text in log.assumed),
-            *(warning("recording", text).at(path.name) for text in (*spoilt, *faults, *gaps)),
+            *(warning("recording", text).at(path.name) for text in (*spoilt, *hung, *faults, *gaps)),
             *(one.at(path.name) for one in (*_between(commands[0][0]), *clipped)),
         ),
     )

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,7 @@ from tests.flight.flying import ACCELEROMETER_DELAY_S, GYRO_DELAY_S, LATE_STEPS,
 Array = npt.NDArray[np.float64]
 
 FEWEST, MOST = 0.93, 0.97
+SENSORS = tuple(f"{sensor}.{axis}" for sensor in ("gyro", "acc") for axis in "xyz")
 
 
 def body_of(vehicles: Fleet, place: int) -> Body:
@@ -502,6 +504,46 @@ def test_one_value_that_cannot_be_changes_nothing_and_is_named(
     for key in truths(vehicles, 0):
         std = whole.quantities[key].std
         assert found.quantities[key].value == pytest.approx(whole.quantities[key].value, abs=0.5 * std)
+
+
+@pytest.mark.parametrize(
+    ("names", "value"), [(("acc.z",), 0.0), (("acc.x", "acc.y", "acc.z"), 0.0), (("gyro.x",), 0.1)]
+)
+def test_a_second_in_which_a_sensor_repeats_one_value_is_left_out_and_named(
+    flown: tuple[Fleet, list[FlightLog]], names: tuple[str, ...], value: float
+) -> None:
+    vehicles, logs = flown
+    (series,) = logs[0].series
+    (rows,) = series.blocks()
+    spoilt, begin = rows.copy(), len(rows) // 2
+    for name in names:
+        spoilt[begin : begin + 500, 1 + series.place_of(name)] = value
+    read = flight_of(replace(logs[0], series=(replace(series, blocks=lambda: iter([spoilt])),)))
+    sensor = "gyro" if "gyro.x" in names else "accelerometer"
+    said = (
+        f"{sensor}: 500 rows of {len(rows)} left out in which it repeats one value while the vehicle moves (the first"
+    )
+    assert any(said in one.text for one in read.findings)
+    whole, found = (fit([one], body=body_of(vehicles, 0)) for one in (flight_of(logs[0]), read))
+    assert codes(found) == codes(whole)
+    for key in truths(vehicles, 0):
+        both = float(np.hypot(whole.quantities[key].std, found.quantities[key].std))
+        assert found.quantities[key].value == pytest.approx(whole.quantities[key].value, abs=both)
+
+
+def test_a_sensor_of_few_digits_or_at_the_end_of_its_range_or_at_rest_does_not_hang(
+    flown: tuple[Fleet, list[FlightLog]],
+) -> None:
+    (series,) = flown[1][0].series
+    (rows,) = series.blocks()
+    sensors = np.array([1 + series.place_of(name) for name in SENSORS])
+    coarse, resting = rows.copy(), rows.copy()
+    coarse[:, sensors] = np.round(rows[:, sensors] / 0.1) * 0.1
+    coarse[3000:3300, sensors[0]] = -34.9
+    resting[:900, sensors] = 0.0, 0.0, 0.0, 0.0, 0.0, 9.81
+    for one in (rows, coarse, resting):
+        read = flight_of(replace(flown[1][0], series=(replace(series, blocks=partial(iter, [one])),)))
+        assert not any("repeats one value" in finding.text for finding in read.findings)
 
 
 def with_battery(log: FlightLog, name: str, volts: Array) -> FlightLog:

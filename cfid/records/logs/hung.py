@@ -1,0 +1,55 @@
+"""Rows of a log in which a sensor of three axes repeats one value while the vehicle moves: it hung, or was not read."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.counted import counted
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Timed = tuple[Array, Array]
+
+_ROWS, _TIMES, _RARELY = 10.0, 5.0, 0.99  # times as many rows as usual, and as a share of all values takes at most
+_LONG_S = 0.05  # shorter ones change nothing
+_MOST = 0.5  # of a sensor's rows: more is how it is logged
+
+
+def without_hung(sensors: Mapping[str, Timed]) -> tuple[tuple[Timed, ...], tuple[str, ...]]:
+    """Return times (n,) and values (n, 3) of two sensors without the rows in which an axis hung, and sentences on them.
+
+    Where all axes of both repeat one value, the vehicle stands, in a simulator.
+    """
+    axes = [_repeated(*timed) for timed in sensors.values()]
+    still = [(time_s, one.all(axis=1).astype(float)) for (time_s, _), one in zip(sensors.values(), axes, strict=True)]
+    found, notes = list[Timed](), list[str]()
+    for (name, (time_s, values)), one, other in zip(sensors.items(), axes, still[::-1], strict=True):
+        wrong = one.any(axis=1) & ~(one.all(axis=1) & (np.interp(time_s, *other) > 0))
+        if np.mean(wrong) > _MOST:
+            wrong[:] = False
+        if wrong.any():
+            notes.append(
+                f"{name}: {counted(int(np.count_nonzero(wrong)), 'row')} of {len(wrong)} left out in which it repeats "
+                f"one value while the vehicle moves (the first {time_s[np.argmax(wrong)] - time_s[0]:.4g} s after its "
+                "begin): it hung, or was not read."
+            )
+        found.append((time_s[~wrong], values[~wrong]))
+    return tuple(found), tuple(notes)
+
+
+def _repeated(time_s: Array, values: Array) -> Mask:
+    """Return where values (n, 3) at times (n,) are one for long, by axis.
+
+    What an axis repeats at the end of its range it has measured. Values of few digits last longer than others.
+    """
+    return np.column_stack([_of_axis(time_s, axis) for axis in values.T])
+
+
+def _of_axis(time_s: Array, value: Array) -> Mask:
+    begins = np.concatenate([np.zeros(1, np.intp), np.flatnonzero(np.diff(value) != 0) + 1])
+    rows = np.diff(begins, append=len(value))
+    lasts_s = time_s[begins + rows - 1] - time_s[begins]
+    least = max(_ROWS * float(np.median(rows)), _TIMES * float(np.quantile(rows, _RARELY)))
+    inside = np.abs(value[begins]) < np.abs(value).max()
+    return np.repeat(inside & (rows >= least) & (lasts_s >= _LONG_S), rows)
