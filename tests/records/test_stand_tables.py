@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from cfid.errors import ConfigError, DataError
@@ -607,14 +608,19 @@ def test_a_load_cell_that_is_not_tared_does_not_make_a_standing_rotor_a_dead_sen
     assert np.isfinite(table.speeds_rad_s).all()
 
 
-def stepped_stand(change: dict[str, dict[int, float]]) -> str:
-    """Return the text of a stand's recording at 50 Hz with steps of the throttle, and values that are changed."""
+def stand_columns() -> dict[str, npt.NDArray[np.float64]]:
+    """Return columns (600,) of a stand's recording at 50 Hz with steps of the throttle."""
     step = np.repeat([1000.0, 1300, 1600, 1900, 1500, 1200], 100)
     seconds = np.arange(len(step)) / 50
     force = np.convolve(np.append(np.zeros(20), (step - 1000) ** 2 / 1e5), np.exp(-np.arange(40) / 5) / 5.5)[20:620]
-    columns = {"Time (s)": seconds, "ESC signal (µs)": step, "Thrust (N)": force, "Motor Optical Speed (RPM)": 9 * step}
+    return {"Time (s)": seconds, "ESC signal (µs)": step, "Thrust (N)": force, "Motor Optical Speed (RPM)": 9 * step}
+
+
+def stepped_stand(change: dict[str, dict[int, float]]) -> str:
+    """Return the text of a stand's recording at 50 Hz with steps of the throttle, and values that are changed."""
+    columns = stand_columns()
     for name, values in change.items():
-        columns[name] = columns[name].copy()
+        columns[name] = columns[name].copy() if name in columns else np.zeros(600)
         columns[name][list(values)] = list(values.values())
     rows = zip(*(column.tolist() for column in columns.values()), strict=True)
     return "\n".join([",".join(columns), *(",".join(map(str, row)) for row in rows), ""])
@@ -644,6 +650,47 @@ def test_single_wrong_values_of_a_stands_recording_are_left_out_and_named(tmp_pa
     assert "2 values of 'Motor Optical Speed (RPM)' off alone left out (first: 60000 in line 335)." in said
     assert "1 impossible value, the first 65535 in column 'ESC signal (µs)' (line 522)" in said
     assert "1 row whose time is off that of the rows around (first: 0 in line 422) is left out." in said
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "quantity"),
+    [
+        ("Motor Optical Speed (RPM)", 1e6, "speeds_rad_s"),
+        ("Motor Optical Speed (RPM)", 60000.0, "speeds_rad_s"),
+        ("Thrust (N)", -60.0, "thrust_n"),
+        ("Torque (N·m)", 5.0, "torque_nm"),
+        ("Voltage (V)", 59.0, "vbat_v"),
+    ],
+)
+def test_several_values_in_a_row_that_no_rotor_shows_are_left_out_and_named(
+    tmp_path: Path, name: str, value: float, quantity: str
+) -> None:
+    path, noise = tmp_path / "stand.csv", np.random.default_rng(3).normal(0, 1.0, 600)
+    torque = {at: 0.01 * (1 + at // 100) + 2e-4 * noise[at] for at in range(600)}
+    volts = {at: 12 - 0.3 * (at // 100) + 0.01 * noise[at] for at in range(600)}
+    more = {"Torque (N·m)": torque, "Voltage (V)": volts}
+    whole = {name: dict(zip(range(600), values, strict=True)) for name, values in stand_columns().items()} | more
+    whole[name] = whole[name] | dict.fromkeys(range(420, 425), value)
+    path.write_text(stepped_stand(whole))
+    table = read_stand_table(path)
+
+    found = np.asarray(getattr(table, quantity)).reshape(600, -1)[:, 0]
+    assert np.flatnonzero(np.isnan(found)).tolist() == list(range(420, 425))
+    said = f"5 values of '{name}' far beyond the others left out (first: {value:g} in line 422)."
+    assert any(said in one.text for one in table.findings)
+
+
+def test_a_motor_that_idles_but_for_a_moment_keeps_what_it_shows_then(tmp_path: Path) -> None:
+    path, rng = tmp_path / "stand.csv", np.random.default_rng(3)
+    throttle = np.full(6000, 1000.0)
+    throttle[3000:3040] = 1900.0
+    thrust = np.convolve(throttle - 1000, np.exp(-np.arange(30) / 5) / 5.5)[:6000] / 100
+    torque = 0.01 * thrust + 0.05 * np.append(0, np.diff(thrust)) + rng.normal(0, 1e-5, 6000)
+    volts = 12 - 0.3 * thrust + rng.normal(0, 0.01, 6000)
+    rows = zip(np.arange(6000) / 50, throttle, thrust + rng.normal(0, 1e-3, 6000), torque, volts, strict=True)
+    head = "Time (s),ESC signal (µs),Thrust (N),Torque (N·m),Voltage (V)"
+    path.write_text("\n".join([head, *(",".join(map(str, row)) for row in rows), ""]))
+    assert "left out" not in " ".join(one.text for one in read_stand_table(path).findings)
 
 
 def test_a_throttle_that_jumps_for_one_row_makes_no_wrong_value_of_what_follows_it(tmp_path: Path) -> None:

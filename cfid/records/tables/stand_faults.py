@@ -1,25 +1,31 @@
-"""Measurements of a motor's recording that no rotor makes: single ones that stand off alone, a sensor that hangs."""
+"""Measurements of a motor's recording that no rotor makes: far ones, lone ones off the others, a sensor that hangs."""
 
 import numpy as np
 import numpy.typing as npt
 
 from cfid.counted import counted
-from cfid.records.tables.lone import Rows, spikes_in
+from cfid.large import parts
+from cfid.records.tables import supply
+from cfid.records.tables.lone import MOST_SHARE, Rows, spikes_in
 from cfid.records.tables.stand_columns import Found
 from cfid.records.tables.table import Array, CsvTable
 
 _MEASURED = ("thrust_n", "torque_nm", "vbat_v", "speeds_rad_s")
 _FOLLOWS = ("thrust_n", "torque_nm", "speeds_rad_s")  # a change of the command
+# How many times what is usual at any command a value may be. A rotor that is sped up takes several times its torque.
+_MOST_TIMES = {"thrust_n": 5.0, "torque_nm": 10.0, "speeds_rad_s": 3.0}
+_USUAL, _LEVELS = 0.98, 20  # of all values; parts of the range of the command
+_RANKED = 1_000_000  # values that show what is usual
 _HUNG, _LATE = 10, 5  # times as many rows of one value as usual, and rows of them that follow a change of the command
 
 
 def without_faults(
     table: CsvTable, found: Found, command: Array, order: npt.NDArray[np.intp] | None
 ) -> tuple[str, ...]:
-    """Set single measurements off those before and after to nan, and those of a sensor that hangs; return notes.
+    """Set single measurements off those before and after to nan, far ones, and those of a sensor that hangs.
 
-    A command (n,) that jumps off and back for as long explains a single one. A sensor hangs that repeats one value
-    while the command changes, but for a motor that stands. `order` is that of the rows.
+    Return notes. A command (n,) that jumps off and back for as long explains a single one. A sensor hangs that repeats
+    one value while the command changes, but for a motor that stands. `order` is that of the rows.
     """
     commanded = spikes_in(command)
     notes = []
@@ -28,13 +34,36 @@ def without_faults(
         for name, value in zip(columns.names, columns.raw.T, strict=True) if columns else ():
             lone = np.setdiff1d(spikes_in(value), np.concatenate([commanded, commanded + 1]))
             hung = _hung(value, command) if quantity in _FOLLOWS else lone[:0]
-            for places, what in ((lone, "off alone"), (hung, "that repeat the one before while the command changes")):
+            far = np.setdiff1d(_far(quantity, value, command), lone)
+            for places, what in (
+                (lone, "off alone"),
+                (far, "far beyond the others"),
+                (hung, "that repeat the one before while the command changes"),
+            ):
                 if len(places):
                     row = int(places[0] if order is None else order[places[0]])
                     first = f"first: {value[places[0]]:g} in line {table.line_of_row(row)}"
                     notes.append(f"{counted(len(places), 'value')} of '{name}' {what} left out ({first}).")
-            value[np.union1d(lone, hung)] = np.nan
+            value[np.concatenate([lone, far, hung])] = np.nan
     return tuple(notes)
+
+
+def _far(quantity: str, value: Array, command: Array) -> Rows:
+    """Return the places of values (n,) that jump off what their supply has, or far exceed what any command (n,) gives.
+
+    Of the latter more than one in a hundred are no faults.
+    """
+    if quantity not in _MOST_TIMES:
+        known = np.flatnonzero(np.isfinite(value))
+        return known[supply.displaced(value[known])]
+    some = slice(None, None, len(value) // _RANKED + 1)
+    seen = np.isfinite(value[some])
+    size, drive = np.abs(value[some][seen]), np.nan_to_num(command[some][seen])
+    level = np.floor(_LEVELS * drive / max(float(drive.max(initial=0.0)), 1.0))
+    usual = [float(np.median(size[level == one])) for one in np.unique(level)]
+    limit = _MOST_TIMES[quantity] * max([*usual, float(np.quantile(size, _USUAL)) if len(size) else 0.0])
+    far = np.concatenate([part.start + np.flatnonzero(np.abs(value[part]) > limit) for part in parts(len(value))])
+    return far if len(far) <= MOST_SHARE * len(value) else far[:0]
 
 
 def _hung(value: Array, command: Array) -> Rows:

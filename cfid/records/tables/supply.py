@@ -22,27 +22,20 @@ def impossible(volts: Array) -> Mask:
     """Return which voltages (n,) of a recording are numbers that its supply cannot have had at that time."""
     found = np.isfinite(volts) & ~((volts > RANGE_V[0]) & (volts < RANGE_V[1]))
     possible = np.isfinite(volts) & ~found
-    found[possible] = _displaced(chosen_rows(volts, possible))
+    found[possible] = displaced(chosen_rows(volts, possible))
     return found
 
 
-def usual(volts: Array, wrong: Mask) -> float:
-    """Return the median of the voltages (n,) that are possible, nan where there is none."""
-    some = slice(None, None, len(volts) // _RANKED + 1)
-    values = volts[some][np.isfinite(volts[some]) & ~wrong[some]]
-    return float(np.median(values)) if len(values) else np.nan
-
-
-def _displaced(volts: Array) -> Mask:
+def displaced(volts: Array) -> Mask:
     """Return which voltages (n,) are those of stretches that jump off the others, never near the median, and back.
 
-    The few before the first jump, or behind the last one, need not come from anywhere or go back.
+    All are numbers. The few before the first jump, or behind the last one, need not come from anywhere or go back.
     """
     middle = usual(volts, np.zeros(len(volts), bool))
     limit = _JUMP * middle
     jumps = [begin + 1 + np.flatnonzero(np.abs(step) > limit) for begin, step in differences(volts)]
     begins = np.concatenate([np.zeros(1, np.intp), *jumps])
-    if len(begins) == 1:
+    if len(begins) == 1 or not middle > 0:
         return np.zeros(len(volts), bool)
     lengths = np.diff(begins, append=len(volts))
     near = np.concatenate([np.abs(volts[part] - middle) <= limit for part in parts(len(volts))])
@@ -56,3 +49,10 @@ def _displaced(volts: Array) -> Mask:
     if lengths[off].sum() > _MOST * len(volts):
         off[:] = False
     return np.repeat(off, lengths)
+
+
+def usual(volts: Array, wrong: Mask) -> float:
+    """Return the median of the voltages (n,) that are possible, nan where there is none."""
+    some = slice(None, None, len(volts) // _RANKED + 1)
+    values = volts[some][np.isfinite(volts[some]) & ~wrong[some]]
+    return float(np.median(values)) if len(values) else np.nan
