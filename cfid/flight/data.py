@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, note, of_recording, rejection, warning
+from cfid.flight.airborne import EDGE_S, in_air, late, without_touches
 from cfid.flight.channels import at_rows, command_names, commands_of, forces_of, held, motion, rates_of, volts_of
 from cfid.flight.gyro_unit import refuse_other_unit
 from cfid.flight.model import AXES, ROW_S, ROW_STEPS, STEP_S, Flight, segments, turned_back
@@ -28,17 +29,8 @@ _SLOWEST_S = 0.021  # between rows of a sensor: slower, rates change unseen
 _OTHER_UNIT_S = 0.5  # between rows, which is 1000 times what autopilots log at most
 _AVERAGED_S = ROW_S / 2  # between rows of a sensor, below which they are averaged
 _CLOSE_S = 0.005  # between commands: farther apart, those of an autopilot are guessed
-_LIFTED = 0.8  # of the median sum of squared drives, above which the vehicle is in the air
-_EDGE_S = 1.0  # from there on, and before its end: the ground's air, and touching it
 _WEIGHT = (0.2, 5.0)  # of gravity, which a median specific force is nearly: beyond, its unit is another
-_CRASH_MPS2 = 60.0
-_FORGOTTEN_S = 0.2  # in which thrust follows commands: their mean, less than half that of flight, carries nothing then
-_IDLING = 0.05  # of the largest sum of squared drives: less carries nothing, however long motors idle
-_UNCARRIED, _HELD = 0.5, 0.8  # of the sum of squared drives in flight, and of gravity: what holds it is the ground
-_STANDING_S = 0.1  # for which that has to last: blows are shorter
-_STRUCK_S = 0.5  # around such a specific force
 _SETTLING_S = 0.3  # after a motor left its range, in which rotors forget it
-_TURNED = 34.0  # rad/s, near the range of the gyro, 2000 deg/s
 _MOST_S = 600.0
 _FEWEST = 500  # rows: 5 s, that a gyro has to show of the turning about an axis
 _AT_END_S = 2 * ROW_S  # around a gyro's end of range, in which a row's mean has a part of it
@@ -123,9 +115,11 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
     _check_weight(force[running], path)
     refuse_other_unit(log, *rates, np.interp(rates[0], row_s, running) == 1)
     unseen, gaps = _unseen(timed, row_s)
-    airborne = _airborne(share, force, spun) & ~unseen
+    airborne, touches = without_touches(
+        in_air(share, force, spun) & ~unseen, command, force[:, 2], begin_s=begin - float(first[0])
+    )
     within = ~unseen & ((share > DEAD_COMMAND) & (share < FULL_COMMAND)).all(axis=1)
-    driven = airborne & ~_late(np.asarray(~within), _SETTLING_S)
+    driven = airborne & ~late(np.asarray(~within), _SETTLING_S)
     beyond, clipped = _beyond(*rates, row_s, driven)
     by_command = Flight(
         name=path.stem,
@@ -155,7 +149,7 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
             *of_recording(path.name, log.notes),
             *(note("recording", f"assumed: {text}.").at(path.name) for text in log.assumed),
             *(warning("recording", text).at(path.name) for text in (*spoilt, *hung, *faults, *gaps)),
-            *(one.at(path.name) for one in (*_between(commands[0][0]), *clipped)),
+            *(one.at(path.name) for one in (*_between(commands[0][0]), *touches, *clipped)),
         ),
     )
 
@@ -244,8 +238,8 @@ def _window(time_s: Array, path: Path, from_s: float, to_s: float) -> tuple[floa
 
 
 def _check_left(left_s: float, path: Path) -> None:
-    if not left_s > 2 * _EDGE_S:
-        raise ConfigError(f"{path}: {max(left_s, 0.0):.3g} s are left of the log (limit {2 * _EDGE_S:g} s).")
+    if not left_s > 2 * EDGE_S:
+        raise ConfigError(f"{path}: {max(left_s, 0.0):.3g} s are left of the log (limit {2 * EDGE_S:g} s).")
 
 
 def _check_weight(force: Array, path: Path) -> None:
@@ -264,57 +258,3 @@ def _check_weight(force: Array, path: Path) -> None:
             f"{path}: the acceleration along z is {np.median(force[:, 2]):.2g} m/s^2 while motors run, and a flight "
             "has +9.8: z points down in this log. Turn the axes to x forward, y left, z up."
         )
-
-
-def _airborne(command: Array, force: Array, rates: Array) -> Mask:
-    """Return the rows (m,) in the air: under a thrust that carries, away from the ground, and not struck.
-
-    Between hops and in landings the ground carries the vehicle, whether its motors idle or stand.
-    """
-    lift = np.sum(command**2, axis=1)
-    carried = lift > _LIFTED * _usual(lift)
-    count = round(_EDGE_S / ROW_S)
-    flown = np.zeros(len(lift), bool)
-    if carried.any():
-        flown[np.argmax(carried) + count : len(carried) - np.argmax(carried[::-1]) - count] = True
-    running = (command > 0).all(axis=1)
-    struck = np.linalg.norm(force, axis=1) > _CRASH_MPS2
-    wild = (np.abs(rates) > _TURNED).any(axis=1)
-    flown &= ~_around(_standing(lift, force), _EDGE_S)
-    return np.asarray(flown & running & ~_around(struck | wild, _STRUCK_S))
-
-
-def _usual(lift: Array) -> float:
-    """Return the median of sums of squared drives (m,) in flight: most rows between idling and full command fly."""
-    running = lift[lift > 0]
-    if not len(running):
-        return np.inf
-    return float(np.median(running[running > _IDLING * running.max()]))
-
-
-def _standing(lift: Array, force: Array) -> Mask:
-    """Return the rows (m,) at which the vehicle is held by the ground: it weighs, and its rotors do not carry it.
-
-    `lift` (m,) is the sum of squared drives. In the air rotors that do not carry let the specific force fall as well.
-    """
-    count = round(_FORGOTTEN_S / ROW_S)
-    total = np.cumsum(np.concatenate([[0.0], lift]))
-    begin = np.maximum(np.arange(len(lift)) - count, 0)
-    recent = (total[1:] - total[begin]) / (np.arange(len(lift)) + 1 - begin)
-    held = (recent < _UNCARRIED * _usual(lift)) & (force[:, 2] > _HELD * USUAL_GRAVITY_MPS2)
-    standing = np.zeros(len(lift), bool)
-    for part in segments(held, round(_STANDING_S / ROW_S)):
-        standing[part] = True
-    return standing
-
-
-def _around(mask: Mask, for_s: float) -> Mask:
-    """Return rows (m,) that are marked, and those for a time before and after them."""
-    return np.asarray(_late(_late(mask, for_s)[::-1], for_s)[::-1])
-
-
-def _late(mask: Mask, for_s: float) -> Mask:
-    """Return rows (m,) that are marked, and those for a time after them."""
-    count = round(for_s / ROW_S)
-    total = np.cumsum(np.concatenate([[0], mask.astype(int)]))
-    return np.asarray(total[1:] - total[np.maximum(np.arange(len(mask)) - count, 0)] > 0)

@@ -94,7 +94,7 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
     if rows < _FEWEST:
         raise FitError(
             f"{rows / 100:.1f} s in the air with every motor within its range (limit {_FEWEST / 100:g} s): the vehicle "
-            "has to fly for longer, or lower its thrust."
+            "has to fly for longer without touching anything, or lower its thrust."
         )
     equations = Equations([equations_of(flight) for flight in flown])
     equations, result = _settled(equations, _start(equations))

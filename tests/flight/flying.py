@@ -22,6 +22,7 @@ STEP = 0.002
 LATE_STEPS = 2  # between a command and the rotor's motion towards it
 GYRO_HZ, ACCELEROMETER_HZ = 80.0, 30.0  # of second-order low-pass filters
 GYRO_DELAY_S, ACCELEROMETER_DELAY_S = (STEP / 2**0.5 / np.tan(np.pi * hz * STEP) for hz in (GYRO_HZ, ACCELEROMETER_HZ))
+PUSH_MPS2, PUSHED_M = 20.0, 1e-3  # of the ground at a touch, and how far off the middle it pushes
 SAG = 0.04  # of the thrust, from a flight's begin to its end
 # Motor 1 to 4: front right, rear right, rear left, front left; x forward, y left; 1 turns counterclockwise from above.
 X, Y, TURNS = np.array([1, -1, -1, 1.0]), np.array([-1, -1, 1, 1.0]), np.array([1, -1, 1, -1.0])
@@ -75,12 +76,13 @@ def fly(
     inflow: float = 0.0,
     late_steps: int = LATE_STEPS,
     with_volts: bool = False,
+    touches_s: tuple[float, ...] = (),
 ) -> list[FlightLog]:
     """Return a log of each vehicle at 500 Hz; one that hovers has no manoeuvres. `noise` is the share of the usual.
 
     `load_sag` is the share of its voltage that the battery loses under the thrust of hovering, 4 V being left, which
     the log has `with_volts`. Commands act `late_steps` later, the voltage at once. `inflow` is the share of thrust that
-    a climb of 1 m/s along the rotors' axis takes.
+    a climb of 1 m/s along the rotors' axis takes. The ground pushes for 0.1 s from `touches_s` on, off the middle.
     """
     count, steps = len(vehicles.mass), int(seconds / STEP)
     level = _level(vehicles)
@@ -102,6 +104,10 @@ def fly(
         thrust = thrust * taken
         force = force_wind - vehicles.braking[:, None] * at
         force[:, 2] += thrust.sum(axis=1) / vehicles.mass
+        push = sum(
+            PUSH_MPS2 * max(np.sin(np.pi * min(max(STEP * step - at_s, 0.0) / 0.1, 1.0)), 0.0) for at_s in touches_s
+        )
+        force[:, 2] += push
         shown = gyro(rates + bias[0] + rng.normal(0, 0.04 * noise, (count, 3)))
         rows[step, :, 4:7] = shown
         rows[step, :, 7:10] = accelerometer(force + bias[1] + rng.normal(0, 0.5 * noise, (count, 3)))
@@ -126,6 +132,7 @@ def fly(
                 -vehicles.torque * (middle @ TURNS) - 2e-8 * (spun_up @ TURNS),
             ]
         )
+        turning[:, :2] += (vehicles.mass * push * PUSHED_M)[:, None] * [1, -1]
         turning += vehicles.moments * (torque_wind - [1.5, 1.5, 0.5] * rates)
         turning -= np.cross(rates, vehicles.moments * rates)
         before = rates

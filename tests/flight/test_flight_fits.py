@@ -182,6 +182,33 @@ def test_hops_with_a_rest_between_them_are_fitted_without_it(
     assert max(map(abs, errors.values())) < 3.5
 
 
+def test_short_touches_of_the_ground_are_left_out_and_named() -> None:
+    """They counted as flight: one of 0.25 s refused it and advised to climb, one of 0.07 s made moments 3 % small."""
+    rng = np.random.default_rng(4)
+    vehicles = fleet(2, rng)
+    for place, log in enumerate(fly(vehicles, rng, seconds=24.0, wind=0.2, touches_s=(9.0, 16.0))):
+        read = flight_of(log)
+        (found,) = [one for one in read.findings if one.code == "flight-touched"]
+        assert found.severity == "warning"
+        assert re.search(
+            r"pushed up at 9\.0\d and 16\.0\d s, by up to (1\d|2\d) m/s\^2 more than its rotors", found.text
+        )
+        at_s = read.flight.time_s
+        near = (np.abs(at_s - 9.05) < 1.0) | (np.abs(at_s - 16.05) < 1.0)
+        assert not read.flight.airborne[near].any()
+        assert read.in_air_s > 24.0 - 2 * 1.0 - 2 * 2.3
+        result, expected = fit([read], body=body_of(vehicles, place)), truths(vehicles, place)
+        assert max(map(abs, errors_in_std(result, expected).values())) < 3.5
+        assert max(abs(result.quantities[key].value / expected[key] - 1) for key in expected if "inertia" in key) < 0.02
+
+
+@pytest.mark.parametrize("changed", [{}, {"wind": 3.0}, {"inflow": 0.08, "load_sag": 0.08}, {"noise": 3.0}])
+def test_gusts_and_quick_manoeuvres_are_no_touches(changed: dict[str, float]) -> None:
+    rng = np.random.default_rng(7)
+    for log in fly(fleet(4, rng), rng, seconds=18.0, **changed):  # type: ignore[arg-type]
+        assert "flight-touched" not in [one.code for one in flight_of(log).findings]
+
+
 @pytest.mark.parametrize(("late_s", "when"), [(-0.030, "before"), (0.060, "after")])
 def test_a_gyro_whose_times_are_not_those_of_the_commands_is_refused(
     flown: tuple[Fleet, list[FlightLog]], late_s: float, when: str
