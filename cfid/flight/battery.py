@@ -1,13 +1,14 @@
 """What a battery's voltage that is recorded late, smoothed or rarely leaves out of its sag under load.
 
-A battery gives way within milliseconds of its rotors' load. The load is taken as a sum, neither part negative, of
-squares of the commands and of the drives that follow them with the rotors' lag. The record is what is left of
+A battery gives way within milliseconds of its rotors' load, and by up to as much again within 1.5 s. The load is taken
+as a sum, no part negative, of squares of the commands, of the drives that follow them with the rotors' lag, and of
+these with what follows them as slowly. The record is what is left of
 
     volts = what changes within 5 s and slower - load
 
-after a first-order low-pass at the times of its samples. What these take from the load is put back. A brushed motor's
-current overshoots, which nearly undoes a smoothing as short as the rotors' lag: the less the smoothing exceeds that,
-the less is known of what it takes.
+after a first-order low-pass, or a delay, at the times of its samples. What these take from the load is put back. A
+brushed motor's current overshoots, which nearly undoes a smoothing as short as the rotors' lag: the less the smoothing
+or the delay exceeds that, the less is known of what it takes.
 """
 
 import math
@@ -31,6 +32,8 @@ Array = npt.NDArray[np.float64]
 
 _LATE_S = 0.01  # half the samples' distance and the smoothing together: moments err by 0.3 % at most, and no more
 _SMOOTHED_S = (0.0, *(0.003 * 1.1**power for power in range(60)))  # up to 0.83 s: more shows no load of manoeuvres
+_DELAYED_S = tuple(0.005 * count for count in range(1, 41))  # up to 0.2 s
+_RELAXING_S = 1.5  # in which a cell gives way further: without that, a smoothing of 0.2 s passed for one of 0.29 s
 _SHOWN = 0.5  # of the variance within 5 s, that the load has to explain
 _HIDDEN = 0.003  # of the voltage, that a record which does not show the load may leave out: moments err by 0.6 %
 _MEAN_S = 0.02  # over which samples are averaged: noise of 20 mV in rows of 2 ms hides the load
@@ -38,6 +41,7 @@ _FEWEST = 60  # samples
 _APART_S = 0.25  # between samples: manoeuvres of half a second show in fewer by chance
 _QUICK = 0.05  # of the times between changes, the quantile that is the time between samples
 _SINGLE = 1.5  # rows: changes that are closer are in each row
+_UNEVEN = 0.15  # of the time between samples, that changes are off its multiples in the mean; by chance it is 0.25
 _LESS = 0.85  # of what no smoothing leaves unexplained, that one has to leave at most: 20 ms of another load leave 0.9
 _SAMPLED_STD = 0.2  # of the sag between samples; currents that overshoot leave a seventh of it out
 _SMOOTHED_STD = 0.3  # of the sag that a long smoothing takes; currents that overshoot leave up to 0.4 of it out
@@ -52,14 +56,35 @@ class Record(NamedTuple):
     apart_s: float
 
 
-class Shown(NamedTuple):
-    """What a record shows of the load: its smoothing, and how much of its variance the load explains.
+class Path(NamedTuple):
+    """What is between a load and its record: a low-pass of a time constant, or a delay."""
 
-    `hidden_v` is what the smoothing that suits it best takes, however little better that suits than none.
-    `between` (n,) and `taken` (n,) are what is missing at the drives, between its samples and by its smoothing.
+    smoothed_s: float = 0.0
+    late_s: float = 0.0
+
+    @property
+    def whole_s(self) -> float:
+        """By how much the record of slow changes is late."""
+        return self.smoothed_s + self.late_s
+
+    @property
+    def longest(self) -> bool:
+        """Whether it is the longest that is looked for, so that it may be longer."""
+        return self.smoothed_s == _SMOOTHED_S[-1] or self.late_s == _DELAYED_S[-1]
+
+    def of(self, loads: Array) -> Array:
+        """Return what is recorded of loads (n, p)."""
+        return delayed(_smoothed(loads, self.smoothed_s), self.late_s)
+
+
+class Shown(NamedTuple):
+    """What a record shows of the load: what is between the two, and how much of its variance the load explains.
+
+    `hidden_v` is what the path that suits it best takes, however little better that suits than none. `between` (n,) and
+    `taken` (n,) are what is missing at the drives, between its samples and by its path.
     """
 
-    smoothed_s: float
+    path: Path
     explained: float
     hidden_v: float
     between: Array
@@ -96,14 +121,14 @@ def _whole(flown: FlownLog, found: FlightFit) -> tuple[FlownLog | None, Finding 
     if shown is None or shown.explained < _SHOWN:
         hides = record.apart_s / 2 > _LATE_S or (shown is not None and shown.hidden_v > _HIDDEN * np.mean(record.volts))
         return (None, _unusable(record)) if hides else (flown, None)
-    if shown.smoothed_s == _SMOOTHED_S[-1]:
+    if shown.path.longest:
         return None, _unusable(record)
-    if record.apart_s / 2 + shown.smoothed_s <= _LATE_S:
+    if record.apart_s / 2 + shown.path.whole_s <= _LATE_S:
         return flown, None
     at_s, missing = _middles_s(flown), shown.between + shown.taken
     volts = np.interp(at_s, record.time_s, record.volts) + missing
     lead_s = _LEAD * sum(found.lag) / 2
-    taken_std = max(lead_s / max(shown.smoothed_s, lead_s), _SMOOTHED_STD)
+    taken_std = max(lead_s / max(shown.path.whole_s, lead_s), _SMOOTHED_STD)
     volts_std = _SAMPLED_STD * shown.between + taken_std * shown.taken
     drive = flown.by_command.drive * volts[:, np.newaxis]
     flight = replace(flown.flight, drive=drive, volts=volts, volts_std=volts_std)
@@ -113,19 +138,24 @@ def _whole(flown: FlownLog, found: FlightFit) -> tuple[FlownLog | None, Finding 
 
 
 def _sampled(time_s: Array, volts: Array) -> Record:
-    """Return the samples of a voltage (k,) that rows may repeat: those at which it changes, where these are apart."""
+    """Return the samples of a voltage (k,) that rows may repeat: those at which it changes, where these are apart.
+
+    A voltage in steps that changes slowly is alike in many rows as well, but not for multiples of one time.
+    """
     row_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else math.inf
     changes = np.flatnonzero(np.diff(volts)) + 1
     if len(changes) < 2:
         return Record(time_s[:1], volts[:1], math.inf)
-    apart_s = float(np.quantile(np.diff(time_s[changes]), _QUICK))
-    if apart_s < _SINGLE * row_s:
+    gone_s = np.diff(time_s[changes])
+    apart_s = float(np.quantile(gone_s, _QUICK))
+    uneven = float(np.mean(np.abs(gone_s / apart_s - np.round(gone_s / apart_s))))
+    if apart_s < _SINGLE * row_s or uneven > _UNEVEN:
         return Record(time_s, volts, row_s)
     return Record(time_s[changes], volts[changes], apart_s)
 
 
 def _shown(flown: FlownLog, record: Record, found: FlightFit) -> Shown | None:
-    """Return what a record shows of the load with the smoothing that suits it best; None where too few samples flew."""
+    """Return what a record shows of the load with the path that suits it best; None where too few samples flew."""
     flight, at_s = flown.by_command, _middles_s(flown)
     in_air = np.interp(record.time_s, flight.time_s, flight.airborne.astype(float), left=0.0, right=0.0) == 1.0
     time_s, volts = record.time_s[in_air], record.volts[in_air]
@@ -139,29 +169,37 @@ def _shown(flown: FlownLog, record: Record, found: FlightFit) -> Shown | None:
     basis, loads = np.linalg.qr(slow)[0], _loads(flown, found)
     left = volts - basis @ (basis.T @ volts)
 
-    def explaining(smoothed_s: float) -> tuple[float, Array]:
-        """Return the part of the variance that smoothed loads leave unexplained, and their factors (2,)."""
-        columns = [np.interp(at_samples_s, at_s, column) for column in _smoothed(loads, smoothed_s).T]
-        smooth = block_means(np.array(columns), length=length).T
-        factors, error = nnls(smooth - basis @ (basis.T @ smooth), -left)
+    def explaining(path: Path) -> tuple[float, Array]:
+        """Return the part of the variance that what is recorded of loads leaves unexplained, and their factors (p,)."""
+        columns = [np.interp(at_samples_s, at_s, column) for column in path.of(loads).T]
+        means = block_means(np.array(columns), length=length).T
+        factors, error = nnls(means - basis @ (basis.T @ means), -left)
         return error**2 / max(float(left @ left), 1e-300), np.asarray(factors)
 
-    best_s = min(_SMOOTHED_S, key=lambda each: explaining(each)[0])
-    hidden = (_smoothed(loads, best_s) - loads) @ explaining(best_s)[1]
-    smoothed_s = best_s if explaining(best_s)[0] <= _LESS * explaining(0.0)[0] else 0.0
-    unexplained, factors = explaining(smoothed_s)
-    smooth, load = _smoothed(loads, smoothed_s) @ factors, loads @ factors
-    recorded = np.interp(at_s, record.time_s, np.interp(record.time_s, at_s, smooth))
+    def unexplained(path: Path) -> float:
+        return explaining(path)[0]
+
+    smoothing = min((Path(smoothed_s=each) for each in _SMOOTHED_S), key=unexplained)
+    delay = min((Path(late_s=each) for each in _DELAYED_S), key=unexplained)
+    best = delay if unexplained(delay) <= _LESS * unexplained(smoothing) else smoothing
+    hidden = (best.of(loads) - loads) @ explaining(best)[1]
+    path = best if unexplained(best) <= _LESS * unexplained(Path()) else Path()
+    left_over, factors = explaining(path)
+    there, load = path.of(loads) @ factors, loads @ factors
+    recorded = np.interp(at_s, record.time_s, np.interp(record.time_s, at_s, there))
     hidden_v = float(np.std(hidden[flown.flight.step_driven]))
-    return Shown(smoothed_s, 1 - unexplained, hidden_v, recorded - smooth, smooth - load)
+    return Shown(path, 1 - left_over, hidden_v, recorded - there, there - load)
 
 
 def _loads(flown: FlownLog, found: FlightFit) -> Array:
-    """Return the load (n, 2) but for factors: squares of commands, and of what follows them with the rotors' lag."""
+    """Return the load (n, 3) but for factors: squares of commands, of what follows them with the rotors' lag, and these
+    with as much again as a cell relaxes, which never does so without giving way at once.
+    """
     command = flown.by_command.drive
     delay_s = max(float(found.values[3]) - filtering_s(flown.flight.low_pass_hz[1]), 0.0)
     late = delayed(found.lag.follow(command), delay_s)
-    return np.column_stack([np.sum(delayed(command, delay_s) ** 2, axis=1), np.sum(late**2, axis=1)])
+    quick = np.column_stack([np.sum(delayed(command, delay_s) ** 2, axis=1), np.sum(late**2, axis=1)])
+    return np.column_stack([quick, quick[:, 1:] + _smoothed(quick[:, 1:], _RELAXING_S)])
 
 
 def _middles_s(flown: FlownLog) -> Array:
@@ -180,7 +218,7 @@ def _late(record: Record, shown: Shown, missing: Array, volts_std: Array) -> Fin
     """Name what is missing (k,) in a record while the rotors are driven, in V, and how uncertain it is."""
     left_v, std_v = float(np.std(missing)), float(np.std(volts_std))
     text = (
-        f"the battery's voltage is {_described(record, shown.smoothed_s)}: it leaves out {left_v:.2g} V rms of the sag "
+        f"the battery's voltage is {_described(record, shown.path)}: it leaves out {left_v:.2g} V rms of the sag "
         "under load, which is added from the commands in proportion to the sag that it shows. The uncertainties "
         f"contain {std_v:.1g} V rms for that. Log pm.vbat at 100 Hz or more, not smoothed."
     )
@@ -196,7 +234,8 @@ def _unusable(record: Record) -> Finding:
     return warning("flight-voltage-not-used", text, *MOMENTS.values())
 
 
-def _described(record: Record, smoothed_s: float) -> str:
+def _described(record: Record, path: Path) -> str:
     apart = f"new every {1e3 * record.apart_s:.0f} ms" if record.apart_s / 2 > _LATE_S / 2 else ""
-    smoothed = f"smoothed by {1e3 * smoothed_s:.0f} ms" if smoothed_s > _LATE_S / 2 else ""
-    return " and ".join(word for word in (apart, smoothed) if word)
+    smoothed = f"smoothed by {1e3 * path.smoothed_s:.0f} ms" if path.smoothed_s > _LATE_S / 2 else ""
+    late = f"{1e3 * path.late_s:.0f} ms late" if path.late_s else ""
+    return " and ".join(word for word in (apart, smoothed, late) if word)
