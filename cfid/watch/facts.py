@@ -44,8 +44,8 @@ def _of_run(run: LiveRun) -> Iterator[tuple[str, str, bool]]:
     if header.verdict is not None and header.state != "failed":  # of a failed run it is the reason
         usable = header.verdict.usable
         yield "verdict", header.verdict.text if usable else f"not usable: {header.verdict.text}", not usable
-    if run.driven is not None:
-        yield "the button stops", run.driven, False
+    if driven := run.driven:
+        yield "the button stops", ", ".join(driven), False
     left_s = run.left_s
     lasted = f"{clock(run.now_s)} min" + ("" if left_s is None else f", {clock(left_s)} min left")
     yield "time", lasted, False

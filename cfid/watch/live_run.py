@@ -12,10 +12,11 @@ import numpy.typing as npt
 from cfid.errors import DataError
 from cfid.motors.plan import StaircasePlan
 from cfid.records.run import RUN_FILE, DeviceRecord, Run, RunHeader, read_run
-from cfid.records.tables.vehicle import COMMANDS, SUPERVISOR, VEHICLE_LOG
+from cfid.records.tables.vehicle import SUPERVISOR, VEHICLE_LOG
 from cfid.records.tables.wrench import LOADCELL
 from cfid.rig.crazyflie_log import BATTERY
 from cfid.transfer.sines.plan import SAMPLE_S
+from cfid.watch.driven import vehicles_of, vehicles_recorded
 from cfid.watch.signals import Trace, signals_of
 from cfid.watch.tail import Tail
 from cfid.wire.supervisor import VehicleState
@@ -110,11 +111,13 @@ class LiveRun:
         return self.header.state == "recording"
 
     @property
-    def driven(self) -> str | None:
-        """The address of the vehicle that it drives, or drove when it was cut; None of one that is over."""
-        record = self.header.devices.get(COMMANDS)
-        uri = None if record is None or not self.recording else (record.model_extra or {}).get("uri")
-        return uri if isinstance(uri, str) else None
+    def driven(self) -> tuple[str, ...]:
+        """The addresses of the vehicles that it drives, or drove when it was cut, and then of those beside it.
+
+        Beside it are the other runs of its folder that are being recorded now.
+        """
+        own = vehicles_of(self.header) if self.recording else ()
+        return own + vehicles_recorded(self.folder.resolve().parent, besides=own)
 
     @property
     def signals(self) -> list[Trace]:

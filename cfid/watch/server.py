@@ -33,8 +33,8 @@ _PLOTS = "/plots"
 def serve(watched: Watched, *, campaign: Path | None, port: int, ready: Callable[[str], None]) -> None:
     """Serve the page until Ctrl-C; `ready` gets its address. Port 0 is any free one.
 
-    The button stops the vehicle that the shown run drives, else that of `campaign`, a folder. Raises ConfigError when
-    the port cannot be taken.
+    The button stops the vehicles that the shown run and those recorded beside it drive, else that of `campaign`, a
+    folder. Raises ConfigError when the port cannot be taken.
     """
     try:
         sockets = bind_sockets(port, LOOPBACK)

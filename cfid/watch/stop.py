@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from cfid.records.rig_file import RIG_FILE
+from cfid.rig.address import resolved
 from cfid.rig.motors import MAY_BE_RUNNING
 from cfid.watch.live_run import LiveRun
 
@@ -20,7 +21,7 @@ class StopReport(NamedTuple):
 
 
 class MotorStop:
-    """The stop of the vehicle that a page is about. Presses of a button while one runs get its result."""
+    """The stop of the vehicles that a page is about. Presses of a button while one runs get its result."""
 
     def __init__(self, campaign: Path | None) -> None:
         """Take the folder of the page's campaign, None where there is none."""
@@ -28,39 +29,51 @@ class MotorStop:
         self._running: asyncio.Task[StopReport] | None = None
 
     async def press(self, run: LiveRun | None) -> StopReport:
-        """Stop all motors of the vehicle that a shown run drives, else of its campaign's or the page's vehicle.
+        """Stop all motors of every vehicle that a shown run and those recorded beside it drive, all at once.
 
-        Returns whether the vehicle confirmed it.
+        Where none drives one, it is the vehicle of the run's campaign or the page's. Returns whether each confirmed it.
         """
         if self._running is None or self._running.done():
             self._running = asyncio.create_task(self._stopped(run))
         return await asyncio.shield(self._running)
 
     async def _stopped(self, run: LiveRun | None) -> StopReport:
-        driven = None if run is None else run.driven
+        driven = () if run is None else run.driven
         campaign = self._campaign if run is None else _campaign_of(run) or self._campaign
-        words = [] if driven is None else [f"--uri={driven}"]
-        words += [] if campaign is None else ["--campaign", str(campaign)]
-        failed = "NOT STOPPED" if driven is None else MAY_BE_RUNNING
-        try:
-            process = await asyncio.create_subprocess_exec(
-                *[sys.executable, "-m", "cfid.cli.main", "motors", "stop", *words],
-                stdin=asyncio.subprocess.DEVNULL,
-                stdout=asyncio.subprocess.PIPE,
-                stderr=asyncio.subprocess.STDOUT,
-                start_new_session=True,  # Ctrl-C of the page's server does not end a stop
-            )
-        except OSError as error:
-            return StopReport(False, f"{MAY_BE_RUNNING}: cfid motors stop cannot be started: {error.strerror}.")
-        try:
-            printed, _ = await asyncio.wait_for(process.communicate(), _LONGEST_S)
-        except TimeoutError:
-            process.kill()
-            return StopReport(False, f"{MAY_BE_RUNNING}: no confirmation within {_LONGEST_S:.0f} s.")
-        text = printed.decode("utf-8", "replace").strip()
-        if process.returncode == 0 or MAY_BE_RUNNING in text:
-            return StopReport(process.returncode == 0, text)
-        return StopReport(False, f"{failed}: {text}")
+        where = [] if campaign is None else ["--campaign", str(campaign)]
+        if not driven:
+            return await _stop(where, failed="NOT STOPPED")
+        reports = await asyncio.gather(*(_stop([f"--uri={uri}", *where], failed=MAY_BE_RUNNING) for uri in driven))
+        lines = [line for report in reports for line in report.text.splitlines() if not _asks_for_one_of(line, driven)]
+        return StopReport(all(report.stopped for report in reports), "\n".join(lines))
+
+
+async def _stop(words: list[str], *, failed: str) -> StopReport:
+    """Run `cfid motors stop` with these options; `failed` begins the text where it states no danger itself."""
+    try:
+        process = await asyncio.create_subprocess_exec(
+            *[sys.executable, "-m", "cfid.cli.main", "motors", "stop", *words],
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.STDOUT,
+            start_new_session=True,  # Ctrl-C of the page's server does not end a stop
+        )
+    except OSError as error:
+        return StopReport(False, f"{MAY_BE_RUNNING}: cfid motors stop cannot be started: {error.strerror}.")
+    try:
+        printed, _ = await asyncio.wait_for(process.communicate(), _LONGEST_S)
+    except TimeoutError:
+        process.kill()
+        return StopReport(False, f"{MAY_BE_RUNNING}: no confirmation within {_LONGEST_S:.0f} s.")
+    text = printed.decode("utf-8", "replace").strip()
+    if process.returncode == 0 or MAY_BE_RUNNING in text:
+        return StopReport(process.returncode == 0, text)
+    return StopReport(False, f"{failed}: {text}")
+
+
+def _asks_for_one_of(line: str, driven: tuple[str, ...]) -> bool:
+    """Return whether a line advises to stop one of the vehicles too: each is stopped by a process of its own."""
+    return any(line.endswith(f"cfid motors stop --uri {resolved(uri)}") for uri in driven)
 
 
 def _campaign_of(run: LiveRun) -> Path | None:

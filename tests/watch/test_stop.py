@@ -97,3 +97,44 @@ def test_a_stop_that_fails_says_that_motors_may_run(tmp_path: Path) -> None:
         assert "THE MOTORS MAY STILL BE RUNNING. KEEP CLEAR AND PULL THE BATTERY" in str(answer["text"])
         recorder.send(signal.SIGINT)
         recorder.end()
+
+
+def test_a_sine_drives_the_vehicle_that_its_run_states_whatever_rig_toml_names(tmp_path: Path) -> None:
+    """A sine has no commands of its own: its crossings, log and supervisor state the vehicle."""
+    with bench_in(tmp_path) as bench:
+        rig = bench.folder / "rig.toml"
+        rig.write_text(rig.read_text().replace(bench.uri, NOBODY))
+        recorder = bench.start("log", "sine", "--l", 100, "--n", 12000, "--uri", bench.uri, "--yes", "--no-preflight")
+        recorder.wait_until_motors_run()
+        (run,) = (bench.folder / "runs").iterdir()
+        with watching(bench, run) as port:
+            facts = ask(port, "GET", "/facts")
+            answer = press(port)
+            wait_until(lambda: not any(bench.motors), "the motors' stop")
+        recorder.end()
+    assert f'<th>the button stops</th><td class="">{bench.uri}</td>' in facts
+    assert answer["stopped"], answer
+
+
+def test_the_vehicles_of_all_runs_that_are_recorded_in_the_campaign_are_stopped(tmp_path: Path) -> None:
+    """The page shows the newer run, which turns no motor."""
+    folders = tmp_path / "shown", tmp_path / "other"
+    for folder in folders:
+        folder.mkdir()
+    with bench_in(folders[0]) as bench, bench_in(folders[1]) as other:
+        bench.environment["CFID_LOCKS"] = other.environment["CFID_LOCKS"]
+        other.folder = bench.folder
+        recorder = other.start(*RECORDED, "--uri", other.uri)
+        recorder.wait_until_motors_run()
+        gyro = bench.start("log", "gyro", "--for", 600)
+        bench.wait_until(lambda: any((bench.folder / "runs").glob("*gyro/crazyflie.csv")), gyro)
+        (shown,) = (bench.folder / "runs").glob("*gyro")
+        with watching(bench, shown) as port:
+            facts = ask(port, "GET", "/facts")
+            answer = press(port)
+            wait_until(lambda: not any(other.motors), "the motors' stop")
+        for pilot in (recorder, gyro):
+            pilot.end()
+    assert f'<th>the button stops</th><td class="">{bench.uri}, {other.uri}</td>' in facts
+    assert answer["stopped"], answer
+    assert [line.partition(": ")[0] for line in str(answer["text"]).splitlines()] == [bench.uri, other.uri]

@@ -1,0 +1,45 @@
+"""The vehicles that runs being recorded drive, by the addresses that their devices state in run.toml."""
+
+from functools import lru_cache
+from pathlib import Path
+
+from cfid.errors import DataError
+from cfid.records.run import RUN_FILE, RunHeader, read_run
+from cfid.rig.address import resolved
+from cfid.rig.lock import vehicles_held
+
+_MOST_RUNS = 4096  # whose run.toml is remembered
+
+
+def vehicles_of(header: RunHeader) -> tuple[str, ...]:
+    """Return the addresses of the vehicles among a run's devices: what drives, logs or watches one states its own."""
+    stated = [(device.model_extra or {}).get("uri") for device in header.devices.values()]
+    return tuple(dict.fromkeys(uri for uri in stated if isinstance(uri, str)))
+
+
+def vehicles_recorded(runs_folder: Path, *, besides: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the vehicles `besides` others that a program holds on this computer for a run of a folder.
+
+    A recorder that hangs holds its vehicle too; a run that was cut a week ago states "recording" and holds none.
+    """
+    held = {uri for uri in vehicles_held() if uri not in {resolved(other) for other in besides}}
+    if not held:
+        return ()
+    found: dict[str, None] = {}
+    for path in sorted(runs_folder.glob(f"*/{RUN_FILE}"), reverse=True):
+        found.update(dict.fromkeys(uri for uri in _recorded(path) if resolved(uri) in held))
+    return tuple(found)
+
+
+def _recorded(path: Path) -> tuple[str, ...]:
+    """Return the vehicles of the run of a run.toml if it is being recorded."""
+    try:
+        return _recorded_as(path, path.stat().st_mtime_ns)
+    except (OSError, DataError):  # it is read again when it was replaced
+        return ()
+
+
+@lru_cache(maxsize=_MOST_RUNS)
+def _recorded_as(path: Path, _changed_ns: int) -> tuple[str, ...]:
+    run = read_run(path.parent)
+    return vehicles_of(run.header) if run.cut else ()
