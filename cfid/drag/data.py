@@ -13,6 +13,8 @@ from cfid.findings import merged
 from cfid.motors.maps.checks import marker_findings
 from cfid.records.parameters import Source
 from cfid.records.run import Run
+from cfid.records.run_notes import run_at
+from cfid.records.steps import steps_read_later
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import Column, TableSchema
 from cfid.units import ROTORS
@@ -31,8 +33,7 @@ def read_runs(
     Raises DataError and FitError that name file, line or run.
     """
     rows, source, notes = ([], None, ()) if index is None else read_wind_index(index)
-    parts = reduce_index(rows, how)
-    parts += [reduce_run(run.folder if isinstance(run, Run) else Path(run), how) for run in runs]
+    parts = [*reduce_index(rows, how), *_reduced(runs, how)]
     _check_once(parts)
     experiments = reduce_forces([force for part in parts for force in part.forces])
     files = [file for part in parts for file in part.sources]
@@ -43,6 +44,14 @@ def read_runs(
         rigs=tuple(dict.fromkeys(part.rig for part in parts)),
         tachometers=tuple(dict.fromkeys(part.rig for part in parts if part.by_tachometer)),
     )
+
+
+def _reduced(runs: Sequence[Run | Path | str], how: WindReading) -> list[ReducedRecording]:
+    """Reduce runs; what an interrupted one was not told of a command is taken from the runs that complete it."""
+    paths = [run.folder if isinstance(run, Run) else Path(run) for run in runs]
+    known = {path: run for path in paths if (run := run_at(path)) is not None}
+    later = {path: steps_read_later(run, list(known.values())) for path, run in known.items()}
+    return [reduce_run(path, how, read_later=later.get(path, frozenset())) for path in paths]
 
 
 def read_index(path: Path, *, how: WindReading = AS_THEY_ARE) -> DragExperiments:

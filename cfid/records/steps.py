@@ -1,6 +1,7 @@
 """The steps of a staircase of motor commands that a run has, and those that it lacks."""
 
 from collections import Counter
+from collections.abc import Sequence
 
 from cfid.records.run import Run
 from cfid.records.tables.vehicle import COMMANDS, READINGS, holds, read_commands, read_rows
@@ -13,12 +14,28 @@ def steps_left(run: Run) -> tuple[int, ...]:
 
     The latter counts where no reading was requested. Raises as `held_steps`.
     """
-    if READINGS in run.header.devices:
-        typed = read_rows(run, READINGS).columns["command"].tolist() if run.header.devices[READINGS].rows else []
-        done = Counter(map(int, typed))
-    else:
-        done = Counter(held_steps(run))
+    done = Counter(_read_steps(run) if READINGS in run.header.devices else held_steps(run))
     return tuple(step for step in map(int, run.header.requested["steps"]) if not _was_done(step, done))
+
+
+def steps_read_later(run: Run, among: Sequence[Run]) -> frozenset[int]:
+    """Return the commands of which those of some runs that complete a run, one after another, have a typed reading.
+
+    Raises DataError where their rows cannot be read.
+    """
+    completing = {str(other.header.requested.get("resumes", "")): other for other in among}
+    found: set[int] = set()
+    following = completing.pop(run.folder.resolve().name, None)
+    while following is not None:
+        found.update(_read_steps(following))
+        following = completing.pop(following.folder.resolve().name, None)
+    return frozenset(found)
+
+
+def _read_steps(run: Run) -> list[int]:
+    """Return the commands that a reading was typed of."""
+    record = run.header.devices.get(READINGS)
+    return read_rows(run, READINGS).columns["command"].astype(int).tolist() if record and record.rows else []
 
 
 def held_steps(run: Run) -> list[int]:

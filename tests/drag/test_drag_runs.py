@@ -12,11 +12,11 @@ import pytest
 
 from cfid import drag
 from cfid.drag.experiments import DragExperiments
-from cfid.drag.wind.plan import WindSetting
+from cfid.drag.wind.plan import WindSetting, recorded
 from cfid.errors import DataError, FitError
 from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts, Tachometer, WindStand
 from cfid.records.rig_file import RIG_FILE, new_rig_text
-from cfid.records.run import DeviceRecord, Label, Run
+from cfid.records.run import DeviceRecord, Label, Run, read_run, write_header
 from cfid.records.run_writer import create_run
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.rotors import RotorTruth
@@ -55,6 +55,7 @@ def blown(
     rate_hz: float = 1000.0,
     seed: int = 3,
     facts: RigFacts = NONE_STATED,
+    resumes: str = "",
 ) -> Run:
     """Write what `cfid log wind` records in a wind that was read within 2 %."""
     record = climbed(COMMANDS, motors=(1, 2, 3, 4), battery=BatteryTruth(volts=volts), rate_hz=rate_hz, seed=seed)
@@ -71,7 +72,10 @@ def blown(
         started=datetime(2026, 11, 21, 8, int(10 * wind.speed_mps), tzinfo=UTC),
         cfid_version="0",
         facts=facts,
-        requested={"steps": COMMANDS, "motors": (1, 2, 3, 4), "hold_s": 2.0, "rest_s": 1.0, **setting.to_run()},
+        requested={
+            **{"steps": COMMANDS, "motors": (1, 2, 3, 4), "hold_s": 2.0, "rest_s": 1.0, "resumes": resumes},
+            **setting.to_run(),
+        },
     )
     number, ms = np.arange(1, len(speed_sum) + 1), np.rint(1e3 * record.tick_s).astype(np.int64)
     counts = np.rint(record.wrench * 1e6).astype(np.int64)
@@ -158,6 +162,35 @@ def test_a_rate_too_low_to_estimate_the_speed_is_refused(campaign: Path) -> None
     runs = [blown(campaign, WINDS[0]), blown(campaign, WINDS[2], typed=0)]
     with pytest.raises(FitError, match="sampled at 1000 Hz: 2000 are needed"):
         drag.read_runs(runs)
+
+
+def resumed(campaign: Path, *, first_typed: int) -> list[Run]:
+    """Write a reference, and a run in wind that was ended at a prompt with the one that completes it."""
+    first = blown(campaign, WINDS[2], typed=first_typed)
+    record = first.header.model_copy(update={"state": "interrupted"})
+    write_header(first.folder, record)
+    completing = blown(campaign, WINDS[2], resumes=first.folder.name, seed=4)
+    return [blown(campaign, WINDS[0]), read_run(first.folder), completing]
+
+
+@pytest.mark.parametrize("first_typed", [0, 1])
+def test_a_command_whose_reading_was_typed_in_the_run_that_completes_it_is_taken_from_that_one(
+    campaign: Path, first_typed: int
+) -> None:
+    runs = resumed(campaign, first_typed=first_typed)
+    found = drag.read_runs(runs)
+
+    assert sorted(found.command.tolist()) == [20000] * (1 + first_typed) + [40000]
+    notes = [one.text for one in found.findings if one.code == "drag-reading-in-next-run"]
+    assert f"{runs[1].folder.name}: command 40000 was held here and its reading was typed in the run" in notes[-1]
+    assert len(notes) == 2 - first_typed
+    assert not any(one.code == "drag-rotor-speed-unknown" for one in found.findings)
+
+
+def test_a_command_of_an_interrupted_run_counts_as_recorded_once_its_reading_is_typed(campaign: Path) -> None:
+    first = resumed(campaign, first_typed=1)[1]
+
+    assert [run.command for run in recorded([first])] == [20000]
 
 
 def test_a_command_without_a_reading_is_left_out_and_another_of_the_run_is_not(campaign: Path) -> None:

@@ -76,9 +76,10 @@ def reduce_index(rows: Sequence[IndexedRun], how: WindReading) -> list[ReducedRe
         return list(pool.map(partial(_reduce_row, how=how), rows))
 
 
-def reduce_run(path: Path, how: WindReading) -> ReducedRecording:
+def reduce_run(path: Path, how: WindReading, *, read_later: frozenset[int] = frozenset()) -> ReducedRecording:
     """Reduce each command of a run of `cfid log wind`; commands without the rotors' speed are left out.
 
+    Commands that have no reading here and were held and `read_later`, in a run that completes it, are left to that one.
     Raises DataError or FitError that name the run, the latter where all commands lack the speed.
     """
     run = run_at(path)
@@ -97,6 +98,9 @@ def reduce_run(path: Path, how: WindReading) -> ReducedRecording:
     forces, unknown = [], []
     for place, point in enumerate(points):
         name, typed = f"{record.name} command {point.command}", _typed(readings, staircase.began_s, point)
+        if typed is None and point.command in read_later:
+            findings.append(_read_in_next(point.command))
+            continue
         try:
             made = _force(of_point(point), record, typed, facts, name=name, command=point.command or 0, at=setting)
         except FitError as error:
@@ -105,7 +109,7 @@ def reduce_run(path: Path, how: WindReading) -> ReducedRecording:
         made = replace(made, at_s=staircase.began_s + (point.begin_s + point.end_s) / 2)
         findings += _vibration_used(typed, setting)
         forces.append(made if volts is None else replace(made, volts=float(volts[place])))
-    if not forces:
+    if unknown and not forces:
         raise unknown[0]
     return ReducedRecording(
         forces=tuple(forces),
@@ -232,6 +236,14 @@ def _typed(readings: Rows | None, began_s: float, point: Point) -> float | None:
     there = (readings.columns["command"] == point.command) & (readings.time_s - began_s >= point.begin_s)
     typed = readings.columns["rpm"][there]
     return float(typed[0]) if len(typed) else None
+
+
+def _read_in_next(command: int) -> Finding:
+    text = (
+        f"command {command} was held here and its reading was typed in the run that completes this one: it is taken "
+        "from there."
+    )
+    return note("drag-reading-in-next-run", text, "drag.*")
 
 
 def _notes(record: WrenchRecord) -> list[Finding]:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from cfid.errors import DataError
 from cfid.records.campaign import Campaign
 from cfid.records.run import Run, list_runs
-from cfid.records.steps import held_steps
+from cfid.records.steps import held_steps, steps_left
 
 KIND = "wind"
 HIGHEST_DEG = 180.0  # of the wind generator to the vertical: straight below
@@ -145,14 +145,24 @@ def wind_runs(campaign: Campaign, *, simulated: bool) -> list[Run]:
 
 
 def recorded(runs: Sequence[Run]) -> list[PlannedRun]:
-    """Return each command that runs held to its end, with its wind setting."""
+    """Return each command that runs held to its end, with its wind setting.
+
+    Of a run that was ended early a command counts that `--resume` would not hold again.
+    """
     found = []
     for run in runs:
         with suppress(DataError):  # what is wrong with a run is reported where it is fitted
             setting = setting_of(run)
             place = (None, 0.0) if setting.is_reference else (setting.angle_deg, setting.fan_v)
-            found += [PlannedRun(command, *place) for command in held_steps(run)]
+            found += [PlannedRun(command, *place) for command in _done(run)]
     return found
+
+
+def _done(run: Run) -> list[int]:
+    """Return the commands that a run has. Raises as `held_steps`."""
+    if run.header.state == "complete":  # where nothing was typed, vibration shows the speed
+        return held_steps(run)
+    return list((Counter(map(int, run.header.requested["steps"])) - Counter(steps_left(run))).elements())
 
 
 def _azimuth_deg(request: Mapping[str, Any]) -> float | None:
