@@ -32,7 +32,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
         rejected="the line leaves too much.",
         warnings=("a point was left out.",),
         lines=("a line of a fit's own words that goes on for quite a while, as those of a staircase of commands do",),
-        quality={"chi_squared": 311.0, "models": {"a": {"condition": 3.0}}},
+        quality={"chi_squared": 311.0, "wind means": [-4.5931e-10] * 24, "models": {"a": {"condition": 3.0}}},
     )
     return rendered(report_of(campaign), "html", campaign.folder)
 
@@ -73,6 +73,10 @@ def test_the_page_is_no_wider_than_its_window(looks: Looks) -> None:
 
 def test_no_table_is_cut_in_a_narrow_window(looks: Looks) -> None:
     assert looks[400].cut == ()
+
+
+def test_a_long_list_among_figures_of_quality_is_wrapped_in_a_wide_window(looks: Looks) -> None:
+    assert not [name for name in looks[1280].cut if name.startswith("quality")]
 
 
 def test_every_word_stands_out_from_what_is_behind_it(looks: Looks, dark: bool) -> None:
