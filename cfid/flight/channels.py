@@ -14,6 +14,7 @@ from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.flight.model import ROW_S, STEP_S
 from cfid.records.logs.crazyflie_names import first_of, refuse_unread
+from cfid.records.logs.limits import other_scale
 from cfid.records.logs.log import FlightLog
 from cfid.records.tables import supply
 from cfid.units import FULL_COMMAND, MOTORS
@@ -42,8 +43,6 @@ _FORCES: tuple[_Sensor, ...] = (
 )
 _OF_PX4 = ("xyz[0]", "xyz[1]", "xyz[2]")  # of many of its topics
 _VELOCITY, _QUATERNION = ("vx", "vy", "vz"), ("qw", "qx", "qy", "qz")  # of motion capture, in the world's axes
-_PER_CENT = 100.0
-_PULSES = 2500.0  # 4 % of the full command, with which nothing flies; DShot ends at 2047, pulse widths at 2500 us
 _TELLING = 100  # rows of commands
 
 
@@ -63,10 +62,9 @@ def commands_of(log: FlightLog) -> list[tuple[Array, Array]]:
     """Return the times (n,) and commands (n,), 0 to 65535, of each motor. Raises DataError for other units."""
     found = [log.channel(name) for name in command_names(log)]
     most = max(float(np.nanmax(command, initial=0.0)) for _, command in found)
-    if 0 < most <= _PULSES:
-        unit = "shares of one" if most <= 1 else "per cent" if most <= _PER_CENT else "of 8 bits, DShot or pulse widths"
+    if (scale := other_scale(most)) is not None:
         raise DataError(
-            f"{log.path}: commands of at most {most:.3g}, where full thrust is {FULL_COMMAND:g}: are they {unit}? "
+            f"{log.path}: commands of at most {most:.3g}, where full thrust is {FULL_COMMAND:g}: are they {scale}? "
             "Scale the motors' columns."
         )
     return found

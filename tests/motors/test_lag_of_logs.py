@@ -441,6 +441,27 @@ def test_a_speed_map_that_falls_is_rejected_and_the_lag_is_not(tmp_path: Path) -
     assert "motor.speed_poly" not in result.without_rejected().quantities
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "scale"),
+    [
+        (0.0, 1.0, "shares of one"),
+        (0.0, 100.0, "per cent"),
+        (0.0, 255.0, "of 8 bits"),
+        (1000.0, 2000.0, "pulse widths"),
+    ],
+)
+def test_commands_on_another_scale_give_the_lag_and_no_map(tmp_path: Path, low: float, high: float, scale: str) -> None:
+    _, command, speed = flown(1, 9, rotors=1, noise=3.0, red=0.0)
+    names = MOTORS[0].replace("(H)", "(f)"), SPEEDS[0]
+    usual = fit(read(logged(tmp_path, names, 65535 * command[0, 0], NEXT * speed[0])))
+    other = fit(read(logged(tmp_path, names, low + (high - low) * command[0, 0], NEXT * speed[0])))
+    assert "motor.speed_poly" in usual.quantities.keys() - usual.rejected
+    assert "motor.speed_poly" in other.rejected
+    assert any(scale in one.text for one in other.findings if one.code == "commands-of-another-scale")
+    first, second = (one.quantities["dynamics.rising"] for one in (usual, other))
+    assert second.value[0] == pytest.approx(first.value[0], abs=0.5 * first.std[0])
+
+
 @pytest.mark.slow
 def test_the_thrust_of_a_real_flight_lags_as_its_authors_found() -> None:
     path = DATA / "flights" / "eschmann_log10.usd"

@@ -10,6 +10,7 @@ from cfid.findings import Finding, note, rejection
 from cfid.motors.lag.estimation import SUPPLY_STD, LagFit
 from cfid.motors.lag.model import Supply
 from cfid.records.covariances import Covariance, covariance_between
+from cfid.records.logs.limits import other_scale
 from cfid.records.parameters import Parameter
 from cfid.units import FULL_COMMAND
 
@@ -60,12 +61,18 @@ def speed_map_findings(
     *,
     volts: float | None,
 ) -> tuple[Finding, ...]:
-    """Return at which voltage and for which commands the rotors' mean map holds, or that it does not rise there.
+    """Return at which voltage and for which commands the rotors' mean map holds, or why it does not.
 
     `commands` are the lowest and the highest of each rotor, `fits` the rotors that the map is the mean of.
     """
     names = list(fits)
     low, high = min(commands[name][0] for name in names), max(commands[name][1] for name in names)
+    if (scale := other_scale(high)) is not None:
+        text = (
+            f"no command above {high:.3g}, of {FULL_COMMAND:g}: are they {scale}? Lags are the same on any scale, "
+            "a map of speeds is not: scale the motors' columns."
+        )
+        return (rejection("commands-of-another-scale", text, SPEED_POLY),)
     slope = np.polyval(np.polyder(np.array(found[SPEED_POLY].value)), [low, high])
     if not np.all(slope > 0):
         text = f"the speed map does not rise from command {low:.0f} to {high:.0f}: one speed belongs to two commands."

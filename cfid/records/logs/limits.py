@@ -45,3 +45,15 @@ SPEEDS = Limits(-2e4, 2e4, "rad/s")  # 190000 rpm; the smallest motors reach hal
 FORCES = Limits(-1e4, 1e4, "m/s^2")  # 1000 g
 # Gyros end at 2000 deg/s. In degrees that are read as radians, 6 % of the rows of public flights are beyond.
 RATES = Limits(-36.0, 36.0, "rad/s", share=0.002)
+
+_PULSES = 2500.0  # 4 % of the full command, with which nothing flies; DShot ends at 2047, pulse widths at 2500 us
+_PER_CENT = 100.0
+
+
+def other_scale(largest: float) -> str | None:
+    """Return what commands may be whose largest turns no motor where the full one is 65535, None for others."""
+    if not 0 < largest <= _PULSES:
+        return None
+    return (
+        "shares of one" if largest <= 1 else "per cent" if largest <= _PER_CENT else "of 8 bits, DShot or pulse widths"
+    )
