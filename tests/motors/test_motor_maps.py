@@ -12,7 +12,7 @@ import pytest
 from cfid.errors import FitError
 from cfid.motors.maps.estimation import MotorMap, fit_speed, fit_thrust, fit_thrust_of_speed, fit_torque
 from cfid.motors.maps.inverse import hover_mass_kg, invert, maximum_thrust
-from cfid.motors.maps.scales import scales_thrust_n, verify_thrust
+from cfid.motors.maps.scales import scales_findings, scales_thrust_n, verify_thrust
 from cfid.motors.points import MotorPoints, TableRow, command_means, joined, motor_table, per_motor, rotor_speed_rad_s
 from tests.motors.sentences import rejections, remarks
 
@@ -364,3 +364,34 @@ def test_scales_give_one_motors_newtons_and_the_difference_to_the_map(sense: int
 def test_scales_without_a_reading_of_standing_motors_are_refused() -> None:
     with pytest.raises(FitError, match="readings at command 0 and above 1000 are needed, and these are from 4000 to"):
         scales_thrust_n(COMMANDS[2:], COMMANDS[2:], motors=2, gravity_mps2=9.81)
+
+
+def test_scales_whose_display_stands_still_are_refused() -> None:
+    command = np.arange(0.0, 40001.0, 10000.0)
+    with pytest.raises(FitError, match="the scales show 60 to 60 g at every command from 0 to 40000: the"):
+        scales_thrust_n(command, np.full(5, 60.0), motors=2, gravity_mps2=9.81)
+
+
+def test_a_slip_among_the_readings_of_scales_is_named() -> None:
+    command, grams = np.arange(0.0, 40001.0, 10000.0), np.array([60, 59, 57.5, 90, 53])
+    with pytest.raises(FitError, match="the reading 90 g at command 30000 is off the curve through the others"):
+        scales_thrust_n(command, grams, motors=2, gravity_mps2=9.81)
+
+
+@pytest.mark.parametrize("step_g", [0.1, 1.0])
+def test_scales_with_a_coarse_display_are_taken(step_g: float) -> None:
+    for step in (4000.0, 8000.0, 10000.0):
+        command = np.arange(0.0, 64001.0, step)
+        grams = step_g * np.round((60 - 2 * np.asarray(made(command).thrust_n) / 9.81 * 1e3) / step_g)
+        assert scales_thrust_n(command, grams, motors=2, gravity_mps2=9.81)[-1] > 0.05
+
+
+def test_scales_that_show_half_of_the_maps_thrust_are_a_warning_with_the_limit() -> None:
+    command = np.arange(0.0, 64001.0, 4000.0)
+    truth = np.asarray(made(command).thrust_n)
+    found, close = (verify_thrust(fit_thrust(made()), command=command, thrust_n=part * truth) for part in (0.5, 0.93))
+
+    (finding,) = scales_findings(found)
+    assert (finding.code, finding.severity) == ("scales-differ", "warning")
+    assert "(limit 10 %), and show 0.50 times the map's thrust" in finding.text
+    assert not scales_findings(close)

@@ -1,12 +1,22 @@
 """A typed reading that no small quadrocopter gives is questioned, and a staircase says what its fit will lack."""
 
+from collections.abc import Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from cfid.errors import DataError, FitError
+from cfid.motors.maps import fit_speed, fit_thrust
+from cfid.motors.maps.verdict import of_readings
 from cfid.motors.typed import expected_of
 from cfid.motors.verdict import of_forces
-from tests.motors.stand_in_a_folder import climbed, write_run
+from cfid.records.facts import RigFacts, Tachometer
+from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.run import DeviceRecord, Label, Run
+from cfid.records.run_writer import create_run
+from tests.motors.stand_in_a_folder import BEGIN_S, climbed, write_run
 
 
 def test_a_speed_that_no_small_rotor_has_is_implausible_by_the_markers_that_are_counted() -> None:
@@ -77,3 +87,54 @@ def test_a_staircase_too_short_for_a_map_says_what_the_fit_takes(
 
     assert ("`cfid fit thrust` takes at least 3 commands above 1000, from this run and others" in said) == bool(lacking)
     assert said.endswith(lacking or "mN.")
+
+
+def typed(folder: Path, kind: str, column: str, readings: Mapping[int, float], *, markers: int = 2) -> Run:
+    """Write what an operator typed at commands."""
+    with create_run(
+        folder / "runs",
+        kind=kind,
+        label=Label(),
+        devices={"readings": DeviceRecord(file="readings.csv", columns=("t", "command", column))},
+        started=datetime(2026, 11, 21, tzinfo=UTC),
+        cfid_version="0",
+        facts=RigFacts(tachometer=Tachometer(markers=markers)),
+        requested={"steps": tuple(readings), "motors": (1,), "hold_s": 2.0, "rest_s": 1.0},
+    ) as writer:
+        command, value = np.array(list(readings)), np.array(list(readings.values()))
+        if len(command):
+            writer.append("readings", (BEGIN_S + np.arange(len(command)), command, value))
+        return writer.close("complete")
+
+
+def test_speeds_that_count_one_marker_of_two_are_of_no_use_as_the_fit_will_say(tmp_path: Path) -> None:
+    half = {20000: 11470.0, 25000: 13500.0, 30000: 15300.0}
+    with pytest.raises(FitError, match=r"the speeds are 0\.50 times those of the thesis' motors") as refused:
+        of_readings(typed(tmp_path, "speed", "rpm", half))
+
+    assert "If only `tachometer.markers` of rig.toml is wrong" in str(refused.value)
+    assert of_readings(typed(tmp_path, "speed", "rpm", {at: 2 * rpm for at, rpm in half.items()}))
+
+
+def test_such_speeds_are_good_in_a_campaign_of_another_body(tmp_path: Path) -> None:
+    (tmp_path / RIG_FILE).write_text(new_rig_text().replace('platform = "cf2"', 'platform = "other"'))
+    half = {20000: 11470.0, 25000: 13500.0, 30000: 15300.0}
+
+    assert of_readings(typed(tmp_path, "speed", "rpm", half)).startswith("3 readings at 3 steps")
+
+
+@pytest.mark.parametrize(
+    ("grams", "reason"),
+    [((60, 60, 60, 60, 60), "the display stands still"), ((60, 59, 57.5, 90, 53), "the reading 90 g at command 30000")],
+)
+def test_weights_that_verify_no_map_are_of_no_use(tmp_path: Path, grams: tuple[float, ...], reason: str) -> None:
+    with pytest.raises(FitError, match=reason):
+        of_readings(typed(tmp_path, "scales", "grams", dict(zip(range(0, 40001, 10000), grams, strict=True))))
+
+
+def test_a_map_of_a_run_of_scales_is_refused_with_the_option_that_takes_it(tmp_path: Path) -> None:
+    run = typed(tmp_path, "scales", "grams", {0: 60.0, 20000: 57.5})
+    with pytest.raises(DataError, match=rf"a run of scales gives no map of its own.*`verify` {run.folder.name}"):
+        fit_thrust(run)
+    with pytest.raises(DataError, match="no reading was typed in it"):
+        fit_speed(typed(tmp_path, "speed", "rpm", {}))

@@ -33,6 +33,7 @@ from cfid.records.run_notes import run_at
 from cfid.records.tables.stand import StandTable, read_stand_table, stand_file
 from cfid.records.tables.vehicle import (
     READINGS,
+    SCALES,
     TACHOMETER,
     VEHICLE_LOG,
     holds,
@@ -124,13 +125,25 @@ def of_run(run: Run, stand: Stand, reading: WrenchReading, *, rotors: Rotors | N
     stand = stand.where(run.header.rig)
     if holds(run, LOADCELL):
         return _of_staircase(read_wrench(run.folder, reading), stand, rotors)
-    if holds(run, READINGS) and "rpm" in run.header.devices[READINGS].columns:
+    if holds(run, READINGS) and "rpm" in _typed(run):
         return _of_readings(run, stand)
     if holds(run, TACHOMETER):
         return _of_tachometer(run, stand)
+    if SCALES in run.header.devices or "grams" in _typed(run):
+        raise DataError(
+            f"{run.folder}: a run of scales gives no map of its own. `cfid fit thrust` verifies one of other runs with "
+            f"it: `verify` {run.folder.name}."
+        )
+    if _typed(run):
+        raise DataError(f"{run.folder}: no reading was typed in it.")
     if holds(run, VEHICLE_LOG):
         return _of_speeds(run)
     raise DataError(f"{run.folder}: a run of {run.header.kind}, in which no motor was measured.")
+
+
+def _typed(run: Run) -> tuple[str, ...]:
+    """Return the columns of the readings that were requested of the operator."""
+    return run.header.devices[READINGS].columns if READINGS in run.header.devices else ()
 
 
 def _of_staircase(record: WrenchRecord, stand: Stand, rotors: Rotors | None) -> Evidence:

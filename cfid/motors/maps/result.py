@@ -24,7 +24,7 @@ from cfid.motors.maps.data import Points, evidence_of
 from cfid.motors.maps.estimation import GIVEN_BY, OVER_SPEED, Method, MotorMap, Order, SpeedThrustMap
 from cfid.motors.maps.evidence import Evidence, Stand
 from cfid.motors.maps.inverse import invert, maximum_thrust, on_battery
-from cfid.motors.maps.scales import ScalesCheck, scales_thrust_n, verify_thrust
+from cfid.motors.maps.scales import ScalesCheck, scales_findings, scales_thrust_n, verify_thrust
 from cfid.motors.maps.table_data import read_scales
 from cfid.motors.maps.voltage import KEY, VoltageComparison, compare_thrust
 from cfid.motors.vibration.data import Rotors
@@ -245,7 +245,8 @@ def _verified(
     stds = [cause.std for cause in causes if cause.std is not None]
     try:
         thrust_n = scales_thrust_n(read.command, read.grams, motors=read.motors, gravity_mps2=gravity_mps2)
-        return verify_thrust(mapped, command=read.command, thrust_n=thrust_n, scale_stds=stds), ()
+        check = verify_thrust(mapped, command=read.command, thrust_n=thrust_n, scale_stds=stds)
+        return check, scales_findings(check)
     except FitError as error:
         return None, (warning("scales-not-comparable", f"the map is not verified: {error}"),)
 

@@ -7,9 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from cfid.errors import FitError
+from cfid.estimate.polynomials import fit_polynomial
+from cfid.findings import Finding, warning
 from cfid.motors.maps.estimation import MotorMap
 from cfid.motors.points import Array
 from cfid.units import DEAD_COMMAND
+
+_STANDING_N = 1e-3  # less than any motor that turns gives: 0.1 g
+_FEWEST = 5  # points, with that of motors that stand, which show one that is off a quadratic
+_OFF = 0.25  # of the largest of the others: more than a battery that sags or a coarse display does to one of them
+_LEFT = 0.25  # of the sum of squares, at most, once that reading is left out
+_DIFFERS = 0.1  # rms over the map's largest thrust there; a battery between two recordings makes a few hundredths
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +46,8 @@ def scales_thrust_n(command: Array, grams: Array, *, motors: int, gravity_mps2: 
 
     Thrust reduces the weight; a reading that grows with the command is taken with the opposite sign.
 
-    Raises FitError without a reading of motors that stand.
+    Raises FitError without a reading of motors that stand, where the display stands still, and where one reading is
+    off the curve through the others.
     """
     standing = command <= DEAD_COMMAND
     if not standing.any() or standing.all():
@@ -48,7 +57,52 @@ def scales_thrust_n(command: Array, grams: Array, *, motors: int, gravity_mps2: 
         )
     lighter = grams[standing].mean() - grams
     upwards = math.copysign(1.0, float(lighter[~standing].sum()))
-    return np.asarray(upwards * lighter * 1e-3 * gravity_mps2 / motors)
+    thrust_n = np.asarray(upwards * lighter * 1e-3 * gravity_mps2 / motors)
+    _check_readings(command, grams, thrust_n)
+    return thrust_n
+
+
+def _check_readings(command: Array, grams: Array, thrust_n: Array) -> None:
+    """Raise FitError where weights (n,) do not change with the command, or one of them is off the others' curve."""
+    if np.abs(thrust_n).max() < _STANDING_N:
+        raise FitError(
+            f"the scales show {grams.min():g} to {grams.max():g} g at every command from {command.min():.0f} to "
+            f"{command.max():.0f}: the display stands still, or the motors never ran. A motor that turns changes it by "
+            "0.1 g or more."
+        )
+    if len(np.unique(command)) < _FEWEST:
+        return
+    rest = [_without(place, command, thrust_n) for place in range(len(command))]
+    place = int(np.argmin([squares for squares, _ in rest]))
+    squares, curve_n = rest[place]
+    usual_n = float(np.abs(np.delete(thrust_n, place)).max())
+    before = float(np.sum(fit_polynomial(command, thrust_n, order=2).residual ** 2))
+    off = abs(float(thrust_n[place]) - curve_n) / usual_n
+    if off > _OFF and squares < _LEFT * before:
+        raise FitError(
+            f"the reading {grams[place]:g} g at command {command[place]:.0f} is off the curve through the others by "
+            f"{100 * off:.0f} % of their largest change of weight (limit {100 * _OFF:.0f} %): a slip, or the vehicle "
+            "moved."
+        )
+
+
+def _without(place: int, command: Array, thrust_n: Array) -> tuple[float, float]:
+    """Return the sum of squares about the curve through all points but one (n,), and the curve there."""
+    fit = fit_polynomial(np.delete(command, place), np.delete(thrust_n, place), order=2)
+    return float(np.sum(fit.residual**2)), float(fit.at(command[place]))
+
+
+def scales_findings(found: ScalesCheck) -> tuple[Finding, ...]:
+    """Warn where scales and map differ by more than batteries and scales explain: one of them is wrong."""
+    largest_n = float(np.abs(found.map_n).max())
+    if found.rms_n <= _DIFFERS * largest_n:
+        return ()
+    text = (
+        f"the scales differ from the map by {1e3 * found.rms_n:.3g} mN rms, {100 * found.rms_n / largest_n:.0f} % of "
+        f"its largest thrust there (limit {100 * _DIFFERS:.0f} %), and show {found.gain:.2f} times the map's thrust: "
+        "one of the two is wrong. Check the number of motors, the batteries, and that nothing touched the scales."
+    )
+    return (warning("scales-differ", text, "motor.thrust_poly"),)
 
 
 def verify_thrust(

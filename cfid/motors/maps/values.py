@@ -227,7 +227,7 @@ def verification_lines(found: ScalesCheck) -> list[Dependent]:
     largest = max(abs(value) for value in found.difference_n.tolist())
     line = (
         f"verification: {counted(len(found.command), 'reading')}, {1e3 * found.rms_n:.3g} mN rms "
-        f"({found.rms_percent:.2g} %), at "
+        f"({_percent(found.rms_percent)}), at "
         f"most {1e3 * largest:.3g} mN from the map"
     )
     return [Dependent(line, "motor.thrust_poly")]
@@ -245,6 +245,10 @@ def figures_of_merit(found: MotorMap, **more: Any) -> dict[str, Any]:
         "aicc": {str(order): value for order, value in found.aicc.items()},
         **more,
     }
+
+
+def _percent(value: float) -> str:
+    return f"{value:.2g} %" if value < 10 else f"{value:.0f} %"  # 100 % is not 1e+02 %
 
 
 def _plain(value: float) -> str:

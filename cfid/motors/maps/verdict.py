@@ -6,21 +6,24 @@ from cfid.counted import counted
 from cfid.errors import DataError, FitError
 from cfid.findings import joined
 from cfid.motors.maps.estimation import fit_speed
+from cfid.motors.maps.scales import scales_thrust_n
 from cfid.motors.plan import StaircasePlan
 from cfid.motors.points import Array, MotorPoints, rotor_speed_rad_s
 from cfid.motors.typed import Expected, expected_of
 from cfid.motors.verdict import too_few
+from cfid.quantities.platforms import Platform
 from cfid.records.campaign import find_campaign
 from cfid.records.plausibility import platform_of
 from cfid.records.run import Run
 from cfid.records.tables.vehicle import READINGS, VEHICLE_LOG, holds, read_rows, shown_at_commands, told_speeds_rad_s
-from cfid.units import DEAD_COMMAND
+from cfid.units import DEAD_COMMAND, USUAL_GRAVITY_MPS2
 
 _SHARE = 0.5  # of the steps that must be there
 _RISES = 0.02  # of the largest: what an instrument has to show more at the highest command than at the lowest
 _SHOWN = {"tachometer": ("rpm", "rpm"), "scales": ("grams", "g")}  # of each instrument the column, and its unit
 _OF_LINE = 2  # coefficients of speed over command
-_OF_RIG = "speed-unusual"  # a rejection that another number of markers in rig.toml takes back
+_OF_RIG = "speed-unusual"  # a rejection that a rig of any other body takes back
+_MARKERS = "If only `tachometer.markers` of rig.toml is wrong, correct it, and `cfid fit speed RUN` takes `markers`."
 
 
 def of_readings(run: Run) -> str:
@@ -43,7 +46,9 @@ def of_readings(run: Run) -> str:
     if expected is not None:
         _check_plausible(command, value, expected)
     found = f"{counted(read, 'reading')} at {counted(steps, 'step')}, from {value.min():g} to {value.max():g}."
-    return found + (_about_speeds(command, value, markers or 1) if name == "rpm" else _about_weights(command))
+    if name == "rpm":
+        return found + _about_speeds(command, value, markers or 1, platform=platform)
+    return found + _about_weights(command, value, motors=len(plan.motors))
 
 
 def _check_plausible(command: Array, value: Array, expected: Expected) -> None:
@@ -55,21 +60,25 @@ def _check_plausible(command: Array, value: Array, expected: Expected) -> None:
             raise DataError(f"command {command[place]:.0f}: {fault}")
 
 
-def _about_speeds(command: Array, rpm: Array, markers: int) -> str:
+def _about_speeds(command: Array, rpm: Array, markers: int, *, platform: Platform) -> str:
     """Return what a line through readings (n,) lacks, "" where it has enough. Raises FitError where it misses them."""
     if lacking := too_few(command, _OF_LINE, "cfid fit speed"):
         return lacking
     speed = rotor_speed_rad_s(rpm, markers=markers)
     mapped = fit_speed(MotorPoints(command=command, speed_rad_s=speed))
-    reasons = [one.text for one in mapped.findings if one.severity == "rejection" and one.code != _OF_RIG]
-    if reasons:
-        raise FitError(joined(reasons))
+    against = [one for one in mapped.findings if one.severity == "rejection"]
+    against = [one for one in against if one.code != _OF_RIG or platform != "other"]
+    if against:
+        advice = [_MARKERS] if any(one.code == _OF_RIG for one in against) else []
+        raise FitError(joined([*(one.text for one in against), *advice]))
     return ""
 
 
-def _about_weights(command: Array) -> str:
+def _about_weights(command: Array, grams: Array, *, motors: int) -> str:
+    """Return what weights (n,) lack, "" where they verify a map. Raises FitError where they are no weights of it."""
     standing = command <= DEAD_COMMAND
     if standing.any() and not standing.all():
+        scales_thrust_n(command, grams, motors=motors, gravity_mps2=USUAL_GRAVITY_MPS2)
         return ""
     return (
         " Alone it verifies no map: `cfid fit thrust` with `verify` takes a change of weight, from a reading at "
