@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from cfid.errors import ConfigError
@@ -13,6 +13,7 @@ from cfid.records.mounts import BodyFrame
 from cfid.records.parameters import Section, Value, plain
 from cfid.records.parameters import Source as File
 from cfid.records.rig_file import Rig, thesis_rig
+from cfid.records.stale import other_facts
 from cfid.units import FULL_COMMAND, MM, NEAR_FULL
 
 Stale = Callable[[Section], Sequence[str]]
@@ -132,26 +133,30 @@ def collect(
             f"{rig_file}: vehicle.body_frame is missing: state which body axis points forward, left and up "
             '(the thesis: forward = "y", left = "-x", up = "z"); an export without it could be turned wrongly.'
         )
+    unlike: dict[str, str] = {name: other_facts(section, rig) for name, section in sections.items()}
+
+    def quantity_of(key: str, name: str, section: Section) -> ExportQuantity:
+        found = _quantity(key, name, section, simulated, stale)
+        return replace(found, caveat=" ".join(filter(None, [found.caveat, unlike[name]])))
+
     quantities: dict[str, ExportQuantity] = {}
     givers: dict[str, str] = {}
     for name, source in SOURCES.items():
         found = next((q for key in source.keys if (q := _find(sections, key)) is not None), None)
         if found is not None:
-            quantities[name] = _quantity(*found, simulated, stale)
+            quantities[name] = quantity_of(*found)
             givers[found[0]] = found[1]
     best = {key: _best(sections, key) for section in sections.values() for key in section.parameters}
-    others = [_quantity(key, name, sections[name], simulated, stale) for key, name in best.items() if key not in givers]
+    others = [quantity_of(key, name, sections[name]) for key, name in best.items() if key not in givers]
     further = {
-        name: [
-            _quantity(key, name, section, simulated, stale)
-            for key in section.parameters
-            if (best | givers)[key] != name
-        ]
+        name: [quantity_of(key, name, section) for key in section.parameters if (best | givers)[key] != name]
         for name, section in sections.items()
     }
     quantities["mass"] = _weighed(rig, rig_file)  # stands in rig.toml alone
     if "arm" not in quantities and rig.loadcell.arm_mm is not None:
-        quantities["arm"] = _arm(rig, rig.loadcell.arm_mm, rig_file)
+        arm = _arm(rig, rig.loadcell.arm_mm, rig_file)
+        by_other = [f"{name}: {sentence}" for name, sentence in unlike.items() if sentence]
+        quantities["arm"] = replace(arm, caveat=" ".join(filter(None, [arm.caveat, *by_other])))
     return ExportVehicle(
         name=rig.vehicle.name,
         frame=rig.vehicle.body_frame,

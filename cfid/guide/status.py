@@ -13,7 +13,7 @@ from cfid.records.campaign import RUNS_FOLDER, Campaign
 from cfid.records.parameters import Section
 from cfid.records.rig_file import RIG_FILE, CampaignKind
 from cfid.records.run import Run
-from cfid.records.stale import Stale, is_blind, stale_in
+from cfid.records.stale import Stale, is_blind, other_facts, stale_in
 from cfid.records.tables.angle import ENCODER
 from cfid.transfer.sines.plan import SineSweep, missing_sines
 
@@ -25,7 +25,8 @@ class TaskStatus:
     """A task: what is still to be recorded, how its fit stands and why, and how sure its quantities are.
 
     `rarest` is its recording that was made least often, the last of several: to be made again where a fit is rejected.
-    A change of rig.toml since the fit cannot be seen where it is `blind`.
+    A change of rig.toml since the fit cannot be seen where it is `blind`. `unlike` states which facts of its recordings
+    rig.toml states otherwise now.
     """
 
     task: Task
@@ -35,6 +36,7 @@ class TaskStatus:
     reason: str
     found: tuple[Certainty, ...]
     blind: bool = False
+    unlike: str = ""
 
     @property
     def recorded(self) -> int:
@@ -76,7 +78,15 @@ def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> tuple[
         _status(task, runs, sections.get(task.section), rejected.get(task.section), stale, short=short)
         for task in planned
     )
-    return tuple(replace(one, lacking=tuple(_completing(left, every) for left in one.lacking)) for one in found)
+    unlike = {name: other_facts(section, campaign.rig) for name, section in sections.items()}
+    return tuple(
+        replace(
+            one,
+            lacking=tuple(_completing(left, every) for left in one.lacking),
+            unlike=unlike.get(one.task.section, ""),
+        )
+        for one in found
+    )
 
 
 def beside(campaign: Campaign, statuses: Sequence[TaskStatus]) -> tuple[str, ...]:
@@ -121,7 +131,8 @@ def remarks_of(statuses: Iterable[TaskStatus], unusable: Iterable[Unusable]) -> 
     unseen = (
         f"{blind}: fitted before fits kept what they take from {RIG_FILE}. Whether that changed since is not known: "
     )
-    return (*reasons, *([f"{unseen}fit again to be sure."] if blind else []), *bounded, *again)
+    unlike = [f"{one.task.section}: {one.unlike}" for one in statuses if one.unlike]
+    return (*reasons, *unlike, *([f"{unseen}fit again to be sure."] if blind else []), *bounded, *again)
 
 
 def next_of(statuses: Sequence[TaskStatus]) -> Next:

@@ -185,6 +185,7 @@ class Campaign(BaseModel):
             common=given.common,
             rejected=result.rejected,
             rig=stated(self.rig, result.rests_on),
+            facts=result.facts,
         )
 
     def _path_in(self, path: str) -> str:

@@ -63,7 +63,8 @@ class Section:
     has for each cause that other fits share the change of parameters per standard uncertainty of the cause, in the
     order of `numbers_of`; the parameters' uncertainty includes it. `accepted` is false when a quantity that the fit is
     for was rejected. `rejected` has the reason for each rejected parameter, which is present only where it was kept
-    nevertheless. `rig` is what rig.toml stated then of what the fit rests on, by its keys.
+    nevertheless. `rig` is what rig.toml stated then of what the fit rests on, by its keys, and `facts` are numbers
+    under such keys that the fit took from what its recordings state, or from an option.
     """
 
     method: str
@@ -76,6 +77,7 @@ class Section:
     common: Mapping[str, Mapping[str, list[float]]] = field(default_factory=dict)
     rejected: Mapping[str, str] = field(default_factory=dict)
     rig: Mapping[str, Any] = field(default_factory=dict)
+    facts: Mapping[str, float] = field(default_factory=dict)
 
 
 def plain(value: Any) -> Value:
@@ -210,6 +212,7 @@ def _table(section: Section) -> dict[str, Any]:
         "common": {cause: dict(effects) for cause, effects in section.common.items()},
         "rejected": dict(section.rejected),
         "rig": plain(section.rig),
+        "facts": dict(section.facts),
     }
     return {
         "method": section.method,

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import cache
+from math import isclose
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,23 @@ def stale_in(folder: Path, runs: Sequence[Run], rig: Rig) -> Stale:
         )
 
     return reasons
+
+
+def other_facts(section: Section, rig: Rig) -> str:
+    """Return as a sentence which facts that a fit took rig.toml states otherwise now, "" where it states the same.
+
+    Such a fit is not stale: recordings keep what rig.toml stated at the time, and to fit them again changes nothing.
+    """
+    now = stated(rig, section.facts)
+    other = {key: (was, now[key]) for key, was in section.facts.items() if key in now and not isclose(was, now[key])}
+    if not other:
+        return ""
+    differing = ", ".join(f"{key} {was:g}, where {RIG_FILE} states {number:g}" for key, (was, number) in other.items())
+    options = " ".join(f"--{key.rpartition('.')[2].replace('_', '-')} {number:g}" for key, (_, number) in other.items())
+    return (
+        f"fitted with {differing}. Recordings keep what {RIG_FILE} stated when they were made: if that was wrong, fit "
+        f"again with {options}."
+    )
 
 
 def is_blind(name: str, section: Section) -> bool:

@@ -2,6 +2,7 @@
 
 from cmath import phase
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -59,15 +60,21 @@ def fit(
     slope_n = None if thrust_poly is None else float(np.polyval(np.polyder(np.array(thrust_poly)), command))
     comparison = Comparison(slope_n, command, compare)
     if method == "thesis":
-        return _of_thesis(fit_all(sines.series, settings, sign=sign), sines, comparison)
+        return replace(_of_thesis(fit_all(sines.series, settings, sign=sign), sines, comparison), facts=_facts(sines))
     found = identify_all(sines.series, shape=shape, form=form, settle_s=settle_s, cutoff_hz=cutoff_hz, sign=sign)
     try:
         thesis: ThesisFit | str = fit_all(sines.series, settings, sign=sign).joint
     except CfidError as error:
         thesis = str(error)
-    result = _of_fit(found, thesis, sines, comparison, settle_s=settle_s)
+    result = replace(_of_fit(found, thesis, sines, comparison, settle_s=settle_s), facts=_facts(sines))
     scales = (force_scales if sines.channel == "Fz" else arm_scales)(sines.rigs)
     return with_common_causes(result, power_law(result.quantities, {"N": scales}, {"tf*.static_gain_n": {"N": 1}}))
+
+
+def _facts(sines: SineSet) -> dict[str, float]:
+    """Return the arm by which torques became thrust, where all sines have the same."""
+    arms = {rig.loadcell.arm_mm for rig in sines.rigs if rig.loadcell.arm_mm is not None}
+    return {"loadcell.arm_mm": arms.pop()} if len(arms) == 1 and sines.channel != "Fz" else {}
 
 
 def _of_fit(

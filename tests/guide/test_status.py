@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from cfid.errors import ConfigError
+from cfid.export.vehicle import collect
 from cfid.findings import rejection
 from cfid.guide.plan import Words, tasks
 from cfid.guide.status import Next, TaskStatus, next_of, remarks_of, status_of, unusable_in
@@ -261,6 +262,36 @@ def test_a_fit_that_does_not_keep_what_it_took_from_rig_toml_is_named(cfid: Cfid
     kept = replace(section, rig={"vehicle.mass_kg": open_campaign(folder).rig.vehicle.mass_kg})
     store_section(folder / "parameters.toml", "inertia", kept)
     assert remark not in remarks_of(status_of(open_campaign(folder), kind="inertia"), ())
+
+
+def test_an_arm_that_was_corrected_after_the_sines_is_named_by_status_report_and_export(
+    cfid: Cfid, folder: Path
+) -> None:
+    """Runs keep the arm that rig.toml stated: the fit is not stale, and to fit again alone changes nothing."""
+    gain = {"tf.static_gain_n": Parameter(value=2e-6, std=1e-8, unit="N")}
+    section = Section(
+        method="default",
+        found=LATER,
+        cfid_version="0.2.0",
+        accepted=True,
+        sources=(),
+        parameters=gain,
+        facts={"loadcell.arm_mm": 46.0},
+    )
+    store_section(folder / "parameters.toml", "tf", section)
+    assert not any(one.unlike for one in status_of(open_campaign(folder)))
+
+    rig = folder / "rig.toml"
+    rig.write_text(rig.read_text().replace("arm_mm = 46.0", "arm_mm = 40.0"))
+    remark = (
+        "tf: fitted with loadcell.arm_mm 46, where rig.toml states 40. Recordings keep what rig.toml stated when they "
+        "were made: if that was wrong, fit again with --arm-mm 40."
+    )
+    assert remark in remarks_of(status_of(open_campaign(folder)), ())
+    assert remark in remarks_of_the_report(cfid, folder)
+    found = collect(open_campaign(folder).rig, open_campaign(folder).sections())
+    assert remark.removeprefix("tf: ") in found.others[0].caveat
+    assert found.quantities["arm"].caveat == remark
 
 
 def test_a_number_that_is_not_sure_enough_is_repeated_unless_the_operator_writes_the_report(folder: Path) -> None:

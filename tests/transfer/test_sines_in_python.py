@@ -7,6 +7,7 @@ import pytest
 import cfid
 from cfid.errors import DataError
 from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.transfer.result import fit
 from cfid.transfer.sines.data import read_sines
 from cfid.transfer.sines.verdict import verdict
 from tests.few_axes import with_axes
@@ -46,3 +47,10 @@ def test_sines_of_one_axis_are_read_by_its_channel_and_refused_by_another(campai
     assert len(read_sines(runs, channel="Fz").runs) == len(PERIODS)
     with pytest.raises(DataError, match="measured Fz alone, and thrust by the channel arm needs Tx, Ty"):
         read_sines(runs)
+
+
+def test_a_fit_of_sines_keeps_the_arm_by_which_torques_became_thrust(campaign: Path) -> None:
+    runs = cfid.open_campaign(campaign).runs(kind="sine")
+
+    assert fit(runs).facts == {"loadcell.arm_mm": 46.0}
+    assert fit(read_sines(runs, arm_m=0.04)).facts == {"loadcell.arm_mm": 40.0}
