@@ -48,6 +48,7 @@ class CrazyflieLog:
         self._rows: list[tuple[float, int, tuple[float, ...]]] = []
         self._last_ms: int | None = None
         self._low_since_s: float | None = None
+        self._low = ""  # what was reported: the rows that follow until the end say it no more
         self._newest_ms: int | None = None
         self._rejected = self._duplicates = 0
         self._streaming, self._received_s = False, 0.0
@@ -148,6 +149,8 @@ class CrazyflieLog:
 
     def _watch_battery(self, now_s: float) -> str:
         volts = self.latest.get(BATTERY)
+        if self._low:
+            return self._low
         if self._stop_below_v is None or volts is None or volts >= self._stop_below_v:
             self._low_since_s = None
             return ""
@@ -155,10 +158,11 @@ class CrazyflieLog:
             self._low_since_s = now_s
         if now_s - self._low_since_s < _LOW_FOR_S:
             return ""
-        return (
+        self._low = (
             f"{self._vehicle.uri}: the battery is at {volts:.2f} V, below the {self._stop_below_v:g} V of "
             "devices.crazyflie.stop_below_v in rig.toml: charge it, then resume the run."
         )
+        return self._low
 
 
 def _found(vehicle: Vehicle, name: str) -> Variable:
