@@ -85,6 +85,21 @@ def test_the_sheet_comes_first(campaign: Campaign) -> None:
     assert order == sorted(order)
 
 
+def test_a_rejected_quantity_is_not_counted_as_known(
+    campaign: Campaign, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    def known(of: Campaign) -> int:
+        found = re.search(r"(\d+) of \d+ quantities known", text_of(of, "html"))
+        assert found is not None
+        return int(found[1])
+
+    accepted = new_campaign(tmp_path_factory.mktemp("accepted"))
+    put_appendix_a(accepted)
+
+    assert known(campaign) == known(accepted) - 1
+    assert '<span class="chip bad">1 rejected</span>' in text_of(campaign, "html")
+
+
 def test_json_is_one_object_of_plain_numbers(campaign: Campaign) -> None:
     content = json.loads(text_of(campaign, "json"))
 

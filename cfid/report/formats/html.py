@@ -51,7 +51,7 @@ def _counts(report: Report) -> dict[str, int]:
     found = [quantity.origin for quantity in quantities if quantity.origin]
     return {
         "all": len(quantities),
-        "found": len(found),
+        "found": sum(origin.accepted is not False for origin in found),
         "rejected": sum(origin.accepted is False for origin in found),
     }
 
