@@ -21,10 +21,11 @@ import numpy.typing as npt
 from scipy.optimize import nnls
 from scipy.signal import lfilter
 
+from cfid.errors import FitError
 from cfid.estimate.blocks import block_means
 from cfid.findings import Finding, warning
 from cfid.flight.data import FlownLog
-from cfid.flight.estimation import FlightFit
+from cfid.flight.estimation import FlightFit, fit_flights
 from cfid.flight.model import SAG_S, STEP_S, delayed, filtering_s
 from cfid.flight.values import MOMENTS, TIMES
 
@@ -108,6 +109,18 @@ def with_whole_sag(flights: Sequence[FlownLog], found: FlightFit) -> tuple[Seque
             return [replace(flown, flight=flown.by_command) for flown in flights], findings
         each.append(whole)
     return each, findings
+
+
+def with_own_sag(flown: FlownLog) -> FlownLog:
+    """Return a flight as `with_whole_sag`, its findings among the others; as it is where too little flew to tell."""
+    if not flown.flight.in_volts:
+        return flown
+    try:
+        found = fit_flights([flown.flight])
+    except FitError:
+        return flown
+    (whole,), findings = with_whole_sag([flown], found)
+    return replace(whole, findings=(*whole.findings, *findings))
 
 
 def _whole(flown: FlownLog, found: FlightFit) -> tuple[FlownLog | None, Finding | None]:
@@ -219,8 +232,8 @@ def _late(record: Record, shown: Shown, missing: Array, volts_std: Array) -> Fin
     left_v, std_v = float(np.std(missing)), float(np.std(volts_std))
     text = (
         f"the battery's voltage is {_described(record, shown.path)}: it leaves out {left_v:.2g} V rms of the sag "
-        "under load, which is added from the commands in proportion to the sag that it shows. The uncertainties "
-        f"contain {std_v:.1g} V rms for that. Log pm.vbat at 100 Hz or more, not smoothed."
+        f"under load, which is added from the commands in proportion to the sag that it shows, to {std_v:.1g} V rms. "
+        "Log pm.vbat at 100 Hz or more, not smoothed."
     )
     return warning("flight-voltage-late", text, *TIMES, *MOMENTS.values())
 

@@ -38,6 +38,7 @@ def validate(
     Example: [bold]cfid validate log15.usd --with thesis --with gym-pybullet-drones[/bold]
     """
     from cfid.console.messages import note
+    from cfid.flight.battery import with_own_sag
     from cfid.flight.data import read_flight
     from cfid.validation.measured import measured_in
     from cfid.validation.result import validate as compare
@@ -46,7 +47,7 @@ def validate(
     workplace = open_workplace(rig)
     foreign = reading.foreign(clock)
     path = find_recording(log, workplace)
-    flown = read_flight(path, foreign, from_s=cut.from_s, to_s=cut.to_s)
+    flown = with_own_sag(read_flight(path, foreign, from_s=cut.from_s, to_s=cut.to_s))
     in_volts = flown.flight.in_volts
     used = [] if workplace.campaign is None else [measured_in(workplace.campaign)]
     sets, published, faults = [], [], []
