@@ -93,6 +93,36 @@ def test_stamps_that_run_at_84_85_of_real_time_are_refused_and_not_corrected_twi
         read(folder)
 
 
+@pytest.mark.parametrize("late_s", [0.006, 0.02])
+def test_arrivals_that_are_late_on_a_busy_computer_are_no_other_unit_of_stamps(tmp_path: Path, late_s: float) -> None:
+    """Of a recording of one second, first rows that came 6 ms late were 0.9935 s in a second of the stamps."""
+    time_s = np.arange(0, 1, 0.005)
+    _, rate = rocking(time_s)
+    busy = time_s + late_s * (time_s < 0.4)
+
+    found = read(gyro_run(tmp_path, rate, stamps_ms=1000 * time_s, arrivals_s=np.maximum.accumulate(busy)))
+
+    assert found.time_s == pytest.approx(time_s, abs=1e-6)
+
+
+def test_stamps_that_run_at_84_85_are_refused_also_where_arrivals_are_late(tmp_path: Path) -> None:
+    time_s = np.arange(0, 10, 0.005)
+    late_s = np.maximum.accumulate(time_s + np.random.default_rng(1).exponential(0.003, len(time_s)))
+    folder = gyro_run(tmp_path, rocking(time_s)[1], stamps_ms=1000 * time_s * 84 / 85, arrivals_s=late_s)
+
+    with pytest.raises(DataError, match="they are no milliseconds"):
+        read(folder)
+
+
+def test_a_restart_of_the_vehicle_is_no_lateness(tmp_path: Path) -> None:
+    time_s = np.arange(0, 10, 0.005)
+    stamps_ms = np.where(time_s < 5, 60_000 + 1000 * time_s, 1000 * (time_s - 5) + 300)
+    folder = gyro_run(tmp_path, rocking(time_s)[1], stamps_ms=stamps_ms, arrivals_s=time_s)
+
+    with pytest.raises(DataError, match="or the vehicle was restarted"):
+        read(folder)
+
+
 def test_a_gap_in_a_gyro_s_rows_is_named_where_its_angle_goes_over_the_top(tmp_path: Path) -> None:
     time_s = np.arange(0, 20, 0.005)
     rate = rocking(time_s, amplitude_rad=1.2, per_s=6.0)[1]
