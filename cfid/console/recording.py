@@ -216,7 +216,7 @@ def _until(plan: "Plan") -> str:
 
 def print_summary(run: "Run", lines: Sequence[str] = (), failure: CfidError | None = None) -> None:
     """Print a run's rows, losses and files; the failure that ended it is printed where the command ends."""
-    for name, device in _devices(run).items():
+    for name, device in devices_of(run).items():
         skipped = f", {device['skipped']} skipped: {device['achieved']}" if device["achieved"] else ""
         counts = f"{counted(device['rows'], 'row')}, {device['lost']} lost{counts_of(device)}{skipped}"
         echo(fitted(f"{name}: {counts} -> {device['file']}", indent=2))
@@ -250,7 +250,7 @@ def summary(
     command: str, run: "Run", failure: CfidError | None, parameters: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
     """Return the object of --json for a run."""
-    devices = _devices(run)
+    devices = devices_of(run)
     return {
         "command": command,
         "run": str(run.folder),
@@ -272,14 +272,15 @@ def _findings(failure: CfidError | None) -> list[dict[str, Any]]:
     return [] if failure is None else [rejection("run-failed", str(failure)).as_json()]
 
 
-def _devices(run: "Run") -> dict[str, dict[str, Any]]:
+def devices_of(run: "Run") -> dict[str, dict[str, Any]]:
+    """Return what each device of a run recorded and lost, as its summary has it."""
     devices: dict[str, dict[str, Any]] = {}
     for name, record in run.header.devices.items():
         extra = record.model_extra or {}
         kinds = {**extra.get("arrivals", {}), **extra.get("losses", {})}
         kinds.pop("lost", None)  # printed before them
         file = run.device_file(name)
-        gaps = len(extra.get("gaps", ()))
+        gaps = sum(one.get("lost") != 0 for one in extra.get("gaps", ()))  # of the others, all came late
         devices[name] = {
             "rows": record.rows,
             "lost": record.lost,

@@ -15,13 +15,18 @@ _LOST, _NEVER_TAKEN = "lost while recording", "never taken"
 
 
 class Gap(BaseModel):
-    """A span of Unix time in which a device delivered nothing, and why."""
+    """A span of Unix time in which a device delivered nothing, and why.
+
+    `lost` is how many rows are missing by the device's own clock, None where it does not tell. None of them, and all
+    came late.
+    """
 
     model_config = ConfigDict(frozen=True, allow_inf_nan=False)
 
     from_s: float
     to_s: float
     reason: str
+    lost: int | None = None
 
 
 class Facts(BaseModel):
@@ -93,8 +98,9 @@ def facts_of(run: Run, device: str, kind: type[Kind]) -> Kind:
 
 def gaps(facts: Facts) -> list[str]:
     """Return a note on spans without samples, if there are any."""
-    if not facts.gaps:
+    empty = [gap for gap in facts.gaps if gap.lost != 0]
+    if not empty:
         return []
-    reasons = ", ".join(dict.fromkeys(gap.reason for gap in facts.gaps))
-    total_s = sum(gap.to_s - gap.from_s for gap in facts.gaps)
-    return [f"no samples for {total_s:.1f} s in {counted(len(facts.gaps), 'gap')}: {reasons}."]
+    reasons = ", ".join(dict.fromkeys(gap.reason for gap in empty))
+    total_s = sum(gap.to_s - gap.from_s for gap in empty)
+    return [f"no samples for {total_s:.1f} s in {counted(len(empty), 'gap')}: {reasons}."]

@@ -205,6 +205,8 @@ class Lines:
         by_arrival = self._owed + math.floor(since_s * self._device.rate_hz)
         self._missing += max(by_arrival if by_device is None else by_device, 0)
         self._paid_s = None
+        if by_device is not None:
+            self._gaps[-1]["lost"] = max(by_device, 0)
 
     def _skipped_by_device(self) -> int | None:
         """Return how many lines are missing since before the last gap by the device's own clock.

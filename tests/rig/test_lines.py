@@ -14,10 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cfid.console.recording import devices_of
 from cfid.errors import ConfigError, DeviceError
 from cfid.records.line_devices import EncoderLines, LineValue, LoadCellLines
 from cfid.records.rig_file import RIG_FILE, new_rig_text
 from cfid.records.run import Label, Run
+from cfid.records.run_notes import Facts, facts_of, gaps
 from cfid.records.tables.angle import Reading, read_angle
 from cfid.records.tables.wrench import WrenchReading, read_wrench
 from cfid.rig.check_lines import check_lines
@@ -193,6 +195,28 @@ def test_lines_in_bursts_are_lost_only_where_the_devices_clock_skips_some(
     assert facts(run)["gaps"]
     assert np.sum(np.diff(rows["device_us"]) / 12500 - 1) == lost
     assert run.header.devices["loadcell"].lost == lost
+
+
+@pytest.mark.parametrize(("overflown", "shown"), [(0, 0), (120, 1)])
+def test_lines_that_all_came_late_are_no_gap_in_the_summary(session: Session, overflown: int, shown: int) -> None:
+    """A busy computer's summary was "13000 rows, 0 lost (2 gaps)": what these were, nothing said."""
+    instrument, cable = cell(session)
+    send = sending(cable, lambda n: b"" if 80 < n <= 80 + overflown else line(n))
+    stood = False
+
+    def stand(now_s: float) -> None:
+        nonlocal stood
+        if now_s > 1 and not stood:
+            stood = True
+            session.clock.rightNow += 2.0
+        send(session.clock.seconds())
+
+    run, _ = session.record(instrument, for_s=6, also=stand)
+    (gap,) = facts_of(run, "loadcell", Facts).gaps
+
+    assert gap.lost == pytest.approx(overflown, abs=2)
+    assert devices_of(run)["loadcell"]["gaps"] == shown
+    assert len(gaps(facts_of(run, "loadcell", Facts))) == shown
 
 
 def test_lines_of_a_burst_count_as_lost_where_nothing_tells_when_each_was_sent(session: Session) -> None:
