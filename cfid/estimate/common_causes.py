@@ -246,10 +246,17 @@ def _lines(result: Result, common: Mapping[str, Mapping[str, Array]]) -> list[De
 
 
 def _percent(moved: Array, value: Any, key: str) -> str:
+    """Return how far a cause moves a value; of several coefficients, of those that it leaves their sign.
+
+    Of a constant near 0 any cause moves thousands of per cent, which tells nothing of the curve.
+    """
     values = np.array(numbers_of(key, plain(value)), dtype=np.float64)
     part = np.abs(moved[values != 0] / values[values != 0]) if np.any(values) else np.zeros(1)
-    most = 100 * float(part.max())
+    clear = part[part < 1] if np.any(part < 1) else part
+    most = 100 * float(clear.max())
     text = f"{most:.2g} %" if most < 100 else f"{most:.0f} %"
+    if len(clear) < len(part):
+        return f"up to {text} of a coefficient that is not near 0"
     return text if np.ptp(part) < 1e-9 else f"up to {text} of a coefficient"
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from cfid.drag import fit as fit_drag
 from cfid.drag.experiments import DragExperiments
-from cfid.estimate.common_causes import arm_scales, power_law, with_common_causes
+from cfid.estimate.common_causes import Cause, arm_scales, power_law, with_common_causes
 from cfid.estimate.differences import Compared, difference, number_of
 from cfid.export.joint import joint_of
 from cfid.motors.maps import fit_speed, fit_thrust, fit_torque
@@ -122,6 +122,23 @@ def test_cross_talk_of_thrust_adds_to_the_slope_of_the_torque_alone() -> None:
     assert result.common["gain of Tz"]["motor.torque_poly"] == pytest.approx([0.02 * slope, 0.02 * offset])
     assert result.common["gain of Fz"]["motor.torque_poly"] == pytest.approx([-0.006 * slope, 0.0])
     assert result.common["linearity of the load cell"]["motor.torque_poly"] == pytest.approx([0.0, 0.003 * offset])
+
+
+def test_a_line_on_a_cause_leaves_out_a_coefficient_near_zero() -> None:
+    """An accelerometer's scale was printed as up to 2600 % of a coefficient: of the constant, by chance nearly 0."""
+    key = "flight.thrust_voltage_poly"
+    value = np.array([8e-5, 4e-3, 0.0135])
+    result = Result(
+        command="fit flight",
+        method="default",
+        quantities={key: Parameter(value=value.tolist(), std=[2e-3, 2e-4, 3e-4])},
+        findings=(),
+        sources=(),
+    )
+    cause = Cause("the accelerometer's scale", 0.02)
+    widened = with_common_causes(result, {cause: {key: 0.02 * (value - [0.1, 0.0, 0.0])}})
+    line = f"  the accelerometer's scale: {key} up to 2 % of a coefficient that is not near 0"
+    assert line in widened.summary()
 
 
 def test_scales_that_nobody_stated_are_named_once_and_change_nothing() -> None:
