@@ -129,7 +129,7 @@ def find_swing(
     halves = [HalfSwing(h.first + first, h.last + first, h.extreme + first, h.side) for h in halves]
     halves = completed(angle, halves, last=int(np.flatnonzero(kept)[-1]))
     if not halves:
-        raise DataError("no swing: the angle never stays off rest by half a degree. Look at it with `cfid show`.")
+        raise DataError(_no_swing(angle[kept]))
     taken = first > 0 and falls_freely(time, angle, halves, first)
     begin = by_hand(time, angle, halves, first) if taken else let_go(time, angle, halves)
     moved = () if taken else moved_again(time, angle, halves, begin)
@@ -150,6 +150,17 @@ def find_swing(
         period_s=float((peak_time[used - 1] - peak_time[1]) / (used - 2)),
         resolution_rad=_resolution(angle[kept]),
         findings=moved + grows + fewer,
+    )
+
+
+def _no_swing(angle: Array) -> str:
+    """Return why angles from rest (n,) hold no half-swing."""
+    farthest = float(angle[np.argmax(np.abs(angle))])
+    if abs(farthest) < _THRESHOLD_RAD:
+        return "no swing: the angle never stays off rest by half a degree. Look at it with `cfid show`."
+    return (
+        f"no release found: the angle goes {math.degrees(farthest):.3g} degrees from rest and does not swing back "
+        "before the record ends. Let the body go, and record until it hardly swings."
     )
 
 
@@ -182,7 +193,8 @@ def _check_motion(time: Array, angle: Array) -> None:
         place = int(np.argmax(steps))
         raise DataError(
             f"a swing of {farthest:.3g} rad goes over the top: the angle's unit or the counts per turn are wrong, the "
-            f"body turned, or readings are wrong (the largest step, {steps[place]:.3g} rad, is at {time[place]:.4g} s)."
+            "body turned, as under a falling weight, or readings are wrong (the largest step, "
+            f"{steps[place]:.3g} rad, is at {time[place]:.4g} s)."
         )
 
 

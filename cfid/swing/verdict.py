@@ -52,9 +52,12 @@ def of_no_mount(run: Run) -> str:
 
 
 def _check_end(time_s: Array, angle_rad: Array) -> None:
-    """Raise DataError where the angle (n,) at times (n,) stops at once in the middle of a swing, and stays."""
+    """Raise DataError where the angle (n,) at times (n,) stops at once in the middle of a swing, and stays.
+
+    What turned over the top is no swing, and is named as that by its fit.
+    """
     changes = np.flatnonzero(np.diff(angle_rad))
-    if not len(changes):
+    if not len(changes) or np.ptp(angle_rad) > 2 * math.pi:
         return
     last = changes[-1] + 1
     still_s, before = time_s[-1] - time_s[last], angle_rad[time_s >= time_s[last] - _BEFORE_S]

@@ -57,6 +57,20 @@ def test_a_drop_is_no_swing_and_is_told_to_be_recorded_again(bodies: Path) -> No
     assert read_run(run.folder).header.verdict is not None
 
 
+def test_a_falling_weight_that_stops_at_once_is_named_as_a_body_that_turned(bodies: Path) -> None:
+    """The floor stops the weight, and the axis with it: no encoder froze."""
+    run = runs_of(bodies, "drop")[0]
+    path = run.device_file("encoder")
+    header, *rows = path.read_text().splitlines()
+    place, cells = run.header.devices["encoder"].columns.index("phi"), [row.split(",") for row in rows]
+    fastest = max(range(len(cells) - 3000), key=lambda i: abs(int(cells[i + 100][place]) - int(cells[i][place]))) + 100
+    for row in cells[fastest:]:
+        row[place] = cells[fastest][place]
+    path.write_text("\n".join([header, *map(",".join, cells), ""]))
+
+    assert "the body turned, as under a falling weight" in verdict_line(judged(run, cfid.swing.verdict.verdict))
+
+
 def test_an_encoder_that_freezes_in_the_middle_of_a_swing_is_named(bodies: Path) -> None:
     run = runs_of(bodies, "swing")[0]
     path = run.device_file("encoder")

@@ -122,6 +122,13 @@ def test_a_wobble_below_a_degree_is_no_swing() -> None:
         find_swing(time_s, 0.005 * np.cos(14 * time_s))
 
 
+def test_a_body_that_was_lifted_and_not_let_go_before_the_end_has_no_release() -> None:
+    time_s = np.arange(0, 9, 0.001)
+    lifted = np.radians(-55.6) * np.clip(time_s - 8.3, 0, 0.5) / 0.5
+    with pytest.raises(DataError, match=r"no release found: the angle goes -55\.6 degrees from rest and does not"):
+        find_swing(time_s, lifted)
+
+
 def test_a_swing_of_500_rad_is_a_wrong_unit() -> None:
     time_s, angle = recorded(HandRelease(angle_rad=0.8))
     with pytest.raises(DataError, match="goes over the top"):
