@@ -81,9 +81,17 @@ def holder_of(device: str) -> str:
 
 def vehicles_held() -> list[str]:
     """Return the addresses of the vehicles that other processes hold."""
+    return [device for device in vehicles_locked() if holder_of(device)]
+
+
+def vehicles_locked() -> list[str]:
+    """Return the addresses of the vehicles that processes hold, this one too, as the kernel lists their locks.
+
+    It may be called again and again: it connects to no holder, whose queue of connections would fill.
+    """
     start = _start()
     devices = [unquote(name.removeprefix(start)) for name, _ in _held() if name.startswith(start)]
-    return [device for device in devices if device.startswith(_VEHICLES) and holder_of(device)]
+    return [device for device in devices if device.startswith(_VEHICLES)]
 
 
 def _held() -> Iterator[tuple[str, int]]:

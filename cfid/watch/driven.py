@@ -6,7 +6,7 @@ from pathlib import Path
 from cfid.errors import DataError
 from cfid.records.run import RUN_FILE, RunHeader, read_run
 from cfid.rig.address import resolved
-from cfid.rig.lock import vehicles_held
+from cfid.rig.lock import vehicles_locked
 
 _MOST_RUNS = 4096  # whose run.toml is remembered
 
@@ -22,7 +22,7 @@ def vehicles_recorded(runs_folder: Path, *, besides: tuple[str, ...]) -> tuple[s
 
     A recorder that hangs holds its vehicle too; a run that was cut a week ago states "recording" and holds none.
     """
-    held = {uri for uri in vehicles_held() if uri not in {resolved(other) for other in besides}}
+    held = {uri for uri in vehicles_locked() if uri not in {resolved(other) for other in besides}}
     if not held:
         return ()
     found: dict[str, None] = {}

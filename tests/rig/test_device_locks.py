@@ -21,7 +21,7 @@ from cfid.errors import ConfigError, DeviceError
 from cfid.records.devices import Devices, EncoderPort
 from cfid.records.rig_file import RIG_FILE, Rig, load_rig, new_rig_text
 from cfid.rig.holder import Holder
-from cfid.rig.lock import DeviceLock, find_holder, holder_of, vehicles_held
+from cfid.rig.lock import DeviceLock, find_holder, holder_of, vehicles_held, vehicles_locked
 from cfid.rig.sim_file import SIM_FILE, devices_in, published
 
 DEVICE = "192.0.2.1:49152"
@@ -211,6 +211,18 @@ def test_vehicles_that_others_hold_are_told_by_their_addresses() -> None:
         DeviceLock.take("usb://0"),
     ):
         assert vehicles_held() == ["radio://0/80/2M/E7E7E7E701"]
+
+
+def test_vehicles_are_listed_again_and_again_without_a_connection_to_who_holds_them() -> None:
+    """A lock accepts no connection: those that ask who listens stay in its queue, and fill it."""
+    uri = "radio://0/80/2M/E7E7E7E701"
+    with another_process(HOLD, uri), DeviceLock.take("usb://0"):
+        for _ in range(2 * socket.SOMAXCONN):
+            assert set(vehicles_locked()) == {uri, "usb://0"}
+        digest = hashlib.sha256(os.environ["CFID_LOCKS"].encode()).hexdigest()[:12]
+        with socket.socket(socket.AF_UNIX) as probe:
+            probe.setblocking(False)
+            probe.connect(f"\0cfid/{digest}/{uri}")
 
 
 # Which process that is
