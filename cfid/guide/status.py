@@ -8,7 +8,7 @@ from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.guide.certainty import Certainty, certainty_of, percent
 from cfid.guide.plan import Assignment, Task, Words, is_vehicle, tasks
-from cfid.motors.plan import missing
+from cfid.motors.plan import FEWEST_COMMANDS, StaircasePlan, missing
 from cfid.records.campaign import RUNS_FOLDER, Campaign
 from cfid.records.parameters import Section
 from cfid.records.rig_file import RIG_FILE, CampaignKind
@@ -16,6 +16,7 @@ from cfid.records.run import Run
 from cfid.records.stale import Stale, is_blind, other_facts, stale_in
 from cfid.records.tables.angle import ENCODER
 from cfid.transfer.sines.plan import SineSweep, missing_sines
+from cfid.units import DEAD_COMMAND
 
 State = Literal["missing", "not fitted", "stale", "rejected", "accepted"]
 
@@ -73,7 +74,7 @@ def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> tuple[
     begun = sorted((run.header for run in every if run.header.kind == "swing"), key=lambda one: one.started)
     swung = [one.label.axis for one in begun if one.label.axis is not None and is_vehicle(one.label)]
     planned = tasks(campaign.rig, kind=kind, order=order, swung=swung, by_gyro=by_gyro)
-    short = _short_series(runs, every)
+    short = _short_series(runs, every) | _short_staircases(runs)
     found = (
         _status(task, runs, sections.get(task.section), rejected.get(task.section), stale, short=short)
         for task in planned
@@ -173,7 +174,7 @@ def _status(
 ) -> TaskStatus:
     """Judge a task by its runs, by its section of parameters.toml, and by the last fit that was rejected whole.
 
-    Runs of a series that is `short`, by name with the sentence that states it, are not yet the recording of it.
+    Runs of a series or staircase that is `short`, by name with the sentence that states it, are not its recording yet.
     """
     lacking = _lacking(task.recordings, [run for run in runs if run.folder.name not in short])
     short_of_runs = any(not one.repeats for one in lacking)
@@ -236,6 +237,26 @@ def _short_series(runs: Iterable[Run], every: Sequence[Run]) -> dict[str, str]:
             there = f"{count - lacks} of {counted(count, 'sine')}"
             sentences[run.folder.name] = f"The series of {run.folder.name} is short: {there} are complete."
     return sentences
+
+
+def _short_staircases(runs: Sequence[Run]) -> dict[str, str]:
+    """Return for each staircase, where all of its kind have too few commands together for a map, why, by its name."""
+    sentences: dict[str, str] = {}
+    for kind, needed in FEWEST_COMMANDS.items():
+        steps = {run.folder.name: _commands(run) for run in runs if run.header.kind == kind}
+        count = len({step for own in steps.values() for step in own})
+        if 0 < count < needed:
+            recorded = f"{counted(count, 'command')} above {DEAD_COMMAND} {'is' if count == 1 else 'are'} recorded"
+            sentences |= dict.fromkeys(steps, f"{recorded}, and `cfid fit {kind}` takes at least {needed}.")
+    return sentences
+
+
+def _commands(run: Run) -> set[int]:
+    """Return the commands of a staircase at which motors turn; none where its run.toml states no staircase."""
+    try:
+        return {step for step in StaircasePlan.of_run(run).steps if step > DEAD_COMMAND}
+    except (KeyError, TypeError, ValueError):
+        return set()
 
 
 def _lacks(run: Run, every: Sequence[Run]) -> int:

@@ -9,6 +9,7 @@ from cfid.estimate.battery_endurance import Held
 from cfid.records.run import Run, read_run
 from cfid.records.steps import steps_left
 
+FEWEST_COMMANDS = {"thrust": 3, "speed": 2}  # above the dead zone: coefficients of the map of each kind
 LONGEST_STEP_S = 3600.0  # longer than any battery lasts: a slip of the keyboard
 
 

@@ -4,14 +4,13 @@ import numpy as np
 
 from cfid.errors import FitError
 from cfid.motors.data import reduce_run
-from cfid.motors.plan import StaircasePlan
+from cfid.motors.plan import FEWEST_COMMANDS, StaircasePlan
 from cfid.motors.points import Array
 from cfid.records.run import Run
 from cfid.records.tables.wrench import AXES, WrenchReading, read_wrench
 from cfid.units import DEAD_COMMAND
 
 _SHARE = 0.5  # of the steps that must be there
-_OF_QUADRATIC = 3  # coefficients of thrust over command
 
 
 def of_forces(run: Run) -> str:
@@ -27,7 +26,7 @@ def of_forces(run: Run) -> str:
     least, most = (1e3 * float(end(point.mean[AXES.index(axis)] for point in points)) for end in (min, max))
     found = f"{len(points)} of {steps} steps are steady, {axis} from {least:.0f} to {most:.0f} {unit}"
     commands = np.array([point.command or 0 for point in points], dtype=np.float64)
-    return "; ".join([found, *left_out[:1]]) + "." + too_few(commands, _OF_QUADRATIC, "cfid fit thrust")
+    return "; ".join([found, *left_out[:1]]) + "." + too_few(commands, FEWEST_COMMANDS["thrust"], "cfid fit thrust")
 
 
 def too_few(command: Array, coefficients: int, fit: str) -> str:

@@ -429,6 +429,36 @@ def test_a_series_of_sines_that_ended_early_is_short_and_its_rest_is_played_next
     assert (transfer().state, transfer().recorded) == ("not fitted", 1)
 
 
+def test_a_staircase_of_fewer_commands_than_a_map_takes_is_recorded_again(folder: Path) -> None:
+    def thrust() -> tuple[TaskStatus, ...]:
+        statuses = status_of(open_campaign(folder), kind="motors")
+        return tuple(one for one in statuses if one.task.section in ("thrust", "torque"))
+
+    climbed(folder, (0, 20000, 30000), minute=0)
+    for one in thrust():
+        assert (one.state, one.recorded) == ("missing", 0)
+        assert one.reason == "2 commands above 1000 are recorded, and `cfid fit thrust` takes at least 3."
+    assert next_of(thrust()).words == ("log", "thrust")
+
+    climbed(folder, (40000,), minute=1)
+    assert [(one.state, one.recorded) for one in thrust()] == [("not fitted", 1)] * 2
+
+
+def climbed(folder: Path, steps: tuple[int, ...], *, minute: int) -> None:
+    """Write a staircase that is complete."""
+    with create_run(
+        folder / "runs",
+        kind="thrust",
+        label=Label(),
+        devices={"commands": DeviceRecord(file="commands.csv", columns=("t", "m1", "m2", "m3", "m4"))},
+        requested={"steps": steps, "motors": (1, 3), "hold_s": 2.0, "rest_s": 1.0},
+        started=BEGAN + timedelta(minutes=minute),
+        cfid_version="0.2.0",
+    ) as writer:
+        writer.append("commands", ([1.7e9], [0], [0], [0], [0]))
+        writer.close("complete")
+
+
 def test_sines_of_no_known_series_count_as_one(folder: Path) -> None:
     sine(folder, 2, minute=0)
     statuses = status_of(open_campaign(folder), kind="motors")

@@ -395,3 +395,17 @@ def test_scales_that_show_half_of_the_maps_thrust_are_a_warning_with_the_limit()
     assert (finding.code, finding.severity) == ("scales-differ", "warning")
     assert "(limit 10 %), and show 0.50 times the map's thrust" in finding.text
     assert not scales_findings(close)
+
+
+def test_a_line_through_two_points_is_as_uncertain_as_a_map_may_miss_its_points() -> None:
+    """Their windows alone say nothing of the line between them."""
+    two = made(np.array([20000.0, 30000.0]))
+    tiny = np.full(2, 1e-7)
+    known = fit_torque(dataclasses.replace(two, torque_std_nm=tiny, thrust_std_n=tiny))
+    unknown = fit_torque(two)
+    largest = float(np.max(np.asarray(two.torque_nm)))
+
+    assert known.fit.confidence([float(known.x[1])])[0] > 0.09 * largest
+    for found, taken in ((known, True), (unknown, False)):
+        (finding,) = [one for one in found.findings if one.code == "map-without-freedom"]
+        assert finding.text.endswith("as far as a map may miss its points.") == taken

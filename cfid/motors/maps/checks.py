@@ -230,7 +230,10 @@ def scatter_findings(fit: PolynomialFit, command: Array, key: str) -> Iterable[F
     """Report how well the points agree with each other, and which are outliers."""
     if fit.degrees_of_freedom == 0:
         text = f"{len(command)} points determine all coefficients and leave nothing to judge them by."
-        yield warning("map-without-freedom", text, key)
+        taken = (
+            f" Each is taken as off by {100 * MISFIT_LIMIT:.0f} % of the largest, as far as a map may miss its points."
+        )
+        yield warning("map-without-freedom", text + taken * bool(np.isfinite(fit.std).all()), key)
     if fit.inflation is not None and fit.inflation > NOTABLE_SCATTER:
         yield warning(
             "map-points-scatter",

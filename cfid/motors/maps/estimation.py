@@ -12,6 +12,7 @@ from cfid.estimate.polynomials import ORDERS, PolynomialFit, fit_best_order, fit
 from cfid.estimate.scatter import scattered_std
 from cfid.findings import Finding, note, warning
 from cfid.motors.maps.checks import (
+    MISFIT_LIMIT,
     check_speed,
     check_thrust,
     exchange_findings,
@@ -236,6 +237,8 @@ def _map(
         choice = fit_best_order(used.x, used.y, orders=ORDERS, std=std, shared=shared, robust=huber)
         order, aicc = choice.fit.order, choice.aicc
     wide = None if std is None else scattered_std(used.x, used.y, std, order=order, robust=huber)
+    if wide is not None and len(used.x) == order + 1:  # nothing shows how far they are off
+        wide = np.hypot(wide, MISFIT_LIMIT * float(np.max(np.abs(used.y))))
     fit = _stated(fit_polynomial(used.x, used.y, order=order, std=wide, shared=shared, robust=huber), std, wide)
     swaps: tuple[Finding, ...] = ()
     if quantity != "torque" and method == "default":

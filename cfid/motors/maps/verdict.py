@@ -7,7 +7,7 @@ from cfid.errors import DataError, FitError
 from cfid.findings import joined
 from cfid.motors.maps.estimation import fit_speed
 from cfid.motors.maps.scales import scales_thrust_n
-from cfid.motors.plan import StaircasePlan
+from cfid.motors.plan import FEWEST_COMMANDS, StaircasePlan
 from cfid.motors.points import Array, MotorPoints, rotor_speed_rad_s
 from cfid.motors.typed import Expected, expected_of
 from cfid.motors.verdict import too_few
@@ -21,9 +21,8 @@ from cfid.units import DEAD_COMMAND, USUAL_GRAVITY_MPS2
 _SHARE = 0.5  # of the steps that must be there
 _RISES = 0.02  # of the largest: what an instrument has to show more at the highest command than at the lowest
 _SHOWN = {"tachometer": ("rpm", "rpm"), "scales": ("grams", "g")}  # of each instrument the column, and its unit
-_OF_LINE = 2  # coefficients of speed over command
 _OF_RIG = "speed-unusual"  # a rejection that a rig of any other body takes back
-_MARKERS = "If only `tachometer.markers` of rig.toml is wrong, correct it, and `cfid fit speed RUN` takes `markers`."
+_MARKERS = "If only markers in rig.toml is wrong, correct it: `cfid fit speed RUN --markers N` takes these readings."
 
 
 def of_readings(run: Run) -> str:
@@ -62,7 +61,7 @@ def _check_plausible(command: Array, value: Array, expected: Expected) -> None:
 
 def _about_speeds(command: Array, rpm: Array, markers: int, *, platform: Platform) -> str:
     """Return what a line through readings (n,) lacks, "" where it has enough. Raises FitError where it misses them."""
-    if lacking := too_few(command, _OF_LINE, "cfid fit speed"):
+    if lacking := too_few(command, FEWEST_COMMANDS["speed"], "cfid fit speed"):
         return lacking
     speed = rotor_speed_rad_s(rpm, markers=markers)
     mapped = fit_speed(MotorPoints(command=command, speed_rad_s=speed))
