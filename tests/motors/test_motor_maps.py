@@ -406,6 +406,7 @@ def test_a_line_through_two_points_is_as_uncertain_as_a_map_may_miss_its_points(
     largest = float(np.max(np.asarray(two.torque_nm)))
 
     assert known.fit.confidence([float(known.x[1])])[0] > 0.09 * largest
+    assert not any(one.code == "map-points-scatter" for one in known.findings)  # nothing shows any
     for found, taken in ((known, True), (unknown, False)):
         (finding,) = [one for one in found.findings if one.code == "map-without-freedom"]
         assert finding.text.endswith("as far as a map may miss its points.") == taken

@@ -238,7 +238,7 @@ def _map(
         order, aicc = choice.fit.order, choice.aicc
     wide = None if std is None else scattered_std(used.x, used.y, std, order=order, robust=huber)
     if wide is not None and len(used.x) == order + 1:  # nothing shows how far they are off
-        wide = np.hypot(wide, MISFIT_LIMIT * float(np.max(np.abs(used.y))))
+        std = wide = np.hypot(wide, MISFIT_LIMIT * float(np.max(np.abs(used.y))))
     fit = _stated(fit_polynomial(used.x, used.y, order=order, std=wide, shared=shared, robust=huber), std, wide)
     swaps: tuple[Finding, ...] = ()
     if quantity != "torque" and method == "default":
