@@ -80,8 +80,11 @@ def _keep(results: "Results", answers: "Iterator[tuple[str, Refitted | DataError
     from cfid import __version__
     from cfid.errors import DataError
 
+    def done() -> int:
+        return sum(one in results.done for one in every)  # the folder may hold others, that were asked for before
+
     faults = []
-    began_s, before = time.monotonic(), len(results.done)
+    began_s, before = time.monotonic(), done()
     if before:
         note(f"{before} of {len(every)} campaigns are done already, and stay as they are.")
     try:
@@ -94,9 +97,9 @@ def _keep(results: "Results", answers: "Iterator[tuple[str, Refitted | DataError
                 faults.append(answer.fault)
             else:
                 results.keep(campaign, answer)
-            _print_progress(len(results.done) + len(faults), len(every), before, time.monotonic() - began_s)
+            _print_progress(done() + len(faults), len(every), before, time.monotonic() - began_s)
     except KeyboardInterrupt:
-        note(f"{len(results.done)} of {len(every)} campaigns are done; the same command goes on with the others.")
+        note(f"{done()} of {len(every)} campaigns are done; the same command goes on with the others.")
         raise
     return faults
 

@@ -1,5 +1,6 @@
 """Find campaigns by folders, globs, an index or addresses, and bring what one needs to this computer."""
 
+import asyncio
 import glob
 import os
 import re
@@ -23,6 +24,7 @@ _ADDRESS = re.compile(r"[A-Za-z][\w+.-]*://")
 _NAME = re.compile(r"[A-Za-z0-9_+-][A-Za-z0-9_.+ -]*")  # of a file that another computer lists: no path, nothing hidden
 _SHOWN = 100  # characters of an invalid name that a message quotes
 _SILENT_S = 20.0
+_LOOK_S = 1.0  # between looks at how much came
 _LISTED_S = 30.0  # for the whole list of a folder, which may drip
 _LARGEST_INDEX = 1 << 24  # bytes
 _LARGEST_TEXT, _LARGEST_RECORDING = 1 << 26, 1 << 33  # bytes; of the first no more is read, of rows these are a day's
@@ -84,7 +86,7 @@ def at_hand(campaign: str) -> Iterator[Place]:
                     if only is None or file in only:
                         largest = _LARGEST_RECORDING if name.startswith(RUNS_FOLDER) else _LARGEST_TEXT
                         with _faults("/".join(filter(None, (campaign, name, file)))):
-                            files.get_file(path, str(here / file), callback=Arriving(largest))
+                            _fetch(files, path, here / file, largest)
 
         def bring_run(name: str) -> None:
             if not (folder / RUNS_FOLDER / name).exists():
@@ -128,7 +130,7 @@ def _listed(index: str) -> list[str]:
         with _faults(index), tempfile.TemporaryDirectory(prefix="cfid-fleet-") as temporary:
             files, path = _files_at(index)
             here = Path(temporary) / "index"
-            files.get_file(path, str(here), callback=Arriving(_LARGEST_INDEX))
+            _fetch(files, path, here, _LARGEST_INDEX)
             content = here.read_bytes()
     else:
         try:
@@ -158,6 +160,26 @@ def _files_at(address: str) -> tuple[Any, str]:
     return files, str(root).rstrip("/")
 
 
+def _fetch(files: Any, path: str, here: Path, largest: int) -> None:
+    """Bring a file of at most so many bytes. Raises ValueError where it is larger, or comes too slowly."""
+    arriving = Arriving(largest)
+    if not getattr(files, "async_impl", False):
+        files.get_file(path, str(here), callback=arriving)
+        return
+    from fsspec.asyn import sync  # noqa: PLC0415 - an extra
+
+    async def watched() -> None:
+        fetched = asyncio.ensure_future(files._get_file(path, str(here), callback=arriving))
+        try:
+            while not (await asyncio.wait({fetched}, timeout=_LOOK_S))[0]:
+                arriving.check_pace()  # also of what comes before the file itself
+            await fetched
+        finally:
+            fetched.cancel()
+
+    sync(files.loop, watched)
+
+
 class Arriving:
     """Watches a file that another computer sends, as fsspec calls it: one that is too large or too slow ends."""
 
@@ -174,18 +196,36 @@ class Arriving:
         self._bytes += count
         if self._bytes > self._largest:
             raise ValueError(f"it sends more than {self._largest >> 20} MB, where a smaller file is expected")
+        self.check_pace()
+
+    def check_pace(self) -> None:
+        """Raise ValueError where less came than any network brings."""
         spent_s = self._clock() - self._began_s
         if spent_s > _SILENT_S and self._bytes < _SLOWEST_BPS * spent_s:
             raise ValueError(f"it sent {self._bytes} bytes in {spent_s:.0f} s (limit {_SLOWEST_BPS:g} a second)")
 
 
 def _limits(address: str) -> dict[str, Any]:
-    """Return options by which a server that is silent for long ends in an error."""
+    """Return options by which a server that is silent for long, or lists without end, ends in an error."""
     if not address.lower().startswith(("http://", "https://")):
         return {}
     import aiohttp  # noqa: PLC0415 - comes with the extra
 
-    return {"client_kwargs": {"timeout": aiohttp.ClientTimeout(sock_connect=_SILENT_S, sock_read=_SILENT_S)}}
+    class ShortPage(aiohttp.ClientResponse):
+        """A page that is read whole, as the list of a folder is; a file comes in parts."""
+
+        async def read(self) -> bytes:
+            """Return the page. Raises ValueError for one that is larger than any list."""
+            page = bytearray()
+            async for part in self.content.iter_chunked(1 << 16):
+                page += part
+                if len(page) > _LARGEST_INDEX:
+                    raise ValueError(f"it sends a list of more than {_LARGEST_INDEX >> 20} MB")
+            self._body = bytes(page)
+            return self._body
+
+    limit = aiohttp.ClientTimeout(sock_connect=_SILENT_S, sock_read=_SILENT_S)
+    return {"client_kwargs": {"timeout": limit, "response_class": ShortPage}}
 
 
 def _patience(files: Any) -> dict[str, float]:

@@ -6,6 +6,7 @@ import importlib.util
 import json
 import os
 import pty
+import re
 import shutil
 import signal
 import threading
@@ -182,6 +183,17 @@ def test_campaigns_of_a_server_are_fitted_to_the_same(cfid: Cfid, campaigns: Pat
     assert "source-" not in compared.stderr
 
 
+def test_campaigns_that_the_folder_holds_beside_those_asked_for_are_not_counted(
+    cfid: Cfid, campaigns: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    for name in ("c1", "c2", "c2"):
+        ended = cfid("fleet", "fit", campaigns / name, "--out", out, "--jobs", 1)
+        assert ended.returncode == 0, ended.stderr
+        assert not re.search("[2-9] of 1 campaigns", ended.stderr)
+    assert "1 of 1 campaigns are done already" in ended.stderr
+
+
 @pytest.mark.parametrize("path", ["c3/x/..", "c3/x/%2e%2e", "c3/.", "c3//"])
 def test_a_campaign_of_a_server_is_made_in_its_temporary_folder_whatever_its_name(
     cfid: Cfid, served: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str
@@ -228,14 +240,41 @@ def test_a_file_of_a_server_that_never_ends_is_refused(tmp_path: Path) -> None:
     )
 
 
-class _Dripping(http.server.BaseHTTPRequestHandler):
-    """Sends a byte a second, whatever is asked for."""
+class _EndlessList(_Endless):
+    """Lists files without end."""
 
     def do_GET(self) -> None:
         self.send_response(200)
         self.send_header("Content-Type", "text/html")
         self.end_headers()
         with contextlib.suppress(OSError):  # who asked has had enough
+            while True:
+                self.wfile.write(b'<a href="a.json">a</a>' * 50_000)
+
+
+def test_a_list_of_a_server_that_never_ends_is_refused(tmp_path: Path) -> None:
+    pytest.importorskip("aiohttp", reason="fsspec's HTTP is not installed: pip install 'cfid[fleet]'")
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), _EndlessList) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        found = refit(f"http://127.0.0.1:{server.server_port}/c1")
+        server.shutdown()
+        thread.join()
+    assert "cannot be read: it sends a list of more than 16 MB" in found.fault
+
+
+class _Dripping(http.server.BaseHTTPRequestHandler):
+    """Sends a byte a second, whatever is asked for: at /head/ of the head of a file, which is listed at once."""
+
+    def do_GET(self) -> None:
+        if "/head/" in self.path and self.path.endswith("/"):
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+            self.wfile.write(b'<a href="rig.toml">rig.toml</a>')
+            return
+        with contextlib.suppress(OSError):  # who asked has had enough
+            self.wfile.write(b"HTTP/1.1 200 OK\r\nX-Long: " if "/head/" in self.path else b"HTTP/1.1 200 OK\r\n\r\n")
             while True:
                 self.wfile.write(b" ")
                 time.sleep(1)
@@ -245,8 +284,8 @@ class _Dripping(http.server.BaseHTTPRequestHandler):
 
 
 @pytest.mark.slow  # it waits for two limits of time
-@pytest.mark.parametrize("words", [["{}/c1"], ["{}/*"], ["--index", "{}/index.txt"]], ids=["one", "glob", "index"])
-def test_a_server_that_drips_lists_and_indices_is_left(cfid: Cfid, tmp_path: Path, words: list[str]) -> None:
+@pytest.mark.parametrize("words", [["{}/c1"], ["{}/*"], ["--index", "{}/index.txt"], ["{}/head/c1"]])
+def test_a_server_that_drips_lists_indices_or_heads_is_left(cfid: Cfid, tmp_path: Path, words: list[str]) -> None:
     pytest.importorskip("aiohttp", reason="fsspec's HTTP is not installed: pip install 'cfid[fleet]'")
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), _Dripping) as server:
         server.daemon_threads = True
@@ -260,7 +299,7 @@ def test_a_server_that_drips_lists_and_indices_is_left(cfid: Cfid, tmp_path: Pat
         thread.join()
     assert took_s < 100
     assert ended.returncode == 4
-    assert "it did not answer within 30 s" in ended.stderr or "bytes in 2" in ended.stderr
+    assert "it did not answer within 30 s" in ended.stderr or "(limit 1000 a second)" in ended.stderr
 
 
 def test_a_file_that_drips_is_refused_and_a_slow_one_is_not() -> None:
