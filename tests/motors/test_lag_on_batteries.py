@@ -88,6 +88,31 @@ def test_a_voltage_that_hardly_changes_leaves_its_power_open(tmp_path: Path) -> 
     assert "1 +- 0.5" in note
 
 
+def test_a_voltage_of_two_decimals_makes_no_drift_and_moves_no_time_constant(tmp_path: Path) -> None:
+    rng, steps = np.random.default_rng(1), round(60 / STEP_S)
+    levels, holds = rng.uniform(12000, 58000, 600).round(), rng.integers(150, 600, 600)
+    command = np.repeat(levels, holds)[:steps]
+    volts, speeds, speed = np.empty(steps), np.empty(steps), 900.0
+    for step in range(steps):
+        volts[step] = 4.05 - 0.003 * STEP_S * step - 0.25 * (speed / 2300) ** 2
+        speeds[step] = speed
+        leads_to = 150 + 2100 * command[max(step - 4, 0)] / 65535 * volts[step] / 4
+        speed -= (speed - leads_to) * -np.expm1(-STEP_S / (RISING_S if leads_to > speed else FALLING_S))
+    rows = np.arange(0, steps, 2)
+    rows = rows[rng.uniform(size=len(rows)) > 0.02]
+    rpm = 30 / np.pi * speeds[rows] + rng.normal(0, 20, len(rows))
+    table = {"t_ms": rows, "motor.m1": command[rows].astype(int), "rpm.m1": rpm, "pm.vbat": volts[rows].round(2)}
+    pd.DataFrame(table).to_csv(tmp_path / "log.csv", index=False)
+    log = rotor_log(tmp_path / "log.csv")
+    assert log is not None
+    result = fit(log)
+
+    assert not any(one.code == "lag-map-drifts" for one in result.findings)
+    assert result.quantities["dynamics.rising"].value[0] == pytest.approx(1 / RISING_S, rel=0.007)
+    assert result.quantities["dynamics.falling"].value[0] == pytest.approx(1 / FALLING_S, rel=0.007)
+    assert np.abs(list(off(result))).max() < 2
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("power", [0.5, 1.0])
 @pytest.mark.parametrize(("command_s", "speed_s"), [(0.0, 0.0), (0.016, 0.0), (0.008, 0.008)])

@@ -35,6 +35,9 @@ _FINEST_VOLTS_S = 5e-3  # they change by some percent
 _QUICKEST_S, _SLOWEST_S, _EARLIEST_S, _LATEST_S = 1e-3, 2.0, -0.2, 0.5
 _STARTS_S, _STARTS_LATE_S = (0.015, 0.04, 0.1, 0.25), (0.0, 0.02, 0.06)
 _SMOOTH = 0.25  # time constants over which noise is averaged before judging how much the lag explains
+# Times the variance that a drift leaves, below which there is none: free to drift, a record on a battery that sags
+# gives a power of the voltage and time constants that its noise decides.
+_STEADY = 1.01
 _DRIFTED = 2.0  # times the variance that a drift leaves: without it the model is no other view of the record
 # Of the interval between rows of a command that moves in most of them: what it does between them is not known. On
 # chirps and ramps at 50 Hz time constants were up to this much off beyond noise.
@@ -153,14 +156,16 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
     correlation = correlation_of(beside(missing, drifts), lengths)
     white = partial(whitened, lengths=lengths, correlation=correlation)
     white_drifts = np.column_stack([white(column) for column in drifts.T])
-    fit = fitted(plain.x, lambda residual: beside(white(residual), white_drifts))
+    fit, other = fitted(plain.x, lambda residual: beside(white(residual), white_drifts)), plain
+    if expected.fitted and np.var(missing) < _STEADY * np.var(beside(missing, drifts)):
+        fit, other = fitted(plain.x, white), fit
     off = shown(fit.x) - measured
     residual = beside(off, drifts)
     lag = InputLag(*fit.x[3:6].tolist())
     columns = fit.jac / np.maximum(np.linalg.norm(fit.jac, axis=0), 1e-300)
     singular = np.linalg.svd(columns, compute_uv=False)[-1] < _SINGULAR or bool(np.any(fit.active_mask[3:]))
     drifted = np.var(missing) > _DRIFTED * np.var(residual)
-    covariance, effects = covariances(fit, plain, expected, drifted=drifted, longest=len(measured) // 4)
+    covariance, effects = covariances(fit, other, expected, drifted=drifted, longest=len(measured) // 4)
     covariance[[3, 4], [3, 4]] += (moving * _BETWEEN_ROWS * row_s) ** 2
     explained = _explained(pieces, residual, measured, min(lag.rising_s, lag.falling_s))
     return LagFit(

@@ -45,19 +45,20 @@ class Expected(NamedTuple):
 
 
 def covariances(
-    fit: OptimizeResult, plain: OptimizeResult, expected: Expected, *, drifted: bool, longest: int
+    fit: OptimizeResult, other: OptimizeResult, expected: Expected, *, drifted: bool, longest: int
 ) -> tuple[Array, Array]:
     """Return the parameters' covariance (p, p), and how far (p, m) they go with what is not as expected.
 
-    The covariance contains the latter, and their change from a fit that neither whitens nor allows a drift. The change
-    counts where noise does not explain it, and no drift: the model misses something that both weigh differently.
+    The covariance contains the latter, and their change from the other fit, which allows a drift where this one does
+    not, or neither whitens nor allows one. The change counts where noise does not explain it, and no drift: the model
+    misses something that both weigh differently.
     """
     effects = expected.effects(fit)
     found = _of(fit, expected, longest=longest)
     if drifted:
         return found, effects
-    change, other = fit.x - plain.x, _of(plain, expected, longest=longest)
-    unexplained = np.abs(change[3:6]) > _SURE_STD * np.sqrt(np.diag(found)[3:6] + np.diag(other)[3:6])
+    change, its = fit.x - other.x, _of(other, expected, longest=longest)
+    unexplained = np.abs(change[3:6]) > _SURE_STD * np.sqrt(np.diag(found)[3:6] + np.diag(its)[3:6])
     return (found + np.outer(change, change) if unexplained.any() else found), effects
 
 
