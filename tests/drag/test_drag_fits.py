@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 import pytest
 
 from cfid import drag
@@ -340,6 +341,30 @@ SPOILT: dict[str, tuple[Spoil, str]] = {
     "motors that never ran": (spoil_file(NOISE), "20000.csv: the motors never run in this record"),
     "a window that ends first": (change(20000, WINDS[1], from_s="4", to_s="3"), "a window begins at from_s"),
 }
+
+
+@pytest.mark.parametrize(
+    ("axis", "begin", "share", "left"), [("Fy", 0.3, 0.1, 8), ("Fx", 0.3, 0.1, 8), ("Fx", 0.25, 0.75, 7)]
+)
+def test_a_load_cell_that_was_stuck_costs_its_samples_or_its_file_and_is_named(
+    tmp_path: Path, axis: str, begin: float, share: float, left: int
+) -> None:
+    tunnel = recorded(tmp_path)
+    whole = drag.fit([], index=tunnel.write())
+    name = tunnel.row(40000, WINDS[1])["loadcell"]
+    table = pd.read_csv(tmp_path / name)
+    rows = slice(round(begin * len(table)), round((begin + share) * len(table)))
+    table.loc[rows.start : rows.stop - 1, axis] = 0 if axis == "Fx" else -1_000_000
+    table.to_csv(tmp_path / name, index=False)
+    found = drag.fit([], index=tunnel.write())
+
+    said = f"{axis} repeats one value in {rows.stop - rows.start} samples of {len(table)} (first at"
+    assert any(said in one.text for one in found.findings)
+    assert ("drag-load-cell-stuck" in {one.code for one in found.findings}) == (left < 8)
+    assert f"{left} experiments in" in " ".join(found.summary())
+    key = "drag.simple_kg_per_rad"
+    std = np.array(whole.quantities[key].std)
+    assert np.abs(np.array(found.quantities[key].value) - whole.quantities[key].value).max() < std.max()
 
 
 @pytest.mark.parametrize(("spoil", "sentence"), SPOILT.values(), ids=SPOILT)

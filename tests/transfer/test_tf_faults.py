@@ -307,6 +307,26 @@ def test_single_spikes_of_the_load_cell_are_left_out_and_counted(tf: Here, index
     assert any("off alone left out (first at " in text for text in sentences(after))
 
 
+@pytest.mark.parametrize("axis", [1, 3, 4])
+def test_several_samples_in_a_row_that_no_force_makes_are_left_out_and_counted(
+    tf: Here, index: Path, axis: int
+) -> None:
+    before = tf.json("identify", "--index", index, "--no-figures")
+    (cell,) = index.parent.glob("cell*.csv")
+    lines = cell.read_text().splitlines()
+    for at in range(len(lines) // 2, len(lines) // 2 + 5):
+        fields = lines[at].split(",")
+        lines[at] = ",".join([*fields[: 1 + axis], "1000000000", *fields[2 + axis :]])
+    cell.write_text("\n".join(lines) + "\n")
+
+    after = tf.json("identify", "--index", index, "--no-figures")
+
+    lag, spoilt = (one["parameters"]["tf.time_constant_s"] for one in (before, after))
+    assert spoilt["value"] == pytest.approx(lag["value"], abs=0.1 * lag["std"])
+    text = f"5 samples of {len(lines) - 1} far beyond the others left out (first at "
+    assert any(text in one for one in sentences(after))
+
+
 def test_a_load_cell_that_hangs_for_a_moment_is_named(tf: Here, index: Path) -> None:
     (cell,) = index.parent.glob("cell*.csv")
     head, *lines = cell.read_text().splitlines()

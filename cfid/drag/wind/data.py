@@ -29,6 +29,7 @@ from cfid.records.run import refuse_contradiction, run_holding
 from cfid.records.run_notes import run_at
 from cfid.records.tables.vehicle import COMMANDS, READINGS, Rows, holds, read_rows
 from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
+from cfid.records.tables.wrench_faults import without_faults, without_stuck
 from cfid.units import DEAD_COMMAND
 
 _ESTIMATED_S = 3.0  # of a window: enough to find a speed to a thousandth
@@ -129,10 +130,17 @@ def _reduce_row(row: IndexedRun, how: WindReading) -> ReducedRecording:
     """Reduce a recording; what a load cell feels of standing rotors does not matter."""
     _refuse_other_wind(row)
     facts = how.given.over(how.rig)
-    record = read_wrench(row.loadcell, replace(how.wrench, gain=facts.loadcell.gain))
+    read = read_wrench(row.loadcell, replace(how.wrench, gain=facts.loadcell.gain))
+    moving = without_stuck(read)
+    record = without_faults(moving)
     findings = _assumptions(facts, row.setting, typed=bool(row.tach_rpm))
     if row.command > DEAD_COMMAND:
-        mean = _averaged(row, record, how)
+        try:
+            mean = _averaged(row, record, how)
+        except CfidError as error:
+            if moving is read:
+                raise
+            return _left_out(record, facts, str(error))
         findings += [*mean.findings, *_vibration_used(row.tach_rpm, row.setting)]
         made = _force(mean, record, row.tach_rpm, facts, name=row.name, command=row.command, at=row.setting)
         if record.begin_s is not None:
@@ -146,6 +154,18 @@ def _reduce_row(row: IndexedRun, how: WindReading) -> ReducedRecording:
         sources=(record.source,),
         rig=_with_yaw(facts),
         by_tachometer=bool(row.tach_rpm),
+    )
+
+
+def _left_out(record: WrenchRecord, facts: RigFacts, fault: str) -> ReducedRecording:
+    """Return no force of a recording whose load cell was stuck, of which too little is left."""
+    text = f"too little is left: {fault} The file is left out."
+    return ReducedRecording(
+        forces=(),
+        findings=(*_notes(record), warning("drag-load-cell-stuck", text, "drag.*").at(record.path.name)),
+        sources=(record.source,),
+        rig=_with_yaw(facts),
+        by_tachometer=False,
     )
 
 

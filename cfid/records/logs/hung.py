@@ -6,13 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.counted import counted
+from cfid.records.tables.repeated import repeated
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Timed = tuple[Array, Array]
 
-_ROWS, _TIMES, _RARELY = 10.0, 5.0, 0.99  # times as many rows as usual, and as a share of all values takes at most
-_LONG_S = 0.05  # shorter ones change nothing
 _MOST = 0.5  # of a sensor's rows: more is how it is logged
 
 
@@ -41,15 +40,7 @@ def without_hung(sensors: Mapping[str, Timed]) -> tuple[tuple[Timed, ...], tuple
 def _repeated(time_s: Array, values: Array) -> Mask:
     """Return where values (n, 3) at times (n,) are one for long, by axis.
 
-    What an axis repeats at the end of its range it has measured. Values of few digits last longer than others.
+    What an axis repeats at the end of its range it has measured.
     """
-    return np.column_stack([_of_axis(time_s, axis) for axis in values.T])
-
-
-def _of_axis(time_s: Array, value: Array) -> Mask:
-    begins = np.concatenate([np.zeros(1, np.intp), np.flatnonzero(np.diff(value) != 0) + 1])
-    rows = np.diff(begins, append=len(value))
-    lasts_s = time_s[begins + rows - 1] - time_s[begins]
-    least = max(_ROWS * float(np.median(rows)), _TIMES * float(np.quantile(rows, _RARELY)))
-    inside = np.abs(value[begins]) < np.abs(value).max()
-    return np.repeat(inside & (rows >= least) & (lasts_s >= _LONG_S), rows)
+    inside = np.abs(values) < np.abs(values).max(axis=0)
+    return np.asarray(inside & np.column_stack([repeated(time_s, axis) for axis in values.T]))

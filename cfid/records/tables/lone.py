@@ -1,4 +1,4 @@
-"""Single readings that stand off alone between others that agree: faults of a sensor or its wire, and no motion."""
+"""Readings that stand off alone between others that agree, or far off all: faults of a sensor, and no motion."""
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ _RANKED = 100_000  # readings whose bends show what is usual
 # A spike: of all that a signal shows without its farthest, and times the bend that a share of it does not exceed.
 _SPIKE, _FARTHEST, _SPIKE_TIMES, _USUAL = 0.2, (0.5, 99.5), 10.0, 0.95
 _RANGE_OF = 1_000_000  # samples that show the range
+_ALMOST_ALL, _FAR_TIMES = (1.0, 99.0), 10.0  # of a signal in per cent, and times as far as these are apart
 
 
 def usual_bend(value: Array, share: float, *, period: float | None = None) -> float:
@@ -87,6 +88,21 @@ def spikes_in(value: Array) -> Rows:
     limit = max(_SPIKE * float(high - low), _SPIKE_TIMES * usual_bend(value, _USUAL))
     places = lone_readings(value, limit) if limit > 0 else np.empty(0, np.intp)
     return places if len(places) <= MOST_SHARE * len(value) else places[:0]
+
+
+def far_in(value: Array) -> Rows:
+    """Return the places of samples of a signal (n,) that are ten times as far off the middle as almost all it shows.
+
+    However many are together, more than one in a hundred are no faults.
+    """
+    some = value[:: len(value) // _RANGE_OF + 1]
+    some = some[np.isfinite(some)]
+    if not len(some):
+        return np.empty(0, np.intp)
+    low, middle, high = np.percentile(some, [_ALMOST_ALL[0], 50.0, _ALMOST_ALL[1]])
+    off = (np.abs(value[part] - middle) > _FAR_TIMES * (high - low) for part in parts(len(value)))
+    found = np.flatnonzero(np.concatenate(list(off)))
+    return found if high > low and len(found) <= MOST_SHARE * len(value) else found[:0]
 
 
 def _jump(value: Array, left: Rows, period: float | None) -> Array:

@@ -1,4 +1,4 @@
-"""Samples of a load cell that no force makes: single ones that stand off alone, and stretches that repeat one."""
+"""Samples of a load cell that no force makes: off alone or far beyond the others, and stretches that repeat one."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,7 +9,8 @@ import numpy.typing as npt
 from cfid.counted import counted
 from cfid.findings import of_recording
 from cfid.large import chosen_rows, parts
-from cfid.records.tables.lone import Array, spikes_in
+from cfid.records.tables.lone import Array, far_in, spikes_in
+from cfid.records.tables.repeated import repeated
 from cfid.records.tables.wrench import WrenchRecord
 
 Mask = npt.NDArray[np.bool_]
@@ -19,31 +20,51 @@ _SLOW_SHARE = 0.5  # of the samples that are alike: more show a load cell that i
 
 
 def without_faults(record: WrenchRecord) -> WrenchRecord:
-    """Return a record without single samples that stand off alone in an axis by a fifth of all that it shows.
+    """Return a record without samples that in an axis stand off alone, by a fifth of all it shows, or far beyond that.
 
     Samples that repeat the one before are counted in a note: without them a sine would have a gap.
     """
     axes = (*record.force_n.T, *record.torque_nm.T)
-    lone, hung = np.zeros(len(record.time_s), bool), _hung(axes)
+    lone, far, hung = np.zeros(len(record.time_s), bool), np.zeros(len(record.time_s), bool), _hung(axes)
     for value in axes:
         lone[spikes_in(value)] = True
-    texts = []
-    if lone.any():
-        texts.append(f"{_counted(record, lone)} off alone left out (first at {_first_s(record, lone):.4g} s).")
+        far[far_in(value)] = True
+    far &= ~lone
+    texts = [
+        f"{_counted(record, wrong)} {what} left out (first at {_first_s(record, wrong):.4g} s)."
+        for wrong, what in ((lone, "off alone"), (far, "far beyond the others"))
+        if wrong.any()
+    ]
     if hung.any():
         texts.append(
             f"{_counted(record, hung)} repeat the one before, {_HUNG} and more in a row (first at "
             f"{_first_s(record, hung):.4g} s): the load cell hung. Record the sines of that time again."
         )
+    return _without(record, lone | far, texts)
+
+
+def without_stuck(record: WrenchRecord) -> WrenchRecord:
+    """Return a record without the samples at which an axis repeats one value for long, which a note names."""
+    stuck = {axis: repeated(record.time_s, record.values_of(axis)) for axis in record.axes}
+    texts = [
+        f"{axis} repeats one value in {_counted(record, wrong)} (first at {_first_s(record, wrong):.4g} s), which are "
+        "left out: the load cell's wire, or its reading, failed."
+        for axis, wrong in stuck.items()
+        if wrong.any()
+    ]
+    return _without(record, np.any(list(stuck.values()), axis=0), texts)
+
+
+def _without(record: WrenchRecord, wrong: Mask, texts: Sequence[str]) -> WrenchRecord:
+    """Return a record without the samples that are `wrong` (n,), with notes."""
     if not texts:
         return record
-    kept = ~lone
     return replace(
         record,
-        time_s=chosen_rows(record.time_s, kept),
-        force_n=chosen_rows(record.force_n, kept),
-        torque_nm=chosen_rows(record.torque_nm, kept),
-        status=None if record.status is None else record.status[kept],
+        time_s=chosen_rows(record.time_s, ~wrong),
+        force_n=chosen_rows(record.force_n, ~wrong),
+        torque_nm=chosen_rows(record.torque_nm, ~wrong),
+        status=None if record.status is None else record.status[~wrong],
         findings=(*record.findings, *of_recording(record.name, texts)),
     )
 
