@@ -6,34 +6,27 @@ of the American Statistical Association 44, 1949). What correlation is left deci
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import block_diag
-from scipy.optimize import OptimizeResult, least_squares
+from scipy.optimize import OptimizeResult
 
-from cfid.counted import counted
 from cfid.errors import FitError
 from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of, std_of
 from cfid.findings import Finding, texts
 from cfid.motors.lag.checks import EXPLAINED, Kind, rejections
-from cfid.motors.lag.model import InputLag, LogSegment, Signal, Supply, powers, speed_shown, thrust_shown
-from cfid.motors.lag.plausibility import any_far, clipped, moves, noise_of, odd, standing, varies, without
-from cfid.motors.lag.uncertainty import Expected, beside, correlation_of, covariances, drifts_of, whitened
+from cfid.motors.lag.model import InputLag, LogSegment
+from cfid.motors.lag.plausibility import any_far, clipped, moves, noise_of, odd, standing, without
+from cfid.motors.lag.search import Search, search_of, start_of
+from cfid.motors.lag.uncertainty import beside, correlation_of, covariances, drifts_of, whitened
 
 Array = npt.NDArray[np.float64]
 
-SETTLING_S = 1.0  # of each piece, in which the unknown state at its begin is forgotten
-_FEWEST = 200  # samples
-_FINEST_S = 2e-3  # what is sampled closer is averaged: rotors take many times longer
-_FINEST_VOLTS_S = 5e-3  # they change by some percent
-_QUICKEST_S, _SLOWEST_S, _EARLIEST_S, _LATEST_S = 1e-3, 2.0, -0.2, 0.5
-_STARTS_S, _STARTS_LATE_S = (0.015, 0.04, 0.1, 0.25), (0.0, 0.02, 0.06)
 _SMOOTH = 0.25  # time constants over which noise is averaged before judging how much the lag explains
 # Times the variance that a drift leaves, below which there is none: free to drift, a record on a battery that sags
 # gives a power of the voltage and time constants that its noise decides.
@@ -42,10 +35,7 @@ _DRIFTED = 2.0  # times the variance that a drift leaves: without it the model i
 # Of the interval between rows of a command that moves in most of them: what it does between them is not known. On
 # chirps and ramps at 50 Hz time constants were up to this much off beyond noise.
 _BETWEEN_ROWS = 0.03
-SUPPLY_STD = Supply(power=0.5, whole=1.0, late=0.5)  # how unsure a supply is beside the usual one
 _SINGULAR = 1e-7  # of a Jacobian with columns of equal length
-_CLOSE = 1e-6  # relative to the cost of thousands of samples: far below the uncertainty
-_MOST_STEPS = 60  # of the search; a record that shows a lag needs 10
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,70 +100,51 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
         pieces, standing_s = _moving(pieces)
         if len(standing_s):
             return replace(fit_lag(pieces, kind=kind, row_s=row_s, moving=moving), standing_s=standing_s)
-    pieces = [found for piece in pieces if (found := _thinned(piece)) is not None]
-    measured = np.concatenate([piece.measured.value for piece in pieces]) if pieces else np.zeros(0)
-    if len(measured) < _FEWEST:
-        raise FitError(
-            f"{counted(len(measured), 'sample')} after the first {SETTLING_S:g} s with the rotors running "
-            f"(limit {_FEWEST})."
-        )
-    shown = (speed_shown if kind == "speed" else thrust_shown)(pieces)
-    expected = _expected(pieces)
-    start = _start(pieces, measured)
-    scale = np.concatenate([np.full(3, max(float(np.std(measured)), 1e-12)), start[[3, 4, 3]], expected.scale])
-    low = np.array([-np.inf] * 3 + [_QUICKEST_S, _QUICKEST_S, _EARLIEST_S] + [-np.inf] * len(expected.value))
-    high = np.array([np.inf] * 3 + [_SLOWEST_S, _SLOWEST_S, _LATEST_S] + [np.inf] * len(expected.value))
-    lengths = [len(piece.measured.value) for piece in pieces]
+    search = search_of(pieces, kind)
+    plain = search.fitted(search.start, np.asarray)
+    good, odd_s = _without_odd(search, plain)
+    if len(odd_s):
+        fit = fit_lag(good, kind=kind, row_s=row_s, moving=moving)
+        return replace(fit, odd_s=np.sort(np.concatenate([fit.odd_s, odd_s])))
+    return _lag_fit(search, plain, row_s=row_s, moving=moving)
 
-    def fitted(begin: Array, white: Callable[[Array], Array], **loss: Any) -> OptimizeResult:
-        change = np.diff(white(shown(begin) - measured))  # a start is off smoothly: this is noise
-        noise = max(float(np.std(change)) / math.sqrt(2), 1e-12)
-        return least_squares(
-            lambda p: np.append(white(shown(p) - measured), expected.residual(p, noise=noise)),
-            begin,
-            x_scale=scale,
-            bounds=(low, high),
-            ftol=_CLOSE,
-            xtol=_CLOSE,
-            max_nfev=_MOST_STEPS,
-            **loss,
-        )
 
-    plain = fitted(start, np.asarray)
+def _without_odd(search: Search, plain: OptimizeResult) -> tuple[list[LogSegment], Array]:
+    """Return the pieces without speeds that no rotor had, and the times of these, as a `plain` fit leaves them."""
+    missing = plain.fun[: len(search.measured)]
+    missed = np.var(missing) > (1 - EXPLAINED[search.kind]) * np.var(search.measured)
+    if search.kind != "speed" or not (missed or any_far(missing)):
+        return [], np.zeros(0)
+    begin = start_of(search.pieces, clipped(search.measured))
+    spread = max(noise_of(search.shown(begin) - search.measured), 1e-9)
+    sturdy = search.shown(search.fitted(begin, np.asarray, loss="cauchy", f_scale=spread).x)
+    flags = odd(search.measured, sturdy, noise=noise_of(sturdy - search.measured))
+    left = without([piece.measured for piece in search.pieces], flags)
+    good = [piece._replace(measured=one) for piece, one in zip(search.pieces, left, strict=True)]
+    return good, np.concatenate([piece.measured.time_s for piece in search.pieces])[flags]
+
+
+def _lag_fit(search: Search, plain: OptimizeResult, *, row_s: float, moving: bool) -> LagFit:
+    """Return the fit of errors that are free of the noise's correlation, which those of a `plain` fit show."""
+    measured, pieces = search.measured, search.pieces
+    drifts = drifts_of(pieces, search.shown(plain.x))
     missing = plain.fun[: len(measured)]
-    missed = np.var(missing) > (1 - EXPLAINED[kind]) * np.var(measured)
-    if kind == "speed" and (missed or any_far(missing)):
-        begin = _start(pieces, clipped(measured))
-        sturdy = fitted(begin, np.asarray, loss="cauchy", f_scale=max(noise_of(shown(begin) - measured), 1e-9))
-        flags = odd(measured, shown(sturdy.x), noise=noise_of(shown(sturdy.x) - measured))
-        if flags.any():
-            left = without([piece.measured for piece in pieces], flags)
-            good = [piece._replace(measured=one) for piece, one in zip(pieces, left, strict=True)]
-            time_s = np.concatenate([piece.measured.time_s for piece in pieces])[flags]
-            fit = fit_lag(good, kind=kind, row_s=row_s, moving=moving)
-            return replace(fit, odd_s=np.sort(np.concatenate([fit.odd_s, time_s])))
-    drifts = drifts_of(pieces, shown(plain.x))
-    correlation = correlation_of(beside(missing, drifts), lengths)
-    white = partial(whitened, lengths=lengths, correlation=correlation)
-    white_drifts = np.column_stack([white(column) for column in drifts.T])
-    fit, other = fitted(plain.x, lambda residual: beside(white(residual), white_drifts)), plain
-    if expected.fitted and np.var(missing) < _STEADY * np.var(beside(missing, drifts)):
-        fit, other = fitted(plain.x, white), fit
-    off = shown(fit.x) - measured
+    fit, other = _whitened(search, plain, drifts)
+    off = search.shown(fit.x) - measured
     residual = beside(off, drifts)
     lag = InputLag(*fit.x[3:6].tolist())
     columns = fit.jac / np.maximum(np.linalg.norm(fit.jac, axis=0), 1e-300)
     singular = np.linalg.svd(columns, compute_uv=False)[-1] < _SINGULAR or bool(np.any(fit.active_mask[3:]))
     drifted = np.var(missing) > _DRIFTED * np.var(residual)
-    covariance, effects = covariances(fit, other, expected, drifted=drifted, longest=len(measured) // 4)
+    covariance, effects = covariances(fit, other, search.expected, drifted=drifted, longest=len(measured) // 4)
     covariance[[3, 4], [3, 4]] += (moving * _BETWEEN_ROWS * row_s) ** 2
     explained = _explained(pieces, residual, measured, min(lag.rising_s, lag.falling_s))
     return LagFit(
-        kind=kind,
+        kind=search.kind,
         lag=lag,
         covariance=np.full((6, 6), np.nan) if singular else covariance[:6, :6],
         effects=effects[:6],
-        power=(float(fit.x[6]), float(std_of(covariance)[6])) if expected.fitted else None,
+        power=(float(fit.x[6]), float(std_of(covariance)[6])) if search.expected.fitted else None,
         map=(float(fit.x[0]), float(fit.x[1]), float(fit.x[2])),
         explained=explained,
         rms=float(np.sqrt(np.mean(residual**2))),
@@ -182,7 +153,7 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
         measured=measured,
         shown=measured + residual,
         findings=rejections(
-            kind,
+            search.kind,
             lag,
             std_of(covariance)[3:6],
             explained,
@@ -192,6 +163,18 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
         ),
         late_s=row_s / math.sqrt(3),
     )
+
+
+def _whitened(search: Search, plain: OptimizeResult, drifts: Array) -> tuple[OptimizeResult, OptimizeResult]:
+    """Return the fit beside drifts (n, k), and the one that it is compared with; without them where there are none."""
+    missing, lengths = plain.fun[: len(search.measured)], [len(piece.measured.value) for piece in search.pieces]
+    left = beside(missing, drifts)
+    white = partial(whitened, lengths=lengths, correlation=correlation_of(left, lengths))
+    white_drifts = np.column_stack([white(column) for column in drifts.T])
+    fit = search.fitted(plain.x, lambda residual: beside(white(residual), white_drifts))
+    if search.expected.fitted and np.var(missing) < _STEADY * np.var(left):
+        return search.fitted(plain.x, white), fit
+    return fit, plain
 
 
 def joined(fits: Sequence[LagFit]) -> LagFit:
@@ -225,30 +208,6 @@ def joined(fits: Sequence[LagFit]) -> LagFit:
     )
 
 
-def _thinned(piece: LogSegment) -> LogSegment | None:
-    """Return a piece without what is unknown and without its begin, its samples at most one in 2 ms."""
-    time_s, value = piece.measured
-    known = np.isfinite(value) & (time_s >= piece.drives[0].time_s[0] + SETTLING_S)
-    time_s, value = time_s[known], value[known]
-    if len(time_s) < 2:
-        return None
-    length = max(int(_FINEST_S / np.median(np.diff(time_s))), 1)
-    measured = Signal(block_means(time_s, length=length), block_means(value, length=length))
-    volts = piece.volts
-    if volts is not None:
-        length = max(int(_FINEST_VOLTS_S / np.median(np.diff(volts.time_s))), 1)
-        volts = Signal(*(block_means(series, length=length) for series in volts))
-    every_s = math.inf if volts is None else _FINEST_VOLTS_S
-    return LogSegment(tuple(_changes(drive, every_s=every_s) for drive in piece.drives), measured, volts)
-
-
-def _expected(pieces: Sequence[LogSegment]) -> Expected:
-    """Return what is expected of the supply, of nothing where no voltage is known."""
-    volts = [piece.volts for piece in pieces if piece.volts is not None]
-    value = np.array(Supply() if volts else ())
-    return Expected(value, np.array(SUPPLY_STD[: len(value)]), any(map(varies, volts)))
-
-
 def _moving(pieces: Sequence[LogSegment]) -> tuple[list[LogSegment], Array]:
     """Return pieces without the speeds of a sensor that stood still while its command moved, and the times of these.
 
@@ -264,29 +223,6 @@ def _moving(pieces: Sequence[LogSegment]) -> tuple[list[LogSegment], Array]:
         )
     moving = [piece._replace(measured=without([piece.measured], flags)[0]) for piece, flags, _ in each]
     return moving, np.concatenate([piece.measured.time_s[flags] for piece, flags, _ in each] or [np.zeros(0)])
-
-
-def _changes(drive: Signal, *, every_s: float) -> Signal:
-    """Return a drive without the rows that repeat the one before, but with one in each interval."""
-    kept = np.append(True, (np.diff(drive.value) != 0) | (np.diff(drive.time_s // every_s) > 0))
-    return Signal(drive.time_s[kept], drive.value[kept])
-
-
-def _start(pieces: Sequence[LogSegment], measured: Array) -> Array:
-    """Return the best map and lag of a coarse grid, as fast upwards as downwards, with the usual supply (8,).
-
-    Without a voltage there is no supply (6,).
-    """
-    usual = () if pieces[0].volts is None else Supply()
-    best, found = np.inf, np.zeros(6)
-    for tau_s in _STARTS_S:
-        for late_s in _STARTS_LATE_S:
-            rows = powers(pieces, InputLag(tau_s, tau_s, late_s), Supply())
-            values = gain_of(rows) @ measured
-            left = float(np.sum((measured - rows @ values) ** 2))
-            if left < best:
-                best, found = left, np.concatenate([values, [tau_s, tau_s, late_s], usual])
-    return found
 
 
 def _explained(pieces: Sequence[LogSegment], residual: Array, value: Array, tau_s: float) -> float:

@@ -7,8 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.findings import Finding, note, rejection
-from cfid.motors.lag.estimation import SUPPLY_STD, LagFit
+from cfid.motors.lag.estimation import LagFit
 from cfid.motors.lag.model import Supply
+from cfid.motors.lag.search import SUPPLY_STD
 from cfid.records.covariances import Covariance, covariance_between
 from cfid.records.logs.limits import other_scale
 from cfid.records.parameters import Parameter

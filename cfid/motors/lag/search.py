@@ -1,0 +1,126 @@
+"""What a record of a lag is fitted by: its samples, what shows them over map, lag and supply, and where to begin."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import OptimizeResult, least_squares
+
+from cfid.counted import counted
+from cfid.errors import FitError
+from cfid.estimate.blocks import block_means
+from cfid.estimate.linear import gain_of
+from cfid.motors.lag.checks import Kind
+from cfid.motors.lag.model import InputLag, LogSegment, Signal, Supply, powers, speed_shown, thrust_shown
+from cfid.motors.lag.plausibility import varies
+from cfid.motors.lag.uncertainty import Expected
+
+Array = npt.NDArray[np.float64]
+
+SETTLING_S = 1.0  # of each piece, in which the unknown state at its begin is forgotten
+_FEWEST = 200  # samples
+_FINEST_S = 2e-3  # what is sampled closer is averaged: rotors take many times longer
+_FINEST_VOLTS_S = 5e-3  # they change by some percent
+_QUICKEST_S, _SLOWEST_S, _EARLIEST_S, _LATEST_S = 1e-3, 2.0, -0.2, 0.5
+_STARTS_S, _STARTS_LATE_S = (0.015, 0.04, 0.1, 0.25), (0.0, 0.02, 0.06)
+SUPPLY_STD = Supply(power=0.5, whole=1.0, late=0.5)  # how unsure a supply is beside the usual one
+_CLOSE = 1e-6  # relative to the cost of thousands of samples: far below the uncertainty
+_MOST_STEPS = 60  # of the search; a record that shows a lag needs 10
+
+
+class Search(NamedTuple):
+    """A record to fit: what its pieces measured (n,), what shows it over parameters (8,), and what is expected of them.
+
+    It begins at `start` (8,), and parameters are of the sizes `scale` (8,).
+    """
+
+    kind: Kind
+    pieces: Sequence[LogSegment]
+    measured: Array
+    shown: Callable[[Array], Array]
+    expected: Expected
+    start: Array
+    scale: Array
+
+    def fitted(self, begin: Array, white: Callable[[Array], Array], **loss: Any) -> OptimizeResult:
+        """Return the parameters of least errors, whitened by `white`, as found from a begin (8,) on."""
+        change = np.diff(white(self.shown(begin) - self.measured))  # a start is off smoothly: this is noise
+        noise = max(float(np.std(change)) / math.sqrt(2), 1e-12)
+        free = len(self.expected.value)
+        return least_squares(
+            lambda p: np.append(white(self.shown(p) - self.measured), self.expected.residual(p, noise=noise)),
+            begin,
+            x_scale=self.scale,
+            bounds=(
+                np.array([-np.inf] * 3 + [_QUICKEST_S, _QUICKEST_S, _EARLIEST_S] + [-np.inf] * free),
+                np.array([np.inf] * 3 + [_SLOWEST_S, _SLOWEST_S, _LATEST_S] + [np.inf] * free),
+            ),
+            ftol=_CLOSE,
+            xtol=_CLOSE,
+            max_nfev=_MOST_STEPS,
+            **loss,
+        )
+
+
+def search_of(pieces: Sequence[LogSegment], kind: Kind) -> Search:
+    """Return what is to be fitted. Raises FitError for less than 200 samples."""
+    pieces = [found for piece in pieces if (found := _thinned(piece)) is not None]
+    measured = np.concatenate([piece.measured.value for piece in pieces]) if pieces else np.zeros(0)
+    if len(measured) < _FEWEST:
+        raise FitError(
+            f"{counted(len(measured), 'sample')} after the first {SETTLING_S:g} s with the rotors running "
+            f"(limit {_FEWEST})."
+        )
+    expected, start = _expected(pieces), start_of(pieces, measured)
+    scale = np.concatenate([np.full(3, max(float(np.std(measured)), 1e-12)), start[[3, 4, 3]], expected.scale])
+    shown = (speed_shown if kind == "speed" else thrust_shown)(pieces)
+    return Search(kind, pieces, measured, shown, expected, start, scale)
+
+
+def _thinned(piece: LogSegment) -> LogSegment | None:
+    """Return a piece without what is unknown and without its begin, its samples at most one in 2 ms."""
+    time_s, value = piece.measured
+    known = np.isfinite(value) & (time_s >= piece.drives[0].time_s[0] + SETTLING_S)
+    time_s, value = time_s[known], value[known]
+    if len(time_s) < 2:
+        return None
+    length = max(int(_FINEST_S / np.median(np.diff(time_s))), 1)
+    measured = Signal(block_means(time_s, length=length), block_means(value, length=length))
+    volts = piece.volts
+    if volts is not None:
+        length = max(int(_FINEST_VOLTS_S / np.median(np.diff(volts.time_s))), 1)
+        volts = Signal(*(block_means(series, length=length) for series in volts))
+    every_s = math.inf if volts is None else _FINEST_VOLTS_S
+    return LogSegment(tuple(_changes(drive, every_s=every_s) for drive in piece.drives), measured, volts)
+
+
+def _expected(pieces: Sequence[LogSegment]) -> Expected:
+    """Return what is expected of the supply, of nothing where no voltage is known."""
+    volts = [piece.volts for piece in pieces if piece.volts is not None]
+    value = np.array(Supply() if volts else ())
+    return Expected(value, np.array(SUPPLY_STD[: len(value)]), any(map(varies, volts)))
+
+
+def _changes(drive: Signal, *, every_s: float) -> Signal:
+    """Return a drive without the rows that repeat the one before, but with one in each interval."""
+    kept = np.append(True, (np.diff(drive.value) != 0) | (np.diff(drive.time_s // every_s) > 0))
+    return Signal(drive.time_s[kept], drive.value[kept])
+
+
+def start_of(pieces: Sequence[LogSegment], measured: Array) -> Array:
+    """Return the best map and lag of a coarse grid, as fast upwards as downwards, with the usual supply (8,).
+
+    Without a voltage there is no supply (6,).
+    """
+    usual = () if pieces[0].volts is None else Supply()
+    best, found = np.inf, np.zeros(6)
+    for tau_s in _STARTS_S:
+        for late_s in _STARTS_LATE_S:
+            rows = powers(pieces, InputLag(tau_s, tau_s, late_s), Supply())
+            values = gain_of(rows) @ measured
+            left = float(np.sum((measured - rows @ values) ** 2))
+            if left < best:
+                best, found = left, np.concatenate([values, [tau_s, tau_s, late_s], usual])
+    return found
