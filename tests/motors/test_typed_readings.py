@@ -112,7 +112,7 @@ def test_speeds_that_count_one_marker_of_two_are_of_no_use_as_the_fit_will_say(t
     with pytest.raises(FitError, match=r"the speeds are 0\.50 times those of the thesis' motors") as refused:
         of_readings(typed(tmp_path, "speed", "rpm", half))
 
-    assert "`cfid fit speed RUN --markers N` takes these readings" in str(refused.value)
+    assert "`cfid fit speed` with `markers` takes these readings" in str(refused.value)
     assert of_readings(typed(tmp_path, "speed", "rpm", {at: 2 * rpm for at, rpm in half.items()}))
 
 

@@ -669,7 +669,7 @@ def test_ctrl_c_where_all_is_read_ends_a_recording_as_enter_does(bench: Bench) -
     pilot = bench.start("log", "speed", *TYPED, stdin=slave)
     os.close(slave)
     at = [lambda command=command: bench.motors[0] == command for command in (20000, 30000, 40000)]
-    type_at(master, bench, pilot, ("11500", at[0]), ("15300", at[1]), ("19000", at[2]))
+    type_at(master, bench, pilot, ("23000", at[0]), ("30600", at[1]), ("38000", at[2]))  # two markers a turn
     bench.wait_until(lambda: not any(bench.motors), pilot)
     time.sleep(0.5)
     pilot.send(signal.SIGINT)
@@ -685,7 +685,7 @@ def test_ctrl_c_in_the_pause_after_the_last_reading_ends_a_recording_as_enter_do
     pilot = bench.start("log", "speed", *TYPED[:8], "--rest", 4, *TYPED[10:], stdin=slave)
     os.close(slave)
     at = [lambda command=command: bench.motors[0] == command for command in (20000, 30000, 40000)]
-    type_at(master, bench, pilot, ("11500", at[0]), ("15300", at[1]), ("19000", at[2]))
+    type_at(master, bench, pilot, ("23000", at[0]), ("30600", at[1]), ("38000", at[2]))  # two markers a turn
     bench.wait_until(lambda: not any(bench.motors), pilot)
     pilot.send(signal.SIGINT)
     assert pilot.end() == 0, pilot.err

@@ -22,7 +22,7 @@ _SHARE = 0.5  # of the steps that must be there
 _RISES = 0.02  # of the largest: what an instrument has to show more at the highest command than at the lowest
 _SHOWN = {"tachometer": ("rpm", "rpm"), "scales": ("grams", "g")}  # of each instrument the column, and its unit
 _OF_RIG = "speed-unusual"  # a rejection that a rig of any other body takes back
-_MARKERS = "If only markers in rig.toml is wrong, correct it: `cfid fit speed RUN --markers N` takes these readings."
+_MARKERS = "If only markers in rig.toml is wrong, correct it: `cfid fit speed` with `markers` takes these readings."
 
 
 def of_readings(run: Run) -> str:
