@@ -15,6 +15,7 @@ from scipy.io import savemat
 from cfid.errors import ConfigError, DataError
 from cfid.records.tables.angle import AngleRecord, Reading, read_angle
 from cfid.records.tables.blocks import open_table
+from cfid.records.tables.matlab import converted_series
 from cfid.records.tables.wrench import WrenchReading, read_wrench
 
 TIME_S = np.arange(400) / 100
@@ -105,6 +106,18 @@ def test_a_cut_mat_file_ends_in_a_sentence(tmp_path: Path, length: int) -> None:
     (tmp_path / "a.mat").write_bytes((tmp_path / "a.mat").read_bytes()[:length])
     with pytest.raises(DataError, match=r"a\.mat: (?:not readable as a MATLAB file|no arrays of numbers)"):
         read_angle(tmp_path / "a.mat", Reading(angle_unit="rad"))
+
+
+@pytest.mark.parametrize("at", [-3, 125])
+def test_a_damaged_mat_file_ends_in_a_sentence_whichever_command_looks_first(tmp_path: Path, at: int) -> None:
+    """A wrong check sum of a compressed part, or another version, was a traceback where a log was looked for."""
+    savemat(tmp_path / "a.mat", {"t": TIME_S, "theta": ANGLE_RAD}, do_compression=True)
+    content = bytearray((tmp_path / "a.mat").read_bytes())
+    content[at] ^= 0x55
+    (tmp_path / "a.mat").write_bytes(content)
+    for read in (converted_series, lambda path: read_angle(path, Reading(angle_unit="rad"))):
+        with pytest.raises(DataError, match=r"a\.mat: not readable as a MATLAB file: it is damaged \(.+\)"):
+            read(tmp_path / "a.mat")
 
 
 @pytest.mark.parametrize("compressed", [False, True])

@@ -4,6 +4,7 @@ Files of version 5 to 7.2 are read by SciPy, those of 7.3, which are HDF5, by h5
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeGuard
@@ -136,8 +137,9 @@ def _has_origin(path: Path) -> bool:
         begin = file.read(len(_BEGINS[0]))
     if begin != _BEGINS[0]:
         return False  # cfid writes version 5
-    check_elements(path)
-    return any(name == ORIGIN for name, _, _ in _whosmat(path))
+    with _damage_named(path):
+        check_elements(path)
+        return any(name == ORIGIN for name, _, _ in _whosmat(path))
 
 
 def _full_names(table: MatlabTable) -> tuple[str, ...]:
@@ -161,14 +163,20 @@ def _numbers(table: MatlabTable) -> tuple[str, ...]:
 
 
 def _tree(path: Path) -> dict[str, Tree]:
-    try:
+    with _damage_named(path):
         return _read(path)
+
+
+@contextmanager
+def _damage_named(path: Path) -> Iterator[None]:
+    """Turn what readers of a damaged file raise into one DataError."""
+    try:
+        yield
     except (ConfigError, DataError):
         raise
     except Exception as fault:  # a damaged file may make these libraries raise anything
-        raise DataError(
-            f"{path}: not readable as a MATLAB file: it is damaged ({type(fault).__name__}). Save it again."
-        ) from None
+        said = (str(fault).splitlines() or [type(fault).__name__])[0].rstrip(".")
+        raise DataError(f"{path}: not readable as a MATLAB file: it is damaged ({said}). Save it again.") from None
 
 
 def _read(path: Path) -> dict[str, Tree]:
