@@ -19,6 +19,7 @@ from cfid.records.parameters import Section, Source, load_sections
 from cfid.records.rig_file import RIG_FILE
 from cfid.records.run import Run, list_runs
 
+_LARGEST = 1e60  # of numbers that can be compared; those of an edited file may be any
 START_IN_NAME = "%Y-%m-%d_%H%M%S"  # of a run
 
 
@@ -71,18 +72,18 @@ def summarise(place: str) -> Summary | CfidError:
     ]
     complete = sum(run.header.state == "complete" for run in runs)
     sources = {source for section in sections.values() for source in section.sources}
+    known = [one for name, section in sections.items() for one in _numbers(name, section, _recorded(section, runs))]
     return Summary(
         folder=folder,
         name=folder.name,
         vehicle=campaign.rig.vehicle.name,
         complete_runs=complete,
         other_runs=len(listed) - complete,
-        known=tuple(
-            known for name, section in sections.items() for known in _numbers(name, section, _recorded(section, runs))
-        ),
+        known=tuple(one for one in known if _is_measured(one)),
         lab_book=lab_book.summary(runs),
         findings=(
             *unreadable,
+            *(_not_compared(one) for one in known if not _is_measured(one)),
             *filter(None, (_source_finding(folder, source) for source in sorted(sources, key=lambda own: own.path))),
         ),
     )
@@ -118,6 +119,16 @@ def _numbers(section_name: str, section: Section, recorded: datetime) -> list[Kn
         for one in parameter.numbers(key)
         if one.value is not None
     ]
+
+
+def _is_measured(one: KnownValue) -> bool:
+    """Return whether a number can be compared: its square and its ratio to others are numbers, too."""
+    return abs(one.value) < _LARGEST and (not one.std or 1 / _LARGEST < one.std < _LARGEST)
+
+
+def _not_compared(one: KnownValue) -> Finding:
+    std = "" if one.std is None else f" +- {one.std:g}"
+    return warning("number-not-compared", f"{one.name} is {one.value:g}{std}, which nobody measured: it is left out.")
 
 
 def _float(std: float | None) -> float | None:

@@ -117,6 +117,19 @@ def test_runs_that_cannot_be_read_are_counted_and_named(cfid: Cfid, tmp_path: Pa
     assert "1 not complete" in ended.stdout
 
 
+@pytest.mark.parametrize(("mass_kg", "std"), [(1e308, 1e-5), (0.028, 1e-320)])
+def test_a_number_that_nobody_measured_is_named_and_stops_no_comparison(
+    cfid: Cfid, tmp_path: Path, mass_kg: float, std: float
+) -> None:
+    """One edited number ended the whole fleet in a traceback."""
+    places = [campaign(tmp_path / f"c{day}", day, 0.028 + 1e-6 * day) for day in (1, 2, 3)]
+    places.append(campaign(tmp_path / "edited", 4, mass_kg, std=std))
+    ended = cfid("fleet", *places)
+    assert ended.returncode == 0, ended.stderr
+    assert "which nobody measured: it is left out" in ended.stderr
+    assert "edited" in ended.stderr
+
+
 def test_of_many_changed_recordings_one_is_named_unless_details_are_wanted(cfid: Cfid, tmp_path: Path) -> None:
     folders = [campaign(tmp_path / f"c{day}", day, 0.028) for day in range(5)]
     for folder in folders:
