@@ -62,3 +62,12 @@ def test_voltages_of_nothing_are_none() -> None:
     assert not supply.impossible(np.zeros(0)).any()
     assert not supply.impossible(np.full(3, np.nan)).any()
     assert supply.impossible(np.zeros(3)).all()
+
+
+def test_a_bench_supply_that_is_set_higher_for_a_step_keeps_it_where_it_is_one() -> None:
+    volts = np.repeat([12.0, 16.8, 12.0], [1800, 150, 1800])
+    assert np.array_equal(np.flatnonzero(supply.displaced(volts)), np.arange(1800, 1950))
+    assert not supply.displaced(volts, jump=0.9).any()
+    assert np.array_equal(
+        np.flatnonzero(supply.displaced(np.where(volts > 16, 59.0, 12.0), jump=0.9))[[0, -1]], [1800, 1949]
+    )

@@ -13,6 +13,7 @@ from cfid.records.tables.table import Array, CsvTable
 _MEASURED = ("thrust_n", "torque_nm", "vbat_v", "speeds_rad_s")
 _FOLLOWS = ("thrust_n", "torque_nm", "speeds_rad_s")  # a change of the command
 # How many times what is usual at any command a value may be. A rotor that is sped up takes several times its torque.
+_SUPPLY_JUMP = 0.9  # of the usual voltage: a bench supply may be set to another for a step, and back
 _MOST_TIMES = {"thrust_n": 5.0, "torque_nm": 10.0, "speeds_rad_s": 3.0}
 _USUAL, _LEVELS = 0.98, 20  # of all values; parts of the range of the command
 _RANKED = 1_000_000  # values that show what is usual
@@ -55,7 +56,7 @@ def _far(quantity: str, value: Array, command: Array) -> Rows:
     """
     if quantity not in _MOST_TIMES:
         known = np.flatnonzero(np.isfinite(value))
-        return known[supply.displaced(value[known])]
+        return known[supply.displaced(value[known], jump=_SUPPLY_JUMP)]
     some = slice(None, None, len(value) // _RANKED + 1)
     seen = np.isfinite(value[some])
     size, drive = np.abs(value[some][seen]), np.nan_to_num(command[some][seen])

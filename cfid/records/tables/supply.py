@@ -26,13 +26,14 @@ def impossible(volts: Array) -> Mask:
     return found
 
 
-def displaced(volts: Array) -> Mask:
+def displaced(volts: Array, *, jump: float = _JUMP) -> Mask:
     """Return which voltages (n,) are those of stretches that jump off the others, never near the median, and back.
 
-    All are numbers. The few before the first jump, or behind the last one, need not come from anywhere or go back.
+    All are numbers; a `jump` is relative to the median. The few before the first jump, or behind the last one, need not
+    come from anywhere or go back.
     """
     middle = usual(volts, np.zeros(len(volts), bool))
-    limit = _JUMP * middle
+    limit = jump * middle
     jumps = [begin + 1 + np.flatnonzero(np.abs(step) > limit) for begin, step in differences(volts)]
     begins = np.concatenate([np.zeros(1, np.intp), *jumps])
     if len(begins) == 1 or not middle > 0:
