@@ -18,6 +18,7 @@ from cfid.units import DEAD_COMMAND, FULL_COMMAND, NEAR_FULL, ROTORS
 _OPEN = 0.25  # of the thrust at full command, where it is extrapolated: the largest accepted standard uncertainty
 _MAXIMUM = ("motor.max_thrust_n", "motor.hover_mass_kg")
 _FURTHER = 2.0
+_BEYOND = 1.2  # times the highest voltage that a battery had: it has no more under load
 _ROUNDS = 20  # of thrust and voltage at full command, which follow from each other
 _NEAR = 0.1  # of it: where no less was measured, the inverse is extrapolated downwards
 
@@ -126,6 +127,7 @@ def maximum_thrust(thrust_map: MotorMap, *, gravity_mps2: float) -> MaximumThrus
 def on_battery(most: MaximumThrust, voltage: VoltageComparison, *, order: int) -> MaximumThrust | None:
     """Return the largest thrust by motor voltage, at that to which the battery sags then; None where that is no better.
 
+    None, too, where voltage and thrust rise together without end: a supply that was set to other voltages.
     The power of a rotor goes with thrust to the power of 1.5, and so, nearly, does the battery's fall in voltage.
     """
     if voltage.better != "voltage":
@@ -136,10 +138,12 @@ def on_battery(most: MaximumThrust, voltage: VoltageComparison, *, order: int) -
     load = np.maximum(voltage.value, 0.0) ** 1.5
     battery = voltage.motor_volts * FULL_COMMAND / voltage.command
     line = fit_linear(np.stack([np.ones(len(load)), load], axis=1), battery, noise_known=False)
-    thrust = most.thrust_n
+    thrust, highest_v = most.thrust_n, float(battery.max())
     for _ in range(_ROUNDS):
         at = np.array([1.0, max(thrust, 0.0) ** 1.5])
         volts = float(at @ line.values)
+        if volts > _BEYOND * highest_v:
+            return None
         thrust = float(fit.at(volts))
     volts_std = math.sqrt(float(at @ line.covariance @ at) + float(np.mean(line.residual**2)))
     ahead = missed(fit, volts) if voltage.command.max() < NEAR_FULL * FULL_COMMAND else 0.0
