@@ -35,6 +35,7 @@ _VOLTS, _ACCELERATION = ("pm.vbat", "pm.vbatMV"), "acc.z"
 _BREAK_S = 0.1  # without a row, after which the rotors' state is unknown
 _IMPOSSIBLE_SHARE = 0.1  # of the voltages that are numbers, up to which the others are used
 _OWN_STEPS = 0.5  # of the rows in which a command differs from the one before: below, rows show its own steps
+_UNSEEN, _UNSEEN_S = 5, 0.25  # usual intervals, and seconds, up to which a voltage is taken from its neighbour
 _FEWEST_CHANGES, _HELD_S = 20, 0.5  # of a stand's command that never rests: how often and how fast it changes
 
 
@@ -89,6 +90,7 @@ class LogPart:
         """Yield the segments without a break that are long enough to be used."""
         time_s = self.commands[motors[0]].time_s
         runs = np.all([self.commands[motor].value > 0 for motor in motors], axis=0)
+        runs &= self.volts is None or _is_known(self.volts.time_s, time_s)
         ends = ~runs[:-1] | ~runs[1:] | (np.diff(time_s) > _BREAK_S)
         edges = np.concatenate([[0], np.flatnonzero(ends) + 1, [len(time_s)]])
         drives = [self.commands[motor].value / FULL_COMMAND * self.at_v for motor in motors]
@@ -101,6 +103,15 @@ class LogPart:
             commands = tuple(Signal(time_s[inside], drive[inside]) for drive in drives)
             ratio = None if volts is None else Signal(time_s[inside], volts.value[inside])
             yield LogSegment(commands, between, ratio)
+
+
+def _is_known(read_s: Array, time_s: Array) -> npt.NDArray[np.bool_]:
+    """Return at which times (n,) readings (m,) are near enough to state a value, where others were left out."""
+    usual_s = float(np.median(np.diff(read_s))) if len(read_s) > 1 else np.inf
+    behind = np.searchsorted(read_s, time_s).clip(1, max(len(read_s) - 1, 1))
+    ahead_s, behind_s = read_s[behind - 1], read_s[np.minimum(behind, len(read_s) - 1)]
+    nearest_s = np.minimum(np.abs(time_s - ahead_s), np.abs(time_s - behind_s))
+    return np.asarray(nearest_s <= max(_UNSEEN * usual_s, _UNSEEN_S))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

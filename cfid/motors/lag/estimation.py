@@ -31,6 +31,7 @@ _SMOOTH = 0.25  # time constants over which noise is averaged before judging how
 # Times the variance that a drift leaves, below which there is none: free to drift, a record on a battery that sags
 # gives a power of the voltage and time constants that its noise decides.
 _STEADY = 1.01
+_SAG = 0.02  # of a time constant: 0.3 V of 4.1 V make it 1.7 % short, 0.15 V 0.8 %
 _DRIFTED = 2.0  # times the variance that a drift leaves: without it the model is no other view of the record
 # Of the interval between rows of a command that moves in most of them: what it does between them is not known. On
 # chirps and ramps at 50 Hz time constants were up to this much off beyond noise.
@@ -83,6 +84,16 @@ class LagFit:
     def accepted(self) -> bool:
         """Whether the record shows a first-order lag."""
         return not texts(self.findings, "rejection")
+
+
+def unsure_of_sag(fit: LagFit) -> LagFit:
+    """Return a fit whose lag's uncertainty contains the sag under load of a battery whose voltage is unknown.
+
+    A rotor on it settles early: its speed falls with the voltage that it draws down. All rotors of a log err alike.
+    """
+    effect = np.zeros((6, 1))
+    effect[3:5, 0] = _SAG * fit.lag.rising_s, _SAG * fit.lag.falling_s
+    return replace(fit, covariance=fit.covariance + effect @ effect.T, effects=np.hstack([fit.effects, effect]))
 
 
 def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, moving: bool = False) -> LagFit:

@@ -12,7 +12,7 @@ from cfid.errors import CfidError, FitError
 from cfid.findings import Finding, note, rejection, warning
 from cfid.motors.delays import command_between_rows, delay_text, negative_delay
 from cfid.motors.lag.data import LogPart, RotorLog
-from cfid.motors.lag.estimation import LagFit, fit_lag, joined
+from cfid.motors.lag.estimation import LagFit, fit_lag, joined, unsure_of_sag
 from cfid.motors.lag.values import (
     SPEED_POLY,
     joint_parameters,
@@ -30,6 +30,11 @@ _NOTABLE_DRIFT = 0.02  # of the speed
 _THRUST = "thrust of all rotors"
 _OF_ONE_MOTOR = ("dynamics.rising", "dynamics.falling", "dynamics.delay_s")
 _ROWS = "dynamics.time_constant_s"
+_SAGS = (
+    "A battery that gives way under load makes time constants too short, by 1.7 % for 0.3 V of 4.1 V: their "
+    "uncertainty contains 2 %."
+)
+_UNFELT = 0.3  # power of the voltage: below, speeds are held, or the voltage is none that drives the rotor
 _NO_LAG = rejection(
     "no-lag-fits", "no rotor is described by a first-order lag: see the warnings.", "dynamics.*", SPEED_POLY
 )
@@ -135,6 +140,7 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
             if motor and not fits[name][-1].accepted and name not in others:
                 others[name] = _other_command(part, motor)
     found = {name: joined(each) for name, each in fits.items() if each}
+    found = {name: unsure_of_sag(fit) if _is_unfelt(record, fit) else fit for name, fit in found.items()}
     if not found:
         raise next(iter(failed.values()), FitError("no rows of all commands."))
     return (
@@ -208,11 +214,32 @@ def _about(record: RotorLog, fits: Mapping[str, LagFit], seen: _Seen) -> tuple[F
                 f"voltage in another way than with the command; {held}"
             )
         found.append(warning("lag-map-drifts", text, SPEED_POLY, "dynamics.map"))
+    found += _of_voltage(record, fits)
     if record.speeds and seen.volts is not None and any(fit.accepted for fit in fits.values()):
         found.append(power_finding(fit for fit in fits.values() if fit.accepted))
     if not record.speeds:
         found.append(rejection("lag-from-acceleration", _OF_ACCELERATION, *_OF_ONE_MOTOR))
     return tuple(found)
+
+
+def _is_unfelt(record: RotorLog, fit: LagFit) -> bool:
+    """Return whether a rotor's speed shows nothing of a voltage, or none was logged."""
+    return record.volts is None or (fit.power is not None and fit.power[0] < _UNFELT)
+
+
+def _of_voltage(record: RotorLog, fits: Mapping[str, LagFit]) -> list[Finding]:
+    """Return a warning where no voltage shows how a battery gave way under the rotors."""
+    if record.volts is None:
+        text = f"the log has no battery voltage. {_SAGS} Log the battery's voltage."
+        return [warning("lag-voltage-unknown", text, "dynamics.*")]
+    unfelt = [name for name, fit in fits.items() if fit.accepted and _is_unfelt(record, fit)]
+    if not unfelt:
+        return []
+    text = (
+        "the speed does not go with the recorded voltage: it is held by its controller, or the voltage is not that of "
+        f"the battery. {_SAGS} Look at the voltage in `cfid show`."
+    )
+    return [warning("lag-voltage-unfelt", text, "dynamics.*").at(", ".join(unfelt))]
 
 
 def _delay(joint: Mapping[str, Parameter]) -> tuple[Finding, ...]:
