@@ -104,6 +104,22 @@ def sagging(command: Array) -> tuple[Array, Array]:
     return thrust, volts
 
 
+def test_a_supply_that_was_set_to_two_voltages_shows_no_sag() -> None:
+    """Thrust and voltage raised each other until the numbers overflowed."""
+    held = np.arange(6000.0, 65001.0, 5000.0)
+    command, volts = np.tile(held, 2), np.repeat([12.0, 7.5], len(held))
+    thrust = 2.0 * (command / 65535 * volts / 12) ** 2
+    noisy = thrust + 1e-4 * np.random.default_rng(3).standard_normal(len(command))
+    std = np.full(len(command), 1e-4)
+    by_command = maximum_thrust(
+        fit_thrust(MotorPoints(command=command, thrust_n=noisy, thrust_std_n=std)), gravity_mps2=9.81
+    )
+    compared = compare_thrust(command=command, vbat_v=volts, thrust_n=noisy, std_n=std)
+
+    assert compared.better == "voltage"
+    assert on_battery(by_command, compared, order=2) is None
+
+
 def test_the_largest_thrust_is_stated_at_the_voltage_to_which_the_battery_sags() -> None:
     command = np.arange(4000.0, 48001.0, 4000.0)
     (true_n,), (true_v,) = sagging(np.array([65535.0]))
