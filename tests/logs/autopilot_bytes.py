@@ -12,8 +12,11 @@ def message(kind: str, data: bytes) -> bytes:
     return struct.pack("<Hc", len(data), kind.encode()) + data
 
 
-def ulog(*, geometry: str = "") -> bytes:
-    """Return a ULog; `geometry` has the places of the rotors in order, as "FR RL FL RR"."""
+def ulog(*, geometry: str = "", unconnected: bool = False) -> bytes:
+    """Return a ULog; `geometry` has the places of the rotors in order, as "FR RL FL RR".
+
+    Of two batteries the first is `unconnected`, where that is asked for.
+    """
     head = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1000)
     head += message("B", bytes(40))
     head += message("F", b"vehicle_angular_velocity:uint64_t timestamp;float[3] xyz;")
@@ -27,7 +30,9 @@ def ulog(*, geometry: str = "") -> bytes:
             key = f"float CA_ROTOR{rotor}_P{axis}".encode()
             head += message("P", bytes([len(key)]) + key + struct.pack("<f", at))
     head += message("A", struct.pack("<BH", 0, 0) + b"vehicle_angular_velocity")
-    head += message("A", struct.pack("<BH", 0, 1) + b"battery_status")
+    head += message("A", struct.pack("<BH", int(unconnected), 1) + b"battery_status")
+    if unconnected:
+        head += message("A", struct.pack("<BH", 0, 4) + b"battery_status")
     head += message("A", struct.pack("<BH", 0, 2) + b"actuator_motors")
     head += message("A", struct.pack("<BH", 0, 3) + b"vehicle_acceleration")
     rows = b""
@@ -35,6 +40,8 @@ def ulog(*, geometry: str = "") -> bytes:
         rows += message("D", struct.pack("<HQ3f", 0, 10_000 + 4000 * at, at / 8, -at, 0.5))
         if at % 10 == 0:
             rows += message("D", struct.pack("<HQfB", 1, 10_000 + 4000 * at, 16.5, at % 3))
+            if unconnected:
+                rows += message("D", struct.pack("<HQfB", 4, 10_000 + 4000 * at, 0.0, 0))
             motors = (0.1, 0.2, 0.3, 0.4, *8 * [float("nan")])
             rows += message("D", struct.pack("<HQ12f", 2, 10_000 + 4000 * at, *motors))
             rows += message("D", struct.pack("<HQ3f", 3, 10_000 + 4000 * at, 0, 0, -9.81))

@@ -60,6 +60,14 @@ def test_topics_of_a_ulog_file_are_series_in_px4_s_units(tmp_path: Path) -> None
     assert "1 dropout, of 0.025 s" in log.notes[0]
 
 
+def test_the_battery_of_a_ulog_file_is_the_one_that_is_connected(tmp_path: Path) -> None:
+    (tmp_path / "log.ulg").write_bytes(ulog(unconnected=True))
+    log = read_log(tmp_path / "log.ulg")
+    _, volts = log.channel("pm.vbat")
+    assert len(volts) == 20
+    assert np.all(volts == 16.5)
+
+
 @pytest.mark.parametrize(
     ("geometry", "order"), [("", (1, 4, 2, 3)), ("FR RL FL RR", (1, 4, 2, 3)), ("FR RR RL FL", (1, 2, 3, 4))]
 )

@@ -44,6 +44,7 @@ _UNITS = (
     (r"actuator_outputs\.output\[\d+\]", "1"),
     (r"esc_status\.esc\[\d\]\.esc_rpm", "rpm"),
 )
+_BATTERY = "battery_status"  # a topic of each that may be connected; one that is not shows 0 V
 _FIRST_MOTOR = 101  # PX4's `actuator_function` of Motor1
 _PATTERNS = tuple((re.compile(pattern), unit) for pattern, unit in _UNITS)
 
@@ -84,7 +85,10 @@ def read_ulog(path: Path, source: Source) -> FlightLog:
         dropped_ms += [each.duration for each in log.dropouts]
         info, damaged = log.msg_info_dict | info, damaged or log.file_corruption
         stated = by_geometry({name: value for name, value in log.initial_parameters.items() if _is_number(value)})
-    series = [_series(*topic, rows, stated or PX4_QUAD_X) for topic, rows in sorted(topics.items())]
+    series = [
+        _series(*topic, rows, stated or PX4_QUAD_X, is_battery=topic == _battery_of(topics))
+        for topic, rows in sorted(topics.items())
+    ]
     if not series:
         raise DataError(f"{path}: a ULog file without data.")
     notes = [f"{counted(len(dropped_ms), 'dropout')}, of {sum(dropped_ms) / 1e3:.3f} s together."] if dropped_ms else []
@@ -140,10 +144,22 @@ def _in_order(rows: Rows) -> Rows:
     return rows[~above & (kept >= np.maximum.accumulate(kept))]
 
 
-def _series(topic: str, number: int, rows: Sequence[Rows], motors: tuple[int, ...]) -> Series:
+def _battery_of(topics: Mapping[tuple[str, int], Sequence[Rows]]) -> tuple[str, int] | None:
+    """Return the topic of the battery that feeds the vehicle: the first of those that are connected, else the first."""
+    batteries = [topic for topic in sorted(topics) if topic[0] == _BATTERY]
+    shown = (topic for topic in batteries if any(np.any(_volts(rows) > 0) for rows in topics[topic]))
+    return next(shown, batteries[0] if batteries else None)
+
+
+def _volts(rows: Rows) -> Array:
+    return rows["voltage_v"] if "voltage_v" in (rows.dtype.names or ()) else np.zeros(len(rows))
+
+
+def _series(topic: str, number: int, rows: Sequence[Rows], motors: tuple[int, ...], *, is_battery: bool) -> Series:
     fields = [field for field in rows[0].dtype.names or () if field != "timestamp"]
     columns = [_Column(Channel(printable(field), _unit(topic, field)), field) for field in fields]
-    columns += [column for column in _as_a_crazyflie_s(topic, _numbered(rows, motors)) if column.field in fields]
+    if topic != _BATTERY or is_battery:
+        columns += [column for column in _as_a_crazyflie_s(topic, _numbered(rows, motors)) if column.field in fields]
     return Series(
         name=printable(f"{topic}_{number}" if number else topic),
         rows=sum(map(len, rows)),
@@ -185,7 +201,7 @@ def _as_a_crazyflie_s(topic: str, motors: tuple[int, ...]) -> Iterator[_Column]:
         name, own = for_motors[topic]
         for place, motor in enumerate(motors):
             yield _Column(crazyflie_channel(name.format(motor)), own.format(place))
-    if topic == "battery_status":
+    if topic == _BATTERY:
         yield _Column(crazyflie_channel("pm.vbat"), "voltage_v")
     if topic == "vehicle_acceleration":
         yield _Column(crazyflie_channel("acc.z"), "xyz[2]", -USUAL_GRAVITY_MPS2)
