@@ -657,3 +657,10 @@ def test_slow_rows_whose_times_have_fractions_and_no_unit_are_asked_for(tmp_path
         tmp_path, text, ConfigError
     )
     assert len(read(tmp_path, text, time_unit="ms").time_s) == len(TIME_S)
+
+
+@pytest.mark.parametrize("name", ["Time since start (s)", "tout", "elapsed_s", "Elapsed time [s]"])
+def test_times_that_other_programs_call_otherwise_are_times(tmp_path: Path, name: str) -> None:
+    rows = "".join(f"{i / 100:.2f},{np.sin(i / 50):.6f}\n" for i in range(2000))
+    record = read(tmp_path, f"{name},angle_rad\n{rows}")
+    assert record.time_s[-1] == pytest.approx(19.99)

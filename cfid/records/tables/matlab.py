@@ -32,7 +32,7 @@ _BLOCK_ROWS = 1 << 15
 _LARGE_BYTES = 1 << 26  # from there on a file's variables are read one by one
 _FEWEST_ROWS = 16  # of a recording; shorter arrays beside one are parameters
 _IN_NAMES = str.maketrans(dict.fromkeys(',;\t\r\n"', " "))
-_TIMES = ("t", "time", "timestamp")
+_TIMES = ("t", "tout", "time", "timestamp")
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,13 +44,14 @@ _GAP, _LEAST_GAP_S = 10, 0.1  # usual intervals, and seconds: a busy computer's 
 _UNIX_S = (1e9, 4e9)  # seconds since the epoch, from 2001 to 2096
 
 
+_TIMES = "t|tout|time|timestamp|ticks?|time since [a-z]+|elapsed(?:[ _]time)?"
 VEHICLE_CLOCK = Column(
     "vehicle_us",
     column_name(r"(?:vehicle|device|drone|crazyflie|cf)(?:[ _-]?(?:time|timestamp|clock))?", ("us", "ms", "s")),
     "of the vehicle's clock (vehicle_us)",
     optional=True,
 )
-TIME_COLUMN = Column(TIME, column_name("t|time|timestamp|ticks?", ("s", "ms", "us")), "of time (t, time)")
+TIME_COLUMN = Column(TIME, column_name(_TIMES, ("s", "ms", "us")), "of time (t, time)")
 
 
 def line_notes(table: CsvTable) -> tuple[str, ...]:
