@@ -130,14 +130,17 @@ def ulog(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 def blackbox_log(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Write two hours at 2 kHz, of which every row stands for itself."""
     path = tmp_path_factory.mktemp("large") / "large.bbl"
-    draw, at = np.random.default_rng(4), 0
+    draw, at, speed = np.random.default_rng(4), 0, 200.0
     with path.open("wb") as file:
         file.write(blackbox_head())
         while file.tell() < SIZE_MB * 1_000_000:
             rows = bytearray()
             for roll in draw.integers(-100, 100, 20_000).tolist():
                 held = 1100 + at // 40 * 7919 % 800
-                rows += blackbox_row(at, gyro=(roll, -(at % 50), 0), motors=[held + 100 * k for k in range(4)])
+                speed += (held - 900 - speed) / 80  # a lag of 40 ms
+                turning = [round(speed) + (roll + k) % 3 for k in range(4)]
+                motors = [held + 100 * k for k in range(4)]
+                rows += blackbox_row(at, gyro=(roll, -(at % 50), 0), motors=motors, turning=turning)
                 at += 1
             file.write(rows)
         file.write(BLACKBOX_END)

@@ -83,10 +83,12 @@ def blackbox_head() -> bytes:
     return "".join(f"H {line}\n" for line in head).encode()
 
 
-def blackbox_row(at: int, *, gyro: Sequence[int], motors: Sequence[int]) -> bytes:
+def blackbox_row(
+    at: int, *, gyro: Sequence[int], motors: Sequence[int], turning: Sequence[int] = (70, 71, 72, 73)
+) -> bytes:
+    """Return a row; `turning` is in hundreds of electrical turns a minute."""
     values = (unsigned(at), unsigned(1000 + 500 * at), *map(signed, gyro), signed(2048))
-    turning = (unsigned(70 + place) for place in range(4))  # hundreds of electrical turns a minute
-    return b"I" + b"".join((*values, *map(unsigned, motors), *turning))
+    return b"I" + b"".join((*values, *map(unsigned, motors), *map(unsigned, turning)))
 
 
 def blackbox() -> bytes:
