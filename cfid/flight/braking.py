@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of, sandwich
-from cfid.flight.likelihood import PAST, whitening, without
+from cfid.flight.likelihood import whitening, without
 from cfid.flight.model import ROW_S, Flight, FlightEquation, segments
 
 Array = npt.NDArray[np.float64]
@@ -17,6 +17,9 @@ Array = npt.NDArray[np.float64]
 _ROUNDS = 3  # in which noise and drag are estimated in turn
 _SHORTEST_S = 5.0  # of all flights
 _MEAN_ROWS = 10
+# Means that foretell the next: 16, as of rows, took up a tenth of the 150 of a flight, and intervals were too narrow.
+_PAST_MEANS = 1
+_FEWEST_MEANS = 32  # of a stretch
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,7 +55,7 @@ def fit_drag(flights: Sequence[Flight], *, axis: int) -> AxisDrag | None:
         each = []
         for block in blocks:
             left = without(block.shown - block.terms @ found, block.others)
-            white = whitening(block, left)
+            white = whitening(block, left, rows=_PAST_MEANS)
             each.append((white.of(block.terms), white.of(block.shown[:, np.newaxis])[:, 0]))
         rows, shown = np.concatenate([one[0] for one in each]), np.concatenate([one[1] for one in each])
         found = gain_of(rows) @ shown
@@ -74,7 +77,7 @@ def _block(flight: Flight, velocity: Array, axis: int) -> FlightEquation | None:
     columns = np.column_stack([-velocity[:, axis], np.ones(len(velocity)), flight.force[:, 2], flight.force[:, axis]])
     parts = [
         block_means(columns[one].T, length=_MEAN_ROWS).T
-        for one in segments(flight.airborne, fewest=2 * PAST * _MEAN_ROWS)
+        for one in segments(flight.airborne, fewest=_FEWEST_MEANS * _MEAN_ROWS)
     ]
     if not parts:
         return None

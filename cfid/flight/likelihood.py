@@ -41,17 +41,17 @@ class White:
         return np.asarray(self.shares @ _filtered(errors[:, np.newaxis], self.filter, self.lengths)[:, 0])
 
 
-def whitening(block: FlightEquation, left: Array, *, fed_back: bool = False) -> White:
-    """Return what whitens an equation whose errors (n,) are `left`.
+def whitening(block: FlightEquation, left: Array, *, fed_back: bool = False, rows: int = PAST) -> White:
+    """Return what whitens an equation whose errors (n,) are `left`, by so many rows before each.
 
     Where an autopilot answers to errors (`fed_back`), past ones count as other terms: what the commands do, and how
     errors follow from each other, are then found together, and the uncertainty of the one contains the other's.
     """
     parts = _parts(left, block.lengths)
     past = np.concatenate(
-        [np.column_stack([part[PAST - k - 1 : len(part) - k - 1] for k in range(PAST)]) for part in parts]
+        [np.column_stack([part[rows - k - 1 : len(part) - k - 1] for k in range(rows)]) for part in parts]
     )
-    now = np.concatenate([part[PAST:] for part in parts])
+    now = np.concatenate([part[rows:] for part in parts])
     coefficients = np.concatenate([[1.0], -(gain_of(past) @ now)])
     others = _filtered(block.others, coefficients, block.lengths)
     taken = np.column_stack([others, past]) if fed_back else others
@@ -66,7 +66,8 @@ def without(values: Array, others: Array) -> Array:
 
 
 def _filtered(columns: Array, coefficients: Array, lengths: Sequence[int]) -> Array:
-    return np.concatenate([lfilter(coefficients, [1.0], part, axis=0)[PAST:] for part in _parts(columns, lengths)])
+    rows = len(coefficients) - 1
+    return np.concatenate([lfilter(coefficients, [1.0], part, axis=0)[rows:] for part in _parts(columns, lengths)])
 
 
 def _parts(columns: Array, lengths: Sequence[int]) -> list[Array]:
