@@ -227,17 +227,21 @@ class _Endless(http.server.BaseHTTPRequestHandler):
         """Print nothing."""
 
 
-def test_a_file_of_a_server_that_never_ends_is_refused(tmp_path: Path) -> None:
+def fault_of_campaign_at(server_of: type[http.server.BaseHTTPRequestHandler]) -> str:
+    """Return why a campaign of a server cannot be refitted."""
     pytest.importorskip("aiohttp", reason="fsspec's HTTP is not installed: pip install 'cfid[fleet]'")
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), _Endless) as server:
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), server_of) as server:
         thread = threading.Thread(target=server.serve_forever)
         thread.start()
         found = refit(f"http://127.0.0.1:{server.server_port}/c1")
         server.shutdown()
         thread.join()
-    assert found.fault.endswith(
-        "/c1/rig.toml: cannot be read: it sends more than 64 MB, where a smaller file is expected."
-    )
+    return found.fault
+
+
+def test_a_file_of_a_server_that_never_ends_is_refused() -> None:
+    fault = fault_of_campaign_at(_Endless)
+    assert fault.endswith("/c1/rig.toml: cannot be read: it sends more than 64 MB, where a smaller file is expected.")
 
 
 class _EndlessList(_Endless):
@@ -252,15 +256,9 @@ class _EndlessList(_Endless):
                 self.wfile.write(b'<a href="a.json">a</a>' * 50_000)
 
 
-def test_a_list_of_a_server_that_never_ends_is_refused(tmp_path: Path) -> None:
-    pytest.importorskip("aiohttp", reason="fsspec's HTTP is not installed: pip install 'cfid[fleet]'")
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), _EndlessList) as server:
-        thread = threading.Thread(target=server.serve_forever)
-        thread.start()
-        found = refit(f"http://127.0.0.1:{server.server_port}/c1")
-        server.shutdown()
-        thread.join()
-    assert "cannot be read: it sends a list of more than 16 MB" in found.fault
+def test_a_list_of_a_server_that_never_ends_is_refused() -> None:
+    fault = fault_of_campaign_at(_EndlessList)
+    assert "cannot be read: it sends a list of more than 16 MB" in fault
 
 
 class _Dripping(http.server.BaseHTTPRequestHandler):

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.records.tables.head import COMMENT
-from cfid.records.tables.text import TextLine, decoded, is_prose
+from cfid.records.tables.text import TextLine, decoded, fields_of, has_comma, has_decimal_comma, is_prose
 
 Places = npt.NDArray[np.intp]
 
@@ -91,3 +91,15 @@ def rows_of(text: bytes, separator: str | None, columns: int, first_line: int) -
         return Rows(body, (), True)
     body, prose = without_prose(body, separator, columns)
     return Rows(body, tuple(line._replace(number=first_line + line.number) for line in prose), False)
+
+
+def unquoted(body: bytes, separator: str | None) -> bytes:
+    """Return lines without quotes; between commas, quoted decimal commas become points."""
+    lines = body.decode("latin-1").split("\n")
+    between = separator or " "
+    quoted = {i: fields_of(line, separator) for i, line in enumerate(lines) if '"' in line}
+    decimal = between == "," and any(has_decimal_comma(field) for fields in quoted.values() for field in fields)
+    for i, fields in quoted.items():
+        points = (one.replace(",", ".") if decimal and has_comma(one) else one for one in fields)
+        lines[i] = between.join(field.replace(between, "?") for field in points)
+    return "\n".join(lines).encode("latin-1")

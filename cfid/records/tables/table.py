@@ -20,6 +20,7 @@ from cfid.records.tables.fields import (
     evenly_filled,
     fields_of_lines,
     rows_of,
+    unquoted,
 )
 from cfid.records.tables.head import head_of
 from cfid.records.tables.line_faults import fault_of
@@ -28,8 +29,6 @@ from cfid.records.tables.text import (
     TextLine,
     fields_of,
     filled_lines,
-    has_comma,
-    has_decimal_comma,
     has_decimal_commas,
     short,
     whole_lines,
@@ -248,14 +247,7 @@ class CsvTable:
         return np.frombuffer(table._body, np.uint8)[kept].tobytes()
 
     def _unquoted(self) -> "CsvTable":
-        lines = self._body.decode("latin-1").split("\n")
-        between = self._separator or " "
-        quoted = {i: fields_of(line, self._separator) for i, line in enumerate(lines) if '"' in line}
-        decimal = between == "," and any(has_decimal_comma(field) for fields in quoted.values() for field in fields)
-        for i, fields in quoted.items():
-            points = (one.replace(",", ".") if decimal and has_comma(one) else one for one in fields)
-            lines[i] = between.join(field.replace(between, "?") for field in points)
-        body = "\n".join(lines).encode("latin-1")
+        body = unquoted(self._body, self._separator)
         return replace(self, _body=body, _even=evenly_filled(body, self._separator, len(self.names)))
 
     def _check_lines(self, places: Sequence[int]) -> None:
