@@ -146,10 +146,8 @@ def test_a_silence_is_a_gap_with_the_lines_that_the_rate_implies(session: Sessio
     assert gap["to_s"] - gap["from_s"] == pytest.approx(2, abs=0.05)
 
 
-@pytest.mark.parametrize("overflown", [0, 120])
-def test_lines_that_the_computer_kept_while_the_recorder_stood_are_not_lost(session: Session, overflown: int) -> None:
-    instrument, cable = cell(session)
-    send = sending(cable, lambda n: b"" if 80 < n <= 80 + overflown else line(n))
+def standing(session: Session, send: Callable[[float], None]) -> Callable[[float], None]:
+    """Return what sends lines while the recorder stands for 2 s, once."""
     stood = False
 
     def stand(now_s: float) -> None:
@@ -159,7 +157,14 @@ def test_lines_that_the_computer_kept_while_the_recorder_stood_are_not_lost(sess
             session.clock.rightNow += 2.0
         send(session.clock.seconds())
 
-    run, failure = session.record(instrument, for_s=6, also=stand)
+    return stand
+
+
+@pytest.mark.parametrize("overflown", [0, 120])
+def test_lines_that_the_computer_kept_while_the_recorder_stood_are_not_lost(session: Session, overflown: int) -> None:
+    instrument, cable = cell(session)
+    send = sending(cable, lambda n: b"" if 80 < n <= 80 + overflown else line(n))
+    run, failure = session.record(instrument, for_s=6, also=standing(session, send))
     (gap,) = facts(run)["gaps"]
 
     assert failure is None
@@ -202,16 +207,7 @@ def test_lines_that_all_came_late_are_no_gap_in_the_summary(session: Session, ov
     """A busy computer's summary was "13000 rows, 0 lost (2 gaps)": what these were, nothing said."""
     instrument, cable = cell(session)
     send = sending(cable, lambda n: b"" if 80 < n <= 80 + overflown else line(n))
-    stood = False
-
-    def stand(now_s: float) -> None:
-        nonlocal stood
-        if now_s > 1 and not stood:
-            stood = True
-            session.clock.rightNow += 2.0
-        send(session.clock.seconds())
-
-    run, _ = session.record(instrument, for_s=6, also=stand)
+    run, _ = session.record(instrument, for_s=6, also=standing(session, send))
     (gap,) = facts_of(run, "loadcell", Facts).gaps
 
     assert gap.lost == pytest.approx(overflown, abs=2)
