@@ -54,6 +54,6 @@ def other_scale(largest: float) -> str | None:
     """Return what commands may be whose largest turns no motor where the full one is 65535, None for others."""
     if not 0 < largest <= _PULSES:
         return None
-    return (
-        "shares of one" if largest <= 1 else "per cent" if largest <= _PER_CENT else "of 8 bits, DShot or pulse widths"
-    )
+    if largest <= 1:
+        return "shares of one"
+    return "per cent" if largest <= _PER_CENT else "of 8 bits, DShot or pulse widths"
