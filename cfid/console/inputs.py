@@ -87,6 +87,6 @@ def read_recording(word: str, reading: "Reading", workplace: Workplace) -> "Angl
     from cfid.records.tables.angle import read_angle
 
     path = find_recording(word, workplace)
-    if path.is_file() and not workplace.borrowed and reading.counts_per_turn is None:
-        reading = replace(reading, counts_per_turn=workplace.rig.encoder.counts_per_turn)
+    if path.is_file() and not workplace.borrowed:
+        reading = replace(reading, rig_counts_per_turn=workplace.rig.encoder.counts_per_turn)
     return read_angle(path, reading)

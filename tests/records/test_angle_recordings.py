@@ -479,6 +479,21 @@ def test_counts_per_turn_beside_an_angle_in_another_unit_are_named_as_not_used(
     assert note.endswith(("is in rad.", "is in deg."))
 
 
+@pytest.mark.parametrize("head", ["t,theta_rad", "t,theta"])
+def test_a_rig_s_counts_per_turn_do_not_touch_an_angle_that_is_no_count(tmp_path: Path, head: str) -> None:
+    text = text_of(TIME_S, 2 * ANGLE_RAD, head)
+    found, expected = read(tmp_path, text, rig_counts_per_turn=4096.0), read(tmp_path, text)
+    np.testing.assert_array_equal(found.angle_rad, expected.angle_rad)
+    assert found.findings == expected.findings
+
+
+def test_counts_are_those_of_the_rig_where_none_are_given_and_it_is_said(tmp_path: Path) -> None:
+    text = text_of(TIME_S, np.rint(4096 / TURN * ANGLE_RAD), "t,enc")
+    found = read(tmp_path, text, rig_counts_per_turn=4096.0)
+    np.testing.assert_array_equal(found.angle_rad, read(tmp_path, text, counts_per_turn=4096.0).angle_rad)
+    assert any(note.endswith("counts are read as rig.toml's `counts_per_turn` 4096.") for note in found.notes)
+
+
 def test_an_angle_with_fractions_is_no_count(tmp_path: Path) -> None:
     text = text_of(TIME_S, ANGLE_RAD)
     for options in ({"counts_per_turn": 8192.0}, {"angle_unit": "counts"}):

@@ -60,6 +60,7 @@ SPELLINGS = {
     "a head in a comment": f"# {CSV}",
     "a head in a comment of MATLAB": f"%{CSV}",
     "zero bytes at the end, as a power failure leaves them": CSV + 4096 * "\0",
+    "bars": CSV.replace(",", "|"),
     "decimal commas between semicolons": CSV.replace(",", ";").replace(".", ","),
     "decimal commas between tabs": CSV.replace(",", "\t").replace(".", ","),
     "decimal commas between spaces": CSV.replace(",", " ").replace(".", ","),

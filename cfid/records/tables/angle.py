@@ -55,10 +55,11 @@ SCHEMA = TableSchema(
 
 @dataclass(frozen=True, kw_only=True)
 class Reading(Foreign):
-    """How to read an angle from a CSV file outside a run."""
+    """How to read an angle from a CSV file outside a run; whole counts without `counts_per_turn` are the rig's."""
 
     angle_unit: AngleUnit | None = None
     counts_per_turn: CountsPerTurn | None = None
+    rig_counts_per_turn: CountsPerTurn | None = None
 
 
 class _EncoderFacts(Facts):
@@ -119,7 +120,7 @@ def read_angle(path: Path, reading: Reading) -> AngleRecord:
         columns=record.columns[:2],
     )
     found, rows = _read(file, own, run.header.label, own=True)
-    unused = unused_in_run(reading, *(["counts_per_turn"] if counted else []))
+    unused = unused_in_run(reading, "rig_counts_per_turn", *(["counts_per_turn"] if counted else []))
     name = path.resolve().name
     about_run = of_recording(name, [*losses(run, record, rows), *gaps(facts), *unused])
     return replace(found, run=name, findings=about_run + found.findings)
@@ -207,7 +208,14 @@ def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> t
     if stamped is not None:
         time = stamped.time_s - values[0, 0]
     unit = _unit_of_angle(table, angle_name, reading.angle_unit)
-    angle = continuous_angle(table, angle_name, values[:, -1], unit=unit, counts_per_turn=reading.counts_per_turn)
+    angle = continuous_angle(
+        table,
+        angle_name,
+        values[:, -1],
+        unit=unit,
+        counts_per_turn=reading.counts_per_turn,
+        rig_counts_per_turn=reading.rig_counts_per_turn,
+    )
     notes = (
         *gaps_notes,
         *stamp_notes,

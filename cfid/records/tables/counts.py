@@ -48,9 +48,17 @@ def is_angle(values: Array) -> npt.NDArray[np.bool_]:
 
 
 def continuous_angle(
-    table: CsvTable, column: str, values: Array, *, unit: str | None, counts_per_turn: CountsPerTurn | None
+    table: CsvTable,
+    column: str,
+    values: Array,
+    *,
+    unit: str | None,
+    counts_per_turn: CountsPerTurn | None,
+    rig_counts_per_turn: CountsPerTurn | None = None,
 ) -> Angle:
     """Read a column's values (n,) as an angle; whole numbers without a unit are counts.
+
+    `counts_per_turn` were given for this file; `rig_counts_per_turn` are those of the rig's encoder, where none were.
 
     Raises DataError when the unit or the counts per turn cannot be determined, when too many words fail their check,
     and when samples are too far apart to count whole turns.
@@ -81,6 +89,10 @@ def continuous_angle(
         raise DataError(
             f"{table.path}: column '{column}' is read as counts but has fractions: give `angle_unit` rad or deg."
         )
+    if counts_per_turn is None and rig_counts_per_turn is not None:
+        angle = _from_counts(table, rig_counts_per_turn, values, low, high)
+        assumed = f"counts are read as rig.toml's `counts_per_turn` {_shown(rig_counts_per_turn)}."
+        return angle._replace(notes=(*notes, assumed, *angle.notes))
     return _from_counts(table, counts_per_turn, values, low, high)
 
 
@@ -108,14 +120,17 @@ def _unit_by_range(values: Array) -> tuple[str | None, float]:
     return "deg" if span > _LEAST_SWING_DEG and way > _TO_AND_FRO * span else None, span
 
 
+def _shown(setting: CountsPerTurn) -> str:
+    return setting if isinstance(setting, str) else f"{setting:.0f}"
+
+
 def _from_counts(table: CsvTable, setting: CountsPerTurn | None, counts: Array, low: float, high: float) -> Angle:
     """Read whole numbers (n,) from `low` to `high`."""
     valid = np.concatenate([decode_words(counts[part].astype(np.int64)).valid for part in parts(len(counts))])
     notes: tuple[str, ...] = ()
     if setting is None:
         setting = _guessed(table, int(low), int(high), valid)
-        name = setting if isinstance(setting, str) else f"{setting:.0f}"
-        notes = (f"counts are read as `counts_per_turn` {name}.",)
+        notes = (f"counts are read as `counts_per_turn` {_shown(setting)}.",)
     if setting != RLS_13BIT_IN_22:
         if (high - low) / float(setting) > _FOLDED_TURNS and np.mean(valid) > 0.5:
             raise DataError(

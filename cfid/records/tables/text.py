@@ -109,9 +109,9 @@ def filled_lines(text: bytes, *, skip: int = 0) -> Iterator[TextLine]:
 def separator_of(line: str) -> str | None:
     """Return the separator of a line's fields; None for spaces.
 
-    A comma has the lowest priority: between semicolons or tabs it is part of a name, or a decimal comma to report.
+    A comma between semicolons or tabs is part of a name, or a decimal comma to report; a bar stands in names, too.
     """
-    return next((separator for separator in (";", "\t", ",") if separator in line), None)
+    return next((separator for separator in (";", "\t", ",", "|") if separator in line), None)
 
 
 def fields_of(line: str, separator: str | None) -> list[str]:
