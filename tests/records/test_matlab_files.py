@@ -46,6 +46,7 @@ WAYS: dict[str, tuple[Contents, Contents]] = {
         {"a": {"t": TIME_S, "theta": ANGLE_RAD}, "b": {"t": TIME_S[:50], "phi": ANGLE_RAD[:50]}},
         {"columns": ("t", "theta")},
     ),
+    "complex without imaginary parts": ({"t": TIME_S, "theta": ANGLE_RAD + 0j}, {}),
     "no time": ({"theta": ANGLE_RAD}, {"rate_hz": 100.0}),
 }
 
@@ -70,6 +71,14 @@ def test_units_in_brackets_that_matlab_made_underscores_of_are_read(tmp_path: Pa
     record = read_angle(tmp_path / "a.mat", Reading())
     np.testing.assert_allclose(record.angle_rad, ANGLE_RAD, rtol=1e-14)
     assert record.time_s[-1] == pytest.approx(TIME_S[-1])
+
+
+def test_an_angle_with_imaginary_parts_is_refused_by_its_name_and_a_column_beside_it_is_not(tmp_path: Path) -> None:
+    savemat(tmp_path / "a.mat", {"t": TIME_S, "theta": ANGLE_RAD, "w": np.fft.fft(ANGLE_RAD)})
+    assert same(read_angle(tmp_path / "a.mat", Reading(angle_unit="rad")))
+    savemat(tmp_path / "b.mat", {"t": TIME_S, "theta": ANGLE_RAD + 0.1j})
+    with pytest.raises(DataError, match=r"0\.1j\)' in column 'theta' is not a number"):
+        read_angle(tmp_path / "b.mat", Reading(angle_unit="rad"))
 
 
 def test_forces_of_a_mat_file_are_read(tmp_path: Path) -> None:
@@ -173,7 +182,13 @@ def _matrix(file: Any) -> None:
     file["data"] = np.vstack([TIME_S, ANGLE_RAD])
 
 
-@pytest.mark.parametrize("fill", [_structure, _two_signals, _matrix])
+def _complex(file: Any) -> None:
+    pairs = np.zeros((1, len(ANGLE_RAD)), [("real", "<f8"), ("imag", "<f8")])
+    pairs["real"] = ANGLE_RAD
+    file["t"], file["theta"] = TIME_S[None], pairs
+
+
+@pytest.mark.parametrize("fill", [_structure, _two_signals, _matrix, _complex])
 def test_version_7_3_is_read_as_version_5(tmp_path: Path, fill: Callable[[Any], None]) -> None:
     h5py = pytest.importorskip("h5py", reason='h5py comes with pip install "cfid[mat]"')
     with h5py.File(tmp_path / "a.mat", "w", userblock_size=512) as file:

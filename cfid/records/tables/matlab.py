@@ -255,15 +255,20 @@ def _simulink(tree: Mapping[str, Tree], name: str, *, place: str) -> Iterator[Ma
 
 
 def _is_numeric(value: Tree) -> TypeGuard[npt.NDArray[Any]]:
-    """Return whether it is an array of real numbers, of one column or more, and more than one row."""
+    """Return whether it is an array of numbers, of one column or more, and more than one row."""
     return (
-        isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and value.size > 1 and np.squeeze(value).ndim < 3
+        isinstance(value, np.ndarray) and value.dtype.kind in "biufc" and value.size > 1 and np.squeeze(value).ndim < 3
     )
 
 
 def _columns(value: npt.NDArray[Any]) -> list[npt.NDArray[Any]]:
-    """Return the columns of an array; its longer side is time, however it lies."""
+    """Return the columns of an array; its longer side is time, however it lies.
+
+    Complex numbers without imaginary parts are real; others stay as they are, and are no number to who reads them.
+    """
     array = np.squeeze(value)
+    if array.dtype.kind == "c" and not array.imag.any():
+        array = array.real
     if array.dtype.kind == "b":
         array = array.astype(np.int64)
     if array.ndim == 1:

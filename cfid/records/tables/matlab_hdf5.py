@@ -40,6 +40,8 @@ class Hdf5Tree:
         if "MATLAB_empty" in node.attrs:
             return np.zeros(0)
         values = np.squeeze(_numbers(node))
+        if values.dtype.names == ("real", "imag"):
+            values = values["real"] + 1j * values["imag"]
         if node.attrs.get("MATLAB_class") == b"char":
             return "".join(map(chr, np.ravel(values)))
         return values.T  # MATLAB's arrays are stored column by column
