@@ -179,6 +179,53 @@ def test_a_time_column_is_taken_before_any_rate_is_assumed(tmp_path: Path) -> No
     assert table.rate_hz is None
 
 
+@pytest.mark.parametrize(
+    ("head", "per_s"),
+    [
+        ("Zeit (s)", 1.0),
+        ("seconds", 1.0),
+        ("sec", 1.0),
+        ("Time Stamp (s)", 1.0),
+        ("Relative Time [ms]", 1e3),
+        ("millis", 1e3),
+        ("time_boot_ms", 1e3),
+        ("TimeUS", 1e6),
+        ("micros", 1e6),
+    ],
+)
+def test_a_time_is_known_by_the_names_that_programs_and_boards_give_it(tmp_path: Path, head: str, per_s: float) -> None:
+    rows = "".join(f"{i / 20 * per_s:.9g},{i % 7},{10000 * (i // 20)}\n" for i in range(60))
+    table = read(tmp_path, f"{head},weight[g],pwm\n{rows}")
+    assert np.asarray(table.time_s) == pytest.approx(np.arange(60) / 20)
+
+
+@pytest.mark.parametrize("command", ["pwm", "cmd", "Throttle (%)", "command_fraction"])
+@pytest.mark.parametrize("ramp", [False, True])
+def test_a_column_that_may_be_the_time_is_asked_about_before_a_rate_is_assumed_or_rows_are_averaged(
+    tmp_path: Path, command: str, ramp: bool
+) -> None:
+    jitter = np.random.default_rng(1).uniform(0, 0.005, 260)
+    commands = np.arange(260) / 260 if ramp else np.arange(260) // 20 / 13
+    commands *= 1 if command == "command_fraction" else 100 if "%" in command else 65535
+    rows = "".join(
+        f"{i / 50 + late:.4f},{1 + i % 3},{x:.4f}\n" for i, (late, x) in enumerate(zip(jitter, commands, strict=True))
+    )
+    text = f"X_Value,thrust_n,{command}\n{rows}"
+    message = refusal(tmp_path, text)
+    assert "column 'X_Value' grows from row to row as one does. Name it by `columns`, as in t=1" in message
+    assert np.asarray(read(tmp_path, text, columns=("t=1",)).time_s) == pytest.approx(
+        np.arange(260) / 50 + jitter - jitter[0], abs=1e-4
+    )
+
+
+@pytest.mark.parametrize(
+    "values", [range(260), [1000 + i // 20 * 5 for i in range(260)], [12 - i // 20 / 9 for i in range(260)]]
+)
+def test_a_counter_and_what_goes_with_the_command_is_no_time(tmp_path: Path, values: Any) -> None:
+    rows = "".join(f"{value},{i % 7},{5000 * (i // 20)}\n" for i, value in enumerate(values))
+    assert "100 Hz is assumed" in " ".join(notes_of(read(tmp_path, f"extra,weight[g],pwm\n{rows}")))
+
+
 def test_columns_that_are_not_understood_are_named_and_a_cut_line_is_left_out(tmp_path: Path) -> None:
     table = read(tmp_path, "amps,cmd,thrust_n,v[V]\n1,2000,0.1,3\n1,4000,0.2,3\n1,60")
 
@@ -225,8 +272,15 @@ def test_a_row_without_a_command_is_left_out_and_a_column_of_text_is_not_used(tm
     assert table.command.tolist() == [0, 4000]
     assert np.asarray(table.thrust_n).tolist() == [0, 0.2]
     assert table.torque_nm is None
-    assert "stand.csv: 'torque_nm' holds no number: it is not used." in notes_of(table)
+    assert "stand.csv: 'torque_nm' holds no number: it is not used. Line 2: '" in " ".join(notes_of(table))
     assert "stand.csv: 1 row without a time or command (first: line 3) is left out." in texts(table.findings, "warning")
+
+
+def test_commands_with_a_sign_of_per_cent_are_named_with_what_to_do(tmp_path: Path) -> None:
+    text = "Throttle,rpm,thrust_n\n40%,7000,1\n50%,8000,2\n60%,9000,3\n"
+    table = read(tmp_path, text, columns=("pwm_percent=Throttle",))
+    (said,) = [one for one in notes_of(table) if "holds no number: it is not used. Line 2: '40%'" in one]
+    assert said.endswith("is not a number. Write per cent without the sign.")
 
 
 def test_a_column_of_an_unknown_unit_is_named_where_it_is_not_needed(tmp_path: Path) -> None:

@@ -9,9 +9,9 @@ from cfid.records.tables.table import CsvTable
 PER_SECOND: dict[str, float] = {"s": 1.0, "ms": 1e3, "us": 1e6}  # to divide by: 1e-3 and 1e-6 are not exact
 SECONDS: dict[str, float] = {unit: 1 / count for unit, count in PER_SECOND.items()}
 _UNITS: dict[str, tuple[str, ...]] = {
-    "s": ("s", "sec", "second", "seconds"),
-    "ms": ("ms", "msec", "millis", "milliseconds"),
-    "us": ("us", "µs", "μs", "usec", "micros", "microseconds"),
+    "s": ("s", "sec", "secs", "second", "seconds"),
+    "ms": ("ms", "msec", "msecs", "millis", "milliseconds"),
+    "us": ("us", "µs", "μs", "usec", "usecs", "micros", "microseconds", "timeus"),
     "rad": ("rad", "radian", "radians"),
     "deg": ("deg", "degree", "degrees", "°"),
     "n": ("n", "newton", "newtons"),
@@ -32,14 +32,14 @@ def unit_word(word: str) -> str | None:
 
 
 def unit_of(table: CsvTable, pattern: re.Pattern[str], column: str, given: str | None, setting: str) -> str | None:
-    """Return the unit that was given by a setting, in the column's name or by the file beside it, if any.
+    """Return the unit that was given by a setting, in the column's name, as it or by the file beside it, if any.
 
     Raises ConfigError when the two contradict each other.
     """
     name = table.names[table.place(column)]
     match = pattern.fullmatch(name)
-    word = (match.group(1) if match else None) or table.units.get(name)
-    named = None if word is None else unit_word(word)
+    word = (match.group(1) if match else None) or table.units.get(name) or (name if match else "")
+    named = unit_word(word)
     if given and named and given != named:
         raise ConfigError(f"{table.path}: column '{name}' is in {named}, but `{setting}` is {given}.")
     return given or named

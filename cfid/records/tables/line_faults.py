@@ -40,4 +40,6 @@ def _advice(field: str) -> str:
         )
     if _THOUSANDS.fullmatch(field):
         return NO_THOUSANDS
+    if field.endswith("%"):
+        return "Write per cent without the sign."
     return POINTS if has_comma(field) else REPAIR

@@ -64,7 +64,7 @@ def columns_of(table: CsvTable) -> tuple[CsvTable, Found, tuple[str, ...]]:
     empty = [name for name, value in values.items() if not np.isfinite(value).any()]
     used = {quantity: [one for one in columns if one[1] not in empty] for quantity, columns in called.items()}
     used = {quantity: columns for quantity, columns in used.items() if columns}
-    notes = [*doubled.values(), *(f"'{name}' holds no number: it is not used." for name in empty)]
+    notes = [*doubled.values(), *(_holds_no_number(table, name) for name in empty)]
     notes += of_one_side(table, used, values)
     notes += _one_of_two_speeds(table, used, values)
     notes += check_heads(table, used)
@@ -122,6 +122,12 @@ def turned(value: Array, drive: Array) -> tuple[Array, bool]:
     half = (drive[known].min() + drive[known].max()) / 2
     falls = np.median(level[known][drive[known] >= half]) < np.median(level[known][drive[known] < half])
     return (-value, True) if falls else (value, False)
+
+
+def _holds_no_number(table: CsvTable, name: str) -> str:
+    """Return the sentence on a column without any number, with its first field that is not empty."""
+    text, fault = f"'{name}' holds no number: it is not used.", table.fault_in(name)
+    return text if fault is None else f"{text} Line {fault.removeprefix(f'{table.path}:')}"
 
 
 def _without_doubled(table: CsvTable, called: dict[str, list[tuple[ColumnHead, str]]]) -> dict[str, str]:

@@ -11,7 +11,7 @@ from cfid.records.tables.column_units import unit_of
 from cfid.records.tables.schema import TimeUnit
 from cfid.records.tables.stand_columns import Found
 from cfid.records.tables.table import Array, CsvTable
-from cfid.records.tables.times import TIME_COLUMN, pauses, times_of
+from cfid.records.tables.times import COUNTER, TIME_COLUMN, pauses, times_of
 
 STAND_RATE_HZ = 100.0  # of Bitcraze's thrust stand, whose files have no time
 
@@ -21,6 +21,9 @@ _SETTLED_S = 1.0  # between rows: a rotor settles in less
 _SLOWEST_S = 2.0  # between rows of a recording
 _JITTER_S = 0.1  # by which times of a program on a desktop may go back
 _JITTER_SHARE = 0.05
+# Rows that show a time without a known name; how far off a line it may be, as a share of its range; in what share of
+# the rows of a held command it grows at least: stamps of 16 ms repeat in several.
+_FEWEST_GROWING, _OFF_LINE, _OFTEN = 30, 0.1, 0.05
 
 
 class Timing(NamedTuple):
@@ -76,6 +79,8 @@ def timing_of(table: CsvTable, found: Found, command: Array, *, unit: TimeUnit |
         text = f"rows are {step_s:.2g} s apart: each is taken as a settled point."
         return Timing(None, None, (*notes, text))
     of_program = kind == "esc" and (held >= 2 or len(command) > _MOST_TYPED)
+    if rate_hz is None and (held >= 2 or len(command) > _MOST_TYPED):
+        _refuse_unnamed_time(table, found, command)
     if rate_hz is None and not of_program and (not kind or held < _HELD_ROWS):
         return Timing(None, None, ())
     if rate_hz is None and (fault := _fault_of_times(table)):
@@ -88,6 +93,31 @@ def timing_of(table: CsvTable, found: Found, command: Array, *, unit: TimeUnit |
     times, notes = times_of(table, None, command, unit=unit, rate_hz=rate)
     assumed = f"a record over time without a time column: {rate:g} Hz is assumed (`rate_hz`)."
     return Timing(times, rate, (*notes, *([assumed] if rate_hz is None else [])))
+
+
+def _refuse_unnamed_time(table: CsvTable, found: Found, command: Array) -> None:
+    """Raise DataError for a column without a use that grows evenly beside commands (n,): it may be the rows' time."""
+    used = {name for columns in found.values() for name in columns.names}
+    first = next(table.blocks(), table)
+    for place, name in enumerate(table.names, start=1):
+        if name in used or COUNTER.fullmatch(name):
+            continue
+        if _grows(first.known_numbers([str(place)])[:, 0], command):
+            raise DataError(
+                f"{table.path}: no known column is the time of its rows, and column '{name}' grows from row to row as "
+                f"one does. Name it by `columns`, as in t={place}, with its `time_unit`; if it is no time, give "
+                "`rate_hz`."
+            )
+
+
+def _grows(values: Array, command: Array) -> bool:
+    """Return whether values (n,) grow with the rows, evenly, not by ones as a counter, and while commands hold."""
+    steps, held = np.diff(values), np.diff(command[: len(values)]) == 0
+    if len(values) < _FEWEST_GROWING or not np.all(steps >= 0) or values[-1] == values[0] or np.all(steps == 1):
+        return False
+    line = np.linspace(values[0], values[-1], len(values))
+    even = float(np.abs(values - line).max()) <= _OFF_LINE * float(values[-1] - values[0])
+    return even and (not held.any() or bool(np.mean(steps[held] > 0) > _OFTEN))
 
 
 def _fault_of_times(table: CsvTable) -> str | None:

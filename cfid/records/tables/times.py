@@ -31,7 +31,7 @@ _WRONG_IN_MANY = (
 _CUT_LINE = "the last line was cut (it has no end) and is left out."
 
 _OTHER_UNIT = re.compile(r"[ _/,\[(]+(min|minutes?|h|hrs?|hours?|ns|nanoseconds?)[\])_]?$", re.IGNORECASE)
-_COUNTER = re.compile(
+COUNTER = re.compile(
     r"(?:sample|row|index|count|counter|number|no|nr|n|#)s?(?:[ _.]*(?:index|number|no|nr|#))?\.?", re.I
 )
 _FASTEST_S, _SLOWEST_S = 1.9e-5, 0.11  # sampling intervals of a rig: 50 kHz to 10 Hz, with margin for jitter
@@ -44,7 +44,10 @@ _GAP, _LEAST_GAP_S = 10, 0.1  # usual intervals, and seconds: a busy computer's 
 _UNIX_S = (1e9, 4e9)  # seconds since the epoch, from 2001 to 2096
 
 
-_TIMES = "t|tout|time|timestamp|ticks?|time since [a-z]+|elapsed(?:[ _]time)?"
+_TIMES = (
+    "t|tout|time|time[ _]?stamp|ticks?|time since [a-z]+|elapsed(?:[ _]time)?|relative[ _]time|time_boot|timeus|"
+    "seconds?|secs?|millis(?:econds)?|msecs?|micros(?:econds)?|usecs?|zeit|tiempo"
+)
 VEHICLE_CLOCK = Column(
     "vehicle_us",
     column_name(r"(?:vehicle|device|drone|crazyflie|cf)(?:[ _-]?(?:time|timestamp|clock))?", ("us", "ms", "s")),
@@ -249,7 +252,7 @@ def time_unit_of(
             f"{table.path}: column '{name}' is in '{other[1]}'; times are read in s, ms or us. Convert them, or give "
             "`time_unit` where the name is wrong."
         )
-    if _COUNTER.fullmatch(name):
+    if COUNTER.fullmatch(name):
         raise ConfigError(
             f"{table.path}: column '{name}' counts rows: give `rate_hz` (`columns` then without it), or `time_unit` "
             "where it is a time."
