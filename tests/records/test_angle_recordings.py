@@ -494,6 +494,19 @@ def test_counts_are_those_of_the_rig_where_none_are_given_and_it_is_said(tmp_pat
     assert any(note.endswith("counts are read as rig.toml's `counts_per_turn` 4096.") for note in found.notes)
 
 
+@pytest.mark.parametrize("head", ["", "Sequence,phi"])
+@pytest.mark.parametrize("first", [0, 1])
+def test_rows_that_are_counted_one_by_one_are_no_milliseconds_without_a_word(
+    tmp_path: Path, head: str, first: int
+) -> None:
+    text, named = text_of(first + np.arange(2000), ANGLE_RAD, head, time_format="d"), {"columns": ("1", "2")}
+    asked = refusal(tmp_path, text, ConfigError, angle_unit="rad", **named)
+    assert "counts rows, or is a time in ms: give `rate_hz` (`columns`, where given, then without it)" in asked
+    assert read(tmp_path, text, angle_unit="rad", time_unit="ms", **named).time_s[-1] == pytest.approx(1.999)
+    counted = read(tmp_path, text, angle_unit="rad", rate_hz=500.0, columns=("2",))
+    assert counted.time_s[-1] == pytest.approx(1999 / 500)
+
+
 def test_an_angle_with_fractions_is_no_count(tmp_path: Path) -> None:
     text = text_of(TIME_S, ANGLE_RAD)
     for options in ({"counts_per_turn": 8192.0}, {"angle_unit": "counts"}):

@@ -67,6 +67,12 @@ SPELLINGS = {
     "comments above": f"# rig 7, 21 November\n# Fs = 1000\n{CSV}",
     "comments between the rows": CSV.replace("0.002,", "# the table was touched, here\n% again\n0.002,"),
     "prose above": f"Pendulum 3\n\nrate;1000\n{CSV}",
+    "settings of an oscilloscope above": f"Model,T1\nHorizontal Units,S\nHorizontal Scale,1\nInterval,0.001\n\n{CSV}",
+    "a head of LabVIEW's with a column of comments": (
+        "LabVIEW Measurement\t\nReader_Version\t2\nWriter_Version\t2\n***End_of_Header***\t\n\t\n"
+        "Channels\t1\t\t\nSamples\t4\t\t\nX_Dimension\tTime\t\t\nX0\t0.0\t\t\nDelta_X\t0.001\t\t\n***End_of_Header***\t\t\t\n"
+        + CSV.replace(",", "\t").replace("phi", "phi\tComment", 1)
+    ),
     "a block of other numbers above": f"start,rate,length\n90,1000,5\n{CSV}",
 }
 
@@ -75,6 +81,11 @@ def test_a_line_of_units_below_the_names_belongs_to_them(tmp_path: Path) -> None
     table = open_table(write(tmp_path, "# rig 7\ntime;angle\ns;[deg]\n0,5;1\n1;2,5\n"))
     assert (table.names, table.decimal, table.preamble) == (("time [s]", "angle [deg]"), ",", 1)
     assert table.numbers(table.names).tolist() == [[0.5, 1], [1, 2.5]]
+
+
+def test_units_spelt_out_below_the_names_belong_to_them(tmp_path: Path) -> None:
+    table = open_table(write(tmp_path, "Log Rate: 500\n\nTime\tAngle\nSecs\tRadians\n0.0\t1.0\n0.1\t2.5\n"))
+    assert table.names == ("Time [Secs]", "Angle [Radians]")
 
 
 def test_decimal_commas_need_no_header(tmp_path: Path) -> None:

@@ -210,9 +210,9 @@ def test_a_column_that_may_be_the_time_is_asked_about_before_a_rate_is_assumed_o
     rows = "".join(
         f"{i / 50 + late:.4f},{1 + i % 3},{x:.4f}\n" for i, (late, x) in enumerate(zip(jitter, commands, strict=True))
     )
-    text = f"X_Value,thrust_n,{command}\n{rows}"
+    text = f"loop,thrust_n,{command}\n{rows}"
     message = refusal(tmp_path, text)
-    assert "column 'X_Value' grows from row to row as one does. Name it by `columns`, as in t=1" in message
+    assert "column 'loop' grows from row to row as one does. Name it by `columns`, as in t=1" in message
     assert np.asarray(read(tmp_path, text, columns=("t=1",)).time_s) == pytest.approx(
         np.arange(260) / 50 + jitter - jitter[0], abs=1e-4
     )

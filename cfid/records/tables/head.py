@@ -12,9 +12,10 @@ from cfid.records.tables.text import TextLine, fields_of, filled_lines, has_comm
 POINTS = "Numbers need decimal points, and no comma inside."
 COMMENT = r"[ \t]*(?:#|%|//)"
 
+_LABVIEW_END, _LABVIEW_COMMENT = "***End_of_Header***", "Comment"
 _MOST_LINES = 60  # in which the rows have to begin
 _UNITS = re.compile(
-    r"s|sec|ms|[uµμ]s|hz|rad|deg|°|degrees|counts?|(?:rad|deg|°|m)/s(?:\^?2|²)?|pwm|rpm|n|k?gf?|n[·*.]?m|m?v|a|w|m?m|%|-",
+    r"s|secs?|seconds|radians|volts|newtons|ms|[uµμ]s|hz|rad|deg|°|degrees|counts?|(?:rad|deg|°|m)/s(?:\^?2|²)?|pwm|rpm|n|k?gf?|n[·*.]?m|m?v|a|w|m?m|%|-",
     re.IGNORECASE,
 )
 
@@ -38,8 +39,12 @@ def head_of(path: Path, text: bytes, *, skip_lines: int = 0) -> Head:
     if not lines:
         count = text.count(b"\n")
         raise DataError(f"{path}: nothing in its {count} lines beyond the {skip_lines} that `skip_lines` leaves out.")
+    ends = [at + 1 for at, line in enumerate(lines) if line.text.startswith(_LABVIEW_END)]
+    above = ends[-1] if ends and ends[-1] < len(lines) else 0
+    lines = lines[above:]
     heads = (_head_at(lines, place) for place in range(len(lines)))
-    return next((head for head in heads if head is not None), None) or _of_first_line(path, lines)
+    head = next((head for head in heads if head is not None), None) or _of_first_line(path, lines)
+    return head._replace(preamble=above + head.preamble)
 
 
 def _head_at(lines: Sequence[TextLine], place: int) -> Head | None:
@@ -123,9 +128,15 @@ def _numbers(fields: Sequence[str]) -> int:
 
 
 def _are_rows(lines: Sequence[TextLine], separator: str | None, width: int) -> bool:
-    """Return whether two lines are rows of a table that wide; one separator at the end adds no column."""
+    """Return whether two lines are rows of a table that wide; one separator at the end adds no column.
+
+    One number beside words alone is a setting of the program that wrote the file, as in `Horizontal Scale,1`.
+    """
     rows = [fields_of(line.text, separator) for line in lines]
     if len(rows) < 2 or len(rows[0]) != len(rows[1]) or abs(len(rows[0]) - width) > 1:
+        return False
+    filled = [len([field for field in row if field]) for row in rows]
+    if any(_numbers(row) < min(2, count) for row, count in zip(rows, filled, strict=True)):
         return False
     return all(_numbers(row) and (len(row) <= width or not row[-1]) for row in rows)
 
@@ -136,9 +147,12 @@ def _numbered(row: list[str]) -> tuple[str, ...]:
 
 
 def _fitted(names: list[str], row: list[str]) -> tuple[str, ...]:
-    """Return the columns' names, where a separator at the end of every row, or of the header alone, is ignored."""
+    """Return the columns' names, where a separator at the end of every row, or of the header alone, is ignored.
+
+    So is LabVIEW's column of comments, whose rows end before it.
+    """
     if len(row) == len(names) + 1 and not row[-1]:
         return (*names, "")
-    if len(names) == len(row) + 1 and not names[-1]:
+    if len(names) == len(row) + 1 and names[-1] in ("", _LABVIEW_COMMENT):
         return tuple(names[:-1])
     return tuple(names)

@@ -46,7 +46,7 @@ _UNIX_S = (1e9, 4e9)  # seconds since the epoch, from 2001 to 2096
 
 _TIMES = (
     "t|tout|time|time[ _]?stamp|ticks?|time since [a-z]+|elapsed(?:[ _]time)?|relative[ _]time|time_boot|timeus|"
-    "seconds?|secs?|millis(?:econds)?|msecs?|micros(?:econds)?|usecs?|zeit|tiempo"
+    "seconds?|secs?|millis(?:econds)?|msecs?|micros(?:econds)?|usecs?|zeit|tiempo|x_value"
 )
 VEHICLE_CLOCK = Column(
     "vehicle_us",
@@ -264,6 +264,12 @@ def time_unit_of(
         raise ConfigError(
             f"{table.path}: column '{column}' names no unit, and rows that are {step:.4g} apart may be slow ones in s, "
             "or in ms: give `time_unit`."
+        )
+    counts = some[0] in (0, 1) and bool(np.all(np.diff(some) == 1))
+    if fitting == ["ms"] and counts and TIME_COLUMN.called.fullmatch(name) is None:
+        raise ConfigError(
+            f"{table.path}: column '{name}' counts rows, or is a time in ms: give `rate_hz` (`columns`, where given, "
+            "then without it), or `time_unit` ms."
         )
     few_repeat = sum(int(np.count_nonzero(step == 0)) for _, step in differences(raw)) < (len(raw) - 1) / 2
     return cast(TimeUnit, fitting[0]) if len(fitting) == 1 and few_repeat else "s"
