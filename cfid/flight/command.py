@@ -30,7 +30,9 @@ def flight(
     arm_mm: Annotated[
         str | None,
         typer.Option(
-            metavar="MM[:STD]", help="Vehicle's centre to a motor's axis; default: rig.toml's.", rich_help_panel=_BODY
+            metavar="MM[:STD]",
+            help="Centre to a motor's axis, of four on a square; default: rig.toml's.",
+            rich_help_panel=_BODY,
         ),
     ] = None,
     torque_m: Annotated[

@@ -17,6 +17,7 @@ from cfid.records.logs.any_kind import NO_OPTIONS, read_log
 from cfid.records.logs.hung import without_hung
 from cfid.records.logs.limits import COMMANDS, FORCES, RATES, Limits
 from cfid.records.logs.log import FlightLog
+from cfid.records.logs.motor_numbers import NO_SQUARE
 from cfid.records.logs.run import log_of_run
 from cfid.records.run_notes import run_at
 from cfid.records.tables.gyro import at_end_of_range
@@ -146,7 +147,7 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
         by_command=by_command,
         voltmeter=voltmeter,
         findings=(
-            *of_recording(path.name, log.notes),
+            *of_recording(path.name, [text for text in log.notes if not text.startswith(NO_SQUARE)]),
             *(note("recording", f"assumed: {text}.").at(path.name) for text in log.assumed),
             *(warning("recording", text).at(path.name) for text in (*spoilt, *hung, *faults, *gaps)),
             *(one.at(path.name) for one in (*_between(commands[0][0]), *touches, *clipped)),

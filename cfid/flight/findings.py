@@ -18,6 +18,7 @@ from cfid.flight.model import AXES
 from cfid.flight.moving import moving_findings
 from cfid.flight.turning import turning_findings
 from cfid.flight.values import DELAY, MOMENTS, SINGLE, TIMES, Body, lever_m, thrust_key, times_of
+from cfid.records.logs.motor_numbers import NO_SQUARE
 from cfid.records.parameters import Parameter, plain
 from cfid.units import USUAL_GRAVITY_MPS2
 
@@ -45,7 +46,7 @@ def contradictions(flown: FlownLog, arms_m: Sequence[float] = ()) -> tuple[Findi
     where too little flew.
     """
     unlike = turning_findings(flown.flight)
-    otherwise = (*unlike, *([] if unlike else moving_findings(flown.flight)))
+    otherwise = (*unlike, *_square_findings(flown), *([] if unlike else moving_findings(flown.flight)))
     try:
         found = fit_flights([flown.flight])
     except FitError:
@@ -71,7 +72,7 @@ def findings_of(
         unlike or _crossed(found) or of_unit or [*_moment_findings(found, body), *_unlike_arm(quantities, body)]
     )
     return (
-        *(finding for one in flights for finding in _weight_findings(one)),
+        *(finding for one in flights for finding in (*_square_findings(one), *_weight_findings(one))),
         *_supply_findings(found, body),
         *_thrust_findings(found),
         *of_torques,
@@ -89,6 +90,18 @@ def _supply_findings(found: FlightFit, body: Body) -> list[Finding]:
         "pm.vbat."
     )
     return [warning("flight-voltage-unknown", text, *MOMENTS.values())]
+
+
+def _square_findings(flown: FlownLog) -> list[Finding]:
+    """Reject moments about roll and pitch of rotors that the log does not place on a square."""
+    text = "Moments about roll and pitch are told for four rotors at the corners of a square alone."
+    return [
+        rejection("flight-rotors-off-square", f"{stated} {text}", MOMENTS["roll"], MOMENTS["pitch"]).at(
+            flown.log.path.name
+        )
+        for stated in flown.log.notes
+        if stated.startswith(NO_SQUARE)
+    ]
 
 
 def _weight_findings(flown: FlownLog) -> list[Finding]:

@@ -146,7 +146,7 @@ def _assumptions(flights: Sequence[FlownLog], body: Body) -> list[str]:
     if any(one.flight.rescaled for one in flights):
         scale = f"to {100 * body.rescaled_std:g} % (a Crazyflie divides by what it shows at rest)"
     return [
-        "assumed: axes forward, left, up; four alike rotors with thrust along z"
+        "assumed: axes forward, left, up; four alike rotors on a square, with thrust along z"
         + arm
         + f"; mass {1e3 * body.mass_kg:g} g; "
         f"times of gyro and accelerometer and the former's scale exact, the latter's {scale}, and its zero to 0.02 g; "

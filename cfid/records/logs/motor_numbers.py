@@ -1,4 +1,7 @@
-"""Motors of other autopilots by the Crazyflie's numbers: 1 front right, 2 rear right, 3 rear left, 4 front left."""
+"""Motors of other autopilots by the Crazyflie's numbers: 1 front right, 2 rear right, 3 rear left, 4 front left.
+
+And whether they stand on a square, as the moments of a flight need.
+"""
 
 from collections.abc import Mapping, Sequence
 
@@ -7,16 +10,38 @@ from cfid.units import MOTORS
 PX4_QUAD_X = (1, 3, 4, 2)  # the Crazyflie's numbers of its motors in order: front right, rear left, front left, ...
 BETAFLIGHT_QUAD_X = (2, 1, 3, 4)  # rear right, front right, rear left, front left
 
+NO_SQUARE = "the rotors do not stand on a square"
+
+_OFF_SQUARE = 0.01  # of the lever, by which airframe files round places
 _PLACES = {(True, True): 1, (False, True): 2, (False, False): 3, (True, False): 4}  # forward, right
 
 
 def by_geometry(parameters: Mapping[str, float]) -> tuple[int, ...] | None:
     """Return the Crazyflie's numbers of PX4's motors in order by its rotor positions, None where these state none."""
-    at = [(parameters.get(f"CA_ROTOR{i}_PX", 0.0), parameters.get(f"CA_ROTOR{i}_PY", 0.0)) for i in range(len(MOTORS))]
+    at = _places_m(parameters)
     if any(0.0 in place for place in at) or parameters.get("CA_ROTOR_COUNT", len(MOTORS)) != len(MOTORS):
         return None
     found = tuple(_PLACES[forward > 0, right > 0] for forward, right in at)
     return found if set(found) == set(MOTORS) else None
+
+
+def off_square(parameters: Mapping[str, float]) -> tuple[str, ...]:
+    """Return a sentence on PX4's rotor positions where they are known and not the corners of a square."""
+    if by_geometry(parameters) is None:
+        return ()
+    levers = [abs(one) for place in _places_m(parameters) for one in place]
+    mean = sum(levers) / len(levers)
+    if max(abs(one - mean) for one in levers) <= _OFF_SQUARE * mean:
+        return ()
+    places = "; ".join(f"{1e3 * forward:g}, {1e3 * right:g}" for forward, right in _places_m(parameters))
+    return (f"{NO_SQUARE}: CA_ROTOR0 to 3 are {places} mm forward and right.",)
+
+
+def _places_m(parameters: Mapping[str, float]) -> list[tuple[float, float]]:
+    """Return PX4's rotor positions forward and right, 0 for an unknown one."""
+    return [
+        (parameters.get(f"CA_ROTOR{i}_PX", 0.0), parameters.get(f"CA_ROTOR{i}_PY", 0.0)) for i in range(len(MOTORS))
+    ]
 
 
 def numbering(numbers: Sequence[int], own: str, *, why: str) -> str:

@@ -8,6 +8,7 @@ from cfid.errors import DataError
 from cfid.records.files import sha256_of
 from cfid.records.logs.crazyflie_names import assumptions, crazyflie_channel
 from cfid.records.logs.log import Array, FlightLog, Series
+from cfid.records.logs.motor_numbers import NO_SQUARE
 from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Run
 from cfid.records.run_notes import losses
@@ -34,6 +35,7 @@ def log_of_run(run: Run) -> FlightLog:
     if not series:
         raise DataError(f"{run.folder}: nothing to read. {' '.join(notes)}")
     origin = run.header.origin
+    notes += [] if origin is None else [note for note in origin.notes if note.startswith(NO_SQUARE)]
     file = run.folder / RUN_FILE
     return FlightLog(
         path=run.folder,

@@ -21,7 +21,7 @@ from cfid.large import stored_together
 from cfid.records.extras import optional_library
 from cfid.records.logs.crazyflie_names import crazyflie_channel
 from cfid.records.logs.log import BLOCK_ROWS, Array, Channel, FlightLog, Series, printable
-from cfid.records.logs.motor_numbers import PX4_QUAD_X, by_geometry, numbering
+from cfid.records.logs.motor_numbers import PX4_QUAD_X, by_geometry, numbering, off_square
 from cfid.records.logs.ulog_parts import UlogParts
 from cfid.records.parameters import Source
 from cfid.units import USUAL_GRAVITY_MPS2
@@ -66,7 +66,7 @@ def read_ulog(path: Path, source: Source) -> FlightLog:
     topics: dict[tuple[str, int], list[Rows]] = {}
     dropped_ms: list[int] = []
     info: dict[str, Any] = {}
-    stated, damaged, back = None, False, 0
+    stated, uneven, damaged, back = None, tuple[str, ...](), False, 0
     parts = UlogParts(path)
     for part in parts:
         try:
@@ -84,7 +84,8 @@ def read_ulog(path: Path, source: Source) -> FlightLog:
             topics.setdefault((topic.name, topic.multi_id), []).append(rows)
         dropped_ms += [each.duration for each in log.dropouts]
         info, damaged = log.msg_info_dict | info, damaged or log.file_corruption
-        stated = by_geometry({name: value for name, value in log.initial_parameters.items() if _is_number(value)})
+        parameters = {name: value for name, value in log.initial_parameters.items() if _is_number(value)}
+        stated, uneven = by_geometry(parameters), off_square(parameters)
     series = [
         _series(*topic, rows, stated or PX4_QUAD_X, is_battery=topic == _battery_of(topics))
         for topic, rows in sorted(topics.items())
@@ -94,7 +95,7 @@ def read_ulog(path: Path, source: Source) -> FlightLog:
     notes = [f"{counted(len(dropped_ms), 'dropout')}, of {sum(dropped_ms) / 1e3:.3f} s together."] if dropped_ms else []
     if back:
         notes.append(f"{counted(back, 'row')} with a time that is not between those of the neighbours left out.")
-    notes += _of_damages(parts, others=damaged)
+    notes += [*_of_damages(parts, others=damaged), *uneven]
     return FlightLog(
         path=path,
         source=source,
