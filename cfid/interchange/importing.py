@@ -25,6 +25,7 @@ from cfid.records.run_writer import create_run
 from cfid.records.tables.angle import ENCODER, Reading, read_angle
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.column_units import unit_of
+from cfid.records.tables.gyro import GYRO
 from cfid.records.tables.schema import Foreign, TimeUnit
 from cfid.records.tables.stand import STAND
 from cfid.records.tables.stand_names import with_named
@@ -72,8 +73,7 @@ def kind_of(path: Path, reading: Foreign) -> Kind:
 
     Raises ConfigError where its columns do not show it, DataError where it cannot be read.
     """
-    named = any("=" in one for one in reading.columns)  # as columns of motors alone are
-    kind = "stand" if named else kind_at(path, reading)
+    kind, named = kind_at(path, reading), any("=" in one for one in reading.columns)
     if kind == "stand" and not (named or has_times(path, reading) or reading.rate_hz):
         raise ConfigError(
             f"{path}: a thrust stand's settled points, which are no recording over time: `cfid fit thrust`, `cfid fit "
@@ -185,9 +185,14 @@ def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: La
     """Import a log of a vehicle: a device for each series in the log's own units, and the commands of its motors.
 
     Columns with the same gaps become a device of their own, with the rows that they have; one without any number is
-    left out. Raises DataError and ConfigError as `read_log`.
+    left out. Raises DataError and ConfigError as `read_log`, DataError for a swing, any other `kind`, without a gyro.
     """
     log = read_log(path, reading)
+    if kind != "flight" and not any(set(GYRO) <= {*series.names, *series.variables} for series in log.series):
+        raise DataError(
+            f"{path}: no {', '.join(GYRO)} among its columns, by which a swing is known: give them these names, with "
+            "their unit, as in gyro.x [rad/s]."
+        )
     main = max(log.series, key=lambda one: (any(map(is_flown, one.names)), one.rows))
     records: dict[str, DeviceRecord] = {}
     blocks: dict[str, Iterator[Array]] = {}

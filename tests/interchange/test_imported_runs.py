@@ -220,3 +220,21 @@ def test_a_stands_columns_are_imported_by_the_names_that_are_given(campaign: Pat
     run = imported(campaign, tmp_path / "odd.csv", "--kind", "stand", "--columns", names)
 
     assert run.header.devices["stand"].columns == ("t", "esc_us", "thrust(kgf)", "unused Thrust (N)", "volts")
+
+
+def test_a_log_whose_time_is_named_alone_is_a_log(tmp_path: Path, campaign: Path) -> None:
+    rows = "".join(f"{at / 100},{at}\n" for at in range(200))
+    (tmp_path / "log.csv").write_text(f"when,gyro.x\n{rows}")
+    run = imported(campaign, tmp_path / "log.csv", "--columns", "when", "--time-unit", "s")
+    assert read_rows(run, VEHICLE_LOG).columns["gyro.x"].tolist() == list(range(200))
+
+
+def test_a_swing_without_the_three_gyros_is_refused_with_the_names_that_serve(
+    tmp_path: Path, campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = "".join(f"{at / 100},{at},0,0\n" for at in range(200))
+    (tmp_path / "log.csv").write_text(f"t,Gyroscope x (rad/s),Gyroscope y (rad/s),Gyroscope z (rad/s)\n{rows}")
+    words = ("import", str(tmp_path / "log.csv"), "--campaign", str(campaign), "--axis", "x", "--kind", "flight")
+    assert code(*words) == 4
+    assert "give them these names, with their unit, as in gyro.x [rad/s]" in " ".join(capsys.readouterr().err.split())
+    assert not list((campaign / "runs").iterdir())

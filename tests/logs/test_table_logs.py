@@ -273,6 +273,8 @@ def test_large_numbers_that_come_back_as_they_are_written_need_no_note(tmp_path:
         ("pos__deg_", "deg"),
         ("Fx_n", "N"),
         ("Tz [Nm]", "N m"),
+        ("Tx (N-m)", "N m"),
+        ("RPM", "rpm"),
         ("enc_counts", "counts"),
         ("phi", ""),
     ],
@@ -316,3 +318,16 @@ def test_underscores_stand_for_the_firmware_s_dots_where_a_column_can_be_no_othe
     for others in ("t,gyro_x,acc_x", "t,motor_m1,motor.m1"):
         path = written(tmp_path, lines(others, "{t},{x},{x}", step=0.01))
         assert read_log(path).series[0].names == tuple(others.split(",")[1:])
+
+
+def test_a_time_that_is_named_by_its_number_is_the_time_and_no_other_column(tmp_path: Path) -> None:
+    path = written(tmp_path, "when,x\n" + "".join(f"{at / 10},{at}\n" for at in range(40)))
+    log = read_log(path, Foreign(columns=("1",), time_unit="s"))
+    assert [series.names for series in log.series] == [("x",)]
+    np.testing.assert_allclose(log.channel("x"), [np.arange(40) / 10, np.arange(40)])
+
+
+def test_a_table_of_times_alone_below_a_head_of_words_ends_in_a_sentence(tmp_path: Path) -> None:
+    path = written(tmp_path, "Lab file,\nVersion,2\n" + "".join(f"{at / 10},\n" for at in range(40)))
+    with pytest.raises(DataError, match=r"empty|no column"):
+        read_log(path, Foreign(columns=("1", "2"), time_unit="s"))

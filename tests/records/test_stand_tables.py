@@ -11,7 +11,10 @@ import pytest
 
 from cfid.errors import ConfigError, DataError
 from cfid.findings import texts
+from cfid.records.logs.kinds import kind_at
+from cfid.records.tables.schema import Foreign
 from cfid.records.tables.stand import StandTable, read_stand_table
+from cfid.records.tables.wrench import WrenchReading, holds_wrench
 from tests.places import DATA
 
 OLD = DATA / "bitcraze_2015" / "cf20_pwm_thrust_2015.csv"
@@ -635,6 +638,14 @@ def test_the_option_that_a_question_about_two_columns_names_gives_the_right_numb
 def test_columns_that_name_nothing_are_refused(tmp_path: Path, columns: tuple[str, ...], said: str) -> None:
     text = "cmd,thrust_n,torque_nm\n0,0,7\n20000,0.1,8\n"
     assert said in refusal(tmp_path, text, ConfigError, columns=columns)
+
+
+def test_a_table_of_six_named_columns_is_no_load_cell_s(tmp_path: Path) -> None:
+    path = tmp_path / "stand.csv"
+    path.write_text("".join(f"{at / 10},{at // 20},1,2,3,4\n" for at in range(60)))
+    named = ("t=1", "cmd=2", "thrust_n=3", "torque_nm=4", "vbat_v=5", "rpm=6")
+    assert kind_at(path, Foreign(columns=named)) == "stand"
+    assert not holds_wrench(path, WrenchReading(columns=named))
 
 
 def test_a_named_column_that_is_not_there_is_refused(tmp_path: Path) -> None:

@@ -35,8 +35,11 @@ def kind_at(path: Path, reading: Foreign) -> Kind | None:
     """
     if is_binary_log(path):
         return "flight"
+    if any("=" in one for one in reading.columns):  # as columns of motors alone are named
+        return "stand"
     if reading.columns:
-        return "wrench" if len(reading.columns) > len(AXES) else "angle"
+        of_log = len(reading.columns) == 1 and reading.rate_hz is None  # the time alone
+        return "flight" if of_log else "wrench" if len(reading.columns) > len(AXES) else "angle"
     if is_matlab(path) and _is_converted_flight(path):
         return "flight"
     table = open_table(path, skip_lines=reading.skip_lines, sha256="")

@@ -44,8 +44,8 @@ _OF_NANOBENCH = {"wx_vicon", "motor_motor_m1", "imu_gyro_x", "imu_acc_x"}  # any
 _CRAZYSWARM = {**dict.fromkeys("xyz", "m"), **dict.fromkeys(("qw", "qx", "qy", "qz"), "1")}
 _EMPTY = " is empty."
 _EXACT_BELOW = 2.0**53
-_IN_BRACKETS = re.compile(r"[(\[](?P<unit>[A-Za-zµμ°%][\w/^·⋅.*°% ]{0,7})[)\]]\s*$")
-_SPELT = {"rpm": "rpm", "n·m": "N m", "n⋅m": "N m", "n.m": "N m", "nm": "N m", "n*m": "N m", "°": "deg"}
+_IN_BRACKETS = re.compile(r"[(\[](?P<unit>N-m|[A-Za-zµμ°%][\w/^·⋅.*°% ]{0,7})[)\]]\s*$")
+_SPELT = {"rpm": "rpm", "n·m": "N m", "n⋅m": "N m", "n-m": "N m", "n.m": "N m", "nm": "N m", "n*m": "N m", "°": "deg"}
 _CLIENT = "CSV log of the Crazyflie client"
 _LEAST_STEP_MS = 0.5  # between rows of the client, which come every ms at most
 _UNITS = {1.0: "s", 1e-3: "ms", 1e-6: "us"}
@@ -59,7 +59,7 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
     option contradicts the file.
     """
     table = open_table(path, sha256=source.sha256, skip_lines=reading.skip_lines, columns=reading.columns)
-    time = _SCHEMA.places(table, named=reading.columns[:1], rate_hz=reading.rate_hz).get(TIME)
+    time = _by_name(table, _SCHEMA.places(table, named=reading.columns[:1], rate_hz=reading.rate_hz).get(TIME))
     raw, left_out = np.zeros(2), tuple[str, ...]()
     if time is not None:
         table, values, left_out = known_rows(table, [time], timed=True)
@@ -128,6 +128,12 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
     )
 
 
+def _by_name(table: CsvTable, time: str | None) -> str | None:
+    """Return the name of a time column that may be given by number, unless another column has it, too."""
+    name = None if time is None else table.names[table.place(time)]
+    return time if name is None or table.names.count(name) > 1 else name
+
+
 def _refuse_seconds(table: CsvTable, raw: Array) -> None:
     """Raise DataError for times (n,) of the Crazyflie's client, who counts ms, that are closer than its rows can be."""
     step = usual_step(raw)
@@ -168,7 +174,9 @@ def _firmware(name: str) -> Channel:
 
 
 def _suffixed(name: str) -> str:
-    """Return the unit in the name of an angle, a force or a torque, as in `theta_rad`, "" for none."""
+    """Return the unit in the name of an angle, a force or a torque, as in `theta_rad`, or that is it; "" for none."""
+    if name.lower() == "rpm":
+        return "rpm"
     for column in (*ANGLE_COLUMNS.columns, *WRENCH_COLUMNS.columns):
         match = column.called.fullmatch(name)
         if match is not None and match.lastindex is not None:
@@ -276,7 +284,8 @@ def _blocks(
             assert reading.rate_hz is not None
             values = np.column_stack([(begun + np.arange(len(values))) / reading.rate_hz, values])
         else:
-            values[:, 0] = second_s * seconds_of(table, time, values[:, 0], unit=reading.time_unit)
+            time_s = second_s * seconds_of(table, time, values[:, 0], unit=reading.time_unit)
+            values = np.column_stack([time_s, values[:, 1:]])
         begun += len(values)
         yield values
 

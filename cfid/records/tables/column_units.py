@@ -15,7 +15,7 @@ _UNITS: dict[str, tuple[str, ...]] = {
     "rad": ("rad", "radian", "radians"),
     "deg": ("deg", "degree", "degrees", "°"),
     "n": ("n", "newton", "newtons"),
-    "nm": ("nm", "n m", "n*m", "n·m", "n⋅m"),
+    "nm": ("nm", "n m", "n-m", "n*m", "n·m", "n⋅m"),
     "counts": ("counts", "count"),
 }
 

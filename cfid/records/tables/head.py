@@ -73,7 +73,7 @@ def _without_names(
     fields = fields_of(lines[place].text, separator)
     width = len(fields)
     above = [fields_of(line.text, separator) for line in lines[:place]]
-    damaged = any(len(one) == width and _numbers(one) for one in above)
+    damaged = any(len(one) == width and (_numbers(one[:1]) or _numbers(one) > 1) for one in above)
     damaged |= bool(above) and not _numbers(above[-1]) and len(above[-1]) > 1
     whole = _numbers(fields) == len([field for field in fields if field])
     if damaged or not whole or _is_comment(lines[place]) or not _are_rows([lines[place], *below[:1]], separator, width):

@@ -45,7 +45,7 @@ _UNIX_S = (1e9, 4e9)  # seconds since the epoch, from 2001 to 2096
 
 
 _TIMES = (
-    "t|tout|time|time[ _]?stamp|ticks?|time since [a-z]+|elapsed(?:[ _]time)?|relative[ _]time|time_boot|timeus|"
+    "t|tout|_*time|time[ _]?stamp|ticks?|time since [a-z]+|elapsed(?:[ _]time)?|relative[ _]time|time_boot|timeus|"
     "seconds?|secs?|millis(?:econds)?|msecs?|micros(?:econds)?|usecs?|zeit|tiempo|x_value"
 )
 VEHICLE_CLOCK = Column(

@@ -164,7 +164,7 @@ def holds_wrench(path: Path, reading: WrenchReading) -> bool:
     Raises DataError when the file is not a table.
     """
     if reading.columns:
-        return len(reading.columns) >= len(AXES)
+        return len(reading.columns) >= len(AXES) and not any("=" in one for one in reading.columns)
     table = open_table(path, skip_lines=reading.skip_lines)
     if not table.has_head:
         return len([name for name in table.names if name]) == len(AXES) + (reading.rate_hz is None)
