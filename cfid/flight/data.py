@@ -29,7 +29,6 @@ Mask = npt.NDArray[np.bool_]
 _SLOWEST_S = 0.021  # between rows of a sensor: slower, rates change unseen
 _OTHER_UNIT_S = 0.5  # between rows, which is 1000 times what autopilots log at most
 _AVERAGED_S = ROW_S / 2  # between rows of a sensor, below which they are averaged
-_CLOSE_S = 0.005  # between commands: farther apart, those of an autopilot are guessed
 _WEIGHT = (0.2, 5.0)  # of gravity, which a median specific force is nearly: beyond, its unit is another
 _SETTLING_S = 0.3  # after a motor left its range, in which rotors forget it
 _MOST_S = 600.0
@@ -43,13 +42,15 @@ class FlownLog:
     """A log with its flight, and findings about reading it.
 
     `by_command` is the same flight with drives that are the command over the full one, whether volts are known or not.
-    `voltmeter` are the battery's volts (k,) as the log has them, at times since the flight's first drive.
+    `voltmeter` are the battery's volts (k,) as the log has them, at times since the flight's first drive. `apart_s` is
+    how far apart rows of commands, of the gyro and of the accelerometer usually are.
     """
 
     log: FlightLog
     flight: Flight
     by_command: Flight
     findings: tuple[Finding, ...]
+    apart_s: tuple[float, float, float]
     voltmeter: tuple[Array, Array] | None = None
 
     @property
@@ -105,7 +106,7 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
     command = np.column_stack([held(*one, at_s) for one in commands])
     voltmeter, faults = volts_of(log)
     row_s = np.asarray(begin + ROW_S * np.arange(rows), dtype=np.float64)
-    averaged = float(np.median(np.diff(rates[0]))) < _AVERAGED_S
+    averaged = _apart_s(rates[0]) < _AVERAGED_S
     force = at_rows(*forces, row_s, averaged=averaged)
     spun = at_rows(*rates, row_s, averaged=averaged)
     velocity, attitude = motion(log, row_s)
@@ -146,11 +147,12 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
         flight=flight,
         by_command=by_command,
         voltmeter=voltmeter,
+        apart_s=(_apart_s(commands[0][0]), _apart_s(rates[0]), _apart_s(forces[0])),
         findings=(
             *of_recording(path.name, [text for text in log.notes if not text.startswith(NO_SQUARE)]),
             *(note("recording", f"assumed: {text}.").at(path.name) for text in log.assumed),
             *(warning("recording", text).at(path.name) for text in (*spoilt, *hung, *faults, *gaps)),
-            *(one.at(path.name) for one in (*_between(commands[0][0]), *touches, *clipped)),
+            *(one.at(path.name) for one in (*touches, *clipped)),
         ),
     )
 
@@ -166,16 +168,9 @@ def _possible(time_s: Array, values: Array, limits: Limits, what: str, notes: li
     return time_s[~wrong], values[~wrong]
 
 
-def _between(time_s: Array) -> list[Finding]:
-    """Return what commands at times (n,) that are far apart do to lags: an autopilot sends two to ten between them."""
-    apart_s = float(np.median(np.diff(time_s)))
-    if apart_s <= _CLOSE_S:
-        return []
-    text = (
-        f"commands are {1e3 * apart_s:.0f} ms apart (limit {1e3 * _CLOSE_S:.0f} ms): those between are not seen, and "
-        "lags can come out nearly twice as long. Log them at 500 Hz for lags."
-    )
-    return [warning("flight-commands-apart", text)]
+def _apart_s(time_s: Array) -> float:
+    """Return how far apart rows at times (n,) usually are."""
+    return float(np.median(np.diff(time_s)))
 
 
 def _unseen(timed: Sequence[Array], row_s: Array) -> tuple[Mask, tuple[str, ...]]:
@@ -217,7 +212,7 @@ def _beyond(time_s: Array, rates: Array, row_s: Array, driven: Mask) -> tuple[Ma
 
 def _check_spacing(time_s: Array, log: FlightLog) -> None:
     """Raise DataError for rows at times (n,) that are too far apart for rates to be seen."""
-    if len(time_s) < 2 or (apart_s := float(np.median(np.diff(time_s)))) <= _SLOWEST_S:
+    if len(time_s) < 2 or (apart_s := _apart_s(time_s)) <= _SLOWEST_S:
         return
     other = f" Here {log.clock}: if they are in a smaller unit, give `time_unit`." if apart_s >= _OTHER_UNIT_S else ""
     raise DataError(

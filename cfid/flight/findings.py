@@ -14,13 +14,12 @@ from cfid.flight.data import FlownLog
 from cfid.flight.equations import DELAYS, THRUST, TURNS
 from cfid.flight.estimation import FlightFit, fit_flights
 from cfid.flight.gyro_unit import OF_ARM, unlike_arm
+from cfid.flight.logged import spacing_findings, square_findings, weight_findings
 from cfid.flight.model import AXES
 from cfid.flight.moving import moving_findings
 from cfid.flight.turning import turning_findings
 from cfid.flight.values import DELAY, MOMENTS, SINGLE, TIMES, Body, lever_m, thrust_key, times_of
-from cfid.records.logs.motor_numbers import NO_SQUARE
 from cfid.records.parameters import Parameter, plain
-from cfid.units import USUAL_GRAVITY_MPS2
 
 _LEAST_LIFT_MPS2 = 1.0  # root mean square of what rotors did vertically; see docs/decisions/0022
 _EXPLAINED = 0.6  # of the vertical force, as `fit dynamics` asks of a thrust
@@ -30,9 +29,6 @@ _EXPLAINED_DRAG = 0.8  # of the horizontal specific force: else wind or a tilted
 _LEAST_TURN_RAD_PER_S2 = 5.0  # root mean square; with 0.6 about yaw a public log gave 8e-5 kg m^2, others publish 3e-5
 _FIRST_S, _LAST_S = -0.005, 0.045  # of a sensor's delay: stamps err by some ms, and the fit searches up to 50 ms
 _FED_BACK = 0.03  # of a moment, from where a warning names what older torques would change
-# Of g, in the mean of a flight: less does not carry it, more is steep flight; public logs have 1.01 to 1.05.
-_LIGHTEST, _HEAVIEST = 0.9, 1.3
-_TILTED_DEG = 6.0  # public logs: 0.2 to 1.0
 _DRAG = "flight.drag_over_mass_per_s.*", "flight.drag_kg_per_s.*"
 _MANOEUVRES = {
     "roll": "tilt quickly to the right and left, several times a second, for 20 s",
@@ -46,7 +42,7 @@ def contradictions(flown: FlownLog, arms_m: Sequence[float] = ()) -> tuple[Findi
     where too little flew.
     """
     unlike = turning_findings(flown.flight)
-    otherwise = (*unlike, *_square_findings(flown), *([] if unlike else moving_findings(flown.flight)))
+    otherwise = (*unlike, *square_findings(flown), *([] if unlike else moving_findings(flown.flight)))
     try:
         found = fit_flights([flown.flight])
     except FitError:
@@ -72,7 +68,11 @@ def findings_of(
         unlike or _crossed(found) or of_unit or [*_moment_findings(found, body), *_unlike_arm(quantities, body)]
     )
     return (
-        *(finding for one in flights for finding in (*_square_findings(one), *_weight_findings(one))),
+        *(
+            finding
+            for one in flights
+            for finding in (*spacing_findings(one), *square_findings(one), *weight_findings(one))
+        ),
         *_supply_findings(found, body),
         *_thrust_findings(found),
         *of_torques,
@@ -90,49 +90,6 @@ def _supply_findings(found: FlightFit, body: Body) -> list[Finding]:
         "pm.vbat."
     )
     return [warning("flight-voltage-unknown", text, *MOMENTS.values())]
-
-
-def _square_findings(flown: FlownLog) -> list[Finding]:
-    """Reject moments about roll and pitch of rotors that the log does not place on a square."""
-    text = "Moments about roll and pitch are told for four rotors at the corners of a square alone."
-    return [
-        rejection("flight-rotors-off-square", f"{stated} {text}", MOMENTS["roll"], MOMENTS["pitch"]).at(
-            flown.log.path.name
-        )
-        for stated in flown.log.notes
-        if stated.startswith(NO_SQUARE)
-    ]
-
-
-def _weight_findings(flown: FlownLog) -> list[Finding]:
-    """Judge specific forces in the air: in the mean they carry the vehicle, along z where it hovers."""
-    force = flown.flight.force[flown.flight.airborne]
-    if not len(force):
-        return []
-    size = float(np.mean(np.linalg.norm(force, axis=1))) / USUAL_GRAVITY_MPS2
-    mean = np.mean(force, axis=0)
-    tilt_deg = math.degrees(math.atan2(math.hypot(mean[0], mean[1]), mean[2]))
-    text = f"the accelerometer shows {size:.2f} g in the mean of the flight, which carries the vehicle with"
-    keys = ("flight.thrust*", *MOMENTS.values())
-    result = []
-    if size < _LIGHTEST:
-        result.append(rejection("flight-weight-unlike", f"{text} 1 g: see its scale.", *keys))
-    elif size > _HEAVIEST:
-        result.append(
-            warning(
-                "flight-weight-apart",
-                f"{text} 1 g where it hovers: without steep turns its scale is wrong, and thrust and moments by as "
-                "much.",
-                *keys,
-            )
-        )
-    if tilt_deg > _TILTED_DEG:
-        text = (
-            f"the specific force is {tilt_deg:.0f} degrees off z in the mean (limit {_TILTED_DEG:g}): fast flight one "
-            "way, wind, or a tilted accelerometer, which makes thrust and moments wrong."
-        )
-        result.append(warning("flight-force-tilted", text, *keys))
-    return [one.at(flown.flight.name) for one in result]
 
 
 def _excited(found: FlightFit) -> bool:

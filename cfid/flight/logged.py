@@ -1,0 +1,81 @@
+"""Whether a flight was logged so that it can be told: rows close enough, rotors on a square, forces that carry it."""
+
+import math
+
+import numpy as np
+
+from cfid.findings import Finding, rejection, warning
+from cfid.flight.data import FlownLog
+from cfid.flight.values import MOMENTS, TIMES
+from cfid.records.logs.motor_numbers import NO_SQUARE
+from cfid.units import USUAL_GRAVITY_MPS2
+
+_CLOSE_S = 0.005  # between commands: farther apart, those of an autopilot are guessed
+_SEEN_S = 0.012  # between rows of a sensor, for what rests on how quickly it answers
+# Of g, in the mean of a flight: less does not carry it, more is steep flight; public logs have 1.01 to 1.05.
+_LIGHTEST, _HEAVIEST = 0.9, 1.3
+_TILTED_DEG = 6.0  # public logs: 0.2 to 1.0
+
+
+def spacing_findings(flown: FlownLog) -> list[Finding]:
+    """Reject what rows that are far apart do not show: autopilots send two to ten commands between."""
+    moved, turned, pushed = flown.apart_s
+    found = []
+    if moved > _CLOSE_S:
+        text = (
+            f"commands are {1e3 * moved:.0f} ms apart (limit {1e3 * _CLOSE_S:.0f} ms): those between are not seen, and "
+            "lags come out up to twice as long. Log them at 500 Hz for lags."
+        )
+        found.append(rejection("flight-commands-apart", text, *TIMES))
+    if max(turned, pushed) > _SEEN_S:
+        what, apart_s = ("accelerometer", pushed) if pushed > _SEEN_S else ("gyro", turned)
+        text = (
+            f"the {what}'s rows are {1e3 * apart_s:.0f} ms apart (limit {1e3 * _SEEN_S:.0f} ms): lags come out several "
+            f"per cent long{', and moments small' if pushed > _SEEN_S else ''}. Log them every 10 ms at least."
+        )
+        lost = (*TIMES, *(MOMENTS.values() if pushed > _SEEN_S else ()))
+        found.append(rejection("flight-sensors-apart", text, *lost))
+    return [one.at(flown.log.path.name) for one in found]
+
+
+def square_findings(flown: FlownLog) -> list[Finding]:
+    """Reject moments about roll and pitch of rotors that the log does not place on a square."""
+    text = "Moments about roll and pitch are told for four rotors at the corners of a square alone."
+    return [
+        rejection("flight-rotors-off-square", f"{stated} {text}", MOMENTS["roll"], MOMENTS["pitch"]).at(
+            flown.log.path.name
+        )
+        for stated in flown.log.notes
+        if stated.startswith(NO_SQUARE)
+    ]
+
+
+def weight_findings(flown: FlownLog) -> list[Finding]:
+    """Judge specific forces in the air: in the mean they carry the vehicle, along z where it hovers."""
+    force = flown.flight.force[flown.flight.airborne]
+    if not len(force):
+        return []
+    size = float(np.mean(np.linalg.norm(force, axis=1))) / USUAL_GRAVITY_MPS2
+    mean = np.mean(force, axis=0)
+    tilt_deg = math.degrees(math.atan2(math.hypot(mean[0], mean[1]), mean[2]))
+    text = f"the accelerometer shows {size:.2f} g in the mean of the flight, which carries the vehicle with"
+    keys = ("flight.thrust*", *MOMENTS.values())
+    result = []
+    if size < _LIGHTEST:
+        result.append(rejection("flight-weight-unlike", f"{text} 1 g: see its scale.", *keys))
+    elif size > _HEAVIEST:
+        result.append(
+            warning(
+                "flight-weight-apart",
+                f"{text} 1 g where it hovers: without steep turns its scale is wrong, and thrust and moments by as "
+                "much.",
+                *keys,
+            )
+        )
+    if tilt_deg > _TILTED_DEG:
+        text = (
+            f"the specific force is {tilt_deg:.0f} degrees off z in the mean (limit {_TILTED_DEG:g}): fast flight one "
+            "way, wind, or a tilted accelerometer, which makes thrust and moments wrong."
+        )
+        result.append(warning("flight-force-tilted", text, *keys))
+    return [one.at(flown.flight.name) for one in result]
