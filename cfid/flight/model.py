@@ -233,7 +233,19 @@ def _vertical(flight: Flight, powers: Array) -> FlightEquation:
     climb = _climbing(flight) if flight.velocity is None else flight.velocity[:, 2:]
     phase = np.pi * np.arange(len(terms)) / len(terms)
     sag = [np.cos(count * phase) for count in range(1 + max(round(len(terms) * ROW_S / SAG_S), 1))]
-    return _cut(None, flight.force[:, 2], terms, np.column_stack([climb, *sag]), segments(flight.driven))
+    others = np.column_stack([climb, _off_centre(flight.rates), *sag])
+    return _cut(None, flight.force[:, 2], terms, others, segments(flight.driven))
+
+
+def _off_centre(rates: Array) -> Array:
+    """Return what turning at rates (m, 3) adds along z (m, 5) to an accelerometer 1 m forward, left and up.
+
+    The last two are what changes of the first two where gyro and accelerometer show them at different times.
+    """
+    x, y, z = rates.T
+    quicker = np.gradient(rates, ROW_S, axis=0)
+    added = np.column_stack([z * x - quicker[:, 1], z * y + quicker[:, 0], -(x**2) - y**2])
+    return np.column_stack([added, np.gradient(added[:, :2], ROW_S, axis=0)])
 
 
 def _climbing(flight: Flight) -> Array:

@@ -77,12 +77,16 @@ def fly(
     late_steps: int = LATE_STEPS,
     with_volts: bool = False,
     touches_s: tuple[float, ...] = (),
+    accelerometer_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    climbs_with_roll: bool = False,
 ) -> list[FlightLog]:
     """Return a log of each vehicle at 500 Hz; one that hovers has no manoeuvres. `noise` is the share of the usual.
 
     `load_sag` is the share of its voltage that the battery loses under the thrust of hovering, 4 V being left, which
     the log has `with_volts`. Commands act `late_steps` later, the voltage at once. `inflow` is the share of thrust that
-    a climb of 1 m/s along the rotors' axis takes. The ground pushes for 0.1 s from `touches_s` on, off the middle.
+    a climb of 1 m/s along the rotors' axis takes. The ground pushes for 0.1 s from `touches_s` on, off the middle. The
+    accelerometer is at `accelerometer_m` from the centre of mass. A vehicle that `climbs_with_roll` does so at the same
+    times.
     """
     count, steps = len(vehicles.mass), int(seconds / STEP)
     level = _level(vehicles)
@@ -91,7 +95,8 @@ def fly(
     turn = np.tile(np.eye(3), (count, 1, 1))
     torque_wind, force_wind = np.zeros((count, 3)), np.zeros((count, 3))
     bias = rng.normal(0, 0.01, (count, 3)), rng.normal(0, 0.05, (count, 3)) * [1, 1, 0.2]
-    plan = _manoeuvres(count, steps, rng) * (0.02 if hover else 1.0)
+    plan = _manoeuvres(count, steps, rng, climbs_with_roll=climbs_with_roll) * (0.02 if hover else 1.0)
+    spinning = np.zeros((count, 3))
     rows = np.zeros((steps, count, 10 + 7 + with_volts))
     pending = [late.copy() for _ in range(late_steps)]
     gyro, accelerometer = _LowPass(GYRO_HZ, (count, 3)), _LowPass(ACCELEROMETER_HZ, (count, 3))
@@ -101,16 +106,14 @@ def fly(
         up = turn[:, 2, :]  # the world's vertical along the vehicle's axes
         at = (np.einsum("nij,nj->ni", turn.transpose(0, 2, 1), velocity)) * [1.0, 1.0, 1.2]
         taken = 1 - inflow * at[:, 2:] / 1.2  # of thrust, by air along the rotors' axis
-        thrust = thrust * taken
+        thrust *= taken
         force = force_wind - vehicles.braking[:, None] * at
         force[:, 2] += thrust.sum(axis=1) / vehicles.mass
-        push = sum(
-            PUSH_MPS2 * max(np.sin(np.pi * min(max(STEP * step - at_s, 0.0) / 0.1, 1.0)), 0.0) for at_s in touches_s
-        )
-        force[:, 2] += push
+        force[:, 2] += (push := _push(STEP * step, touches_s))
         shown = gyro(rates + bias[0] + rng.normal(0, 0.04 * noise, (count, 3)))
         rows[step, :, 4:7] = shown
-        rows[step, :, 7:10] = accelerometer(force + bias[1] + rng.normal(0, 0.5 * noise, (count, 3)))
+        off_centre = np.cross(spinning, accelerometer_m) + np.cross(rates, np.cross(rates, accelerometer_m))
+        rows[step, :, 7:10] = accelerometer(force + off_centre + bias[1] + rng.normal(0, 0.5 * noise, (count, 3)))
         rows[step, :, 10:13] = velocity
         rows[step, :, 13:17] = _quaternion(turn)
         command = _autopilot(vehicles, plan[step], shown, up, velocity[:, 2], level)
@@ -122,8 +125,7 @@ def fly(
         ahead = pending.pop(0) * volts[:, None] - late
         tau = np.where(ahead > 0, vehicles.rising[:, None], vehicles.falling[:, None])
         moved = ahead * (1 - np.exp(-STEP / tau))
-        middle = k * (vehicles.idle[:, None] + vehicles.gain[:, None] * (late + moved / 2)) ** 2
-        middle = middle * taken
+        middle = taken * k * (vehicles.idle[:, None] + vehicles.gain[:, None] * (late + moved / 2)) ** 2
         spun_up = vehicles.gain[:, None] * moved / STEP  # rad/s^2
         turning = np.column_stack(
             [
@@ -135,14 +137,20 @@ def fly(
         turning[:, :2] += (vehicles.mass * push * PUSHED_M)[:, None] * [1, -1]
         turning += vehicles.moments * (torque_wind - [1.5, 1.5, 0.5] * rates)
         turning -= np.cross(rates, vehicles.moments * rates)
-        before = rates
-        rates = rates + turning / vehicles.moments * STEP
+        before, spinning = rates, turning / vehicles.moments
+        rates = rates + spinning * STEP
         late = late + moved
         velocity = velocity + STEP * (np.einsum("nij,nj->ni", turn, force) - [0, 0, G])
         turn = _turned(turn, (before + rates) / 2 * STEP)
         torque_wind += -torque_wind * STEP / 0.1 + wind * 4.0 * np.sqrt(2 * STEP / 0.1) * rng.normal(0, 1, (count, 3))
         force_wind += -force_wind * STEP / 0.1 + wind * 0.3 * np.sqrt(2 * STEP / 0.1) * rng.normal(0, 1, (count, 3))
     return [_log(rows[:, place], number=place) for place in range(count)]
+
+
+def _push(now_s: float, touches_s: tuple[float, ...]) -> float:
+    """Return how much the ground pushes a vehicle up in m/s^2."""
+    phases = (min(max(now_s - at_s, 0.0) / 0.1, 1.0) for at_s in touches_s)
+    return sum(PUSH_MPS2 * max(float(np.sin(np.pi * phase)), 0.0) for phase in phases)
 
 
 class _LowPass:
@@ -168,7 +176,7 @@ def _level(vehicles: Fleet) -> Array:
     return np.asarray((np.sqrt(each / vehicles.k) - vehicles.idle) / vehicles.gain)
 
 
-def _manoeuvres(count: int, steps: int, rng: np.random.Generator) -> Array:
+def _manoeuvres(count: int, steps: int, rng: np.random.Generator, *, climbs_with_roll: bool) -> Array:
     """Return targets (steps, n, 4): roll, pitch in rad, yaw rate in rad/s, vertical velocity in m/s, held a while."""
     plan = np.zeros((steps, count, 4))
     for place in range(count):
@@ -180,6 +188,8 @@ def _manoeuvres(count: int, steps: int, rng: np.random.Generator) -> Array:
                 until = step + int(rng.uniform(least, most) / STEP)
                 plan[step:until, place, kind] = size * rng.uniform(-1, 1)
                 step = until
+    if climbs_with_roll:
+        plan[:, :, 3] = 4 * plan[:, :, 0]
     plan[:, :, 3] -= plan[:, :, 3].mean(axis=0)  # what climbs comes down again
     return plan
 
