@@ -119,7 +119,7 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
         in_volts=flown[0].in_volts,
         drive=float(np.mean(drives)),
         drive_range=(float(np.quantile(drives, 0.01)), float(np.quantile(drives, 0.99))),
-        explained=_explained(fitted),
+        explained=explained_of(fitted, None),
         excitation=_excitation(fitted),
         feedback=excess / np.maximum(np.abs(found[TURNS]), 1e-300),
         rows=rows,
@@ -286,11 +286,11 @@ def _without_constant(columns: Array) -> Array:
     return np.delete(columns, THRUST.start, axis=-1)
 
 
-def _explained(fitted: Sequence[tuple[FlightEquation, Array]]) -> float:
-    """Return the part of the variance of the vertical force's means over 0.1 s that the rotors explain."""
-    vertical = [(block, thrusts) for block, thrusts in fitted if block.axis is None]
-    left = np.concatenate([block_means(block.shown - thrusts, length=_SMOOTH) for block, thrusts in vertical])
-    whole = np.concatenate([block_means(block.shown, length=_SMOOTH) for block, _ in vertical])
+def explained_of(fitted: Sequence[tuple[FlightEquation, Array]], axis: int | None) -> float:
+    """Return the part of the variance of means over 0.1 s that rotors explain: of the vertical force, or of a rate."""
+    of_axis = [(block, thrusts) for block, thrusts in fitted if block.axis == axis]
+    left = np.concatenate([block_means(block.shown - thrusts, length=_SMOOTH) for block, thrusts in of_axis])
+    whole = np.concatenate([block_means(block.shown, length=_SMOOTH) for block, _ in of_axis])
     return float(1 - np.var(left) / max(float(np.var(whole)), 1e-300))
 
 

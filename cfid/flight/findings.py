@@ -5,14 +5,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cfid.errors import FitError
 from cfid.findings import Finding, note, rejection, warning
 from cfid.flight.braking import AxisDrag
 from cfid.flight.channels import unit_of_rates
 from cfid.flight.crossing import crossing_of
 from cfid.flight.data import FlownLog
 from cfid.flight.equations import DELAYS, THRUST, TURNS
-from cfid.flight.estimation import FlightFit, fit_flights
+from cfid.flight.estimation import FlightFit
+from cfid.flight.excitation import EXPLAINED, LEAST_LIFT_MPS2, LEAST_TURN_RAD_PER_S2, LOOSE, lifted, turnings
 from cfid.flight.gyro_unit import OF_ARM, unlike_arm
 from cfid.flight.logged import spacing_findings, square_findings, weight_findings
 from cfid.flight.model import AXES
@@ -21,12 +21,8 @@ from cfid.flight.turning import turning_findings
 from cfid.flight.values import DELAY, MOMENTS, SINGLE, TIMES, Body, lever_m, thrust_key, times_of
 from cfid.records.parameters import Parameter, plain
 
-_LEAST_LIFT_MPS2 = 1.0  # root mean square of what rotors did vertically; see docs/decisions/0022
-_EXPLAINED = 0.6  # of the vertical force, as `fit dynamics` asks of a thrust
-_LOOSE_LAG, _LOOSE = 0.1, 0.1  # of a value: the largest accepted standard uncertainty
 _LEAST_SPEED_MPS = 0.3  # root mean square along an axis
 _EXPLAINED_DRAG = 0.8  # of the horizontal specific force: else wind or a tilted sensor decides
-_LEAST_TURN_RAD_PER_S2 = 5.0  # root mean square; with 0.6 about yaw a public log gave 8e-5 kg m^2, others publish 3e-5
 _FIRST_S, _LAST_S = -0.005, 0.045  # of a sensor's delay: stamps err by some ms, and the fit searches up to 50 ms
 _FED_BACK = 0.03  # of a moment, from where a warning names what older torques would change
 _DRAG = "flight.drag_over_mass_per_s.*", "flight.drag_kg_per_s.*"
@@ -37,15 +33,14 @@ _MANOEUVRES = {
 }
 
 
-def contradictions(flown: FlownLog, arms_m: Sequence[float] = ()) -> tuple[Finding, ...]:
-    """Return what a flight shows that no vehicle does with such axes, motors and times, or with any of some arms; none
-    where too little flew.
+def contradictions(flown: FlownLog, found: FlightFit | None, arms_m: Sequence[float] = ()) -> tuple[Finding, ...]:
+    """Return what a flight shows that no vehicle does with such axes, motors and times, or with any of some arms.
+
+    `found` is a fit to it, None where there is none. Where rotors did not move the vehicle, sensors show no delay.
     """
     unlike = turning_findings(flown.flight)
     otherwise = (*unlike, *square_findings(flown), *([] if unlike else moving_findings(flown.flight)))
-    try:
-        found = fit_flights([flown.flight])
-    except FitError:
+    if found is None:
         return otherwise
     # Rates about other axes than the torques' show no delay of their own.
     of_unit = [_other_unit(found, arm_m, unit_of_rates(flown.log)) for arm_m in arms_m]
@@ -92,13 +87,9 @@ def _supply_findings(found: FlightFit, body: Body) -> list[Finding]:
     return [warning("flight-voltage-unknown", text, *MOMENTS.values())]
 
 
-def _excited(found: FlightFit) -> bool:
-    return found.excitation["vertical"] >= _LEAST_LIFT_MPS2 and found.explained >= _EXPLAINED
-
-
 def _crossed(found: FlightFit) -> list[Finding]:
     """Reject everything that rests on torques where these turn the vehicle about other axes than their own."""
-    fault = crossing_of(found).fault() if _excited(found) else None
+    fault = crossing_of(found).fault() if lifted(found) else None
     if fault is None:
         return []
     text = f"commanded torques turn the vehicle about other axes than their own: {fault}."
@@ -109,20 +100,20 @@ def _thrust_findings(found: FlightFit) -> list[Finding]:
     concerned = (thrust_key(found), *TIMES, *MOMENTS.values())
     lift = found.excitation["vertical"]
     climb = "climb and drop quickly, once or twice a second, for 20 s"
-    if not _excited(found):
+    if not lifted(found):
         text = (
             f"thrust is not excited: the rotors moved the vertical force by {lift:.2g} m/s^2 rms (at least "
-            f"{_LEAST_LIFT_MPS2:g}) and explain {100 * max(found.explained, 0):.0f} % of it (at least "
-            f"{100 * _EXPLAINED:.0f} %): {climb}. Moments need the thrust."
+            f"{LEAST_LIFT_MPS2:g}) and explain {100 * max(found.explained, 0):.0f} % of it (at least "
+            f"{100 * EXPLAINED:.0f} %): {climb}. Moments need the thrust."
         )
         return [rejection("flight-thrust-not-excited", text, *concerned)]
     result = [*_delay_findings(found, concerned), *_lag_findings(found, climb)]
     slope = np.array([0.0, 1.0, 2 * found.drive])
     gain, std = float(slope @ found.thrust), math.sqrt(float(slope @ found.covariance[THRUST, THRUST] @ slope))
-    if not (gain > 0 and std < _LOOSE * gain):
+    if not (gain > 0 and std < LOOSE * gain):
         text = (
             f"the slope of thrust over the drive at hovering is {gain:.3g} +- {std:.2g} m/s^2 (limit "
-            f"{100 * _LOOSE:.0f} %): {climb}. Moments need it."
+            f"{100 * LOOSE:.0f} %): {climb}. Moments need it."
         )
         result.append(rejection("flight-thrust-not-excited", text, thrust_key(found), *MOMENTS.values()))
     return result
@@ -132,10 +123,10 @@ def _lag_findings(found: FlightFit, climb: str) -> list[Finding]:
     """Reject each time constant that is open, and with the sum of lag and delay the moments, which rest on it."""
     result = []
     for key, (tau_s, std_s) in times_of(found).items():
-        if key != DELAY and not std_s < _LOOSE_LAG * tau_s:
+        if key != DELAY and not std_s < LOOSE * tau_s:
             text = (
                 f"{key.removeprefix('flight.').removesuffix('_s').replace('_', ' ')}, {1e3 * tau_s:.0f} ms, is open by "
-                f"{100 * std_s / tau_s:.0f} % (limit {100 * _LOOSE_LAG:.0f} %): {climb}."
+                f"{100 * std_s / tau_s:.0f} % (limit {100 * LOOSE:.0f} %): {climb}."
             )
             result.append(rejection("flight-lag-not-excited", text, key, *(MOMENTS.values() if key == SINGLE else ())))
     return result
@@ -143,8 +134,11 @@ def _lag_findings(found: FlightFit, climb: str) -> list[Finding]:
 
 def _delay_findings(found: FlightFit, concerned: Sequence[str]) -> list[Finding]:
     """Reject everything where a sensor shows what rotors do before their command, or much later."""
-    for sensor, delay_s, std_s in zip(("accelerometer", "gyro"), found.values[DELAYS], found.std[DELAYS], strict=True):
-        if not (delay_s + 3 * std_s > _FIRST_S and delay_s < _LAST_S):
+    climbed = lifted(found)
+    moved = climbed, climbed or any(one.tells for one in turnings(found))
+    sensors = zip(("accelerometer", "gyro"), moved, found.values[DELAYS], found.std[DELAYS], strict=True)
+    for sensor, moves, delay_s, std_s in sensors:
+        if moves and not (delay_s + 3 * std_s > _FIRST_S and delay_s < _LAST_S):
             text = (
                 f"the {sensor} shows what rotors do {1e3 * abs(delay_s):.0f} ms "
                 f"{'before' if delay_s < 0 else 'after'} their command: its times and those of the commands do not "
@@ -167,24 +161,24 @@ def _moment_findings(found: FlightFit, body: Body) -> list[Finding]:
             result.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
         elif gain < 0 and -gain > 3 * std:
             continue
-        elif not std < _LOOSE * abs(gain) and found.feedback[place] > _LOOSE:
+        elif not std < LOOSE * abs(gain) and found.feedback[place] > LOOSE:
             text = (
                 f"torques of 20 ms before would change the moment about {axis} by "
-                f"{100 * found.feedback[place]:.0f} % more than noise explains (limit {100 * _LOOSE:.0f} %): the "
+                f"{100 * found.feedback[place]:.0f} % more than noise explains (limit {100 * LOOSE:.0f} %): the "
                 "gyro's rows are smoothed or interpolated, commands between rows are missing, or the rotors are no "
                 "first-order lag. Lags rest on the same torques."
             )
             result.append(rejection("flight-torques-contradict", text, *TIMES, MOMENTS[axis]))
-        elif not std < _LOOSE * abs(gain):
+        elif not std < LOOSE * abs(gain):
             text = (
-                f"the moment about {axis} is open by {100 * std / abs(gain):.0f} % (limit {100 * _LOOSE:.0f} %): "
+                f"the moment about {axis} is open by {100 * std / abs(gain):.0f} % (limit {100 * LOOSE:.0f} %): "
                 f"{_MANOEUVRES[axis]}."
             )
             result.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
-        elif found.excitation[axis] < _LEAST_TURN_RAD_PER_S2:
+        elif found.excitation[axis] < LEAST_TURN_RAD_PER_S2:
             text = (
                 f"rotors' torques moved the rate about {axis} by {found.excitation[axis]:.2g} rad/s^2 rms (at least "
-                f"{_LEAST_TURN_RAD_PER_S2:g}): {_MANOEUVRES[axis]}. Is the gyro in rad/s?"
+                f"{LEAST_TURN_RAD_PER_S2:g}): {_MANOEUVRES[axis]}. Is the gyro in rad/s?"
             )
             result.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
         elif found.feedback[place] > _FED_BACK:
@@ -217,8 +211,8 @@ def _unlike_arm(quantities: Mapping[str, Parameter], body: Body) -> list[Finding
 
 def _other_unit(found: FlightFit, arm_m: float, read: str) -> list[Finding]:
     """Reject the moments of a gyro that was `read` in one unit where they suit the arm in the other."""
-    closed = bool(np.all(found.std[TURNS][:2] < _LOOSE * np.abs(found.values[TURNS][:2])))
-    text = unlike_arm(found, arm_m, read) if closed and _excited(found) else None
+    closed = bool(np.all(found.std[TURNS][:2] < LOOSE * np.abs(found.values[TURNS][:2])))
+    text = unlike_arm(found, arm_m, read) if closed and lifted(found) else None
     return [] if text is None else [rejection("flight-gyro-unit", text, *MOMENTS.values())]
 
 
@@ -253,7 +247,7 @@ def _drag_findings(drags: Mapping[str, AxisDrag | None]) -> list[Finding]:
         elif one is not None and one.rate + 3 * one.std < 0:
             text = f"drag along {axis} would drive the vehicle: {one.rate:.3g} +- {one.std:.2g} 1/s. Check the axes."
             result.append(rejection("flight-wrong-way", text, *keys))
-        elif one is not None and not one.std < _LOOSE * abs(one.rate):
+        elif one is not None and not one.std < LOOSE * abs(one.rate):
             text = f"drag along {axis} is open by {100 * one.std / abs(one.rate):.0f} %: fly faster, or longer."
             result.append(warning("flight-drag-loose", text, *keys))
     return result

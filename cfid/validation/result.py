@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,18 @@ from cfid.flight.model import LEVER, ROW_S
 from cfid.records.result import Figures, Result
 from cfid.units import USUAL_GRAVITY_MPS2
 from cfid.validation.measured import Measured
-from cfid.validation.rollout import HORIZONS, QUANTITIES, UNITS, ParameterSet, Rows, errors, starts, unchanged
+from cfid.validation.rollout import (
+    HORIZONS,
+    QUANTITIES,
+    UNITS,
+    ParameterSet,
+    Rows,
+    errors,
+    starts,
+    thrust_errors,
+    unchanged,
+)
+from cfid.validation.telling import Telling, fit_of, telling_of
 
 Array = npt.NDArray[np.float64]
 
@@ -27,7 +38,10 @@ FEWEST = 8  # segments: fewer give no interval
 
 @dataclass(frozen=True, kw_only=True)
 class SetError:
-    """The mean error of one set, and how much more that is than the first set's, with the half width of 95 %."""
+    """The mean error of one set, and how much more that is than the first set's, with the half width of 95 %.
+
+    Where the flight `tells` nothing of what the sets differ by, the half width is that of a comparison without meaning.
+    """
 
     quantity: str
     horizon_s: float
@@ -35,6 +49,17 @@ class SetError:
     error: float
     more: float
     half_width: float
+    tells: bool = True
+
+    @property
+    def row(self) -> dict[str, object]:
+        """What a table has of it: an interval only where the flight tells something."""
+        return {name: value for name, value in vars(self).items() if self.tells or name != "half_width"}
+
+    @property
+    def difference(self) -> str:
+        """How much more it is, in words."""
+        return f"{self.more:+.2g} +- {self.half_width:.1g}" if self.tells else f"{self.more:+.2g}"
 
 
 def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Measured]) -> Result:
@@ -50,8 +75,10 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Me
             f"{flown.log.path}: {counted(len(at), 'segment')} of 1 s in the air with every motor and the gyro within "
             f"their ranges (at least {FEWEST}): fly for longer, and turn slower where the gyro reaches its range."
         )
-    each = {one.name: errors(flown.flight if one.in_volts else flown.by_command, one, at) for one in sets}
-    table = compared(each)
+    found = fit_of(flown.flight)
+    telling = telling_of(found)
+    each = {one.name: _errors(flown, one, at, telling) for one in sets}
+    table = [replace(one, tells=one.quantity == "velocity" or bool(telling.axes)) for one in compared(each)]
 
     def drawings() -> Figures:
         from cfid.validation.figures import validation_figure
@@ -65,19 +92,29 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Me
         quantities={},
         findings=(
             *flown.findings,
-            *contradictions(flown, [one.arm_m for one in sets]),
+            *contradictions(flown, found, [one.arm_m for one in sets]),
+            *(one.at(flown.flight.name) for one in telling.findings),
             *_unpredicted(table, flown, at),
         ),
         merits={
             "segments": len(at),
             "sets": {one.name: one.origin for one in sets},
-            "errors": [vars(one) for one in table],
+            "errors": [one.row for one in table],
         },
         sources=(flown.log.source,),
-        lines=(flown.log.understood, *map(_described, sets), *_lines(table, flown, at)),
+        lines=(flown.log.understood, *map(_described, sets), *_lines(table, flown, at, telling)),
         drawings=drawings,
         folder=flown.log.path.parent,
     )
+
+
+def _errors(flown: FlownLog, one: ParameterSet, at: Rows, telling: Telling) -> dict[str, Array]:
+    """Return a set's errors (s, h) by quantity, in which velocities show no more than the flight tells."""
+    flight = flown.flight if one.in_volts else flown.by_command
+    if not telling.axes:  # else moments turn the thrust that motion capture shows
+        flight = replace(flight, velocity=None, attitude=None)
+    found = errors(flight, one, at)
+    return found if telling.vertical else found | {"velocity": thrust_errors(flight, one, at)}
 
 
 def compared(each: Mapping[str, Mapping[str, Array]]) -> list[SetError]:
@@ -141,8 +178,8 @@ def _described(one: ParameterSet) -> str:
     return f"{one.name}: {body}, {lag}; from {one.origin}"
 
 
-def _lines(table: Sequence[SetError], flown: FlownLog, at: Rows) -> list[str]:
-    captured, count = flown.flight.velocity is not None, len(at)
+def _lines(table: Sequence[SetError], flown: FlownLog, at: Rows, telling: Telling) -> list[str]:
+    captured, count = flown.flight.velocity is not None and bool(telling.axes), len(at)
     still = ", ".join(f"{error:.3g}" for error in unchanged(flown.flight, at))
     lines = [
         f"mean errors over {counted(count, 'segment')} of 1 s; in brackets how much more than "
@@ -152,11 +189,16 @@ def _lines(table: Sequence[SetError], flown: FlownLog, at: Rows) -> list[str]:
         for rows in HORIZONS:
             here = [one for one in table if one.quantity == quantity and one.horizon_s == ROW_S * rows]
             words = [
-                f"{one.name} {one.error:.3g}" + (f" ({one.more:+.2g} +- {one.half_width:.1g})" if place else "")
+                f"{one.name} {one.error:.3g}" + (f" ({one.difference})" if place else "")
                 for place, one in enumerate(here)
             ]
             lines.append(f"  {quantity} after {ROW_S * rows:g} s, {UNITS[quantity]}: {', '.join(words)}")
     which = "along all axes, by motion capture" if captured else "along the vehicle's vertical, by the accelerometer"
+    if not telling.vertical:
+        which = (
+            "along the vehicle's vertical, by the accelerometer, at each set's mean thrust, since this flight's climbs "
+            "tell nothing of how thrust follows commands"
+        )
     return [
         *lines,
         f"who predicts that rates stay errs by {still} rad/s: a set that errs by more shows nothing of moments there",

@@ -6,7 +6,7 @@ acceleration about each axis, what a centre of mass off the middle makes, is tak
 alike: no set has it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -74,6 +74,14 @@ def errors(flight: Flight, one: ParameterSet, at: Rows) -> dict[str, Array]:
         "attitude": np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))),
         "velocity": _velocity_errors(flight, one, thrusts.sum(axis=1) / one.mass_kg, turns, at)[:, ends],
     }
+
+
+def thrust_errors(flight: Flight, one: ParameterSet, at: Rows) -> Array:
+    """Return the errors (s, h) of the change of velocity along the vehicle's vertical at a flight's mean thrust."""
+    mean_n = float(np.mean(np.polynomial.polynomial.polyval(flight.drive[flight.step_driven], np.array(one.thrust_n))))
+    upright = replace(flight, velocity=None, attitude=None)
+    level = replace(one, thrust_n=(mean_n,), lag=None, delay_s=0.0)
+    return errors(upright, level, at)["velocity"]
 
 
 def unchanged(flight: Flight, at: Rows) -> Array:

@@ -70,6 +70,7 @@ def fly(
     *,
     seconds: float = 14.0,
     hover: bool = False,
+    size: float = 1.0,
     wind: float = 1.0,
     noise: float = 1.0,
     load_sag: float = 0.0,
@@ -80,13 +81,13 @@ def fly(
     accelerometer_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
     climbs_with_roll: bool = False,
 ) -> list[FlightLog]:
-    """Return a log of each vehicle at 500 Hz; one that hovers has no manoeuvres. `noise` is the share of the usual.
+    """Return a log of each vehicle at 500 Hz; one that hovers has no manoeuvres.
 
-    `load_sag` is the share of its voltage that the battery loses under the thrust of hovering, 4 V being left, which
-    the log has `with_volts`. Commands act `late_steps` later, the voltage at once. `inflow` is the share of thrust that
-    a climb of 1 m/s along the rotors' axis takes. The ground pushes for 0.1 s from `touches_s` on, off the middle. The
-    accelerometer is at `accelerometer_m` from the centre of mass. A vehicle that `climbs_with_roll` does so at the same
-    times.
+    `size` and `noise` are shares of the usual manoeuvres and noise. `load_sag` is the share of its voltage that the
+    battery loses under the thrust of hovering, 4 V being left, which the log has `with_volts`. Commands act
+    `late_steps` later, the voltage at once. `inflow` is the share of thrust that a climb of 1 m/s along the rotors'
+    axis takes. The ground pushes for 0.1 s from `touches_s` on, off the middle. The accelerometer
+    is at `accelerometer_m` from the centre of mass. A vehicle that `climbs_with_roll` does so at the same times.
     """
     count, steps = len(vehicles.mass), int(seconds / STEP)
     level = _level(vehicles)
@@ -95,7 +96,7 @@ def fly(
     turn = np.tile(np.eye(3), (count, 1, 1))
     torque_wind, force_wind = np.zeros((count, 3)), np.zeros((count, 3))
     bias = rng.normal(0, 0.01, (count, 3)), rng.normal(0, 0.05, (count, 3)) * [1, 1, 0.2]
-    plan = _manoeuvres(count, steps, rng, climbs_with_roll=climbs_with_roll) * (0.02 if hover else 1.0)
+    plan = _manoeuvres(count, steps, rng, climbs_with_roll=climbs_with_roll) * (0.02 if hover else size)
     spinning = np.zeros((count, 3))
     rows = np.zeros((steps, count, 10 + 7 + with_volts))
     pending = [late.copy() for _ in range(late_steps)]

@@ -303,7 +303,7 @@ def test_motion_capture_that_moves_otherwise_than_the_sensors_costs_the_drag(log
 def test_axes_that_the_attitude_shows_are_named_before_and_in_place_of_a_wrong_clock() -> None:
     flown = read_flight(FLIGHTS / CIRCLE)
     exchanged = UNLIKE_ATTITUDE["exchanged"][0](flown.flight)
-    first, *others = [one.code for one in contradictions(replace(flown, flight=exchanged))]
+    first, *others = [one.code for one in contradictions(replace(flown, flight=exchanged), fit_flights([exchanged]))]
 
     assert first == "flight-gyro-unlike-attitude"
     assert "flight-delay-implausible" not in others

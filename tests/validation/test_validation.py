@@ -365,6 +365,68 @@ def test_a_flight_that_shows_moments_has_no_warning_of_rates(flown: tuple[Parame
     assert "validation-rates-unpredicted" in [one.code for one in held.findings]
 
 
+@pytest.fixture(scope="module", params=[(6, 1.0), (6, 0.1), (8, 1.0), (9, 0.1)])
+def hovering(request: pytest.FixtureRequest) -> tuple[ParameterSet, FlownLog]:
+    """A flight that hovers, in gusts or in air that is nearly still."""
+    seed, wind = request.param
+    rng = np.random.default_rng(seed)
+    vehicles = fleet(1, rng)
+    flight = flight_of(fly(vehicles, rng, seconds=24.0, wind=wind, hover=True)[0])
+    return truth(vehicles), flight
+
+
+def test_on_a_flight_that_hovers_no_moments_and_lags_are_better_than_the_true_ones(
+    hovering: tuple[ParameterSet, FlownLog],
+) -> None:
+    """Moments that were 6 % too large predicted such rates better, and significantly so."""
+    true, flight = hovering
+    moments = np.array(true.moments_kg_m2)
+    assert true.lag is not None
+    wrong = [
+        replace(true, name=f"moments {share}", moments_kg_m2=tuple(share * moments)) for share in (0.94, 1.06, 1.3)
+    ] + [
+        replace(true, name=f"lags {share}", lag=ThrustLag(*(share * tau_s for tau_s in true.lag)))
+        for share in (0.8, 1.2)
+    ]
+    lighter = replace(true, name="lighter", mass_kg=0.9 * true.mass_kg)
+    found = validate(flight, [true, *wrong, lighter], used=())
+    rows = [row for row in found.quality["errors"] if "half_width" in row]
+    assert not [row for row in rows if row["more"] + row["half_width"] < 0]
+    assert {row["quantity"] for row in rows} == {"velocity"}
+    assert all(row["more"] == 0 for row in rows if row["name"].split()[0] in ("moments", "lags"))
+    assert all(row["more"] > row["half_width"] for row in rows if row["name"] == "lighter")
+    (said,) = [one.text for one in found.findings if one.code == "validation-not-excited"]
+    assert "shows nothing of moments and lags" in said
+    assert "rates after 0.1 s, rad/s: truth" in "\n".join(map(str, found.lines))
+
+
+def test_a_flight_that_hovers_is_not_said_to_have_another_clock(hovering: tuple[ParameterSet, FlownLog]) -> None:
+    """What nothing excites shows no delay: it came out as 53 ms, or as one before the command."""
+    true, flight = hovering
+    found = validate(flight, [true], used=())
+    assert found.accepted
+    assert "flight-delay-implausible" not in [one.code for one in found.findings]
+
+
+@pytest.mark.parametrize("size", [0.12, 1.0])
+def test_manoeuvres_show_moments_also_where_they_are_gentle(size: float) -> None:
+    """Rotors that turn a vehicle by 4 rad/s^2 judge moments as well as those of quick tilts, in calm air."""
+    rng = np.random.default_rng(12)
+    vehicles = fleet(1, rng)
+    true = truth(vehicles)
+    larger = replace(true, name="larger", moments_kg_m2=(2e-5, 2e-5, 3e-5))
+    found = validate(
+        flight_of(fly(vehicles, rng, seconds=24.0, size=size, wind=0.02, noise=0.2)[0]), [true, larger], used=()
+    )
+    assert "validation-not-excited" not in [one.code for one in found.findings if one.severity == "warning"]
+    rates = next(
+        row
+        for row in found.quality["errors"]
+        if (row["quantity"], row["name"]) == ("rates", "larger") and row["horizon_s"] == pytest.approx(0.1)
+    )
+    assert rates["more"] > rates["half_width"] > 0
+
+
 def test_a_log_whose_axes_or_motors_are_others_is_named(flown: tuple[ParameterSet, FlownLog]) -> None:
     true, flight = flown
     assert not validate(flight, [true], used=()).rejected

@@ -1,0 +1,72 @@
+"""Whether rotors moved a flight enough to show thrust and moments: else the autopilot only answers to air."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from cfid.flight.equations import THRUST, TURNS
+from cfid.flight.estimation import FlightFit, explained_of
+from cfid.flight.model import AXES
+
+LEAST_LIFT_MPS2 = 1.0  # root mean square of what rotors did vertically; see docs/decisions/0022
+EXPLAINED = 0.6  # of the vertical force, as `fit dynamics` asks of a thrust; of a rate's changes as well
+LOOSE = 0.1  # of a value: the largest accepted standard uncertainty
+LEAST_TURN_RAD_PER_S2 = 5.0  # root mean square; with 0.6 about yaw a public log gave 8e-5 kg m^2, others publish 3e-5
+# Of what a sensor shows: from here on, air matters little, however small the rotors' part is. Simulated flights of
+# gentle tilts, 1 to 5 rad/s^2, have 0.99 of rates and 0.95 of the force, those that hover 0.8 at most.
+CALM = 0.9
+
+
+class Motion(NamedTuple):
+    """What rotors did along the vertical, in m/s^2, or about an axis, in rad/s^2, and what part of all that is.
+
+    `moved` is a root mean square, `explained` a part of the variance of means over 0.1 s, `open` the relative standard
+    uncertainty of what a rotor's drive gives.
+    """
+
+    name: str
+    moved: float
+    least: float
+    explained: float
+    open: float
+
+    @property
+    def tells(self) -> bool:
+        """Whether the sensor shows what a rotor's drive does."""
+        large = self.moved >= self.least or self.explained >= CALM
+        return large and self.explained >= EXPLAINED and self.open < LOOSE
+
+
+def lifted(found: FlightFit) -> bool:
+    """Return whether rotors moved the vehicle up and down enough for a fit of their thrust."""
+    return found.excitation["vertical"] >= LEAST_LIFT_MPS2 and found.explained >= EXPLAINED
+
+
+def climbing(found: FlightFit) -> Motion:
+    """Return what rotors did along the vertical."""
+    moved = found.excitation["vertical"]
+    return Motion("vertical", moved, LEAST_LIFT_MPS2, found.explained, _open(found, None))
+
+
+def turnings(found: FlightFit) -> list[Motion]:
+    """Return what rotors did about each axis."""
+    return [
+        Motion(
+            axis, found.excitation[axis], LEAST_TURN_RAD_PER_S2, explained_of(found.blocks, place), _open(found, place)
+        )
+        for place, axis in enumerate(AXES)
+    ]
+
+
+def _open(found: FlightFit, place: int | None) -> float:
+    """Return the relative standard uncertainty of what a drive gives: thrust's slope, about an axis times its gain."""
+    slope = np.array([0.0, 1.0, 2 * found.drive])
+    lift, gain = float(slope @ found.thrust), 1.0 if place is None else float(found.values[TURNS][place])
+    if lift == 0 or gain == 0:
+        return math.inf
+    shares = np.zeros(len(found.values))
+    shares[THRUST] = slope / lift
+    if place is not None:
+        shares[TURNS.start + place] = 1 / gain
+    return math.sqrt(float(shares @ found.covariance @ shares))
