@@ -1,22 +1,23 @@
 """Which torque turns the vehicle about which axis: turned axes and exchanged motors show here, whatever was assumed."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from cfid.estimate.linear import gain_of, sandwich, std_of
-from cfid.flight.equations import TURNS
-from cfid.flight.estimation import FlightFit
+from cfid.flight.equations import THRUST, TURNS
 from cfid.flight.likelihood import whitening, without
-from cfid.flight.model import AXES
+from cfid.flight.model import AXES, FlightEquation
 
 Array = npt.NDArray[np.float64]
 
 _SIGNIFICANT = 4.0  # standard uncertainties
 _CROSSED = 0.2  # of the largest gain: public logs have 0.04 at most, axes turned by 12 degrees 0.2
 _YAW = 2
+_OTHER_NUMBERS = "motors have other numbers than front right, rear right, rear left, front left"
 
 
 class Crossing(NamedTuple):
@@ -33,32 +34,43 @@ class Crossing(NamedTuple):
         largest = float(np.max(np.abs(self.gains[:_YAW, :_YAW])))
         foreign = (np.abs(self.gains) > _CROSSED * largest) & (np.abs(self.gains) > _SIGNIFICANT * self.std)
         if foreign[:_YAW, _YAW].any():
-            return "motors have other numbers than front right, rear right, rear left, front left"
+            return _OTHER_NUMBERS
         plane = self.gains[:_YAW, :_YAW]
         if not (foreign[0, 1] and foreign[1, 0]):
             return None
         if np.linalg.det(plane) < 0:
             return "the rates about roll and pitch are exchanged, or motors have other numbers"
+        if self.gains[_YAW, _YAW] < -_SIGNIFICANT * self.std[_YAW, _YAW]:  # as no turn about the vertical makes it
+            return _OTHER_NUMBERS
         turned = round(math.degrees(math.atan2(plane[1, 0] - plane[0, 1], plane[0, 0] + plane[1, 1])), -1)
         return (
             f"the gyro's axes are turned by about {turned:.0f} degrees about the vertical, or motors have other numbers"
         )
 
+    @property
+    def a_quarter(self) -> bool:
+        """Whether torques about roll and pitch turn the vehicle about the other of these, as after a quarter of a turn.
 
-def crossing_of(found: FlightFit) -> Crossing:
-    """Let the torques about all axes turn the vehicle about each, at the lags and delays that were found."""
+        A fit, which gives each axis its own torque, then never comes to rest.
+        """
+        own, other = (np.abs([self.gains[0, place], self.gains[1, 1 - place]]) for place in (0, 1))
+        return bool(np.all(other > own)) and self.gains[0, 1] * self.gains[1, 0] < 0 and self.fault() is not None
+
+
+def crossing_of(blocks: Sequence[FlightEquation], values: Array) -> Crossing:
+    """Let the torques about all axes turn the vehicle about each, in equations at lags and delays in `values` (10,)."""
     gains, stds = np.zeros((len(AXES), len(AXES))), np.full((len(AXES), len(AXES)), np.inf)
-    turning = [[block for block, _ in found.blocks if block.axis == axis] for axis in range(len(AXES))]
-    torques = [[block.terms @ found.thrust for block in blocks] for blocks in turning]
-    for axis, blocks in enumerate(turning):
+    turning = [[block for block in blocks if block.axis == axis] for axis in range(len(AXES))]
+    torques = [[block.terms @ values[THRUST] for block in of_axis] for of_axis in turning]
+    for axis, of_axis in enumerate(turning):
         rows, shown = [], []
-        for place, block in enumerate(blocks):
-            left = without(block.shown - found.values[TURNS][axis] * torques[axis][place], block.others)
+        for place, block in enumerate(of_axis):
+            left = without(block.shown - values[TURNS][axis] * torques[axis][place], block.others)
             white = whitening(block, left, fed_back=True)
             rows.append(white.of(np.column_stack([each[place] for each in torques])))
             shown.append(white.of(block.shown[:, np.newaxis])[:, 0])
         of_all, data = np.concatenate(rows), np.concatenate(shown)
         gains[axis] = gain_of(of_all) @ data
-        longest = max(len(data) // (8 * len(blocks)), 10)
+        longest = max(len(data) // (8 * len(of_axis)), 10)
         stds[axis] = std_of(sandwich(of_all, data - of_all @ gains[axis], longest=longest))
     return Crossing(gains, stds)

@@ -15,6 +15,7 @@ from scipy.optimize import OptimizeResult, least_squares
 from cfid.errors import FitError
 from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of, std_of
+from cfid.flight.crossing import crossing_of
 from cfid.flight.equations import DELAY_S, DELAYS, LAGS, THRUST, TURNS, Equations, fitted_in
 from cfid.flight.likelihood import without
 from cfid.flight.model import (
@@ -40,12 +41,17 @@ _STEPS = 5  # of a round
 _SETTLED = 0.05  # standard uncertainties that a round may move a parameter by
 _FEWEST = 500  # rows: 5 s
 _LEVEL = 100  # rows: 1 s, whose mean forces are taken as independent
+EXPLAINED = 0.6  # of the vertical force, as `fit dynamics` asks of a thrust; of a rate's changes as well
 _SMOOTH = 10  # rows over which noise is averaged before judging how much is explained
 _GRID_S = ROW_S / 24  # by which lags err: in calm air they come out 0.3 to 0.4 ms long, with steps of 2 and 3.3 ms
 _GYRO_DELAY_STD_S = 4e-5  # by which it errs: in calm air it comes out 0.02 to 0.07 ms early, the more the less noise
 _OF_COMMAND, _OF_COMMAND_STD = 0.5, 0.5  # of the delays: what the command alone has of them, as is expected
 _ZERO_STD = 0.02  # of the weight, an accelerometer's zero: the zero-g offset in a BMI088's data sheet is 20 mg
 _SLOPE_STD = 0.005  # of thrust's slope, which all moments share: in calm air they err alike, by 0.6 to 0.75 %
+
+
+class CrossedError(FitError):
+    """Torques turn a vehicle about other axes than their own, so that nothing of its flight can be fitted."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,7 +94,11 @@ class FlightFit:
 
 
 def fit_flights(flights: Sequence[Flight]) -> FlightFit:
-    """Fit one vehicle to its flights. Raises FitError for less than 5 s in which all rotors were driven."""
+    """Fit one vehicle to its flights.
+
+    Raises FitError for less than 5 s in which all rotors were driven, CrossedError where torques turn it about other
+    axes.
+    """
     flown = [flight for flight in flights if segments(flight.driven)]
     rows = sum(one.stop - one.start for flight in flown for one in segments(flight.driven))
     if rows < _FEWEST:
@@ -97,7 +107,9 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
             "has to fly for longer without touching anything, or lower its thrust."
         )
     equations = Equations([equations_of(flight) for flight in flown])
-    equations, result = _settled(equations, _start(equations))
+    begin = _start(equations)
+    _refuse_other_numbers(equations, begin)
+    equations, result = _settled(equations, begin)
     jacobian, residual = np.asarray(result.jac), np.asarray(result.fun)
     equations, step, slopes, left = _with_late_commands(equations, _with_constant(result.x), jacobian, residual)
     found, residual = _with_constant(result.x + step), left[: len(residual)]
@@ -125,6 +137,19 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
         rows=rows,
         blocks=fitted,
     )
+
+
+def _refuse_other_numbers(equations: Equations, p: Array) -> None:
+    """Raise CrossedError where torques about roll and pitch turn the vehicle about the other: no fit comes to rest.
+
+    The first parameters (10,) show it, whose lags are coarse.
+    """
+    blocks = equations.at(p)
+    if explained_of([(block, fitted_in(block, p)) for block in blocks], None) < EXPLAINED:
+        return
+    crossing = crossing_of(blocks, p)
+    if crossing.a_quarter:
+        raise CrossedError(f"commanded torques turn the vehicle about other axes than their own: {crossing.fault()}.")
 
 
 def _settled(equations: Equations, found: Array) -> tuple[Equations, OptimizeResult]:

@@ -6,11 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from cfid.flight.equations import THRUST, TURNS
-from cfid.flight.estimation import FlightFit, explained_of
+from cfid.flight.estimation import EXPLAINED, FlightFit, explained_of
 from cfid.flight.model import AXES
 
 LEAST_LIFT_MPS2 = 1.0  # root mean square of what rotors did vertically; see docs/decisions/0022
-EXPLAINED = 0.6  # of the vertical force, as `fit dynamics` asks of a thrust; of a rate's changes as well
 LOOSE = 0.1  # of a value: the largest accepted standard uncertainty
 LEAST_TURN_RAD_PER_S2 = 5.0  # root mean square; with 0.6 about yaw a public log gave 8e-5 kg m^2, others publish 3e-5
 # Of what a sensor shows: from here on, air matters little, however small the rotors' part is. Simulated flights of

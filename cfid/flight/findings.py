@@ -11,8 +11,8 @@ from cfid.flight.channels import unit_of_rates
 from cfid.flight.crossing import crossing_of
 from cfid.flight.data import FlownLog
 from cfid.flight.equations import DELAYS, THRUST, TURNS
-from cfid.flight.estimation import FlightFit
-from cfid.flight.excitation import EXPLAINED, LEAST_LIFT_MPS2, LEAST_TURN_RAD_PER_S2, LOOSE, lifted, turnings
+from cfid.flight.estimation import EXPLAINED, FlightFit
+from cfid.flight.excitation import LEAST_LIFT_MPS2, LEAST_TURN_RAD_PER_S2, LOOSE, lifted, turnings
 from cfid.flight.gyro_unit import OF_ARM, unlike_arm
 from cfid.flight.logged import spacing_findings, square_findings, weight_findings
 from cfid.flight.model import AXES
@@ -89,7 +89,7 @@ def _supply_findings(found: FlightFit, body: Body) -> list[Finding]:
 
 def _crossed(found: FlightFit) -> list[Finding]:
     """Reject everything that rests on torques where these turn the vehicle about other axes than their own."""
-    fault = crossing_of(found).fault() if lifted(found) else None
+    fault = crossing_of([block for block, _ in found.blocks], found.values).fault() if lifted(found) else None
     if fault is None:
         return []
     text = f"commanded torques turn the vehicle about other axes than their own: {fault}."

@@ -66,7 +66,7 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Me
     """Compare what sets predict of a flight with its recording. `used` are the measured parameters among them.
 
     Raises ConfigError for no set or two of one name, DataError for a log that a set was fitted to, and for one with
-    less than 8 s in which all rotors were driven.
+    less than 8 s in which all rotors were driven, CrossedError for one whose motors have other numbers.
     """
     _check(flown, sets, used)
     at = starts(flown.by_command)

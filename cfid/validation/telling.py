@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 from cfid.errors import FitError
 from cfid.findings import Finding, note, warning
-from cfid.flight.estimation import FlightFit, fit_flights
-from cfid.flight.excitation import CALM, EXPLAINED, LEAST_TURN_RAD_PER_S2, LOOSE, climbing, turnings
+from cfid.flight.estimation import EXPLAINED, CrossedError, FlightFit, fit_flights
+from cfid.flight.excitation import CALM, LEAST_TURN_RAD_PER_S2, LOOSE, climbing, turnings
 from cfid.flight.model import AXES, Flight
 
 
@@ -40,9 +40,11 @@ class Telling:
 
 
 def fit_of(flight: Flight) -> FlightFit | None:
-    """Return a fit to the flight alone, None where it has none."""
+    """Return a fit to the flight alone, None where it has none. Raises CrossedError for motors of other numbers."""
     try:
         return fit_flights([flight])
+    except CrossedError:
+        raise
     except FitError:
         return None
 

@@ -707,6 +707,26 @@ def test_without_arm_and_torque_no_moment_is_given(flown: tuple[Fleet, list[Flig
     assert not any("inertia" in key for key in result.quantities)
 
 
+@pytest.mark.parametrize("order", [[1, 2, 3, 0], [3, 0, 1, 2]])
+def test_motors_that_are_numbered_from_another_corner_are_named(
+    flown: tuple[Fleet, list[FlightLog]], order: list[int]
+) -> None:
+    """Such a fit did not come to rest, and the flight's noise was blamed for it."""
+    read = flight_of(flown[1][0])
+    with pytest.raises(FitError, match="other axes than their own: motors have other numbers than front right"):
+        fit([replace(read, flight=replace(read.flight, drive=read.flight.drive[:, order]))], body=body_of(flown[0], 0))
+
+
+@pytest.mark.parametrize("degrees", [90, -90])
+def test_a_gyro_that_is_turned_by_a_quarter_is_named(flown: tuple[Fleet, list[FlightLog]], degrees: int) -> None:
+    read = flight_of(flown[1][1])
+    sign = np.sign(degrees)
+    turned = read.flight.rates[:, [1, 0, 2]] * [sign, -sign, 1.0]
+    alone = replace(read.flight, rates=turned, velocity=None, attitude=None)
+    with pytest.raises(FitError, match=f"turned by about -?{abs(degrees)} degrees about the vertical"):
+        fit([replace(read, flight=alone)], body=body_of(flown[0], 1))
+
+
 def test_a_log_given_twice_is_refused(flown: tuple[Fleet, list[FlightLog]]) -> None:
     vehicles, logs = flown
     read = flight_of(logs[0])

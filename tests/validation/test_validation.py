@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from scipy.signal import lfilter
 
-from cfid.errors import ConfigError, DataError
+from cfid.errors import ConfigError, DataError, FitError
 from cfid.flight.battery import with_own_sag
 from cfid.flight.data import FlownLog, flight_of, read_flight
 from cfid.flight.model import LEVER, ThrustLag
@@ -434,6 +434,13 @@ def test_a_log_whose_axes_or_motors_are_others_is_named(flown: tuple[ParameterSe
     mirrored = replace(flight, flight=turned, by_command=replace(flight.by_command, rates=turned.rates))
     findings = validate(mirrored, [true], used=()).findings
     assert any("the wrong way about roll" in finding.text for finding in findings)
+
+
+def test_motors_that_are_numbered_from_another_corner_are_named(flown: tuple[ParameterSet, FlownLog]) -> None:
+    true, flight = flown
+    turned = replace(flight.by_command, drive=flight.by_command.drive[:, [1, 2, 3, 0]])
+    with pytest.raises(FitError, match="motors have other numbers"):
+        validate(replace(flight, flight=turned, by_command=turned), [true], used=())
 
 
 def test_a_gyro_read_in_degrees_that_is_in_radians_is_named_by_the_arms_of_the_sets() -> None:
