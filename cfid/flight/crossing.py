@@ -16,6 +16,7 @@ Array = npt.NDArray[np.float64]
 
 _SIGNIFICANT = 4.0  # standard uncertainties
 _CROSSED = 0.2  # of the largest gain: public logs have 0.04 at most, axes turned by 12 degrees 0.2
+_MOSTLY = 2.0  # times the gain of the own torque, that another has after a quarter of a turn; after an eighth 1
 _YAW = 2
 _OTHER_NUMBERS = "motors have other numbers than front right, rear right, rear left, front left"
 
@@ -54,7 +55,9 @@ class Crossing(NamedTuple):
         A fit, which gives each axis its own torque, then never comes to rest.
         """
         own, other = (np.abs([self.gains[0, place], self.gains[1, 1 - place]]) for place in (0, 1))
-        return bool(np.all(other > own)) and self.gains[0, 1] * self.gains[1, 0] < 0 and self.fault() is not None
+        return (
+            bool(np.all(other > _MOSTLY * own)) and self.gains[0, 1] * self.gains[1, 0] < 0 and self.fault() is not None
+        )
 
 
 def crossing_of(blocks: Sequence[FlightEquation], values: Array) -> Crossing:

@@ -139,6 +139,13 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
     )
 
 
+def roughly_fitted(flights: Sequence[Flight]) -> tuple[tuple[FlightEquation, Array], ...]:
+    """Return equations with what rotors do in them by the first parameters, of coarse lags: quick, and not exact."""
+    equations = Equations([equations_of(flight) for flight in flights])
+    p = _start(equations)
+    return tuple((block, fitted_in(block, p)) for block in equations.at(p))
+
+
 def _refuse_other_numbers(equations: Equations, p: Array) -> None:
     """Raise CrossedError where torques about roll and pitch turn the vehicle about the other: no fit comes to rest.
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cfid.findings import Finding, note, rejection, warning
+from cfid.flight.agreement import agreement_findings
 from cfid.flight.braking import AxisDrag
 from cfid.flight.channels import unit_of_rates
 from cfid.flight.crossing import crossing_of
@@ -15,7 +16,7 @@ from cfid.flight.estimation import EXPLAINED, FlightFit
 from cfid.flight.excitation import LEAST_LIFT_MPS2, LEAST_TURN_RAD_PER_S2, LOOSE, lifted, turnings
 from cfid.flight.gyro_unit import OF_ARM, unlike_arm
 from cfid.flight.logged import spacing_findings, square_findings, weight_findings
-from cfid.flight.model import AXES
+from cfid.flight.model import AXES, Flight
 from cfid.flight.moving import moving_findings
 from cfid.flight.turning import turning_findings
 from cfid.flight.values import DELAY, MOMENTS, SINGLE, TIMES, Body, lever_m, thrust_key, times_of
@@ -69,7 +70,7 @@ def findings_of(
             for finding in (*spacing_findings(one), *square_findings(one), *weight_findings(one))
         ),
         *_supply_findings(found, body),
-        *_thrust_findings(found),
+        *_thrust_findings(found, [one.flight for one in flights]),
         *of_torques,
         *([] if unlike else (finding for one in flights for finding in moving_findings(one.flight, *_DRAG))),
         *_drag_findings(drags),
@@ -96,10 +97,13 @@ def _crossed(found: FlightFit) -> list[Finding]:
     return [rejection("flight-axes-crossed", text, *TIMES, *MOMENTS.values())]
 
 
-def _thrust_findings(found: FlightFit) -> list[Finding]:
+def _thrust_findings(found: FlightFit, flights: Sequence[Flight]) -> list[Finding]:
     concerned = (thrust_key(found), *TIMES, *MOMENTS.values())
     lift = found.excitation["vertical"]
     climb = "climb and drop quickly, once or twice a second, for 20 s"
+    unlike = agreement_findings(flights, found, concerned)
+    if any(one.severity == "rejection" for one in unlike):
+        return unlike
     if not lifted(found):
         text = (
             f"thrust is not excited: the rotors moved the vertical force by {lift:.2g} m/s^2 rms (at least "
@@ -107,7 +111,7 @@ def _thrust_findings(found: FlightFit) -> list[Finding]:
             f"{100 * EXPLAINED:.0f} %): {climb}. Moments need the thrust."
         )
         return [rejection("flight-thrust-not-excited", text, *concerned)]
-    result = [*_delay_findings(found, concerned), *_lag_findings(found, climb)]
+    result = [*unlike, *_delay_findings(found, concerned), *_lag_findings(found, climb)]
     slope = np.array([0.0, 1.0, 2 * found.drive])
     gain, std = float(slope @ found.thrust), math.sqrt(float(slope @ found.covariance[THRUST, THRUST] @ slope))
     if not (gain > 0 and std < LOOSE * gain):

@@ -22,6 +22,7 @@ from cfid.flight.moving import moving_findings
 from cfid.flight.result import fit
 from cfid.flight.values import INFLOW_STD, LOAD_SAG_STD, RESCALED_STD, Body
 from cfid.records.logs.log import Channel, FlightLog, in_memory
+from cfid.records.parameters import Source
 from cfid.records.result import Result
 from cfid.records.tables.schema import Foreign
 from cfid.units import FULL_COMMAND, USUAL_GRAVITY_MPS2
@@ -725,6 +726,24 @@ def test_a_gyro_that_is_turned_by_a_quarter_is_named(flown: tuple[Fleet, list[Fl
     alone = replace(read.flight, rates=turned, velocity=None, attitude=None)
     with pytest.raises(FitError, match=f"turned by about -?{abs(degrees)} degrees about the vertical"):
         fit([replace(read, flight=alone)], body=body_of(flown[0], 1))
+
+
+@pytest.mark.parametrize(("mass", "severity"), [(1.2, "warning"), (1.5, "rejection")])
+def test_logs_of_unlike_vehicles_are_said_to_contradict_each_other(mass: float, severity: str) -> None:
+    """The advice was to climb and drop quickly, which both did."""
+    rng = np.random.default_rng(4)
+    vehicles = fleet(1, rng)
+    laden = replace(vehicles, mass=mass * vehicles.mass)
+    logs = [fly(one, rng, seconds=16.0)[0] for one in (vehicles, laden, vehicles)]
+    flights = [
+        flight_of(replace(log, path=Path(f"{name}.csv"), source=Source(name, 64 * name)))
+        for name, log in zip("abc", logs, strict=True)
+    ]
+    unlike, alike = (fit(one, body=body_of(vehicles, 0)) for one in (flights, flights[::2]))
+    (found,) = [one for one in unlike.findings if one.code == "flight-logs-contradict"]
+    assert found.severity == severity
+    assert "flight-thrust-not-excited" not in codes(unlike)
+    assert "flight-logs-contradict" not in {one.code for one in alike.findings}
 
 
 def test_a_log_given_twice_is_refused(flown: tuple[Fleet, list[FlightLog]]) -> None:
