@@ -91,6 +91,29 @@ def blackbox_row(
     return b"I" + b"".join((*values, *map(unsigned, motors), *map(unsigned, turning)))
 
 
+def blackbox_with_voltage(*, firmware: str, reference: int, counts: Sequence[int]) -> bytes:
+    """Return a log of times and the battery's voltage, as differences from a `reference` in 14 bits."""
+    head = [
+        "Product:Blackbox flight data recorder by Nicholas Sherlock",
+        "Data version:2",
+        "I interval:1",
+        "P interval:1",
+        "Field I name:loopIteration,time,vbatLatest",
+        "Field I signed:0,0,0",
+        "Field I predictor:0,0,9",
+        "Field I encoding:1,1,3",
+        "Field P predictor:0,0,9",
+        "Field P encoding:1,1,3",
+        f"Firmware revision:{firmware}",
+        f"vbatref:{reference}",
+    ]
+    rows = b"".join(
+        b"I" + unsigned(at) + unsigned(1000 + 500 * at) + unsigned(reference - count & 0x3FFF)
+        for at, count in enumerate(counts)
+    )
+    return "".join(f"H {line}\n" for line in head).encode() + rows + BLACKBOX_END
+
+
 def blackbox() -> bytes:
     rows = (
         blackbox_row(at, gyro=(at - 100, -at, 0), motors=[1000 + at + 100 * place for place in range(4)])

@@ -21,6 +21,7 @@ from tests.logs.autopilot_bytes import (
     blackbox,
     blackbox_head,
     blackbox_row,
+    blackbox_with_voltage,
     message,
     ulog,
     unsigned,
@@ -175,6 +176,35 @@ def test_motors_of_betaflight_get_the_crazyflie_s_numbers(tmp_path: Path) -> Non
         np.testing.assert_allclose(log.channel(f"rpm.m{motor}")[1], (70 + place) * 100 / 7 * np.pi / 30)
     np.testing.assert_allclose(log.channel("acc.z")[1], 9.81)
     assert "control.m1 to m4 are motor[1], motor[0], motor[2], motor[3], as in Betaflight's quad X" in log.assumed[0]
+
+
+@pytest.mark.parametrize(
+    ("firmware", "step_v"),
+    [
+        ("Betaflight 3.1.0 (abcdef012) SPRACINGF3", 0.1),
+        ("Betaflight 3.5.7 (e7c2c2a0e) OMNIBUSF4", 0.1),
+        ("Betaflight 4.0.0 (22b9f34b5) OMNIBUSF4", 0.01),
+        ("Betaflight 2025.12.1 (abcdef012) STM32H743", 0.01),
+    ],
+)
+def test_the_voltage_of_a_blackbox_log_has_the_step_of_its_firmware_s_version(
+    tmp_path: Path, firmware: str, step_v: float
+) -> None:
+    pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
+    counts = [round(volts / step_v) for volts in (16.4, 16.3, 15.2, 16.6)]
+    log = read_log(written(tmp_path, blackbox_with_voltage(firmware=firmware, reference=counts[0], counts=counts)))
+    for name in ("pm.vbat", "vbatLatest"):
+        np.testing.assert_allclose(log.channel(name)[1], [16.4, 16.3, 15.2, 16.6])
+
+
+@pytest.mark.parametrize("firmware", ["Betaflight 3.0.1 (abcdef0) NAZE", "INAV 7.1.0 (abcdef0) MATEKF405", "abcdef0"])
+def test_a_voltage_of_a_blackbox_log_whose_step_is_not_known_keeps_its_raw_numbers(
+    tmp_path: Path, firmware: str
+) -> None:
+    pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
+    log = read_log(written(tmp_path, blackbox_with_voltage(firmware=firmware, reference=160, counts=(160, 158))))
+    (channel,) = (one for one in log.series[0].channels if one.name == "vbatLatest")
+    assert (channel.own_unit, "pm.vbat" in log.series[0].names) == ("", False)
 
 
 def test_a_cut_blackbox_log_gives_its_whole_frames(tmp_path: Path) -> None:

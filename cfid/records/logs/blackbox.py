@@ -1,6 +1,7 @@
 """Read the blackbox logs of Betaflight and its relatives with orangebox: a series for every log of the file.
 
-Motors, their speeds and the acceleration along z get the names, numbers and units of a Crazyflie beside their own.
+Motors, their speeds, the acceleration along z and the battery's voltage get the names, numbers and units of a Crazyflie
+beside their own.
 """
 
 import logging
@@ -30,6 +31,10 @@ _WHOLE = "I"  # frames with numbers; the others have differences from the ones b
 _LONGEST_US, _LONGEST_LOOPS = 10_000_000, 5000  # between two frames, as in Betaflight's viewer
 _GYRO = re.compile(r"gyro(?:ADC|Unfilt)\[\d\]")
 _MOTOR, _MOST = re.compile(r"motor\[[0-3]\]"), 1.01  # of full throttle
+_VOLTS = "vbatLatest"
+_BETAFLIGHT = re.compile(r"Betaflight (\d+)\.(\d+)")
+# By the firmware's voltage.h: 0.1 V from 3.1 on, 0.01 V from 4.0 on. Older ones log the converter's counts.
+_VOLT_STEPS = (((4, 0), 0.01), ((3, 1), 0.1))
 _PLAIN = re.compile(r"(?:motor|eRPM|debug|rcCommand)\[\d\]|loopIteration")
 
 
@@ -149,6 +154,15 @@ def _as_a_crazyflie_s(fields: Mapping[str, Array], headers: Any) -> Iterator[tup
     one_g = headers.get("acc_1G")
     if "accSmooth[2]" in fields and isinstance(one_g, int) and one_g > 0:
         yield "acc.z", _by_parts(fields["accSmooth[2]"], lambda one: one / one_g)
+    if _VOLTS in fields and (step_v := _volt_step(headers)):
+        yield "pm.vbat", _by_parts(fields[_VOLTS], lambda one: one * step_v)
+
+
+def _volt_step(headers: Any) -> float:
+    """Return the step of the battery's voltage in V by the firmware's version, 0.0 where that does not show it."""
+    stated = _BETAFLIGHT.match(str(headers.get("Firmware revision")))
+    version = (int(stated[1]), int(stated[2])) if stated else (0, 0)
+    return next((step_v for since, step_v in _VOLT_STEPS if version >= since), 0.0)
 
 
 def _share(output: Array, *, low: float, high: float) -> Array:
@@ -190,6 +204,8 @@ def _channel(name: str, headers: Any) -> Channel:
         return Channel(name, "deg/s", scale)
     if name.startswith("accSmooth") and isinstance(one_g := headers.get("acc_1G"), int) and one_g > 0:
         return Channel(name, "g", 1 / one_g)
+    if name == _VOLTS and (step_v := _volt_step(headers)):
+        return Channel(name, "V", step_v)
     return Channel(printable(name), "1" if _PLAIN.fullmatch(name) else "")
 
 
