@@ -12,6 +12,7 @@ from cfid.errors import DeviceError
 from cfid.records.line_devices import LineDevice
 from cfid.rig.clock import HostClock
 from cfid.rig.e201_stamps import Stamps
+from cfid.rig.line_clock import Arrivals, DeviceClock, Line, Spacing
 from cfid.rig.listening import Listen, Port
 from cfid.rig.recorder import Block, Say, no_rows
 from cfid.rig.stalls import STOOD, Stalls
@@ -27,14 +28,16 @@ _PROMPT, _CHUNK_S = 2, 0.02  # lines at the end of a gap that are no burst; a US
 _UNLIKE, _TELLING_S = 0.01, 2.0  # of the time by this computer; as long as shows a clock's rate
 _WRAP = 1 << 32  # of a device's clock
 _OFF, _FEWEST = 0.1, 20  # of the rate that rig.toml states; lines that show a rate
+_TICKS = 4  # of a device's clock in an interval by which lines are counted
+_PROMPT_S = 0.05  # of an interval by which arrivals are: a busy computer delays lines by less
 
 
 class _Latest(NamedTuple):
-    """When a line came by this computer's clock, what the device's own showed, how many lines had not matched."""
+    """When a line came by this computer's clock, what the device's own showed, how many lines had not counted."""
 
     received_s: float
     ticks: int
-    rejected: int
+    known: int
 
 
 class Lines:
@@ -60,9 +63,10 @@ class Lines:
         self._patient = patient
         self._reader = device.reader()
         self._stamps = Stamps()
+        self._clocked, self._spacing = self._judges()
+        self._known = 0  # lines that did not match, or whose clock is false, of which the spacing knows
         self._port: Port | None = None
-        self._times: list[float] = []
-        self._readings: list[tuple[float, ...]] = []
+        self._lines: list[Line] = []
         self._received_s = 0.0
         self._begun = self._stopped = False  # begun with the first line
         self._gone_s: float | None = None
@@ -95,13 +99,19 @@ class Lines:
         elif self._begun and self._paid_s is None:  # lines that come late show no rate
             self._sent, self._sending_s = self._sent + len(readings), self._sending_s + now_s - self._received_s
         self._begun, self._received_s = True, now_s
-        if (stamp := self._device.stamp) is not None:
-            ticks = int(readings[-1][self._device.in_order().index(stamp)])
-            self._latest = _Latest(now_s, ticks, self._reader.rejected)
-        if self._paid_s is not None and not self._is_timely(len(readings), now_s - self._paid_s):
+        lines = self._clocked.credible(now_s, readings)
+        known = self._reader.rejected + self._clocked.false
+        if self._paid_s is None:
+            self._spacing.add([line.step_s for line in lines if line.step_s is not None], known=known - self._known)
+        self._known = known
+        if not lines:
             return
-        self._times += [now_s] * len(readings)
-        self._readings += readings
+        if (stamp := self._device.stamp) is not None:
+            ticks = int(lines[-1].numbers[self._device.in_order().index(stamp)])
+            self._latest = _Latest(now_s, ticks, known)
+        if self._paid_s is not None and not self._is_timely(len(lines), now_s - self._paid_s):
+            return
+        self._lines += lines
 
     def disconnected(self) -> None:
         """Note that the plug was pulled, and look for the port until it is back."""
@@ -118,10 +128,11 @@ class Lines:
         self._stalls.note()
         self._watch()
         self._settle(after_s=_LATE_S)
-        if not self._readings:
+        if not self._lines:
             return Block(no_rows(len(self.columns)), self._newly_lost())
-        times_s, numbers = np.array(self._times), dict(zip(self._names, zip(*self._readings, strict=True), strict=True))
-        self._times, self._readings = [], []
+        times_s = np.array([line.received_s for line in self._lines])
+        readings = [line.numbers for line in self._lines]
+        numbers, self._lines = dict(zip(self._names, zip(*readings, strict=True), strict=True)), []
         measured = [self._device.factor(value) * np.array(numbers[value.name]) for value in self._device.measured]
         columns: list[npt.NDArray[Any]] = [self._clock.unix_s(times_s), *measured]
         if (stamp := self._device.stamp) is not None:
@@ -140,6 +151,8 @@ class Lines:
         if self._begun and silent_s > self._longest(_PAUSE_S):
             self._note_gap(now_s, "silent at the end" if self._gone_s is None else "unplugged")
         self._settle()
+        self._clocked.settle()
+        self._spacing.settle()
         self._say_rate()
         self._say_clock()
         if self._gone_s is not None and self._patient:
@@ -156,12 +169,26 @@ class Lines:
 
     def facts(self) -> Mapping[str, Any]:
         """Return losses by kind, and gaps."""
-        losses = {"missing_in_gaps": self._missing, "lines_that_do_not_match": self._reader.rejected}
+        losses = {
+            "missing_in_gaps": self._missing,
+            "missing_between_lines": self._spacing.missing,
+            "lines_that_do_not_match": self._reader.rejected,
+            "lines_with_a_false_clock": self._clocked.false,
+        }
         return {"losses": losses, "gaps": self._gaps}
 
     @property
     def _names(self) -> list[str]:
         return [value.name for value in self._device.in_order()]
+
+    def _judges(self) -> tuple[Arrivals | DeviceClock, Spacing]:
+        """Return what judges lines and what counts those that are missing: by the device's clock, if it sends one."""
+        stamp = self._device.stamp
+        if stamp is None:
+            return Arrivals(), Spacing(self._device.rate_hz, shortest_s=_PROMPT_S)
+        tick_s, place = 1e-6 * self._device.factor(stamp), self._device.in_order().index(stamp)
+        clock = DeviceClock(place, tick_s=tick_s, early_s=self._longest(_LATE_S))
+        return clock, Spacing(self._device.rate_hz, shortest_s=_TICKS * tick_s)
 
     def _search(self) -> None:
         if self._stopped or self._gone_s is None:
@@ -222,11 +249,11 @@ class Lines:
         if abs(gone_s - here_s) > _LATE_S + _UNLIKE * here_s:
             self._restarted = True
             return None
-        return round(gone_s * self._device.rate_hz) - self._late - (latest.rejected - before.rejected)
+        return round(gone_s * self._device.rate_hz) - self._late - (latest.known - before.known)
 
     def _say_rate(self) -> None:
         """Say when the device sends at another rate than rig.toml states: losses in gaps are counted by that."""
-        stated_hz, sent = self._device.rate_hz, self._sent + self._reader.rejected
+        stated_hz, sent = self._device.rate_hz, self._sent + self._reader.rejected + self._spacing.missing
         if self._sending_s and sent >= _FEWEST and abs(sent / self._sending_s - stated_hz) > _OFF * stated_hz:
             self._say(
                 f"the {self.name} sent {sent / self._sending_s:.4g} lines a second; rig.toml states {stated_hz:g}: set "
@@ -235,6 +262,11 @@ class Lines:
 
     def _say_clock(self) -> None:
         """Say when the device's own clock went otherwise than this computer's: fits take its times."""
+        if self._clocked.false:
+            self._say(
+                f"{counted(self._clocked.false, 'line')} of the {self.name} left out, lost: device_us jumps there and "
+                "back, as where two lines run into one. Let the device end lines with a checksum, shorten the cable."
+            )
         if self._restarted:
             self._say(
                 f"the {self.name}'s clock, device_us, went otherwise than this computer's in a gap: was the device "
@@ -255,7 +287,7 @@ class Lines:
         return max(usual_s, _PERIODS / self._device.rate_hz)
 
     def _newly_lost(self) -> int:
-        lost = self._reader.rejected + self._missing
+        lost = self._reader.rejected + self._clocked.false + self._missing + self._spacing.missing
         newly, self._counted = lost - self._counted, lost
         return newly
 

@@ -1,0 +1,141 @@
+"""Judges lines by the clock of the device that sent them, and counts those that are missing between two that came."""
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+_WRAP = 1 << 32  # of a device's clock
+_UNLIKE = 0.01  # of the time by this computer, by which a device's clock may go otherwise
+_MOST_FALSE = 3  # lines in a row: more show that the clock is none
+_OFF = 0.1  # of the stated rate, as in a recording's last lines
+_WINDOW, _FEWEST = 64, 20  # lines that show the usual interval
+_USUAL = 0.75  # of the intervals are this long at most: lines sent twice, or a device that waits, are no losses
+
+
+class Line(NamedTuple):
+    """A line's numbers, and when it came by this computer's clock.
+
+    `step_s` is the time since the line before, by the device's clock where it sends one; None where nothing tells.
+    """
+
+    received_s: float
+    numbers: tuple[float, ...]
+    step_s: float | None
+
+
+class Arrivals:
+    """Takes lines of a device without a clock: their times are those of arrival."""
+
+    false = 0
+
+    def __init__(self) -> None:
+        """Start with no line."""
+        self._last_s: float | None = None
+
+    def credible(self, received_s: float, readings: Sequence[tuple[float, ...]]) -> list[Line]:
+        """Return the lines that came at a time, in order."""
+        found = []
+        for numbers in readings:
+            found.append(Line(received_s, numbers, None if self._last_s is None else received_s - self._last_s))
+            self._last_s = received_s
+        return found
+
+    def settle(self) -> None:
+        """Leave nothing open at the end."""
+
+
+class DeviceClock:
+    """Takes lines whose clock goes on; `false` counts those that are left out since it does not.
+
+    Two lines that ran into one have a number of too many digits: it goes back, or ahead of this computer's clock, for
+    one line. A line comes late, never early, so that its clock is never ahead of the quickest line's. Where the lines
+    after it go on from the new number, the device was restarted, and all of them count.
+    """
+
+    def __init__(self, place: int, *, tick_s: float, early_s: float) -> None:
+        """Take where in a line the clock is, what a tick of it lasts, and how far ahead a line may be."""
+        self.false = 0
+        self._place, self._tick_s, self._early_s = place, tick_s, early_s
+        self._last: Line | None = None
+        self._late_s = 0.0  # the last line, after the quickest
+        self._doubtful: list[Line] = []
+        self._is_clock = True
+
+    def credible(self, received_s: float, readings: Sequence[tuple[float, ...]]) -> list[Line]:
+        """Return the lines that count, in order, of those that came at a time and those in doubt before them."""
+        return [line for numbers in readings for line in self._judged(Line(received_s, numbers, None))]
+
+    def settle(self) -> None:
+        """Count the lines that are in doubt at the end as false."""
+        self.false += len(self._doubtful)
+        self._doubtful = []
+
+    def _judged(self, line: Line) -> list[Line]:
+        if self._last is None or not self._is_clock:
+            return self._begun([line])
+        if (late_s := self._after(self._last, self._late_s, line)) is not None:
+            self.settle()
+            step_s = self._step_s(self._last, line)
+            self._last, self._late_s = line, max(late_s, 0.0)
+            return [line._replace(step_s=step_s)]
+        anew = bool(self._doubtful) and self._after(self._doubtful[-1], 0.0, line) is not None
+        self._doubtful.append(line)
+        self._is_clock = len(self._doubtful) <= _MOST_FALSE
+        return self._begun(self._doubtful) if anew or not self._is_clock else []
+
+    def _begun(self, lines: list[Line]) -> list[Line]:
+        """Go on from the last of some lines, after which the clock started anew."""
+        self._last, self._late_s, self._doubtful = lines[-1], 0.0, []
+        return lines
+
+    def _step_s(self, before: Line, line: Line) -> float:
+        ticks = round(line.numbers[self._place]) - round(before.numbers[self._place])
+        return self._tick_s * ((ticks + _WRAP // 2) % _WRAP - _WRAP // 2)
+
+    def _after(self, before: Line, late_s: float, line: Line) -> float | None:
+        """Return how much later than the quickest a line came; None where it does not go on from one that was late."""
+        here_s, step_s = line.received_s - before.received_s, self._step_s(before, line)
+        now_late_s = late_s + here_s - step_s
+        return now_late_s if step_s >= 0 and now_late_s > -self._early_s - _UNLIKE * here_s else None
+
+
+class Spacing:
+    """Counts lines that are missing between those that came, by the interval that they usually have.
+
+    Intervals shorter than a limit are not counted by: too coarse a clock, or arrivals that a computer delays. Nor is
+    one shorter than `rate_hz` implies: after a pause a device may send the lines that it owes at once.
+    """
+
+    def __init__(self, rate_hz: float, *, shortest_s: float) -> None:
+        """Take the stated rate, and the shortest usual interval that can be counted by."""
+        self.missing = 0
+        self._stated_s, self._shortest_s = 1 / rate_hz, shortest_s
+        self._steps_s: list[float] = []
+        self._known = self._open = 0
+
+    def add(self, steps_s: Iterable[float], *, known: int) -> None:
+        """Take the intervals (n,) between lines, and how many of those missing are known to be lost."""
+        self._steps_s += steps_s
+        self._known += known
+        if len(self._steps_s) >= _WINDOW:
+            self._count()
+
+    def settle(self) -> None:
+        """Count what is still open at the end."""
+        if len(self._steps_s) >= _FEWEST:
+            self._count()
+        self.missing, self._open = self.missing + self._open, 0
+
+    def _count(self) -> None:
+        """Find what is missing since the last count; lines that are late, in this one or the next, make up for it."""
+        steps_s, known = np.array(self._steps_s), self._known
+        self._steps_s, self._known = [], 0
+        usual_s = max(float(np.quantile(steps_s, _USUAL)), (1 - _OFF) * self._stated_s)
+        if usual_s < self._shortest_s:
+            return
+        here = int(np.sum(np.rint(steps_s / usual_s) - 1)) - known
+        if here >= 0:
+            self.missing, self._open = self.missing + self._open, here
+        else:
+            self._open = max(self._open + here, 0)
