@@ -1,19 +1,22 @@
-"""Judge a recording of the load cell as soon as it ends: its noise and its drift."""
+"""Judge a recording of the load cell as soon as it ends: its noise, its drift, and whether it hung."""
 
 import numpy as np
 
 from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.records.run import Run
-from cfid.records.tables.wrench import WrenchReading, read_wrench
+from cfid.records.tables.repeated import repeated
+from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
 
 _FEWEST = 100
+_MOST_STUCK = 0.1  # of the samples: less is a note
+_NOISE = 1.5  # steps by which samples usually change, above which one value for long is no chance
 
 
 def verdict(run: Run) -> str:
     """Say what the vertical force was, or the first axis, its noise and drift.
 
-    Raises DataError for few samples, and for a force that never changes.
+    Raises DataError for few samples, a force that never changes, and an axis that hangs for a tenth of them.
     """
     record = read_wrench(run.folder, WrenchReading())
     axis, shown = record.main_axis, 1e3 * record.values_of(record.main_axis)
@@ -21,10 +24,28 @@ def verdict(run: Run) -> str:
         raise DataError(f"{counted(len(shown), 'sample is', 'samples are')} too few (at least {_FEWEST}).")
     if not np.ptp(shown):
         raise DataError(f"{axis} is {shown[0]:.6g} in all {len(shown)} samples: press on the cell and see it change.")
+    stuck = [found for axis in record.axes if (found := _stuck(record, axis))]
+    if any(share > _MOST_STUCK for share, _ in stuck):
+        raise DataError(" ".join(text for _, text in stuck))
     tenth, unit = len(shown) // 10, "mN" if axis.startswith("F") else "mNm"
     drift = float(shown[-tenth:].mean() - shown[:tenth].mean())
     noise = float(np.diff(shown).std() / np.sqrt(2))
     return (
         f"{axis} {shown.mean():.1f} {unit}, noise {noise:.2g} {unit} from sample to sample, "
-        f"{drift:+.2g} {unit} from the first tenth to the last."
+        f"{drift:+.2g} {unit} from the first tenth to the last.{''.join(f' {text}' for _, text in stuck)}"
     )
+
+
+def _stuck(record: WrenchRecord, axis: str) -> tuple[float, str] | None:
+    """Return the share of samples that repeat one value while others change with each one, and a sentence on them."""
+    value = record.values_of(axis)
+    change, wrong = np.abs(np.diff(value)), repeated(record.time_s, value)
+    if not wrong.any() or np.median(change[~wrong[1:]]) < _NOISE * change[change > 0].min():
+        return None
+    first, unit = int(np.argmax(wrong)), "mN" if axis.startswith("F") else "mNm"
+    text = (
+        f"{axis} repeats one value in {counted(int(np.count_nonzero(wrong)), 'sample')} of {len(value)}, as "
+        f"{1e3 * value[first]:.6g} {unit} from {record.time_s[first]:.4g} s on: the load cell hung. Check its wires "
+        "and its amplifier."
+    )
+    return float(np.mean(wrong)), text

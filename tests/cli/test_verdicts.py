@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 import cfid.friction.verdict
@@ -284,6 +285,44 @@ def test_a_cell_whose_force_never_changes_is_not_usable(tmp_path: Path) -> None:
     run = judged(read_run(frozen), cfid.loadcell.verdict.verdict)
 
     assert verdict_line(run).startswith("NOT USABLE: Fz is 5000 in all 200 samples: press on the cell")
+
+
+def of_one_axis(folder: Path, counts: npt.NDArray[np.float64]) -> Run:
+    """Return a judged run of a bar that reads so many counts (n,) 80 times a second."""
+    times = 1.7e9 + np.arange(len(counts)) / 80
+    run = recorded(folder, "loadcell", (times, 2.3e-5 * counts), "t,Fz", units="n,nm")
+    return judged(read_run(run), cfid.loadcell.verdict.verdict)
+
+
+def noisy_counts(size: int = 800) -> npt.NDArray[np.float64]:
+    """Return counts (n,) of a bar's amplifier under 1 N."""
+    return np.rint(43500 + np.random.default_rng(1).normal(0, 20, size))
+
+
+@pytest.mark.parametrize("value", [0, 43512])
+def test_a_cell_that_shows_one_value_from_the_middle_on_is_not_usable(tmp_path: Path, value: int) -> None:
+    counts = noisy_counts()
+    counts[400:] = value
+    line = verdict_line(of_one_axis(tmp_path, counts))
+
+    assert line.startswith("NOT USABLE: Fz repeats one value in 40")
+    assert f"of 800, as {2.3e-2 * value:.6g} mN from 5 s on: the load cell hung. Check its wires" in line
+
+
+def test_a_cell_that_hangs_for_a_moment_is_named_beside_its_noise(tmp_path: Path) -> None:
+    counts = noisy_counts()
+    counts[400:440] = counts[400]
+    line = verdict_line(of_one_axis(tmp_path, counts))
+
+    assert line.startswith("good: Fz 10")
+    assert "Fz repeats one value in 40 samples of 800" in line
+
+
+def test_scales_whose_steps_are_coarser_than_their_noise_do_not_hang(tmp_path: Path) -> None:
+    """They rest at zero, and flicker by a step under a load."""
+    counts = np.rint(500 + np.random.default_rng(2).normal(0, 0.4, 800))
+    counts[:400] = 0
+    assert "repeats" not in verdict_line(of_one_axis(tmp_path, counts))
 
 
 def test_a_recording_that_lost_a_tenth_is_not_called_good(tmp_path: Path) -> None:
