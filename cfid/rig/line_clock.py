@@ -27,7 +27,7 @@ class Line(NamedTuple):
 class Arrivals:
     """Takes lines of a device without a clock: their times are those of arrival."""
 
-    false = 0
+    false = repeats = 0
 
     def __init__(self) -> None:
         """Start with no line."""
@@ -48,6 +48,8 @@ class Arrivals:
 class DeviceClock:
     """Takes lines whose clock goes on; `false` counts those that are left out since it does not.
 
+    `repeats` counts lines that are the one before again, its clock too.
+
     Two lines that ran into one have a number of too many digits: it goes back, or ahead of this computer's clock, for
     one line. A line comes late, never early, so that its clock is never ahead of the quickest line's. Where the lines
     after it go on from the new number, the device was restarted, and all of them count.
@@ -55,7 +57,7 @@ class DeviceClock:
 
     def __init__(self, place: int, *, tick_s: float, early_s: float) -> None:
         """Take where in a line the clock is, what a tick of it lasts, and how far ahead a line may be."""
-        self.false = 0
+        self.false = self.repeats = 0
         self._place, self._tick_s, self._early_s = place, tick_s, early_s
         self._last: Line | None = None
         self._late_s = 0.0  # the last line, after the quickest
@@ -77,6 +79,7 @@ class DeviceClock:
         if (late_s := self._after(self._last, self._late_s, line)) is not None:
             self.settle()
             step_s = self._step_s(self._last, line)
+            self.repeats += int(line.numbers == self._last.numbers)
             self._last, self._late_s = line, max(late_s, 0.0)
             return [line._replace(step_s=step_s)]
         anew = bool(self._doubtful) and self._after(self._doubtful[-1], 0.0, line) is not None

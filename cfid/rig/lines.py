@@ -252,8 +252,17 @@ class Lines:
         return round(gone_s * self._device.rate_hz) - self._late - (latest.known - before.known)
 
     def _say_rate(self) -> None:
-        """Say when the device sends at another rate than rig.toml states: losses in gaps are counted by that."""
-        stated_hz, sent = self._device.rate_hz, self._sent + self._reader.rejected + self._spacing.missing
+        """Say when the device sends at another rate than rig.toml states: losses in gaps are counted by that.
+
+        Lines that it sends again are none of it, and are named.
+        """
+        repeats, stated_hz = self._clocked.repeats, self._device.rate_hz
+        sent = self._sent + self._reader.rejected + self._spacing.missing - repeats
+        if repeats > _OFF * self._sent:
+            self._say(
+                f"{counted(repeats, 'line')} of the {self.name} repeat the one before, device_us too: its program has "
+                "to send each sample once."
+            )
         if self._sending_s and sent >= _FEWEST and abs(sent / self._sending_s - stated_hz) > _OFF * stated_hz:
             self._say(
                 f"the {self.name} sent {sent / self._sending_s:.4g} lines a second; rig.toml states {stated_hz:g}: set "

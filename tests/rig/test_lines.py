@@ -403,6 +403,16 @@ def test_another_rate_than_the_stated_one_is_said_at_the_end(session: Session) -
     assert re.match(r"the loadcell sent (39|40|41)\S* lines a second; rig.toml states 80: set devices", session.said[0])
 
 
+def test_lines_that_are_sent_twice_are_named_and_are_no_other_rate(session: Session) -> None:
+    instrument, cable = cell(session)
+    run, _ = session.record(instrument, for_s=4, also=sending(cable, lambda n: 2 * line(n)))
+
+    assert len(rows_of(run, "loadcell")) == pytest.approx(640, abs=4)
+    assert run.header.devices["loadcell"].lost == 0
+    (text,) = session.said
+    assert re.match(r"3(18|19|20) lines of the loadcell repeat the one before, device_us too: its program has to", text)
+
+
 def test_the_stated_rate_is_not_commented_where_lines_do_not_match_or_a_plug_was_pulled(session: Session) -> None:
     instrument, cable = cell(session)
     send = sending(cable, lambda n: line(n) if n % 3 else b"torn\r\n")
