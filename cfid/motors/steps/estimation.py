@@ -17,6 +17,7 @@ from cfid.estimate.linear import gain_of
 from cfid.findings import Finding, texts
 from cfid.motors.steps.checks import rejections
 from cfid.motors.steps.model import BEFORE, CommandStep, Lag, Part, Sag, StepData
+from cfid.motors.steps.rounding import rounding_covariance
 from cfid.motors.steps.sag import LoggedBattery, sags
 
 Array = npt.NDArray[np.float64]
@@ -96,10 +97,17 @@ def fit_steps(
 def fit_each(data: StepData, battery: LoggedBattery | None) -> list[tuple[StepFit, Array]]:
     """Fit a lag to each step, with the covariance of its noise (m, m) in the means of `_thinned`."""
     fits = [_solve(data, part, None) for part in data.parts]
-    ends = [math.sqrt(np.mean(fit.fun**2)) * np.linalg.norm(gain_of(fit.jac)[1]) for fit in fits]
+    ends = [_end_std(data, part, fit) for part, fit in zip(data.parts, fits, strict=True)]
     found = sags(battery, [part.step for part in data.parts], [_lag_of(fit.x) for fit in fits], np.array(ends))
     fits = [_solve(data, part, sag) if sag else fit for part, sag, fit in zip(data.parts, found, fits, strict=True)]
     return [_judged(data, part, sag, fit) for part, sag, fit in zip(data.parts, found, fits, strict=True)]
+
+
+def _end_std(data: StepData, part: Part, fit: OptimizeResult) -> float:
+    """Return the standard uncertainty of the speed that a step leads to, of white noise and one error of rounding."""
+    gain = gain_of(fit.jac)[1]
+    rounding = data.rounding_step(part) / math.sqrt(12) * float(gain.sum())
+    return math.hypot(math.sqrt(np.mean(fit.fun**2)) * float(np.linalg.norm(gain)), rounding)
 
 
 def _solve(data: StepData, part: Part, sag: Sag | None) -> OptimizeResult:
@@ -170,9 +178,23 @@ def explained_part(residual: Array, value: Array, length: int) -> float:
 
 
 def _noise(data: StepData, part: Part, fit: OptimizeResult) -> Array:
-    """Return the covariance (m, m) of the noise in the means of a step's samples."""
+    """Return the covariance (m, m) of the noise in the means of a step's samples.
+
+    Rounding hardly shows in what a fit leaves of a rotor that has settled: it is known from its size. What is left
+    beyond that is other noise.
+    """
     time_s, residual = (_thinned(part, column) for column in (part.time_s, fit.fun))
-    return noise_covariance(_thinned(part, fit.jac.T).T, residual, data.correlations(time_s))
+    jacobian = _thinned(part, fit.jac.T).T
+    rounding = rounding_covariance(
+        part.value + fit.fun,
+        step=data.rounding_step(part),
+        scatter=math.sqrt(np.mean(fit.fun**2)),
+        length=block_of(part),
+    )
+    left = np.eye(len(residual)) - jacobian @ gain_of(jacobian)
+    explained = float(np.trace(left @ rounding @ left)) / max(float(residual @ residual), 1e-300)
+    other = noise_covariance(jacobian, residual, data.correlations(time_s))
+    return np.asarray(max(1 - explained, 0.0) * other + rounding)
 
 
 def covariance_of(fit: OptimizeResult, parts: Sequence[Part], noises: Sequence[Array]) -> Array:

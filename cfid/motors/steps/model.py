@@ -10,6 +10,7 @@ from scipy.special import roots_jacobi
 
 from cfid.errors import FitError
 from cfid.estimate.blocks import block_means
+from cfid.motors.steps.rounding import rounding_step
 
 Array = npt.NDArray[np.float64]
 
@@ -117,6 +118,7 @@ class StepData:
         if not steps:
             raise FitError("no step of the command: there is nothing that a rotor could have followed.")
         self._factor, self._blur_s = factor, blur_s
+        self._sizes = np.sort(np.abs(value[np.isfinite(value)]))
         self.parts = [_part(time_s, value, step) for step in steps]
 
     def speed(self, value: float) -> float:
@@ -130,6 +132,10 @@ class StepData:
         else:
             speed = lag.speed(part.time_s)
         return np.asarray(speed if self._factor is None else self._factor * speed**2)
+
+    def rounding_step(self, part: Part) -> float:
+        """Return to what the values of a step are rounded, next to nothing where they are not."""
+        return rounding_step(part.value, sizes=self._sizes)
 
     def correlations(self, time_s: Array) -> Iterator[Array]:
         """Yield how noise of several correlation times makes the values at times (n,) correlate, (n, n) each."""
