@@ -157,8 +157,8 @@ def measured(points: MotorPoints, name: str, *, over: str = "command") -> Paired
             return found.kept(both)
     if not np.isfinite(points.command).any():
         raise FitError(
-            f"no row has a command: {name} over {over} cannot be given. Name the column of commands; thrust over speed "
-            "needs none (`cfid fit speed`)."
+            f"no row has a command: {name} over {over} cannot be given. Name the column of commands by `columns`, as "
+            "in cmd=1; thrust over speed needs none (`cfid fit speed`)."
         )
     raise FitError(f"no command has both {over} and {name}: they were measured at different ones.")
 

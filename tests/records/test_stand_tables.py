@@ -333,6 +333,21 @@ def test_a_column_of_an_unknown_unit_is_named_where_it_is_not_needed(tmp_path: P
             "no command above 0.9 in 'cmd', of 65535: is it a fraction of one? Then name the column by `columns`, "
             "as in command_fraction=2.",
         ),
+        (
+            "t,pwm,thrust_n\n0,0,0\n1,128,0.1\n2,255,0.1\n",
+            "no command above 255 in 'pwm', of 65535: is it of 8 bits (0 to 255)? No option reads that: write it "
+            "divided by 255 as a column command_fraction (0 to 1) in place of this one.",
+        ),
+        (
+            "cmd,thrust_n\n0,0\n48,0\n1000,0.1\n2047,0.1\n",
+            "no command above 2047 in 'cmd', of 65535: is it DShot (48 to 2047)? No option reads that: write "
+            "(cmd - 48) / 1999, 0 at 0, as a column command_fraction (0 to 1) in place of this one.",
+        ),
+        (
+            "cmd,thrust_n\n1000,0\n1500,0.1\n2000,0.1\n",
+            "no cmd below 1000 or above 2000: are these pulse widths in us? Then name the column by `columns`, as in "
+            '"ESC signal (us)=1".',
+        ),
         ("command_fraction,thrust_n\n0.5,0.1\n1.5,0.1\n", "1.5 in column 'command_fraction': the largest is 1, as a"),
         ("cmd,rpm_1,rpm_2\n0,0,0\n2000,9000,-1\n", "stand.csv:3: -1 in column 'rpm_2': a speed is zero or more"),
         (

@@ -18,6 +18,8 @@ from cfid.units import FULL_COMMAND
 
 USUAL_ESC_US = (1000.0, 2000.0)  # pulse widths of standstill and full throttle, by convention
 
+_PER_CENT, _BITS_8, _DSHOT = 100, 255, (48, 2047)  # full commands of other scales; up to 47, DShot's are words
+_FEWEST = 3  # different commands that show their scale: small ones may be measured, to see where a motor starts
 _LONGEST_PULSE_US = 5000.0  # beyond all that controllers take, of which few reach 2500
 _PULSES_US = (800.0, 2500.0)  # within which those of all controllers are; a motor starts at a pwm of 1000 to 3000
 _LARGEST = {"percent": (100.0, " per cent"), "fraction": (1.0, ", as a fraction")}
@@ -271,12 +273,6 @@ def _check(table: CsvTable, found: Found) -> list[str]:
         if command.head.kind == "esc":
             notes += _impossible(table, command, raw > _LONGEST_PULSE_US, "no motor controller has such pulses.")
         _check_scale(table, command)
-        if command.head.kind == "pwm" and np.nanmin(raw) >= _PULSES_US[0] and np.nanmax(raw) <= _PULSES_US[1]:
-            place = 1 + table.names.index(command.names[0])
-            raise DataError(
-                f"{table.path}: no pwm below {np.nanmin(raw):g} or above {np.nanmax(raw):g}: are these pulse widths in "
-                f'us? Then name the column by `columns`, as in "ESC signal (us)={place}".'
-            )
     if speeds := found.get("speeds_rad_s"):
         notes += _backwards(speeds)
         notes += _at_rest(speeds, command)
@@ -291,17 +287,30 @@ def _check(table: CsvTable, found: Found) -> list[str]:
 
 
 def _check_scale(table: CsvTable, command: Columns) -> None:
-    """Refuse commands from 0 to 65535 none of which turns a motor: they are shares of the full one."""
-    largest, name = np.nanmax(command.raw), command.names[0]
-    if command.head.kind not in ("", "pwm") or not 0 < largest <= 100:
+    """Refuse commands from 0 to 65535 none of which turns a motor: they are of another scale."""
+    smallest, largest, name = np.nanmin(command.raw), np.nanmax(command.raw), command.names[0]
+    if command.head.kind not in ("", "pwm") or not 0 < largest <= _PULSES_US[1]:
         return
-    place, what = 1 + table.names.index(name), ("a fraction of one", "command_fraction")
-    if largest > 1:
-        what = ("in per cent", "pwm_percent")
-    raise DataError(
-        f"{table.path}: no command above {largest:g} in '{name}', of 65535: is it {what[0]}? Then name the column by "
-        f"`columns`, as in {what[1]}={place}."
-    )
+    place, found = 1 + table.names.index(name), f"no command above {largest:g} in '{name}', of {FULL_COMMAND}"
+    few = len(np.unique(command.raw[np.isfinite(command.raw)])) < _FEWEST
+    if smallest >= _PULSES_US[0] and (command.head.kind == "pwm" or not few):
+        raise DataError(
+            f"{table.path}: no {name} below {smallest:g} or above {largest:g}: are these pulse widths in us? Then name "
+            f'the column by `columns`, as in "ESC signal (us)={place}".'
+        )
+    if largest <= _PER_CENT:
+        what, called = ("in per cent", "pwm_percent") if largest > 1 else ("a fraction of one", "command_fraction")
+        raise DataError(
+            f"{table.path}: {found}: is it {what}? Then name the column by `columns`, as in {called}={place}."
+        )
+    if largest <= _DSHOT[1] and not few:
+        eight = largest <= _BITS_8
+        what = f"of 8 bits (0 to {_BITS_8})" if eight else f"DShot ({_DSHOT[0]} to {_DSHOT[1]})"
+        how = f"it divided by {_BITS_8}" if eight else f"({name} - {_DSHOT[0]}) / {_DSHOT[1] - _DSHOT[0]}, 0 at 0,"
+        raise DataError(
+            f"{table.path}: {found}: is it {what}? No option reads that: write {how} as a column "
+            "command_fraction (0 to 1) in place of this one."
+        )
 
 
 def _impossible(table: CsvTable, column: Columns, wrong: npt.NDArray[np.bool_], why: str) -> list[str]:
