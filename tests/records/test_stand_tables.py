@@ -348,6 +348,10 @@ def test_a_column_of_an_unknown_unit_is_named_where_it_is_not_needed(tmp_path: P
             "no cmd below 1000 or above 2000: are these pulse widths in us? Then name the column by `columns`, as in "
             '"ESC signal (us)=1".',
         ),
+        (
+            "timestamp,counter,esc_count,esc[0].esc_rpm\n0,0,4,14954\n",
+            "no motor command among timestamp, counter, esc_count, esc[0].esc_rpm. Name columns",
+        ),
         ("command_fraction,thrust_n\n0.5,0.1\n1.5,0.1\n", "1.5 in column 'command_fraction': the largest is 1, as a"),
         ("cmd,rpm_1,rpm_2\n0,0,0\n2000,9000,-1\n", "stand.csv:3: -1 in column 'rpm_2': a speed is zero or more"),
         (

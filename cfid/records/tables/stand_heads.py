@@ -43,7 +43,7 @@ _LETTERED = re.compile(r"(?:esc|escsignal|escthrottle|thrust|torque|voltage|moto
 _BARE_COMMAND = re.compile("cmd|command|pwm")  # known names that state no unit
 _SEVERAL = ("series", "rotors")
 _STEMS = {
-    "command": ("cmd", "command", "pwm", "esc"),
+    "command": ("cmd", "command", "pwm", "esc(", "escms", "escpwm", "escsignal", "escthrottle"),  # esc_count is none
     "thrust_n": ("thrust", "weight"),
     "torque_nm": ("torque",),
     "vbat_v": ("vbat", "voltage"),
@@ -280,7 +280,7 @@ def check_heads(table: CsvTable, called: Mapping[str, Sequence[tuple[ColumnHead,
         name: quantity
         for name in table.names
         for quantity, stems in _STEMS.items()
-        if not heads_of([name]) and spelt(name).startswith(stems) and quantity not in called
+        if not heads_of([name]) and spelt(name).replace("_", "").startswith(stems) and quantity not in called
     }
     if shows_stand(called):
         return tuple(
