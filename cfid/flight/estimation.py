@@ -10,13 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import OptimizeResult, least_squares
 
 from cfid.errors import FitError
 from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of, std_of
 from cfid.flight.crossing import crossing_of
-from cfid.flight.equations import DELAY_S, DELAYS, LAGS, THRUST, TURNS, Equations, fitted_in
+from cfid.flight.equations import DELAYS, LAGS, THRUST, TURNS, Equations, fitted_in
 from cfid.flight.likelihood import without
 from cfid.flight.model import (
     AXES,
@@ -28,17 +27,11 @@ from cfid.flight.model import (
     equations_of,
     segments,
 )
+from cfid.flight.search import first_parameters, settled, with_constant
 from cfid.flight.uncertainty import covariance_of, excess_of_older_torques
 
 Array = npt.NDArray[np.float64]
 
-_QUICKEST_S, _SLOWEST_S = 5e-3, 1.0  # of a lag
-_EARLIEST_S, _LATEST_S = -0.02, 0.05  # of a delay
-_STARTS_S = (0.02, 0.04, 0.07, 0.12)
-_MOST_ROUNDS = 100  # in which noise and parameters are estimated in turn
-_WHOLE_ROUNDS = 3  # at first, since single steps from afar can end elsewhere
-_STEPS = 5  # of a round
-_SETTLED = 0.05  # standard uncertainties that a round may move a parameter by
 _FEWEST = 500  # rows: 5 s
 _LEVEL = 100  # rows: 1 s, whose mean forces are taken as independent
 EXPLAINED = 0.6  # of the vertical force, as `fit dynamics` asks of a thrust; of a rate's changes as well
@@ -107,15 +100,15 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
             "has to fly for longer without touching anything, or lower its thrust."
         )
     equations = Equations([equations_of(flight) for flight in flown])
-    begin = _start(equations)
+    begin = first_parameters(equations)
     _refuse_other_numbers(equations, begin)
-    equations, result = _settled(equations, begin)
+    equations, result = settled(equations, begin)
     jacobian, residual = np.asarray(result.jac), np.asarray(result.fun)
-    equations, step, slopes, left = _with_late_commands(equations, _with_constant(result.x), jacobian, residual)
-    found, residual = _with_constant(result.x + step), left[: len(residual)]
+    equations, step, slopes, left = _with_late_commands(equations, with_constant(result.x), jacobian, residual)
+    found, residual = with_constant(result.x + step), left[: len(residual)]
     covariance = covariance_of(slopes, left, [one.basis for one in equations.white])[: len(step), : len(step)]
     covariance += _of_volts(flown, equations, found, slopes)[: len(step), : len(step)]
-    covariance = np.apply_along_axis(_with_constant, 1, np.apply_along_axis(_with_constant, 0, covariance))
+    covariance = np.apply_along_axis(with_constant, 1, np.apply_along_axis(with_constant, 0, covariance))
     excess = excess_of_older_torques(jacobian, residual, equations.white)
     found = _undamped(found, equations)
     covariance[LAGS, LAGS] += _GRID_S**2
@@ -142,7 +135,7 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
 def roughly_fitted(flights: Sequence[Flight]) -> tuple[tuple[FlightEquation, Array], ...]:
     """Return equations with what rotors do in them by the first parameters, of coarse lags: quick, and not exact."""
     equations = Equations([equations_of(flight) for flight in flights])
-    p = _start(equations)
+    p = first_parameters(equations)
     return tuple((block, fitted_in(block, p)) for block in equations.at(p))
 
 
@@ -157,59 +150,6 @@ def _refuse_other_numbers(equations: Equations, p: Array) -> None:
     crossing = crossing_of(blocks, p)
     if crossing.a_quarter:
         raise CrossedError(f"commanded torques turn the vehicle about other axes than their own: {crossing.fault()}.")
-
-
-def _settled(equations: Equations, found: Array) -> tuple[Equations, OptimizeResult]:
-    """Return the equations whitened by the noise that they leave, and their solution: each is found from the other.
-
-    In calm air and with an instrument that is mostly noise, a round moves some parameters by many standard
-    uncertainties at first. Off the solution, past errors contain what the rotors do and take up most of what a
-    parameter changes, so that a step goes too far: full steps can go to and fro for ever between two states on either
-    side of the solution. Where a step turns back on the last one, the likeliest share of it is taken. Raises FitError
-    where the parameters do not come to rest.
-    """
-    last = np.zeros(TURNS.stop - 1)
-    for place in range(_MOST_ROUNDS):
-        equations = equations.whitened(found)
-        begin = _without_constant(found)
-        result = _improved(equations, begin, _without_constant(_scales(found)), whole=place < _WHOLE_ROUNDS)
-        step, std = np.asarray(result.x) - begin, np.linalg.norm(gain_of(np.asarray(result.jac)), axis=1)
-        if np.all(np.abs(step) <= _SETTLED * std):
-            return equations, result
-        moved = step / np.maximum(std, 1e-300)
-        turned_back = float(moved @ last) < 0
-        share = equations.likeliest(found, _with_constant(step)) if turned_back else 1.0
-        found, last = _with_constant(begin + share * step), share * moved
-    raise FitError(
-        f"noise and parameters, found in turn, do not come to rest in {_MOST_ROUNDS} rounds: the flight's noise "
-        "changes, or it does not tell lag, delays and moments apart. Fit a part of it (`from_s`, `to_s`), or fly "
-        "quicker manoeuvres."
-    )
-
-
-def _improved(equations: Equations, begin: Array, scales: Array, *, whole: bool) -> OptimizeResult:
-    """Return better parameters (9,) than `begin` (9,): those of least errors for a `whole` round, else one step on.
-
-    What whitens the errors changes after a round, so that more than a step is of no use once it has come near. A step
-    that does not lessen the errors is shortened.
-    """
-    for most in (_STEPS,) if whole else (2, _STEPS):  # evaluations, one of them at the begin
-        result = least_squares(
-            lambda free: equations.residual(_with_constant(free)),
-            begin,
-            lambda free: _without_constant(equations.jacobian(_with_constant(free))),
-            bounds=(
-                [_QUICKEST_S, _QUICKEST_S, _EARLIEST_S, _EARLIEST_S, *[-np.inf] * 5],
-                [_SLOWEST_S, _SLOWEST_S, _LATEST_S, _LATEST_S, *[np.inf] * 5],
-            ),
-            x_scale=scales,
-            xtol=1e-5,
-            ftol=1e-7,
-            max_nfev=most,
-        )
-        if result.status != 0 or np.any(result.x != begin):
-            break
-    return result
 
 
 def _with_late_commands(
@@ -280,42 +220,6 @@ def _levelled(p: Array, covariance: Array, vertical: Sequence[FlightEquation]) -
     variance = float(np.var(means)) / max(len(means) - 1, 1) + zero_std**2
     spread[THRUST.start, THRUST.start] += variance / mean[0] ** 2
     return found, spread
-
-
-def _start(equations: Equations) -> Array:
-    """Return the best parameters (10,) of a coarse grid of lags, as fast upwards as downwards."""
-    best, found = np.inf, np.zeros(TURNS.stop)
-    for tau_s in _STARTS_S:
-        p = np.concatenate([[tau_s, tau_s, DELAY_S, DELAY_S], np.zeros(6)])
-        blocks = equations.at(p)
-        vertical = [block for block in blocks if block.axis is None]
-        rows, shown = (np.concatenate(each) for each in zip(*((b.terms, b.shown) for b in vertical), strict=True))
-        p[THRUST] = gain_of(rows) @ shown
-        cost = float(np.sum((shown - rows @ p[THRUST]) ** 2))
-        for axis in range(len(AXES)):
-            turning = [block for block in blocks if block.axis == axis]
-            torque = np.concatenate([without(block.terms @ p[THRUST], block.others) for block in turning])
-            spun = np.concatenate([without(block.shown, block.others) for block in turning])
-            p[TURNS.start + axis] = float(torque @ spun) / max(float(torque @ torque), 1e-300)
-        if cost < best:
-            best, found = cost, p
-    return found
-
-
-def _scales(p: Array) -> Array:
-    """Return the sizes of the parameters (10,)."""
-    thrust = np.full(3, max(float(np.max(np.abs(p[THRUST]))), 1e-6))
-    return np.concatenate([p[LAGS], [DELAY_S, DELAY_S], thrust, np.maximum(np.abs(p[TURNS]), 1e-3)])
-
-
-def _with_constant(free: npt.ArrayLike) -> Array:
-    """Return the parameters (10,) whose thrust has no constant: the mean force alone tells it, once the others are."""
-    return np.insert(np.asarray(free, dtype=np.float64), THRUST.start, 0.0)
-
-
-def _without_constant(columns: Array) -> Array:
-    """Return parameters (10,), or slopes over them (n, 10), without those of the thrust's constant."""
-    return np.delete(columns, THRUST.start, axis=-1)
 
 
 def explained_of(fitted: Sequence[tuple[FlightEquation, Array]], axis: int | None) -> float:

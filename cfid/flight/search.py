@@ -1,0 +1,110 @@
+"""Solve a flight's equations: from coarse lags on, noise and parameters in turn until both rest."""
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import OptimizeResult, least_squares
+
+from cfid.errors import FitError
+from cfid.estimate.linear import gain_of
+from cfid.flight.equations import DELAY_S, LAGS, THRUST, TURNS, Equations
+from cfid.flight.likelihood import without
+from cfid.flight.model import AXES
+
+Array = npt.NDArray[np.float64]
+
+_QUICKEST_S, _SLOWEST_S = 5e-3, 1.0  # of a lag
+_EARLIEST_S, _LATEST_S = -0.02, 0.05  # of a delay
+_STARTS_S = (0.02, 0.04, 0.07, 0.12)
+_MOST_ROUNDS = 100  # in which noise and parameters are estimated in turn
+_WHOLE_ROUNDS = 3  # at first, since single steps from afar can end elsewhere
+_STEPS = 5  # of a round
+_SETTLED = 0.05  # standard uncertainties that a round may move a parameter by
+
+
+def first_parameters(equations: Equations) -> Array:
+    """Return the best parameters (10,) of a coarse grid of lags, as fast upwards as downwards."""
+    best, found = np.inf, np.zeros(TURNS.stop)
+    for tau_s in _STARTS_S:
+        p = np.concatenate([[tau_s, tau_s, DELAY_S, DELAY_S], np.zeros(6)])
+        blocks = equations.at(p)
+        vertical = [block for block in blocks if block.axis is None]
+        rows, shown = (np.concatenate(each) for each in zip(*((b.terms, b.shown) for b in vertical), strict=True))
+        p[THRUST] = gain_of(rows) @ shown
+        cost = float(np.sum((shown - rows @ p[THRUST]) ** 2))
+        for axis in range(len(AXES)):
+            turning = [block for block in blocks if block.axis == axis]
+            torque = np.concatenate([without(block.terms @ p[THRUST], block.others) for block in turning])
+            spun = np.concatenate([without(block.shown, block.others) for block in turning])
+            p[TURNS.start + axis] = float(torque @ spun) / max(float(torque @ torque), 1e-300)
+        if cost < best:
+            best, found = cost, p
+    return found
+
+
+def settled(equations: Equations, found: Array) -> tuple[Equations, OptimizeResult]:
+    """Return the equations whitened by the noise that they leave, and their solution: each is found from the other.
+
+    In calm air and with an instrument that is mostly noise, a round moves some parameters by many standard
+    uncertainties at first. Off the solution, past errors contain what the rotors do and take up most of what a
+    parameter changes, so that a step goes too far: full steps can go to and fro for ever between two states on either
+    side of the solution. Where a step turns back on the last one, the likeliest share of it is taken. Raises FitError
+    where the parameters do not come to rest.
+    """
+    last = np.zeros(TURNS.stop - 1)
+    for place in range(_MOST_ROUNDS):
+        equations = equations.whitened(found)
+        begin = _without_constant(found)
+        result = _improved(equations, begin, _without_constant(_scales(found)), whole=place < _WHOLE_ROUNDS)
+        step, std = np.asarray(result.x) - begin, np.linalg.norm(gain_of(np.asarray(result.jac)), axis=1)
+        if np.all(np.abs(step) <= _SETTLED * std):
+            return equations, result
+        moved = step / np.maximum(std, 1e-300)
+        turned_back = float(moved @ last) < 0
+        share = equations.likeliest(found, with_constant(step)) if turned_back else 1.0
+        found, last = with_constant(begin + share * step), share * moved
+    raise FitError(
+        f"noise and parameters, found in turn, do not come to rest in {_MOST_ROUNDS} rounds: the flight's noise "
+        "changes, or it does not tell lag, delays and moments apart. Fit a part of it (`from_s`, `to_s`), or fly "
+        "quicker manoeuvres."
+    )
+
+
+def _improved(equations: Equations, begin: Array, scales: Array, *, whole: bool) -> OptimizeResult:
+    """Return better parameters (9,) than `begin` (9,): those of least errors for a `whole` round, else one step on.
+
+    What whitens the errors changes after a round, so that more than a step is of no use once it has come near. A step
+    that does not lessen the errors is shortened.
+    """
+    for most in (_STEPS,) if whole else (2, _STEPS):  # evaluations, one of them at the begin
+        result = least_squares(
+            lambda free: equations.residual(with_constant(free)),
+            begin,
+            lambda free: _without_constant(equations.jacobian(with_constant(free))),
+            bounds=(
+                [_QUICKEST_S, _QUICKEST_S, _EARLIEST_S, _EARLIEST_S, *[-np.inf] * 5],
+                [_SLOWEST_S, _SLOWEST_S, _LATEST_S, _LATEST_S, *[np.inf] * 5],
+            ),
+            x_scale=scales,
+            xtol=1e-5,
+            ftol=1e-7,
+            max_nfev=most,
+        )
+        if result.status != 0 or np.any(result.x != begin):
+            break
+    return result
+
+
+def _scales(p: Array) -> Array:
+    """Return the sizes of the parameters (10,)."""
+    thrust = np.full(3, max(float(np.max(np.abs(p[THRUST]))), 1e-6))
+    return np.concatenate([p[LAGS], [DELAY_S, DELAY_S], thrust, np.maximum(np.abs(p[TURNS]), 1e-3)])
+
+
+def with_constant(free: npt.ArrayLike) -> Array:
+    """Return the parameters (10,) whose thrust has no constant: the mean force alone tells it, once the others are."""
+    return np.insert(np.asarray(free, dtype=np.float64), THRUST.start, 0.0)
+
+
+def _without_constant(columns: Array) -> Array:
+    """Return parameters (10,), or slopes over them (n, 10), without those of the thrust's constant."""
+    return np.delete(columns, THRUST.start, axis=-1)
