@@ -21,7 +21,7 @@ from cfid.records.facts import NONE_STATED, RigFacts
 from cfid.records.run import Run
 from cfid.records.run_notes import run_at
 from cfid.records.tables.stand import StandTable, read_stand_table
-from cfid.records.tables.stand_columns import USUAL_ESC_US
+from cfid.records.tables.stand_commands import USUAL_ESC_US
 from cfid.records.tables.vehicle import READINGS, SCALES, holds, read_rows, shown_at_commands
 from cfid.units import DEAD_COMMAND, FULL_COMMAND
 

@@ -18,7 +18,8 @@ from cfid.records.parameters import Source
 from cfid.records.run_notes import run_at
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import Foreign, TimeUnit
-from cfid.records.tables.stand_columns import Found, columns_of, commands_of, turned
+from cfid.records.tables.stand_columns import Found, columns_of, turned
+from cfid.records.tables.stand_commands import commands_of
 from cfid.records.tables.stand_faults import without_faults
 from cfid.records.tables.stand_heads import heads_of
 from cfid.records.tables.stand_names import with_named

@@ -7,21 +7,17 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.counted import counted
-from cfid.errors import ConfigError, DataError
-from cfid.large import PART_ROWS, empty, side_by_side, stored
+from cfid.errors import DataError
+from cfid.large import PART_ROWS, empty, side_by_side
 from cfid.records.tables.line_faults import NO_THOUSANDS
 from cfid.records.tables.stand_heads import HEADS, ColumnHead, check_heads, heads_of, shows_stand
+from cfid.records.tables.stand_scales import check_scale
 from cfid.records.tables.stand_sides import of_one_side
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.wrong_times import wrong_times, wrong_times_note
 from cfid.units import FULL_COMMAND
 
-USUAL_ESC_US = (1000.0, 2000.0)  # pulse widths of standstill and full throttle, by convention
-
-_PER_CENT, _BITS_8, _DSHOT = 100, 255, (48, 2047)  # full commands of other scales; up to 47, DShot's are words
-_FEWEST = 3  # different commands that show their scale: small ones may be measured, to see where a motor starts
 _LONGEST_PULSE_US = 5000.0  # beyond all that controllers take, of which few reach 2500
-_PULSES_US = (800.0, 2500.0)  # within which those of all controllers are; a motor starts at a pwm of 1000 to 3000
 _LARGEST = {"percent": (100.0, " per cent"), "fraction": (1.0, ", as a fraction")}
 _MOST_VOLTS = 60.0  # more than any battery that flies, and less than its millivolts
 _REST_NOISE = 1e-3  # of the fastest: so much below zero is noise
@@ -84,34 +80,6 @@ def columns_of(table: CsvTable) -> tuple[CsvTable, Found, tuple[str, ...]]:
         table = table.without(bad)
         found = {quantity: one._replace(raw=np.delete(one.raw, bad, axis=0)) for quantity, one in found.items()}
     return table, found, tuple(notes)
-
-
-def commands_of(table: CsvTable, found: Found, esc_us: tuple[float, float] | None) -> tuple[Array, tuple[str, ...]]:
-    """Return commands (n,) from 0 to 65535, nan where the file has none, and notes on how pulse widths were read.
-
-    Raises ConfigError for an impossible range of pulse widths, DataError for pulses longer than it.
-    """
-    column = found.get("command")
-    if column is None:
-        return np.full(len(next(iter(found.values())).raw), np.nan), ()
-    if column.head.kind != "esc":
-        if esc_us is not None:
-            raise ConfigError(f"{table.path}: `esc_us` is for pulse widths, but '{column.names[0]}' has another unit.")
-        return column.value[:, 0], ()
-    low, high = esc_us or USUAL_ESC_US
-    raw = column.raw[:, 0]
-    if raw.max() > high:
-        line = table.line_of_row(int(np.argmax(raw)))
-        raise DataError(
-            f"{table.path}:{line}: {raw.max():g} us in '{column.names[0]}' is longer than the full throttle of "
-            f"`esc_us` {low:g},{high:g}: give the range of this motor controller."
-        )
-    notes = [f"pulse widths are read as `esc_us` {low:g},{high:g}, commands 0 to {FULL_COMMAND}."] if not esc_us else []
-    if (below := int(np.count_nonzero(raw < low))) > 0:
-        notes.append(
-            f"{counted(below, 'row has', 'rows have')} pulses below {low:g} us: motors stand there, command 0."
-        )
-    return stored(np.rint((raw.clip(low) - low) / (high - low) * FULL_COMMAND)), tuple(notes)
 
 
 def turned(value: Array, drive: Array) -> tuple[Array, bool]:
@@ -272,7 +240,8 @@ def _check(table: CsvTable, found: Found) -> list[str]:
         notes += _impossible(table, command, raw > most, f"the largest is {most:g}{called}.")
         if command.head.kind == "esc":
             notes += _impossible(table, command, raw > _LONGEST_PULSE_US, "no motor controller has such pulses.")
-        _check_scale(table, command)
+        if command.head.kind in ("", "pwm"):
+            check_scale(table, command.names[0], raw, stated=command.head.kind == "pwm")
     if speeds := found.get("speeds_rad_s"):
         notes += _backwards(speeds)
         notes += _at_rest(speeds, command)
@@ -284,33 +253,6 @@ def _check(table: CsvTable, found: Found) -> list[str]:
             why += " Is it in millivolts? Then its name has to be vbat_mv."
         notes += _impossible(table, battery, wrong, why)
     return notes
-
-
-def _check_scale(table: CsvTable, command: Columns) -> None:
-    """Refuse commands from 0 to 65535 none of which turns a motor: they are of another scale."""
-    smallest, largest, name = np.nanmin(command.raw), np.nanmax(command.raw), command.names[0]
-    if command.head.kind not in ("", "pwm") or not 0 < largest <= _PULSES_US[1]:
-        return
-    place, found = 1 + table.names.index(name), f"no command above {largest:g} in '{name}', of {FULL_COMMAND}"
-    few = len(np.unique(command.raw[np.isfinite(command.raw)])) < _FEWEST
-    if smallest >= _PULSES_US[0] and (command.head.kind == "pwm" or not few):
-        raise DataError(
-            f"{table.path}: no {name} below {smallest:g} or above {largest:g}: are these pulse widths in us? Then name "
-            f'the column by `columns`, as in "ESC signal (us)={place}".'
-        )
-    if largest <= _PER_CENT:
-        what, called = ("in per cent", "pwm_percent") if largest > 1 else ("a fraction of one", "command_fraction")
-        raise DataError(
-            f"{table.path}: {found}: is it {what}? Then name the column by `columns`, as in {called}={place}."
-        )
-    if largest <= _DSHOT[1] and not few:
-        eight = largest <= _BITS_8
-        what = f"of 8 bits (0 to {_BITS_8})" if eight else f"DShot ({_DSHOT[0]} to {_DSHOT[1]})"
-        how = f"it divided by {_BITS_8}" if eight else f"({name} - {_DSHOT[0]}) / {_DSHOT[1] - _DSHOT[0]}, 0 at 0,"
-        raise DataError(
-            f"{table.path}: {found}: is it {what}? No option reads that: write {how} as a column "
-            "command_fraction (0 to 1) in place of this one."
-        )
 
 
 def _impossible(table: CsvTable, column: Columns, wrong: npt.NDArray[np.bool_], why: str) -> list[str]:
