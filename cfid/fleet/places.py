@@ -28,6 +28,7 @@ _LOOK_S = 1.0  # between looks at how much came
 _LISTED_S = 30.0  # for the whole list of a folder, which may drip
 _LARGEST_INDEX = 1 << 24  # bytes
 _LARGEST_TEXT, _LARGEST_RECORDING = 1 << 26, 1 << 33  # bytes; of the first no more is read, of rows these are a day's
+_MOST_FILES = 2000  # in a folder: a run has some ten, and a campaign a few hundred fits
 _SLOWEST_BPS = 1000.0  # bytes a second, below any network on which somebody would wait for a recording
 
 
@@ -234,10 +235,16 @@ def _patience(files: Any) -> dict[str, float]:
 
 
 def _listing(files: Any, folder: str) -> list[tuple[str, str]]:
-    """Return the paths of a folder's files, each with its name; a name that leads elsewhere is left out."""
+    """Return the paths of a folder's files, each with its name; a name that leads elsewhere is left out.
+
+    Raises DataError for more than a campaign's folder has.
+    """
     paths = [one["name"] for one in files.ls(f"{folder}/", detail=True, **_patience(files)) if one["type"] == "file"]
     named = [(path, PurePosixPath(unquote(path) if is_address(path) else path).name) for path in paths]
-    return [(path, name) for path, name in named if _NAME.fullmatch(name)]
+    own = [(path, name) for path, name in named if _NAME.fullmatch(name)]
+    if len(own) > _MOST_FILES:
+        raise DataError(f"{folder}: {len(own)} files in one folder (limit {_MOST_FILES}): no campaign's is so full.")
+    return own
 
 
 @contextmanager

@@ -261,6 +261,22 @@ def test_a_list_of_a_server_that_never_ends_is_refused() -> None:
     assert "cannot be read: it sends a list of more than 16 MB" in fault
 
 
+class _FullList(_Endless):
+    """Lists 20000 files in each folder, which are empty."""
+
+    def do_GET(self) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", "text/html")
+        self.end_headers()
+        if self.path.endswith("/"):
+            self.wfile.write(b"".join(b'<a href="%d.json">a</a>' % at for at in range(20_000)))
+
+
+def test_a_folder_of_a_server_with_more_files_than_a_campaign_has_is_refused_before_they_are_fetched() -> None:
+    fault = fault_of_campaign_at(_FullList)
+    assert fault.endswith("20000 files in one folder (limit 2000): no campaign's is so full.")
+
+
 class _Dripping(http.server.BaseHTTPRequestHandler):
     """Sends a byte a second, whatever is asked for: at /head/ of the head of a file, which is listed at once."""
 
