@@ -20,6 +20,10 @@ MEDIAN_SAMPLES = 7  # C.1.2, O_medfilt
 _BLOCK_S = 0.05
 _SHORTEST_S = 0.25
 _STEADY = 0.03  # slope across the window and scatter within it, over the mean speed
+# Seconds of a window in which an impact is sought, and after it; of the samples beside one that are left out; and how
+# many times a bend explains what noise would.
+_BEND_S, _AFTER_S, _BESIDE_S, _CLEAR = 1.0, 0.5, 0.02, 30.0
+_QUICK = 0.1  # of the rise at the release: what an impact slows the axis by at least, as a line over half a second
 _MOVING = 0.2  # of the highest speed
 _BEFORE_S = 0.3
 _NEAR = 0.25  # of the mean speed: what the speed tends to lies no farther from it, or the fall has not shown it
@@ -162,7 +166,40 @@ def _steady_window(speed: Array, moving: slice) -> tuple[slice, float]:
     if best is None:
         return moving, math.inf
     start = moving.start + best[2] * length
-    return slice(start, min(moving.start + best[3] * length, moving.stop)), -best[1]
+    stop = min(moving.start + best[3] * length, moving.stop)
+    return slice(start, _before_impact(speed, slice(start, stop), moving)), -best[1]
+
+
+def _before_impact(speed: Array, window: slice, moving: slice) -> int:
+    """Return the end of a steady window of the fall (samples) without what follows the weight's impact on the floor.
+
+    From there on the axis lacks the torque that had turned it: the speed bends down, about as quickly as it rose at the
+    release, and at last is below all of the window. Friction that changes within a turn bends it, too, and comes back;
+    a line wound in layers bends it slowly.
+    """
+    start, stop = int(window.start), int(window.stop)
+    begin, after = max(start, stop - round(_BEND_S / GRID_S)), min(stop + round(_AFTER_S / GRID_S), moving.stop)
+    shown = speed[begin:after]
+    place = np.arange(len(shown), dtype=np.float64)
+    straight = np.stack([np.ones(len(shown)), place])
+    left = float(np.sum((shown - straight.T @ np.linalg.lstsq(straight.T, shown, rcond=None)[0]) ** 2))
+    best, bend = left, 0
+    rising = max(int(np.argmax(speed[moving] > speed[window].mean() / 2)), 1)  # samples to half the speed
+    least = _QUICK * float(speed[window].mean()) / 2 / rising
+    for at in range(round(_SHORTEST_S / GRID_S), min(stop - begin, len(shown) - 2), MEDIAN_SAMPLES):
+        rows = np.vstack([straight, np.maximum(place - at, 0.0)])
+        found = np.linalg.lstsq(rows.T, shown, rcond=None)[0]
+        error = float(np.sum((shown - rows.T @ found) ** 2))
+        if found[1] + found[2] < -least and error < best:
+            best, bend = error, at
+    independent = len(shown) / MEDIAN_SAMPLES
+    if not bend or left - best < _CLEAR * best / independent:
+        return stop
+    kept = begin + bend - round(_BESIDE_S / GRID_S)
+    last = float(shown[-round(_BLOCK_S / GRID_S) :].mean())
+    if kept - start < round(_SHORTEST_S / GRID_S) or last >= float(_blocks(speed[start:kept]).min()):
+        return stop
+    return kept
 
 
 def _by_hand(grid: Array, from_s: float | None, to_s: float | None) -> slice:

@@ -19,6 +19,7 @@ VISCOUS, COULOMB = "friction.viscous_nms_per_rad", "friction.coulomb_nm"
 SETUP_INERTIA = "friction.setup_inertia_kg_m2"
 
 _HEAVIER = 1.1  # drops of more similar weights may change places by their friction
+_FEWEST = 2  # drops, of which Coulomb and viscous friction follow without any to spare
 _FEWEST_LAYERED = 3
 _LAYERED_STD = 4.0  # widened for the few drops there are
 _BEYOND_STD = 2.5  # of a few drops' mean, widened for their number: a negative inertia that is larger is no noise
@@ -68,7 +69,7 @@ def fit_friction(
     common = math.hypot(radius_std_m / radius_m, gravity_std_mps2 / gravity_mps2)
     with_speed = math.hypot(common, speed_scale_std)
     inertia = _setup_inertia(settled, viscous, radius_m, with_speed) if viscous.value > 0 else _Estimate(None, None)
-    findings += _negative_inertia(inertia)
+    findings += (*_negative_inertia(inertia), *([_NO_SCATTER] if len(settled) == _FEWEST else []))
     return FrictionEstimate(
         viscous_nms_per_rad=viscous.value,
         viscous_std=_with(viscous.std, viscous.value * with_speed),
@@ -110,6 +111,13 @@ _NEVER_SETTLED = rejection(
     "friction-never-settled",
     "the speed settled in no run (as in the thesis' of 10 g, figure 2.9): use heavier weights or a longer fall, or set "
     "the window by hand.",
+    VISCOUS,
+    COULOMB,
+    SETUP_INERTIA,
+)
+_NO_SCATTER = warning(
+    "friction-scatter-unknown",
+    "two drops show no scatter, so that standard uncertainties are not known. Drop each weight twice, or a third one.",
     VISCOUS,
     COULOMB,
     SETUP_INERTIA,
