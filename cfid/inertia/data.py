@@ -9,6 +9,7 @@ from cfid.errors import ConfigError, DataError, FitError
 from cfid.findings import Finding
 from cfid.records.mounts import Mount
 from cfid.records.parameters import Source
+from cfid.records.plausibility import taken_as_exact
 from cfid.records.result import Dependent
 from cfid.records.tables.angle import AngleRecord, Recording, angle_record
 from cfid.swing.axis_inertias import MountedSwing
@@ -84,6 +85,7 @@ def measure(
             mounted.append(MountedSwing(axis=mount, value=swing.value_kg_m2, std=swing.std_kg_m2, known=True))
             merits.append({"axis": mount, "known_kg_m2": swing.value_kg_m2})
             lines.append(f"{mount}: {swing.value_kg_m2:.7g} kg m^2, as given")
+            found += [] if swing.std_kg_m2 else [(mount, taken_as_exact("axis inertia"))]
             continue
         threads = threads_of(mounts.get(mount), gravity_mps2)
         free = swing_in(swing, threads, peaks=peaks_on(mount, peaks), smallest_peak_rad=smallest_peak_rad)

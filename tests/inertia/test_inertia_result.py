@@ -22,6 +22,13 @@ def known(std_kg_m2: float = 1e-8, **more: float) -> list[KnownInertia]:
     return [KnownInertia(mount, value, std_kg_m2) for mount, value in ({**TABLE_2_3, "yz": 4.713093e-5} | more).items()]
 
 
+@pytest.mark.parametrize(("std_kg_m2", "noted"), [(1e-8, []), (0.0, ["x", "xy", "xz", "y", "yz", "z"])])
+def test_axis_inertias_that_are_taken_as_exact_are_noted(std_kg_m2: float, noted: list[str]) -> None:
+    findings = cfid.inertia.fit(known(std_kg_m2), rig=RIG).findings
+    exact = [one for one in findings if "the axis inertia is taken as exact" in one.text]
+    assert sorted(mount for one in exact for mount in one.where) == noted
+
+
 def test_two_swings_of_a_mount_are_weighted_and_the_smaller_uncertainty_stands() -> None:
     swings = [*known(), KnownInertia("x", 3.121e-5, 2e-8)]
     result = cfid.inertia.fit(swings, rig=RIG)
