@@ -81,6 +81,17 @@ def test_an_angle_with_imaginary_parts_is_refused_by_its_name_and_a_column_besid
         read_angle(tmp_path / "b.mat", Reading(angle_unit="rad"))
 
 
+@pytest.mark.parametrize(("name", "unit", "per_s"), [("theta", "seconds", 1.0), ("", "milliseconds", 1e3)])
+def test_a_timeseries_that_was_saved_as_a_struct_has_its_own_name_and_units(
+    tmp_path: Path, name: str, unit: str, per_s: float
+) -> None:
+    series = {"Time": per_s * TIME_S, "Data": np.degrees(ANGLE_RAD), "Name": name}
+    info = {"TimeInfo": {"Units": unit}, "DataInfo": {"Units": "deg"}}
+    savemat(tmp_path / "a.mat", {"theta": series | info})
+    assert open_table(tmp_path / "a.mat").names == (f"Time [{unit}]", "theta [deg]")
+    assert same(read_angle(tmp_path / "a.mat", Reading()))
+
+
 def test_forces_of_a_mat_file_are_read(tmp_path: Path) -> None:
     names = ("Fx_n", "Fy_n", "Fz_n", "Tx_nm", "Ty_nm", "Tz_nm")
     savemat(tmp_path / "a.mat", {"t": TIME_S, **{name: at + ANGLE_RAD for at, name in enumerate(names)}})

@@ -49,7 +49,10 @@ _OTHER_UNIT = re.compile(r"[ _/,\[(]+(gon|grads?|mrad|arcmin|arcsec|turns?|revs?
 SCHEMA = TableSchema(
     columns=(TIME_COLUMN, _ANGLE),
     words=("TIME", "ANGLE"),
-    hint="A log of a swing by a vehicle's gyro becomes a run by `cfid import` with its `axis`, and fits take that.",
+    hint=(
+        "A log of a swing by a vehicle's gyro, gyro.x to gyro.z, becomes a run by `cfid import` with its `axis`, and "
+        "fits take that."
+    ),
 )
 
 

@@ -220,6 +220,9 @@ def _tables(tree: Tree, name: str, *, place: str) -> Iterator[MatlabTable]:
     if "signals" in tree:
         yield from _simulink(tree, name, place=place)
         return
+    if ("TimeInfo" in tree or "DataInfo" in tree) and all(_is_numeric(tree.get(key)) for key in ("Time", "Data")):
+        yield _timeseries(tree, name, place=place)
+        return
     arrays = {key: _columns(value) for key, value in tree.items() if _is_numeric(value)}
     for rows in dict.fromkeys(len(columns[0]) for columns in arrays.values()):
         group = {key: columns for key, columns in arrays.items() if len(columns[0]) == rows}
@@ -228,6 +231,20 @@ def _tables(tree: Tree, name: str, *, place: str) -> Iterator[MatlabTable]:
         yield MatlabTable(place, () if alone else names, tuple(each for columns in group.values() for each in columns))
     for key, value in tree.items():
         yield from _tables(value, key, place=f"{place}.{key}" if place else key)
+
+
+def _timeseries(tree: Mapping[str, Tree], name: str, *, place: str) -> MatlabTable:
+    """Return the table of a timeseries that was made a struct: its own name, and the units that it states."""
+    own = tree.get("Name")
+    called = _clean(own if isinstance(own, str) and own else name)
+    data = _columns(tree["Data"])
+    names = (_with_unit("Time", tree.get("TimeInfo")), *_named(_with_unit(called, tree.get("DataInfo")), len(data)))
+    return MatlabTable(place, names, (*_columns(tree["Time"]), *data))
+
+
+def _with_unit(name: str, about: Tree) -> str:
+    unit = about.get("Units") if isinstance(about, Mapping) else None
+    return f"{name} [{_clean(unit)}]" if isinstance(unit, str) and unit else name
 
 
 def _simulink(tree: Mapping[str, Tree], name: str, *, place: str) -> Iterator[MatlabTable]:
