@@ -17,6 +17,7 @@ from cfid.interchange.columns import changes, chosen_columns, finite_columns, kn
 from cfid.large import parts, usual_step
 from cfid.records.campaign import Campaign
 from cfid.records.logs.any_kind import read_log
+from cfid.records.logs.crazyflie_names import crazyflie_channel, stated_unit
 from cfid.records.logs.kinds import Kind, has_times, is_flown, kind_at
 from cfid.records.logs.log import Array, Series
 from cfid.records.parameters import Source
@@ -199,7 +200,8 @@ def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: La
     commands: Iterator[Array] | None = None
     notes = list(log.notes)
     for series in log.series:
-        flown = series is main and any(map(is_flown, series.names))
+        # What PX4's topics of one vector hold is known by the topic's name alone.
+        flown = series is main and any(map(is_flown, series.names)) and "xyz[0]" not in series.names
         kept, said = _add(series, VEHICLE_LOG if flown else _word(series.name), records, blocks)
         notes += said
         motors = next((motors for motors in _COMMAND_NAMES if set(motors) <= set(kept)), None)
@@ -248,7 +250,7 @@ def _add(
         return [], [*notes, f"{series.name}: left out: {why}."]
     if names or of_times_alone:
         device = _free(device, records)
-        records[device] = DeviceRecord(file=f"{device}.csv", columns=("t", *names))
+        records[device] = DeviceRecord(file=f"{device}.csv", columns=("t", *names), channel_units=_units(series, kept))
         blocks[device] = chosen_columns(series, whole)
     for together in gaps:
         own = _free(_word(f"{device}_{together[0]}"), records)
@@ -256,9 +258,17 @@ def _add(
         if len(set(columns)) < len(columns):
             notes.append(f"{series.name}: left out, since two of them have one name: {', '.join(together)}.")
             continue
-        records[own] = DeviceRecord(file=f"{own}.csv", columns=columns)
+        records[own] = DeviceRecord(file=f"{own}.csv", columns=columns, channel_units=_units(series, together))
         blocks[own] = known_rows(series, together)
     return kept, notes
+
+
+def _units(series: Series, names: Sequence[str]) -> dict[str, str] | None:
+    """Return the units of channels as columns of a run, of those whose name does not tell it; None for none of them."""
+    channels = [series.channels[series.place_of(name)] for name in names]
+    stated = {_word(channel.name, _NO_COLUMN): channel for channel in channels if channel.own_unit}
+    found = {name: stated_unit(one) for name, one in stated.items() if one != crazyflie_channel(one.name)}
+    return found or None
 
 
 def _imported(campaign: Campaign, devices: _Devices, *, kind: str, label: Label, path: Path) -> Imported:

@@ -20,6 +20,7 @@ from cfid import __version__
 from cfid.errors import DataError
 from cfid.interchange.recording import Recording
 from cfid.records.extras import optional_library
+from cfid.records.logs.crazyflie_names import stated_unit
 from cfid.records.logs.log import Array, Series
 
 TIME = "t"
@@ -124,7 +125,7 @@ class _Columns(Mapping[str, Any]):
 
 def _units(series: Series) -> list[str]:
     """Return the units of the time and of every channel."""
-    return ["s", *(channel.own_unit for channel in series.channels)]
+    return ["s", *map(stated_unit, series.channels)]
 
 
 def _whole(column: Array) -> Any:

@@ -61,6 +61,7 @@ class DeviceRecord(_Section):
     """One device's file: its columns in the device's own units, and the scale from counts to SI.
 
     `lost` samples were taken and are missing; `skipped` ones, of a device polled at `rate_hz`, were never taken.
+    `channel_units` are by column those of another program's recording that its name does not tell.
     """
 
     file: _FileName
@@ -70,6 +71,7 @@ class DeviceRecord(_Section):
     lost: _Count = 0
     skipped: _Count | None = Field(None, validation_alias=AliasChoices("skipped", "grid_places_skipped"))
     rate_hz: _Positive | None = None
+    channel_units: dict[str, str] | None = None
 
     @property
     def achieved(self) -> str:

@@ -138,3 +138,19 @@ def test_moments_of_rotors_that_the_log_places_off_a_square_are_refused(
     assert refused.code == "flight-rotors-off-square"
     assert "CA_ROTOR0 to 3 are 50, 65; -50, -65; 50, -65; -50, 65 mm forward and right" in refused.sentence
     assert refused.quantities == ("flight.inertia_kg_m2.roll", "flight.inertia_kg_m2.pitch")
+
+
+@pytest.mark.parametrize(("library", "written"), [("pyulog", ulog), ("orangebox", blackbox)])
+def test_an_imported_or_converted_flight_of_another_autopilot_is_that_of_its_file(
+    tmp_path: Path, cfid: Cfid, flown: Flown, library: str, written: Callable[..., bytes]
+) -> None:
+    pytest.importorskip(library, reason=f"{library} is not installed")
+    (tmp_path / "log").write_bytes(written(*(signal[:6000] for signal in flown[1:])))
+    assert cfid("convert", "log", "--to", "mat", "--out", "log.mat").returncode == 0
+    assert cfid("new", "lab").returncode == 0
+    assert cfid("import", "../log", "--kind", "flight", folder=tmp_path / "lab").returncode == 0
+    (run,) = (tmp_path / "lab" / "runs").iterdir()
+    expected = read_flight(tmp_path / "log").flight
+    for found in (read_flight(run).flight, read_flight(tmp_path / "log.mat").flight):
+        for name in ("rates", "force", "drive"):
+            np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-9, atol=1e-9)

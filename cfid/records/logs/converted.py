@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from cfid.records.logs.crazyflie_names import assumptions
-from cfid.records.logs.log import Channel, FlightLog, in_memory, printable
+from cfid.records.logs.crazyflie_names import assumptions, stated_channel
+from cfid.records.logs.log import FlightLog, in_memory, printable
 from cfid.records.parameters import Source
 from cfid.records.tables.matlab import converted_series, is_matlab
 
@@ -21,7 +21,7 @@ def read_converted(path: Path, source: Source) -> FlightLog | None:
     series = []
     for table in tables:
         time_s, *values = table.columns
-        channels = [Channel(printable(name), table.units[name]) for name in table.names[1:]]
+        channels = [stated_channel(printable(name), table.units[name]) for name in table.names[1:]]
         series.append(in_memory(table.place, time_s, channels, values))
     program = (origin.get("program") or f"run {origin.get('run', '')} of cfid").removeprefix(_PROGRAM)
     return FlightLog(

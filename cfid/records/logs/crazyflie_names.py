@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 
 from cfid.errors import DataError
 from cfid.records.logs.log import Channel, FlightLog, printable
+from cfid.records.tables.text import is_finite
 from cfid.units import FULL_COMMAND, USUAL_GRAVITY_MPS2
 
 # As the firmware documents its log variables. A name that is not here has no unit that is certain.
@@ -61,6 +62,26 @@ def crazyflie_channel(name: str) -> Channel:
         return Channel(name, unit, scale)
     stated = _SPELT.get(word.lower(), word)
     return Channel(variable, unit, scale) if stated == unit else Channel(f"{variable} [{word}]", stated)
+
+
+def stated_unit(channel: Channel) -> str:
+    """Return what a file states of a channel's unit: the unit, with a number before it where raw numbers count parts.
+
+    `0.00048828125 g` is that of an accelerometer that counts 2048 to a g. The parts of the firmware's own variables
+    and of shares of the full command are known by their names.
+    """
+    known = crazyflie_channel(channel.name)
+    by_name = known.scale if known.own_unit == channel.own_unit else 1.0
+    return channel.own_unit if channel.scale == by_name else f"{channel.scale!r} {channel.own_unit}"
+
+
+def stated_channel(name: str, unit: str) -> Channel:
+    """Return the channel of a name and of what a file states of its unit, as `stated_unit`."""
+    scale, _, counted_in = unit.partition(" ")
+    if counted_in and is_finite(scale):
+        return Channel(name, counted_in, float(scale))
+    known = crazyflie_channel(name)
+    return Channel(name, unit, known.scale if known.own_unit == unit else 1.0)
 
 
 def with_dot(names: Sequence[str]) -> list[str]:

@@ -1,12 +1,12 @@
 """Read a run folder as a log: a series for every device, in the device's own units."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
 
 from cfid.errors import DataError
 from cfid.records.files import sha256_of
-from cfid.records.logs.crazyflie_names import assumptions, crazyflie_channel
+from cfid.records.logs.crazyflie_names import assumptions, crazyflie_channel, stated_channel
 from cfid.records.logs.log import Array, FlightLog, Series
 from cfid.records.logs.motor_numbers import NO_SQUARE
 from cfid.records.parameters import Source
@@ -26,7 +26,7 @@ def log_of_run(run: Run) -> FlightLog:
             notes.append(f"{device} has no rows.")
             continue
         try:
-            one, lines = _of_device(device, run.device_file(device))
+            one, lines = _of_device(device, run.device_file(device), record.channel_units or {})
         except DataError as fault:  # a fault in one device does not hide the others
             notes.append(f"{device} is left out: {fault}")
             continue
@@ -48,14 +48,16 @@ def log_of_run(run: Run) -> FlightLog:
     )
 
 
-def _of_device(device: str, path: Path) -> tuple[Series, tuple[str, ...]]:
+def _of_device(device: str, path: Path, units: Mapping[str, str]) -> tuple[Series, tuple[str, ...]]:
     sha256 = sha256_of(path)
     table = open_table(path, sha256=sha256)
     names = table.names
     rows = sum(len(block.numbers(names)) for block in table.blocks())
     if names[0] != TIME:
         raise DataError(f"{path}: its first column is not the time '{TIME}': it is not a device's file of a run.")
-    channels = tuple(map(crazyflie_channel, names[1:]))
+    channels = tuple(
+        stated_channel(name, units[name]) if name in units else crazyflie_channel(name) for name in names[1:]
+    )
     return Series(name=device, rows=rows, channels=channels, blocks=partial(_blocks, path, sha256)), line_notes(table)
 
 

@@ -14,7 +14,14 @@ import numpy as np
 
 from cfid.errors import ConfigError, DataError
 from cfid.large import usual_step
-from cfid.records.logs.crazyflie_names import assumptions, crazyflie_channel, is_variable, taken_for_granted, with_dot
+from cfid.records.logs.crazyflie_names import (
+    assumptions,
+    crazyflie_channel,
+    is_variable,
+    stated_channel,
+    taken_for_granted,
+    with_dot,
+)
 from cfid.records.logs.log import Array, Channel, FlightLog, Series, printable
 from cfid.records.logs.usd_clock import MOST_ROWS, decoded_clock
 from cfid.records.parameters import Source
@@ -91,7 +98,7 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
     elif of_vehicle := any(map(is_variable, with_dot(named))):
         assumed = taken_for_granted(named)
     if table.units:
-        channels, assumed = tuple(Channel(printable(name), table.units[name]) for name in named), ()
+        channels, assumed = tuple(stated_channel(printable(name), table.units[name]) for name in named), ()
     stated = reading.time_unit is not None or bool(table.units) or _is_slow_stand(table, time)
     time_s, notes = times_of(table, time, raw, unit=reading.time_unit, rate_hz=reading.rate_hz, own=stated)
     if time is not None:
