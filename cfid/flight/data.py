@@ -14,6 +14,7 @@ from cfid.flight.channels import at_rows, command_names, commands_of, forces_of,
 from cfid.flight.gyro_unit import refuse_other_unit
 from cfid.flight.model import AXES, ROW_S, ROW_STEPS, STEP_S, Flight, segments, turned_back
 from cfid.records.logs.any_kind import NO_OPTIONS, read_log
+from cfid.records.logs.flights import longest_flight
 from cfid.records.logs.hung import without_hung
 from cfid.records.logs.limits import COMMANDS, FORCES, RATES, Limits
 from cfid.records.logs.log import FlightLog
@@ -81,6 +82,7 @@ def read_flight(
 
 def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None = None) -> FlownLog:
     """Take the flight out of a log that was read, as `read_flight`."""
+    log = longest_flight(log)
     path = log.path
     first = log.channel(command_names(log)[0])[0]
     _check_spacing(first, log)

@@ -35,7 +35,7 @@ def friction(
     reading: ReadingOptions,
     delivery: Delivery,
     radius_mm: Annotated[
-        str | None, typer.Option(metavar="MM[:STD]", help="Radius of the axis that the line is wound around.")
+        str | None, typer.Option(metavar="MM[:STD]", help="Radius of the line's middle, half of it beyond the axis.")
     ] = None,
     gravity_mps2: GravityMps2 = None,
     method: Method = "default",

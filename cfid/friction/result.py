@@ -58,7 +58,8 @@ def fit(
         radius_m, radius_std_m, line = _lever_m(rig, thesis=method == "thesis")
         notes += line
     else:
-        notes = () if radius_std_m is not None else (taken_as_exact("radius", VISCOUS, COULOMB, SETUP_INERTIA),)
+        exact = () if radius_std_m is not None else (taken_as_exact("radius", VISCOUS, COULOMB, SETUP_INERTIA),)
+        notes = (*exact, *_line_not_added(rig))
     if method == "default" and any(record.label.weight_std_g is None for record in records):
         notes += (taken_as_exact("weight", VISCOUS, COULOMB, SETUP_INERTIA),)
     setup = {"radius_m": radius_m, "gravity_mps2": gravity_mps2, "from_s": from_s, "to_s": to_s}
@@ -132,6 +133,17 @@ def _lever_m(rig: Rig, *, thesis: bool) -> tuple[float, float, tuple[Finding, ..
         )
         found = (warning("friction-line-unknown", text, VISCOUS, COULOMB, SETUP_INERTIA),)
     return MM * axis.lever_mm, MM * axis.lever_std_mm, found
+
+
+def _line_not_added(rig: Rig) -> tuple[Finding, ...]:
+    """Return a warning on the line's thickness, which rig.toml states and a given radius contains."""
+    if rig.friction is None or not rig.friction.line_mm:
+        return ()
+    text = (
+        f"the given radius is taken as that of the line's middle: half of rig.toml's line_mm, "
+        f"{rig.friction.line_mm / 2:g} mm, is not added."
+    )
+    return (warning("friction-line-not-added", text, VISCOUS, COULOMB, SETUP_INERTIA),)
 
 
 def _given_numbers(radius_m: float, drops: Sequence[Drop]) -> list[Given]:

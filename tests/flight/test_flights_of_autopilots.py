@@ -154,3 +154,19 @@ def test_an_imported_or_converted_flight_of_another_autopilot_is_that_of_its_fil
     for found in (read_flight(run).flight, read_flight(tmp_path / "log.mat").flight):
         for name in ("rates", "force", "drive"):
             np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("long_first", [True, False])
+def test_of_a_blackbox_file_of_two_flights_the_longest_is_fitted_and_the_other_named(
+    tmp_path: Path, flown: Flown, long_first: bool
+) -> None:
+    pytest.importorskip("orangebox", reason="orangebox is not installed")
+    long, short = (blackbox(*(signal[part] for signal in flown[1:])) for part in (slice(6000), slice(6000, 8000)))
+    (tmp_path / "one").write_bytes(long)
+    (tmp_path / "two").write_bytes(long + short if long_first else short + long)
+    expected, found = read_flight(tmp_path / "one"), read_flight(tmp_path / "two")
+    np.testing.assert_array_equal(found.flight.rates, expected.flight.rates)
+    np.testing.assert_array_equal(found.flight.drive, expected.flight.drive)
+    own, other = ("log1", "log2") if long_first else ("log2", "log1")
+    said = f"2 flights are in it: {own}, of 6000 rows, is fitted, and not {other} (2000 rows)."
+    assert any(said in one.sentence for one in found.findings)

@@ -103,6 +103,16 @@ def test_the_lines_thickness_is_asked_for_and_added() -> None:
     assert quantities[VISCOUS].value == pytest.approx(VISCOUS_NMS, rel=0.01)
 
 
+@pytest.mark.parametrize("line_mm", [0.2, 0.0, None])
+def test_a_radius_that_is_given_is_that_of_the_lines_middle_and_that_is_said(line_mm: float | None) -> None:
+    rig = thesis_rig().model_copy(update={"friction": FrictionRig(radius_mm=1.9, line_mm=line_mm)})
+    result = cfid.friction.fit([record(grams) for grams in (20.0, 30.0, 40.0)], rig=rig, radius_m=RADIUS_M)
+    assert result.quantities[COULOMB].value == pytest.approx(DRY_NM, rel=0.01)
+    said = [one.text for one in result.findings if one.code == "friction-line-not-added"]
+    assert bool(said) == bool(line_mm)
+    assert all("half of rig.toml's line_mm, 0.1 mm, is not added" in one for one in said)
+
+
 def test_a_radius_in_metres_is_rejected_with_its_unit() -> None:
     found = findings(FrictionRig(radius_mm=0.002, line_mm=0.0))
 

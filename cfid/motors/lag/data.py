@@ -18,6 +18,7 @@ from cfid.motors.lag.search import SETTLING_S
 from cfid.motors.lag.survey import PART_S, possible, survey
 from cfid.records.logs.any_kind import NO_OPTIONS, is_binary_log, read_log
 from cfid.records.logs.crazyflie_names import first_of
+from cfid.records.logs.flights import longest_flight
 from cfid.records.logs.kinds import is_flown
 from cfid.records.logs.limits import COMMANDS, FORCES, SPEEDS, Limits
 from cfid.records.logs.log import Channel, FlightLog, in_memory
@@ -257,6 +258,7 @@ def of_stand(table: StandTable) -> RotorLog | None:
 
 def of_log(log: FlightLog) -> RotorLog:
     """Find commands, speeds, voltage and acceleration in a log. Raises DataError without commands."""
+    log = longest_flight(log)
     commands = _of_motors(log, _COMMANDS)
     if not commands:
         raise DataError(
