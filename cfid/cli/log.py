@@ -1,14 +1,12 @@
 """`cfid log encoder`, `cfid log gyro` and `cfid log loadcell`: a device recorded into a new run."""
 
 from contextlib import ExitStack
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from cfid.console.flat import flat
-from cfid.console.labels import LABEL, LabelOptions
-from cfid.console.lists import comma_list
+from cfid.console.labels import LabelOptions, LoadOptions
 from cfid.console.live import LiveLine
 from cfid.console.messages import note
 from cfid.console.options import positive
@@ -19,7 +17,6 @@ from cfid.lazy import later
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from cfid.records.run import Label
     from cfid.rig.ready_vehicle import ReadyVehicle
 
 
@@ -30,42 +27,6 @@ _JUDGES = {
     "drop": later("cfid.friction.verdict", "verdict"),
     "loadcell": later("cfid.loadcell.verdict", "verdict"),
 }
-
-
-@dataclass(frozen=True, kw_only=True)
-class LoadOptions:
-    """A known load on the load cell, for `cfid fit loadcell`."""
-
-    pull: Annotated[
-        Literal["x", "-x", "y", "-y", "z", "-z"] | None,
-        typer.Option(help="Axis of the cell along which gravity points, to calibrate it.", rich_help_panel=LABEL),
-    ] = None
-    at_mm: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,Z[:STD]", help="Where the weight hangs, from the cell's origin.", rich_help_panel=LABEL
-        ),
-    ] = None
-
-    def on(self, label: "Label") -> "Label":
-        """Return the label with the load. Raises ConfigError for a place or a weight that lacks the other options."""
-        from cfid.errors import ConfigError
-
-        if self.pull is None and (self.at_mm or label.weight_g):
-            raise ConfigError("a weight needs --pull: the axis of the load cell along which gravity points.")
-        if self.at_mm and not label.weight_g:
-            raise ConfigError("--at-mm: is where a weight hangs: give --weight too.")
-        if self.at_mm is None:
-            return label.model_copy(update={"pull": self.pull})
-        words, colon, spread = self.at_mm.partition(":")
-        place = comma_list(words, "--at-mm", float, example="46,0,0")
-        std = comma_list(spread, "--at-mm", float, least=0, example="46,0,0:0.2") if colon else ()
-        if len(place) != 3 or len(std) > 1:
-            raise ConfigError(
-                f"--at-mm {self.at_mm}: should be three numbers, as in 46,0,0, or with their standard uncertainty, as "
-                "in 46,0,0:0.2."
-            )
-        return label.model_copy(update={"pull": self.pull, "at_mm": place, "at_std_mm": next(iter(std), None)})
 
 
 @flat

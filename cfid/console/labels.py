@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from cfid.console.lists import measured
+from cfid.console.lists import comma_list, measured
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
@@ -69,3 +69,39 @@ class LabelOptions:
             known = ", ".join(mounts) or "none"
             raise ConfigError(f"--axis {self.axis}: rig.toml has no such mount of the {body}; it has {known}.")
         return Label(axis=self.axis, weight_g=weight.value, weight_std_g=weight.std, body=body, note=self.note)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadOptions:
+    """A known load on the load cell, for `cfid fit loadcell`."""
+
+    pull: Annotated[
+        Literal["x", "-x", "y", "-y", "z", "-z"] | None,
+        typer.Option(help="Axis of the cell along which gravity points, to calibrate it.", rich_help_panel=LABEL),
+    ] = None
+    at_mm: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z[:STD]", help="Where the weight hangs, from the cell's origin.", rich_help_panel=LABEL
+        ),
+    ] = None
+
+    def on(self, label: "Label") -> "Label":
+        """Return the label with the load. Raises ConfigError for a place or a weight that lacks the other options."""
+        from cfid.errors import ConfigError
+
+        if self.pull is None and (self.at_mm or label.weight_g):
+            raise ConfigError("a weight needs --pull: the axis of the load cell along which gravity points.")
+        if self.at_mm and not label.weight_g:
+            raise ConfigError("--at-mm: is where a weight hangs: give --weight too.")
+        if self.at_mm is None:
+            return label.model_copy(update={"pull": self.pull})
+        words, colon, spread = self.at_mm.partition(":")
+        place = comma_list(words, "--at-mm", float, example="46,0,0")
+        std = comma_list(spread, "--at-mm", float, least=0, example="46,0,0:0.2") if colon else ()
+        if len(place) != 3 or len(std) > 1:
+            raise ConfigError(
+                f"--at-mm {self.at_mm}: should be three numbers, as in 46,0,0, or with their standard uncertainty, as "
+                "in 46,0,0:0.2."
+            )
+        return label.model_copy(update={"pull": self.pull, "at_mm": place, "at_std_mm": next(iter(std), None)})

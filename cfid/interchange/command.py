@@ -9,9 +9,10 @@ import typer
 from cfid.console.campaign import here
 from cfid.console.flat import flat
 from cfid.console.inputs import find_recording, open_workplace
-from cfid.console.labels import LabelOptions
+from cfid.console.labels import LabelOptions, LoadOptions
 from cfid.console.messages import echo, fitted, in_options, note
 from cfid.console.options import LoadCellOptions, LogClock, ReadingOptions, RigOptions
+from cfid.errors import ConfigError
 
 
 @flat
@@ -19,6 +20,7 @@ def import_file(
     *,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A log, or a table with times, of another program.")],
     label: LabelOptions,
+    load: LoadOptions,
     reading: ReadingOptions,
     loadcell: LoadCellOptions,
     clock: LogClock = None,
@@ -30,7 +32,8 @@ def import_file(
 ) -> None:
     """Make a run of a recording that another program made. The file stays as it is, and no run is changed.
 
-    A log of a vehicle with --axis is a swing that its gyro recorded.
+    A log of a vehicle with --axis is a swing that its gyro recorded. Forces with --pull and --weight are a known load,
+    for `cfid fit loadcell`.
 
     Example: [bold]cfid import LOG00.BIN[/bold]
     """
@@ -39,6 +42,10 @@ def import_file(
     into = here(campaign)
     kept = label.label(into)
     found = kind or importing.kind_of(file, reading.reading())
+    if found == "wrench" and load.pull is not None:
+        kept = load.on(kept)
+    elif load.pull is not None or load.at_mm is not None:
+        raise ConfigError("--pull and --at-mm are for forces of a load cell under a known weight.")
     if found == "angle":
         made = importing.import_angle(into, file, reading.reading(), label=kept, kind=label.kind_of_angles)
     elif found == "wrench":

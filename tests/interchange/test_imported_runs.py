@@ -1,6 +1,7 @@
 """`cfid import`: a foreign recording becomes a run that commands read like their own, with its origin, and is kept."""
 
 import hashlib
+import json
 import tomllib
 from pathlib import Path
 
@@ -127,6 +128,33 @@ def test_imported_forces_are_those_of_the_file(tmp_path: Path, campaign: Path) -
     found = read_wrench(run.folder, WrenchReading())
     np.testing.assert_array_equal(found.force_n[:, 2], 2 + ANGLE_RAD)
     np.testing.assert_array_equal(found.torque_nm[:, 2], 5 + ANGLE_RAD)
+
+
+def test_imported_forces_under_known_weights_calibrate_the_cell(
+    tmp_path: Path, campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of a cell that shows 2 % too much of Fz and 1 % too little of Ty; z points up, and weights hang along -z."""
+    rng = np.random.default_rng(1)
+    for grams, x_mm in ((0, 0), (50, 46), (100, 46), (100, -46), (200, 46), (200, -46)):
+        force = -9.81e-3 * grams
+        wrench = np.array([0, 0, 1.02 * force, 0, -0.99 * force * x_mm / 1000, 0])
+        shown = wrench + rng.normal(0, [1e-3] * 3 + [1e-5] * 3, (3000, 6))
+        file = tmp_path / f"{grams}_{x_mm}.csv"
+        np.savetxt(
+            file,
+            np.column_stack([TIME_S, shown]),
+            delimiter=",",
+            header="t,Fx (N),Fy (N),Fz (N),Tx (N-m),Ty (N-m),Tz (N-m)",
+            comments="",
+        )
+        weight = ("--weight", f"{grams}:0.01", "--at-mm", f"{x_mm},0,0:0.05") if grams else ()
+        imported(campaign, file, "--pull", "-z", *weight)
+    capsys.readouterr()
+    assert code("fit", "loadcell", "--campaign", str(campaign), "--json") == 0
+    found = json.loads(capsys.readouterr().out)["parameters"]
+    assert found["loadcell.gain.fz"]["value"] == pytest.approx(1.02, abs=3e-4)
+    assert found["loadcell.gain.ty"]["value"] == pytest.approx(0.99, abs=3e-4)
+    assert code("import", str(tmp_path / "0_0.csv"), "--campaign", str(campaign), "--at-mm", "1,2,3") == 2
 
 
 def test_what_is_ambiguous_is_a_question_and_makes_no_run(
