@@ -76,6 +76,27 @@ def test_a_speed_map_is_fitted_to_what_a_tachometer_sent_as_lines_by_its_own_mar
     assert offset == pytest.approx(IDLE_RAD_PER_S, rel=1e-3)
 
 
+@pytest.mark.parametrize(("share", "reason"), [(0.5, "the speeds are 0.50 times"), (4.0, "implausible at 65535 cmd")])
+def test_speeds_of_a_tachometer_that_the_fit_rejects_are_of_no_use_at_once(
+    tmp_path: Path, share: float, reason: str
+) -> None:
+    short = ("--from", 20000, "--to", 40000, "--step", 20000, "--hold", 1, "--rest", 0.5, "--yes", "--no-preflight")
+    with (
+        bench_in(tmp_path) as bench,
+        showing(bench, "tachometer", "rpm", lambda motors: share * rpm(motors), "markers = 1"),
+    ):
+        pilot = bench.start("log", "speed", "--tachometer", "lines", *short)
+        assert pilot.end() == 0, pilot.err
+        fitted = in_this_process(["fit", "speed", str(bench.run().folder), "--json", "--no-figures"], tmp_path)
+
+    verdict = bench.run().header.verdict
+    assert verdict is not None
+    assert not verdict.usable
+    assert reason in verdict.text
+    assert fitted.returncode == 5
+    assert reason in fitted.stderr
+
+
 def grams(motors: Four) -> float:
     return 50 - 1e3 * sum(map(thrust_n, motors)) / 9.81
 

@@ -4,24 +4,31 @@ import numpy as np
 
 from cfid.counted import counted
 from cfid.errors import DataError, FitError
-from cfid.findings import joined
-from cfid.motors.maps.estimation import fit_speed
+from cfid.findings import joined, texts
+from cfid.motors.maps.result import fit_speed
 from cfid.motors.maps.scales import scales_thrust_n
 from cfid.motors.plan import FEWEST_COMMANDS, StaircasePlan
-from cfid.motors.points import Array, MotorPoints, rotor_speed_rad_s
+from cfid.motors.points import Array
 from cfid.motors.typed import Expected, expected_of
 from cfid.motors.verdict import too_few
-from cfid.quantities.platforms import Platform
 from cfid.records.campaign import find_campaign
-from cfid.records.plausibility import platform_of
+from cfid.records.plausibility import judged, platform_of
+from cfid.records.rig_file import Rig
 from cfid.records.run import Run
-from cfid.records.tables.vehicle import READINGS, VEHICLE_LOG, holds, read_rows, shown_at_commands, told_speeds_rad_s
+from cfid.records.tables.vehicle import (
+    READINGS,
+    TACHOMETER,
+    VEHICLE_LOG,
+    holds,
+    read_rows,
+    shown_at_commands,
+    told_speeds_rad_s,
+)
 from cfid.units import DEAD_COMMAND, USUAL_GRAVITY_MPS2
 
 _SHARE = 0.5  # of the steps that must be there
 _RISES = 0.02  # of the largest: what an instrument has to show more at the highest command than at the lowest
 _SHOWN = {"tachometer": ("rpm", "rpm"), "scales": ("grams", "g")}  # of each instrument the column, and its unit
-_OF_RIG = "speed-unusual"  # a rejection that a rig of any other body takes back
 _MARKERS = "If only markers in rig.toml is wrong, correct it: `cfid fit speed` with `markers` takes these readings."
 
 
@@ -32,21 +39,19 @@ def of_readings(run: Run) -> str:
     """
     plan = StaircasePlan.of_run(run)
     if not holds(run, READINGS):
-        return _of_instrument(run)
+        return _of_instrument(run, plan)
     columns = read_rows(run, READINGS).columns
     ((name, value),) = ((name, column) for name, column in columns.items() if name != "command")
     command, read, steps = columns["command"], int(np.count_nonzero(np.isfinite(value))), len(plan.steps)
     if read < _SHARE * steps:
         raise DataError(f"only {read} of {steps} steps have a reading.")
-    campaign = find_campaign(None, start=run.folder.resolve().parent)
-    platform = platform_of(None if campaign is None else campaign.rig)
-    markers = run.header.rig.tachometer.markers
+    markers, platform = run.header.rig.tachometer.markers, platform_of(_rig_around(run))
     expected = expected_of(name, motors=len(plan.motors), markers=markers, platform=platform)
     if expected is not None:
         _check_plausible(command, value, expected)
     found = f"{counted(read, 'reading')} at {counted(steps, 'step')}, from {value.min():g} to {value.max():g}."
     if name == "rpm":
-        return found + _about_speeds(command, value, markers or 1, platform=platform)
+        return found + _about_speeds(run, command)
     return found + _about_weights(command, value, motors=len(plan.motors))
 
 
@@ -59,17 +64,21 @@ def _check_plausible(command: Array, value: Array, expected: Expected) -> None:
             raise DataError(f"command {command[place]:.0f}: {fault}")
 
 
-def _about_speeds(command: Array, rpm: Array, markers: int, *, platform: Platform) -> str:
-    """Return what a line through readings (n,) lacks, "" where it has enough. Raises FitError where it misses them."""
+def _rig_around(run: Run) -> Rig | None:
+    """Return the rig of the campaign that a run is in, by which the fit judges too."""
+    campaign = find_campaign(None, start=run.folder.resolve().parent)
+    return None if campaign is None else campaign.rig
+
+
+def _about_speeds(run: Run, command: Array) -> str:
+    """Return what a map of speeds at commands (n,) lacks, "" where it has enough. Raises as `fit_speed` refuses it."""
     if lacking := too_few(command, FEWEST_COMMANDS["speed"], "cfid fit speed"):
         return lacking
-    speed = rotor_speed_rad_s(rpm, markers=markers)
-    mapped = fit_speed(MotorPoints(command=command, speed_rad_s=speed))
-    against = [one for one in mapped.findings if one.severity == "rejection"]
-    against = [one for one in against if one.code != _OF_RIG or platform != "other"]
-    if against:
-        advice = [_MARKERS] if any(one.code == _OF_RIG for one in against) else []
-        raise FitError(joined([*(one.text for one in against), *advice]))
+    result = judged(fit_speed(run), _rig_around(run))
+    if not result.accepted:
+        counted_marks = holds(run, READINGS) or holds(run, TACHOMETER)
+        unusual = any(one.code == "speed-unusual" for one in result.findings)
+        raise FitError(joined([*texts(result.findings, "rejection"), *[_MARKERS] * (counted_marks and unusual)]))
     return ""
 
 
@@ -91,8 +100,11 @@ def _counted(run: Run) -> str:
     return f" and counts {counted(markers, 'marker')} a turn: divided by {markers}, these are speeds of the rotor"
 
 
-def _of_instrument(run: Run) -> str:
-    """Say what a tachometer or scales showed, or the vehicle's log. Raises DataError where that follows no command."""
+def _of_instrument(run: Run, plan: StaircasePlan) -> str:
+    """Say what a tachometer or scales showed, or the vehicle's log, and what their fit lacks.
+
+    Raises DataError where that follows no command, FitError where the fit refuses it.
+    """
     for device, (column, unit) in _SHOWN.items():
         if holds(run, device):
             _, command, value = shown_at_commands(run, device, column)
@@ -105,8 +117,10 @@ def _of_instrument(run: Run) -> str:
                     f"the {device} shows {low:.4g} {unit} at the lowest command and {high:.4g} at the highest."
                 )
             shown = f"the {device} shows {low:.4g} {unit} at the lowest command and {high:.4g} at the highest"
-            return f"{shown}{_counted(run) if unit == 'rpm' else ''}."
+            if unit == "rpm":
+                return f"{shown}{_counted(run)}.{_about_speeds(run, command[driven])}"
+            return f"{shown}.{_about_weights(command, value, motors=len(plan.motors))}"
     speeds = told_speeds_rad_s(read_rows(run, VEHICLE_LOG)) if holds(run, VEHICLE_LOG) else {}
     if not any(np.any(speed > 0) for speed in speeds.values()):
         raise DataError("the vehicle's log has no speed above 0.")
-    return "the vehicle's log has the speeds."
+    return f"the vehicle's log has the speeds.{_about_speeds(run, np.array(plan.steps))}"
