@@ -105,7 +105,7 @@ def thrust(
             rate_hz=rate_hz,
             keep=keep,
             note=note,
-            judge=later("cfid.motors.verdict", "of_forces"),
+            judge=later("cfid.motors.maps.verdict", "of_forces"),
         )
 
 

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from cfid.errors import DataError, FitError
-from cfid.motors.maps import fit_speed, fit_thrust
-from cfid.motors.maps.verdict import of_readings
+from cfid.motors.maps import fit_speed, fit_thrust, fit_torque
+from cfid.motors.maps.verdict import of_forces, of_readings
 from cfid.motors.typed import expected_of
-from cfid.motors.verdict import of_forces
 from cfid.records.facts import RigFacts, Tachometer
 from cfid.records.rig_file import RIG_FILE, new_rig_text
 from cfid.records.run import DeviceRecord, Label, Run
@@ -87,6 +86,18 @@ def test_a_staircase_too_short_for_a_map_says_what_the_fit_takes(
 
     assert ("`cfid fit thrust` takes at least 3 commands above 1000, from this run and others" in said) == bool(lacking)
     assert said.endswith(lacking or "mN.")
+
+
+def test_a_staircase_whose_torque_is_dead_is_good_for_thrust_and_says_why_it_gives_no_torque(tmp_path: Path) -> None:
+    commands = tuple(range(0, 60001, 10000))
+    record = climbed(commands)
+    record.wrench[:, 5] = 2e-4 * np.random.default_rng(1).standard_normal(len(record.wrench))
+    run = write_run(tmp_path, record, steps=commands, motors=[1, 3], hold_s=2.0, rest_s=1.0)
+    (reason,) = (one.text for one in fit_torque(run).findings if one.code == "map-misfit")
+    said = of_forces(run)
+
+    assert said.startswith("6 of 6 steps are steady, Fz from")
+    assert f"Torque: `cfid fit torque` rejects it: {reason}" in said
 
 
 def typed(folder: Path, kind: str, column: str, readings: Mapping[int, float], *, markers: int = 2) -> Run:

@@ -124,7 +124,7 @@ def of_run(run: Run, stand: Stand, reading: WrenchReading, *, rotors: Rotors | N
     refuse_contradiction(run.folder.name, {"`motors`": stand.motors}, {"`motors`": ran and len(ran)})
     stand = stand.where(run.header.rig)
     if holds(run, LOADCELL):
-        return _of_staircase(read_wrench(run.folder, reading), stand, rotors)
+        return of_staircase(read_wrench(run.folder, reading), stand, rotors)
     if holds(run, READINGS) and "rpm" in _typed(run):
         return _of_readings(run, stand)
     if holds(run, TACHOMETER):
@@ -146,7 +146,7 @@ def _typed(run: Run) -> tuple[str, ...]:
     return run.header.devices[READINGS].columns if READINGS in run.header.devices else ()
 
 
-def _of_staircase(record: WrenchRecord, stand: Stand, rotors: Rotors | None) -> Evidence:
+def of_staircase(record: WrenchRecord, stand: Stand, rotors: Rotors | None = None) -> Evidence:
     """Take the steps of a run on the load cell."""
     found = reduce_run(record, flip_fz=bool(stand.flip_fz))
     assert found.run is not None

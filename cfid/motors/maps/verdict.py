@@ -1,16 +1,17 @@
-"""Judge readings as soon as they are recorded: those typed, and what a tachometer, scales or the vehicle showed."""
+"""Judge a staircase as soon as it is recorded: of the load cell, of typed readings, or of what an instrument showed."""
 
 import numpy as np
 
 from cfid.counted import counted
 from cfid.errors import DataError, FitError
 from cfid.findings import joined, texts
-from cfid.motors.maps.result import fit_speed
+from cfid.motors.maps.data import of_staircase
+from cfid.motors.maps.evidence import Evidence, Stand
+from cfid.motors.maps.result import fit_speed, fit_torque
 from cfid.motors.maps.scales import scales_thrust_n
 from cfid.motors.plan import FEWEST_COMMANDS, StaircasePlan
 from cfid.motors.points import Array
 from cfid.motors.typed import Expected, expected_of
-from cfid.motors.verdict import too_few
 from cfid.records.campaign import find_campaign
 from cfid.records.plausibility import judged, platform_of
 from cfid.records.rig_file import Rig
@@ -24,12 +25,49 @@ from cfid.records.tables.vehicle import (
     shown_at_commands,
     told_speeds_rad_s,
 )
+from cfid.records.tables.wrench import AXES, WrenchReading, read_wrench
 from cfid.units import DEAD_COMMAND, USUAL_GRAVITY_MPS2
 
 _SHARE = 0.5  # of the steps that must be there
 _RISES = 0.02  # of the largest: what an instrument has to show more at the highest command than at the lowest
 _SHOWN = {"tachometer": ("rpm", "rpm"), "scales": ("grams", "g")}  # of each instrument the column, and its unit
 _MARKERS = "If only markers in rig.toml is wrong, correct it: `cfid fit speed` with `markers` takes these readings."
+
+
+def of_forces(run: Run) -> str:
+    """Say how many steps of a load cell's staircase are steady, and why they give no torque where the fit says so.
+
+    Raises DataError or FitError where few are steady.
+    """
+    steps = sum(command > 0 for command in StaircasePlan.of_run(run).steps)  # at 0 it is the tare
+    record = read_wrench(run.folder, WrenchReading())
+    evidence = of_staircase(record, Stand().where(run.header.rig))
+    axis, reduced = record.main_axis, evidence.reduced[0].staircase
+    points = reduced.steady()
+    left_out = [f"command {point.command} is not: {point.reason}" for point in reduced.points if not point.settled]
+    if len(points) < _SHARE * steps:
+        raise FitError(f"only {len(points)} of {steps} steps are steady: hold them longer, or let the rig settle.")
+    unit = "mN" if axis.startswith("F") else "mNm"
+    least, most = (1e3 * float(end(point.mean[AXES.index(axis)] for point in points)) for end in (min, max))
+    found = f"{len(points)} of {steps} steps are steady, {axis} from {least:.0f} to {most:.0f} {unit}"
+    commands = np.array([point.command or 0 for point in points], dtype=np.float64)
+    told = "; ".join([found, *left_out[:1]]) + "."
+    if lacking := _too_few(commands, FEWEST_COMMANDS["thrust"], "cfid fit thrust"):
+        return told + lacking
+    return told + (_about_torque(run, evidence) if {"Fz", "Tz"} <= set(record.axes) else "")
+
+
+def _about_torque(run: Run, evidence: Evidence) -> str:
+    """Return why the fit of torque refuses a staircase, "" where it takes it, or where rotors' torques cancel."""
+    torque_nm = evidence.points.torque_nm
+    if torque_nm is None or np.isnan(torque_nm).all():
+        return ""
+    try:
+        result = judged(fit_torque(evidence), _rig_around(run))
+        against = () if result.accepted else texts(result.findings, "rejection")
+    except FitError as error:
+        against = (str(error),)
+    return f" Torque: `cfid fit torque` rejects it: {joined(against)}" if against else ""
 
 
 def of_readings(run: Run) -> str:
@@ -55,6 +93,17 @@ def of_readings(run: Run) -> str:
     return found + _about_weights(command, value, motors=len(plan.motors))
 
 
+def _too_few(command: Array, coefficients: int, fit: str) -> str:
+    """Return that a map needs points at more commands than these (n,), "" where they suffice."""
+    there = len(np.unique(command[command > DEAD_COMMAND]))
+    if there >= coefficients:
+        return ""
+    return (
+        f" Too short for a map of its own: `{fit}` takes at least {coefficients} commands above {DEAD_COMMAND}, from "
+        f"this run and others, and {'here is 1' if there == 1 else f'here are {there}'}."
+    )
+
+
 def _check_plausible(command: Array, value: Array, expected: Expected) -> None:
     """Raise DataError that names an implausible reading (n,): of motors that stand, or the furthest from the others."""
     furthest = int(np.argmax(np.abs(value - np.median(value))))
@@ -72,7 +121,7 @@ def _rig_around(run: Run) -> Rig | None:
 
 def _about_speeds(run: Run, command: Array) -> str:
     """Return what a map of speeds at commands (n,) lacks, "" where it has enough. Raises as `fit_speed` refuses it."""
-    if lacking := too_few(command, FEWEST_COMMANDS["speed"], "cfid fit speed"):
+    if lacking := _too_few(command, FEWEST_COMMANDS["speed"], "cfid fit speed"):
         return lacking
     result = judged(fit_speed(run), _rig_around(run))
     if not result.accepted:
