@@ -13,6 +13,7 @@ Words = tuple[str, ...]
 
 _WEIGHTS_G = (20, 30, 40)
 _WINDS = 6
+_ABOVE_IDLE: Words = ("--from", "8000", "--motor", "1,2,3,4")  # of a Brushless: rotors left out idle at 7000, and pull
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,9 +80,9 @@ def tasks(
     every = {
         "inertia": _inertia(rig, _mounts(rig, order, swung), by_gyro=by_gyro),
         "friction": _friction(rig),
-        "thrust": _thrust(),
+        "thrust": _thrust(rig),
         "torque": _torque(rig),
-        "speed": _speed(),
+        "speed": _speed(rig),
         "latency": _latency(),
         "tf": _transfer(),
         "drag": _drag(),
@@ -141,18 +142,19 @@ def _friction(rig: Rig) -> Task:
     return Task(section="friction", recordings=recordings, fit=("fit", "friction"), aims=(aim,))
 
 
-def _thrust() -> Task:
+def _thrust(rig: Rig) -> Task:
     aims = (
         Aim(key="motor.max_thrust_n", std=0.03, purpose="the limit of a mixer: 3 %"),
         Aim(key="motor.hover_mass_kg", std=0.02, purpose="the command that hovers: 2 %"),
     )
-    return Task(section="thrust", recordings=(_staircase("thrust"),), fit=("fit", "thrust"), aims=aims)
+    return Task(section="thrust", recordings=(_forces(rig),), fit=("fit", "thrust"), aims=aims)
 
 
 def _torque(rig: Rig) -> Task:
     weights = partial(slope_at_hover, rig=rig)
     aim = Aim(key="motor.torque_poly", std=0.05, purpose="yaw in a simulator, in hover: 5 %", weights=weights)
-    return Task(section="torque", recordings=(_staircase("thrust"),), fit=("fit", "torque"), aims=(aim,))
+    recordings = () if _is_brushless(rig) else (_forces(rig),)  # the torques of all four rotors cancel
+    return Task(section="torque", recordings=recordings, fit=("fit", "torque"), aims=(aim,))
 
 
 def slope_at_hover(count: int, rig: Rig) -> list[float]:
@@ -161,9 +163,15 @@ def slope_at_hover(count: int, rig: Rig) -> list[float]:
     return [power * thrust_n ** max(power - 1, 0) for power in reversed(range(count))]
 
 
-def _speed() -> Task:
+def _speed(rig: Rig) -> Task:
     aim = Aim(key="motor.speed_poly", std=0.02, purpose="rotors in a simulator: 2 %", weights=at_middle)
-    return Task(section="speed", recordings=(_staircase("speed"),), fit=("fit", "speed"), aims=(aim,))
+    words: Words = ("log", "speed")
+    reminder = "Point the tachometer at rotor 1, with its strips on, a full battery in."
+    if _is_brushless(rig):
+        words = (*words, "--tachometer", "brushless", *_ABOVE_IDLE)
+        reminder = "Fasten the vehicle, propellers on, a full battery in."
+    staircase = Assignment(words=words, reminder=reminder, kind="speed")
+    return Task(section="speed", recordings=(staircase,), fit=("fit", "speed"), aims=(aim,))
 
 
 def at_middle(count: int) -> list[float]:
@@ -171,11 +179,14 @@ def at_middle(count: int) -> list[float]:
     return [MIDDLE**power for power in reversed(range(count))]
 
 
-def _staircase(kind: str) -> Assignment:
+def _forces(rig: Rig) -> Assignment:
     reminder = "Fasten the vehicle on the load cell, propellers on, a full battery in."
-    if kind == "speed":
-        reminder = "Point the tachometer at rotor 1, with its strips on, a full battery in."
-    return Assignment(words=("log", kind), reminder=reminder, kind=kind)
+    words = ("log", "thrust", *(_ABOVE_IDLE if _is_brushless(rig) else ()))
+    return Assignment(words=words, reminder=reminder, kind="thrust")
+
+
+def _is_brushless(rig: Rig) -> bool:
+    return rig.vehicle.platform == "cf21bl"
 
 
 def _latency() -> Task:

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from cfid.guide.plan import tasks
+from cfid.records.rig_file import load_rig
 from tests.flying_in_a_folder import bench_in
 
 pytestmark = pytest.mark.usefixtures("in_time")
@@ -20,3 +22,16 @@ def test_answers_after_the_first_are_those_of_the_command_that_next_becomes(tmp_
         assert "not confirmed: no motor was started." in pilot.err
         assert "next: cfid log thrust" in pilot.out
         assert len(bench.history) == 1
+
+
+def test_a_brushless_is_sent_to_staircases_that_its_rotors_allow(tmp_path: Path) -> None:
+    with bench_in(tmp_path, crazyflie={"platform": "cf21bl"}) as bench:
+        file = tmp_path / "rig.toml"
+        file.write_text(file.read_text().replace('platform = "cf2"', 'platform = "cf21bl"'))
+        planned = {task.section: task.recordings[0].words for task in tasks(load_rig(file), kind="motors")}
+        for words in (("next", "--kind", "motors"), (*planned["speed"], "--no-preflight")):
+            pilot = bench.start(*words, stdin=subprocess.PIPE)
+            pilot.process.communicate(b"y\nn\n" if words[0] == "next" else b"n\n")
+
+            assert "not confirmed: no motor was started." in pilot.err
+    assert "torque" not in planned  # those of four rotors cancel
