@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from cfid.records.run import Run
-from cfid.records.tables.vehicle import COMMANDS, READINGS, holds, read_commands, read_rows
+from cfid.records.tables.vehicle import COMMANDS, READINGS, TakenBackError, holds, read_commands, read_rows
 
 _ENOUGH = 0.98  # of the time that a step is held
 
@@ -33,9 +33,12 @@ def steps_read_later(run: Run, among: Sequence[Run]) -> frozenset[int]:
 
 
 def _read_steps(run: Run) -> list[int]:
-    """Return the commands that a reading was typed of."""
+    """Return the commands that a reading was typed of, and not taken back."""
     record = run.header.devices.get(READINGS)
-    return read_rows(run, READINGS).columns["command"].astype(int).tolist() if record and record.rows else []
+    try:
+        return read_rows(run, READINGS).columns["command"].astype(int).tolist() if record and record.rows else []
+    except TakenBackError:
+        return []
 
 
 def held_steps(run: Run) -> list[int]:

@@ -187,6 +187,15 @@ def test_a_command_whose_reading_was_typed_in_the_run_that_completes_it_is_taken
     assert not any(one.code == "drag-rotor-speed-unknown" for one in found.findings)
 
 
+def test_a_run_whose_only_reading_was_taken_back_is_as_one_of_which_none_was_typed(campaign: Path) -> None:
+    runs = resumed(campaign, first_typed=1)
+    file = runs[1].device_file("readings")
+    header, row = file.read_text().splitlines()
+    file.write_text(f"{header},withdrawn\n{row},0\n{row},1\n")
+
+    assert sorted(drag.read_runs(runs).command.tolist()) == [20000, 40000]
+
+
 def test_a_command_of_an_interrupted_run_counts_as_recorded_once_its_reading_is_typed(campaign: Path) -> None:
     first = resumed(campaign, first_typed=1)[1]
 

@@ -875,6 +875,22 @@ def test_a_reading_that_was_not_typed_is_asked_for_again(bench: Bench) -> None:
     assert "is no run of `cfid log thrust` that could be resumed" in other.err
 
 
+def test_a_run_whose_only_reading_was_taken_back_is_resumed_from_its_first_step(bench: Bench) -> None:
+    words = ("log", "speed", "--from", 20000, "--to", 30000, "--step", 10000, "--hold", 0.2, "--rest", 0.1, "--yes")
+    pilot = bench.start(*words, "--no-preflight", stdin=subprocess.PIPE)
+    assert pilot.process.stdin is not None
+    pilot.process.stdin.write(b"12000\nu\n")
+    pilot.process.stdin.flush()
+    bench.wait_until(lambda: "taken back" in pilot.err, pilot)
+    pilot.send(signal.SIGINT)
+    assert pilot.end() == 0
+    named = re.search(r"`cfid (log speed --resume \S+)` records what it lacks", " ".join(pilot.out.split()))
+    assert named is not None
+    again = bench.start(*named[1].split(), "--dry-run")
+    assert again.end() == 0, again.err
+    assert again.out.startswith("2 commands from 20000 to 30000")
+
+
 def test_the_console_obeys_lines(bench: Bench) -> None:
     pilot = bench.start("motors", "--yes", stdin=subprocess.PIPE)
     assert pilot.process.stdin is not None

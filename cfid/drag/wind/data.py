@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -27,7 +28,7 @@ from cfid.records.frames import turn_about_z
 from cfid.records.parameters import Source
 from cfid.records.run import refuse_contradiction, run_holding
 from cfid.records.run_notes import run_at
-from cfid.records.tables.vehicle import COMMANDS, READINGS, Rows, holds, read_rows
+from cfid.records.tables.vehicle import COMMANDS, READINGS, Rows, TakenBackError, holds, read_rows
 from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
 from cfid.records.tables.wrench_faults import without_faults, without_stuck
 from cfid.units import DEAD_COMMAND
@@ -93,7 +94,9 @@ def reduce_run(path: Path, how: WindReading, *, read_later: frozenset[int] = fro
         raise DataError(f"{run.device_file(COMMANDS)}: has no rows.")
     staircase = motors.reduce_run(record)  # its pauses give the tare, in the wind and with still rotors
     points = staircase.reduced.steady()
-    readings = read_rows(run, READINGS) if holds(run, READINGS) else None
+    readings = None
+    with suppress(TakenBackError):
+        readings = read_rows(run, READINGS) if holds(run, READINGS) else None
     volts = staircase.volts(points)
     findings = _assumptions(facts, setting, typed=readings is not None)
     forces, unknown = [], []

@@ -28,6 +28,10 @@ _NO_VALUES = ("t", _WITHDRAWN)
 _MOTORS = ("m1", "m2", "m3", "m4")
 
 
+class TakenBackError(DataError):
+    """Every reading of a run was taken back: it is as one of which none was typed."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Rows:
     """A device's file: times (n,) in Unix seconds, every other column (n,) by its name."""
@@ -55,7 +59,7 @@ def read_rows(run: Run, device: str) -> Rows:
     if device == READINGS and _WITHDRAWN in table.names:
         values = _not_withdrawn(values, table.names.index(_WITHDRAWN))
         if not len(values):
-            raise DataError(f"{path}: every reading was taken back.")
+            raise TakenBackError(f"{path}: every reading was taken back.")
     columns = {name: column for name, column in zip(table.names, values.T, strict=True) if name not in _NO_VALUES}
     return Rows(source=Source(str(path), table.sha256), time_s=values[:, 0], columns=columns)
 
