@@ -1,7 +1,7 @@
 """`cfid log thrust`, `cfid log speed`, `cfid log scales`: a staircase of commands, and what is read at each."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import typer
 
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
 
 _STAIRCASE, _INSTRUMENT = "Staircase", "Instrument"
+
+Tachometer = Literal["typed", "ut372", "lines", "deck", "brushless"]
 
 _SPEED_STEP, _SPEED_HOLD_S, _SPEED_REST_S = 2000, 6.0, 2.0  # a tachometer's display takes seconds to settle
 _SCALES_STEP, _SCALES_HOLD_S, _SCALES_REST_S = 4000, 5.0, 3.0  # as in figure 3.9
@@ -114,12 +116,13 @@ def speed(
     *,
     options: StaircaseOptions,
     tachometer: Annotated[
-        Literal["typed", "ut372", "lines", "deck", "brushless"],
+        Tachometer | None,
         typer.Option(
-            help="Source of the speed: typed by you, a UT372, lines, the RPM deck, brushless motors.",
+            help="Source of the speed: typed by you, a UT372, lines, the RPM deck, brushless motors; default: typed, "
+            "or that of the run to resume.",
             rich_help_panel=_INSTRUMENT,
         ),
-    ] = "typed",
+    ] = None,
     port: Annotated[
         str | None, typer.Option(help="Port of the UT372; default: search for it.", rich_help_panel=_INSTRUMENT)
     ] = None,
@@ -136,10 +139,11 @@ def speed(
     """
     from cfid.motors.record import record_speed
 
+    rig = rig_of(keep.campaign)
+    tachometer = tachometer or _tachometer_of(resume, rig[0])
     if port is not None and tachometer != "ut372":
         raise ConfigError(f"--port is the UT372's, and --tachometer is {tachometer}.")
     wanted = options.staircase(motors_of(motor, (1,)), step=_SPEED_STEP, hold_s=_SPEED_HOLD_S, rest_s=_SPEED_REST_S)
-    rig = rig_of(keep.campaign)
     wanted = _left("speed", wanted, resume, rig[0])
     if options.dry_run:
         announce(wanted)
@@ -216,6 +220,16 @@ def announce(staircase: "StaircasePlan") -> None:
         f"motors {motors}, "
         f"{staircase.hold_s:g} s each with {staircase.rest_s:g} s of pause: {clock(staircase.duration_s)} min"
     )
+
+
+def _tachometer_of(resume: ResumeOptions, campaign: "Campaign") -> Tachometer:
+    """Return the instrument of the run to resume; `typed` where that states none, and for a new run."""
+    from cfid.records.run import read_run
+
+    if resume.word is None:
+        return "typed"
+    asked = read_run(interrupted(resume.word, campaign, kind="speed")).header.requested.get("tachometer")
+    return next((one for one in get_args(Tachometer) if one == asked), "typed")
 
 
 def _left(kind: str, wanted: "StaircasePlan", resume: ResumeOptions, campaign: "Campaign") -> "StaircasePlan":

@@ -121,6 +121,7 @@ def record_speed(
         instrument=instrument,
         value="rpm",
         question=question,
+        requested={"tachometer": tachometer},
         vehicle=vehicle,
         keep=keep,
         note=note,
@@ -161,6 +162,7 @@ def record_scales(
         instrument=instrument,
         value="grams",
         question=question,
+        requested={},
         vehicle=vehicle,
         keep=keep,
         note=note,
@@ -186,6 +188,7 @@ def _record_readings(
     instrument: Callable[[ReadyVehicle, ExitStack, Say], list[Device]],
     value: str,
     question: str | None,
+    requested: Mapping[str, Any],
     vehicle: ExperimentOptions,
     keep: KeepOptions,
     note: str | None,
@@ -204,7 +207,7 @@ def _record_readings(
         effort += NOT_READ if vehicle.no_preflight else _quick([crazyflie.usual_log()], staircase, rig)
         confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes, effort=effort, ring=live.ring)
         procedure = _procedure(staircase, question, live, _expected(staircase, rig, value), tare=False)
-        plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested={}, question=question)
+        plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested=requested, question=question)
         record(f"log {kind}", plan, parts, live, keep, judge=judge)
 
 

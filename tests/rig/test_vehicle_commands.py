@@ -833,6 +833,23 @@ def test_speeds_that_the_vehicle_tells_itself_are_logged(tmp_path: Path, option:
     assert log[column].max() == pytest.approx(rpm, rel=0.02)
 
 
+def test_speeds_that_the_vehicle_tells_itself_are_resumed_as_such(tmp_path: Path) -> None:
+    quick = ("--hold", 0.6, "--rest", 0.3, "--yes", "--no-preflight")
+    with bench_in(tmp_path, crazyflie={"rpm_deck": True}) as bench:
+        pilot = bench.start(
+            "log", "speed", "--from", 20000, "--to", 30000, "--step", 10000, *quick, "--tachometer", "deck"
+        )
+        bench.wait_until(lambda: bench.motors[0] == 30000, pilot)
+        pilot.send(signal.SIGINT)
+        assert pilot.end() == 0, pilot.err
+        again = bench.start("log", "speed", "--resume", bench.run().folder, *quick[-2:])
+        assert again.end() == 0, again.err
+        first, second = sorted((bench.folder / "runs").iterdir())
+    assert read_run(second).header.requested["steps"] == [30000]
+    assert "rpm.m1" in pd.read_csv(second / "crazyflie.csv").columns
+    assert read_run(first).header.devices.keys() == read_run(second).header.devices.keys()
+
+
 def test_a_vehicle_without_a_deck_says_so(bench: Bench) -> None:
     pilot = bench.start("log", "speed", "--tachometer", "deck", "--yes", "--no-preflight")
     assert pilot.end() == 3
