@@ -41,6 +41,7 @@ _FORCES: tuple[_Sensor, ...] = (
     (("accelerometer_m_s2[0]", "accelerometer_m_s2[1]", "accelerometer_m_s2[2]"), _DOWN, None),
     (("accSmooth[0]", "accSmooth[1]", "accSmooth[2]"), _UP, None),
 )
+_COUNTED = ("gyroADC[0]", "gyroADC[1]", "gyroADC[2]", "accSmooth[0]", "accSmooth[1]", "accSmooth[2]")
 _OF_PX4 = ("xyz[0]", "xyz[1]", "xyz[2]")  # of many of its topics
 _VELOCITY, _QUATERNION = ("vx", "vy", "vz"), ("qw", "qx", "qy", "qz")  # of motion capture, in the world's axes
 _TELLING = 100  # rows of commands
@@ -113,7 +114,13 @@ def _sensor(
         for series in log.series:
             if set(names) <= set(series.variables) and (names is not _OF_PX4 or series.name == topic):
                 for name in names:
-                    refuse_unread(log, series.channels[series.place_of(name)])
+                    channel = series.channels[series.place_of(name)]
+                    refuse_unread(log, channel)
+                    if name in _COUNTED and not channel.own_unit:
+                        raise DataError(
+                            f"{log.path}: what a count of '{name}' is stands in the blackbox file alone: take that, or "
+                            "a run or a MATLAB file that `cfid import` or `cfid convert` made of it."
+                        )
                 values = np.column_stack([sign * series.values(name) for name, sign in zip(names, signs, strict=True)])
                 known = np.isfinite(values).all(axis=1)
                 if np.count_nonzero(known) > 1:

@@ -110,7 +110,7 @@ class _Estimate(NamedTuple):
 _NEVER_SETTLED = rejection(
     "friction-never-settled",
     "the speed settled in no run (as in the thesis' of 10 g, figure 2.9): use heavier weights or a longer fall, or set "
-    "the window by hand.",
+    "another window by hand.",
     VISCOUS,
     COULOMB,
     SETUP_INERTIA,

@@ -170,3 +170,13 @@ def test_of_a_blackbox_file_of_two_flights_the_longest_is_fitted_and_the_other_n
     own, other = ("log1", "log2") if long_first else ("log2", "log1")
     said = f"2 flights are in it: {own}, of 6000 rows, is fitted, and not {other} (2000 rows)."
     assert any(said in one.sentence for one in found.findings)
+
+
+def test_a_table_of_blackbox_counts_is_refused_with_what_has_their_unit(
+    tmp_path: Path, cfid: Cfid, flown: Flown
+) -> None:
+    pytest.importorskip("orangebox", reason="orangebox is not installed")
+    (tmp_path / "log.bbl").write_bytes(blackbox(*(signal[:3000] for signal in flown[1:])))
+    assert cfid("convert", "log.bbl", "--to", "csv", "--out", "log.csv").returncode == 0
+    with pytest.raises(DataError, match=r"count of 'gyroADC\[0\]' is stands in the blackbox file alone: take that"):
+        read_flight(tmp_path / "log.csv")

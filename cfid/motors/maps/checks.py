@@ -31,7 +31,7 @@ _MORE = 3  # different values of half of the points more than the order, to comp
 _LARGEST_IN_STD = 3.0  # between halves, of the standard uncertainties of both
 _SAME_STEP = 0.8  # share of a staircase's steps that make it one
 
-_MARKERS = "check the number of its reflective markers."
+_MARKERS = "check the number of its reflective markers, and that each speed had settled."
 
 
 def check_thrust(command: Array, thrust_n: Array) -> None:
