@@ -340,7 +340,9 @@ def recorded(log: FlightLog, kind: str) -> FlightLog:
     return replace(log, series=(replace(series, blocks=lambda: iter([rows])),))
 
 
-@pytest.mark.parametrize("kind", ["held", pytest.param("apart", marks=pytest.mark.slow), "smoothed", "late"])
+@pytest.mark.parametrize(
+    "kind", ["held", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("apart", "smoothed")), "late"]
+)
 def test_a_voltage_that_is_recorded_rarely_or_smoothed_costs_no_moments(kind: str) -> None:
     """Moments came out 4 to 10 % small at a stated 0.6 %: the sag under load was not in the drives."""
     rng = np.random.default_rng(13)
@@ -728,7 +730,9 @@ def test_a_gyro_that_is_turned_by_a_quarter_is_named(flown: tuple[Fleet, list[Fl
         fit([replace(read, flight=alone)], body=body_of(flown[0], 1))
 
 
-@pytest.mark.parametrize(("mass", "severity"), [(1.2, "warning"), (1.5, "rejection")])
+@pytest.mark.parametrize(
+    ("mass", "severity"), [(1.2, "warning"), pytest.param(1.5, "rejection", marks=pytest.mark.slow)]
+)
 def test_logs_of_unlike_vehicles_are_said_to_contradict_each_other(mass: float, severity: str) -> None:
     """The advice was to climb and drop quickly, which both did."""
     rng = np.random.default_rng(4)

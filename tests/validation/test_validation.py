@@ -365,7 +365,10 @@ def test_a_flight_that_shows_moments_has_no_warning_of_rates(flown: tuple[Parame
     assert "validation-rates-unpredicted" in [one.code for one in held.findings]
 
 
-@pytest.fixture(scope="module", params=[(6, 1.0), (6, 0.1), (8, 1.0), (9, 0.1)])
+@pytest.fixture(
+    scope="module",
+    params=[(6, 1.0), (9, 0.1), *(pytest.param(one, marks=pytest.mark.slow) for one in ((6, 0.1), (8, 1.0)))],
+)
 def hovering(request: pytest.FixtureRequest) -> tuple[ParameterSet, FlownLog]:
     """A flight that hovers, in gusts or in air that is nearly still."""
     seed, wind = request.param
@@ -408,7 +411,7 @@ def test_a_flight_that_hovers_is_not_said_to_have_another_clock(hovering: tuple[
     assert "flight-delay-implausible" not in [one.code for one in found.findings]
 
 
-@pytest.mark.parametrize("size", [0.12, 1.0])
+@pytest.mark.parametrize("size", [0.12, pytest.param(1.0, marks=pytest.mark.slow)])
 def test_manoeuvres_show_moments_also_where_they_are_gentle(size: float) -> None:
     """Rotors that turn a vehicle by 4 rad/s^2 judge moments as well as those of quick tilts, in calm air."""
     rng = np.random.default_rng(12)
