@@ -634,6 +634,22 @@ def test_a_time_that_is_named_keeps_the_unit_of_its_header(tmp_path: Path) -> No
     assert np.asarray(table.time_s)[-1] == pytest.approx(0.0158)
 
 
+@pytest.mark.parametrize(("head", "per_s"), [("Laufzeit [ms]", 1e3), ("czas (s)", 1.0), ("Uhr_ms", 1e3)])
+def test_a_time_of_another_name_keeps_the_unit_of_its_header(tmp_path: Path, head: str, per_s: float) -> None:
+    rows = "".join(f"{at / 5},{20000 * (at // 20)},{at // 20}\n" for at in range(80))
+    table = read(tmp_path, f"{head},cmd,thrust_n\n{rows}", columns=("t=1",), time_unit=None)
+    assert np.asarray(table.time_s)[-1] == pytest.approx(15.8 / per_s)
+
+
+@pytest.mark.parametrize("head", ["t [min]", "Time (min)", "Dauer_h"])
+def test_minutes_and_hours_are_no_seconds_whatever_the_column_is_called(tmp_path: Path, head: str) -> None:
+    rows = "".join(f"{at / 500},{20000 * (at // 20)},{at // 20}\n" for at in range(80))
+    asked = refusal(tmp_path, f"{head},cmd,thrust_n\n{rows}")
+    assert "times are read in s, ms or us. Convert them" in asked
+    named = refusal(tmp_path, f"{head},cmd,thrust_n\n{rows}", ConfigError, columns=("t=1",))
+    assert "states a unit that is not read. Convert it" in named
+
+
 @pytest.mark.parametrize("second", ["Thrust (kgf)", "Thrust (gf)"])
 def test_the_option_that_a_question_about_two_columns_names_gives_the_right_numbers(
     tmp_path: Path, second: str

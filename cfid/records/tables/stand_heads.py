@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from cfid.errors import DataError
 from cfid.records.tables.table import CsvTable
-from cfid.records.tables.times import TIME_COLUMN
+from cfid.records.tables.times import OTHER_UNIT, TIME_COLUMN, unit_at_end
 from cfid.units import FULL_COMMAND, RPM
 
 HEADS = (
@@ -197,8 +197,8 @@ def in_own_unit(name: str, own: str) -> str:
     """
     (quantity, ((head, _), *_)), *_ = heads_of([name]).items()
     if quantity == "time_s":
-        named, stated = (TIME_COLUMN.called.fullmatch(one.strip()) for one in (name, own))
-        return own if named and stated and stated[1] and not named[1] else name
+        named, unit = TIME_COLUMN.called.fullmatch(name.strip()), unit_at_end(own)
+        return f"{name} [{unit}]" if named and unit and not named[1] else name
     units = _units_of(own)
     if head.kind == "total in grams" and "g" in units and not _UNIT.fullmatch(spelt(own)):
         return name  # which brackets the g had, and so of how many motors it is, was lost
@@ -252,6 +252,8 @@ def _remedy(table: CsvTable, name: str, quantity: str) -> str:
 def has_unread_unit(name: str, own: str) -> bool:
     """Return whether a column's `own` header states a unit that is none of those of a known name's quantity."""
     quantity, *_ = heads_of([name])
+    if quantity == "time_s":
+        return OTHER_UNIT.search(own) is not None
     return quantity in _TAKE_UNITS and _states_other(own, quantity)
 
 

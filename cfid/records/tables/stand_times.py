@@ -11,7 +11,7 @@ from cfid.records.tables.column_units import unit_of
 from cfid.records.tables.schema import TimeUnit
 from cfid.records.tables.stand_columns import Found
 from cfid.records.tables.table import Array, CsvTable
-from cfid.records.tables.times import COUNTER, TIME_COLUMN, pauses, times_of
+from cfid.records.tables.times import COUNTER, OTHER_UNIT, TIME_COLUMN, pauses, times_of
 
 STAND_RATE_HZ = 100.0  # of Bitcraze's thrust stand, whose files have no time
 
@@ -103,6 +103,11 @@ def _refuse_unnamed_time(table: CsvTable, found: Found, command: Array) -> None:
         if name in used or COUNTER.fullmatch(name):
             continue
         if _grows(first.known_numbers([str(place)])[:, 0], command):
+            if (other := OTHER_UNIT.search(name)) is not None:
+                raise DataError(
+                    f"{table.path}: column '{name}' may be the time of its rows, in '{other[1]}': times are read in s, "
+                    "ms or us. Convert them, and state that in its header, or give `rate_hz`."
+                )
             raise DataError(
                 f"{table.path}: no known column is the time of its rows, and column '{name}' grows from row to row as "
                 f"one does. Name it by `columns`, as in t={place}, with its `time_unit`; if it is no time, give "

@@ -13,7 +13,7 @@ import numpy as np
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.large import differences, empty, some_steps, usual_step
-from cfid.records.tables.column_units import PER_SECOND, SECONDS, column_name, unit_of
+from cfid.records.tables.column_units import PER_SECOND, SECONDS, column_name, unit_of, unit_word
 from cfid.records.tables.schema import TIME, Column, TimeUnit
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.text import TextLine, short
@@ -30,7 +30,8 @@ _WRONG_IN_MANY = (
 )
 _CUT_LINE = "the last line was cut (it has no end) and is left out."
 
-_OTHER_UNIT = re.compile(r"[ _/,\[(]+(min|minutes?|h|hrs?|hours?|ns|nanoseconds?)[\])_]?$", re.IGNORECASE)
+OTHER_UNIT = re.compile(r"[ _/,\[(]+(min|minutes?|h|hrs?|hours?|ns|nanoseconds?)[\])_]?$", re.IGNORECASE)
+_UNIT_AT_END = re.compile(r"[ _/,\[(]+([a-zµμ]+)[\])_]?$", re.IGNORECASE)
 COUNTER = re.compile(
     r"(?:sample|row|index|count|counter|number|no|nr|n|#)s?(?:[ _.]*(?:index|number|no|nr|#))?\.?", re.I
 )
@@ -55,6 +56,13 @@ VEHICLE_CLOCK = Column(
     optional=True,
 )
 TIME_COLUMN = Column(TIME, column_name(_TIMES, ("s", "ms", "us")), "of time (t, time)")
+
+
+def unit_at_end(name: str) -> TimeUnit | None:
+    """Return the unit of time that ends a name of whatever kind, as in `Laufzeit [ms]`, None where none does."""
+    word = _UNIT_AT_END.search(name)
+    unit = None if word is None else unit_word(word[1])
+    return cast(TimeUnit, unit) if unit in PER_SECOND else None
 
 
 def line_notes(table: CsvTable) -> tuple[str, ...]:
@@ -247,7 +255,7 @@ def time_unit_of(
     if stated is not None:
         return cast(TimeUnit, stated)
     name = table.names[table.place(column)] if table.has_head and column else column
-    if (other := _OTHER_UNIT.search(name)) is not None:
+    if (other := OTHER_UNIT.search(name)) is not None:
         raise ConfigError(
             f"{table.path}: column '{name}' is in '{other[1]}'; times are read in s, ms or us. Convert them, or give "
             "`time_unit` where the name is wrong."
