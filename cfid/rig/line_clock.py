@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cfid.rig.line_summary import OFF, UNLIKE
+
 _WRAP = 1 << 32  # of a device's clock
-_UNLIKE = 0.01  # of the time by this computer, by which a device's clock may go otherwise
 _MOST_FALSE = 3  # lines in a row: more show that the clock is none
-_OFF = 0.1  # of the stated rate, as in a recording's last lines
 _WINDOW, _FEWEST = 64, 20  # lines that show the usual interval
 _USUAL = 0.75  # of the intervals are this long at most: lines sent twice, or a device that waits, are no losses
 
@@ -61,17 +61,17 @@ class DeviceClock:
         self._place, self._tick_s, self._early_s = place, tick_s, early_s
         self._last: Line | None = None
         self._late_s = 0.0  # the last line, after the quickest
-        self._doubtful: list[Line] = []
+        self._unconfirmed: list[Line] = []
         self._is_clock = True
 
     def credible(self, received_s: float, readings: Sequence[tuple[float, ...]]) -> list[Line]:
-        """Return the lines that count, in order, of those that came at a time and those in doubt before them."""
+        """Return the lines that count, in order, of those that came together and unconfirmed ones before them."""
         return [line for numbers in readings for line in self._judged(Line(received_s, numbers, None))]
 
     def settle(self) -> None:
-        """Count the lines that are in doubt at the end as false."""
-        self.false += len(self._doubtful)
-        self._doubtful = []
+        """Count the lines that are unconfirmed at the end as false."""
+        self.false += len(self._unconfirmed)
+        self._unconfirmed = []
 
     def _judged(self, line: Line) -> list[Line]:
         if self._last is None or not self._is_clock:
@@ -82,14 +82,14 @@ class DeviceClock:
             self.repeats += int(line.numbers == self._last.numbers)
             self._last, self._late_s = line, max(late_s, 0.0)
             return [line._replace(step_s=step_s)]
-        anew = bool(self._doubtful) and self._after(self._doubtful[-1], 0.0, line) is not None
-        self._doubtful.append(line)
-        self._is_clock = len(self._doubtful) <= _MOST_FALSE
-        return self._begun(self._doubtful) if anew or not self._is_clock else []
+        anew = bool(self._unconfirmed) and self._after(self._unconfirmed[-1], 0.0, line) is not None
+        self._unconfirmed.append(line)
+        self._is_clock = len(self._unconfirmed) <= _MOST_FALSE
+        return self._begun(self._unconfirmed) if anew or not self._is_clock else []
 
     def _begun(self, lines: list[Line]) -> list[Line]:
         """Go on from the last of some lines, after which the clock started anew."""
-        self._last, self._late_s, self._doubtful = lines[-1], 0.0, []
+        self._last, self._late_s, self._unconfirmed = lines[-1], 0.0, []
         return lines
 
     def _step_s(self, before: Line, line: Line) -> float:
@@ -100,7 +100,7 @@ class DeviceClock:
         """Return how much later than the quickest a line came; None where it does not go on from one that was late."""
         here_s, step_s = line.received_s - before.received_s, self._step_s(before, line)
         now_late_s = late_s + here_s - step_s
-        return now_late_s if step_s >= 0 and now_late_s > -self._early_s - _UNLIKE * here_s else None
+        return now_late_s if step_s >= 0 and now_late_s > -self._early_s - UNLIKE * here_s else None
 
 
 class Spacing:
@@ -134,7 +134,7 @@ class Spacing:
         """Find what is missing since the last count; lines that are late, in this one or the next, make up for it."""
         steps_s, known = np.array(self._steps_s), self._known
         self._steps_s, self._known = [], 0
-        usual_s = max(float(np.quantile(steps_s, _USUAL)), (1 - _OFF) * self._stated_s)
+        usual_s = max(float(np.quantile(steps_s, _USUAL)), (1 - OFF) * self._stated_s)
         if usual_s < self._shortest_s:
             return
         here = int(np.sum(np.rint(steps_s / usual_s) - 1)) - known

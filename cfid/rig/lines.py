@@ -1,7 +1,7 @@
 """Records a device that sends lines of text unprompted; a port that is gone is opened again when it is back."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +13,7 @@ from cfid.records.line_devices import LineDevice
 from cfid.rig.clock import HostClock
 from cfid.rig.e201_stamps import Stamps
 from cfid.rig.line_clock import Arrivals, DeviceClock, Line, Spacing
+from cfid.rig.line_summary import OFF, UNLIKE, clock_apart, false_clock, rate_apart, repeated, restarted
 from cfid.rig.listening import Listen, Port
 from cfid.rig.recorder import Block, Say, no_rows
 from cfid.rig.stalls import STOOD, Stalls
@@ -25,9 +26,8 @@ _PERIODS = 4  # of a slow rate: a shorter silence is neither absence nor gap
 _SEARCH_S = 0.5
 _LATE_S = 0.3  # after a gap, in which lines still come that the computer kept
 _PROMPT, _CHUNK_S = 2, 0.02  # lines at the end of a gap that are no burst; a USB adapter passes them on in chunks
-_UNLIKE, _TELLING_S = 0.01, 2.0  # of the time by this computer; as long as shows a clock's rate
 _WRAP = 1 << 32  # of a device's clock
-_OFF, _FEWEST = 0.1, 20  # of the rate that rig.toml states; lines that show a rate
+_FEWEST = 20  # lines that show a rate
 _TICKS = 4  # of a device's clock in an interval by which lines are counted
 _PROMPT_S = 0.05  # of an interval by which arrivals are: a busy computer delays lines by less
 
@@ -246,50 +246,30 @@ class Lines:
             return None
         gone_s = 1e-6 * self._device.factor(stamp) * ((latest.ticks - before.ticks) % _WRAP)
         here_s = latest.received_s - before.received_s
-        if abs(gone_s - here_s) > _LATE_S + _UNLIKE * here_s:
+        if abs(gone_s - here_s) > _LATE_S + UNLIKE * here_s:
             self._restarted = True
             return None
         return round(gone_s * self._device.rate_hz) - self._late - (latest.known - before.known)
 
     def _say_rate(self) -> None:
-        """Say when the device sends at another rate than rig.toml states: losses in gaps are counted by that.
-
-        Lines that it sends again are none of it, and are named.
-        """
-        repeats, stated_hz = self._clocked.repeats, self._device.rate_hz
+        repeats = self._clocked.repeats
         sent = self._sent + self._reader.rejected + self._spacing.missing - repeats
-        if repeats > _OFF * self._sent:
-            self._say(
-                f"{counted(repeats, 'line')} of the {self.name} repeat the one before, device_us too: its program has "
-                "to send each sample once."
-            )
-        if self._sending_s and sent >= _FEWEST and abs(sent / self._sending_s - stated_hz) > _OFF * stated_hz:
-            self._say(
-                f"the {self.name} sent {sent / self._sending_s:.4g} lines a second; rig.toml states {stated_hz:g}: set "
-                f"devices.{self.name}.rate_hz to what it sends."
-            )
+        if repeats > OFF * self._sent:
+            self._say(repeated(self.name, repeats))
+        if self._sending_s and sent >= _FEWEST:
+            self._say_all(rate_apart(self.name, sent / self._sending_s, stated_hz=self._device.rate_hz))
 
     def _say_clock(self) -> None:
-        """Say when the device's own clock went otherwise than this computer's: fits take its times."""
-        if self._clocked.false:
-            self._say(
-                f"{counted(self._clocked.false, 'line')} of the {self.name} left out, lost: device_us jumps there and "
-                "back, as where two lines run into one. Let the device end lines with a checksum, shorten the cable."
-            )
+        self._say_all(false_clock(self.name, self._clocked.false))
         if self._restarted:
-            self._say(
-                f"the {self.name}'s clock, device_us, went otherwise than this computer's in a gap: was the device "
-                "restarted? See to its supply. A swing is timed by its clock before and after."
-            )
-        if self._first is None or self._gaps or self._last[0] - self._first[0] < _TELLING_S:
-            return
-        here_s, there_s = self._last[0] - self._first[0], 1e-6 * (self._last[1] - self._first[1])
-        if abs(there_s - here_s) > _UNLIKE * here_s:
-            self._say(
-                f"the {self.name}'s clock, device_us, went {there_s:.4g} s in {here_s:.4g} s: it counts another unit, "
-                f"stands, or was restarted. Correct it, or leave it out of devices.{self.name}.values: times are then "
-                "those of arrival."
-            )
+            self._say(restarted(self.name))
+        if self._first is not None and not self._gaps:
+            here_s, there_s = self._last[0] - self._first[0], 1e-6 * (self._last[1] - self._first[1])
+            self._say_all(clock_apart(self.name, here_s=here_s, there_s=there_s))
+
+    def _say_all(self, sentences: Iterable[str]) -> None:
+        for sentence in sentences:
+            self._say(sentence)
 
     def _longest(self, usual_s: float) -> float:
         """Return how long a silence may be at this rate before it is significant."""
