@@ -1,6 +1,6 @@
 """Records a staircase of motor commands: with the load cell, or with an instrument that shows speed or weight."""
 
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
@@ -10,30 +10,20 @@ from cfid.console.quick_look import NOT_READ, quick
 from cfid.console.recording import Found, KeepOptions, Rig, effort_of, nothing_found, record
 from cfid.console.vehicle import ExperimentOptions, confirm, reach, refuse
 from cfid.console.verdicts import Judge
-from cfid.counted import counted
 from cfid.errors import ConfigError
 from cfid.motors.during import Steps
 from cfid.motors.plan import StaircasePlan
+from cfid.motors.staircase.record import procedure_of
 from cfid.motors.typed import Expected, expected_of
 from cfid.records.run import Label
 from cfid.rig.device import Device
-from cfid.rig.hand_held import Readings
 from cfid.rig.log import Plan, Procedure
-from cfid.rig.loop import Loop
-from cfid.rig.motor_commands import MotorCommands, four
-from cfid.rig.motors import STILL
-from cfid.rig.questions import UNDO, Answer, Questions
 from cfid.rig.ready_instruments import ready_instrument, ready_scales, ready_tachometer, typed_readings
 from cfid.rig.ready_sensors import ready_loadcell
 from cfid.rig.ready_vehicle import ReadyVehicle
-from cfid.rig.recorder import Say, sleep
+from cfid.rig.recorder import Say
 
 _ROWS_A_SECOND = 200  # of the vehicle's log and what instruments add
-_LAST = "Enter ends, u undoes {value:g}"
-
-Tell = Callable[[str], None]  # takes the procedure's progress, for the live line
-Ask = Callable[[int], Awaitable[float | Answer | None]]  # the operator's reading at a command; None leaves it out
-Undone = Callable[[], Awaitable[bool]]  # whether the operator takes the last reading back before the end
 
 
 def record_forces(
@@ -72,7 +62,7 @@ def record_forces(
         parts = [crazyflie.commands(), loadcell, *crazyflie.watch(log_ms)]
         if question is not None:
             parts.append(typed_readings("rpm"))
-        procedure = _procedure(staircase, question, live, _expected(staircase, rig, "rpm"), tare=True)
+        procedure = procedure_of(staircase, question, live, _expected(staircase, rig, "rpm"), tare=True)
         plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested=requested or {}, question=question)
         counts_per_n = (loadcell.record.model_extra or {}).get("counts_per_n")  # None of a cell that sends lines
         notice = Steps(counts_per_n) if calm and counts_per_n else None
@@ -206,7 +196,7 @@ def _record_readings(
         refuse(crazyflie, staircase.motors, staircase.steps)
         effort += NOT_READ if vehicle.no_preflight else _quick([crazyflie.usual_log()], staircase, rig)
         confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes, effort=effort, ring=live.ring)
-        procedure = _procedure(staircase, question, live, _expected(staircase, rig, value), tare=False)
+        procedure = procedure_of(staircase, question, live, _expected(staircase, rig, value), tare=False)
         plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested=requested, question=question)
         record(f"log {kind}", plan, parts, live, keep, judge=judge)
 
@@ -242,112 +232,3 @@ def _expected(staircase: StaircasePlan, rig: Rig, column: str) -> Expected | Non
     stated = rig[0].rig
     markers, platform = stated.facts.tachometer.markers, stated.vehicle.platform
     return expected_of(column, motors=len(staircase.motors), markers=markers, platform=platform)
-
-
-def _procedure(
-    staircase: StaircasePlan, question: str | None, live: LiveLine, expected: Expected | None, *, tare: bool
-) -> Procedure:
-    """Return the staircase; the operator is asked at each command, and again where an answer is not `expected`.
-
-    A `tare` is a pause before the first command, and then no question is put about rotors that stand.
-    """
-    if question is None:
-        return lambda there, loop: run_staircase(staircase, there["commands"], loop=loop, tell=live.task)
-
-    live.left(_steps_left(len(staircase.steps)))
-
-    async def read(there: Mapping[str, Any], loop: Loop) -> None:
-        questions = Questions(loop=loop, tell=live.ask, say=live.tell)
-        readings: Readings = there["readings"]
-
-        async def ask(command: int) -> float | Answer | None:
-            if tare and not command:
-                return None
-
-            def fault(value: float) -> str:
-                if expected is None:
-                    return ""
-                return expected.fault(value, readings.values, command=command, commands=readings.commands)
-
-            live.ring()
-            undo = f" (u undoes {readings.values[-1]:g})" if readings.values else ""
-            answer = await questions.number(question.format(command=command) + undo, fault)
-            live.ask("")
-            return answer
-
-        async def undone() -> bool:
-            live.ring()
-            found = bool(readings.values) and await questions.undone(_LAST.format(value=readings.values[-1]))
-            live.ask("")
-            return found
-
-        questions.open()
-        try:
-            if tare:
-                await sleep(loop, staircase.rest_s)
-            await read_at_steps(staircase, there["commands"], readings, ask, undone, loop=loop, live=live)
-        finally:
-            questions.close()
-
-    return read
-
-
-def _taken_back(command: int, value: float, *, held: str = "after this one") -> str:
-    return f"taken back: {value:g} at command {command}, which is held again {held}."
-
-
-def _steps_left(count: int) -> str:
-    return f"{counted(count, 'step')} left"
-
-
-async def run_staircase(staircase: StaircasePlan, commands: MotorCommands, *, loop: Any, tell: Tell) -> None:
-    """Hold each command, then pause (section 3.3.1); other times are recorded as pauses."""
-    await sleep(loop, staircase.rest_s)
-    for count, step in enumerate(staircase.steps):
-        tell(f"command {step} ({count + 1} of {len(staircase.steps)})")
-        await commands.set(four(step, staircase.motors))
-        await sleep(loop, staircase.hold_s)
-        commands.whole = count + 1 == len(staircase.steps)  # whatever ends it from now on, no step is lost
-        await commands.set(STILL)
-        await sleep(loop, staircase.rest_s)
-
-
-async def read_at_steps(
-    staircase: StaircasePlan,
-    commands: MotorCommands,
-    readings: Readings,
-    ask: Ask,
-    undone: Undone,
-    *,
-    loop: Any,
-    live: LiveLine,
-) -> None:
-    """Hold each command until the operator has read an instrument, then pause (sections 3.3.1 and 3.3.2).
-
-    A command whose reading is taken back is held again after the present one, that of the last reading at the end.
-    """
-    left = list(staircase.steps)
-    while left:
-        live.left(_steps_left(len(left)))
-        step = left.pop(0)
-        live.task(f"command {step}")
-        await commands.set(four(step, staircase.motors))
-        await sleep(loop, staircase.hold_s)
-        while (value := await ask(step)) is UNDO:
-            back = readings.withdraw()
-            live.tell("there is no reading to take back." if back is None else _taken_back(*back))
-            left = left if back is None else [back[0], *left]
-            live.left(_steps_left(1 + len(left)))
-        if isinstance(value, float):
-            readings.add(step, value)
-        readings.whole = not left  # Ctrl-C ends it from now on as Enter does
-        await commands.set(STILL)
-        await sleep(loop, staircase.rest_s)
-        if left:
-            continue
-        live.left("all steps read")
-        live.task("motors off")
-        if await undone() and (back := readings.withdraw()) is not None:
-            readings.whole = False
-            live.tell(_taken_back(*back, held="now"))
-            left = [back[0]]

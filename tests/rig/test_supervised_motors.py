@@ -9,7 +9,7 @@ import pytest
 
 from cfid.errors import ConfigError, DeviceError, StopError
 from cfid.motors.plan import StaircasePlan
-from cfid.motors.record import run_staircase
+from cfid.motors.staircase.record import run_staircase
 from cfid.rig.motor_commands import hold
 from cfid.rig.motors import MAY_BE_RUNNING, Limits
 from cfid.sim.faults import CrazyflieFaults

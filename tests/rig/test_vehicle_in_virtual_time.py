@@ -10,7 +10,7 @@ import pytest
 from cfid.errors import ConfigError, DeviceError
 from cfid.latency.record import ping_often
 from cfid.motors.plan import StaircasePlan
-from cfid.motors.record import run_staircase
+from cfid.motors.staircase.record import run_staircase
 from cfid.records.run import Run
 from cfid.rig.loop import Ending
 from cfid.rig.motor_commands import hold

@@ -1,0 +1,131 @@
+"""Drives motors through a staircase; where the operator reads an instrument, each command is held until then."""
+
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Any
+
+from cfid.console.live import LiveLine
+from cfid.counted import counted
+from cfid.motors.plan import StaircasePlan
+from cfid.motors.typed import Expected
+from cfid.rig.hand_held import Readings
+from cfid.rig.log import Procedure
+from cfid.rig.loop import Loop
+from cfid.rig.motor_commands import MotorCommands, four
+from cfid.rig.motors import STILL
+from cfid.rig.questions import UNDO, Answer, Questions
+from cfid.rig.recorder import sleep
+
+_LAST = "Enter ends, u undoes {value:g}"
+
+Tell = Callable[[str], None]  # takes the procedure's progress, for the live line
+Ask = Callable[[int], Awaitable[float | Answer | None]]  # the operator's reading at a command; None leaves it out
+Undone = Callable[[], Awaitable[bool]]  # whether the operator takes the last reading back before the end
+
+
+def procedure_of(
+    staircase: StaircasePlan, question: str | None, live: LiveLine, expected: Expected | None, *, tare: bool
+) -> Procedure:
+    """Return the staircase; the operator is asked at each command, and again where an answer is not `expected`.
+
+    A `tare` is a pause before the first command, and then no question is put about rotors that stand.
+    """
+    if question is None:
+        return lambda there, loop: run_staircase(staircase, there["commands"], loop=loop, tell=live.task)
+
+    live.left(_steps_left(len(staircase.steps)))
+
+    async def read(there: Mapping[str, Any], loop: Loop) -> None:
+        questions = Questions(loop=loop, tell=live.ask, say=live.tell)
+        readings: Readings = there["readings"]
+
+        async def ask(command: int) -> float | Answer | None:
+            if tare and not command:
+                return None
+
+            def fault(value: float) -> str:
+                if expected is None:
+                    return ""
+                return expected.fault(value, readings.values, command=command, commands=readings.commands)
+
+            live.ring()
+            undo = f" (u undoes {readings.values[-1]:g})" if readings.values else ""
+            answer = await questions.number(question.format(command=command) + undo, fault)
+            live.ask("")
+            return answer
+
+        async def undone() -> bool:
+            live.ring()
+            found = bool(readings.values) and await questions.undone(_LAST.format(value=readings.values[-1]))
+            live.ask("")
+            return found
+
+        questions.open()
+        try:
+            if tare:
+                await sleep(loop, staircase.rest_s)
+            await read_at_steps(staircase, there["commands"], readings, ask, undone, loop=loop, live=live)
+        finally:
+            questions.close()
+
+    return read
+
+
+def _taken_back(command: int, value: float, *, held: str = "after this one") -> str:
+    return f"taken back: {value:g} at command {command}, which is held again {held}."
+
+
+def _steps_left(count: int) -> str:
+    return f"{counted(count, 'step')} left"
+
+
+async def run_staircase(staircase: StaircasePlan, commands: MotorCommands, *, loop: Any, tell: Tell) -> None:
+    """Hold each command, then pause (section 3.3.1); other times are recorded as pauses."""
+    await sleep(loop, staircase.rest_s)
+    for count, step in enumerate(staircase.steps):
+        tell(f"command {step} ({count + 1} of {len(staircase.steps)})")
+        await commands.set(four(step, staircase.motors))
+        await sleep(loop, staircase.hold_s)
+        commands.whole = count + 1 == len(staircase.steps)  # whatever ends it from now on, no step is lost
+        await commands.set(STILL)
+        await sleep(loop, staircase.rest_s)
+
+
+async def read_at_steps(
+    staircase: StaircasePlan,
+    commands: MotorCommands,
+    readings: Readings,
+    ask: Ask,
+    undone: Undone,
+    *,
+    loop: Any,
+    live: LiveLine,
+) -> None:
+    """Hold each command until the operator has read an instrument, then pause (sections 3.3.1 and 3.3.2).
+
+    A command whose reading is taken back is held again after the present one, that of the last reading at the end.
+    """
+    left = list(staircase.steps)
+    while left:
+        live.left(_steps_left(len(left)))
+        step = left.pop(0)
+        live.task(f"command {step}")
+        await commands.set(four(step, staircase.motors))
+        await sleep(loop, staircase.hold_s)
+        while (value := await ask(step)) is UNDO:
+            back = readings.withdraw()
+            live.tell("there is no reading to take back." if back is None else _taken_back(*back))
+            left = left if back is None else [back[0], *left]
+            live.left(_steps_left(1 + len(left)))
+        if isinstance(value, float):
+            readings.add(step, value)
+        readings.whole = not left  # Ctrl-C ends it from now on as Enter does
+        await commands.set(STILL)
+        await sleep(loop, staircase.rest_s)
+        if left:
+            continue
+        live.left("all steps read")
+        live.task("motors off")
+        if await undone() and (back := readings.withdraw()) is not None:
+            readings.whole = False
+            live.tell(_taken_back(*back, held="now"))
+            left = [back[0]]
