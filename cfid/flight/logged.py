@@ -1,4 +1,4 @@
-"""Whether a flight was logged so that it can be told: rows close enough, rotors on a square, forces that carry it."""
+"""Whether a flight was logged so that it can be fitted: rows close enough, rotors on a square, forces that carry it."""
 
 import math
 
@@ -40,7 +40,7 @@ def spacing_findings(flown: FlownLog) -> list[Finding]:
 
 def square_findings(flown: FlownLog) -> list[Finding]:
     """Reject moments about roll and pitch of rotors that the log does not place on a square."""
-    text = "Moments about roll and pitch are told for four rotors at the corners of a square alone."
+    text = "Moments about roll and pitch are fitted only for four rotors at the corners of a square."
     return [
         rejection("flight-rotors-off-square", f"{stated} {text}", MOMENTS["roll"], MOMENTS["pitch"]).at(
             flown.log.path.name

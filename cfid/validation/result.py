@@ -197,7 +197,7 @@ def _lines(table: Sequence[SetError], flown: FlownLog, at: Rows, telling: Tellin
     if not telling.vertical:
         which = (
             "along the vehicle's vertical, by the accelerometer, at each set's mean thrust, since this flight's climbs "
-            "tell nothing of how thrust follows commands"
+            "do not show how thrust follows commands"
         )
     return [
         *lines,

@@ -127,7 +127,7 @@ def every(log: FlightLog, rows_of: dict[str, int]) -> FlightLog:
         ({"motor": 1, "gyro": 5, "acc": 5}, None, ()),
     ],
 )
-def test_rows_that_are_far_apart_tell_no_lags_and_of_the_accelerometer_no_moments(
+def test_rows_that_are_far_apart_give_no_lags_and_of_the_accelerometer_no_moments(
     flown: tuple[Fleet, list[FlightLog]], rows_of: dict[str, int], code: str | None, lost: tuple[str, ...]
 ) -> None:
     """Lags came out 2 to 10 % long and moments 1 to 6 % small, by up to five standard uncertainties."""
@@ -136,9 +136,9 @@ def test_rows_that_are_far_apart_tell_no_lags_and_of_the_accelerometer_no_moment
     of_spacing = [one for one in result.findings if one.code.endswith("-apart")]
     assert [(one.code, one.severity) for one in of_spacing] == ([] if code is None else [(code, "rejection")])
     of_rotors = {key: value for key, value in truths(vehicles, 0).items() if "drag" not in key}
-    told = {key for key in of_rotors if not any(key in one.quantities for one in of_spacing)}
-    assert told == {key for key in of_rotors if not any(word in key for word in lost)}
-    expected = {key: value for key, value in of_rotors.items() if key in told}
+    determined = {key for key in of_rotors if not any(key in one.quantities for one in of_spacing)}
+    assert determined == {key for key in of_rotors if not any(word in key for word in lost)}
+    expected = {key: value for key, value in of_rotors.items() if key in determined}
     assert all(abs(error) < 3.5 for error in errors_in_std(result, expected).values())
 
 

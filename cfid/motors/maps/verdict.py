@@ -35,7 +35,7 @@ _MARKERS = "If only markers in rig.toml is wrong, correct it: `cfid fit speed` w
 
 
 def of_forces(run: Run) -> str:
-    """Say how many steps of a load cell's staircase are steady, and why they give no torque where the fit says so.
+    """Return how many steps of a load cell's staircase are steady, and why the fit of torque rejects them, if it does.
 
     Raises DataError or FitError where few are steady.
     """
@@ -51,10 +51,10 @@ def of_forces(run: Run) -> str:
     least, most = (1e3 * float(end(point.mean[AXES.index(axis)] for point in points)) for end in (min, max))
     found = f"{len(points)} of {steps} steps are steady, {axis} from {least:.0f} to {most:.0f} {unit}"
     commands = np.array([point.command or 0 for point in points], dtype=np.float64)
-    told = "; ".join([found, *left_out[:1]]) + "."
+    summary = "; ".join([found, *left_out[:1]]) + "."
     if lacking := _too_few(commands, FEWEST_COMMANDS["thrust"], "cfid fit thrust"):
-        return told + lacking
-    return told + (_about_torque(run, evidence) if {"Fz", "Tz"} <= set(record.axes) else "")
+        return summary + lacking
+    return summary + (_about_torque(run, evidence) if {"Fz", "Tz"} <= set(record.axes) else "")
 
 
 def _about_torque(run: Run, evidence: Evidence) -> str:

@@ -1,4 +1,4 @@
-"""Scales of motor commands in tables: full ones of 65535, and others that are told by their largest one."""
+"""Scales of motor commands in tables: 65535 at full thrust, and others, recognised by the largest command."""
 
 import numpy as np
 
