@@ -4,6 +4,7 @@ import json
 import os
 import pty
 import re
+import select
 import signal
 import socket
 import struct
@@ -11,7 +12,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,7 @@ from cfid.rig.crazyflie import Link
 from cfid.sim.crazyflie_tables import parameters
 from cfid.sim.supervisor_states import SupervisorState
 from cfid.wire.app import AppPorts
-from tests.flying_in_a_folder import Bench, Pilot, bench_in
+from tests.flying_in_a_folder import LONGEST_S, Bench, bench_in
 from tests.lateness import kept_waiting_s
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
@@ -630,69 +631,95 @@ def test_a_reading_is_taken_back_and_its_command_held_again(bench: Bench) -> Non
 TYPED = ("--from", 20000, "--to", 40000, "--step", 10000, "--hold", 0.2, "--rest", 0.1, "--yes", "--no-preflight")
 
 
-def type_at(master: int, bench: Bench, pilot: Pilot, *lines: tuple[str, Callable[[], object]]) -> None:
-    """Type each line at a terminal once what comes before it is there."""
-    for line, before in lines:
-        bench.wait_until(lambda before=before: before() or pilot.process.poll() is not None, pilot)
-        time.sleep(0.5)  # of the hold, and what is typed before a question is forgotten
-        os.write(master, f"{line}\n".encode())
+class Terminal:
+    """A terminal at which a recording asks for readings."""
+
+    def __init__(self, bench: Bench, *words: object) -> None:
+        self._bench = bench
+        self._master, slave = pty.openpty()
+        self.pilot = bench.start(*words, stdin=slave, stdout=slave, stderr=slave)
+        os.close(slave)
+        self._shown = ""
+        self._answered = 0  # letters that were shown before the last answer
+
+    @property
+    def shown(self) -> str:
+        """What was shown so far."""
+        with suppress(OSError):  # the other end is closed
+            while select.select([self._master], [], [], 0)[0]:
+                self._shown += os.read(self._master, 65536).decode(errors="replace")
+        return self._shown
+
+    def wait_for(self, text: str) -> None:
+        """Wait until a text is shown that was not there at the last answer."""
+        end_s = time.monotonic() + LONGEST_S
+        while text not in self.shown[self._answered :]:
+            assert self.pilot.process.poll() is None, self.shown
+            assert time.monotonic() < end_s, self.shown
+            time.sleep(0.005)
+
+    def answer(self, *answers: tuple[str, str]) -> None:
+        """Type lines, each once its question is shown: what comes before it is forgotten."""
+        for question, line in answers:
+            self.wait_for(question)
+            self._answered = len(self.shown)
+            os.write(self._master, f"{line}\n".encode())
+
+    def close(self) -> None:
+        os.close(self._master)
 
 
 @pytest.mark.parametrize("quiet", [(), ("--quiet",)])
 def test_the_last_reading_is_taken_back_before_the_recording_ends(bench: Bench, quiet: tuple[str, ...]) -> None:
-    master, slave = pty.openpty()
-    pilot = bench.start("log", "speed", *TYPED, *quiet, stdin=slave)
-    os.close(slave)
-    at = [lambda command=command: bench.motors[0] == command for command in (20000, 30000, 40000)]
-    type_at(
-        master,
-        bench,
-        pilot,
-        ("11500", at[0]),
-        ("15300", at[1]),
-        ("9100", at[2]),
-        ("u", lambda: not any(bench.motors)),
-        ("19000", at[2]),
-        ("", lambda: not any(bench.motors)),
+    terminal = Terminal(bench, "log", "speed", *TYPED, *quiet)
+    terminal.answer(
+        ("RPM at command 20000", "11500"),
+        ("RPM at command 30000", "15300"),
+        ("RPM at command 40000", "9100"),
+        ("Enter ends, u undoes 9100", "u"),
+        ("RPM at command 40000", "19000"),
+        ("Enter ends, u undoes 19000", ""),
     )
-    assert pilot.end() == 0, pilot.err
-    os.close(master)
+    assert terminal.pilot.end() == 0, terminal.shown
     kept = read_rows(bench.run(), "readings").columns
 
-    assert "taken back: 9100 at command 40000, which is held again now." in pilot.err
+    assert "taken back: 9100 at command 40000, which is held again now." in terminal.shown
+    assert ("\a" in terminal.shown) == (not quiet)
     assert kept["rpm"].tolist() == [11500, 15300, 19000]
     assert bench.run().header.state == "complete"
+    terminal.close()
+
+
+# Two markers a turn.
+THREE_READINGS = (
+    ("RPM at command 20000", "23000"),
+    ("RPM at command 30000", "30600"),
+    ("RPM at command 40000", "38000"),
+)
 
 
 def test_ctrl_c_where_all_is_read_ends_a_recording_as_enter_does(bench: Bench) -> None:
-    master, slave = pty.openpty()
-    pilot = bench.start("log", "speed", *TYPED, stdin=slave)
-    os.close(slave)
-    at = [lambda command=command: bench.motors[0] == command for command in (20000, 30000, 40000)]
-    type_at(master, bench, pilot, ("23000", at[0]), ("30600", at[1]), ("38000", at[2]))  # two markers a turn
-    bench.wait_until(lambda: not any(bench.motors), pilot)
-    time.sleep(0.5)
-    pilot.send(signal.SIGINT)
-    assert pilot.end() == 0, pilot.err
-    os.close(master)
+    terminal = Terminal(bench, "log", "speed", *TYPED)
+    terminal.answer(*THREE_READINGS)
+    terminal.wait_for("Enter ends")
+    terminal.pilot.send(signal.SIGINT)
+    assert terminal.pilot.end() == 0, terminal.shown
 
     assert bench.run().header.state == "complete"
-    assert "3 readings at 3 steps" in pilot.out
+    assert "3 readings at 3 steps" in terminal.shown
+    terminal.close()
 
 
 def test_ctrl_c_in_the_pause_after_the_last_reading_ends_a_recording_as_enter_does(bench: Bench) -> None:
-    master, slave = pty.openpty()
-    pilot = bench.start("log", "speed", *TYPED[:8], "--rest", 4, *TYPED[10:], stdin=slave)
-    os.close(slave)
-    at = [lambda command=command: bench.motors[0] == command for command in (20000, 30000, 40000)]
-    type_at(master, bench, pilot, ("23000", at[0]), ("30600", at[1]), ("38000", at[2]))  # two markers a turn
-    bench.wait_until(lambda: not any(bench.motors), pilot)
-    pilot.send(signal.SIGINT)
-    assert pilot.end() == 0, pilot.err
-    os.close(master)
+    terminal = Terminal(bench, "log", "speed", *TYPED[:8], "--rest", 2, *TYPED[10:])
+    terminal.answer(*THREE_READINGS)
+    bench.wait_until(lambda: not any(bench.motors), terminal.pilot)
+    terminal.pilot.send(signal.SIGINT)
+    assert terminal.pilot.end() == 0, terminal.shown
 
     assert bench.run().header.state == "complete"
-    assert "3 readings at 3 steps" in pilot.out
+    assert "3 readings at 3 steps" in terminal.shown
+    terminal.close()
 
 
 def test_a_script_takes_its_last_reading_back(bench: Bench) -> None:
@@ -711,8 +738,8 @@ def test_a_terminal_that_is_closed_at_a_reading_ends_a_recording_as_sighup_does(
     where = {"stdout": slave, "stderr": slave} if shown else {}
     pilot = bench.start("log", "speed", *TYPED, stdin=slave, **where)
     os.close(slave)
-    type_at(master, bench, pilot, ("11500", lambda: bench.motors[0] == 20000))
-    bench.wait_until(lambda: bench.motors[0] == 30000, pilot)
+    bench.wait_until(lambda: bench.motors[0] == 20000 or pilot.process.poll() is not None, pilot)
+    time.sleep(0.5)  # of the hold
     os.close(master)
     assert pilot.end() == 0, pilot.err
     header = bench.run().header
@@ -724,30 +751,20 @@ def test_a_terminal_that_is_closed_at_a_reading_ends_a_recording_as_sighup_does(
 
 
 def test_an_implausible_reading_counts_once_it_is_typed_twice(bench: Bench) -> None:
-    master, slave = pty.openpty()
-    pilot = bench.start("log", "speed", *TYPED, stdin=slave)
-    os.close(slave)
-
-    def asked(times: int) -> bool:
-        return " ".join(pilot.err.split()).count("Type it again to keep it") == times
-
-    at = [lambda command=command: bench.motors[0] == command for command in (20000, 30000, 40000)]
-    type_at(
-        master,
-        bench,
-        pilot,
-        ("250000", at[0]),
-        ("11500", lambda: asked(1)),
-        ("999999", at[1]),
-        ("999999", lambda: asked(2)),
-        ("19000", at[2]),
-        ("", lambda: not any(bench.motors)),
+    terminal = Terminal(bench, "log", "speed", *TYPED)
+    terminal.answer(
+        ("RPM at command 20000", "250000"),
+        ("to keep it", "11500"),
+        ("RPM at command 30000", "999999"),
+        ("to keep it", "999999"),
+        ("RPM at command 40000", "19000"),
+        ("Enter ends", ""),
     )
-    assert pilot.end() == 0, pilot.err
-    os.close(master)
+    assert terminal.pilot.end() == 0, terminal.shown
 
-    assert "the reading is implausible, 2.5e+05 rpm." in " ".join(pilot.err.split())
+    assert "the reading is implausible, 2.5e+05 rpm." in " ".join(terminal.shown.split())
     assert read_rows(bench.run(), "readings").columns["rpm"].tolist() == [11500, 999999, 19000]
+    terminal.close()
 
 
 def test_input_that_ends_before_a_question_stops_the_motors(bench: Bench) -> None:
