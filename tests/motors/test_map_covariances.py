@@ -126,7 +126,13 @@ def correlations(covariance: Array) -> Array:
 
 
 @pytest.mark.parametrize(
-    ("staircase", "count"), [(stated, STAIRCASES), (unstated, STAIRCASES), (gusty, STAIRCASES), (all_but_square, 150)]
+    ("staircase", "count"),
+    [
+        pytest.param(stated, STAIRCASES, marks=pytest.mark.slow),
+        (unstated, STAIRCASES),
+        pytest.param(gusty, STAIRCASES, marks=pytest.mark.slow),
+        (all_but_square, 150),
+    ],
 )
 def test_many_staircases_scatter_as_each_of_them_states(staircase: Staircase, count: int) -> None:
     rng = np.random.default_rng(1)

@@ -479,7 +479,9 @@ def test_stock_firmware_without_a_link_is_the_exception_and_the_operator_is_told
 
 
 @pytest.mark.parametrize("kind", ["app", "stock", "old"])
-@pytest.mark.parametrize("before_s", [0.02, 0.06, 0.12, 0.2])
+@pytest.mark.parametrize(
+    "before_s", [0.06, 0.12, *(pytest.param(before_s, marks=pytest.mark.slow) for before_s in (0.02, 0.2))]
+)
 def test_a_signal_shortly_before_a_step_leaves_no_motor_on(tmp_path: Path, kind: str, before_s: float) -> None:
     """What the procedure was about to do when the end was asked for must not come after the stop."""
     radio = {"latency_s": 0.0285, "jitter_s": 0.008}
