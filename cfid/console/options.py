@@ -111,7 +111,7 @@ class ReadingOptions:
         typer.Option(
             metavar="NAME,NAME,...",
             help="Names or numbers of the columns: time and angle, or time, Fx, Fy, Fz, Tx, Ty and Tz; of a thrust "
-            "stand NAME=COLUMN, as in thrust_n=3.",
+            "stand NAME=COLUMN, as in thrust_n=3, or COLUMN=WORD for the rows that have it.",
             rich_help_panel=_FILE,
         ),
     ] = None

@@ -48,6 +48,14 @@ def known_columns_in(rows: bytes, places: list[int], spelling: Spelling) -> Arra
     return values
 
 
+def words_in(rows: bytes, place: int, spelling: Spelling) -> list[str]:
+    """Return a column by its place, as it is written."""
+    if not rows:
+        return []
+    fields = _frame(rows, [place], spelling, str).iloc[:, 0].str.strip()
+    return [field.encode("latin-1").decode(errors="replace") for field in fields]
+
+
 def is_exact_in(rows: bytes, place: int, spelling: Spelling) -> bool:
     """Return whether all whole numbers of a column, as they are written, are those of 64-bit floats."""
     fields = _frame(rows, [place], spelling, str).iloc[:, 0].str.strip()

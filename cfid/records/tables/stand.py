@@ -23,6 +23,7 @@ from cfid.records.tables.stand_commands import commands_of
 from cfid.records.tables.stand_faults import without_faults
 from cfid.records.tables.stand_heads import heads_of
 from cfid.records.tables.stand_names import with_named
+from cfid.records.tables.stand_rows import check_one_motor, with_rows
 from cfid.records.tables.stand_speeds import mean_of_known, speeds_of
 from cfid.records.tables.stand_times import Timing, timing_of
 from cfid.records.tables.table import Array, CsvTable
@@ -84,16 +85,19 @@ def read_stand_table(
     """Read a table whose header names quantities and units, in any order; other columns are ignored with a note.
 
     Rows of a pwm that is held for long are a record over time, at `rate_hz` where no column gives the time. `esc_us`
-    are the pulse widths of commands 0 and 65535, `columns` what the header does not tell, as `with_named`. `motors` is
-    how many ran where a column is the sum of several motors, without it four; torque is divided by it, too. Fields that
-    are no numbers are missing, with a note.
+    are the pulse widths of commands 0 and 65535, `columns` what the header does not tell, as `with_named`, and which
+    rows are meant, as `with_rows`. `motors` is how many ran where a column is the sum of several motors, without it
+    four; torque is divided by it, too. Fields that are no numbers are missing, with a note.
 
     Raises DataError with file, line or column, and next step; ConfigError for an invalid rate or range.
     """
-    opened, named = with_named(open_table(path, skip_lines=skip_lines), columns)
+    chosen = with_rows(open_table(path, skip_lines=skip_lines), columns)
+    opened, named = with_named(chosen.table, chosen.columns)
     table, found, read_notes = columns_of(opened)
     command, command_notes = commands_of(table, found, esc_us)
     timing = timing_of(table, found, command, unit=time_unit, rate_hz=rate_hz)
+    used = [*chosen.by, *(name for columns in found.values() for name in columns.names)]
+    check_one_motor(table, command, used=used, settled=timing.time_s is None)
     if timing.order is not None:
         command = command[timing.order]
         found = {quantity: columns._replace(raw=columns.raw[timing.order]) for quantity, columns in found.items()}
@@ -104,6 +108,7 @@ def read_stand_table(
     speeds, speed_notes = speeds_of(found, command, thrust, settled=timing.time_s is None)
     kind = found["speeds_rad_s"].head.kind if "speeds_rad_s" in found else None
     notes = (
+        *chosen.notes,
         *named,
         *command_notes,
         *thrust_notes,
@@ -112,7 +117,7 @@ def read_stand_table(
         *fault_notes,
         *speed_notes,
         *read_notes,
-        *_unused_note(table, found),
+        *_unused_note(table, used),
         *line_notes(table),
     )
     return StandTable(
@@ -251,7 +256,6 @@ def _understood(table: CsvTable, found: Found, timing: Timing, rows: int) -> str
     return f"{kind}: {columns}{table.layout}."
 
 
-def _unused_note(table: CsvTable, found: Found) -> tuple[str, ...]:
-    used = {name for columns in found.values() for name in columns.names}
+def _unused_note(table: CsvTable, used: Sequence[str]) -> tuple[str, ...]:
     unused = [name for name in table.names if name and name not in used]
     return (f"not used: {short(', '.join(unused), 120)}.",) if unused else ()

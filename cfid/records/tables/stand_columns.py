@@ -10,6 +10,7 @@ from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.large import PART_ROWS, empty, side_by_side
 from cfid.records.tables.line_faults import NO_THOUSANDS
+from cfid.records.tables.next_head import next_head
 from cfid.records.tables.stand_heads import HEADS, ColumnHead, check_heads, heads_of, shows_stand
 from cfid.records.tables.stand_scales import check_scale
 from cfid.records.tables.stand_sides import of_one_side
@@ -57,12 +58,14 @@ def columns_of(table: CsvTable) -> tuple[CsvTable, Found, tuple[str, ...]]:
     called = heads_of(table.names)
     doubled = _without_doubled(table, called)
     names = [name for columns in called.values() for _, name in columns]
-    values = dict(zip(names, table.known_numbers(names).T, strict=True))
+    numbers = table.known_numbers(names)
+    table, numbers, another = _above_next_head(table, numbers)
+    values = dict(zip(names, numbers.T, strict=True))
     _check_thousands(table, values)
     empty = [name for name, value in values.items() if not np.isfinite(value).any()]
     used = {quantity: [one for one in columns if one[1] not in empty] for quantity, columns in called.items()}
     used = {quantity: columns for quantity, columns in used.items() if columns}
-    notes = [*doubled.values(), *(_holds_no_number(table, name) for name in empty)]
+    notes = [*another, *doubled.values(), *(_holds_no_number(table, name) for name in empty)]
     notes += of_one_side(table, used, values)
     notes += _one_of_two_speeds(table, used, values)
     notes += check_heads(table, used)
@@ -92,6 +95,21 @@ def turned(value: Array, drive: Array) -> tuple[Array, bool]:
     half = (drive[known].min() + drive[known].max()) / 2
     falls = np.median(level[known][drive[known] >= half]) < np.median(level[known][drive[known] < half])
     return (-value, True) if falls else (value, False)
+
+
+def _above_next_head(table: CsvTable, numbers: Array) -> tuple[CsvTable, Array, list[str]]:
+    """Return the table and its columns (n, s) above another header among its rows, and a note on what follows it."""
+    blank = np.flatnonzero(~np.isfinite(numbers).any(axis=1))
+    found = next_head(table, blank, len(numbers))
+    if found is None:
+        return table, numbers, []
+    head, _ = found
+    line, rest = table.line_of_row(head), np.arange(head, len(numbers))
+    text = (
+        f"line {line} is another header: the {counted(len(rest) - 1, 'row')} below it are of another table, and not "
+        f"used. Read them by `skip_lines` {line - 1}."
+    )
+    return table.without(rest), numbers[:head], [text]
 
 
 def _holds_no_number(table: CsvTable, name: str) -> str:

@@ -24,7 +24,7 @@ from cfid.records.tables.fields import (
 )
 from cfid.records.tables.head import head_of
 from cfid.records.tables.line_faults import fault_of
-from cfid.records.tables.parsed import Spelling, columns_in, holds_truths, is_exact_in, known_columns_in
+from cfid.records.tables.parsed import Spelling, columns_in, holds_truths, is_exact_in, known_columns_in, words_in
 from cfid.records.tables.text import (
     TextLine,
     fields_of,
@@ -101,6 +101,13 @@ class CsvTable:
         if values is None:
             values = known_columns_in(rows, places, self._spelling)
         return np.where(np.isfinite(values), values, np.nan)
+
+    def words(self, column: str) -> list[str]:
+        """Return a column's fields as they are written, without spaces around them; `known_numbers` raises before."""
+        place = self.place(column)
+        return [
+            word for block in self._blocks_or_self() for word in words_in(block._rows() or b"", place, self._spelling)
+        ]
 
     def fault_in(self, column: str) -> str | None:
         """Return a sentence on the first field of a column that is neither empty nor a number, None without one.

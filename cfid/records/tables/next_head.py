@@ -1,0 +1,38 @@
+"""Another header among the rows of a table: below it stands another table."""
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import DataError
+from cfid.records.tables.table import CsvTable
+from cfid.records.tables.text import has_comma, is_number
+
+_LOOKED_AT = 50  # rows without numbers
+
+
+def next_head(table: CsvTable, rows: npt.NDArray[np.intp], count: int) -> tuple[int, tuple[str, ...]] | None:
+    """Return the first of some `rows` all of whose fields are words, and these; `count` are all rows of the table."""
+    looked_at = rows[:_LOOKED_AT]
+    if not len(looked_at):
+        return None
+    few = table.without(np.setdiff1d(np.arange(count), looked_at))
+    places = [str(place) for place, name in enumerate(table.names, start=1) if name]
+    fields = zip(*(few.words(place) for place in places), strict=True)
+    heads = (
+        (int(row), words)
+        for row, words in zip(looked_at, fields, strict=True)
+        if all(word and not is_number(word) and not has_comma(word) for word in words)
+    )
+    return next(heads, None)
+
+
+def refuse_other_head(table: CsvTable, rows: npt.NDArray[np.intp], count: int) -> None:
+    """Raise DataError where one of some rows, which lack numbers, is a header with other names."""
+    found = next_head(table, rows, count)
+    if found is None or found[1] == tuple(name for name in table.names if name):
+        return
+    line = table.line_of_row(found[0])
+    raise DataError(
+        f"{table.path}:{line}: another header, with other columns or units: another table begins. Give each a file of "
+        f"its own, or read the one below by `skip_lines` {line - 1}."
+    )

@@ -1,0 +1,86 @@
+"""Rows of a table of motors: those of one motor, where a column of words tells several apart."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import ConfigError, DataError
+from cfid.records.tables.stand_heads import heads_of
+from cfid.records.tables.table import Array, CsvTable
+from cfid.records.tables.text import short
+
+_ALL = "*"
+_ROWS_A_MOTOR = 3
+_SHARED = 0.5  # of the commands, which rows of several motors have and rows with remarks have not
+
+
+class Chosen(NamedTuple):
+    """A table of some rows, the settings that name its columns, and the columns by which rows were chosen."""
+
+    table: CsvTable
+    columns: tuple[str, ...]
+    by: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def with_rows(table: CsvTable, columns: Sequence[str]) -> Chosen:
+    """Return the rows that `columns` choose by COLUMN=WORD, the word of a column of the file or * for all.
+
+    Raises ConfigError for a word that no row has.
+    """
+    others, by, notes = [], [], []
+    for pair in columns:
+        name, _, word = (part.strip() for part in pair.partition("="))
+        if heads_of([name]) or table.names.count(name) != 1:
+            others.append(pair)
+            continue
+        by.append(name)
+        if word == _ALL:
+            continue
+        words = np.array(table.words(name))
+        rest = np.flatnonzero(words != word)
+        if len(rest) == len(words):
+            raise ConfigError(f"{table.path}: `columns` {pair}: no row has that. '{name}' is {_listed(words)}.")
+        table = table.without(rest)
+        notes.append(f"{len(words) - len(rest)} of {len(words)} rows, whose '{name}' is '{word}' (`columns`).")
+    return Chosen(table, tuple(others), tuple(by), tuple(notes))
+
+
+def check_one_motor(table: CsvTable, command: Array, *, used: Sequence[str], settled: bool) -> None:
+    """Raise DataError where a column of words, none of those `used`, divides rows (n,) of the same commands.
+
+    They are of several motors or propellers, or of runs upwards and downwards. In a recording each has one stretch.
+    """
+    first = next(table.blocks(), table)
+    for name in table.names:
+        if not name or name in used or table.names.count(name) != 1:
+            continue
+        if np.isfinite(first.known_numbers([name])).any():
+            continue
+        words = np.array(table.words(name))
+        if _divides(words, command, settled=settled):
+            which = words[words != ""][0]
+            raise DataError(
+                f"{table.path}: rows of the same commands differ in '{name}' ({_listed(words)}): they may be of "
+                f"several motors or propellers. Choose one by `columns`, as in {name}={short(which)}, or take all as "
+                f"one motor's by {name}={_ALL}."
+            )
+
+
+def _divides(words: npt.NDArray[np.str_], command: Array, *, settled: bool) -> bool:
+    """Return whether words (n,) divide rows into few groups that have most commands (n,) in common."""
+    stated = (words != "") & np.isfinite(command)
+    labels, group = np.unique(words[stated], return_inverse=True)
+    if not 2 <= len(labels) <= np.count_nonzero(stated) / _ROWS_A_MOTOR:
+        return False
+    if not settled and np.count_nonzero(np.diff(group)) >= len(labels):
+        return False
+    levels, level = np.unique(command[stated], return_inverse=True)
+    groups_at = np.bincount(np.unique(level * len(labels) + group) // len(labels), minlength=len(levels))
+    return bool(np.mean(groups_at > 1) >= _SHARED)
+
+
+def _listed(words: npt.NDArray[np.str_]) -> str:
+    return short(", ".join(dict.fromkeys(word for word in words.tolist() if word)), 120)
