@@ -1,10 +1,12 @@
 """ULog and blackbox: files composed byte by byte are read with their own libraries."""
 
+import math
 import os
 import re
 import struct
 import sys
 import tracemalloc
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +15,10 @@ import pytest
 
 from cfid.errors import ConfigError, DataError
 from cfid.records.logs.any_kind import read_log
+from cfid.records.logs.motor_numbers import NO_SQUARE
 from cfid.records.logs.ulog_parts import PART_BYTES
 from cfid.records.tables.schema import Foreign
+from cfid.units import MOTORS
 from tests.logs.autopilot_bytes import (
     BLACKBOX_END,
     COUNT,
@@ -381,19 +385,60 @@ def test_outputs_of_a_blackbox_log_beyond_full_throttle_are_left_out_and_counted
     assert any("2 outputs of motors are beyond full throttle" in one for one in log.notes)
 
 
-@pytest.mark.parametrize(("functions", "front_right"), [((103, 101, 104, 102), 2000), ((0, 0, 0, 0), 1000)])
+def reports(functions: Sequence[int], rpm: Sequence[int]) -> bytes:
+    """Return a ULog file of 50 reports of motor controllers, each of the motor with its function."""
+    content = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1000) + message("B", bytes(40))
+    content += message("F", b"esc_report:int32_t esc_rpm;uint8_t actuator_function;uint8_t[3] _padding0;")
+    content += message("F", f"esc_status:uint64_t timestamp;esc_report[{len(rpm)}] esc;".encode())
+    content += message("A", struct.pack("<BH", 0, 0) + b"esc_status")
+    for at in range(50):
+        each = b"".join(struct.pack("<iB3x", *report) for report in zip(rpm, functions, strict=True))
+        content += message("D", struct.pack("<HQ", 0, 10_000 + 4000 * at) + each)
+    return content
+
+
+@pytest.mark.parametrize(
+    ("functions", "front_right"),
+    [
+        ((103, 101, 104, 102), 2000),
+        ((0, 0, 0, 0), 1000),
+        ((0, 0, 0, 0, 101, 102, 103, 104), 5000),
+        ((0, 104, 0, 103, 0, 102, 0, 101), 8000),
+    ],
+)
 def test_speeds_of_px4_are_of_the_motors_that_their_controllers_state(
     tmp_path: Path, functions: tuple[int, ...], front_right: float
 ) -> None:
     pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
-    content = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1000) + message("B", bytes(40))
-    content += message("F", b"esc_report:int32_t esc_rpm;uint8_t actuator_function;uint8_t[3] _padding0;")
-    content += message("F", b"esc_status:uint64_t timestamp;esc_report[4] esc;")
-    content += message("A", struct.pack("<BH", 0, 0) + b"esc_status")
-    for at in range(50):
-        reports = b"".join(struct.pack("<iB3x", 1000 * place, own) for place, own in enumerate(functions, start=1))
-        content += message("D", struct.pack("<HQ", 0, 10_000 + 4000 * at) + reports)
-    log = read_log(written(tmp_path, content))
+    log = read_log(written(tmp_path, reports(functions, [1000 * place for place, _ in enumerate(functions, start=1)])))
 
     speed = log.channel("rpm.m1")[1]  # PX4's first motor is front right, as the Crazyflie's
     np.testing.assert_allclose(speed, front_right * np.pi / 30)
+    assert not any("_padding" in name for name in log.series[0].names)
+
+
+def test_speeds_of_rotors_that_turn_the_other_way_are_counted_by_their_size(tmp_path: Path) -> None:
+    pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
+    log = read_log(written(tmp_path, reports((101, 102, 103, 104), (1000, -2000, 3000, 0))))
+    speeds = [log.channel(f"rpm.m{motor}")[1][0] for motor in MOTORS]
+    np.testing.assert_allclose(speeds, np.array([1000, 0, 2000, 3000]) * np.pi / 30)
+    assert log.channel("esc[1].esc_rpm")[1][0] == -2000  # as it is in the file
+
+
+@pytest.mark.parametrize(("count", "driven"), [(8, 4), (None, 8), (6, 6)])
+def test_a_vehicle_of_more_than_four_motors_is_named_and_is_no_square(
+    tmp_path: Path, count: int | None, driven: int
+) -> None:
+    pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
+    content = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1000) + message("B", bytes(40))
+    if count is not None:
+        key = b"int32_t CA_ROTOR_COUNT"
+        content += message("P", bytes([len(key)]) + key + struct.pack("<i", count))
+    content += message("F", b"actuator_motors:uint64_t timestamp;float[12] control;")
+    content += message("A", struct.pack("<BH", 0, 0) + b"actuator_motors")
+    controls = [0.5] * driven + [math.nan] * (12 - driven)
+    for at in range(50):
+        content += message("D", struct.pack("<HQ12f", 0, 10_000 + 4000 * at, *controls))
+    log = read_log(written(tmp_path, content))
+    (note,) = [one for one in log.notes if one.startswith(NO_SQUARE)]
+    assert f"there are {max(count or 0, driven)}, of which control[0] to [3] alone are read" in note

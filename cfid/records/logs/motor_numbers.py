@@ -25,8 +25,14 @@ def by_geometry(parameters: Mapping[str, float]) -> tuple[int, ...] | None:
     return found if set(found) == set(MOTORS) else None
 
 
-def off_square(parameters: Mapping[str, float]) -> tuple[str, ...]:
-    """Return a sentence on PX4's rotor positions where they are known and not the corners of a square."""
+def off_square(parameters: Mapping[str, float], driven: int) -> tuple[str, ...]:
+    """Return a sentence on PX4's rotors where they are known not to be at the corners of a square.
+
+    `driven` are the motors that have commands, 0 where none is logged.
+    """
+    stated = int(parameters.get("CA_ROTOR_COUNT", driven))
+    if (count := max(stated, driven)) not in (0, len(MOTORS)):
+        return (f"{NO_SQUARE}: there are {count}, of which control[0] to [3] alone are read as motors m1 to m4.",)
     if by_geometry(parameters) is None:
         return ()
     levers = [abs(one) for place in _places_m(parameters) for one in place]

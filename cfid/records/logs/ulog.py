@@ -44,6 +44,8 @@ _UNITS = (
     (r"actuator_outputs\.output\[\d+\]", "1"),
     (r"esc_status\.esc\[\d\]\.esc_rpm", "rpm"),
 )
+_MOTORS, _CONTROLLERS = "actuator_motors", "esc_status"
+_FILLING = re.compile(r"(?:^|\.)_padding\d*")  # of records, which their definitions make longer
 _BATTERY = "battery_status"  # a topic of each that may be connected; one that is not shows 0 V
 _FIRST_MOTOR = 101  # PX4's `actuator_function` of Motor1
 _PATTERNS = tuple((re.compile(pattern), unit) for pattern, unit in _UNITS)
@@ -66,7 +68,8 @@ def read_ulog(path: Path, source: Source) -> FlightLog:
     topics: dict[tuple[str, int], list[Rows]] = {}
     dropped_ms: list[int] = []
     info: dict[str, Any] = {}
-    stated, uneven, damaged, back = None, tuple[str, ...](), False, 0
+    parameters: dict[str, float] = {}
+    damaged, back = False, 0
     parts = UlogParts(path)
     for part in parts:
         try:
@@ -85,7 +88,7 @@ def read_ulog(path: Path, source: Source) -> FlightLog:
         dropped_ms += [each.duration for each in log.dropouts]
         info, damaged = log.msg_info_dict | info, damaged or log.file_corruption
         parameters = {name: value for name, value in log.initial_parameters.items() if _is_number(value)}
-        stated, uneven = by_geometry(parameters), off_square(parameters)
+    stated = by_geometry(parameters)
     series = [
         _series(*topic, rows, stated or PX4_QUAD_X, is_battery=topic == _battery_of(topics))
         for topic, rows in sorted(topics.items())
@@ -95,7 +98,7 @@ def read_ulog(path: Path, source: Source) -> FlightLog:
     notes = [f"{counted(len(dropped_ms), 'dropout')}, of {sum(dropped_ms) / 1e3:.3f} s together."] if dropped_ms else []
     if back:
         notes.append(f"{counted(back, 'row')} with a time that is not between those of the neighbours left out.")
-    notes += [*_of_damages(parts, others=damaged), *uneven]
+    notes += [*_of_damages(parts, others=damaged), *off_square(parameters, _driven(topics))]
     return FlightLog(
         path=path,
         source=source,
@@ -157,10 +160,11 @@ def _volts(rows: Rows) -> Array:
 
 
 def _series(topic: str, number: int, rows: Sequence[Rows], motors: tuple[int, ...], *, is_battery: bool) -> Series:
-    fields = [field for field in rows[0].dtype.names or () if field != "timestamp"]
+    fields = [field for field in rows[0].dtype.names or () if field != "timestamp" and not _FILLING.search(field)]
     columns = [_Column(Channel(printable(field), _unit(topic, field)), field) for field in fields]
     if topic != _BATTERY or is_battery:
-        columns += [column for column in _as_a_crazyflie_s(topic, _numbered(rows, motors)) if column.field in fields]
+        named = [column for column in _as_a_crazyflie_s(topic, _numbered(rows, motors)) if column.field in fields]
+        columns += [_forwards(column, rows) if topic == _CONTROLLERS else column for column in named]
     return Series(
         name=printable(f"{topic}_{number}" if number else topic),
         rows=sum(map(len, rows)),
@@ -169,16 +173,29 @@ def _series(topic: str, number: int, rows: Sequence[Rows], motors: tuple[int, ..
     )
 
 
-def _numbered(rows: Sequence[Rows], motors: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the Crazyflie's numbers of a topic's entries in order: of motors, or what each states that it drives.
+def _driven(topics: Mapping[tuple[str, int], Sequence[Rows]]) -> int:
+    """Return how many motors have commands."""
+    parts = topics.get((_MOTORS, 0), ())
+    fields = [field for field in (parts[0].dtype.names or () if parts else ()) if field.startswith("control[")]
+    return sum(any(np.isfinite(rows[field]).any() for rows in parts) for field in fields)
+
+
+def _numbered(rows: Sequence[Rows], motors: tuple[int, ...]) -> tuple[tuple[int, int], ...]:
+    """Return places of a topic's entries and the Crazyflie's numbers of their motors: in order, or as they state.
 
     PX4's reports of motor controllers stand in the order of the controllers, and state their motors from 101 on.
     """
-    named = [f"esc[{place}].actuator_function" for place in range(len(motors))]
-    if not set(named) <= set(rows[0].dtype.names or ()):
-        return motors
-    stated = [int(np.median(rows[0][name])) - _FIRST_MOTOR for name in named]
-    return tuple(motors[one] for one in stated) if sorted(stated) == list(range(len(motors))) else motors
+    names = [name for name in rows[0].dtype.names or () if name.endswith("].actuator_function")]
+    stated = {int(np.median(rows[0][name])) - _FIRST_MOTOR: place for place, name in enumerate(names)}
+    if set(range(len(motors))) <= set(stated):
+        return tuple((stated[one], motor) for one, motor in enumerate(motors))
+    return tuple(enumerate(motors))
+
+
+def _forwards(column: _Column, rows: Sequence[Rows]) -> _Column:
+    """Return a rotor's speed by its size where it turns the other way: is never above zero, and below."""
+    values = rows[0][column.field]
+    return column._replace(divisor=-1.0) if values.max() <= 0 > values.min() else column
 
 
 def _blocks(rows: Sequence[Rows], columns: Sequence[_Column]) -> Iterator[Array]:
@@ -195,12 +212,12 @@ def _is_number(value: Any) -> bool:
     return np.asarray(value).dtype.kind in "biuf"
 
 
-def _as_a_crazyflie_s(topic: str, motors: tuple[int, ...]) -> Iterator[_Column]:
+def _as_a_crazyflie_s(topic: str, motors: tuple[tuple[int, int], ...]) -> Iterator[_Column]:
     """Yield the channels that a Crazyflie has too, by its names and in its units."""
-    for_motors = {"actuator_motors": ("control.m{}", "control[{}]"), "esc_status": ("rpm.m{}", "esc[{}].esc_rpm")}
+    for_motors = {_MOTORS: ("control.m{}", "control[{}]"), _CONTROLLERS: ("rpm.m{}", "esc[{}].esc_rpm")}
     if topic in for_motors:
         name, own = for_motors[topic]
-        for place, motor in enumerate(motors):
+        for place, motor in motors:
             yield _Column(crazyflie_channel(name.format(motor)), own.format(place))
     if topic == _BATTERY:
         yield _Column(crazyflie_channel("pm.vbat"), "voltage_v")
