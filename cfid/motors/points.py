@@ -150,7 +150,9 @@ def measured(points: MotorPoints, name: str, *, over: str = "command") -> Paired
         x, y = getattr(source, over), getattr(source, name)
         missing = [column for column, value in ((over, x), (name, y)) if value is None]
         if missing:
-            raise FitError(f"no column {' and no '.join(missing)}: it was not measured.")
+            raise FitError(
+                f"no known column of {' or '.join(missing)}: it was not measured, or its column has another name."
+            )
         both = np.isfinite(x) & np.isfinite(y)
         if both.any():
             found = PairedPoints(source.command, x, y, windows, _errors(source, over), _errors(source, name))

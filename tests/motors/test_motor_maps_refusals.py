@@ -62,9 +62,9 @@ def test_nothing_above_the_dead_zone_is_refused(fit: type) -> None:
 
 def test_a_quantity_that_was_not_measured_is_named() -> None:
     bare = MotorPoints(command=COMMANDS, thrust_n=THRUST)
-    with pytest.raises(FitError, match="no column torque_nm: it was not measured"):
+    with pytest.raises(FitError, match="no known column of torque_nm: it was not measured"):
         fit_torque(bare)
-    with pytest.raises(FitError, match="no column speed_rad_s"):
+    with pytest.raises(FitError, match="no known column of speed_rad_s"):
         fit_thrust_of_speed(bare)
 
 

@@ -1,5 +1,6 @@
 """A CSV file from anywhere is read as it was meant, or refused with the line that is at fault: never misread."""
 
+import gzip
 import hashlib
 import math
 import re
@@ -243,7 +244,12 @@ FAULTS: dict[str, tuple[str | bytes, str]] = {
     "a spoilt first row": ("0.0x,5\n0.1,6\n", "1: '0.0x,5' is neither a header nor a row"),
     "prose": ("Dear Sir or Madam,\nthe rig is broken.\n", "not a CSV file of numbers: line 2"),
     "a photograph": (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", "not a CSV file: it holds binary data"),
-    "an archive": (b"PK\x03\x04\x14\0\0\0", "not a CSV file: it holds binary data"),
+    "a spreadsheet": (
+        b"PK\x03\x04\x14\0\0\0",
+        "a spreadsheet (.xlsx) or packed files (.zip, .npz): save the table as CSV",
+    ),
+    "an old spreadsheet": (b"\xd0\xcf\x11\xe0\xa1\xb1", "a spreadsheet (.xls): save the table as CSV"),
+    "a packed table": (gzip.compress(CSV.encode()), "a packed file (.gz): unpack it"),
     "UTF-16": (CSV.encode("utf-16"), "not a CSV file in UTF-8, but text in UTF-16"),
     "UTF-16 of the other order": (b"\xfe\xff" + CSV.encode("utf-16-be"), "not a CSV file in UTF-8, but text in UTF-16"),
     "UTF-16 without a mark": (CSV.encode("utf-16-le"), "or text in UTF-16"),

@@ -305,7 +305,11 @@ def test_a_column_of_an_unknown_unit_is_named_where_it_is_not_needed(tmp_path: P
             "cmd,lift\n1,4\n",
             "nothing measured among cmd, lift. Name columns by `columns`, as in cmd=1",
         ),
-        ("cmd,thrust\n1,4\n", "column 'thrust' has no known unit. Name it by `columns`, as in thrust_n=2. Known names"),
+        (
+            "cmd,thrust\n1,4\n",
+            "column 'thrust' has no known unit. Name it by `columns`, as in thrust_n=2 in newtons, or Thrust (gf)=2 in "
+            "grams. Known names",
+        ),
         ("cmd,thrust[lbs]\n1,4\n", "column 'thrust[lbs]' has no known unit"),
         ("pwm[ms],thrust_n\n1,4\n", "column 'pwm[ms]' has no known unit"),
         (
@@ -564,6 +568,14 @@ def test_speeds_of_a_rotor_that_turns_the_other_way_are_positive(tmp_path: Path)
         ("moment (N·cm)", "torque_nm", "torque_nm", 1e-2),
         ("n krpm", "rpm", "square_mean_speed_rad_s", 100 * math.pi / 3),
         ("rig_s", "thrust_n", "thrust_n", 1),
+        ("Total Thrust [g]", "thrust_total_g", "thrust_n", 9.81e-3 / 4),
+        ("Total Thrust [g]", "weight[g]", "thrust_n", 9.81e-3 / 4),
+        ("Total Thrust [g]", "thrust[N]", "thrust_n", 9.80665e-3 / 4),
+        ("Gesamtschub (kgf)", "thrust_total_g", "thrust_n", 9.80665 / 4),
+        ("Weight [kg]", "weight[g]", "thrust_n", 9.80665 / 4),
+        ("Total (lbf)", "thrust[N]", "thrust_n", 4.4482216 / 4),
+        ("Total (N)", "thrust[N]", "thrust_n", 1 / 4),
+        ("Total (N)", "thrust_n", "thrust_n", 1),
     ],
 )
 def test_a_unit_that_a_header_states_without_brackets_counts_before_that_of_the_option(
@@ -573,7 +585,9 @@ def test_a_unit_that_a_header_states_without_brackets_counts_before_that_of_the_
     assert np.asarray(getattr(table, quantity))[-1] == pytest.approx(expected, rel=1e-4)
 
 
-@pytest.mark.parametrize(("head", "named"), [("lift_uN", "thrust_n"), ("esc ms", "cmd"), ("n erpm", "rpm")])
+@pytest.mark.parametrize(
+    ("head", "named"), [("lift_uN", "thrust_n"), ("esc ms", "cmd"), ("n erpm", "rpm"), ("eRPM", "rpm")]
+)
 def test_an_option_does_not_override_a_unit_without_brackets_that_is_not_read(
     tmp_path: Path, head: str, named: str
 ) -> None:

@@ -164,12 +164,12 @@ def _at_edges(counts: Array, per_turn: float) -> Array | None:
     """Return at which counts the edges lie of rows (n,) that were written at each change; None for polled counts.
 
     An edge lies half a count before the count in whose direction it was passed; a swing that is polled repeats counts
-    where it turns.
+    where it turns. One direction alone tells neither, and needs no edges.
     """
     if np.any(np.diff(counts[:_POLLED_ROWS]) == 0):
         return None
     steps = (np.diff(counts, prepend=2 * counts[0] - counts[1]) + per_turn / 2) % per_turn - per_turn / 2
-    if np.any(steps == 0) or np.mean(np.abs(steps) == 1) < _EDGES_SHARE:
+    if np.any(steps == 0) or np.mean(np.abs(steps) == 1) < _EDGES_SHARE or np.all(steps > 0) or np.all(steps < 0):
         return None
     return counts - 0.5 * np.sign(steps)
 

@@ -21,6 +21,15 @@ MEASURED = ("thrust_n", "torque_nm", "speeds_rad_s", "grams")
 _GRAM_FORCE_N = 9.80665e-3  # by definition
 _POUND_FORCE_N, _INCH_M = 4.4482216152605, 0.0254
 _METRIC_N = {"n": 1.0, "mn": 1e-3, "cn": 1e-2, "gf?": _GRAM_FORCE_N, "kgf?": 1e3 * _GRAM_FORCE_N}
+_FORCES_N = {
+    "n": 1.0,
+    "mn": 1e-3,
+    "cn": 1e-2,
+    "g(?:f|rams?)?": _GRAM_FORCE_N,
+    "kgf?": 1e3 * _GRAM_FORCE_N,
+    "lbf": _POUND_FORCE_N,
+    "ozf": _POUND_FORCE_N / 16,
+}
 _ARM_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 _EXAMPLES = {"command": "cmd", "speeds_rad_s": "rpm", "time_s": "t"}
 _TAKE_UNITS = {
@@ -41,10 +50,12 @@ _OF_POWERTRAIN = re.compile(
 )
 _LETTERED = re.compile(r"(?:esc|escsignal|escthrottle|thrust|torque|voltage|motor\w*speed)(?P<side>[ab])[(\[].+[)\]]")
 _BARE_COMMAND = re.compile("cmd|command|pwm")  # known names that state no unit
+_ELECTRICAL = re.compile("e[-_]?rpm")  # turns of the field, as many as pairs of poles for one of the rotor
+_TOTAL = re.compile("total|sum|gesamt")
 _SEVERAL = ("series", "rotors")
 _STEMS = {
     "command": ("cmd", "command", "pwm", "esc(", "escms", "escpwm", "escsignal", "escthrottle"),  # esc_count is none
-    "thrust_n": ("thrust", "weight"),
+    "thrust_n": ("thrust", "weight", "totalthrust"),
     "torque_nm": ("torque",),
     "vbat_v": ("vbat", "voltage"),
     "speeds_rad_s": ("speed", "rpm", "omega", "ω", "motorelectrical", "motoroptical"),
@@ -83,20 +94,8 @@ _KNOWN = (
     ColumnHead("thrust_n", r"thrust_n"),
     ColumnHead("thrust_n", r"thrust\[n\]", kind="total"),
     ColumnHead("thrust_n", r"(?:weight|thrust)\[g\]|thrust_total_g", 1e-3, "total in grams"),
-    *_of_stand(
-        "thrust_n",
-        r"thrust|forcefz\(thrust\)",
-        {
-            "n": 1.0,
-            "mn": 1e-3,
-            "cn": 1e-2,
-            "g(?:f|rams?)?": _GRAM_FORCE_N,
-            "kgf?": 1e3 * _GRAM_FORCE_N,
-            "lbf": _POUND_FORCE_N,
-            "ozf": _POUND_FORCE_N / 16,
-        },
-        "",
-    ),
+    *_of_stand("thrust_n", r"thrust|forcefz\(thrust\)", _FORCES_N, ""),
+    *_of_stand("thrust_n", "thrust_total", _FORCES_N, "total"),
     ColumnHead("torque_nm", r"torque_nm"),
     *_of_stand(
         "torque_nm",
@@ -200,10 +199,12 @@ def in_own_unit(name: str, own: str) -> str:
         named, unit = TIME_COLUMN.called.fullmatch(name.strip()), unit_at_end(own)
         return f"{name} [{unit}]" if named and unit and not named[1] else name
     units = _units_of(own)
-    if head.kind == "total in grams" and "g" in units and not _UNIT.fullmatch(spelt(own)):
-        return name  # which brackets the g had, and so of how many motors it is, was lost
-    whole = [] if _BARE_COMMAND.fullmatch(spelt(own)) else [own]
-    for known in (*whole, *(f"{_TAKE_UNITS.get(quantity)}({one})" for one in units)):
+    total = head.kind.startswith("total")
+    if head.kind == "total in grams" and "g" in units:
+        return name
+    whole = [] if total or _BARE_COMMAND.fullmatch(spelt(own)) else [own]
+    called = "thrust_total" if total else _TAKE_UNITS.get(quantity)
+    for known in (*whole, *(f"{called}({one})" for one in units)):
         for stated_head, _ in heads_of([known]).get(quantity, ()):
             if stated_head.factor != head.factor or (stated_head.kind == "esc") != (head.kind == "esc"):
                 return known
@@ -229,6 +230,8 @@ def _states_other(own: str, quantity: str) -> bool:
     Without brackets, a single letter, as in rotor_n, is a symbol, and known names keep what they state.
     """
     units = _units_of(own)
+    if quantity == "speeds_rad_s" and _ELECTRICAL.match(spelt(own)):
+        return True
     if any(_is_unit(one, quantity) for one in units):
         return False
     bare = not (_UNIT.fullmatch(spelt(own)) or _unmangled(own))
@@ -243,10 +246,14 @@ def _unknown(name: str, quantity: str) -> str:
 
 def _remedy(table: CsvTable, name: str, quantity: str) -> str:
     """Return what to do about a column that is not known: no option reads a unit that the header states."""
-    called = f"{called_as(quantity)}={1 + table.names.index(name)}"
+    place = 1 + table.names.index(name)
     if _states_other(name, quantity):
         return f"Convert it to a unit that is read, and state that in its header, as in {called_as(quantity)}"
-    return f"Name it by `columns`, as in {called}"
+    if quantity != "thrust_n":
+        return f"Name it by `columns`, as in {called_as(quantity)}={place}"
+    if _TOTAL.search(spelt(name)):
+        return f"Name it by `columns`, as in thrust[N]={place} of four motors, or thrust_n={place} of one"
+    return f"Name it by `columns`, as in thrust_n={place} in newtons, or Thrust (gf)={place} in grams"
 
 
 def has_unread_unit(name: str, own: str) -> bool:

@@ -16,6 +16,13 @@ _BOM = b"\xef\xbb\xbf"
 _NO_BREAK_SPACE = re.compile(rb"\xc2\xa0|(?<=[\x00-\x7f])\xa0")  # in UTF-8, and in one byte after one of ASCII
 _MINUS = "\u2212".encode()  # which typeset numbers have
 _OTHER_BOMS = (b"\xff\xfe", b"\xfe\xff", b"\0\0\xfe\xff")  # UTF-16 and UTF-32
+_OTHER_FILES = {
+    b"PK\x03\x04": "a spreadsheet (.xlsx) or packed files (.zip, .npz): save the table as CSV, or unpack it.",
+    b"\xd0\xcf\x11\xe0": "a spreadsheet (.xls): save the table as CSV.",
+    b"\x1f\x8b": "a packed file (.gz): unpack it.",
+    b"ARROW1": "a Feather file: save the table as CSV.",
+    b"\x93NUMPY": "an array of NumPy: save it as CSV, with a header, or as .mat.",
+}
 _WRITTEN_ONLY = {b"\x89MCAP0\r\n": "an MCAP", b"PAR1": "a Parquet"}
 _CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1f]")
 _LOOKED_AT = 4096  # bytes at the start of a file, where text has no control characters
@@ -63,6 +70,9 @@ def check_text(path: Path, content: bytes) -> None:
     for begin, kind in _WRITTEN_ONLY.items():
         if content.startswith(begin):
             raise DataError(f"{path}: {kind} file, which cfid writes and does not read: give what it was made of.")
+    for begin, kind in _OTHER_FILES.items():
+        if content.startswith(begin):
+            raise DataError(f"{path}: {kind}")
     if _CONTROL.search(text[:_LOOKED_AT]):
         if path.suffix.lower() == ".mat":
             raise DataError(
