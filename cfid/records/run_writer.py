@@ -4,6 +4,7 @@ import contextlib
 import errno
 import os
 import re
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -183,6 +184,7 @@ def create_run(
     except OSError as error:
         for file in writer._files.values():
             file.close()
+        shutil.rmtree(folder, ignore_errors=True)  # nothing was recorded, and an empty run stays in every list
         raise ConfigError(f"{folder}: cannot be written: {error.strerror}.") from None
     return writer
 
