@@ -69,10 +69,12 @@ def fleet_fit(
         rows = [results.done[one] for one in every if one in results.done]
     (_print_json if json else _print_summary)(rows, faults)
     failed = [text for row in rows for text in _failures(row)]
+    missing = [f"{len(failed)} fits of {out} were not made:", *_shortened(failed)] if failed else []
     if faults:
-        raise DataError("\n  ".join([f"{len(faults)} of {len(every)} campaigns were not refitted:", *faults]))
-    if failed:
-        raise FitError("\n  ".join([f"{len(failed)} fits of {out} were not made:", *_shortened(failed)]))
+        unread = [f"{len(faults)} of {len(every)} campaigns were not refitted:", *faults]
+        raise DataError("\n".join("\n  ".join(texts) for texts in (unread, missing) if texts))
+    if missing:
+        raise FitError("\n  ".join(missing))
 
 
 def _keep(results: "Results", answers: "Iterator[tuple[str, Refitted | DataError]]", every: Sequence[str]) -> list[str]:

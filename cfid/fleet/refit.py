@@ -1,6 +1,5 @@
 """Refit one campaign from its recordings: what a process, or a worker of a cluster, is given to do."""
 
-import math
 import re
 import tempfile
 import time
@@ -19,6 +18,7 @@ from cfid.records.rig_file import RIG_FILE
 from cfid.records.run import Run, read_run
 
 _BY_HAND = "set"  # the section of values measured by hand, which no recording gives
+_FARTHEST = 1e9  # standard uncertainties up to which a move is stated: an edited value or std gives any
 _RUN_NAME = re.compile(r"[A-Za-z0-9_+-][A-Za-z0-9_.+-]*")
 
 
@@ -105,10 +105,9 @@ def _repeat(fit: Fit, own: Campaign, made: Campaign, place: Place, changes: Mapp
     sources = tuple(replace(source, path=place.named(source.path)) for source in result.sources)
     made.keep(replace(result, sources=sources), force=options.get("force", False), options=options)
     moves = _moves(fit.section, made.sections()[result.section_name])
-    beyond = [name for move, name in moves if not math.isfinite(move)]
-    if beyond:
-        notes += (f"its kept std is too small to compare with: {', '.join(beyond)}.",)
-    moved, most = max((one for one in moves if math.isfinite(one[0])), default=(None, ""))
+    if beyond := [name for move, name in moves if move == _FARTHEST]:
+        notes += (f"moved by {_FARTHEST:g} of the kept std or more: {', '.join(beyond)}.",)
+    moved, most = max(moves, default=(None, ""))
     return Refit(name=fit.name, moved=moved, most=most, notes=notes)
 
 
@@ -143,10 +142,10 @@ def _scales(named: Path, own: Campaign, place: Place) -> Path:
 
 
 def _moves(kept: Section, made: Section) -> list[tuple[float, str]]:
-    """Return the change of each number in standard uncertainties of the kept one, and its name."""
+    """Return the change of each number in standard uncertainties of the kept one, up to the farthest, and its name."""
     new = {one.name: one.value for key, found in made.parameters.items() for one in found.numbers(key)}
     return [
-        (abs(value - one.value) / one.std, one.name)
+        (min(abs(value - one.value) / one.std, _FARTHEST), one.name)
         for key, found in kept.parameters.items()
         if key not in kept.rejected
         for one in found.numbers(key)

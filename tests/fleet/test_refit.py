@@ -499,6 +499,7 @@ def test_campaigns_that_cannot_be_read_do_not_stop_the_others(cfid: Cfid, three:
     assert ended.returncode == 4
     assert "2 of 3 campaigns were not refitted" in ended.stderr
     assert "holds no fit that could be repeated" in ended.stderr
+    assert "were not made" not in ended.stderr
     assert list(found_in(tmp_path / "out")) == ["c3"]
 
 
@@ -547,10 +548,16 @@ def test_a_fit_that_cannot_be_repeated_is_named(cfid: Cfid, three: Path, tmp_pat
     content = json.loads(kept.read_text())
     content["section"]["sources"][0]["path"] = "/elsewhere/drop.csv"
     kept.write_text(json.dumps(content))
-    ended = cfid("fleet", "fit", three / "c1", "--out", tmp_path / "out")
+    fault = "1 fits of out were not made:\n  c1: friction: was made from /elsewhere/drop.csv, which is no run of the"
+    (tmp_path / "unread").mkdir()
+    beside = cfid("fleet", "fit", three / "c1", "unread", "--out", "out", "--jobs", 1)
+    ended = cfid("fleet", "fit", three / "c1", "--out", "out")
 
+    assert beside.returncode == 4
+    assert "1 of 2 campaigns were not refitted" in beside.stderr
+    assert fault in " ".join(beside.stderr.split(" "))
     assert ended.returncode == 5
-    assert "c1: friction: was made from /elsewhere/drop.csv, which is no run of the campaign" in ended.stderr
+    assert fault in ended.stderr
     assert set(load_sections(tmp_path / "out" / "c1" / "parameters.toml")) == OF_C1 - {"friction"}
 
 
@@ -644,21 +651,22 @@ def test_a_fit_whose_name_was_edited_is_repeated_by_its_command(three: Path) -> 
     assert [(one.name, one.fault) for one in found.fits] == [("renamed", "")]
 
 
-def test_a_kept_std_that_is_too_small_to_compare_with_is_noted_and_stops_nothing(
-    cfid: Cfid, three: Path, tmp_path: Path
+@pytest.mark.parametrize(("value", "std"), [(0.0, 1e-320), (1e308, 1e-3)])
+def test_a_number_that_moved_beyond_comparison_is_noted_and_stops_nothing(
+    cfid: Cfid, three: Path, tmp_path: Path, value: float, std: float
 ) -> None:
     path = next((three / "c3" / "fits").glob("*swing*.json"))
     content = json.loads(path.read_text())
     kept = content["section"]["parameters"]["swing.natural_frequency_squared_s2"]
-    kept["value"], kept["std"] = kept["value"] - 1, 1e-320
+    kept["value"], kept["std"] = value, std
     path.write_text(json.dumps(content))
     ended = cfid("fleet", "fit", three / "c3", three / "c1", "--out", tmp_path / "out", "--jobs", 1, "--json")
 
     assert ended.returncode == 0, ended.stderr
     first, other = json.loads(ended.stdout)["campaigns"]
     (fit,) = first["fits"]
-    assert (fit["moved_in_std"], fit["done"], other["folder"]) == (0, True, "c1")
-    assert fit["text"] == "its kept std is too small to compare with: swing.natural_frequency_squared_s2."
+    assert (fit["moved_in_std"], fit["done"], other["folder"]) == (1e9, True, "c1")
+    assert fit["text"] == "moved by 1e+09 of the kept std or more: swing.natural_frequency_squared_s2."
 
 
 def test_a_campaign_whose_name_is_too_long_for_a_folder_is_kept_under_its_beginning(tmp_path: Path) -> None:

@@ -213,7 +213,7 @@ def test_a_place_where_no_run_can_be_made_is_a_configuration_error(tmp_path: Pat
 def test_two_devices_cannot_share_a_file_and_a_run_that_cannot_begin_leaves_no_folder(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="cannot be written"):
         new(tmp_path, devices={"encoder": ENCODER, "other": ENCODER})
-    assert list(tmp_path.iterdir()) == []
+    assert list((tmp_path / "runs").iterdir()) == []
 
 
 # Reading what is damaged, newer or changed
