@@ -82,6 +82,8 @@ def _options_of(bundle: Any) -> dict[str, tuple[Any, Any]]:
 
 def _stated(value: Any) -> Any:
     """Return an option's value as a file states it: a path to something that exists in full."""
+    if isinstance(value, list):
+        return [_stated(one) for one in value]
     if isinstance(value, Path):
         return str(value.resolve() if value.exists() else value)
     return value

@@ -36,12 +36,14 @@ def chosen(
     it. `wanted` describes the expected runs, for messages; with `excluded` a glob selects excluded runs too. Raises
     ConfigError when a word matches nothing.
     """
+    from cfid.records.resumed import resumed_by
+
     words = words or ()
     finding = not words or any(_is_search(word) for word in words)
     there = readable_runs(campaign.runs_folder) if campaign is not None and finding else []
     if campaign is not None and finding:
         name_other_folders(campaign.runs_folder, words)
-    resumed = {run.header.requested.get("resumes") for run in there if not run.header.excluded}
+    resumed = {resumed_by(run) for run in there if not run.header.excluded}
     runs = [run for run in there if suits(run) and run.folder.name not in resumed]
     named = [_included(run) for run in runs] if excluded else runs
     if not words:
@@ -64,23 +66,18 @@ def _whole(words: Sequence[str], campaign: "Campaign | None") -> list[str]:
     """Return the words, each run after the interrupted ones that it completes."""
     found: list[str] = []
     for word in words:
-        parts = [word]
-        while before := _resumed_by(parts[0], campaign):
-            parts.insert(0, before)
-        found += [part for part in parts if part not in found]
+        found += [part for part in (*_completed_by(word, campaign), word) if part not in found]
     return found
 
 
-def _resumed_by(word: str, campaign: "Campaign | None") -> str:
-    """Return the name of the run that a run completes, "" for none, an excluded one, and words that name no run."""
+def _completed_by(word: str, campaign: "Campaign | None") -> list[str]:
+    """Return the names of the runs that a run completes, none for words that name no run."""
+    from cfid.records.resumed import with_completed
     from cfid.records.run import read_run
 
     if campaign is None or not (campaign.runs_folder / word / RUN_FILE).is_file():
-        return ""
-    before = str(read_run(campaign.runs_folder / word).header.requested.get("resumes", ""))
-    if not before or not (campaign.runs_folder / before / RUN_FILE).is_file():
-        return ""
-    return "" if read_run(campaign.runs_folder / before).header.excluded else before
+        return []
+    return [run.folder.name for run in with_completed(read_run(campaign.runs_folder / word))[:-1]]
 
 
 def _is_search(word: str) -> bool:

@@ -129,6 +129,8 @@ def _shown_by(kept: Fit) -> dict[str, Any]:
 
 
 def _checked(name: str, value: Any, taken: Mapping[str, inspect.Parameter]) -> Any:
+    if name == "verify" and isinstance(value, str):  # of a fit that took one run of scales
+        value = [value]
     try:
         return TypeAdapter(list[str] if name == LABELS else taken[name].annotation).validate_python(value)
     except (KeyError, ValidationError):

@@ -14,6 +14,7 @@ from cfid.fleet.recipes import NO_CHANGES, again, options_of
 from cfid.records.campaign import RUNS_FOLDER, Campaign, open_campaign
 from cfid.records.fits import Fit, list_fits
 from cfid.records.parameters import Section, store_section
+from cfid.records.resumed import resumed_by
 from cfid.records.rig_file import RIG_FILE
 from cfid.records.run import Run, read_run
 
@@ -96,7 +97,8 @@ def _readable(found: Iterable[Fit | DataError]) -> list[Fit]:
 def _repeat(fit: Fit, own: Campaign, made: Campaign, place: Place, changes: Mapping[str, str]) -> Refit:
     runs, notes = _runs_of(fit, own, place)
     options = options_of(fit, changes)
-    brought = options | ({"verify": _scales(options["verify"], own, place)} if "verify" in options else {})
+    scales = [_scales(one, own, place) for one in options.get("verify") or ()]
+    brought = options | ({"verify": scales} if scales else {})
     result = again(fit, [run.folder for run in runs], campaign=made.folder, options=brought)
     before = {source.sha256 for source in fit.section.sources}
     changed = [PurePath(source.path).name for source in result.sources if source.sha256 not in before]
@@ -134,10 +136,16 @@ def _runs_of(fit: Fit, own: Campaign, place: Place) -> tuple[list[Run], tuple[st
 
 
 def _scales(named: Path, own: Campaign, place: Place) -> Path:
-    """Return where the scales are that a fit was verified with: a file, or a run by its name."""
+    """Return where the scales are that a fit was verified with: a file, or a run by its name.
+
+    The runs that it completes are brought too.
+    """
     if named.exists() or not _RUN_NAME.fullmatch(str(named)):
         return named
-    place.bring_run(str(named))
+    names = [str(named)]
+    while _RUN_NAME.fullmatch(names[-1]) and names[-1] not in names[:-1]:
+        place.bring_run(names[-1])
+        names.append(resumed_by(read_run(own.runs_folder / names[-1])))
     return own.runs_folder / named
 
 

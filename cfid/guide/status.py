@@ -11,6 +11,7 @@ from cfid.guide.plan import Assignment, Task, Words, is_vehicle, tasks
 from cfid.motors.plan import FEWEST_COMMANDS, StaircasePlan, missing
 from cfid.records.campaign import RUNS_FOLDER, Campaign
 from cfid.records.parameters import Section
+from cfid.records.resumed import resumed_by
 from cfid.records.rig_file import RIG_FILE, CampaignKind
 from cfid.records.run import Run
 from cfid.records.stale import Stale, is_blind, other_facts, stale_in
@@ -99,7 +100,7 @@ def unusable_in(campaign: Campaign, statuses: Sequence[TaskStatus]) -> tuple[Unu
     """Return the campaign's runs of no use whose recordings are still lacking, of a resumed one the last part."""
     lacking = [recording for one in statuses for recording in one.lacking if not (one.reason and recording.repeats)]
     found, usable, every = [], campaign.runs(), campaign.runs(complete=False)
-    resumed = {run.header.requested.get("resumes") for run in every if not run.header.excluded}
+    resumed = {resumed_by(run) for run in every if not run.header.excluded}
     for run in every:
         header = run.header
         if header.verdict is None or header.verdict.usable or header.excluded or run.folder.name in resumed:

@@ -25,7 +25,10 @@ from cfid.fleet.results import results_in
 from cfid.records.campaign import open_campaign
 from cfid.records.files import sha256_of
 from cfid.records.parameters import Section, load_sections, plain
+from cfid.records.rig_file import RIG_FILE, new_rig_text
 from tests.campaigns import LONGEST_S, Cfid, Once, in_this_process
+from tests.motors.stand_in_a_folder import climbed, write_run
+from tests.motors.test_resumed_scales import two_parts
 from tests.processes import started
 
 FITS = {"c1": ("friction", "testbody", "swing"), "c2": ("inertia", "swing"), "c3": ("swing",)}
@@ -479,6 +482,24 @@ def test_a_fit_of_an_older_file_is_repeated_without_the_options_that_it_does_not
 
     assert made["friction"] != numbers(kept)["friction"]
     assert made["swing x"] == numbers(kept)["swing x"]
+
+
+def test_a_map_is_verified_again_by_all_parts_of_its_scales_also_where_an_older_file_names_one(tmp_path: Path) -> None:
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    steps = tuple(range(0, 64001, 8000))
+    write_run(tmp_path, climbed(steps), steps=steps, motors=(1, 3), hold_s=2.0, rest_s=1.0)
+    _, second = two_parts(tmp_path)
+    words = ["fit", "thrust", "--verify", second.folder.name, "--no-figures"]
+    ended = in_this_process(words, tmp_path)
+    assert ended.returncode == 0, ended.stderr
+    file = last_fit(tmp_path, "thrust")
+    content = json.loads(file.read_text())
+
+    assert content["options"] == {"verify": [second.folder.name]}
+    for options in (content["options"], {"verify": second.folder.name}):
+        file.write_text(json.dumps(content | {"options": options}))
+        (made,) = [path for path in refit(str(tmp_path)).files.items() if path[0].startswith("fits/")]
+        assert "verification: 5 readings" in made[1].decode()
 
 
 @pytest.mark.parametrize(("name", "value"), [("from_s", "soon"), ("out", "/tmp"), ("run", "x"), ("colour", 1)])

@@ -101,7 +101,8 @@ def thrust(
     stand: StandOptions,
     fit: MapOptions,
     verify: Annotated[
-        Path | None, typer.Option(help="Scales: a table cmd,grams, or a run of cfid log scales (figure 3.9).")
+        list[Path] | None,
+        typer.Option(help="Scales: a table cmd,grams, or a run of cfid log scales (figure 3.9); can be repeated."),
     ] = None,
     rig: RigOptions,
     reading: ReadingOptions,
@@ -135,7 +136,7 @@ def thrust(
         order=fit.chosen(2),
         robust=fit.robust,
         stand=replace(stand.known(), facts=workplace.rig.facts),
-        scales=None if verify is None else find_recording(str(verify), workplace),
+        scales=[find_recording(str(one), workplace) for one in verify or ()],
         method=method,
     )
     _deliver(result, workplace, delivery)

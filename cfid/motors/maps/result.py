@@ -12,21 +12,20 @@ from cfid.errors import FitError
 from cfid.estimate.common_causes import (
     force_scales,
     power_law,
-    scales_of_weights,
     tachometer_scales,
     thrust_in_torque,
     torque_scales,
     with_common_causes,
 )
-from cfid.findings import Finding, joined, rejection, texts, warning
+from cfid.findings import Finding, joined, rejection, texts
 from cfid.motors.maps import estimation, values
 from cfid.motors.maps.data import Points, evidence_of
 from cfid.motors.maps.estimation import GIVEN_BY, OVER_SPEED, Method, MotorMap, Order, SpeedThrustMap
 from cfid.motors.maps.evidence import Evidence, Stand
 from cfid.motors.maps.inverse import invert, maximum_thrust, on_battery
-from cfid.motors.maps.scales import ScalesCheck, scales_findings, scales_thrust_n, verify_thrust
-from cfid.motors.maps.table_data import read_scales
+from cfid.motors.maps.scales import ScalesCheck
 from cfid.motors.maps.voltage import KEY, VoltageComparison, compare_thrust
+from cfid.motors.maps.weighing import verified
 from cfid.motors.vibration.data import Rotors
 from cfid.records.covariances import Covariance
 from cfid.records.facts import RigFacts
@@ -64,14 +63,14 @@ def fit_thrust(
     order: Order = 2,
     robust: bool = True,
     stand: Stand | None = None,
-    scales: Path | None = None,
+    scales: Path | Sequence[Path] = (),
     method: Method = "default",
 ) -> Result:
     """Fit one motor's thrust over command, its inverse and largest thrust, and thrust over a logged voltage.
 
     `points` are runs, tables of a thrust stand or their paths, and `stand` the facts that these do not contain;
-    `scales` are a run or a table of a second instrument. Raises ConfigError, DataError or FitError, the last where
-    nothing can be fitted at all.
+    `scales` are runs or tables of a second instrument, each run with those that it completes. Raises ConfigError,
+    DataError or FitError, the last where nothing can be fitted at all.
     """
     found = evidence_of(points, stand)
     with _with_findings(found):
@@ -96,7 +95,8 @@ def fit_thrust(
     if given is not None:
         lines += values.maximum_lines(given)
     over_speed, about_speed = _by_speed(found, method, robust=robust)
-    verification, about_scales = _verified(mapped, scales, stand or Stand(), found.loadcells, gravity_mps2)
+    weighed = [scales] if isinstance(scales, Path) else scales
+    verification, about_scales = verified(mapped, weighed, stand or Stand(), found.loadcells, gravity_mps2)
     details = _MapDetails(
         parameters={
             **parameters,
@@ -232,23 +232,6 @@ def _by_speed(found: Evidence, method: Method, *, robust: bool) -> tuple[SpeedTh
     except FitError as error:
         return None, (rejection("thrust-of-speed-not-fitted", f"thrust of speed: {error}", *OVER_SPEED),)
     return mapped, mapped.findings
-
-
-def _verified(
-    mapped: MotorMap, scales: Path | None, stand: Stand, loadcells: Sequence[RigFacts], gravity_mps2: float
-) -> tuple[ScalesCheck | None, Sequence[Finding]]:
-    """Compare the map with scales: of a run, or of a table."""
-    if scales is None:
-        return None, ()
-    read = read_scales(scales, stand.motors, stand.facts)
-    causes = [*scales_of_weights([read.facts]), *force_scales(loadcells)]
-    stds = [cause.std for cause in causes if cause.std is not None]
-    try:
-        thrust_n = scales_thrust_n(read.command, read.grams, motors=read.motors, gravity_mps2=gravity_mps2)
-        check = verify_thrust(mapped, command=read.command, thrust_n=thrust_n, scale_stds=stds)
-        return check, scales_findings(check)
-    except FitError as error:
-        return None, (warning("scales-not-comparable", f"the map is not verified: {error}"),)
 
 
 def _of_the_rig(loadcells: Sequence[RigFacts]) -> Figures:

@@ -41,10 +41,13 @@ class ScalesCheck:
     gain_std: float
 
 
-def scales_thrust_n(command: Array, grams: Array, *, motors: int, gravity_mps2: float) -> Array:
+def scales_thrust_n(
+    command: Array, grams: Array, *, motors: int, gravity_mps2: float, rest_g: Array | None = None
+) -> Array:
     """Return one motor's thrusts (n,) in N from readings of scales (n,), as the change from motors that stand.
 
-    Thrust reduces the weight; a reading that grows with the command is taken with the opposite sign.
+    Thrust reduces the weight; a reading that grows with the command is taken with the opposite sign. Readings of
+    several recordings have a weight at rest `rest_g` (n,) each; otherwise it is the mean of those at rest.
 
     Raises FitError without a reading of motors that stand, where the display stands still, and where one reading is
     off the curve through the others.
@@ -55,7 +58,7 @@ def scales_thrust_n(command: Array, grams: Array, *, motors: int, gravity_mps2: 
             f"scales show a change of weight: readings at command 0 and above {DEAD_COMMAND} are needed, and these "
             f"are from {command.min():.0f} to {command.max():.0f}."
         )
-    lighter = grams[standing].mean() - grams
+    lighter = (grams[standing].mean() if rest_g is None else rest_g) - grams
     upwards = math.copysign(1.0, float(lighter[~standing].sum()))
     thrust_n = np.asarray(upwards * lighter * 1e-3 * gravity_mps2 / motors)
     _check_readings(command, grams, thrust_n)

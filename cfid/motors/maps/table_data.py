@@ -1,9 +1,7 @@
-"""Steady points from tables: settled points, a thrust stand's record over time, readings of scales."""
+"""Steady points from tables: settled points, and a thrust stand's record over time."""
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -18,11 +16,8 @@ from cfid.motors.maps.evidence import Evidence, Reduced, Stand, line_of, speed_f
 from cfid.motors.points import MotorPoints, joined, per_motor
 from cfid.motors.stand_points import points_of, reduce_speeds
 from cfid.records.facts import NONE_STATED, RigFacts
-from cfid.records.run import Run
-from cfid.records.run_notes import run_at
-from cfid.records.tables.stand import StandTable, read_stand_table
+from cfid.records.tables.stand import StandTable
 from cfid.records.tables.stand_commands import USUAL_ESC_US
-from cfid.records.tables.vehicle import READINGS, SCALES, holds, read_rows, shown_at_commands
 from cfid.units import DEAD_COMMAND, FULL_COMMAND
 
 Array = npt.NDArray[np.float64]
@@ -228,37 +223,3 @@ def _of_speeds(table: StandTable, stand: Stand) -> Evidence:
         sources=(table.source,),
         paths=(table.path,),
     )
-
-
-class ScalesRecord(NamedTuple):
-    """What scales showed: commands (n,), grams (n,), how many motors ran, and the facts of the rig."""
-
-    command: Array
-    grams: Array
-    motors: int
-    facts: RigFacts
-
-
-def read_scales(path: Path, motors: int | None, facts: RigFacts) -> ScalesRecord:
-    """Read a run of scales, or a table, which was recorded with `facts`. Raises DataError."""
-    run = run_at(path)
-    if run is not None:
-        return _scales_of_run(run)
-    table = read_stand_table(path)
-    if table.grams is None:
-        raise DataError(f"{path}: no column 'grams': the scales' display at each cmd.")
-    return ScalesRecord(table.command, table.grams, motors or 1, facts)
-
-
-def _scales_of_run(run: Run) -> ScalesRecord:
-    """Take typed readings, or the mean of what the scales sent in the second half of each step."""
-    motors = len(run.header.requested.get("motors", ())) or 1
-    if holds(run, READINGS):
-        rows = read_rows(run, READINGS)
-        if "grams" not in rows.columns:
-            raise DataError(f"{rows.source.path}: no column 'grams': this is no run of `cfid log scales`.")
-        return ScalesRecord(rows.columns["command"], rows.columns["grams"], motors, run.header.rig)
-    if not holds(run, SCALES):
-        raise DataError(f"{run.folder}: holds no scales: `cfid log scales` records them.")
-    _, command, grams = shown_at_commands(run, SCALES, "grams")
-    return ScalesRecord(command, grams, motors, run.header.rig)

@@ -8,7 +8,7 @@ from cfid.findings import joined, texts
 from cfid.motors.maps.data import of_staircase
 from cfid.motors.maps.evidence import Evidence, Stand
 from cfid.motors.maps.result import fit_speed, fit_torque
-from cfid.motors.maps.scales import scales_thrust_n
+from cfid.motors.maps.weighing import weighing_of
 from cfid.motors.plan import FEWEST_COMMANDS, StaircasePlan
 from cfid.motors.points import Array
 from cfid.motors.typed import Expected, expected_of
@@ -90,7 +90,7 @@ def of_readings(run: Run) -> str:
     found = f"{counted(read, 'reading')} at {counted(steps, 'step')}, from {value.min():g} to {value.max():g}."
     if name == "rpm":
         return found + _about_speeds(run, command)
-    return found + _about_weights(command, value, motors=len(plan.motors))
+    return found + _about_weights(run)
 
 
 def _too_few(command: Array, coefficients: int, fit: str) -> str:
@@ -131,14 +131,20 @@ def _about_speeds(run: Run, command: Array) -> str:
     return ""
 
 
-def _about_weights(command: Array, grams: Array, *, motors: int) -> str:
-    """Return what weights (n,) lack, "" where they verify a map. Raises FitError where they are no weights of it."""
-    standing = command <= DEAD_COMMAND
+def _about_weights(run: Run) -> str:
+    """Return what a run of scales lacks, "" where it verifies a map. Raises FitError where these are no weights of it.
+
+    It is taken with the runs that it completes, as the fit takes it.
+    """
+    weighing = weighing_of(run)
+    standing = weighing.command <= DEAD_COMMAND
+    *before, _ = weighing.parts
     if standing.any() and not standing.all():
-        scales_thrust_n(command, grams, motors=motors, gravity_mps2=USUAL_GRAVITY_MPS2)
-        return ""
+        weighing.thrust_n(USUAL_GRAVITY_MPS2)
+        return f" It verifies a map together with {', '.join(before)}, which it completes." if before else ""
+    alone = f"Together with {', '.join(before)}, which it completes," if before else "Alone"
     return (
-        " Alone it verifies no map: `cfid fit thrust` with `verify` takes a change of weight, from a reading at "
+        f" {alone} it verifies no map: `cfid fit thrust` with `verify` takes a change of weight, from a reading at "
         f"command 0 to readings above {DEAD_COMMAND}."
     )
 
@@ -168,7 +174,7 @@ def _of_instrument(run: Run, plan: StaircasePlan) -> str:
             shown = f"the {device} shows {low:.4g} {unit} at the lowest command and {high:.4g} at the highest"
             if unit == "rpm":
                 return f"{shown}{_counted(run)}.{_about_speeds(run, command[driven])}"
-            return f"{shown}.{_about_weights(command, value, motors=len(plan.motors))}"
+            return f"{shown}.{_about_weights(run)}"
     speeds = told_speeds_rad_s(read_rows(run, VEHICLE_LOG)) if holds(run, VEHICLE_LOG) else {}
     if not any(np.any(speed > 0) for speed in speeds.values()):
         raise DataError("the vehicle's log has no speed above 0.")

@@ -1,0 +1,125 @@
+"""A run of scales that was interrupted and resumed is one with the runs that complete it, in verdict and fit."""
+
+import subprocess
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cfid.errors import FitError
+from cfid.motors.maps.verdict import of_readings
+from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.run import DeviceRecord, Label, Run, amend_run, read_run
+from cfid.records.run_writer import create_run
+from tests.campaigns import sentences
+from tests.motors.stand_in_a_folder import BEGIN_S
+from tests.motors.test_motor_fits import found, true_thrust_n
+
+Cfid = Callable[..., subprocess.CompletedProcess[str]]
+
+COMMANDS = tuple(range(0, 40001, 10000))
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Path:
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    rows = [f"{command},{float(true_thrust_n(command)):.6f}" for command in range(16000, 64001, 4000)]
+    (tmp_path / "forces.csv").write_text("\n".join(["cmd,thrust_n", "0,0", *rows]) + "\n")
+    return tmp_path
+
+
+def grams(command: float, *, rest_g: float = 60.0) -> float:
+    """Return what scales under motors 1 and 3 show."""
+    return rest_g - 2e3 * float(true_thrust_n(command) if command else 0.0) / 9.81
+
+
+def weighed(campaign: Path, minute: int, state: Any, readings: Mapping[int, float], **requested: Any) -> Run:
+    """Write what an operator typed of scales under two motors."""
+    with create_run(
+        campaign / "runs",
+        kind="scales",
+        label=Label(),
+        devices={"readings": DeviceRecord(file="readings.csv", columns=("t", "command", "grams", "withdrawn"))},
+        started=datetime(2026, 11, 21, 8, minute, tzinfo=UTC),
+        cfid_version="0",
+        requested={"steps": COMMANDS, "motors": (1, 3), "hold_s": 2.0, "rest_s": 1.0, **requested},
+    ) as writer:
+        count = len(readings)
+        if count:
+            columns = (np.array(list(readings)), np.array(list(readings.values())), np.zeros(count))
+            writer.append("readings", (BEGIN_S + 60 * minute + np.arange(count), *columns))
+        return writer.close(state)
+
+
+def two_parts(campaign: Path) -> tuple[Run, Run]:
+    first = weighed(campaign, 1, "interrupted", {at: grams(at) for at in COMMANDS[:2]})
+    left = {"steps": COMMANDS[2:], "resumes": first.folder.name}
+    return first, weighed(campaign, 2, "complete", {at: grams(at) for at in COMMANDS[2:]}, **left)
+
+
+def test_the_verdict_of_a_part_takes_the_weight_at_rest_of_the_run_that_it_completes(campaign: Path) -> None:
+    first, second = two_parts(campaign)
+
+    assert of_readings(second).endswith(f"It verifies a map together with {first.folder.name}, which it completes.")
+    amend_run(first, excluded="the vehicle slid")
+    assert "Alone it verifies no map" in of_readings(read_run(second.folder))
+
+
+def test_a_slip_in_a_part_is_seen_beside_the_readings_of_the_other(campaign: Path) -> None:
+    first = weighed(campaign, 1, "interrupted", {at: grams(at) for at in COMMANDS[:2]})
+    slipped = {at: grams(at) for at in COMMANDS[2:]} | {30000: 90.0}
+    second = weighed(campaign, 2, "complete", slipped, steps=COMMANDS[2:], resumes=first.folder.name)
+
+    with pytest.raises(FitError, match="the reading 90 g at command 30000 is off the curve through the others"):
+        of_readings(second)
+
+
+@pytest.mark.parametrize("named", ["second", "both", "reversed"])
+def test_a_map_is_verified_by_all_parts_of_a_run_of_scales(cfid: Cfid, campaign: Path, named: str) -> None:
+    first, second = (run.folder.name for run in two_parts(campaign))
+    names = {"second": [second], "both": [first, second], "reversed": [second, first]}[named]
+    verify = [word for name in names for word in ("--verify", name)]
+    content = found(cfid, "fit", "thrust", campaign / "forces.csv", *verify, "--no-figures")
+    said = cfid("fit", "thrust", campaign / "forces.csv", *verify, "--no-figures")
+
+    assert "verification: 5 readings" in said.stdout
+    assert content["quality"]["verification_rms_n"] < 1e-3
+    assert f"{first}, {second}: parts of one staircase of scales, taken together." in sentences(content)
+
+
+def test_a_part_with_a_weight_at_rest_of_its_own_is_compared_with_that(cfid: Cfid, campaign: Path) -> None:
+    """The vehicle was taken off the scales in between and set down with its cable over the edge."""
+    first = weighed(campaign, 1, "interrupted", {at: grams(at) for at in COMMANDS[:4]})
+    again = {at: grams(at, rest_g=57.0) for at in (40000, 0)}
+    left = {"steps": (40000, 0), "resumes": first.folder.name}
+    second = weighed(campaign, 2, "complete", again, **left)
+    words = ("fit", "thrust", campaign / "forces.csv", "--verify", second.folder.name, "--no-figures")
+
+    assert found(cfid, *words)["quality"]["verification_rms_n"] < 1e-3
+
+
+def test_two_runs_of_scales_verify_a_map_together_each_by_its_own_weight_at_rest(cfid: Cfid, campaign: Path) -> None:
+    heavy, light = (
+        weighed(campaign, minute, "complete", {at: grams(at, rest_g=rest_g) for at in COMMANDS})
+        for minute, rest_g in ((1, 412.0), (2, 60.0))
+    )
+    verify = ("--verify", heavy.folder.name, "--verify", light.folder.name, "--no-figures")
+    said = cfid("fit", "thrust", campaign / "forces.csv", *verify)
+
+    assert said.returncode == 0, said.stderr
+    assert "verification: 10 readings" in said.stdout
+    assert found(cfid, "fit", "thrust", campaign / "forces.csv", *verify)["quality"]["verification_rms_n"] < 1e-3
+
+
+def test_a_part_whose_predecessor_has_no_reading_verifies_no_map(cfid: Cfid, campaign: Path) -> None:
+    first = weighed(campaign, 1, "interrupted", {})
+    left = {"steps": COMMANDS[2:], "resumes": first.folder.name}
+    second = weighed(campaign, 2, "complete", {at: grams(at) for at in COMMANDS[2:]}, **left)
+    said = cfid("fit", "thrust", campaign / "forces.csv", "--verify", second.folder.name, "--no-figures")
+
+    assert "Alone it verifies no map" in of_readings(second)
+    assert said.returncode == 0, said.stderr
+    assert "the map is not verified: scales show a change of weight" in " ".join((said.stdout + said.stderr).split())
