@@ -1,6 +1,8 @@
 """Runs that complete one another: an interrupted run, and those that `--resume` recorded after it."""
 
-from cfid.records.run import RUN_FILE, Run, read_run
+from collections.abc import Sequence
+
+from cfid.records.run import RUN_FILE, Run, list_runs, read_run
 
 RESUMES = "resumes"  # in run.toml: the name of the run that a run completes
 
@@ -23,3 +25,20 @@ def with_completed(run: Run) -> list[Run]:
         parts.insert(0, part)
         names.add(before)
     return parts
+
+
+def completing(run: Run, among: Sequence[Run]) -> list[Run]:
+    """Return which of some runs complete a run, or one of these, in the order of their names."""
+    found: dict[str, Run] = {}
+    names = {run.folder.resolve().name}
+    while names:
+        after = {one.folder.resolve().name: one for one in among if resumed_by(one) in names}
+        names = after.keys() - found.keys()
+        found |= after
+    return [found[name] for name in sorted(found)]
+
+
+def recorded_after(run: Run) -> list[Run]:
+    """Return the runs beside a run that complete it, without those that are excluded, or judged as of no use."""
+    beside = [one for one in list_runs(run.folder.resolve().parent) if isinstance(one, Run)]
+    return completing(run, [one for one in beside if not one.header.excluded and one.outcome != "not usable"])

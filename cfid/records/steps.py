@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 
+from cfid.records.resumed import completing
 from cfid.records.run import Run
 from cfid.records.tables.vehicle import COMMANDS, READINGS, TakenBackError, holds, read_commands, read_rows
 
@@ -18,18 +19,27 @@ def steps_left(run: Run) -> tuple[int, ...]:
     return tuple(step for step in map(int, run.header.requested["steps"]) if not _was_done(step, done))
 
 
+def steps_lacking(run: Run, later: Sequence[Run]) -> tuple[int, ...]:
+    """Return the commands that a run lacks and that `later` runs, which complete it, have not recorded either.
+
+    Raises as `held_steps`.
+    """
+    done = sum((_recorded_steps(one) for one in later), Counter[int]())
+    return tuple(step for step in steps_left(run) if not _was_done(step, done))
+
+
+def _recorded_steps(run: Run) -> Counter[int]:
+    """Return the commands that `--resume` would not hold again: all of a complete run."""
+    steps = Counter(map(int, run.header.requested["steps"]))
+    return steps if run.header.state == "complete" else steps - Counter(steps_left(run))
+
+
 def steps_read_later(run: Run, among: Sequence[Run]) -> frozenset[int]:
     """Return the commands of which those of some runs that complete a run, one after another, have a typed reading.
 
     Raises DataError where their rows cannot be read.
     """
-    completing = {str(other.header.requested.get("resumes", "")): other for other in among}
-    found: set[int] = set()
-    following = completing.pop(run.folder.resolve().name, None)
-    while following is not None:
-        found.update(_read_steps(following))
-        following = completing.pop(following.folder.resolve().name, None)
-    return frozenset(found)
+    return frozenset(step for later in completing(run, among) for step in _read_steps(later))
 
 
 def _read_steps(run: Run) -> list[int]:

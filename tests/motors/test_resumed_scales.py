@@ -11,8 +11,9 @@ import pytest
 
 from cfid.errors import FitError
 from cfid.motors.maps.verdict import of_readings
+from cfid.motors.plan import missing
 from cfid.records.rig_file import RIG_FILE, new_rig_text
-from cfid.records.run import DeviceRecord, Label, Run, amend_run, read_run
+from cfid.records.run import DeviceRecord, Label, Run, Verdict, amend_run, read_run
 from cfid.records.run_writer import create_run
 from tests.campaigns import sentences
 from tests.motors.stand_in_a_folder import BEGIN_S
@@ -123,3 +124,37 @@ def test_a_part_whose_predecessor_has_no_reading_verifies_no_map(cfid: Cfid, cam
     assert "Alone it verifies no map" in of_readings(second)
     assert said.returncode == 0, said.stderr
     assert "the map is not verified: scales show a change of weight" in " ".join((said.stdout + said.stderr).split())
+
+
+def test_what_a_later_part_recorded_is_not_recorded_again(cfid: Cfid, campaign: Path) -> None:
+    first, second = two_parts(campaign)
+    for word in (first.folder, first.folder.name):
+        said = cfid("log", "scales", "--resume", word, "--dry-run")
+
+        assert said.returncode == 2
+        assert f"{first.folder.name}: {second.folder.name} completes it; nothing is left to record." in said.stderr
+
+
+def test_what_all_parts_lack_is_recorded_and_completes_the_last_of_them(campaign: Path) -> None:
+    first = weighed(campaign, 1, "interrupted", {at: grams(at) for at in COMMANDS[:2]})
+    left = {"steps": COMMANDS[2:], "resumes": first.folder.name}
+    second = weighed(campaign, 2, "interrupted", {COMMANDS[2]: grams(COMMANDS[2])}, **left)
+    third = weighed(campaign, 3, "failed", {}, steps=COMMANDS[3:], resumes=second.folder.name)
+    plan = missing(first.folder, kind="scales")
+
+    assert plan.steps == COMMANDS[3:]
+    assert plan.resumes == third.folder.name
+    assert missing(third.folder, kind="scales") == plan
+
+
+@pytest.mark.parametrize("spoilt", ["excluded", "not usable"])
+def test_a_later_part_of_no_use_is_recorded_again(campaign: Path, spoilt: str) -> None:
+    first, second = two_parts(campaign)
+    if spoilt == "excluded":
+        amend_run(second, excluded="the vehicle slid")
+    else:
+        amend_run(second, verdict=Verdict(usable=False, text="the display stands still."))
+    plan = missing(first.folder, kind="scales")
+
+    assert plan.steps == COMMANDS[2:]
+    assert plan.resumes == first.folder.name
