@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from cfid.records.run import Run
 
 _LONGEST_REASON = 60  # letters in the table; `cfid show` has the whole verdict
-_QUIET_S = 2.0  # a run whose files changed within this time is being recorded
 
 CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")]
 RunWord = Annotated[str, typer.Argument(metavar="RUN", help="A run's name or folder, a glob, or last.")]
@@ -92,7 +91,7 @@ def _amend(
     from cfid.records.run import amend_run
 
     for run in _meant(word, folder):
-        if run.cut and _changed_lately(run):
+        if run.grows:
             raise ConfigError(f"{run.folder.name}: is still being recorded: wait until it has ended.")
         amend_run(run, excluded=excluded, note=note)
         echo(printable(f"{run.folder.name}: {message}"))
@@ -121,13 +120,6 @@ def _meant(word: str, folder: Path | None) -> "list[Run]":
     if not found:
         raise ConfigError(f"{word}: no run of this campaign matches: `cfid runs` lists them.")
     return found
-
-
-def _changed_lately(run: "Run") -> bool:
-    import time
-
-    files = [run.folder / record.file for record in run.header.devices.values()]
-    return any(file.exists() and time.time() - file.stat().st_mtime < _QUIET_S for file in files)
 
 
 def _print_runs(runs: "list[Run | DataError]", *, only: str, newest: int | None, json: bool) -> None:

@@ -4,6 +4,7 @@ run.toml has `state = "recording"` until the run is closed; a run found in that 
 read with a note. `tables` interprets the columns, and `run_writer` writes a run.
 """
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,7 @@ RUN_FILE = "run.toml"
 FORMAT = 1
 
 _NOTABLE_SKIPS = 0.01  # of the samples requested
+_QUIET_S = 2.0  # a run whose files changed within this time is being recorded
 State = Literal["recording", "complete", "interrupted", "failed"]
 
 
@@ -136,6 +138,13 @@ class Run:
     def cut(self) -> bool:
         """Whether the recording ended without being closed."""
         return self.header.state == "recording"
+
+    @property
+    def grows(self) -> bool:
+        """Whether it is being recorded: nothing closed it, and a file of it changed just now."""
+        files = [self.folder / record.file for record in self.header.devices.values()]
+        newest_s = max((file.stat().st_mtime for file in files if file.exists()), default=0.0)
+        return self.cut and time.time() - newest_s < _QUIET_S
 
     @property
     def outcome(self) -> str:

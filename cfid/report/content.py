@@ -44,6 +44,7 @@ class About:
     runs: int
     simulated_runs: int
     unused_runs: int = 0
+    growing_runs: int = 0
     lab_book: tuple[str, ...] = ()
 
     @property
@@ -53,9 +54,13 @@ class About:
 
     @property
     def recorded_in(self) -> str:
-        """How many runs there are, and how many of them no fit selects: failed, excluded or judged not usable."""
-        unused = f", {self.unused_runs} of them not usable or excluded" if self.unused_runs else ""
-        return f"{counted(self.runs, 'run')}{unused}"
+        """How many runs there are, how many are being recorded, and how many no fit selects.
+
+        The latter failed, were excluded or judged as not usable.
+        """
+        parts = {"being recorded": self.growing_runs, "not usable or excluded": self.unused_runs}
+        named = " and ".join(f"{count} of them {state}" for state, count in parts.items() if count)
+        return ", ".join(filter(None, [counted(self.runs, "run"), named]))
 
 
 @dataclass(frozen=True)
@@ -137,7 +142,8 @@ def _about(campaign: Campaign, runs: Sequence[Run], fits: Sequence[Fit], now: da
         fitted_with=tuple(sorted({fit.section.cfid_version for fit in fits})),
         runs=len(runs),
         simulated_runs=sum(run.header.simulated for run in runs),
-        unused_runs=sum(not run.usable for run in runs),
+        unused_runs=sum(not run.usable and not run.grows for run in runs),
+        growing_runs=sum(run.grows for run in runs),
         lab_book=tuple(lines(summary(runs))),
     )
 
@@ -150,7 +156,7 @@ def _line(run: Run) -> RunLine:
     return RunLine(
         name=run.folder.name,
         what=" ".join(filter(None, [header.kind, label.body, label.axis, weight])),
-        state=run.outcome,
+        state="recording" if run.grows else run.outcome,
         rows=sum(rows) if rows else None,
         lost=sum(device.lost for device in devices),
         simulated=header.simulated,

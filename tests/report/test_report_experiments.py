@@ -1,5 +1,6 @@
 """Each experiment tells what its fit kept: figures, windows, budget, warnings, origin."""
 
+import os
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -164,6 +165,25 @@ def test_a_fit_of_a_recording_that_changed_or_was_excluded_since_is_no_longer_cu
         f"Fitted to runs that are now excluded: {run.folder.name} (the cable touched): fit again without them.",
     )
     assert "in 1 run, 1 of them not usable or excluded." in page_of(campaign)
+
+
+def test_a_run_that_is_being_recorded_is_counted_as_that_and_one_that_was_cut_as_not_usable(campaign: Campaign) -> None:
+    writer = create_run(
+        campaign.runs_folder,
+        kind="ping",
+        label=Label(),
+        devices={"pings": DeviceRecord(file="pings.csv", columns=("t", "rtt"))},
+        started=NOON,
+        cfid_version="0",
+    )
+    writer.append("pings", ([1.7e9], [0.01]))
+    assert report_of(campaign).about.recorded_in == "1 run, 1 of them being recorded"
+    assert [run.state for run in report_of(campaign).runs] == ["recording"]
+
+    os.utime(writer.folder / "pings.csv", (0, 0))
+    assert report_of(campaign).about.recorded_in == "1 run, 1 of them not usable or excluded"
+    assert [run.state for run in report_of(campaign).runs] == ["cut"]
+    writer.close("complete")
 
 
 def said_of_thrust(campaign: Campaign) -> tuple[str, ...]:
