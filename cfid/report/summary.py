@@ -23,6 +23,7 @@ from cfid.wire.app import MIDDLE
 
 _MOST_FINDINGS = 5
 _RECORDING = "recording"  # the code of findings about runs
+_STALE = "stale"  # and of those about a fit that is no longer current
 _MILLIONTH = "10⁻⁶ "
 _DRAG = f"{_MILLIONTH}kg/rad"
 
@@ -97,7 +98,7 @@ def summary_of(
     step = next_of(statuses)
     if step.words == _REPORT:  # which this is
         step = replace(step, words=("export",), why=f"{step.why} Hand it to firmware and simulators.")
-    findings = tuple(_findings([one for one in experiments if not _is_contained(one, experiments)]))
+    findings = tuple(_findings([one for one in experiments if not _is_replaced(one, experiments)]))
     return FirstScreen(
         numbers=tuple(_numbers(known)),
         weakest=_weakest(statuses),
@@ -155,12 +156,17 @@ def _title(key: str) -> str:
     return quantity.title[0].upper() + quantity.title[1:] if quantity else key
 
 
-def _is_contained(experiment: Experiment, others: Iterable[Experiment]) -> bool:
-    """Return whether a later fit of the kind took all recordings of this one, and more: its findings count."""
+def _is_replaced(experiment: Experiment, others: Iterable[Experiment]) -> bool:
+    """Return whether findings of a later fit of the kind count instead: it took all recordings of this one, and more.
+
+    Where this one is no longer current, any later fit that was accepted is what its findings ask for.
+    """
     own = {source.sha256 for source in experiment.sources}
-    return bool(own) and any(
-        other.name == experiment.name and other.found > experiment.found and own < {one.sha256 for one in other.sources}
+    stale = any(finding.code == _STALE for finding in experiment.findings)
+    return any(
+        (own and own < {one.sha256 for one in other.sources}) or (stale and other.accepted)
         for other in others
+        if other.name == experiment.name and other.found > experiment.found
     )
 
 

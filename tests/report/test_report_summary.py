@@ -143,6 +143,18 @@ def test_a_fit_whose_recordings_a_later_one_took_too_has_no_say_there() -> None:
     )
 
 
+def test_to_fit_again_is_not_advised_where_a_later_fit_was_accepted() -> None:
+    again = rejection("stale", "Fitted to runs that are now excluded: a: fit again without them.")
+    earlier = replace(EXPERIMENT, title="Thrust, earlier", findings=(again,), sources=(Source("1", "a"),))
+    later = replace(EXPERIMENT, sources=(Source("2", "b"),), found=NOW + timedelta(hours=1))
+    refused = replace(later, accepted=False, findings=(rejection("a", "it wanders."),))
+    of_another = replace(later, name="torque")
+
+    assert summary(experiments=(later, earlier)).findings == ()
+    assert f"Thrust, earlier: {again.sentence}" in summary(experiments=(refused, earlier)).findings
+    assert f"Thrust, earlier: {again.sentence}" in summary(experiments=(of_another, earlier)).findings
+
+
 def test_five_findings_are_shown_and_the_others_counted() -> None:
     seven = replace(EXPERIMENT, findings=tuple(warning("a", f"it wanders {i} times.") for i in range(7)))
     shown, none = summary(experiments=(seven,)), summary()
