@@ -22,7 +22,6 @@ from cfid.transfer.sines.alignment import SineRun
 Array = npt.NDArray[np.float64]
 
 SETTLE_S = 1.0  # N_T of the thesis' first series, in seconds
-CUTOFF_HZ = 12.5  # the thesis leaves out faster sines, in both series
 
 END_S = 0.1  # of the run's end left out: stamps of commands may be as late
 _HARMONICS = 3

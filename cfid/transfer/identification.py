@@ -7,13 +7,12 @@ from typing import Literal
 from cfid.errors import FitError
 from cfid.findings import Finding, note, rejection, warning
 from cfid.transfer.estimation import MeasuredSeries, TransferFit, fit_transfer, measure
-from cfid.transfer.frequency_response import CUTOFF_HZ, SETTLE_S
+from cfid.transfer.frequency_response import SETTLE_S
 from cfid.transfer.likelihood import SHAPES, Shape, unknowns
 from cfid.transfer.model import Form
 from cfid.transfer.sines.alignment import RecordedSine, Sign, SineSeries, align, with_end
-from cfid.wire.app import SAMPLES_PER_S
+from cfid.transfer.sines.plan import CUTOFF_HZ, above_cutoff
 
-_ROUNDING = 1e-3  # by which a frequency may exceed the cut-off
 _CLEARLY = 10.0  # of corrected AIC
 
 
@@ -102,16 +101,12 @@ def corrected_aic(fits: dict[Shape, TransferFit]) -> dict[Shape, float]:
 
 def _within(name: str, runs: Sequence[RecordedSine], cutoff_hz: float) -> tuple[list[RecordedSine], list[Finding]]:
     """Return the runs that have a frequency up to the cut-off, and notes on the others."""
-    fastest_hz = cutoff_hz * (1 + _ROUNDING)
-    hertz = [SAMPLES_PER_S * run.sine.periods / run.sine.samples for run in runs]
     findings = []
     if any(run.sine.periods == 0 for run in runs):
         findings.append(note("sine-without-frequency", "l = 0 has no frequency and is left out.", "tf.*").at(name))
-    above = [str(run.sine.periods) for run, own in zip(runs, hertz, strict=True) if own > fastest_hz]
-    if above:
-        text = f"l = {', '.join(above)} above the cut-off of {cutoff_hz:g} Hz left out."
-        findings.append(note("sine-too-fast", text, "tf.*").at(name))
-    return [run for run, own in zip(runs, hertz, strict=True) if 0 < own <= fastest_hz], findings
+    if above := above_cutoff([run.sine for run in runs], cutoff_hz):
+        findings.append(note("sine-too-fast", f"{above} left out.", "tf.*").at(name))
+    return [run for run in runs if run.sine.periods and not run.sine.is_above(cutoff_hz)], findings
 
 
 def _fit_each(measured: Sequence[MeasuredSeries], shape: Shape) -> tuple[dict[str, TransferFit], list[Finding]]:

@@ -17,13 +17,13 @@ from cfid.records.result import Dependent, Figures, Result
 from cfid.records.run import Run
 from cfid.transfer.comparison import Comparison, GainAndLag, Published, compared
 from cfid.transfer.estimation import Delay, TransferFit
-from cfid.transfer.frequency_response import CUTOFF_HZ, SETTLE_S
+from cfid.transfer.frequency_response import SETTLE_S
 from cfid.transfer.identification import Identified, identify_all
 from cfid.transfer.likelihood import Shape
 from cfid.transfer.model import Form
 from cfid.transfer.sines.alignment import Sign
 from cfid.transfer.sines.data import SineSet, read_sines
-from cfid.transfer.sines.plan import SAMPLE_S
+from cfid.transfer.sines.plan import CUTOFF_HZ, SAMPLE_S
 from cfid.transfer.summary import convention_lines, fit_lines
 from cfid.transfer.thesis import ThesisFit, ThesisFits, ThesisSettings, fit_all, settings_of
 from cfid.units import COVERAGE_95

@@ -68,6 +68,25 @@ def test_a_plan_is_told_with_its_duration_and_what_of_it_is_made_up(cfid: Cfid, 
     assert "reconstructed" in " ".join(cfid("log", "sine", "--help").stdout.split())
 
 
+@pytest.mark.parametrize(
+    ("words", "left_out"),
+    [
+        ("--l 4,20,60 --n 2000", "l = 60"),
+        ("--plan thesis-first", "l = 110, 150, 200,"),
+        ("--l 50 --n 2000", ""),
+        ("", ""),
+    ],
+)
+def test_sines_that_their_fit_leaves_out_are_named_before_they_are_played(
+    cfid: Cfid, tmp_path: Path, words: str, left_out: str
+) -> None:
+    assert cfid("new", str(tmp_path)).returncode == 0
+    said = " ".join(cfid("log", "sine", "--dry-run", "--campaign", str(tmp_path), *words.split()).stderr.split())
+
+    assert ("above the cut-off of 12.5 Hz: `cfid tf identify` leaves such sines out" in said) == bool(left_out)
+    assert left_out in said
+
+
 def test_several_motors_play_in_turn_and_each_makes_a_series() -> None:
     alone = SineSweep(periods=(2, 4), samples=500, motors=(3,), series="second")
     both = replace(alone, motors=(0, 3))

@@ -40,6 +40,21 @@ def test_the_crossings_of_a_run_are_read_from_its_folder(campaign: Path) -> None
     assert len(crossings.host_s) == len(cfid.read_table(folder / "crossings.csv", kind="crossings").host_s) > 40
 
 
+def test_a_sine_that_the_fit_leaves_out_is_judged_as_that(tmp_path: Path) -> None:
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    for run in sines((*PERIODS, 60)):
+        write_run(tmp_path, run)
+    runs = cfid.open_campaign(tmp_path).runs(kind="sine")
+    (left_out,) = [one.text for one in fit(runs).findings if one.code == "sine-too-fast"]
+    said = [verdict(run) for run in runs]
+
+    assert left_out == "motor1: l = 60 above the cut-off of 12.5 Hz left out."
+    assert said[-1].endswith(
+        "Above the cut-off of 12.5 Hz: `cfid tf identify` leaves it out unless `cutoff_hz` is raised."
+    )
+    assert not any("cut-off" in one for one in said[:-1])
+
+
 def test_sines_of_one_axis_are_read_by_its_channel_and_refused_by_another(campaign: Path) -> None:
     runs = [with_axes(run, "Fz") for run in cfid.open_campaign(campaign).runs(kind="sine")]
 

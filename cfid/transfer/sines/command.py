@@ -181,7 +181,7 @@ def sine(
     Example: [bold]cfid log sine --periods 1,2,4,8,16,32 --samples 4000 --amplitude 20000 --motor 1[/bold]
     """
     from cfid import __version__
-    from cfid.transfer.sines.plan import missing_sines
+    from cfid.transfer.sines.plan import above_cutoff, missing_sines
     from cfid.transfer.sines.record import record_sines
 
     before_s = positive(options.before, "--before", most=_MOST_BEFORE_S)
@@ -198,6 +198,8 @@ def sine(
     each_s = seconds_of_each(sweep, before_s=before_s)
     where = f" on motors {', '.join(map(str, sweep.motors))} in turn" if len(sweep.motors) > 1 else ""
     lasts = f"{counted(len(sines), 'sine')} of {each_s:.0f} s{where}: {clock(len(sines) * each_s)} min"
+    if above := above_cutoff(sines):
+        speech.note(f"{above}: `cfid tf identify` leaves such sines out unless --cutoff-hz is raised.")
     if sweep.text:
         speech.note(f"l = {', '.join(map(str, dict.fromkeys(periods)))}: {sweep.text}")
     if options.dry_run:

@@ -18,7 +18,9 @@ from cfid.wire.app import LARGEST_COMMAND, MIDDLE, SAMPLES_PER_S, SineRequest, o
 SAMPLE_S = 1 / SAMPLES_PER_S
 PLANNED = "planned"  # in run.toml: l of every sine of the series
 
-_FASTEST_HZ = 12.5  # up to which the thesis fits its transfer functions, and `cfid tf identify`
+CUTOFF_HZ = 12.5  # up to which the thesis fits its transfer functions, in both series, and `cfid tf identify`
+
+_ROUNDING = 1e-3  # by which a frequency may exceed the cut-off
 _COUNT = 24
 _FEWEST_PERIODS = 2  # a single one cannot be distinguished from a drift
 _NEAR = 0.1  # of a frequency, within which a divisor of N takes its place
@@ -75,6 +77,10 @@ class Sine:
     def omega_rad(self) -> float:
         """Omega_l, in rad per sample."""
         return 2 * np.pi * self.periods / self.samples
+
+    def is_above(self, cutoff_hz: float) -> bool:
+        """Return whether a fit up to a frequency leaves it out."""
+        return SAMPLES_PER_S * self.periods / self.samples > cutoff_hz * (1 + _ROUNDING)
 
     @property
     def half_period_s(self) -> float:
@@ -145,6 +151,12 @@ def missing_sines(sweep: SineSweep, runs: Iterable[Run], *, simulated: bool) -> 
     return [sine for sine in sweep.sines if sine.to_run() not in there]
 
 
+def above_cutoff(sines: Iterable[Sine], cutoff_hz: float = CUTOFF_HZ) -> str:
+    """Return which sines a fit up to a frequency leaves out, "" for none."""
+    above = dict.fromkeys(str(sine.periods) for sine in sines if sine.is_above(cutoff_hz))
+    return f"l = {', '.join(above)} above the cut-off of {cutoff_hz:g} Hz" if above else ""
+
+
 _RECONSTRUCTED = "reconstructed by table 3.1's number of l, their range and growing steps;"
 
 _SLOW = (*range(16), *range(20, 51, 5))
@@ -171,7 +183,7 @@ def log_spaced(samples: int) -> SineSweep:
     frequency comes first, rising, the others follow, falling: where frequency rises with time, a battery that empties
     looks like a time constant (decision 10).
     """
-    most = max(int(samples * _FASTEST_HZ / SAMPLES_PER_S), _FEWEST_PERIODS)
+    most = max(int(samples * CUTOFF_HZ / SAMPLES_PER_S), _FEWEST_PERIODS)
     divisors = [l for l in range(1, most + 1) if samples % l == 0]  # noqa: E741
     periods = set()
     for place in range(_COUNT):
@@ -182,7 +194,7 @@ def log_spaced(samples: int) -> SineSweep:
     rising = sorted(periods)
     whole = sum(l in divisors for l in periods)  # noqa: E741
     text = (
-        f"{counted(len(periods), 'sine')}, evenly over the logarithm of frequency up to {_FASTEST_HZ:g} "
+        f"{counted(len(periods), 'sine')}, evenly over the logarithm of frequency up to {CUTOFF_HZ:g} "
         f"Hz; {whole} divide N."
     )
     return SineSweep(periods=(*rising[::2], *rising[1::2][::-1]), samples=samples, text=text)

@@ -6,6 +6,7 @@ from cfid.records.tables.wrench import LOADCELL
 from cfid.transfer.sines.alignment import align
 from cfid.transfer.sines.data import read_sines
 from cfid.transfer.sines.during import CLEAR, SineSums, not_felt
+from cfid.transfer.sines.plan import CUTOFF_HZ
 
 
 def verdict(run: Run) -> str:
@@ -22,4 +23,9 @@ def verdict(run: Run) -> str:
     amplitude_n, std_n = sums.amplitude()
     if amplitude_n < CLEAR * std_n:
         raise FitError(not_felt(amplitude_n, std_n))
-    return f"{1e3 * amplitude_n:.3g} mN at its frequency, {amplitude_n / std_n:.0f} times the noise there."
+    left_out = (
+        f" Above the cut-off of {CUTOFF_HZ:g} Hz: `cfid tf identify` leaves it out unless `cutoff_hz` is raised."
+        if played.sine.is_above(CUTOFF_HZ)
+        else ""
+    )
+    return f"{1e3 * amplitude_n:.3g} mN at its frequency, {amplitude_n / std_n:.0f} times the noise there.{left_out}"
