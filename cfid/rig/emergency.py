@@ -22,6 +22,7 @@ _LETS_GO_S = 0.3
 _CLOSES_S = 3.0  # a radio: a holder releases it up to 2.5 s after the motors stopped
 _WAKES_S = 0.5
 _DIES_S = 1.0
+_WRITES_S = 10.0  # a recorder that was requested to end has closed its run within 2 s, on a busy computer
 
 
 class Stopped(NamedTuple):
@@ -116,5 +117,8 @@ def _what_remains(holder: Holder, kind: Kind) -> str:
         return (
             f"{holder} is suspended and still holds the vehicle. It ends once it continues: kill -CONT {holder.process}"
         )
-    again = "" if kind == "app" else " It may start the motors again."
-    return f"{holder} does not end and still holds the vehicle.{again} End it: kill -KILL {holder.process}"
+    again = "" if kind == "app" else " One that hangs may start the motors again."
+    return (
+        f"{holder} still holds the vehicle: it may be writing its run.{again} "
+        f"If it has not ended in {_WRITES_S:.0f} s, end it: kill -KILL {holder.process}"
+    )

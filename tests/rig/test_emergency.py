@@ -122,8 +122,8 @@ def test_where_the_link_can_be_shared_nobody_is_killed_and_what_remains_is_told(
         assert bench.stopped_after(began_s) < 1.0
         assert driver.poll() is None
         assert said == [
-            f"process {driver.pid} (python) does not end and still holds the vehicle. It may start the motors again. "
-            f"End it: kill -KILL {driver.pid}"
+            f"process {driver.pid} (python) still holds the vehicle: it may be writing its run. One that hangs may "
+            f"start the motors again. If it has not ended in 10 s, end it: kill -KILL {driver.pid}"
         ]
     assert not any(bench.motors)
 
