@@ -1,7 +1,8 @@
 """`cfid log thrust`, `cfid log speed`, `cfid log scales`: a staircase of commands, and what is read at each."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 import typer
 
@@ -27,6 +28,7 @@ Tachometer = Literal["typed", "ut372", "lines", "deck", "brushless"]
 
 _SPEED_STEP, _SPEED_HOLD_S, _SPEED_REST_S = 2000, 6.0, 2.0  # a tachometer's display takes seconds to settle
 _SCALES_STEP, _SCALES_HOLD_S, _SCALES_REST_S = 4000, 5.0, 3.0  # as in figure 3.9
+_SCALES_BAUD = 9600
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,11 +170,17 @@ def scales(
     port: Annotated[
         str | None,
         typer.Option(
-            help="Serial port of the scales; default: rig.toml's that send lines, else you type.",
+            help="Serial port of the scales; default: that of the run to resume, rig.toml's that send lines, else you "
+            "type.",
             rich_help_panel=_INSTRUMENT,
         ),
     ] = None,
-    baud: Annotated[int, typer.Option(min=1, help="Speed of that port.", rich_help_panel=_INSTRUMENT)] = 9600,
+    baud: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="Speed of that port; default: 9600, or that of the run to resume.", rich_help_panel=_INSTRUMENT
+        ),
+    ] = None,
     motor: Motor = None,
     vehicle: ExperimentOptions,
     log_ms: LogMs = 10,
@@ -191,14 +199,15 @@ def scales(
     )
     rig = rig_of(keep.campaign)
     wanted = _left("scales", wanted, resume, rig[0])
+    known = _scales_of(resume, rig[0])
     if options.dry_run:
         announce(wanted)
     else:
         record_scales(
             wanted,
             rig,
-            port=port,
-            baud=baud,
+            port=port or known.get("port"),
+            baud=baud or known.get("baud") or _SCALES_BAUD,
             vehicle=vehicle,
             log_ms=log_ms,
             keep=keep,
@@ -230,6 +239,17 @@ def _tachometer_of(resume: ResumeOptions, campaign: "Campaign") -> Tachometer:
         return "typed"
     asked = read_run(interrupted(resume.word, campaign, kind="speed")).header.requested.get("tachometer")
     return next((one for one in get_args(Tachometer) if one == asked), "typed")
+
+
+def _scales_of(resume: ResumeOptions, campaign: "Campaign") -> Mapping[str, Any]:
+    """Return what run.toml states of the scales at a port of the run to resume; nothing where it had none."""
+    from cfid.records.run import read_run
+    from cfid.records.tables.vehicle import SCALES
+
+    if resume.word is None:
+        return {}
+    record = read_run(interrupted(resume.word, campaign, kind="scales")).header.devices.get(SCALES)
+    return {} if record is None else record.model_extra or {}
 
 
 def _left(kind: str, wanted: "StaircasePlan", resume: ResumeOptions, campaign: "Campaign") -> "StaircasePlan":

@@ -145,7 +145,8 @@ def test_what_the_wind_does_to_the_body_is_in_the_tare(tmp_path: Path) -> None:
     assert force[:150].mean(axis=0) - LoadCellTruth().bias[:2] == pytest.approx(body, abs=0.004)
 
 
-def test_an_interrupted_wind_is_resumed_in_its_own_wind(bench: Bench) -> None:
+@pytest.mark.parametrize("named", [(), ("--tachometer", "none")])
+def test_an_interrupted_wind_is_resumed_in_its_own_wind(bench: Bench, named: tuple[str, ...]) -> None:
     first = bench.start(*IN_WIND, "--tachometer", "none", "--yes", "--no-preflight")
     bench.wait_until(lambda: 40000 in bench.motors or first.process.poll() is not None, first)
     time.sleep(0.2)
@@ -158,14 +159,13 @@ def test_an_interrupted_wind_is_resumed_in_its_own_wind(bench: Bench) -> None:
     assert refused.end() == 2
     assert "leave out its options" in refused.err
 
-    second = bench.start(
-        "log", "wind", "--resume", bench.run().folder, "--tachometer", "none", "--yes", "--no-preflight"
-    )
+    second = bench.start("log", "wind", "--resume", bench.run().folder, *named, "--yes", "--no-preflight")
     assert second.end() == 0, second.err
     runs = list_runs(bench.folder / "runs")
     resumed = [read_run(run.folder).header for run in runs if not isinstance(run, Exception)][-1]
     assert resumed.requested["steps"] == [40000]
     assert resumed.requested["angle_deg"] == 48.4
+    assert "readings" not in resumed.devices
     assert "48.4 deg, 8 V   10000, 30000, 37300, 50000" in second.out
 
 

@@ -4,6 +4,7 @@ import json
 import math
 import os
 import re
+import signal
 import threading
 import tty
 from collections.abc import Callable, Iterator
@@ -13,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from cfid.records.rig_file import load_rig
+from cfid.records.run import read_run
 from cfid.rig.motors import Four
 from tests.campaigns import in_this_process
 from tests.flying_in_a_folder import Bench, bench_in
@@ -23,7 +25,7 @@ DEVICE = "\n[devices.{name}]\nkind = 'lines'\nport = '{port}'\nrate_hz = 20\nval
 
 
 @contextmanager
-def showing(bench: Bench, name: str, value: str, shown: Callable[[Four], float], more: str = "") -> Iterator[None]:
+def sending(bench: Bench, name: str, line: Callable[[Four], str]) -> Iterator[Path]:
     """A device at a pseudo terminal that sends twenty lines a second of what belongs to the motors' commands."""
     host, device = os.openpty()
     tty.setraw(host)
@@ -34,19 +36,26 @@ def showing(bench: Bench, name: str, value: str, shown: Callable[[Four], float],
     def send() -> None:
         while not over.wait(0.05):
             with suppress(OSError):
-                os.write(host, f"{shown(bench.motors):.1f}\r\n".encode())
+                os.write(host, f"{line(bench.motors)}\r\n".encode())
 
-    with (bench.folder / "rig.toml").open("a") as file:
-        file.write(DEVICE.format(name=name, port=link, value=value) + more)
     thread = threading.Thread(target=send)
     thread.start()
     try:
-        yield
+        yield link
     finally:
         over.set()
         thread.join()
         os.close(host)
         os.close(device)
+
+
+@contextmanager
+def showing(bench: Bench, name: str, value: str, shown: Callable[[Four], float], more: str = "") -> Iterator[None]:
+    """Such a device that rig.toml names, with a number in each line."""
+    with sending(bench, name, lambda motors: f"{shown(motors):.1f}") as link:
+        with (bench.folder / "rig.toml").open("a") as file:
+            file.write(DEVICE.format(name=name, port=link, value=value) + more)
+        yield
 
 
 def rpm(motors: Four) -> float:
@@ -118,3 +127,27 @@ def test_a_thrust_map_is_verified_by_what_scales_sent_as_lines(tmp_path: Path) -
     (verified,) = re.findall(r"verification: (\d+) readings, .* at most ([0-9.]+) mN from the map", fitted.stdout)
     assert int(verified[0]) == 9
     assert float(verified[1]) < 1
+
+
+def test_scales_at_a_port_are_resumed_at_it(tmp_path: Path) -> None:
+    steps = ("--from", 0, "--to", 40000, "--step", 20000, "--hold", 1.5, "--rest", 0.8)
+    with (
+        bench_in(tmp_path) as bench,
+        sending(bench, "scales", lambda motors: f"ST,GS,{grams(motors):+08.2f} g") as port,
+    ):
+        pilot = bench.start("log", "scales", "--port", port, "--baud", 19200, *steps, *STAIRCASE[-2:])
+        bench.wait_until(lambda: bench.motors[0] == 40000 or pilot.process.poll() is not None, pilot)
+        pilot.send(signal.SIGINT)
+        assert pilot.end() == 0, pilot.err
+        first = bench.run()
+        again = bench.start("log", "scales", "--resume", first.folder, *STAIRCASE[-2:])
+        assert again.end() == 0, again.err
+        second = max(map(read_run, (bench.folder / "runs").iterdir()), key=lambda run: run.folder.name)
+
+    assert second.header.requested["steps"] == [40000]
+    for name in ("port", "baud"):
+        assert (second.header.devices["scales"].model_extra or {})[name] == (
+            first.header.devices["scales"].model_extra or {}
+        )[name]
+    assert second.header.verdict is not None
+    assert second.header.verdict.usable

@@ -101,12 +101,13 @@ class SweepOptions:
         float, typer.Option(metavar="S", help="Seconds of pause before, between, after.", rich_help_panel=_COMMANDS)
     ] = 3.0
     tachometer: Annotated[
-        Literal["typed", "none"],
+        Literal["typed", "none"] | None,
         typer.Option(
-            help="You type what it shows; none: the fit estimates the speed from vibration.",
+            help="You type what it shows; none: the fit estimates the speed from vibration; default: typed, or that "
+            "of the run to resume.",
             rich_help_panel=_COMMANDS,
         ),
-    ] = "typed"
+    ] = None
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Print what would be done, how long it takes, and what is missing.")
     ] = False
@@ -156,7 +157,7 @@ def wind(
         return
     resumed = None if resume.word is None else interrupted(resume.word, campaign, kind=KIND)
     setting, staircase = _requested(options, sweep, resumed)
-    asks = sweep.tachometer == "typed" and not setting.is_reference
+    asks = (sweep.tachometer or _tachometer_of(resumed)) == "typed" and not setting.is_reference
     if sweep.dry_run:
         _announce(setting, staircase, _recorded(campaign, simulated=simulated), asks=asks)
         return
@@ -198,6 +199,14 @@ def _requested(options: WindOptions, sweep: SweepOptions, resume: Path | None) -
         return options.setting(), sweep.staircase()
     options.refuse(resume)
     return setting_of(read_run(resume)), missing(resume, kind=KIND)
+
+
+def _tachometer_of(resume: Path | None) -> str:
+    """Return whether readings were typed in the run to resume; `typed` for a new run."""
+    from cfid.records.run import read_run
+    from cfid.records.tables.vehicle import READINGS
+
+    return "typed" if resume is None or READINGS in read_run(resume).header.devices else "none"
 
 
 def _announce(setting: "WindSetting", staircase: "StaircasePlan", done: "Sequence[PlannedRun]", *, asks: bool) -> None:
