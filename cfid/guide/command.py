@@ -38,7 +38,7 @@ def status(
     _name_unreadable_runs(found)
     statuses = status_of(found, kind=kind)
     show = _print_json if json else _print
-    show(statuses, unusable_in(found, statuses), beside(found, statuses), next_of(statuses))
+    show(statuses, unusable_in(found, statuses), beside(found, statuses), next_of(statuses, kind=kind))
 
 
 def next_step(
@@ -54,7 +54,7 @@ def next_step(
 
     found = here(campaign)
     _name_unreadable_runs(found)
-    step = next_of(status_of(found, kind=kind))
+    step = next_of(status_of(found, kind=kind), kind=kind)
     echo(fitted(printable(step.why)))
     words = step.words if step.recording is None else _prepared(step.recording, found)
     echo(f"next: cfid {' '.join(words)}")

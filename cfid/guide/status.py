@@ -137,8 +137,12 @@ def remarks_of(statuses: Iterable[TaskStatus], unusable: Iterable[Unusable]) -> 
     return (*reasons, *unlike, *([f"{unseen}fit again to be sure."] if blind else []), *bounded, *again)
 
 
-def next_of(statuses: Sequence[TaskStatus]) -> Next:
-    """Return what comes next: the first thing to record, then to fit, to repeat, to improve, else the report."""
+def next_of(statuses: Sequence[TaskStatus], *, kind: CampaignKind | None = None) -> Next:
+    """Return what comes next: the first thing to record, then to fit, to repeat, to improve, else the report.
+
+    The report is that of the `kind` of campaign that was asked for in place of rig.toml's.
+    """
+    report: Words = ("report", *(("--kind", kind) if kind else ()))
     for one in statuses:
         if one.state == "missing":
             recording = one.lacking[0]
@@ -157,10 +161,11 @@ def next_of(statuses: Sequence[TaskStatus]) -> Next:
     unsure = [(found, one.task) for one in statuses for found in one.found if found.short_by > 1]
     if weak := [pair for pair in unsure if not pair[0].bounded_by]:
         found, task = max(weak, key=lambda pair: pair[0].short_by)
-        why = f"{found.aim.key} is known to {percent(found.std)}; {found.aim.purpose}. If it is enough: cfid report."
+        enough = f"If it is enough: cfid {' '.join(report)}."
+        why = f"{found.aim.key} is known to {percent(found.std)}; {found.aim.purpose}. {enough}"
         return Next(words=task.recordings[-1].words, why=why, recording=task.recordings[-1])
     return Next(
-        words=("report",), why=f"everything is found, and {'as sure as rig.toml allows' if unsure else 'sure enough'}."
+        words=report, why=f"everything is found, and {'as sure as rig.toml allows' if unsure else 'sure enough'}."
     )
 
 

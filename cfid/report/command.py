@@ -7,6 +7,7 @@ import typer
 
 from cfid.console.campaign import here
 from cfid.console.messages import echo, note
+from cfid.guide.command import Kind
 
 Format = Literal["html", "md", "json", "tex"]
 
@@ -16,6 +17,7 @@ def report(
     campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Default: report.html in the campaign.")] = None,
     form: Annotated[Format, typer.Option("--format", help="Format of the file; tex has the tables alone.")] = "html",
+    kind: Kind = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that cfid did not write.")] = False,
 ) -> None:
     """Write a campaign's results to one file: main numbers, sheet, and every experiment with its figures.
@@ -33,7 +35,7 @@ def report(
 
     found = here(campaign)
     path = out or found.folder / f"report.{form}"
-    content = gather(found, now=datetime.now(UTC))
+    content = gather(found, now=datetime.now(UTC), kind=kind)
     write_report(path, rendered(content, form, found.folder), force=force)
     disagreements = [finding.text for one in content.agreements for finding in one.findings]
     for sentence in (*content.unreadable, *disagreements):

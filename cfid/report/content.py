@@ -13,6 +13,7 @@ from cfid.records.campaign import Campaign
 from cfid.records.fits import Fit, list_fits
 from cfid.records.lab_book import lines, summary
 from cfid.records.parameters import load_sections, plain
+from cfid.records.rig_file import CampaignKind
 from cfid.records.run import Run, list_runs
 from cfid.records.stale import stale_in
 from cfid.report.agreement import Agreement, agreements_of
@@ -97,10 +98,11 @@ class Report:
         return content
 
 
-def gather(campaign: Campaign, *, now: datetime) -> Report:
+def gather(campaign: Campaign, *, now: datetime, kind: CampaignKind | None = None) -> Report:
     """Read a campaign's parameters, fits and runs, and return the report.
 
-    Raises DataError when parameters.toml is invalid; the report names unreadable fits and runs.
+    `kind` states in place of rig.toml what the campaign should find: what else is missing is not named. Raises
+    DataError when parameters.toml is invalid; the report names unreadable fits and runs.
     """
     runs, broken_runs = _readable(list_runs(campaign.runs_folder))
     fits, broken_fits = _readable(list_fits(campaign.fits_folder))
@@ -108,12 +110,12 @@ def gather(campaign: Campaign, *, now: datetime) -> Report:
     measured = measurements_of(fits)
     latest = {fit.name: fit for fit in fits}
     commands = {name: fit.command for name, fit in latest.items()}
-    stale, statuses = stale_in(campaign.folder, runs, campaign.rig), status_of(campaign)
+    stale, statuses = stale_in(campaign.folder, runs, campaign.rig), status_of(campaign, kind=kind)
     experiments = experiments_of(measured, fits, stale, campaign.folder)
     return Report(
         about=_about(campaign, runs, fits, now),
-        summary=summary_of(known, experiments, statuses, remarks_of(statuses, unusable_in(campaign, statuses))),
-        sheet=sheet_of(known, commands, stale),
+        summary=summary_of(known, experiments, statuses, remarks_of(statuses, unusable_in(campaign, statuses)), kind),
+        sheet=sheet_of(known, commands, stale, wanted=[one.task.section for one in statuses]),
         experiments=experiments,
         repeats=repeated_fits(measured),
         agreements=(*agreements_of(known, latest), *flown_agreements(known)),

@@ -3,7 +3,7 @@
 A missing quantity is listed with the command that gives it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import PurePath
@@ -100,14 +100,25 @@ class _Wanted(NamedTuple):
     title: str = ""
 
 
-def sheet_of(known: Known, commands: Mapping[str, str], stale: Stale) -> tuple[SheetGroup, ...]:
+def sheet_of(
+    known: Known, commands: Mapping[str, str], stale: Stale, *, wanted: Collection[str]
+) -> tuple[SheetGroup, ...]:
     """Return the sheet. `commands` has the command of each section's last fit.
 
-    `stale` returns the reasons why a section is no longer current.
+    `stale` returns the reasons why a section is no longer current. Of what is missing, the quantities of the `wanted`
+    sections are named, which the campaign should find.
     """
-    groups = {title: tuple(_quantity(known, one, commands, stale) for one in wanted) for title, wanted in _GROUPS}
+    groups = {
+        title: tuple(
+            _quantity(known, one, commands, stale)
+            for one in group
+            if registered(one.keys[0]).section in wanted or any(known.find(key) for key in one.keys)
+        )
+        for title, group in _GROUPS
+    }
     groups["Inertia"] = (_mass(known), *groups["Inertia"])
-    return (*(SheetGroup(title, quantities) for title, quantities in groups.items()), *_by_hand(known))
+    shown = {title: quantities for title, quantities in groups.items() if quantities}
+    return (*(SheetGroup(title, quantities) for title, quantities in shown.items()), *_by_hand(known))
 
 
 def _mass(known: Known) -> SheetEntry:

@@ -14,7 +14,7 @@ from cfid.guide.status import TaskStatus, next_of
 from cfid.quantities.lookup import find
 from cfid.records.covariances import numbers_of
 from cfid.records.parameters import plain
-from cfid.records.rig_file import Rig
+from cfid.records.rig_file import CampaignKind, Rig
 from cfid.records.run_notes import SIMULATED, is_loss
 from cfid.report.experiments import Experiment
 from cfid.report.known import Known
@@ -88,15 +88,20 @@ _MAIN = (
     ),
 )
 
-_REPORT = ("report",)
-
 
 def summary_of(
-    known: Known, experiments: Sequence[Experiment], statuses: Sequence[TaskStatus], remarks: Sequence[str] = ()
+    known: Known,
+    experiments: Sequence[Experiment],
+    statuses: Sequence[TaskStatus],
+    remarks: Sequence[str] = (),
+    kind: CampaignKind | None = None,
 ) -> FirstScreen:
-    """Return the first screen of a campaign whose tasks stand as given, with the guide's remarks on them."""
-    step = next_of(statuses)
-    if step.words == _REPORT:  # which this is
+    """Return the first screen of a campaign whose tasks stand as given, with the guide's remarks on them.
+
+    `kind` is that of the campaign where it is not rig.toml's.
+    """
+    step = next_of(statuses, kind=kind)
+    if step.words[0] == "report":  # which this is
         step = replace(step, words=("export",), why=f"{step.why} Hand it to firmware and simulators.")
     findings = tuple(_findings([one for one in experiments if not _is_replaced(one, experiments)]))
     return FirstScreen(

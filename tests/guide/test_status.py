@@ -569,6 +569,28 @@ def test_when_all_is_found_and_sure_the_report_comes_next(folder: Path) -> None:
     statuses = [one for one in status_of(open_campaign(folder), kind="inertia") if one.task.section == "inertia"]
 
     assert next_of(statuses).words == ("report",)
+    assert next_of(statuses, kind="inertia").words == ("report", "--kind", "inertia")
+
+
+def test_the_report_of_a_kind_of_campaign_names_what_that_should_find_and_no_more(cfid: Cfid, folder: Path) -> None:
+    swung(folder)
+    fitted(folder)
+    pages = []
+    for words in (("--kind", "inertia"), ()):
+        assert cfid("report", "--campaign", folder, *words).returncode == 0
+        pages.append((folder / "report.html").read_text())
+        said = cfid("status", "--campaign", folder, *words, "--json")
+        assert f"<code>cfid {' '.join(json.loads(said.stdout)['next']['command'])}</code>" in pages[-1]
+    of_its_kind, full = pages
+
+    assert "2 of 2 quantities known" in of_its_kind
+    assert "cfid log speed" not in of_its_kind
+    assert "2 of 9 quantities known" in full
+    assert "cfid log speed" in full
+    file = folder / "rig.toml"
+    file.write_text(file.read_text().replace('kind = "full"', 'kind = "inertia"'))
+    assert cfid("report", "--campaign", folder).returncode == 0
+    assert "2 of 2 quantities known" in (folder / "report.html").read_text()
 
 
 def test_the_kind_of_a_campaign_stands_in_its_rig_file_and_another_is_refused(cfid: Cfid, folder: Path) -> None:
