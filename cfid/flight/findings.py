@@ -58,6 +58,7 @@ def findings_of(
 ) -> tuple[Finding, ...]:
     """Judge what a fit to flights found, by what these excited and by what no quadrocopter does."""
     unlike = [finding for one in flights for finding in turning_findings(one.flight)]
+    of_motion = [] if unlike else [finding for one in flights for finding in moving_findings(one.flight, *_DRAG)]
     read = unit_of_rates(flights[0].log)
     of_unit = [] if body.arm_m is None else _other_unit(found, body.arm_m, read)
     of_torques = (
@@ -72,8 +73,9 @@ def findings_of(
         *_supply_findings(found, body),
         *_thrust_findings(found, [one.flight for one in flights]),
         *of_torques,
-        *([] if unlike else (finding for one in flights for finding in moving_findings(one.flight, *_DRAG))),
-        *_drag_findings(drags),
+        *of_motion,
+        # Along other axes, velocities explain little of the force, however much the vehicle moved.
+        *([] if unlike or of_motion else _drag_findings(drags)),
     )
 
 

@@ -1,6 +1,7 @@
 """Simulated flights give their vehicles' thrust, lag, moments and drag back; flights that cannot tell are refused."""
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,7 +18,7 @@ from cfid.flight.channels import at_rows
 from cfid.flight.data import FlownLog, flight_of, read_flight
 from cfid.flight.equations import THRUST, Equations
 from cfid.flight.estimation import fit_flights
-from cfid.flight.model import LEVER, ROW_S, ROW_STEPS, STEP_S, ThrustLag, equations_of
+from cfid.flight.model import LEVER, ROW_S, ROW_STEPS, STEP_S, Flight, ThrustLag, equations_of, turned_back
 from cfid.flight.moving import moving_findings
 from cfid.flight.result import fit
 from cfid.flight.values import INFLOW_STD, LOAD_SAG_STD, RESCALED_STD, Body
@@ -104,6 +105,50 @@ def test_velocities_are_what_accelerations_add_up_to_also_where_a_flight_hovers(
         assert not moving_findings(flight)
         (found,) = moving_findings(replace(flight, velocity=1000 * np.asarray(flight.velocity)))
         assert "are they in mm/s" in found.text
+
+
+ELSEWHERE: dict[str, tuple[Callable[[Flight, Array], Array], str]] = {
+    "y and z negated": (lambda _, world: world * [1, -1, -1], "they fit as vx, -vy, -vz. Give"),
+    "the world turned": (lambda _, world: world[:, [1, 0, 2]] * [-1, 1, 1], "they fit as vy, -vx, vz. Give"),
+    "along the vehicle's axes": (
+        lambda flight, world: turned_back(np.asarray(flight.attitude), world),
+        "they fit as vx, vy, vz along the vehicle's axes. Turn",
+    ),
+    "of another flight": (lambda _, world: world[::-1], "no exchanged or negated ones fit clearly"),
+}
+
+
+@pytest.mark.parametrize("elsewhere", ELSEWHERE)
+def test_velocities_along_other_axes_than_the_attitudes_are_named_with_those_that_fit(
+    flown: tuple[Fleet, list[FlightLog]], elsewhere: str
+) -> None:
+    change, words = ELSEWHERE[elsewhere]
+    one = flight_of(flown[1][0])
+    attitude = np.asarray(one.flight.attitude)
+    world = turned_back(attitude * [1, -1, -1, -1], np.asarray(one.flight.velocity))
+    flight = replace(one.flight, velocity=turned_back(attitude, change(one.flight, world)))
+    (found,) = moving_findings(flight)
+
+    assert (found.code, found.severity) == ("flight-velocity-unlike-force", "rejection")
+    assert words in found.text
+
+
+def test_drag_of_velocities_along_other_axes_is_not_called_unexcited(flown: tuple[Fleet, list[FlightLog]]) -> None:
+    vehicles, logs = flown
+    one = flight_of(logs[0])
+    along_own = turned_back(np.asarray(one.flight.attitude), np.asarray(one.flight.velocity))
+    result = fit([replace(one, flight=replace(one.flight, velocity=along_own))], body=body_of(vehicles, 0))
+
+    assert codes(result) == {"flight-velocity-unlike-force"}
+    assert {key for key in result.quantities if "drag" in key} <= set(result.rejected)
+
+
+def test_noise_of_a_velocity_in_a_hovering_flight_is_no_other_axis() -> None:
+    rng = np.random.default_rng(8)
+    for log in fly(fleet(2, rng), rng, hover=True, wind=3.0):
+        flight = flight_of(log).flight
+        noisy = np.asarray(flight.velocity) + 0.3 * rng.normal(size=(len(flight.rates), 3))
+        assert not moving_findings(replace(flight, velocity=noisy))
 
 
 def every(log: FlightLog, rows_of: dict[str, int]) -> FlightLog:
