@@ -41,8 +41,9 @@ class Arrivals:
             self._last_s = received_s
         return found
 
-    def settle(self) -> None:
-        """Leave nothing open at the end."""
+    def settle(self) -> list[Line]:
+        """Return no line at the end, since none was open."""
+        return []
 
 
 class DeviceClock:
@@ -52,7 +53,8 @@ class DeviceClock:
 
     Two lines that ran into one have a number of too many digits: it goes back, or ahead of this computer's clock, for
     one line. A line comes late, never early, so that its clock is never ahead of the quickest line's. Where the lines
-    after it go on from the new number, the device was restarted, and all of them count.
+    after it go on from the new number, the device was restarted, and all of them count. The first ones count once a
+    line goes on from one of them.
     """
 
     def __init__(self, place: int, *, tick_s: float, early_s: float) -> None:
@@ -68,16 +70,27 @@ class DeviceClock:
         """Return the lines that count, in order, of those that came together and unconfirmed ones before them."""
         return [line for numbers in readings for line in self._judged(Line(received_s, numbers, None))]
 
-    def settle(self) -> None:
-        """Count the lines that are unconfirmed at the end as false."""
+    def settle(self) -> list[Line]:
+        """Count the lines that are unconfirmed at the end as false; return a single one, which no other refutes."""
+        if self._last is None and len(self._unconfirmed) == 1:
+            return self._begun(self._unconfirmed)
+        self._leave_out()
+        return []
+
+    def _leave_out(self) -> None:
         self.false += len(self._unconfirmed)
         self._unconfirmed = []
 
     def _judged(self, line: Line) -> list[Line]:
-        if self._last is None or not self._is_clock:
+        if not self._is_clock:
             return self._begun([line])
-        if (late_s := self._after(self._last, self._late_s, line)) is not None:
-            self.settle()
+        if self._last is None:
+            for place, before in enumerate(self._unconfirmed):
+                if self._after(before, 0.0, line) is not None:
+                    self._last = self._unconfirmed.pop(place)
+                    return [before, *self._judged(line)]
+        elif (late_s := self._after(self._last, self._late_s, line)) is not None:
+            self._leave_out()
             step_s = self._step_s(self._last, line)
             self.repeats += int(line.numbers == self._last.numbers)
             self._last, self._late_s = line, max(late_s, 0.0)

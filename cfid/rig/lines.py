@@ -151,7 +151,7 @@ class Lines:
         if self._begun and silent_s > self._longest(_PAUSE_S):
             self._note_gap(now_s, "silent at the end" if self._gone_s is None else "unplugged")
         self._settle()
-        self._clocked.settle()
+        self._lines += self._clocked.settle()
         self._spacing.settle()
         self._say_rate()
         self._say_clock()

@@ -162,6 +162,28 @@ def test_lines_that_run_into_one_are_rows_or_lost(session: Session) -> None:
     )
 
 
+@pytest.mark.parametrize("false", [[2], [3], [2, 3], [2, 4]])
+def test_lines_whose_clock_is_false_at_the_begin_are_lost_as_later_ones_are(
+    session: Session, false: Sequence[int]
+) -> None:
+    """The first line was a row, with a clock off by up to 2e9 us: nothing before it could refute that."""
+    instrument, cable = cell(session)
+    jumping = sending(cable, lambda n: b"%d,7\r\n" % (3_000_000_000 - n) if n in false else ticking(n))
+    run, _ = session.record(instrument, for_s=5, also=jumping)
+    rows, losses = rows_of(run, "loadcell"), facts(run)["losses"]
+
+    places = (rows["device_us"].to_numpy() - 3_000_000) / 12500
+    begin = next(count for count in range(2, 6) if count not in false)
+    assert list(places) == [count for count in range(begin, int(places[-1]) + 1) if count not in false]
+    assert losses["lines_with_a_false_clock"] == len(false)
+
+
+def test_a_single_line_is_a_row(session: Session) -> None:
+    instrument, cable = cell(session, device=CELL.model_copy(update={"rate_hz": 0.5}))
+    run, _ = session.record(instrument, for_s=3, also=sending(cable, ticking, period_s=1.2))
+    assert len(rows_of(run, "loadcell")) == 1
+
+
 def test_lines_that_never_came_are_lost_though_no_silence_is_long(session: Session) -> None:
     instrument, cable = cell(session)
     run, _ = session.record(instrument, for_s=5, also=sending(cable, lambda n: line(n) if n % 20 else b""))
