@@ -86,6 +86,12 @@ def respond(run: SineRun, *, settle_s: float = SETTLE_S, form: Form = "hold") ->
         raise FitError(
             f"{run.name}: {counted(len(force), 'sample')} of force after {settle_s:g} s: too few for a sine."
         )
+    rate_hz, least_hz = (len(time_s) - 1) / float(time_s[-1] - time_s[0]), _HARMONICS * omega / np.pi
+    if rate_hz <= least_hz:
+        raise FitError(
+            f"{run.name}: {rate_hz:.3g} samples of force a second are too few for a sine of "
+            f"{omega / (2 * np.pi):.3g} Hz and its harmonics (above {least_hz:.3g})."
+        )
     inverse = np.linalg.inv(columns @ columns.T)
     found = inverse @ (columns @ force)
     phasors = found[3::2] - 1j * found[4::2]

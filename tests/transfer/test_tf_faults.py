@@ -339,3 +339,35 @@ def test_a_load_cell_that_hangs_for_a_moment_is_named(tf: Here, index: Path) -> 
     found = tf.json("identify", "--index", index, "--no-figures")
     text = f"{count - 1} samples of {len(lines)} repeat the one before, 10 and more in a row (first at "
     assert any(text in one for one in sentences(found))
+
+
+def hold_readings(folder: Path, interval_s: float) -> int:
+    """Let the load cell's file repeat each reading for so long, and return in how many rows."""
+    (cell,) = folder.glob("cell*.csv")
+    head, *lines = cell.read_text().splitlines()
+    rows = round(interval_s / (float(lines[1].split(",")[0]) - float(lines[0].split(",")[0])))
+    held = (lines[at - at % rows].partition(",")[2] for at in range(len(lines)))
+    cell.write_text(
+        "\n".join([head, *(f"{line.partition(',')[0]},{one}" for line, one in zip(lines, held, strict=True)), ""])
+    )
+    return rows
+
+
+def test_readings_of_a_slow_load_cell_that_rows_repeat_count_once(tf: Here, index: Path) -> None:
+    before = tf.json("identify", "--index", index, "--no-figures")
+    rows = hold_readings(index.parent, 0.0125)
+    after = tf.json("identify", "--index", index, "--no-figures")
+
+    for name in ("tf.delay_after_quickest_s", "tf.time_constant_s", "tf.static_gain_n"):
+        fast, held = (one["parameters"][name] for one in (before, after))
+        assert held["value"] == pytest.approx(fast["value"], abs=3 * held["std"]), name
+    assert any(f"each reading of the load cell is repeated in about {rows} rows" in one for one in sentences(after))
+    assert not any("is repeated in about" in one for one in sentences(before))
+
+
+def test_sines_that_are_too_fast_for_a_slow_load_cell_are_left_out_by_name(tf: Here, index: Path) -> None:
+    hold_readings(index.parent, 0.1)
+    ended = tf("identify", "--index", index, "--no-figures")
+
+    assert "Traceback" not in ended.stderr
+    assert "10 samples of force a second are too few for a sine of" in " ".join(ended.stderr.split())

@@ -24,6 +24,7 @@ from cfid.records.tables.wrench_faults import without_faults
 from cfid.transfer.sines.alignment import Array, Channel, RecordedSine, thrust_of
 from cfid.transfer.sines.checks import mount_findings, torque_moments
 from cfid.transfer.sines.plan import SAMPLE_S, Sine
+from cfid.transfer.sines.repeated import read_once
 from cfid.transfer.sines.reports import Reports
 from cfid.units import MM
 from cfid.wire.app import MIDDLE
@@ -145,7 +146,7 @@ class _Reader:
         """Read load cells' files side by side: parsing them takes longer than all that follows."""
         new = list(dict.fromkeys(path for path in paths if path not in self._cells))
         with ThreadPoolExecutor(max_workers=2) as pool:
-            cells = list(pool.map(lambda path: without_faults(read_wrench(path, self.reading)), new))
+            cells = list(pool.map(lambda path: read_once(without_faults(read_wrench(path, self.reading))), new))
         self._cells |= dict(zip(new, cells, strict=True))
         for cell in cells:
             self.findings += cell.findings
