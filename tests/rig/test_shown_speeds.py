@@ -127,6 +127,9 @@ def test_a_thrust_map_is_verified_by_what_scales_sent_as_lines(tmp_path: Path) -
     (verified,) = re.findall(r"verification: (\d+) readings, .* at most ([0-9.]+) mN from the map", fitted.stdout)
     assert int(verified[0]) == 9
     assert float(verified[1]) < 1
+    verdict = bench.run().header.verdict
+    assert verdict is not None
+    assert re.match(r"the scales show 4\d[.\d]* g at command 20000 and [23]\d[.\d]* at command 50000\.", verdict.text)
 
 
 def test_scales_at_a_port_are_resumed_at_it(tmp_path: Path) -> None:

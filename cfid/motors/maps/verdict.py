@@ -18,6 +18,7 @@ from cfid.records.rig_file import Rig
 from cfid.records.run import Run
 from cfid.records.tables.vehicle import (
     READINGS,
+    SCALES,
     TACHOMETER,
     VEHICLE_LOG,
     holds,
@@ -30,7 +31,10 @@ from cfid.units import DEAD_COMMAND, USUAL_GRAVITY_MPS2
 
 _SHARE = 0.5  # of the steps that must be there
 _RISES = 0.02  # of the largest: what an instrument has to show more at the highest command than at the lowest
-_SHOWN = {"tachometer": ("rpm", "rpm"), "scales": ("grams", "g")}  # of each instrument the column, and its unit
+_SHOWN = {  # of each instrument the column, its unit, and how a sentence on it begins
+    TACHOMETER: ("rpm", "rpm", "the tachometer shows"),
+    SCALES: ("grams", "g", "the scales show"),
+}
 _MARKERS = "If only markers in rig.toml is wrong, correct it: `cfid fit speed` with `markers` takes these readings."
 
 
@@ -160,21 +164,19 @@ def _of_instrument(run: Run, plan: StaircasePlan) -> str:
 
     Raises DataError where that follows no command, FitError where the fit refuses it.
     """
-    for device, (column, unit) in _SHOWN.items():
+    for device, (column, unit, shows) in _SHOWN.items():
         if holds(run, device):
             _, command, value = shown_at_commands(run, device, column)
-            driven = command > 0
-            if not driven.any() or not np.any(value[driven]):
-                raise DataError(f"the {device} shows 0 {unit} at every command: is it pointed at what it measures?")
-            low, high = value[driven][np.argmin(command[driven])], value[driven][np.argmax(command[driven])]
-            if np.ptp(command[driven]) > 0 and abs(high - low) < _RISES * np.abs(value[driven]).max():
-                raise DataError(
-                    f"the {device} shows {low:.4g} {unit} at the lowest command and {high:.4g} at the highest."
-                )
-            shown = f"the {device} shows {low:.4g} {unit} at the lowest command and {high:.4g} at the highest"
+            driven, shown = command[command > 0], value[command > 0]
+            if not np.any(shown):
+                raise DataError(f"{shows} 0 {unit} at every command: check the instrument and where it stands.")
+            (low, first), (high, last) = ((driven[at], shown[at]) for at in (np.argmin(driven), np.argmax(driven)))
+            found = f"{shows} {first:.4g} {unit} at command {low:.0f} and {last:.4g} at command {high:.0f}"
+            if high > low and abs(last - first) < _RISES * np.abs(shown).max():
+                raise DataError(f"{found}.")
             if unit == "rpm":
-                return f"{shown}{_counted(run)}.{_about_speeds(run, command[driven])}"
-            return f"{shown}.{_about_weights(run)}"
+                return f"{found}{_counted(run)}.{_about_speeds(run, driven)}"
+            return f"{found}.{_about_weights(run)}"
     speeds = told_speeds_rad_s(read_rows(run, VEHICLE_LOG)) if holds(run, VEHICLE_LOG) else {}
     if not any(np.any(speed > 0) for speed in speeds.values()):
         raise DataError("the vehicle's log has no speed above 0.")
