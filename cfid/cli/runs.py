@@ -137,8 +137,9 @@ def _print_runs(runs: "list[Run | DataError]", *, only: str, newest: int | None,
         echo(f"no run has '{only}' in its name, state or note" if only else "no runs yet")
         return
     from rich.box import SIMPLE
-    from rich.console import Console
     from rich.table import Table
+
+    from cfid.console.tables import print_table
 
     # Other commands take a run's name: it is never shortened.
     table = Table(box=SIMPLE, pad_edge=False)
@@ -148,7 +149,7 @@ def _print_runs(runs: "list[Run | DataError]", *, only: str, newest: int | None,
     table.add_column("note", overflow="fold")
     for row, run in rows:
         table.add_row(*_cells(row, run))
-    Console().print(table)
+    print_table(table)
     for sentence in broken:
         print_note(sentence)
 

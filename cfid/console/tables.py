@@ -8,9 +8,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from cfid.console.messages import printable
+from cfid.console.messages import echo, fitted, printable
 from cfid.records.parameters import Parameter
 
+_NARROW = 60  # columns, below which a table may have to break words
+_UNLIMITED = 10_000  # columns: more than any table takes
 _DIGITS = 7  # of a value whose uncertainty is unknown; the thesis prints as many
 
 
@@ -27,7 +29,24 @@ def print_parameters(parameters: Mapping[str, Parameter], *, title: str) -> None
             cells = (one.name, *value_and_deviation(one.value, one.std), parameter.unit)
             table.add_row(*(Text(printable(cell)) for cell in cells))
     if table.row_count:
-        Console().print(table)
+        print_table(table)
+
+
+def print_table(table: Table) -> None:
+    """Print a table, or on a terminal too narrow for its words each row as lines with the headings."""
+    console = Console()
+    unlimited = console.options.update(max_width=_UNLIMITED)
+    if console.width >= _NARROW or console.measure(table, options=unlimited).minimum <= console.width:
+        console.print(table)
+        return
+    if table.title:
+        echo(str(table.title))
+    for row in zip(*(column.cells for column in table.columns), strict=True):
+        echo()
+        for column, cell in zip(table.columns, row, strict=True):
+            if text := str(cell):
+                echo(fitted(f"{column.header}: {'; '.join(text.splitlines())}", indent=2))
+    echo()
 
 
 def value_and_deviation(value: Any, std: Any) -> tuple[str, str]:

@@ -119,9 +119,9 @@ def _print(
     statuses: "tuple[TaskStatus, ...]", unusable: "tuple[Unusable, ...]", others: tuple[str, ...], step: "Next"
 ) -> None:
     from rich.box import SIMPLE
-    from rich.console import Console
     from rich.table import Table
 
+    from cfid.console.tables import print_table
     from cfid.guide.certainty import percent
     from cfid.guide.status import remarks_of
 
@@ -132,7 +132,7 @@ def _print(
         runs = f"{one.recorded} of {len(one.task.recordings)}"
         sure = "\n".join(percent(found.std) for found in one.found)
         table.add_row(one.task.section, runs, one.state, sure, "\n".join(found.aim.purpose for found in one.found))
-    Console().print(table)
+    print_table(table)
     for sentence in remarks_of(statuses, unusable):
         echo(fitted(printable(sentence), indent=6))
     if others:

@@ -29,6 +29,7 @@ from cfid.records.parameters import Parameter
 from cfid.records.result import Result
 from cfid.records.run import Run, list_runs, read_run
 from cfid.rig.check import DeviceAnswer
+from tests.campaigns import Cfid
 from tests.rig_in_a_folder import lab_in
 
 COLUMNS, MARK = 80, "that was all"
@@ -150,6 +151,21 @@ def test_the_lines_of_a_result_fit_the_terminal_and_tables_stay(screen: Screen) 
     assert lines[0] == row
     assert all(len(line) <= COLUMNS for line in lines)
     assert " ".join(lines[1:]) == LONG.strip()
+
+
+@pytest.mark.parametrize(("columns", "is_a_table"), [(40, False), (60, True), (80, True)])
+def test_a_table_that_would_break_words_on_a_narrow_terminal_has_its_rows_as_lines(
+    cfid: Cfid, bodies: Path, monkeypatch: pytest.MonkeyPatch, columns: int, is_a_table: bool
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    status = cfid("status", "--kind", "inertia", "--campaign", bodies).stdout
+    runs = cfid("runs", "--campaign", bodies, "--newest", 1).stdout
+
+    assert ("fit: friction\n" in status) != is_a_table
+    assert ("what for: a rate controller's gains: 3 %\n" in status) != is_a_table
+    assert (" friction  " in status) == is_a_table
+    assert first_run(bodies).folder.name[:10] in runs
+    assert "state: complete" in runs or columns > 40
 
 
 def test_a_verdict_is_wrapped_on_the_terminal_and_whole_in_the_run(bodies: Path, screen: Screen) -> None:
