@@ -21,11 +21,10 @@ import numpy.typing as npt
 from scipy.optimize import nnls
 from scipy.signal import lfilter
 
-from cfid.errors import FitError
 from cfid.estimate.blocks import block_means
 from cfid.findings import Finding, warning
 from cfid.flight.data import FlownLog
-from cfid.flight.estimation import FlightFit, fit_flights
+from cfid.flight.estimation import FlightFit, fit_alone
 from cfid.flight.model import SAG_S, STEP_S, delayed, filtering_s
 from cfid.flight.values import MOMENTS, TIMES
 
@@ -112,12 +111,14 @@ def with_whole_sag(flights: Sequence[FlownLog], found: FlightFit) -> tuple[Seque
 
 
 def with_own_sag(flown: FlownLog) -> FlownLog:
-    """Return a flight as `with_whole_sag`, its findings among the others; as it is where too little flew to tell."""
+    """Return a flight as `with_whole_sag`, its findings among the others; as it is where no fit tells.
+
+    Raises CrossedError for motors of other numbers.
+    """
     if not flown.flight.in_volts:
         return flown
-    try:
-        found = fit_flights([flown.flight])
-    except FitError:
+    found = fit_alone(flown.flight)
+    if found is None:
         return flown
     (whole,), findings = with_whole_sag([flown], found)
     return replace(whole, findings=(*whole.findings, *findings))

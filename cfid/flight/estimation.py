@@ -7,6 +7,7 @@ that of a dependent variable.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -130,6 +131,20 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
         rows=rows,
         blocks=fitted,
     )
+
+
+@lru_cache(1)
+def fit_alone(flight: Flight) -> FlightFit | None:
+    """Return a fit to one flight alone, None where it has none. Raises CrossedError for motors of other numbers.
+
+    The last one is kept: what a flight's voltage leaves out, and what it tells of parameters, rest on the same fit.
+    """
+    try:
+        return fit_flights([flight])
+    except CrossedError:
+        raise
+    except FitError:
+        return None
 
 
 def roughly_fitted(flights: Sequence[Flight]) -> tuple[tuple[FlightEquation, Array], ...]:

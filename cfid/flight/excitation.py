@@ -1,15 +1,19 @@
 """Whether rotors moved a flight enough to show thrust and moments: else the autopilot only answers to air."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from cfid.flight.equations import THRUST, TURNS
+from cfid.errors import FitError
+from cfid.flight.equations import THRUST, TURNS, Equations
 from cfid.flight.estimation import EXPLAINED, FlightFit, explained_of
-from cfid.flight.model import AXES
+from cfid.flight.model import AXES, Flight, equations_of, segments
+from cfid.flight.search import most_explained
 
 LEAST_LIFT_MPS2 = 1.0  # root mean square of what rotors did vertically; see docs/decisions/0022
+CLIMB = "climb and drop quickly, once or twice a second, for 20 s"
 LOOSE = 0.1  # of a value: the largest accepted standard uncertainty
 LEAST_TURN_RAD_PER_S2 = 5.0  # root mean square; with 0.6 about yaw a public log gave 8e-5 kg m^2, others publish 3e-5
 # Of what a sensor shows: from here on, air matters little, however small the rotors' part is. Simulated flights of
@@ -35,6 +39,21 @@ class Motion(NamedTuple):
         """Whether the sensor shows what a rotor's drive does."""
         large = self.moved >= self.least or self.explained >= CALM
         return large and self.explained >= EXPLAINED and self.open < LOOSE
+
+
+def refuse_still(flights: Sequence[Flight]) -> None:
+    """Raise FitError where in no flight rotors explain half of what a thrust has to, whatever their lag.
+
+    A fit to such flights takes many rounds, or never comes to rest, and all that it gives rests on the thrust.
+    """
+    least = EXPLAINED / 2  # lags are tried by factors of two
+    flown = [Equations([equations_of(flight)]) for flight in flights if segments(flight.driven)]
+    most = max((most_explained(one, enough=least) for one in flown), default=least)
+    if most < least:
+        raise FitError(
+            f"thrust is not excited: rotors explain {100 * most:.0f} % of the vertical force at most (at least "
+            f"{100 * EXPLAINED:.0f} %), whatever their lag: {CLIMB}. Moments need the thrust."
+        )
 
 
 def lifted(found: FlightFit) -> bool:

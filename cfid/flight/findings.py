@@ -13,7 +13,7 @@ from cfid.flight.crossing import crossing_of
 from cfid.flight.data import FlownLog
 from cfid.flight.equations import DELAYS, THRUST, TURNS
 from cfid.flight.estimation import EXPLAINED, FlightFit
-from cfid.flight.excitation import LEAST_LIFT_MPS2, LEAST_TURN_RAD_PER_S2, LOOSE, lifted, turnings
+from cfid.flight.excitation import CLIMB, LEAST_LIFT_MPS2, LEAST_TURN_RAD_PER_S2, LOOSE, lifted, turnings
 from cfid.flight.gyro_unit import OF_ARM, unlike_arm
 from cfid.flight.logged import spacing_findings, square_findings, weight_findings
 from cfid.flight.model import AXES, Flight
@@ -102,7 +102,6 @@ def _crossed(found: FlightFit) -> list[Finding]:
 def _thrust_findings(found: FlightFit, flights: Sequence[Flight]) -> list[Finding]:
     concerned = (thrust_key(found), *TIMES, *MOMENTS.values())
     lift = found.excitation["vertical"]
-    climb = "climb and drop quickly, once or twice a second, for 20 s"
     unlike = agreement_findings(flights, found, concerned)
     if any(one.severity == "rejection" for one in unlike):
         return unlike
@@ -110,29 +109,29 @@ def _thrust_findings(found: FlightFit, flights: Sequence[Flight]) -> list[Findin
         text = (
             f"thrust is not excited: the rotors moved the vertical force by {lift:.2g} m/s^2 rms (at least "
             f"{LEAST_LIFT_MPS2:g}) and explain {100 * max(found.explained, 0):.0f} % of it (at least "
-            f"{100 * EXPLAINED:.0f} %): {climb}. Moments need the thrust."
+            f"{100 * EXPLAINED:.0f} %): {CLIMB}. Moments need the thrust."
         )
         return [rejection("flight-thrust-not-excited", text, *concerned)]
-    result = [*unlike, *_delay_findings(found, concerned), *_lag_findings(found, climb)]
+    result = [*unlike, *_delay_findings(found, concerned), *_lag_findings(found)]
     slope = np.array([0.0, 1.0, 2 * found.drive])
     gain, std = float(slope @ found.thrust), math.sqrt(float(slope @ found.covariance[THRUST, THRUST] @ slope))
     if not (gain > 0 and std < LOOSE * gain):
         text = (
             f"the slope of thrust over the drive at hovering is {gain:.3g} +- {std:.2g} m/s^2 (limit "
-            f"{100 * LOOSE:.0f} %): {climb}. Moments need it."
+            f"{100 * LOOSE:.0f} %): {CLIMB}. Moments need it."
         )
         result.append(rejection("flight-thrust-not-excited", text, thrust_key(found), *MOMENTS.values()))
     return result
 
 
-def _lag_findings(found: FlightFit, climb: str) -> list[Finding]:
+def _lag_findings(found: FlightFit) -> list[Finding]:
     """Reject each time constant that is open, and with the sum of lag and delay the moments, which rest on it."""
     result = []
     for key, (tau_s, std_s) in times_of(found).items():
         if key != DELAY and not std_s < LOOSE * tau_s:
             text = (
                 f"{key.removeprefix('flight.').removesuffix('_s').replace('_', ' ')}, {1e3 * tau_s:.0f} ms, is open by "
-                f"{100 * std_s / tau_s:.0f} % (limit {100 * LOOSE:.0f} %): {climb}."
+                f"{100 * std_s / tau_s:.0f} % (limit {100 * LOOSE:.0f} %): {CLIMB}."
             )
             result.append(rejection("flight-lag-not-excited", text, key, *(MOMENTS.values() if key == SINGLE else ())))
     return result

@@ -12,6 +12,7 @@ from cfid.flight.braking import AxisDrag, fit_drag
 from cfid.flight.channels import same_flight
 from cfid.flight.data import FlownLog
 from cfid.flight.estimation import FlightFit, fit_flights
+from cfid.flight.excitation import refuse_still
 from cfid.flight.findings import findings_of
 from cfid.flight.model import LEVER
 from cfid.flight.turning import turning_findings
@@ -37,10 +38,12 @@ def fit(flights: Sequence[FlownLog], *, body: Body) -> Result:
     A flight whose gyro contradicts its attitude is left out where others remain.
 
     Raises ConfigError for no flight, DataError for one given twice or with drives in other units, FitError where
-    nothing flew for long enough.
+    nothing flew for long enough, or rotors explain too little for any of these.
     """
     _check(flights)
     flights, left_out = _alike(flights)
+    if all(one.flight.velocity is None for one in flights):  # else drag may be told
+        refuse_still([one.flight for one in flights])
     found = fit_flights([one.flight for one in flights])
     whole, of_voltage = with_whole_sag(flights, found)
     if of_voltage:

@@ -1,20 +1,24 @@
 """Solve a flight's equations: from coarse lags on, noise and parameters in turn until both rest."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import OptimizeResult, least_squares
 
 from cfid.errors import FitError
+from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of
 from cfid.flight.equations import DELAY_S, LAGS, THRUST, TURNS, Equations
 from cfid.flight.likelihood import without
-from cfid.flight.model import AXES
+from cfid.flight.model import AXES, FlightEquation
 
 Array = npt.NDArray[np.float64]
 
 _QUICKEST_S, _SLOWEST_S = 5e-3, 1.0  # of a lag
 _EARLIEST_S, _LATEST_S = -0.02, 0.05  # of a delay
 _STARTS_S = (0.02, 0.04, 0.07, 0.12)
+_MEAN_ROWS = 10  # 0.1 s, over which noise is averaged before judging how much is explained
 _MOST_ROUNDS = 100  # in which noise and parameters are estimated in turn
 _WHOLE_ROUNDS = 3  # at first, since single steps from afar can end elsewhere
 _STEPS = 5  # of a round
@@ -25,7 +29,7 @@ def first_parameters(equations: Equations) -> Array:
     """Return the best parameters (10,) of a coarse grid of lags, as fast upwards as downwards."""
     best, found = np.inf, np.zeros(TURNS.stop)
     for tau_s in _STARTS_S:
-        p = np.concatenate([[tau_s, tau_s, DELAY_S, DELAY_S], np.zeros(6)])
+        p = _start(tau_s, DELAY_S)
         blocks = equations.at(p)
         vertical = [block for block in blocks if block.axis is None]
         rows, shown = (np.concatenate(each) for each in zip(*((b.terms, b.shown) for b in vertical), strict=True))
@@ -39,6 +43,28 @@ def first_parameters(equations: Equations) -> Array:
         if cost < best:
             best, found = cost, p
     return found
+
+
+def most_explained(equations: Equations, *, enough: float) -> float:
+    """Return the part of the vertical force that thrusts, whatever their powers, explain at most, in means over 0.1 s.
+
+    Coarse lags and delays are tried, as fast upwards as downwards, until one explains `enough`.
+    """
+    most = 0.0
+    for delay_s in (DELAY_S, _EARLIEST_S, _LATEST_S):
+        for tau_s in _STARTS_S:
+            most = max(most, _explained(equations.at(_start(tau_s, delay_s))))
+            if most >= enough:
+                return most
+    return most
+
+
+def _explained(blocks: Sequence[FlightEquation]) -> float:
+    columns = [np.column_stack([block.shown, block.terms]) for block in blocks if block.axis is None]
+    means = np.concatenate([block_means(one.T, length=_MEAN_ROWS).T for one in columns])
+    shown, rows = means[:, 0], means[:, 1:]
+    left = shown - rows @ (gain_of(rows) @ shown)
+    return 1 - float(np.var(left)) / max(float(np.var(shown)), 1e-300)
 
 
 def settled(equations: Equations, found: Array) -> tuple[Equations, OptimizeResult]:
@@ -92,6 +118,11 @@ def _improved(equations: Equations, begin: Array, scales: Array, *, whole: bool)
         if result.status != 0 or np.any(result.x != begin):
             break
     return result
+
+
+def _start(tau_s: float, delay_s: float) -> Array:
+    """Return parameters (10,) of a lag, as fast upwards as downwards, of one delay, and of no thrust."""
+    return np.concatenate([[tau_s, tau_s, delay_s, delay_s], np.zeros(6)])
 
 
 def _scales(p: Array) -> Array:

@@ -12,6 +12,7 @@ from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, warning
 from cfid.flight.data import FlownLog
+from cfid.flight.estimation import fit_alone
 from cfid.flight.findings import contradictions
 from cfid.flight.model import LEVER, ROW_S
 from cfid.records.result import Figures, Result
@@ -28,7 +29,7 @@ from cfid.validation.rollout import (
     thrust_errors,
     unchanged,
 )
-from cfid.validation.telling import Telling, fit_of, telling_of
+from cfid.validation.telling import Telling, telling_of
 
 Array = npt.NDArray[np.float64]
 
@@ -75,7 +76,7 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Me
             f"{flown.log.path}: {counted(len(at), 'segment')} of 1 s in the air with every motor and the gyro within "
             f"their ranges (at least {FEWEST}): fly for longer, and turn slower where the gyro reaches its range."
         )
-    found = fit_of(flown.flight)
+    found = fit_alone(flown.flight)
     telling = telling_of(found)
     each = {one.name: _errors(flown, one, at, telling) for one in sets}
     table = [replace(one, tells=one.quantity == "velocity" or bool(telling.axes)) for one in compared(each)]

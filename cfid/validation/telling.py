@@ -2,11 +2,10 @@
 
 from dataclasses import dataclass
 
-from cfid.errors import FitError
 from cfid.findings import Finding, note, warning
-from cfid.flight.estimation import EXPLAINED, CrossedError, FlightFit, fit_flights
+from cfid.flight.estimation import EXPLAINED, FlightFit
 from cfid.flight.excitation import CALM, LEAST_TURN_RAD_PER_S2, LOOSE, climbing, turnings
-from cfid.flight.model import AXES, Flight
+from cfid.flight.model import AXES
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,16 +36,6 @@ class Telling:
             "left, forward and back, for 20 s."
         )
         return (warning("validation-not-excited", text),)
-
-
-def fit_of(flight: Flight) -> FlightFit | None:
-    """Return a fit to the flight alone, None where it has none. Raises CrossedError for motors of other numbers."""
-    try:
-        return fit_flights([flight])
-    except CrossedError:
-        raise
-    except FitError:
-        return None
 
 
 def telling_of(found: FlightFit | None) -> Telling:

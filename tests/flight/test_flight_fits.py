@@ -17,7 +17,8 @@ from cfid.flight.braking import fit_drag
 from cfid.flight.channels import at_rows
 from cfid.flight.data import FlownLog, flight_of, read_flight
 from cfid.flight.equations import THRUST, Equations
-from cfid.flight.estimation import fit_flights
+from cfid.flight.estimation import fit_alone, fit_flights
+from cfid.flight.excitation import refuse_still
 from cfid.flight.model import LEVER, ROW_S, ROW_STEPS, STEP_S, Flight, ThrustLag, equations_of, turned_back
 from cfid.flight.moving import moving_findings
 from cfid.flight.result import fit
@@ -226,6 +227,32 @@ def test_a_hovering_flight_is_refused_with_the_manoeuvre_that_would_tell() -> No
     assert not result.accepted
     assert not any(key.startswith(("flight.inertia", "flight.thrust")) for key in result.without_rejected().quantities)
     assert any("climb and drop quickly" in finding.sentence for finding in result.findings)
+
+
+@pytest.mark.parametrize("wind", [0.0, 1.0, 3.0])
+def test_a_hovering_flight_without_motion_capture_is_refused_before_it_is_fitted(wind: float) -> None:
+    """Its fit took up to a hundred rounds, and ended in a word on clocks or on noise."""
+    rng = np.random.default_rng(5)
+    vehicles = fleet(2, rng)
+    flights = [flight_of(log) for log in fly(vehicles, rng, hover=True, wind=wind)]
+    still = [replace(one, flight=replace(one.flight, velocity=None, attitude=None)) for one in flights]
+    with pytest.raises(
+        FitError, match=r"rotors explain \d+ % of the vertical force at most .*: climb and drop quickly"
+    ):
+        fit(still, body=body_of(vehicles, 0))
+
+
+def test_a_late_accelerometer_is_not_called_a_still_flight(flown: tuple[Fleet, list[FlightLog]]) -> None:
+    flight = flight_of(flown[1][0]).flight
+    for rows in (-2, 5):
+        refuse_still([replace(flight, force=np.roll(flight.force, rows, axis=0), velocity=None)])
+
+
+def test_the_sag_of_a_voltage_and_what_a_flight_tells_rest_on_one_fit(flown: tuple[Fleet, list[FlightLog]]) -> None:
+    flight = flight_of(flown[1][0]).flight
+    still = replace(flight, driven=np.zeros_like(flight.driven))
+    assert fit_alone(flight) is fit_alone(flight)
+    assert fit_alone(still) is None
 
 
 def test_motors_under_other_numbers_turn_the_vehicle_the_wrong_way(flown: tuple[Fleet, list[FlightLog]]) -> None:
