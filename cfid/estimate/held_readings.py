@@ -10,6 +10,9 @@ _STEPS = 3.0  # of the sensor, by which a coarse one changes in no row after it 
 _FEWEST, _SHARE = 10, 0.1  # such changes, and of all: gaps in rows make some, too
 _OTHERS = 0.1  # of them, which may follow a single row: what ends a spike does
 _SAME = 1e-9  # of the range: what rounding changes
+_SINGLE = 0.75  # of such changes follow a single row where each row has its own reading, with noise of a step or more
+_LONGEST = 0.9  # of the readings last so many rows or fewer
+_ALIKE = 0.7  # of a value, down to which others are rounded as it is
 
 
 def rows_a_reading(readings: Array) -> int:
@@ -40,8 +43,42 @@ def first_rows(readings: Array, *, rows: int) -> Mask:
     return kept
 
 
+def new_rows(readings: Array, *, longest: float) -> Mask:
+    """Return which rows have a new one of some readings (n,), all where about each row has its own.
+
+    Rows count in which readings go on by more than steps of the sensor, after having gone on by as much at most
+    `longest` rows ago: others show a coarse sensor of something steady. Of a value that lasts longer than readings do,
+    which is several, the first row of each is new.
+    """
+    begins, by = _changes(readings)
+    new = np.zeros(len(readings), dtype=bool)
+    if len(begins) < _FEWEST:
+        return ~new
+    far = by > _STEPS * _steps(readings)[begins]
+    lasted = np.diff(begins)[far[:-1] & far[1:]]
+    lasted = lasted[lasted <= longest]
+    if len(lasted) < _FEWEST or np.mean(lasted == 1) > _SINGLE:
+        return ~new
+    rows = int(np.quantile(lasted, _LONGEST))
+    for first, last in zip([0, *begins], [*begins, len(readings)], strict=True):
+        new[first : max(last - rows, first) + 1 : rows] = True
+    return new
+
+
+def _steps(readings: Array) -> Array:
+    """Return the step (n,) of a sensor at each of its readings (n,), which may be coarser for larger ones."""
+    sizes = np.unique(np.abs(readings))
+    least = max(_SAME * float(sizes[-1]), np.finfo(float).tiny)
+    gaps = np.diff(sizes, append=np.inf)
+    gaps[gaps <= least] = np.inf
+    alike = (np.log(np.maximum(sizes, least)) // -np.log(_ALIKE)).astype(int)
+    smallest = np.full(np.ptp(alike) + 1, np.inf)
+    np.minimum.at(smallest, alike - alike.min(), gaps)
+    return np.asarray(smallest[alike - alike.min()][np.searchsorted(sizes, np.abs(readings))])
+
+
 def _changes(readings: Array) -> tuple[npt.NDArray[np.intp], Array]:
     """Return the rows (m,) whose reading differs from that before, and by how much (m,)."""
     by = np.abs(np.diff(readings))
-    changed = by > _SAME * np.ptp(readings)
+    changed = by > _SAME * (np.ptp(readings) if len(readings) else 0.0)
     return np.flatnonzero(changed) + 1, by[changed]

@@ -16,6 +16,7 @@ from cfid.findings import Finding, note, of_recording
 from cfid.motors.lag.model import LogSegment, Signal
 from cfid.motors.lag.search import SETTLING_S
 from cfid.motors.lag.survey import PART_S, possible, survey
+from cfid.motors.repeated import Readings, once_each
 from cfid.records.logs.any_kind import NO_OPTIONS, is_binary_log, read_log
 from cfid.records.logs.crazyflie_names import first_of
 from cfid.records.logs.flights import longest_flight
@@ -45,11 +46,12 @@ class LogPart:
     """Commands by motor, 0 to 65535, with speeds in rad/s by motor, volts, and acceleration along z in m/s^2.
 
     Each has its own times, in seconds since the log's first row of a command. Drives are those at the voltage `at_v`, 1
-    where none was logged.
+    where none was logged. `readings` are those of the speeds by motor, and of the acceleration by 0: each counts once.
     """
 
     commands: Mapping[int, Signal]
     speeds: Mapping[int, Signal]
+    readings: Mapping[int, Readings]
     volts: Signal | None = None
     at_v: float = 1.0
     acceleration: Signal | None = None
@@ -202,12 +204,18 @@ class RotorLog:
         return possible(signals[self.volts], self.wrong_volts_s)
 
     def _part(self, signals: Mapping[str, Signal]) -> LogPart:
-        speeds = {motor: signals[name] for motor, name in self.speeds.items()}
+        commands = {motor: signals[name] for motor, name in self.commands.items()}
+        measured = {motor: signals[name] for motor, name in self.speeds.items()}
+        if not self.speeds and self.acceleration is not None:
+            measured[0] = signals[self.acceleration]
+        each = {motor: _once_each(one) for motor, one in measured.items()}
+        read = {motor: signal for motor, (signal, _) in each.items()}
         return LogPart(
-            commands={motor: signals[name] for motor, name in self.commands.items()},
-            speeds={motor: speed._replace(value=_known(speed.value)) for motor, speed in speeds.items()},
+            commands=commands,
+            speeds={motor: speed._replace(value=_known(speed.value)) for motor, speed in read.items() if motor},
+            readings={motor: readings for motor, (_, readings) in each.items()},
             volts=None if self.volts is None else self._volts(signals),
-            acceleration=None if self.speeds or self.acceleration is None else signals[self.acceleration],
+            acceleration=read.get(0),
         )
 
 
@@ -303,6 +311,12 @@ def of_log(log: FlightLog) -> RotorLog:
             *(note("recording", f"assumed: {text}.").at(log.path.name) for text in log.assumed),
         ),
     )
+
+
+def _once_each(measured: Signal) -> tuple[Signal, Readings]:
+    """Return the readings of what is measured, and how many rows show them."""
+    counts, readings = once_each(*measured)
+    return Signal(measured.time_s[counts], measured.value[counts]), readings
 
 
 def _known(speed: Array) -> Array:

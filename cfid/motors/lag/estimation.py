@@ -45,8 +45,8 @@ class LagFit:
 
     `effects` (6, m) are the part of it that comes from what is expected of the voltage, one standard uncertainty each,
     and `power` is the power of the voltage with which speeds go, and its standard uncertainty, None where not shown.
-    `late_s` is how uncertain the delay is beside that, since rows show commands late. Rotors and parts of one log have
-    both in common. `explained` is the part of the variance that the lag and a slow drift explain, averaged
+    `late_s` is how uncertain the delay is beside that, since rows show commands and readings late. Rotors and parts of
+    one log have both in common. `explained` is the part of the variance that the lag and a slow drift explain, averaged
     over a quarter of a time constant, `rms` what is left, `drift` the relative change from begin to end at the same
     drives. `time_s`, `measured` and, with the drift, `shown` (n,) were compared; `standing_s` and `odd_s` are the times
     of what was left out, since a sensor stood still there, and since no command leads to it.
@@ -96,13 +96,16 @@ def unsure_of_sag(fit: LagFit) -> LagFit:
     return replace(fit, covariance=fit.covariance + effect @ effect.T, effects=np.hstack([fit.effects, effect]))
 
 
-def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, moving: bool = False) -> LagFit:
+def fit_lag(
+    pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, moving: bool = False, age_s: float = 0.0
+) -> LagFit:
     """Fit time constants of rising and falling speed, the delay behind the command, and the static map, all at once.
 
     Of kind "speed", measured is the speed in rad/s of one rotor, whose map is joined to its lag. Of kind "thrust",
     measured is the thrust of all rotors together in any unit, quadratic in speeds that are linear in the drive.
     `row_s` is the interval between two rows of the command, within which it changed before a row shows it: the delay
     is too short by any part of that. `moving` is a command that changes in most rows, whose steps these do not show.
+    By up to `age_s` a row shows what was measured late, and the delay is too long.
     The map holds in the middle of the record: its level and slope may drift, as with a battery that sags. Where the
     segments have a voltage, the drive goes with a power of it, which the record shows where the voltage changes enough.
     Speeds that no rotor had are left out. Raises FitError for less than 200 samples, and for a speed that stands still.
@@ -110,14 +113,16 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, mov
     if kind == "speed":
         pieces, standing_s = _moving(pieces)
         if len(standing_s):
-            return replace(fit_lag(pieces, kind=kind, row_s=row_s, moving=moving), standing_s=standing_s)
+            fit = fit_lag(pieces, kind=kind, row_s=row_s, moving=moving, age_s=age_s)
+            return replace(fit, standing_s=standing_s)
     search = search_of(pieces, kind)
     plain = search.fitted(search.start, np.asarray)
     good, odd_s = _without_odd(search, plain)
     if len(odd_s):
-        fit = fit_lag(good, kind=kind, row_s=row_s, moving=moving)
+        fit = fit_lag(good, kind=kind, row_s=row_s, moving=moving, age_s=age_s)
         return replace(fit, odd_s=np.sort(np.concatenate([fit.odd_s, odd_s])))
-    return _lag_fit(search, plain, row_s=row_s, moving=moving)
+    fit = _lag_fit(search, plain, row_s=row_s, moving=moving)
+    return replace(fit, late_s=math.hypot(row_s, age_s) / math.sqrt(3))
 
 
 def _without_odd(search: Search, plain: OptimizeResult) -> tuple[list[LogSegment], Array]:
@@ -172,7 +177,6 @@ def _lag_fit(search: Search, plain: OptimizeResult, *, row_s: float, moving: boo
             unseen_s=moving * row_s,
             moves=any(moves(drive, piece.measured.time_s) for piece in pieces for drive in piece.drives),
         ),
-        late_s=row_s / math.sqrt(3),
     )
 
 

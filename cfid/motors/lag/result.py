@@ -11,6 +11,7 @@ from cfid.counted import counted
 from cfid.errors import CfidError, FitError
 from cfid.findings import Finding, note, rejection, warning
 from cfid.motors.delays import command_between_rows, delay_text, negative_delay
+from cfid.motors.lag.checks import Kind
 from cfid.motors.lag.data import LogPart, RotorLog
 from cfid.motors.lag.estimation import LagFit, fit_lag, joined, unsure_of_sag
 from cfid.motors.lag.values import (
@@ -21,6 +22,7 @@ from cfid.motors.lag.values import (
     rotor_rows,
     speed_map_findings,
 )
+from cfid.motors.repeated import Readings, repeated_finding
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Figures, Result
 
@@ -82,6 +84,7 @@ def fit(record: RotorLog) -> Result:
             *left_out,
             *(one for name, lag in fits.items() for one in _left_out(name, lag)),
             *seen.others,
+            *_repeated(seen),
             *_about(record, fits, seen),
             *_delay(joint),
             *(speed_map_findings(joint, accepted, seen.commands, volts=seen.volts) if record.speeds else ()),
@@ -101,7 +104,7 @@ class _Seen(NamedTuple):
     """The interval between rows of the commands, from where to where each rotor's went, and who follows another's.
 
     `volts` is the battery's mean voltage while rotors were driven, None where it was not logged, and `at_v` that of the
-    drives.
+    drives. `repeated` are the readings of each rotor whose rows repeat them.
     """
 
     row_s: float
@@ -109,6 +112,7 @@ class _Seen(NamedTuple):
     volts: float | None
     at_v: float
     others: tuple[Finding, ...]
+    repeated: Mapping[str, Readings]
 
 
 def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ...]]:
@@ -118,6 +122,7 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
     failed: dict[str, FitError] = {}
     ranges: dict[str, tuple[float, float]] = {}
     others: dict[str, tuple[Finding, ...]] = {}
+    repeated: dict[str, Readings] = {}
     row_s, volts, rows, at_v = 0.0, 0.0, 0, 1.0
     for part in record.parts():
         row_s, at_v = max(row_s, part.row_s), part.at_v
@@ -126,17 +131,19 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
             on = np.concatenate([value[value > 0] for _, value in driven])
             driven_v = part.driven_volts(motor) if motor else np.zeros(0)
             volts, rows = volts + float(driven_v.sum()), rows + len(driven_v)
+            readings = part.readings[motor]
+            if readings.age_s:
+                repeated.setdefault(name, readings)
             low, high = ranges.get(name, (np.inf, -np.inf))
             ranges[name] = min(low, float(on.min(initial=np.inf))), max(high, float(on.max(initial=-np.inf)))
+            kind: Kind = "speed" if motor else "thrust"
+            pieces = part.of_speed(motor) if motor else part.of_thrust()
             try:
-                fits[name].append(
-                    fit_lag(part.of_speed(motor), kind="speed", row_s=part.row_s, moving=part.moving)
-                    if motor
-                    else fit_lag(part.of_thrust(), kind="thrust", row_s=part.row_s, moving=part.moving)
-                )
+                fit = fit_lag(pieces, kind=kind, row_s=part.row_s, moving=part.moving, age_s=readings.age_s)
             except FitError as error:
                 failed[name] = error
                 continue
+            fits[name].append(fit)
             if motor and not fits[name][-1].accepted and name not in others:
                 others[name] = _other_command(part, motor)
     found = {name: joined(each) for name, each in fits.items() if each}
@@ -151,6 +158,7 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
             volts / rows if rows else None,
             at_v,
             tuple(one for name, each in others.items() if not found[name].accepted for one in each),
+            repeated,
         ),
         tuple(
             warning("lag-rotor-left-out", str(error), "dynamics.*").at(name)
@@ -177,6 +185,14 @@ def _other_command(part: LogPart, motor: int) -> tuple[Finding, ...]:
         "are the columns swapped, or the motors' plugs?"
     )
     return (warning("lag-other-command", text, "dynamics.*").at(f"rotor {motor}"),)
+
+
+def _repeated(seen: _Seen) -> tuple[Finding, ...]:
+    """Return a note on readings that rows repeat, those of the rotor that has fewest."""
+    if not seen.repeated:
+        return ()
+    fewest = min(seen.repeated.values(), key=lambda one: one.read / one.rows)
+    return (repeated_finding(fewest).at(", ".join(seen.repeated)),)
 
 
 def _left_out(name: str, fit: LagFit) -> tuple[Finding, ...]:

@@ -1,6 +1,6 @@
 """Speeds over time and the commands beside them: of a thrust stand, of the vehicle, or from vibration."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from cfid.errors import DataError
 from cfid.findings import Finding, note
+from cfid.motors.repeated import once_each, repeated_finding
 from cfid.motors.steps.sag import LoggedBattery
 from cfid.motors.vibration.data import quiet_channels
 from cfid.motors.vibration.ridge import speed_ridge
@@ -30,7 +31,7 @@ class SpeedRecord:
     """Speeds (n,) in rad/s at times (n,) in seconds, and the commands (m,) that hold from times (m,) on.
 
     Each speed is a mean over `blur_s`, NaN where it is not known. The battery's voltage is by the same clock. Commands
-    that are known by rows alone have these `command_row_s` apart.
+    that are known by rows alone have these `command_row_s` apart, and a speed may be older than its row by `age_s`.
     """
 
     name: str
@@ -41,6 +42,7 @@ class SpeedRecord:
     command: Array
     blur_s: float = 0.0
     command_row_s: float = 0.0
+    age_s: float = 0.0
     battery: LoggedBattery | None = None
     findings: tuple[Finding, ...] = ()
     sources: tuple[Source, ...] = ()
@@ -65,7 +67,7 @@ def of_table(table: StandTable) -> SpeedRecord:
             f"{table.path}: {repeated} of {len(speed)} rows repeat the time of the one before, which shows no lag. "
             "Delete rows that were written twice; give `rate_hz` where the others are evenly spaced."
         )
-    return SpeedRecord(
+    record = SpeedRecord(
         name=table.path.stem,
         path=table.path,
         time_s=table.time_s,
@@ -77,6 +79,7 @@ def of_table(table: StandTable) -> SpeedRecord:
         findings=table.findings,
         sources=(table.source,),
     )
+    return _once_each(record)
 
 
 def of_run(run: Run, reading: WrenchReading) -> SpeedRecord:
@@ -88,7 +91,7 @@ def of_run(run: Run, reading: WrenchReading) -> SpeedRecord:
     speeds = {} if rows is None else told_speeds_rad_s(rows)
     if rows is None or not ran or not all(motor in speeds for motor in ran):
         return _of_vibration(run, log, command, reading, rows)
-    return SpeedRecord(
+    record = SpeedRecord(
         name=run.folder.name,
         path=run.folder,
         time_s=rows.time_s - rows.time_s[0],
@@ -97,6 +100,20 @@ def of_run(run: Run, reading: WrenchReading) -> SpeedRecord:
         command=command,
         battery=_battery(rows, rows.time_s[0]),
         sources=(rows.source, log.source),
+    )
+    return _once_each(record)
+
+
+def _once_each(record: SpeedRecord) -> SpeedRecord:
+    """Return a record without the speeds of rows that repeat a reading."""
+    counts, readings = once_each(record.time_s, record.speed_rad_s)
+    if not readings.age_s:
+        return record
+    return replace(
+        record,
+        speed_rad_s=np.where(counts, record.speed_rad_s, np.nan),
+        age_s=readings.age_s,
+        findings=(*record.findings, repeated_finding(readings)),
     )
 
 

@@ -58,7 +58,7 @@ def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
     except CfidError as error:
         raise type(error)(f"{record.path}: {error}") from None
 
-    late_s = row_s / 3**0.5  # of a command that changed any time within a row
+    late_s = hypot(row_s, record.age_s) / 3**0.5  # a command changed and a speed was read any time within a row
     lags = [replace(one, delay_std_s=hypot(one.delay_std_s, late_s)) for one in found]
     model = replace(model, delay_std_s=hypot(model.delay_std_s, late_s))
 

@@ -1,0 +1,67 @@
+"""Rows that repeat a reading are told from those of a sensor with coarse steps, whatever it measures."""
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.estimate.held_readings import new_rows
+
+Array = npt.NDArray[np.float64]
+
+RATE_HZ, SECONDS, LONGEST = 100, 30, 30
+
+
+def following(*, tau_s: float) -> Array:
+    """Return a speed with a lag behind a command that steps every second."""
+    begin, speed, since_s = 1000.0, [], np.arange(RATE_HZ) / RATE_HZ
+    for level in np.random.default_rng(1).uniform(500, 2000, SECONDS):
+        speed.append(level + (begin - level) * np.exp(-since_s / tau_s))
+        begin = level
+    return np.concatenate(speed)
+
+
+def noisy(speed: Array, seed: int, *, noise: float) -> Array:
+    return speed + np.random.default_rng(seed).normal(0, noise, len(speed))
+
+
+SENSORS: dict[str, Callable[[Array], Array]] = {
+    "fine": lambda speed: noisy(speed, 3, noise=2.0),
+    "fine, without noise": lambda speed: speed,
+    "steps of its noise": lambda speed: 5 * np.round(noisy(speed, 3, noise=5.0) / 5),
+    "coarse": lambda speed: 10 * np.round(noisy(speed, 3, noise=2.0) / 10),
+    "coarse, without noise": lambda speed: 10 * np.round(speed / 10),
+    "counted time": lambda speed: 4e6 / np.round(4e6 / np.maximum(noisy(speed, 3, noise=1.0), 1)),
+}
+
+
+@pytest.mark.parametrize("tau_s", [0.002, 0.02, 0.1])
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_a_sensor_with_a_reading_in_each_row_loses_none(sensor: str, tau_s: float) -> None:
+    speed = following(tau_s=tau_s)
+    assert new_rows(SENSORS[sensor](speed), longest=LONGEST).all()
+
+
+@pytest.mark.parametrize("rows", [2, 5, 10])
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_of_readings_that_rows_repeat_the_first_rows_are_new(sensor: str, rows: int) -> None:
+    speed = following(tau_s=0.1)
+    place = np.arange(len(speed))
+    new = new_rows(SENSORS[sensor](speed)[place // rows * rows], longest=LONGEST)
+
+    assert np.all(place[new] % rows == 0)
+    assert np.count_nonzero(new) > 0.95 * len(speed) / rows
+
+
+def test_readings_that_come_at_a_rate_of_their_own_count_from_their_first_row_on() -> None:
+    speed = following(tau_s=0.1)
+    shown = np.floor(np.arange(len(speed)) * 0.41) / 0.41  # two or three rows a reading
+    new = new_rows(SENSORS["fine"](speed)[shown.astype(int)], longest=LONGEST)
+
+    assert np.array_equal(np.flatnonzero(new), np.flatnonzero(np.diff(shown.astype(int), prepend=-1)))
+
+
+def test_readings_that_do_not_move_are_those_of_their_rows() -> None:
+    assert new_rows(np.full(100, 7.0), longest=LONGEST).all()
+    assert new_rows(np.zeros(0), longest=LONGEST).all()

@@ -1,0 +1,115 @@
+"""Speeds that a log or a stand repeats in several rows, as a logger does between readings, count once."""
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+import pytest
+
+from cfid.motors.lag import fit as fit_lag
+from cfid.motors.lag.data import rotor_log
+from cfid.motors.steps import fit as fit_steps
+from cfid.records.result import Result
+
+Array = npt.NDArray[np.float64]
+
+RISING_S, FALLING_S, NOISE = 0.05, 0.08, 1.5
+TRUTH = (("rising", RISING_S), ("falling", FALLING_S))
+RPM = 30 / np.pi
+
+
+def following(change_s: Array, levels: Array, time_s: Array) -> Array:
+    """Return the speeds (n,) at times (n,) behind levels (m,) that hold from times (m,) on, between them exact."""
+    every = [(at, level) for at, level in zip(change_s, levels, strict=True)]
+    every = sorted([*every, *((at, None) for at in time_s)], key=lambda each: (each[0], each[1] is None))
+    now, leads_to, last_s, found = float(levels[0]), float(levels[0]), float(change_s[0]), []
+    for at, level in every:
+        tau_s = RISING_S if leads_to > now else FALLING_S
+        now, last_s = leads_to + (now - leads_to) * np.exp((last_s - at) / tau_s), at
+        if level is None:
+            found.append(now)
+        else:
+            leads_to = level
+    return np.array(found)
+
+
+def repeated(value: Array, rows: int) -> Array:
+    return value[np.arange(len(value)) // rows * rows]
+
+
+def fitted_log(folder: Path, rows: int, seed: int, *, own_clock: bool = False) -> Result:
+    """Fit 20 s of two rotors at 500 Hz whose speeds are read once in some rows, or whenever the sensor has one."""
+    rng, time_s = np.random.default_rng(seed), np.arange(10_000) / 500
+    columns = {"t": time_s, "pm.vbat": np.round(4 + rng.normal(0, 0.004, len(time_s)), 3)}
+    for motor in (1, 2):
+        change_s: Array = np.append(0, np.round(500 * rng.uniform(0.17, 0.52, 60).cumsum()) / 500)
+        command = np.round(rng.uniform(15000, 55000, len(change_s)))
+        read_s = np.arange(rng.uniform(0, 0.002), 20, 0.00191 * rows) if own_clock else time_s[::rows]
+        speed = following(change_s, 400 + 0.033 * command, read_s) + rng.normal(0, NOISE, len(read_s))
+        shown = np.searchsorted(read_s, time_s + 1e-9, side="right") - 1
+        columns[f"motor.m{motor}"] = command[np.searchsorted(change_s, time_s + 1e-9, side="right") - 1]
+        columns[f"rpm.m{motor}"] = np.round(RPM * speed)[np.maximum(shown, 0)]
+    pd.DataFrame(columns).to_csv(folder / "log.csv", index=False)
+    log = rotor_log(folder / "log.csv")
+    assert log is not None
+    return fit_lag(log)
+
+
+def fitted_stand(folder: Path, rows: int, seed: int) -> Result:
+    """Fit 32 s of a stand at 100 Hz whose speeds are read once in some rows."""
+    rng, time_s = np.random.default_rng(seed), np.arange(3200) / 100
+    pulses = 1000 + 1000 * np.array([0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1, 0.8, 0.6, 0.4, 0.2, 0])
+    speed = following(np.arange(0.0, 32, 2), pulses - 1000, time_s)
+    speed = np.maximum(RPM * speed + rng.normal(0, 5, len(speed)) * (speed > 0), 0)
+    table = pd.DataFrame(
+        {
+            "Time (s)": time_s,
+            "ESC signal (µs)": np.repeat(pulses, 200),
+            "Thrust (N)": 2e-6 * (speed / RPM) ** 2 + rng.normal(0, 0.002, len(speed)),
+            "Motor Optical Speed (RPM)": repeated(np.round(speed, 1), rows),
+        }
+    )
+    table.to_csv(folder / "stand.csv", index=False)
+    return fit_steps(folder / "stand.csv")
+
+
+def off(result: Result) -> list[float]:
+    """Return by how many standard uncertainties the rates up and down are off."""
+    found = [(result.quantities[f"dynamics.{way}"], tau_s) for way, tau_s in TRUTH]
+    return [abs(one.value[0] - 1 / tau_s) / one.std[0] for one, tau_s in found]
+
+
+def said(result: Result) -> str:
+    return " ".join(one.text for one in result.findings if "repeated" in one.code)
+
+
+@pytest.mark.parametrize("own_clock", [False, True])
+@pytest.mark.parametrize("rows", [2, 5, 10, 25])
+def test_a_log_that_repeats_speeds_gives_the_lag_and_the_delay(tmp_path: Path, rows: int, own_clock: bool) -> None:
+    result = fitted_log(tmp_path, rows, 7 + rows, own_clock=own_clock)
+    delay = result.quantities["dynamics.delay_s"]
+
+    assert result.accepted
+    assert max(off(result)) < 3
+    assert abs(delay.value) < 2 * delay.std
+    assert delay.std < 0.0018
+    assert result.quantities["dynamics.rising"].std[0] < 0.01 / RISING_S
+    assert f"500 rows a second show {'' if own_clock else f'{500 / rows:.3g} readings'}" in said(result)
+
+
+@pytest.mark.parametrize("rows", [2, 5, 10])
+def test_a_stand_that_repeats_speeds_gives_the_lag(tmp_path: Path, rows: int) -> None:
+    for seed in range(4):
+        result = fitted_stand(tmp_path, rows, seed)
+        assert max(off(result)) < 3
+        assert result.accepted
+    assert f"each reading is repeated in about {rows} rows: 100 rows a second show {100 // rows} readings" in said(
+        result
+    )
+
+
+def test_speeds_that_each_row_reads_are_not_said_to_be_repeated(tmp_path: Path) -> None:
+    for result in (fitted_log(tmp_path, 1, 3), fitted_stand(tmp_path, 1, 3)):
+        assert max(off(result)) < 3
+        assert not said(result)
