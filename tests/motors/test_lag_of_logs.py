@@ -170,6 +170,21 @@ def test_a_voltage_that_the_others_refute_is_left_out_and_named(
         assert abs(result.quantities[key].value[0] - whole[key].value[0]) < whole[key].std[0]
 
 
+def test_a_rotor_whose_controller_holds_its_speed_condemns_no_other_that_goes_with_the_voltage(tmp_path: Path) -> None:
+    rng, (_, command, speed) = np.random.default_rng(3), flown(2, 7, rotors=1, noise=3.0, red=0.0)
+    sag = 0.3 * np.convolve(command[0, 0], np.ones(5) / 5, mode="same")
+    volts = 4.1 - sag + rng.normal(0, 0.004, len(sag))
+    commands = 65535 * command[:, 0] * np.array([3.6 / (4.1 - sag), np.ones(len(sag))])
+    result = fit(
+        read(logged(tmp_path, (*MOTORS[:2], "rpm.m1(f)", "rpm.m2(f)", "pm.vbat(f)"), *commands, *(NEXT * speed), volts))
+    )
+
+    assert result.accepted
+    assert [one.where for one in result.findings if one.code == "lag-voltage-unfelt"] == [("rotor 2",)]
+    for key, tau_s in (("dynamics.rising", RISING_S), ("dynamics.falling", FALLING_S)):
+        assert abs(result.quantities[key].value[0] - 1 / tau_s) < 3 * result.quantities[key].std[0]
+
+
 def test_a_voltage_that_is_mostly_impossible_is_not_used_and_that_is_said(tmp_path: Path) -> None:
     volts = np.where(np.arange(500) < 200, 0.0, 3.9)
     log = read(logged(tmp_path, (MOTORS[0], SPEEDS[0], "pm.vbat(f)"), *np.full((2, 500), 9000), volts))

@@ -40,8 +40,9 @@ def joint_parameters(
         outward[[7, 6, 5], [0, 1, 2]] = 1, 1 / full, 1 / full**2
         covariance += outward @ (fit.covariance - fit.effects @ fit.effects.T) @ outward.T / len(fits) ** 2
         at_ratio = outward[:, 1] * c1 + outward[:, 2] * 2 * c2
-        effects.append(np.column_stack([outward @ fit.effects, at_ratio * math.log(ratio) * power_std]))
-    mean_effects = np.mean(effects, axis=0)
+        effects.append(np.column_stack([at_ratio * math.log(ratio) * power_std, outward @ fit.effects]))
+    most = max(one.shape[1] for one in effects)  # a rotor on which no voltage acts has one more
+    mean_effects = np.mean([np.pad(one, ((0, 0), (0, most - one.shape[1]))) for one in effects], axis=0)
     covariance += mean_effects @ mean_effects.T
     covariance[4, 4] += max(fit.late_s for fit in fits) ** 2  # of all rotors in common
     std = np.sqrt(np.diag(covariance))
