@@ -331,3 +331,12 @@ def test_a_table_of_times_alone_below_a_head_of_words_ends_in_a_sentence(tmp_pat
     path = written(tmp_path, "Lab file,\nVersion,2\n" + "".join(f"{at / 10},\n" for at in range(40)))
     with pytest.raises(DataError, match=r"empty|no column"):
         read_log(path, Foreign(columns=("1", "2"), time_unit="s"))
+
+
+def test_a_client_s_times_in_nanoseconds_are_named_as_that(tmp_path: Path) -> None:
+    """They were taken for ms, 10 s apart by the million: minutes of reading to no rows."""
+    stamps = 1_760_000_000_000_000_000 + 10_000_000 * np.arange(500)
+    path = tmp_path / "log.csv"
+    path.write_text("Timestamp,motor.m1,rpm.m1\n" + "".join(f"{stamp},30000,9000\n" for stamp in stamps))
+    with pytest.raises(DataError, match=r"starts at 1760000000000000000, a date \(Unix time\) in ns"):
+        read_log(path)

@@ -198,6 +198,7 @@ def times_of(
             raise ConfigError("`time_unit` is that of a time column, and `rate_hz` stands for one: give one of them.")
         return np.arange(len(raw)) / rate_hz, _unused_times(table, rate_hz)
     stated = unit_of(table, TIME_COLUMN.called, column or "", unit, "time_unit")
+    _refuse_nanoseconds(table.path, raw[0])
     _refuse_newest_first(table, column or "", raw)
     row = next((at + 1 + int(np.argmax(step < 0)) for at, step in differences(raw) if np.any(step < 0)), 0)
     if row:
@@ -290,13 +291,17 @@ def _fitting(interval: float, slowest_s: float) -> list[str]:
     return [name for name, scale in SECONDS.items() if _FASTEST_S <= interval * scale <= slowest_s]
 
 
-def _check_unit(path: Path, first: float, interval: float, unit: str, slowest_s: float) -> tuple[str, ...]:
-    """Refuse a time unit that gives an impossible sampling interval, and propose a possible one."""
+def _refuse_nanoseconds(path: Path, first: float) -> None:
+    """Raise DataError for times that begin with a date in ns, whatever unit was given or assumed."""
     if _UNIX_S[0] <= 1e-9 * first <= _UNIX_S[1]:
         raise DataError(
             f"{path}: the time column starts at {first:.0f}, a date (Unix time) in ns; times are read in s, ms or "
             "us. Divide the column by 1e9."
         )
+
+
+def _check_unit(path: Path, first: float, interval: float, unit: str, slowest_s: float) -> tuple[str, ...]:
+    """Refuse a time unit that gives an impossible sampling interval, and propose a possible one."""
     fitting = _fitting(interval, slowest_s)
     dates = [name for name, scale in SECONDS.items() if _UNIX_S[0] <= first * scale <= _UNIX_S[1]]
     dated = f" It starts at {first:.0f}, which is a date (Unix time) in {dates[0]}." if dates else ""
