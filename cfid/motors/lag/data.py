@@ -92,11 +92,12 @@ class LogPart:
     def _segments(self, motors: tuple[int, ...], measured: Signal) -> Iterator[LogSegment]:
         """Yield the segments without a break that are long enough to be used."""
         time_s = self.commands[motors[0]].time_s
-        runs = np.all([self.commands[motor].value > 0 for motor in motors], axis=0)
+        held = np.array([self.commands[motor].held(time_s) for motor in motors])  # by rows of the first
+        runs = np.all(held > 0, axis=0)
         runs &= self.volts is None or _is_known(self.volts.time_s, time_s)
         ends = ~runs[:-1] | ~runs[1:] | (np.diff(time_s) > _BREAK_S)
         edges = np.concatenate([[0], np.flatnonzero(ends) + 1, [len(time_s)]])
-        drives = [self.commands[motor].value / FULL_COMMAND * self.at_v for motor in motors]
+        drives = held / FULL_COMMAND * self.at_v
         volts = None if self.volts is None else Signal(time_s, np.interp(time_s, *self.volts) / self.at_v)
         for first, last in zip(edges[:-1], edges[1:] - 1, strict=True):
             if last < first or time_s[last] - time_s[first] <= 2 * SETTLING_S:
@@ -174,6 +175,7 @@ class RotorLog:
         at_v = 0.0
         for part in windows(self.log, names, from_s=self.begin_s + low, long_s=(high - low) / count):
             signals = {name: self._since_begin(*self._within(name, *timed)) for name, timed in part.items()}
+            signals = {name: one if name == self.volts else _numbers(one) for name, one in signals.items()}
             known = all(len(signals[name].time_s) > 1 for name in names)
             if known and (self.volts is None or len(self._volts(signals).time_s)):
                 self._refuse_slow(signals)
@@ -317,6 +319,12 @@ def _once_each(measured: Signal) -> tuple[Signal, Readings]:
     """Return the readings of what is measured, and how many rows show them."""
     counts, readings = once_each(*measured)
     return Signal(measured.time_s[counts], measured.value[counts]), readings
+
+
+def _numbers(signal: Signal) -> Signal:
+    """Return a signal without its rows that have no number, as where others of the log's rows are those of others."""
+    known = np.isfinite(signal.value)
+    return Signal(signal.time_s[known], signal.value[known])
 
 
 def _known(speed: Array) -> Array:

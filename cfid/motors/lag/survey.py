@@ -98,10 +98,13 @@ def survey(
             end_s = max([end_s, *ends])
             outside = {name: counts.and_of(found[name].value, limits[name]) for name, counts in outside.items()}
             for motor, name in speeds.items():
-                (time_s, speed), driven = found[name], found[commands[motor]]
-                on = np.interp(time_s, *driven) > 0 if len(driven.time_s) else np.zeros(len(speed), bool)
-                zero, known = np.sum((speed <= 0) & on), np.sum(speed > 0)
-                counts[motor] += np.array([zero, np.sum(~np.isfinite(speed)), known, len(speed)])
+                (time_s, speed), (driven_s, driven) = found[name], found[commands[motor]]
+                known = np.isfinite(driven)
+                on = (
+                    np.interp(time_s, driven_s[known], driven[known]) > 0 if known.any() else np.zeros(len(speed), bool)
+                )
+                zero, turns = np.sum((speed <= 0) & on), np.sum(speed > 0)
+                counts[motor] += np.array([zero, np.sum(~np.isfinite(speed)), turns, len(speed)])
             yield np.zeros((0, 2)) if volts is None else np.column_stack(found[volts])
 
     voltage = _volts_of(joined(voltages()))

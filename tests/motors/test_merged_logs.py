@@ -1,0 +1,43 @@
+"""Logs whose rows are those of several devices or vehicles: what one table of them gives, and why it gives nothing."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from cfid.motors.lag import fit
+from cfid.motors.lag.data import rotor_log
+from cfid.records.result import Result
+from tests.motors.test_lag_coverage import FALLING_S, RATE_HZ, RISING_S, flown
+
+NEXT = 30 / np.pi
+
+
+def logged(seed: int = 7) -> pd.DataFrame:
+    """Return a log of the Crazyflie's client at 100 Hz."""
+    time_s, command, speed = flown(1, seed, rotors=1, noise=3.0, red=0.0)
+    stamp = np.rint(1000 * time_s).astype(int)
+    columns = {"motor.m1": np.round(65535 * command[0, 0]), "rpm.m1": np.round(NEXT * speed[0])}
+    return pd.DataFrame({"Timestamp": stamp, **columns})
+
+
+def fitted(folder: Path, log: pd.DataFrame) -> Result:
+    log.to_csv(folder / "log.csv", index=False)
+    found = rotor_log(folder / "log.csv")
+    assert found is not None
+    return fit(found)
+
+
+@pytest.mark.parametrize("late_ms", [0, 3])
+def test_speeds_in_rows_of_their_own_give_the_lag(tmp_path: Path, late_ms: int) -> None:
+    """As where blocks of a log are joined by their times, or put below each other and sorted."""
+    log = logged()
+    commands, speeds = log[["Timestamp", "motor.m1"]], log[["Timestamp", "rpm.m1"]].iloc[::2]
+    speeds = speeds.assign(Timestamp=speeds["Timestamp"] + late_ms)
+    result = fitted(tmp_path, pd.concat([commands, speeds]).sort_values("Timestamp", kind="stable"))
+
+    assert result.accepted
+    assert 1 / result.quantities["dynamics.rising"].value[0] == pytest.approx(RISING_S, rel=0.01)
+    assert 1 / result.quantities["dynamics.falling"].value[0] == pytest.approx(FALLING_S, rel=0.01)
+    assert f"the command is known every {1000 / RATE_HZ:.0f} ms" in " ".join(one.text for one in result.findings)
