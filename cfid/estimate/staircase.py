@@ -57,12 +57,14 @@ def reduce_staircase(
     thrust: int = FZ,
     lag_s: float | None = None,
     window_override: Sequence[Window | None] | None = None,
+    tared: bool = True,
 ) -> Staircase:
     """Reduce channels (n, k) in any unit at times (n,), of which `thrust` shows where the motors run.
 
     Commands (m, 4) hold from `command_time_s` (m,) on, by the same clock; without them changes of thrust are looked
     for. `lag_s` is the rotors' time constant, where it need not be found. Windows may be set by hand, an entry a
-    step, None where it shall be found. `status` (n,) are the load cell's words.
+    step, None where it shall be found. `status` (n,) are the load cell's words. What `tared` channels show in pauses is
+    taken off; others, as speeds, are of themselves zero where nothing runs.
 
     Raises DataError for a record that is too short, out of order, not finite or faulty, that has no baseline
     or shows no motor running.
@@ -73,7 +75,7 @@ def reduce_staircase(
     else:
         first_s, last_s = record.slow.time_s[[0, -1]].tolist()
         intervals = commanded_intervals(command_time_s, commands, begin_s=first_s, end_s=last_s)
-    return _reduced(record, intervals, lag_s=lag_s, windows=window_override)
+    return _reduced(record, intervals, lag_s=lag_s, windows=window_override, tared=tared)
 
 
 def reduce_single(
@@ -115,7 +117,12 @@ def mean_in_windows(points: Sequence[Point], time_s: Array, value: Array) -> Arr
 
 
 def _reduced(
-    record: StandSignals, intervals: Sequence[Interval], *, lag_s: float | None, windows: Sequence[Window | None] | None
+    record: StandSignals,
+    intervals: Sequence[Interval],
+    *,
+    lag_s: float | None,
+    windows: Sequence[Window | None] | None,
+    tared: bool = True,
 ) -> Staircase:
     steps = [i for i, interval in enumerate(intervals) if not interval.pause]
     if not steps:
@@ -133,6 +140,8 @@ def _reduced(
     baselines = _baselines(
         record, [bounds[i] for i in range(len(bounds)) if i not in steps], wave=_BASELINE_WAVE * heights.max()
     )
+    if not tared:
+        baselines = [one._replace(mean=0 * one.mean, std=0 * one.std, slope=0 * one.slope) for one in baselines]
     driven = bool(baselines) and baselines[0].time_s > bounds[steps[0]][0]
     if not baselines or (driven and steps == [0]):
         raise NoBaselineError("no baseline before the first command: log for some seconds before the motors start.")

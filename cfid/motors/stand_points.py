@@ -53,8 +53,8 @@ def points_of(steps: Sequence[Point], *, motors: int | None = None, thrust: int 
 def reduce_speeds(time_s: Array, speeds_rad_s: Array, command_time_s: Array, commands: Array) -> Staircase:
     """Reduce speeds (n, k) at times (n,), nan where missing, by commands (m, 4) that hold from `command_time_s` (m,).
 
-    A rotor that stands has speed 0, so that a pause before the first command need not be recorded. Errors as of
-    `reduce_staircase`.
+    A rotor that stands has speed 0, so that a pause before the first command need not be recorded, and one that idles
+    in a pause, as of a Brushless that is armed, takes nothing off. Errors as of `reduce_staircase`.
     """
     known = np.asarray(np.isfinite(speeds_rad_s).all(axis=1))
     time_s, speeds_rad_s = chosen_rows(time_s, known), chosen_rows(speeds_rad_s, known)
@@ -67,5 +67,5 @@ def reduce_speeds(time_s: Array, speeds_rad_s: Array, command_time_s: Array, com
         command_time_s = np.concatenate([before_s[:1], command_time_s])
         commands = np.vstack([np.zeros((1, commands.shape[1])), commands])
     return reduce_staircase(
-        time_s=time_s, channels=speeds_rad_s, command_time_s=command_time_s, commands=commands, thrust=0
+        time_s=time_s, channels=speeds_rad_s, command_time_s=command_time_s, commands=commands, thrust=0, tared=False
     )

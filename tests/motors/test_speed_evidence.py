@@ -1,10 +1,13 @@
-"""Speeds of other rotors, of dead sensors and of tables without thrust, commands or pauses."""
+"""Speeds of other rotors, of dead sensors, of rotors that idle, of tables without thrust, commands or pauses."""
 
 from pathlib import Path
 
 import numpy as np
+import pytest
+from scipy.signal import lfilter
 
 from cfid.motors.maps import fit_speed, fit_thrust
+from cfid.motors.stand_points import reduce_speeds
 from cfid.records.plausibility import judged
 from cfid.records.result import Result
 from cfid.records.rig_file import thesis_rig
@@ -91,3 +94,23 @@ def test_a_column_of_newtons_in_grams_is_never_accepted(tmp_path: Path) -> None:
         assert "grams of thrust?" in found.rejected["motor.thrust_poly"]
         sound = judged(fit_thrust(table(tmp_path, head, COMMAND, thrust_g * 9.81e-3), gravity_mps2=9.81), rig)
         assert sound.accepted
+
+
+@pytest.mark.parametrize("idle_share", [0.2, 0.5, 0.9])
+def test_a_rotor_that_idles_in_the_pauses_takes_nothing_off_its_speeds(idle_share: float) -> None:
+    rng, hold_s, pause_s, step_s = np.random.default_rng(4), 3.0, 1.0, 0.01
+    commands, truth = np.arange(10000, 60000, 10000), 0.0377 * np.arange(10000, 60000, 10000)
+    time_s = np.arange(0, len(commands) * (hold_s + pause_s) + pause_s, step_s)
+    place, within_s = np.divmod(time_s, hold_s + pause_s)
+    step = np.minimum(place.astype(int), len(commands) - 1)
+    driven = (within_s >= pause_s) & (place < len(commands))
+    idling = ~driven & (within_s > (1 - idle_share) * pause_s) & (place < len(commands))
+    wanted = np.where(driven, truth[step], np.where(idling, 264.0, 0.0))
+    speed = lfilter([step_s / 0.05], [1, step_s / 0.05 - 1], wanted) + rng.standard_normal(len(time_s))
+    starts_s = np.concatenate([pause_s + (hold_s + pause_s) * np.arange(5), (hold_s + pause_s) * np.arange(1, 6)])
+    order, levels = np.argsort(starts_s), np.concatenate([commands, np.zeros(5, int)])
+    found = reduce_speeds(
+        time_s, speed[:, np.newaxis], np.append(0.0, starts_s[order]), np.tile(np.append(0, levels[order]), (4, 1)).T
+    )
+
+    assert [point.mean[0] for point in found.points] == pytest.approx(truth, abs=0.5)
