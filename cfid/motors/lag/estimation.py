@@ -20,6 +20,7 @@ from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of, std_of
 from cfid.findings import Finding, texts
 from cfid.motors.lag.checks import EXPLAINED, Kind, rejections
+from cfid.motors.lag.delay_scatter import Scatter, scattered
 from cfid.motors.lag.model import InputLag, LogSegment
 from cfid.motors.lag.plausibility import any_far, clipped, moves, noise_of, odd, standing, without
 from cfid.motors.lag.search import Search, search_of, start_of
@@ -142,10 +143,14 @@ def _without_odd(search: Search, plain: OptimizeResult) -> tuple[list[LogSegment
 
 def _lag_fit(search: Search, plain: OptimizeResult, *, row_s: float, moving: bool) -> LagFit:
     """Return the fit of errors that are free of the noise's correlation, which those of a `plain` fit show."""
+    scatter = None
+    if search.kind == "speed" and row_s and not moving and (found := scattered(search, plain.x, row_s=row_s)):
+        search, scatter = found
+        plain = search.fitted(search.start, np.asarray)
     measured, pieces = search.measured, search.pieces
     drifts = drifts_of(pieces, search.shown(plain.x))
     missing = plain.fun[: len(measured)]
-    fit, other = _whitened(search, plain, drifts)
+    fit, other = _whitened(search, plain, drifts, scatter)
     off = search.shown(fit.x) - measured
     residual = beside(off, drifts)
     lag = InputLag(*fit.x[3:6].tolist())
@@ -153,6 +158,8 @@ def _lag_fit(search: Search, plain: OptimizeResult, *, row_s: float, moving: boo
     singular = np.linalg.svd(columns, compute_uv=False)[-1] < _SINGULAR or bool(np.any(fit.active_mask[3:]))
     drifted = np.var(missing) > _DRIFTED * np.var(residual)
     covariance, effects = covariances(fit, other, search.expected, drifted=drifted, longest=len(measured) // 4)
+    if scatter:
+        covariance *= len(measured) / max(len(measured) - scatter.freedom, 1.0)
     covariance[[3, 4], [3, 4]] += (moving * _BETWEEN_ROWS * row_s) ** 2
     explained = _explained(pieces, residual, measured, min(lag.rising_s, lag.falling_s))
     return LagFit(
@@ -180,15 +187,26 @@ def _lag_fit(search: Search, plain: OptimizeResult, *, row_s: float, moving: boo
     )
 
 
-def _whitened(search: Search, plain: OptimizeResult, drifts: Array) -> tuple[OptimizeResult, OptimizeResult]:
-    """Return the fit beside drifts (n, k), and the one that it is compared with; without them where there are none."""
+def _whitened(
+    search: Search, plain: OptimizeResult, drifts: Array, scatter: Scatter | None
+) -> tuple[OptimizeResult, OptimizeResult]:
+    """Return the fit beside drifts (n, k), and the one that it is compared with; without them where there are none.
+
+    A scatter of the times at which commands changed is fitted as well.
+    """
     missing, lengths = plain.fun[: len(search.measured)], [len(piece.measured.value) for piece in search.pieces]
     left = beside(missing, drifts)
-    white = partial(whitened, lengths=lengths, correlation=correlation_of(left, lengths))
-    white_drifts = np.column_stack([white(column) for column in drifts.T])
-    fit = search.fitted(plain.x, lambda residual: beside(white(residual), white_drifts))
+    correlation = correlation_of(left, lengths)
+    white = partial(whitened, lengths=lengths, correlation=correlation)
+    own = scatter and scatter.whitened(lengths, correlation)
+
+    def rest(residual: Array) -> Array:
+        return own.without(white(residual)) if own else white(residual)
+
+    columns = [own.without(white(column), late=False) if own else white(column) for column in drifts.T]
+    fit = search.fitted(plain.x, lambda residual: beside(rest(residual), np.column_stack(columns)))
     if search.expected.fitted and np.var(missing) < _STEADY * np.var(left):
-        return search.fitted(plain.x, white), fit
+        return search.fitted(plain.x, rest), fit
     return fit, plain
 
 

@@ -1,0 +1,164 @@
+"""When each command changed between two rows, as what followed shows it: changes are fitted with the lag, and left out.
+
+A row shows a command that changed up to a row before. The mean of that is in the delay, but the rest of it, seen by few
+samples of each change, would move time constants.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import csc_array, eye_array, vstack
+from scipy.sparse.linalg import SuperLU, splu
+
+from cfid.estimate.linear import gain_of
+from cfid.motors.lag.model import InputLag, LogSegment, Signal, Supply, speed_shown
+from cfid.motors.lag.plausibility import noise_of
+from cfid.motors.lag.search import Search
+from cfid.motors.lag.uncertainty import beside, correlation_of, drifts_of, whitened
+
+Array = npt.NDArray[np.float64]
+
+_ROUNDS = 3  # in which changes are moved to where they are found
+_NARROWEST = 0.01  # of the usual time that changes are late, in a round
+_FORGOTTEN = 12.0  # time constants
+_QUIETEST = 1e-6  # of the measured values: noise below
+
+
+@dataclass(frozen=True, eq=False)
+class Scatter:
+    """What speeds (n,) do when the k changes of commands come later by a usual time, (n, k), and how late they are.
+
+    They have moved by `late` (k,) usual times already; `noise` is that of the speeds.
+    """
+
+    columns: csc_array
+    late: Array
+    noise: float
+
+    def whitened(self, lengths: Sequence[int], correlation: float) -> "Scatter":
+        """Return what residuals have that are whitened alike."""
+        kept = np.full(sum(lengths), 1.0)
+        kept[np.cumsum([0, *lengths[:-1]])] = math.sqrt(1 - correlation**2)
+        before = np.where(kept < 1, 0.0, -correlation) if correlation else np.zeros(len(kept))
+        shifted = vstack([csc_array((1, self.columns.shape[1])), self.columns[:-1]])
+        rows = self.columns.multiply(kept[:, np.newaxis]) + shifted.multiply(before[:, np.newaxis])
+        return replace(self, columns=csc_array(rows))
+
+    def found(self, residual: Array) -> Array:
+        """Return how much later still changes are (k,), in usual times, by residuals (n,)."""
+        return np.asarray(-self._square.solve(self.columns.T @ residual + self.noise**2 * self.late))
+
+    def without(self, residual: Array, *, late: bool = True) -> Array:
+        """Return residuals (n + k,) without what the changes' times explain, and how unusual these are, in their order.
+
+        Of what is no residual but a column of its slopes, changes are not `late`.
+        """
+        moved = self.late if late else np.zeros(len(self.late))
+        more = -self._square.solve(self.columns.T @ residual + self.noise**2 * moved)
+        first = self.columns.indices[np.minimum(self.columns.indptr[:-1], len(self.columns.indices) - 1)]
+        return np.insert(residual + self.columns @ more, first, self.noise * (moved + more))
+
+    def spread(self, late: Array) -> float:
+        """Return the variance of how late changes (k,) are, in usual times, beside that of their noise.
+
+        Where commands change on their rows it is next to nothing.
+        """
+        seen = np.asarray(self.columns.multiply(self.columns).sum(axis=0)) / self.noise**2
+        shown = seen > 1
+        if not shown.any():
+            return 1.0
+        return float(np.mean((late[shown] * (1 + 1 / seen[shown])) ** 2 - 1 / seen[shown]))
+
+    @property
+    def freedom(self) -> float:
+        """How many degrees of freedom the changes' times take at most: as many as are better known than usual."""
+        seen = np.asarray(self.columns.multiply(self.columns).sum(axis=0))
+        return float(np.sum(seen / (seen + self.noise**2)))
+
+    @cached_property
+    def _square(self) -> SuperLU:
+        """What solves for changes, of which few see the same samples."""
+        count = self.columns.shape[1]
+        return splu(csc_array(self.columns.T @ self.columns + self.noise**2 * eye_array(count)))
+
+
+def scattered(search: Search, begin: Array, *, row_s: float) -> tuple[Search, Scatter] | None:
+    """Return a record of speeds with its commands' changes moved to where they show, from parameters (8,) on.
+
+    None where no command changes. Rows of the command are `row_s` apart, within which it changed any time.
+    """
+    most_s, p, lengths = row_s / math.sqrt(12), begin, [len(piece.measured.value) for piece in search.pieces]
+    std_s, late = most_s, np.zeros(sum(np.count_nonzero(_changes(piece)) for piece in search.pieces))
+    if not len(late):
+        return None
+    for _ in range(_ROUNDS):
+        now = _moved(search, late * std_s)
+        drifts = drifts_of(now.pieces, now.shown(p))
+        left = beside(now.shown(p) - now.measured, drifts)
+        white = partial(whitened, lengths=lengths, correlation=correlation_of(left, lengths))
+        noise = max(noise_of(white(left)), _QUIETEST * float(np.ptp(now.measured)))
+        scatter = Scatter(csc_array(std_s * _columns(now.pieces, p)), late, noise)
+        own = scatter.whitened(lengths, correlation_of(left, lengths))
+        columns = np.column_stack([own.without(white(column), late=False) for column in drifts.T])
+        p = now.fitted(p, partial(_rest, white=white, own=own, columns=columns)).x
+        missing = now.shown(p) - now.measured
+        drift = drifts @ (gain_of(columns) @ own.without(white(missing)))
+        late = np.clip(late + own.found(white(missing - drift)), -math.sqrt(3), math.sqrt(3))
+        share = math.sqrt(min(max(own.spread(late), _NARROWEST**2), (most_s / std_s) ** 2))
+        late, std_s = np.clip(late / share, -math.sqrt(3), math.sqrt(3)), share * std_s
+    now = _moved(search, late * std_s)._replace(start=p)
+    return now, replace(scatter, columns=csc_array(std_s * _columns(now.pieces, p)), late=late)
+
+
+def _rest(residual: Array, *, white: Callable[[Array], Array], own: Scatter, columns: Array) -> Array:
+    """Return what neither changes nor drifts (n, m) explain of residuals (n,)."""
+    return beside(own.without(white(residual)), columns)
+
+
+def _changes(piece: LogSegment) -> npt.NDArray[np.bool_]:
+    """Return which values (n,) of a segment's only drive are others than the one before."""
+    return np.append(False, np.diff(piece.drives[0].value) != 0)
+
+
+def _moved(search: Search, late_s: Array) -> Search:
+    """Return a record with the k changes of its drives later by (k,), at most half-way to the next value."""
+    pieces, begin = [], 0
+    for piece in search.pieces:
+        (time_s, value), changes = piece.drives[0], _changes(piece)
+        end = begin + int(np.count_nonzero(changes))
+        moves = np.zeros(len(time_s))
+        moves[changes] = late_s[begin:end]
+        room_s = np.diff(time_s, prepend=-np.inf, append=np.inf) / 2
+        pieces.append(piece._replace(drives=(Signal(time_s + np.clip(moves, -room_s[:-1], room_s[1:]), value),)))
+        begin = end
+    return search._replace(pieces=pieces, shown=speed_shown(pieces))
+
+
+def _columns(pieces: Sequence[LogSegment], p: Array) -> csc_array:
+    """Return how the speeds (n,) of all segments go with the time of each change of a drive (n, k), in rad/s^2."""
+    lag, supply = InputLag(*p[3:6].tolist()), Supply(*p[6:].tolist())
+    rows, values, counts, begin = [], [], [], 0
+    for piece in pieces:
+        target, changes = piece.target(p[:3], lag, supply), _changes(piece)
+        at_s = target.time_s + lag.delay_s
+        speed = lag.follow(target, at_s)
+        rate = 1 / np.where(target.value > speed, lag.rising_s, lag.falling_s)
+        earlier = np.append(speed[0], target.value[:-1]) - speed
+        old = earlier / np.where(earlier > 0, lag.rising_s, lag.falling_s)
+        jump = old - (target.value - speed) * rate
+        passed = np.append(0.0, np.cumsum(np.diff(at_s) * rate[:-1]))
+        place = np.maximum(np.searchsorted(at_s, piece.measured.time_s, side="right") - 1, 0)
+        seen = passed[place] + (piece.measured.time_s - at_s[place]) * rate[place]
+        first, last = np.searchsorted(seen, passed[changes]), np.searchsorted(seen, passed[changes] + _FORGOTTEN)
+        count = last - first
+        own = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count) + np.repeat(first, count)
+        values.append(np.repeat(jump[changes], count) * np.exp(np.repeat(passed[changes], count) - seen[own]))
+        rows.append(begin + own)
+        counts.append(count)
+        begin += len(seen)
+    ends = np.append(0, np.cumsum(np.concatenate(counts)))
+    return csc_array((np.concatenate(values), np.concatenate(rows), ends), shape=(begin, len(ends) - 1))
