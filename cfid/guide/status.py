@@ -8,13 +8,14 @@ from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.guide.certainty import Certainty, certainty_of, percent
 from cfid.guide.plan import Assignment, Task, Words, is_vehicle, tasks
-from cfid.motors.plan import FEWEST_COMMANDS, StaircasePlan, missing
+from cfid.motors.plan import FEWEST_COMMANDS, missing
 from cfid.records.campaign import RUNS_FOLDER, Campaign
 from cfid.records.parameters import Section
-from cfid.records.resumed import resumed_by
+from cfid.records.resumed import resumed_by, with_completed
 from cfid.records.rig_file import RIG_FILE, CampaignKind
 from cfid.records.run import Run
 from cfid.records.stale import Stale, is_blind, other_facts, stale_in
+from cfid.records.steps import recorded_steps
 from cfid.records.tables.angle import ENCODER
 from cfid.transfer.sines.plan import SineSweep, missing_sines
 from cfid.units import DEAD_COMMAND
@@ -258,10 +259,13 @@ def _short_staircases(runs: Sequence[Run]) -> dict[str, str]:
 
 
 def _commands(run: Run) -> set[int]:
-    """Return the commands of a staircase at which motors turn; none where its run.toml states no staircase."""
+    """Return the commands at which motors turned in a staircase and in those that it completes, as a fit takes them.
+
+    None where a run.toml states no staircase, or a file cannot be read.
+    """
     try:
-        return {step for step in StaircasePlan.of_run(run).steps if step > DEAD_COMMAND}
-    except (KeyError, TypeError, ValueError):
+        return {step for part in with_completed(run) for step in recorded_steps(part) if step > DEAD_COMMAND}
+    except (KeyError, TypeError, ValueError, DataError):
         return set()
 
 

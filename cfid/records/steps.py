@@ -24,12 +24,12 @@ def steps_lacking(run: Run, later: Sequence[Run]) -> tuple[int, ...]:
 
     Raises as `held_steps`.
     """
-    done = sum((_recorded_steps(one) for one in later), Counter[int]())
+    done = sum((recorded_steps(one) for one in later), Counter[int]())
     return tuple(step for step in steps_left(run) if not _was_done(step, done))
 
 
-def _recorded_steps(run: Run) -> Counter[int]:
-    """Return the commands that `--resume` would not hold again: all of a complete run."""
+def recorded_steps(run: Run) -> Counter[int]:
+    """Return the commands that `--resume` would not hold again: all of a complete run. Raises as `held_steps`."""
     steps = Counter(map(int, run.header.requested["steps"]))
     return steps if run.header.state == "complete" else steps - Counter(steps_left(run))
 

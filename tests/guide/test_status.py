@@ -10,6 +10,7 @@ import sys
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -32,6 +33,7 @@ ENCODER = DeviceRecord(file="encoder.csv", columns=("t", "phi"), counts_per_turn
 BEGAN = datetime(2026, 1, 1, 8, tzinfo=UTC)
 LATER = BEGAN + timedelta(hours=9)
 MATRIX = np.diag([16e-6, 17e-6, 29e-6])
+Kind = Literal["thrust", "speed"]
 
 
 @pytest.fixture
@@ -444,19 +446,63 @@ def test_a_staircase_of_fewer_commands_than_a_map_takes_is_recorded_again(folder
     assert [(one.state, one.recorded) for one in thrust()] == [("not fitted", 1)] * 2
 
 
-def climbed(folder: Path, steps: tuple[int, ...], *, minute: int) -> None:
-    """Write a staircase that is complete."""
+@pytest.mark.parametrize(("kind", "fits", "needed"), [("thrust", ("thrust", "torque"), 3), ("speed", ("speed",), 2)])
+def test_a_staircase_that_was_resumed_has_the_commands_of_all_its_parts(
+    folder: Path, kind: Kind, fits: tuple[str, ...], needed: int
+) -> None:
+    def maps() -> set[tuple[str, int, str]]:
+        statuses = status_of(open_campaign(folder), kind="motors")
+        return {(one.state, one.recorded, one.reason) for one in statuses if one.task.section in fits}
+
+    steps = (0, 20000, 30000, 40000)
+    first = climbed(folder, steps, minute=0, kind=kind, held=3)
+    climbed(folder, steps[3:], minute=1, kind=kind, resumes=first)
+    assert maps() == {("not fitted", 1, "recorded, not fitted yet.")}
+
+    amend_run(read_run(folder / "runs" / first), excluded="the cable touched")
+    short = f"1 command above 1000 is recorded, and `cfid fit {kind}` takes at least {needed}."
+    assert maps() == {("missing", 0, short)}
+
+
+def test_a_command_that_no_part_held_to_its_end_does_not_count(folder: Path) -> None:
+    first = climbed(folder, (0, 20000, 30000, 40000), minute=0, held=2)
+    climbed(folder, (40000,), minute=1, resumes=first)
+    statuses = status_of(open_campaign(folder), kind="motors")
+    thrust = next(one for one in statuses if one.task.section == "thrust")
+
+    assert thrust.reason == "2 commands above 1000 are recorded, and `cfid fit thrust` takes at least 3."
+
+
+def climbed(
+    folder: Path,
+    steps: tuple[int, ...],
+    *,
+    minute: int,
+    kind: Kind = "thrust",
+    held: int | None = None,
+    **requested: str,
+) -> str:
+    """Write a staircase that is complete, or of which some steps were held; return its name."""
+    devices = {"commands": DeviceRecord(file="commands.csv", columns=("t", "m1", "m2", "m3", "m4"))}
+    if kind == "speed":
+        devices["readings"] = DeviceRecord(file="readings.csv", columns=("t", "command", "rpm"))
     with create_run(
         folder / "runs",
-        kind="thrust",
+        kind=kind,
         label=Label(),
-        devices={"commands": DeviceRecord(file="commands.csv", columns=("t", "m1", "m2", "m3", "m4"))},
-        requested={"steps": steps, "motors": (1, 3), "hold_s": 2.0, "rest_s": 1.0},
+        devices=devices,
+        requested={"steps": steps, "motors": (1, 3), "hold_s": 2.0, "rest_s": 1.0, **requested},
         started=BEGAN + timedelta(minutes=minute),
         cfid_version="0.2.0",
     ) as writer:
-        writer.append("commands", ([1.7e9], [0], [0], [0], [0]))
-        writer.close("complete")
+        done = np.array(steps[:held])
+        time_s, off = 1.7e9 + 3.0 * np.arange(len(done) + 1), np.zeros(len(done) + 1)
+        commands = np.append(done, 0)
+        writer.append("commands", (time_s, commands, off, commands, off))
+        if kind == "speed":
+            writer.append("readings", (time_s[:-1] + 1, done, done / 2.0))
+        writer.close("complete" if held is None else "interrupted")
+    return writer.folder.name
 
 
 def test_sines_of_no_known_series_count_as_one(folder: Path) -> None:
