@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from cfid.errors import CfidError, ConfigError, DataError
+from cfid.errors import CfidError, ConfigError, DataError, FitError
 from cfid.estimate.staircase import FZ, NeverRanError, reduce_single
 from cfid.findings import Finding, warning
 from cfid.motors.data import RunStaircase, channels_of, reduce_run, without_dead
@@ -28,6 +29,7 @@ from cfid.motors.points import MotorPoints, per_motor, rotor_speed_rad_s
 from cfid.motors.stand_points import points_of, reduce_speeds
 from cfid.motors.vibration.data import Rotors, speeds_from_vibration
 from cfid.records.parameters import Source
+from cfid.records.resumed import with_completed
 from cfid.records.run import Run, refuse_contradiction
 from cfid.records.run_notes import run_at
 from cfid.records.tables.stand import StandTable, read_stand_table, stand_file
@@ -139,6 +141,18 @@ def of_run(run: Run, stand: Stand, reading: WrenchReading, *, rotors: Rotors | N
     if holds(run, VEHICLE_LOG):
         return _of_speeds(run)
     raise DataError(f"{run.folder}: a run of {run.header.kind}, in which no motor was measured.")
+
+
+def of_completed(run: Run) -> dict[str, Evidence]:
+    """Take by their names the runs that a run completes, without those that give nothing, as its fit takes them.
+
+    Raises DataError where the run.toml of one is invalid.
+    """
+    found: dict[str, Evidence] = {}
+    for part in with_completed(run)[:-1]:
+        with suppress(DataError, FitError):
+            found[part.folder.resolve().name] = of_run(part, Stand(), WrenchReading())
+    return found
 
 
 def _typed(run: Run) -> tuple[str, ...]:

@@ -1,12 +1,14 @@
 """Judge a staircase as soon as it is recorded: of the load cell, of typed readings, or of what an instrument showed."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from cfid.counted import counted
 from cfid.errors import DataError, FitError
 from cfid.findings import joined, texts
-from cfid.motors.maps.data import of_staircase
-from cfid.motors.maps.evidence import Evidence, Stand
+from cfid.motors.maps.data import of_completed, of_staircase
+from cfid.motors.maps.evidence import Evidence, Stand, together
 from cfid.motors.maps.result import fit_speed, fit_torque
 from cfid.motors.maps.weighing import weighing_of
 from cfid.motors.plan import FEWEST_COMMANDS, StaircasePlan
@@ -41,7 +43,7 @@ _MARKERS = "If only markers in rig.toml is wrong, correct it: `cfid fit speed` w
 def of_forces(run: Run) -> str:
     """Return how many steps of a load cell's staircase are steady, and why the fit of torque rejects them, if it does.
 
-    Raises DataError or FitError where few are steady.
+    It is taken with the runs that it completes, as the fits take it. Raises DataError or FitError where few are steady.
     """
     steps = sum(command > 0 for command in StaircasePlan.of_run(run).steps)  # at 0 it is the tare
     record = read_wrench(run.folder, WrenchReading())
@@ -56,9 +58,11 @@ def of_forces(run: Run) -> str:
     found = f"{len(points)} of {steps} steps are steady, {axis} from {least:.0f} to {most:.0f} {unit}"
     commands = np.array([point.command or 0 for point in points], dtype=np.float64)
     summary = "; ".join([found, *left_out[:1]]) + "."
-    if lacking := _too_few(commands, FEWEST_COMMANDS["thrust"], "cfid fit thrust"):
+    before = of_completed(run)
+    if lacking := _too_few(commands, before, "thrust"):
         return summary + lacking
-    return summary + (_about_torque(run, evidence) if {"Fz", "Tz"} <= set(record.axes) else "")
+    whole = together([*before.values(), evidence])
+    return summary + _in_parts(before) + (_about_torque(run, whole) if {"Fz", "Tz"} <= set(record.axes) else "")
 
 
 def _about_torque(run: Run, evidence: Evidence) -> str:
@@ -97,15 +101,24 @@ def of_readings(run: Run) -> str:
     return found + _about_weights(run)
 
 
-def _too_few(command: Array, coefficients: int, fit: str) -> str:
-    """Return that a map needs points at more commands than these (n,), "" where they suffice."""
-    there = len(np.unique(command[command > DEAD_COMMAND]))
-    if there >= coefficients:
+def _too_few(command: Array, before: Mapping[str, Evidence], kind: str) -> str:
+    """Return that a map needs points at more commands than these (n,) and those before, "" where they suffice."""
+    needed = FEWEST_COMMANDS[kind]
+    driven = np.concatenate([command, *(part.points.command for part in before.values())])
+    there = len(np.unique(driven[driven > DEAD_COMMAND]))
+    if there >= needed:
         return ""
+    own = f"together with {', '.join(before)}, which it completes" if before else "of its own"
+    these = "these runs" if before else "this run"
     return (
-        f" Too short for a map of its own: `{fit}` takes at least {coefficients} commands above {DEAD_COMMAND}, from "
-        f"this run and others, and {'here is 1' if there == 1 else f'here are {there}'}."
+        f" Too short for a map {own}: `cfid fit {kind}` takes at least {needed} commands above {DEAD_COMMAND}, from "
+        f"{these} and others, and {'here is 1' if there == 1 else f'here are {there}'}."
     )
+
+
+def _in_parts(before: Mapping[str, Evidence]) -> str:
+    """Return with which runs, which it completes, a run gives a map, "" for none."""
+    return f" It gives a map together with {', '.join(before)}, which it completes." if before else ""
 
 
 def _check_plausible(command: Array, value: Array, expected: Expected) -> None:
@@ -124,15 +137,19 @@ def _rig_around(run: Run) -> Rig | None:
 
 
 def _about_speeds(run: Run, command: Array) -> str:
-    """Return what a map of speeds at commands (n,) lacks, "" where it has enough. Raises as `fit_speed` refuses it."""
-    if lacking := _too_few(command, FEWEST_COMMANDS["speed"], "cfid fit speed"):
+    """Return what a map of speeds at commands (n,) lacks, or with which runs, which it completes, they give it.
+
+    Raises as `fit_speed` refuses it, and DataError where the run.toml of one of these is invalid.
+    """
+    before = of_completed(run)
+    if lacking := _too_few(command, before, "speed"):
         return lacking
-    result = judged(fit_speed(run), _rig_around(run))
+    result = judged(fit_speed([*before.values(), run]), _rig_around(run))
     if not result.accepted:
         counted_marks = holds(run, READINGS) or holds(run, TACHOMETER)
         unusual = any(one.code == "speed-unusual" for one in result.findings)
         raise FitError(joined([*texts(result.findings, "rejection"), *[_MARKERS] * (counted_marks and unusual)]))
-    return ""
+    return _in_parts(before)
 
 
 def _about_weights(run: Run) -> str:

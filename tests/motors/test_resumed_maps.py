@@ -1,0 +1,101 @@
+"""The verdict of a run that completes others is that of the fit, which takes all parts together."""
+
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cfid.errors import FitError
+from cfid.motors.maps import fit_speed, fit_thrust
+from cfid.motors.maps.verdict import of_forces, of_readings
+from cfid.records.run import DeviceRecord, Label, Run, amend_run, read_run, write_header
+from cfid.records.run_writer import create_run
+from tests.motors.stand_in_a_folder import BEGIN_S, climbed, write_run
+
+COMMANDS = (0, 20000, 30000, 40000, 50000)
+
+
+def felt(folder: Path, steps: tuple[int, ...], *, torque: float = 1.0, **requested: Any) -> Run:
+    """Write what the load cell felt of some steps."""
+    record = climbed(steps)
+    record.wrench[:, 5] *= torque
+    return write_run(folder, record, steps=steps, motors=[1, 3], hold_s=2.0, rest_s=1.0, **requested)
+
+
+def interrupted(run: Run) -> str:
+    """Close a run as one that ended early, and return its name."""
+    write_header(run.folder, run.header.model_copy(update={"state": "interrupted"}))
+    return run.folder.name
+
+
+def typed(folder: Path, state: Any, rpm: Mapping[int, float], **requested: Any) -> Run:
+    """Write the speeds that an operator typed."""
+    with create_run(
+        folder / "runs",
+        kind="speed",
+        label=Label(),
+        devices={"readings": DeviceRecord(file="readings.csv", columns=("t", "command", "rpm"))},
+        started=datetime(2026, 11, 21, tzinfo=UTC),
+        cfid_version="0",
+        requested={"steps": list(rpm), "motors": [1], "hold_s": 2.0, "rest_s": 1.0, **requested},
+    ) as writer:
+        if rpm:
+            columns = (np.array(list(rpm)), np.array(list(rpm.values())))
+            writer.append("readings", (BEGIN_S + np.arange(len(rpm)), *columns))
+        return writer.close(state)
+
+
+def test_the_last_command_of_a_staircase_gives_a_map_together_with_the_run_that_it_completes(tmp_path: Path) -> None:
+    first = interrupted(felt(tmp_path, COMMANDS[:3]))
+    second = felt(tmp_path, COMMANDS[3:4], resumes=first)
+
+    assert of_forces(second).endswith(f"mN. It gives a map together with {first}, which it completes.")
+    assert fit_thrust([read_run(tmp_path / "runs" / first), second]).accepted
+
+
+def test_parts_that_are_too_short_together_are_counted_together(tmp_path: Path) -> None:
+    first = interrupted(felt(tmp_path, COMMANDS[:2]))
+    second = felt(tmp_path, COMMANDS[2:3], resumes=first)
+    short = (
+        f" Too short for a map together with {first}, which it completes: `cfid fit thrust` takes at least 3 commands "
+        "above 1000, from these runs and others, and here are 2."
+    )
+    assert of_forces(second).endswith(short)
+
+    amend_run(read_run(tmp_path / "runs" / first), excluded="the cable touched")
+    alone = of_forces(second)
+    assert "Too short for a map of its own: `cfid fit thrust` takes at least 3 commands above 1000" in alone
+    assert alone.endswith(" from this run and others, and here is 1.")
+
+
+def test_the_torque_of_a_part_is_judged_together_with_that_of_the_run_that_it_completes(tmp_path: Path) -> None:
+    first = interrupted(felt(tmp_path, COMMANDS[:4]))
+    second = felt(tmp_path, COMMANDS[4:], torque=3.0, resumes=first)
+
+    assert "Torque: `cfid fit torque` rejects it: " in of_forces(second)
+
+
+def test_a_speed_that_was_typed_last_gives_a_map_with_the_run_that_it_completes(tmp_path: Path) -> None:
+    first = typed(tmp_path, "interrupted", {20000: 11470.0, 25000: 13500.0})
+    second = typed(tmp_path, "complete", {30000: 15300.0}, resumes=first.folder.name)
+
+    assert of_readings(second).endswith(f" It gives a map together with {first.folder.name}, which it completes.")
+    assert fit_speed([first, second]).accepted
+
+
+def test_a_speed_that_the_fit_rejects_beside_those_before_is_of_no_use(tmp_path: Path) -> None:
+    first = typed(tmp_path, "interrupted", {20000: 22940.0, 25000: 27000.0})
+    second = typed(tmp_path, "complete", {30000: 30600.0}, resumes=first.folder.name)
+
+    with pytest.raises(FitError, match=r"the speeds are 2\.\d\d times those of the thesis' motors"):
+        of_readings(second)
+
+
+def test_a_part_without_a_reading_adds_nothing(tmp_path: Path) -> None:
+    first = typed(tmp_path, "interrupted", {})
+    second = typed(tmp_path, "complete", {30000: 15300.0}, resumes=first.folder.name)
+
+    assert "Too short for a map of its own" in of_readings(second)
