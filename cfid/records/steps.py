@@ -5,9 +5,7 @@ from collections.abc import Sequence
 
 from cfid.records.resumed import completing
 from cfid.records.run import Run
-from cfid.records.tables.vehicle import COMMANDS, READINGS, TakenBackError, holds, read_commands, read_rows
-
-_ENOUGH = 0.98  # of the time that a step is held
+from cfid.records.tables.vehicle import COMMANDS, ENOUGH, READINGS, TakenBackError, holds, read_commands, read_rows
 
 
 def steps_left(run: Run) -> tuple[int, ...]:
@@ -62,7 +60,7 @@ def held_steps(run: Run) -> list[int]:
     rows, commands = read_commands(run)
     request = run.header.requested
     column = commands[:-1, int(request["motors"][0]) - 1]
-    long_enough = rows.time_s[1:] - rows.time_s[:-1] >= _ENOUGH * float(request["hold_s"])
+    long_enough = rows.time_s[1:] - rows.time_s[:-1] >= ENOUGH * float(request["hold_s"])
     done = Counter(column[long_enough].astype(int).tolist())
     return [step for step in map(int, request["steps"]) if _was_done(step, done)]
 

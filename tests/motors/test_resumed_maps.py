@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cfid.errors import FitError
+from cfid.errors import DataError, FitError
 from cfid.motors.maps import fit_speed, fit_thrust
 from cfid.motors.maps.verdict import of_forces, of_readings
 from cfid.records.run import DeviceRecord, Label, Run, amend_run, read_run, write_header
 from cfid.records.run_writer import create_run
+from cfid.records.tables.vehicle import shown_at_commands
 from tests.motors.stand_in_a_folder import BEGIN_S, climbed, write_run
 
 COMMANDS = (0, 20000, 30000, 40000, 50000)
@@ -99,3 +100,56 @@ def test_a_part_without_a_reading_adds_nothing(tmp_path: Path) -> None:
     second = typed(tmp_path, "complete", {30000: 15300.0}, resumes=first.folder.name)
 
     assert "Too short for a map of its own" in of_readings(second)
+
+
+def shown(folder: Path, state: Any, held_s: Mapping[int, float], device: str, **requested: Any) -> Run:
+    """Write what an instrument showed in commands that were each held for some time, 4 s being requested.
+
+    It follows with a lag of 1 s: half of the command in rpm, or the grams of a vehicle that lifts.
+    """
+    column, scale, rest = {"tachometer": ("rpm", 0.5, 0.0), "scales": ("grams", -1e-4, 60.0)}[device]
+    change_s = np.cumsum([0.0, *(one for held in held_s.values() for one in (6.0, held))])
+    commands = np.array([0, *(one for step in held_s for one in (step, 0))], dtype=float)
+    time_s = np.arange(0, change_s[-1] + 1, 0.1)
+    value = np.zeros(len(time_s))
+    for at in range(1, len(time_s)):
+        driven = commands[np.searchsorted(change_s[1:], time_s[at], side="right")]
+        value[at] = value[at - 1] + 0.1 * (scale * driven - value[at - 1])
+    with create_run(
+        folder / "runs",
+        kind="speed" if device == "tachometer" else "scales",
+        label=Label(),
+        devices={
+            "commands": DeviceRecord(file="commands.csv", columns=("t", "m1", "m2", "m3", "m4")),
+            device: DeviceRecord(file=f"{device}.csv", columns=("t", column)),
+        },
+        started=datetime(2026, 11, 21, tzinfo=UTC),
+        cfid_version="0",
+        requested={"steps": list(held_s), "motors": [1], "hold_s": 4.0, "rest_s": 6.0, **requested},
+    ) as writer:
+        off = np.zeros(len(commands))
+        writer.append("commands", (BEGIN_S + change_s, commands, off, off, off))
+        writer.append(device, (BEGIN_S + time_s, rest + value))
+        return writer.close(state)
+
+
+@pytest.mark.parametrize("device", ["tachometer", "scales"])
+@pytest.mark.parametrize("held_s", [0.3, 0.9, 3.0])
+def test_an_instrument_counts_at_no_command_that_was_ended_and_is_held_again(
+    tmp_path: Path, device: str, held_s: float
+) -> None:
+    first = shown(tmp_path, "interrupted", {20000: 4.0, 30000: 4.0, 40000: held_s}, device)
+    second = shown(tmp_path, "complete", {40000: 4.0, 50000: 4.0}, device, resumes=first.folder.name)
+    column = {"tachometer": "rpm", "scales": "grams"}[device]
+
+    commands = [shown_at_commands(run, device, column)[1].tolist() for run in (first, second)]
+    assert [[at for at in one if at] for one in commands] == [[20000, 30000], [40000, 50000]]
+
+
+def test_an_instrument_that_showed_no_whole_command_is_not_blamed(tmp_path: Path) -> None:
+    run = shown(tmp_path, "interrupted", {20000: 2.0}, "tachometer")
+
+    with pytest.raises(DataError, match="no command was held to its end"):
+        of_readings(run)
+    with pytest.raises(DataError, match="no command was held to its end"):
+        fit_speed(run)

@@ -152,7 +152,7 @@ def of_completed(run: Run) -> dict[str, Evidence]:
     for part in with_completed(run)[:-1]:
         with suppress(DataError, FitError):
             found[part.folder.resolve().name] = of_run(part, Stand(), WrenchReading())
-    return found
+    return {name: evidence for name, evidence in found.items() if len(evidence.points.command)}
 
 
 def _typed(run: Run) -> tuple[str, ...]:
@@ -219,6 +219,8 @@ def _of_tachometer(run: Run, stand: Stand) -> Evidence:
     """Take what a tachometer sent at each command, not in the pauses: some keep showing the last speed."""
     source, command, rpm = shown_at_commands(run, TACHOMETER, "rpm")
     ran = command > 0
+    if not ran.any():
+        raise DataError(f"{run.folder}: no command was held to its end.")
     return _of_shown(run, stand, source, command[ran], rpm[ran])
 
 

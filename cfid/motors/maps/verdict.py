@@ -185,6 +185,8 @@ def _of_instrument(run: Run, plan: StaircasePlan) -> str:
         if holds(run, device):
             _, command, value = shown_at_commands(run, device, column)
             driven, shown = command[command > 0], value[command > 0]
+            if not len(driven):
+                raise DataError("no command was held to its end.")
             if not np.any(shown):
                 raise DataError(f"{shows} 0 {unit} at every command: check the instrument and where it stands.")
             (low, first), (high, last) = ((driven[at], shown[at]) for at in (np.argmin(driven), np.argmax(driven)))

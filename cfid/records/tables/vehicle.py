@@ -23,6 +23,8 @@ from cfid.units import MOTORS, RPM
 COMMANDS, READINGS, VEHICLE_LOG, SUPERVISOR = "commands", "readings", "crazyflie", "supervisor"
 TACHOMETER, SCALES = "tachometer", "scales"
 
+ENOUGH = 0.98  # of the time that a step should be held: it was
+
 _WITHDRAWN = "withdrawn"
 _NO_VALUES = ("t", _WITHDRAWN)
 _MOTORS = ("m1", "m2", "m3", "m4")
@@ -87,14 +89,17 @@ def read_commands(run: Run) -> tuple[Rows, Array]:
 def shown_at_commands(run: Run, device: str, column: str) -> tuple[Source, Array, Array]:
     """Return commands (n,) of the motors that ran, and the mean (n,) of what an instrument showed at each.
 
-    Only the second half of each command counts: what shows numbers takes seconds to settle. Raises DataError.
+    Only the second half of each command counts: what shows numbers takes seconds to settle. A command in which a run
+    ended early does not count, since `--resume` holds it again. Raises DataError.
     """
     shown, (log, commands) = read_rows(run, device), read_commands(run)
     ends_s = np.append(log.time_s[1:], shown.time_s[-1])
+    hold_s = run.header.requested.get("hold_s")
+    least_s = ENOUGH * hold_s if isinstance(hold_s, int | float) and run.header.state != "complete" else 0.0
     found = []
     for begin_s, end_s, command in zip(log.time_s, ends_s, commands.max(axis=1), strict=True):
         inside = (shown.time_s > (begin_s + end_s) / 2) & (shown.time_s <= end_s)
-        if inside.any():
+        if inside.any() and (command == 0 or end_s - begin_s >= least_s):
             found.append((command, shown.columns[column][inside].mean()))
     return shown.source, *np.reshape(found, (-1, 2)).T
 
