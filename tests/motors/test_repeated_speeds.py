@@ -113,3 +113,40 @@ def test_speeds_that_each_row_reads_are_not_said_to_be_repeated(tmp_path: Path) 
     for result in (fitted_log(tmp_path, 1, 3), fitted_stand(tmp_path, 1, 3)):
         assert max(off(result)) < 3
         assert not said(result)
+
+
+def sagging(commands: Array) -> tuple[Array, Array]:
+    """Return speeds (4, n) and volts (n,) of a battery that gives way, under commands (4, n), in steps of 0.5 ms."""
+    speeds, volts, now = np.empty(commands.shape), np.empty(commands.shape[1]), np.full(4, 1000.0)
+    for row, command in enumerate(commands.T / 65535):
+        for step in range(4):
+            battery_v = 4.1 - 0.3 * np.mean((now / 2200) ** 2)
+            if step == 0:
+                speeds[:, row], volts[row] = now, battery_v
+            leads_to = 200 + 2000 * command * battery_v / 4
+            now = now + (now - leads_to) * np.expm1(-0.0005 / np.where(leads_to > now, RISING_S, FALLING_S))
+    return speeds, volts
+
+
+def test_a_voltage_that_rows_repeat_acts_as_where_other_rows_have_none(tmp_path: Path) -> None:
+    rng, time_s = np.random.default_rng(5), np.arange(10_000) / 500
+    commands = np.round(rng.uniform(15000, 55000, (4, 58))).repeat(175, axis=1)[:, : len(time_s)]
+    speeds, volts = sagging(commands)
+    shown_rpm = np.round(RPM * (speeds + rng.normal(0, NOISE, speeds.shape)))
+    columns = {f"motor.m{motor}": command for motor, command in enumerate(commands, start=1)}
+    columns |= {f"rpm.m{motor}": rpm for motor, rpm in enumerate(shown_rpm, start=1)} | {"t": time_s}
+    read = np.where(np.arange(len(time_s)) % 50 == 3, np.round(volts + rng.normal(0, 0.004, len(volts)), 3), np.nan)
+    results = []
+    for name, shown in (("blank", read), ("filled", pd.Series(read).ffill().to_numpy())):
+        pd.DataFrame({**columns, "pm.vbat": shown}).to_csv(tmp_path / f"{name}.csv", index=False)
+        log = rotor_log(tmp_path / f"{name}.csv")
+        assert log is not None
+        results.append(fit_lag(log))
+    blank, filled = results
+
+    for way, tau_s in TRUTH:
+        one, other = (result.quantities[f"dynamics.{way}"] for result in results)
+        assert other.value[0] == pytest.approx(1 / tau_s, rel=0.005)
+        assert abs(one.value[0] - other.value[0]) < 0.2 * one.std[0]
+    assert "repeated in about 50 rows" in said(filled)
+    assert not said(blank)

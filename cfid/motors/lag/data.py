@@ -54,6 +54,7 @@ class LogPart:
     speeds: Mapping[int, Signal]
     readings: Mapping[int, Readings]
     volts: Signal | None = None
+    volts_readings: Readings | None = None
     at_v: float = 1.0
     acceleration: Signal | None = None
 
@@ -220,11 +221,13 @@ class RotorLog:
             measured[0] = signals[self.acceleration]
         each = {motor: _once_each(one) for motor, one in measured.items()}
         read = {motor: signal for motor, (signal, _) in each.items()}
+        volts, volts_readings = (None, None) if self.volts is None else _once_each(self._volts(signals))
         return LogPart(
             commands=commands,
             speeds={motor: speed._replace(value=_known(speed.value)) for motor, speed in read.items() if motor},
             readings={motor: readings for motor, (_, readings) in each.items()},
-            volts=None if self.volts is None else self._volts(signals),
+            volts=volts,
+            volts_readings=volts_readings,
             acceleration=read.get(0),
         )
 

@@ -104,7 +104,7 @@ class _Seen(NamedTuple):
     """The interval between rows of the commands, from where to where each rotor's went, and who follows another's.
 
     `volts` is the battery's mean voltage while rotors were driven, None where it was not logged, and `at_v` that of the
-    drives. `repeated` are the readings of each rotor whose rows repeat them.
+    drives. `repeated` are the readings of each rotor whose rows repeat them, `repeated_volts` those of the battery.
     """
 
     row_s: float
@@ -113,6 +113,7 @@ class _Seen(NamedTuple):
     at_v: float
     others: tuple[Finding, ...]
     repeated: Mapping[str, Readings]
+    repeated_volts: Readings | None
 
 
 def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ...]]:
@@ -123,9 +124,12 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
     ranges: dict[str, tuple[float, float]] = {}
     others: dict[str, tuple[Finding, ...]] = {}
     repeated: dict[str, Readings] = {}
+    repeated_volts: Readings | None = None
     row_s, volts, rows, at_v = 0.0, 0.0, 0, 1.0
     for part in record.parts():
         row_s, at_v = max(row_s, part.row_s), part.at_v
+        if part.volts_readings and part.volts_readings.age_s:
+            repeated_volts = part.volts_readings
         for name, motor in names.items():
             driven = [part.commands[motor]] if motor else list(part.commands.values())
             on = np.concatenate([value[value > 0] for _, value in driven])
@@ -159,6 +163,7 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
             at_v,
             tuple(one for name, each in others.items() if not found[name].accepted for one in each),
             repeated,
+            repeated_volts,
         ),
         tuple(
             warning("lag-rotor-left-out", str(error), "dynamics.*").at(name)
@@ -188,11 +193,18 @@ def _other_command(part: LogPart, motor: int) -> tuple[Finding, ...]:
 
 
 def _repeated(seen: _Seen) -> tuple[Finding, ...]:
-    """Return a note on readings that rows repeat, those of the rotor that has fewest."""
-    if not seen.repeated:
-        return ()
-    fewest = min(seen.repeated.values(), key=lambda one: one.read / one.rows)
-    return (repeated_finding(fewest).at(", ".join(seen.repeated)),)
+    """Return notes on readings that rows repeat: those of the rotor that has fewest, and of the battery's voltage."""
+    found = []
+    if seen.repeated:
+        fewest = min(seen.repeated.values(), key=lambda one: one.read / one.rows)
+        found.append(repeated_finding(fewest).at(", ".join(seen.repeated)))
+    if seen.repeated_volts:
+        rows, read, _ = seen.repeated_volts
+        text = (
+            f"each reading of the battery's voltage is repeated in about {rows / read:.2g} rows: its first row counts."
+        )
+        found.append(note("voltage-repeated", text, "dynamics.*"))
+    return tuple(found)
 
 
 def _left_out(name: str, fit: LagFit) -> tuple[Finding, ...]:
