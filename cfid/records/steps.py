@@ -42,9 +42,8 @@ def steps_read_later(run: Run, among: Sequence[Run]) -> frozenset[int]:
 
 def _read_steps(run: Run) -> list[int]:
     """Return the commands that a reading was typed of, and not taken back."""
-    record = run.header.devices.get(READINGS)
     try:
-        return read_rows(run, READINGS).columns["command"].astype(int).tolist() if record and record.rows else []
+        return read_rows(run, READINGS).columns["command"].astype(int).tolist() if holds(run, READINGS) else []
     except TakenBackError:
         return []
 

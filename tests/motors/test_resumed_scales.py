@@ -13,8 +13,9 @@ from cfid.errors import FitError
 from cfid.motors.maps.verdict import of_readings
 from cfid.motors.plan import missing
 from cfid.records.rig_file import RIG_FILE, new_rig_text
-from cfid.records.run import DeviceRecord, Label, Run, Verdict, amend_run, read_run
+from cfid.records.run import DeviceRecord, Label, Run, Verdict, amend_run, read_run, write_header
 from cfid.records.run_writer import create_run
+from cfid.records.steps import steps_left
 from tests.campaigns import sentences
 from tests.motors.stand_in_a_folder import BEGIN_S
 from tests.motors.test_motor_fits import found, true_thrust_n
@@ -158,3 +159,34 @@ def test_a_later_part_of_no_use_is_recorded_again(campaign: Path, spoilt: str) -
 
     assert plan.steps == COMMANDS[2:]
     assert plan.resumes == first.folder.name
+
+
+def killed(campaign: Path, readings: Mapping[int, float]) -> Run:
+    """Leave a run as a recorder that was killed leaves it: nothing closed run.toml."""
+    run = weighed(campaign, 1, "interrupted", readings)
+    header = run.header.model_copy(
+        update={
+            "state": "recording",
+            "devices": {name: one.model_copy(update={"rows": None}) for name, one in run.header.devices.items()},
+        }
+    )
+    write_header(run.folder, header)
+    return read_run(run.folder)
+
+
+def test_what_was_typed_until_the_recorder_was_killed_is_not_asked_for_again(campaign: Path) -> None:
+    run = killed(campaign, {at: grams(at) for at in COMMANDS[:2]})
+    assert missing(run.folder, kind="scales").steps == COMMANDS[2:]
+
+    with (run.folder / "readings.csv").open("a") as file:
+        file.write("1763712345.5,20000,5")  # it was killed while it wrote
+    assert missing(run.folder, kind="scales").steps == COMMANDS[2:]
+
+
+def test_a_recorder_that_was_killed_before_a_reading_has_every_step_to_record(campaign: Path) -> None:
+    run = killed(campaign, {})
+    left = {"steps": COMMANDS, "resumes": run.folder.name}
+    second = weighed(campaign, 2, "complete", {at: grams(at) for at in COMMANDS}, **left)
+
+    assert steps_left(run) == COMMANDS
+    assert of_readings(second).startswith("5 readings at 5 steps")

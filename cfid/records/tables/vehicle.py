@@ -25,6 +25,7 @@ TACHOMETER, SCALES = "tachometer", "scales"
 
 ENOUGH = 0.98  # of the time that a step should be held: it was
 
+_LONGEST_LINE = 1 << 20  # bytes
 _WITHDRAWN = "withdrawn"
 _NO_VALUES = ("t", _WITHDRAWN)
 _MOTORS = ("m1", "m2", "m3", "m4")
@@ -44,9 +45,22 @@ class Rows:
 
 
 def holds(run: Run, device: str) -> bool:
-    """Return whether a run has rows of a device."""
+    """Return whether a run has rows of a device, which of a run that nothing closed its file shows."""
     record = run.header.devices.get(device)
-    return record is not None and record.rows != 0
+    if record is None or record.rows is not None:
+        return record is not None and record.rows != 0
+    return _has_row(run.device_file(device))
+
+
+def _has_row(path: Path) -> bool:
+    """Return whether a file has a whole line below its header; True where it cannot be read, which its reader says."""
+    try:
+        if not path.is_file():
+            return True
+        with path.open("rb") as file:
+            return bool(file.readline(_LONGEST_LINE)) and file.readline(_LONGEST_LINE).endswith(b"\n")
+    except OSError:
+        return True
 
 
 def read_rows(run: Run, device: str) -> Rows:
