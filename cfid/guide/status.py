@@ -236,13 +236,13 @@ def _completing(recording: Assignment, runs: Sequence[Run]) -> Assignment:
 
 
 def _short_series(runs: Iterable[Run], every: Sequence[Run]) -> dict[str, str]:
-    """Return for each run of a series of sines that was ended early how many of them are there, by the run's name."""
+    """Return for each run of a series of sines that lacks some how many of them are usable, by the run's name."""
     sentences = {}
     for run in runs:
         if run.header.family == "sine" and (lacks := _lacks(run, every)):
             count = len(SineSweep.of_run(run).periods)
             there = f"{count - lacks} of {counted(count, 'sine')}"
-            sentences[run.folder.name] = f"The series of {run.folder.name} is short: {there} are complete."
+            sentences[run.folder.name] = f"The series of {run.folder.name} is short: {there} are usable."
     return sentences
 
 
@@ -270,9 +270,12 @@ def _commands(run: Run) -> set[int]:
 
 
 def _lacks(run: Run, every: Sequence[Run]) -> int:
-    """Return how many sines of a run's series have no complete run; 0 where its run.toml states no series."""
+    """Return how many sines of a run's series have no usable run; 0 where its run.toml states no series.
+
+    One that was excluded is there: it may be kept for verification.
+    """
     try:
-        return len(missing_sines(SineSweep.of_run(run), every, simulated=run.header.simulated))
+        return len(missing_sines(SineSweep.of_run(run), every, simulated=run.header.simulated, excluded=True))
     except DataError:
         return 0
 

@@ -423,12 +423,41 @@ def test_a_series_of_sines_that_ended_early_is_short_and_its_rest_is_played_next
     step = next_of([short])
 
     assert (short.state, short.recorded) == ("missing", 0)
-    assert short.reason == f"The series of {second} is short: 2 of 3 sines are complete."
+    assert short.reason == f"The series of {second} is short: 2 of 3 sines are usable."
     assert step.words == ("log", "sine", "--resume", failed)
     assert step.why.endswith(short.reason)
 
     sine(folder, 8, minute=3, planned=[2, 5, 8])
     assert (transfer().state, transfer().recorded) == ("not fitted", 1)
+
+
+def test_a_sine_of_no_use_is_played_again_and_one_that_was_excluded_when_that_is_asked_for(
+    cfid: Cfid, folder: Path
+) -> None:
+    def transfer() -> TaskStatus:
+        statuses = status_of(open_campaign(folder), kind="motors")
+        return next(one for one in statuses if one.task.section == "tf")
+
+    def resumed() -> subprocess.CompletedProcess[str]:
+        return cfid("log", "sine", "--resume", last, "--dry-run", "--campaign", folder)
+
+    names = [sine(folder, periods, minute=periods, planned=[2, 5, 8]) for periods in (2, 5, 8)]
+    first, second, last = (folder / "runs" / name for name in names)
+    assert (transfer().state, resumed().returncode) == ("not fitted", 2)
+
+    amend_run(read_run(second), verdict=Verdict(usable=False, text="the load cell does not feel it."))
+    assert transfer().reason == f"The series of {names[2]} is short: 2 of 3 sines are usable."
+    assert next_of([transfer()]).words == ("log", "sine", "--resume", names[2])
+    assert resumed().stdout.startswith("1 sine of ")
+
+    amend_run(read_run(second), excluded="too fast for this cell")
+    assert (transfer().state, transfer().reason) == ("not fitted", "recorded, not fitted yet.")
+
+    amend_run(read_run(first), excluded="for verification")
+    assert transfer().state == "not fitted"
+    assert resumed().stdout.startswith("2 sines of ")
+    sine(folder, 5, minute=9, planned=[2, 5, 8])
+    assert resumed().stdout.startswith("1 sine of ")
 
 
 def test_a_staircase_of_fewer_commands_than_a_map_takes_is_recorded_again(folder: Path) -> None:

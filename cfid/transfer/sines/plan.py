@@ -141,12 +141,16 @@ class SineSweep:
         return "_".join(filter(None, [self.series, f"motor{motor}" if motor else "all"]))
 
 
-def missing_sines(sweep: SineSweep, runs: Iterable[Run], *, simulated: bool) -> list[Sine]:
-    """Return the sines without a complete run; simulated runs count for a simulated rig only."""
+def missing_sines(sweep: SineSweep, runs: Iterable[Run], *, simulated: bool, excluded: bool = False) -> list[Sine]:
+    """Return the sines without a usable run; simulated runs count for a simulated rig only.
+
+    With `excluded` a complete run counts also where it was excluded.
+    """
     there = [
         {name: value for name, value in run.header.requested.items() if name != PLANNED}
         for run in runs
-        if run.header.simulated == simulated and run.header.state == "complete"
+        if run.header.simulated == simulated
+        and (run.usable or (excluded and run.header.excluded and run.header.state == "complete"))
     ]
     return [sine for sine in sweep.sines if sine.to_run() not in there]
 
