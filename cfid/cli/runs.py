@@ -171,7 +171,7 @@ def _row(run: "Run") -> dict[str, Any]:
         "run": run.folder.name,
         "what": " ".join(filter(None, [header.kind, label.body, label.axis, weight])),
         "started": header.started.isoformat(),
-        "state": "cut" if run.cut else header.state,
+        "state": run.outcome if run.cut else header.state,
         "usable": None if header.verdict is None else header.verdict.usable,
         "rows": sum(known) if known else "?",
         "lost": sum(device.lost for device in devices),

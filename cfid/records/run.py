@@ -148,10 +148,12 @@ class Run:
 
     @property
     def outcome(self) -> str:
-        """The state in a word: `cut` where nothing closed it, `not usable` where it is complete and judged so."""
+        """The state in a word; `cut` where nothing closed it and it does not grow, `not usable` of a complete run."""
         state, verdict = self.header.state, self.header.verdict
         unusable = state == "complete" and verdict is not None and not verdict.usable
-        return "cut" if self.cut else "not usable" if unusable else state
+        if self.cut:
+            return "recording" if self.grows else "cut"
+        return "not usable" if unusable else state
 
     @property
     def usable(self) -> bool:

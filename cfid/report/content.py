@@ -158,7 +158,7 @@ def _line(run: Run) -> RunLine:
     return RunLine(
         name=run.folder.name,
         what=" ".join(filter(None, [header.kind, label.body, label.axis, weight])),
-        state="recording" if run.grows else run.outcome,
+        state=run.outcome,
         rows=sum(rows) if rows else None,
         lost=sum(device.lost for device in devices),
         simulated=header.simulated,

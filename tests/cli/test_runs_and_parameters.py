@@ -1,8 +1,8 @@
 """What runs a word stands for, what fits leave out, what a campaign knows, and what is set by hand."""
 
 import json
+import os
 import shutil
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta
@@ -283,11 +283,21 @@ def test_a_run_that_is_being_recorded_is_not_touched(cfid: Cfid, campaign: Campa
         started=datetime.now(UTC),
         cfid_version="0",
     )
+
+    def states() -> tuple[str, str]:
+        (row,) = json.loads(cfid("runs", "--json", "--only", writer.folder.name).stdout)["runs"]
+        table = cfid("runs", "--only", writer.folder.name).stdout
+        (line,) = (line for line in table.splitlines() if writer.folder.name in line)
+        return row["state"], line.split()[1]
+
     ended = cfid("runs", "exclude", writer.folder.name)
 
     assert ended.returncode == 2
     assert "is still being recorded" in ended.stderr
-    time.sleep(2.1)
+    writer.append("encoder", ([1.7e9], [0]))
+    assert states() == ("recording", "recording")
+    os.utime(writer.folder / "encoder.csv", (0, 0))
+    assert states() == ("cut", "cut")
     assert cfid("runs", "exclude", "last").returncode == 0  # a run that was cut
     writer.close("failed")
 
