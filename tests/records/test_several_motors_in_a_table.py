@@ -1,5 +1,6 @@
 """Tables of motors below each other in one file: rows of one are chosen, and another header ends a table."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -64,6 +65,40 @@ def test_a_name_that_no_row_has_is_refused_with_those_there_are(tmp_path: Path, 
 
 
 @pytest.mark.parametrize(
+    ("head", "names"), [("Propeller", ("5143", "5147")), ("Prop diameter (in)", ("5", "5.1")), ("Motor", ("1", "2"))]
+)
+def test_numbers_that_name_propellers_or_motors_are_asked_about_and_choose(
+    tmp_path: Path, head: str, names: tuple[str, str]
+) -> None:
+    lines = [HEAD.replace("Propeller", head), *rows(names[0]), *rows(names[1], 1.1)]
+    with pytest.raises(DataError, match=rf"as in {re.escape(head)}={names[0]}, or take all"):
+        read(tmp_path, *lines)
+    table = read(tmp_path, *lines, columns=(f"{head}={names[1]}",))
+    assert table.thrust_n is not None
+    assert table.thrust_n[-1] == pytest.approx(1.1 * 200 * 9.80665e-3)
+
+
+def test_a_name_in_the_first_row_of_each_block_holds_for_the_block(tmp_path: Path) -> None:
+    first, second = rows("A"), rows("B", 1.1)
+    lines = [HEAD, *(row if row in (first[0], second[0]) else row[1:] for row in (*first, *second))]
+    with pytest.raises(DataError, match=r"'Propeller' \(A, B\)"):
+        read(tmp_path, *lines)
+    assert len(read(tmp_path, *lines, columns=("Propeller=B",)).command) == len(THROTTLES)
+
+
+def test_propellers_that_were_driven_by_commands_of_their_own_are_asked_about(tmp_path: Path) -> None:
+    others = tuple(throttle - 5 for throttle in THROTTLES)
+    with pytest.raises(DataError, match="Propeller=A"):
+        read(tmp_path, HEAD, *rows("A"), *rows("B", 1.1, others))
+
+
+def test_a_name_that_stands_alone_above_its_rows_is_refused_with_its_line(tmp_path: Path) -> None:
+    first, second = ([row.partition(",")[2] for row in rows("", times)] for times in (1.0, 1.1))
+    with pytest.raises(DataError, match=r"stand.csv:2: 'T5143,,,' stands alone between the header and its rows"):
+        read(tmp_path, HEAD.partition(",")[2], "T5143,,,", *first, "T5147,,,", *second)
+
+
+@pytest.mark.parametrize(
     "remarks", [["", "settled late", "", "gust", "", "", "", "ok"], [f"step {i}" for i in range(8)]]
 )
 def test_remarks_divide_no_table(tmp_path: Path, remarks: list[str]) -> None:
@@ -76,7 +111,11 @@ def test_stretches_of_a_recording_are_asked_about_and_states_that_come_and_go_ar
     head = "Time (s),ESC signal (µs),Thrust (gf),Prop"
     with pytest.raises(DataError, match="Prop=A"):
         read(tmp_path, head, *(line.format("A" if i < 200 else "B") for i, line in enumerate(lines)))
-    states = read(tmp_path, head, *(line.format("hold" if i % 20 else "step") for i, line in enumerate(lines)))
+    states = read(
+        tmp_path,
+        head.replace("Prop", "Motor state"),
+        *(line.format("hold" if i % 20 else "step") for i, line in enumerate(lines)),
+    )
     assert len(states.command) == 400
 
 

@@ -44,7 +44,26 @@ def head_of(path: Path, text: bytes, *, skip_lines: int = 0) -> Head:
     lines = lines[above:]
     heads = (_head_at(lines, place) for place in range(len(lines)))
     head = next((head for head in heads if head is not None), None) or _of_first_line(path, lines)
+    _refuse_word_alone(path, lines, head)
     return head._replace(preamble=above + head.preamble)
+
+
+def _refuse_word_alone(path: Path, lines: Sequence[TextLine], head: Head) -> None:
+    """Raise DataError where what would be the header is one word, below a header as wide as the rows."""
+    if (
+        not head.has_head
+        or not 0 < head.preamble < len(lines)
+        or sum(map(bool, head.names)) != 1
+        or len(head.names) < 2
+    ):
+        return
+    above = fields_of(lines[head.preamble - 1].text, head.separator)
+    if len(above) == len(head.names) and all(above) and not _numbers(above):
+        line = lines[head.preamble]
+        raise DataError(
+            f"{path}:{line.number}: '{short(line.text.strip())}' stands alone between the header and its rows. Write "
+            "it into every row that it is of, in a column of its own."
+        )
 
 
 def _head_at(lines: Sequence[TextLine], place: int) -> Head | None:

@@ -1,5 +1,6 @@
 """Rows of a table of motors: those of one motor, where a column of words tells several apart."""
 
+import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -13,6 +14,8 @@ from cfid.records.tables.text import short
 
 _ALL = "*"
 _ROWS_A_MOTOR = 3
+_BLOCKS = 0.5  # of the rows, of which more have a word where each has its own
+_OF_MOTORS = re.compile(r"prop|motor|rotor|blade|\bkv\b", re.IGNORECASE)
 _SHARED = 0.5  # of the commands, which rows of several motors have and rows with remarks have not
 
 
@@ -39,7 +42,7 @@ def with_rows(table: CsvTable, columns: Sequence[str]) -> Chosen:
         by.append(name)
         if word == _ALL:
             continue
-        words = np.array(table.words(name))
+        words = _words(table, name)
         rest = np.flatnonzero(words != word)
         if len(rest) == len(words):
             raise ConfigError(f"{table.path}: `columns` {pair}: no row has that. '{name}' is {_listed(words)}.")
@@ -51,31 +54,53 @@ def with_rows(table: CsvTable, columns: Sequence[str]) -> Chosen:
 def check_one_motor(table: CsvTable, command: Array, *, used: Sequence[str], settled: bool) -> None:
     """Raise DataError where a column of words, none of those `used`, divides rows (n,) of the same commands.
 
-    They are of several motors or propellers, or of runs upwards and downwards. In a recording each has one stretch.
+    They are of several motors or propellers, or of runs upwards and downwards. In a recording each has one stretch. A
+    column that is named after motors or propellers divides rows of any commands, and by numbers, too.
     """
     first = next(table.blocks(), table)
     for name in table.names:
         if not name or name in used or table.names.count(name) != 1:
             continue
-        if np.isfinite(first.known_numbers([name])).any():
+        is_motors = _OF_MOTORS.search(name) is not None
+        if not is_motors and np.isfinite(first.known_numbers([name])).any():
             continue
-        words = np.array(table.words(name))
-        if _divides(words, command, settled=settled):
+        words = _words(table, name)
+        one_after_another = settled or _are_stretches(words)
+        if one_after_another and (_are_few(words) if is_motors else _divides(words, command)):
             which = words[words != ""][0]
             raise DataError(
-                f"{table.path}: rows of the same commands differ in '{name}' ({_listed(words)}): they may be of "
-                f"several motors or propellers. Choose one by `columns`, as in {name}={short(which)}, or take all as "
-                f"one motor's by {name}={_ALL}."
+                f"{table.path}: rows differ in '{name}' ({_listed(words)}): they may be of several motors, propellers "
+                f"or runs. Choose one by `columns`, as in {name}={short(which)}, or take all as one motor's by "
+                f"{name}={_ALL}."
             )
 
 
-def _divides(words: npt.NDArray[np.str_], command: Array, *, settled: bool) -> bool:
+def _words(table: CsvTable, name: str) -> npt.NDArray[np.str_]:
+    """Return a column's words (n,); one that stands in the first row of each block alone holds for the block."""
+    words = np.array(table.words(name))
+    filled = words != ""
+    if not filled[0] or np.mean(filled) > _BLOCKS:
+        return words
+    return words[np.maximum.accumulate(np.where(filled, np.arange(len(words)), 0))]
+
+
+def _are_few(words: npt.NDArray[np.str_]) -> bool:
+    """Return whether there are several words, each in so many rows that these are of a motor of its own."""
+    stated = words[words != ""]
+    return 2 <= len(np.unique(stated)) <= len(stated) / _ROWS_A_MOTOR
+
+
+def _are_stretches(words: npt.NDArray[np.str_]) -> bool:
+    """Return whether each word has one stretch of rows."""
+    _, group = np.unique(words[words != ""], return_inverse=True)
+    return len(group) > 0 and int(np.count_nonzero(np.diff(group))) == int(group.max())
+
+
+def _divides(words: npt.NDArray[np.str_], command: Array) -> bool:
     """Return whether words (n,) divide rows into few groups that have most commands (n,) in common."""
     stated = (words != "") & np.isfinite(command)
     labels, group = np.unique(words[stated], return_inverse=True)
-    if not 2 <= len(labels) <= np.count_nonzero(stated) / _ROWS_A_MOTOR:
-        return False
-    if not settled and np.count_nonzero(np.diff(group)) >= len(labels):
+    if not _are_few(words[stated]):
         return False
     levels, level = np.unique(command[stated], return_inverse=True)
     groups_at = np.bincount(np.unique(level * len(labels) + group) // len(labels), minlength=len(levels))
