@@ -19,6 +19,7 @@ from cfid.records.logs.hung import without_hung
 from cfid.records.logs.limits import COMMANDS, FORCES, RATES, Limits
 from cfid.records.logs.log import FlightLog
 from cfid.records.logs.motor_numbers import NO_SQUARE
+from cfid.records.logs.repeated_times import refuse_repeated_times
 from cfid.records.logs.run import log_of_run
 from cfid.records.run_notes import run_at
 from cfid.records.tables.gyro import at_end_of_range
@@ -85,6 +86,7 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
     log = longest_flight(log)
     path = log.path
     first = log.channel(command_names(log)[0])[0]
+    refuse_repeated_times(path, first)
     _check_spacing(first, log)
     from_s, to_s = _window(first, path, from_s or 0.0, np.inf if to_s is None else to_s)
     around = from_s - _AROUND_S, to_s + _AROUND_S

@@ -23,6 +23,7 @@ from cfid.records.logs.flights import longest_flight
 from cfid.records.logs.kinds import is_flown
 from cfid.records.logs.limits import COMMANDS, FORCES, SPEEDS, Limits
 from cfid.records.logs.log import Channel, FlightLog, in_memory
+from cfid.records.logs.repeated_times import refuse_repeated_times
 from cfid.records.logs.windows import windows
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import Foreign
@@ -36,7 +37,6 @@ _SPEEDS = ("rpm.m{}", "motor.m{}_rpm")
 _VOLTS, _ACCELERATION = ("pm.vbat", "pm.vbatMV"), "acc.z"
 _BREAK_S = 0.1  # without a row, after which the rotors' state is unknown
 _IMPOSSIBLE_SHARE = 0.1  # of the voltages that are numbers, up to which the others are used
-_MOST_REPEATED = 0.1  # of times
 _OWN_STEPS = 0.5  # of the rows in which a command differs from the one before: below, rows show its own steps
 _UNSEEN, _UNSEEN_S = 5, 0.25  # usual intervals, and seconds, up to which a voltage is taken from its neighbour
 _FEWEST_CHANGES, _HELD_S = 20, 0.5  # of a stand's command that never rests: how often and how fast it changes
@@ -187,14 +187,8 @@ class RotorLog:
 
     def _refuse_times(self, time_s: Array) -> None:
         """Raise DataError where times (n,) of commands repeat, and where every interval between them is a break."""
-        step_s = np.diff(time_s)
-        repeated, usual_s = int(np.count_nonzero(step_s == 0)), float(np.median(step_s))
-        if repeated > _MOST_REPEATED * len(time_s):
-            raise DataError(
-                f"{self.path}: {repeated} of {len(time_s)} rows of commands repeat the time of the one before, which "
-                "shows no lag. Do several recordings take turns? Write the rows of each into a file of its own. Delete "
-                "rows that were written twice."
-            )
+        refuse_repeated_times(self.path, time_s)
+        usual_s = float(np.median(np.diff(time_s)))
         if usual_s > 0.99 * _BREAK_S:  # of rows as far apart as a break, some are farther
             raise DataError(
                 f"{self.path}: the commands were recorded every {usual_s:.2g} s, and not within {_BREAK_S:g} s: too "
