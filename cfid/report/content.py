@@ -13,6 +13,7 @@ from cfid.records.campaign import Campaign
 from cfid.records.fits import Fit, list_fits
 from cfid.records.lab_book import lines, summary
 from cfid.records.parameters import load_sections, plain
+from cfid.records.resumed import completing
 from cfid.records.rig_file import CampaignKind
 from cfid.records.run import Run, list_runs
 from cfid.records.stale import stale_in
@@ -144,10 +145,18 @@ def _about(campaign: Campaign, runs: Sequence[Run], fits: Sequence[Fit], now: da
         fitted_with=tuple(sorted({fit.section.cfid_version for fit in fits})),
         runs=len(runs),
         simulated_runs=sum(run.header.simulated for run in runs),
-        unused_runs=sum(not run.usable and not run.grows for run in runs),
+        unused_runs=sum(_is_unused(run, runs) for run in runs),
         growing_runs=sum(run.grows for run in runs),
         lab_book=tuple(lines(summary(runs))),
     )
+
+
+def _is_unused(run: Run, runs: Sequence[Run]) -> bool:
+    """Return whether no fit takes a run, alone or with one that completes it, and it is not being recorded."""
+    if run.usable or run.grows:
+        return False
+    included = [one for one in runs if not one.header.excluded]
+    return bool(run.header.excluded) or not any(one.usable for one in completing(run, included))
 
 
 def _line(run: Run) -> RunLine:

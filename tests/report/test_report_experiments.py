@@ -4,6 +4,7 @@ import os
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import pytest
 from matplotlib.figure import Figure
@@ -184,6 +185,26 @@ def test_a_run_that_is_being_recorded_is_counted_as_that_and_one_that_was_cut_as
     assert report_of(campaign).about.recorded_in == "1 run, 1 of them not usable or excluded"
     assert [run.state for run in report_of(campaign).runs] == ["cut"]
     writer.close("complete")
+
+
+def test_a_run_that_a_usable_one_completes_is_not_counted_as_not_usable(campaign: Campaign) -> None:
+    def written(state: Any, **requested: Any) -> str:
+        writer = create_run(
+            campaign.runs_folder,
+            kind="thrust",
+            label=Label(),
+            devices={"commands": DeviceRecord(file="commands.csv", columns=("t", "m1"))},
+            started=NOON,
+            cfid_version="0",
+            requested=requested,
+        )
+        writer.append("commands", ([1.7e9], [0]))
+        return writer.close(state).folder.name
+
+    first = written("interrupted")
+    assert report_of(campaign).about.recorded_in == "1 run, 1 of them not usable or excluded"
+    written("complete", resumes=first)
+    assert report_of(campaign).about.recorded_in == "2 runs"
 
 
 def said_of_thrust(campaign: Campaign) -> tuple[str, ...]:
