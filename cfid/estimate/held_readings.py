@@ -1,5 +1,7 @@
 """Tell readings that a device repeats in several rows from those of a sensor with coarse steps."""
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
@@ -13,6 +15,34 @@ _SAME = 1e-9  # of the range: what rounding changes
 _SINGLE = 0.75  # of such changes follow a single row where each row has its own reading, with noise of a step or more
 _LONGEST = 0.9  # of the readings last so many rows or fewer
 _ALIKE = 0.7  # of a value, down to which others are rounded as it is
+_LONGEST_S = 0.3  # of readings that show a lag: what lasts longer rests
+
+
+class Readings(NamedTuple):
+    """How many rows show how many readings, and the interval between rows, by which a reading may be older."""
+
+    rows: int
+    read: int
+    row_s: float
+
+    @property
+    def age_s(self) -> float:
+        """The interval between rows where readings are repeated, 0 where each row has its own."""
+        return self.row_s if self.read < self.rows else 0.0
+
+
+def once_each(time_s: Array, value: Array) -> tuple[Mask, Readings]:
+    """Return which values (n,), or of several axes (n, k), at times (n,) count, and how many rows show how many.
+
+    What is no number does not count. A row that repeats a reading shows what was: it comes late by up to the time
+    between two readings.
+    """
+    counts: Mask = np.all(np.atleast_2d(np.isfinite(value).T), axis=0)
+    row_s = float(np.median(np.diff(time_s[counts]))) if np.count_nonzero(counts) > 1 else 0.0
+    new = new_rows(value[counts], longest=_LONGEST_S / row_s if row_s else np.inf)
+    found = Readings(len(new), int(np.count_nonzero(new)), row_s)
+    counts[counts] = new
+    return counts, found
 
 
 def rows_a_reading(readings: Array) -> int:
@@ -46,22 +76,28 @@ def first_rows(readings: Array, *, rows: int) -> Mask:
 def new_rows(readings: Array, *, longest: float) -> Mask:
     """Return which rows have a new one of some readings (n,), all where about each row has its own.
 
-    Rows count in which readings go on by more than steps of the sensor, after having gone on by as much at most
-    `longest` rows ago: others show a coarse sensor of something steady. Of a value that lasts longer than readings do,
-    which is several, the first row of each is new.
+    Axes of one sensor (n, k) are read together: a row is new where any of them changes. Rows count in which readings
+    go on by more than steps of the sensor, after having gone on by as much at most `longest` rows ago: others show a
+    coarse sensor of something steady. Of a value that lasts longer than readings do, which is several, the first row of
+    each is new.
     """
-    begins, by = _changes(readings)
-    new = np.zeros(len(readings), dtype=bool)
+    new, changed, moved = np.zeros((3, len(readings)), dtype=bool)
+    for axis in np.atleast_2d(readings.T):
+        rows, by = _changes(axis)
+        changed[rows] = True
+        if len(rows):
+            moved[rows] |= by > _STEPS * _steps(axis)[rows]
+    begins = np.flatnonzero(changed)
     if len(begins) < _FEWEST:
         return ~new
-    far = by > _STEPS * _steps(readings)[begins]
+    far = moved[begins]
     lasted = np.diff(begins)[far[:-1] & far[1:]]
     lasted = lasted[lasted <= longest]
     if len(lasted) < _FEWEST or np.mean(lasted == 1) > _SINGLE:
         return ~new
-    rows = int(np.quantile(lasted, _LONGEST))
+    longer = int(np.quantile(lasted, _LONGEST))
     for first, last in zip([0, *begins], [*begins, len(readings)], strict=True):
-        new[first : max(last - rows, first) + 1 : rows] = True
+        new[first : max(last - longer, first) + 1 : longer] = True
     return new
 
 

@@ -13,6 +13,7 @@ from cfid.flight.airborne import EDGE_S, in_air, late, without_touches
 from cfid.flight.channels import at_rows, command_names, commands_of, forces_of, held, motion, rates_of, volts_of
 from cfid.flight.gyro_unit import refuse_other_unit
 from cfid.flight.model import AXES, ROW_S, ROW_STEPS, STEP_S, Flight, segments, turned_back
+from cfid.flight.repeated import ACCELEROMETER, GYRO, commands_apart_s, first_rows, repeated_findings
 from cfid.records.logs.any_kind import NO_OPTIONS, read_log
 from cfid.records.logs.flights import longest_flight
 from cfid.records.logs.hung import without_hung
@@ -45,7 +46,7 @@ class FlownLog:
 
     `by_command` is the same flight with drives that are the command over the full one, whether volts are known or not.
     `voltmeter` are the battery's volts (k,) as the log has them, at times since the flight's first drive. `apart_s` is
-    how far apart rows of commands, of the gyro and of the accelerometer usually are.
+    how far apart commands and readings of the gyro and of the accelerometer usually are.
     """
 
     log: FlightLog
@@ -96,15 +97,19 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
         _possible(*one, COMMANDS, name, spoilt) for name, one in zip(command_names(log), commands_of(log), strict=True)
     ]
     rates, rates_hz = rates_of(log)
-    rates = _possible(*rates, RATES, "gyro", spoilt)
+    rates = _possible(*rates, RATES, GYRO, spoilt)
     forces, forces_hz = forces_of(log)
-    forces = _possible(*forces, FORCES, "accelerometer", spoilt)
-    (rates, forces), hung = without_hung({"gyro": rates, "accelerometer": forces})
+    forces = _possible(*forces, FORCES, ACCELEROMETER, spoilt)
+    (rates, forces), hung = without_hung({GYRO: rates, ACCELEROMETER: forces})
     timed = [one[0] for one in (*commands, rates, forces)]
     begin, end = max(from_s, *(float(one[0]) for one in timed)), min(to_s, *(float(one[-1]) for one in timed))
     _check_left(end - begin, path)
     for one in timed:
         _check_spacing(one, log)
+    (rates, forces), readings = first_rows({GYRO: rates, ACCELEROMETER: forces})
+    for time_s in (rates[0], forces[0]):
+        _check_spacing(time_s, log, "readings")
+    timed[-2:] = rates[0], forces[0]
     rows = int((end - begin) / ROW_S)
     at_s = np.asarray(begin + STEP_S * np.arange(rows * ROW_STEPS), dtype=np.float64)
     command = np.column_stack([held(*one, at_s) for one in commands])
@@ -138,6 +143,7 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
         averaged=averaged,
         in_volts=False,
         low_pass_hz=(forces_hz, rates_hz),
+        ages_s=(readings[ACCELEROMETER].age_s, readings[GYRO].age_s),
         velocity=velocity,
         attitude=attitude,
     )
@@ -151,12 +157,12 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
         flight=flight,
         by_command=by_command,
         voltmeter=voltmeter,
-        apart_s=(_apart_s(commands[0][0]), _apart_s(rates[0]), _apart_s(forces[0])),
+        apart_s=(commands_apart_s(*commands[0], readings), _apart_s(rates[0]), _apart_s(forces[0])),
         findings=(
             *of_recording(path.name, [text for text in log.notes if not text.startswith(NO_SQUARE)]),
             *(note("recording", f"assumed: {text}.").at(path.name) for text in log.assumed),
             *(warning("recording", text).at(path.name) for text in (*spoilt, *hung, *faults, *gaps)),
-            *(one.at(path.name) for one in (*touches, *clipped)),
+            *(one.at(path.name) for one in (*repeated_findings(readings), *touches, *clipped)),
         ),
     )
 
@@ -214,13 +220,13 @@ def _beyond(time_s: Array, rates: Array, row_s: Array, driven: Mask) -> tuple[Ma
     return beyond, [warning("flight-gyro-clipped", text, "flight.inertia_kg_m2.*")]
 
 
-def _check_spacing(time_s: Array, log: FlightLog) -> None:
-    """Raise DataError for rows at times (n,) that are too far apart for rates to be seen."""
+def _check_spacing(time_s: Array, log: FlightLog, what: str = "rows") -> None:
+    """Raise DataError for rows, or `what` they show, at times (n,) too far apart for rates to be seen."""
     if len(time_s) < 2 or (apart_s := _apart_s(time_s)) <= _SLOWEST_S:
         return
     other = f" Here {log.clock}: if they are in a smaller unit, give `time_unit`." if apart_s >= _OTHER_UNIT_S else ""
     raise DataError(
-        f"{log.path}: rows {1e3 * apart_s:.0f} ms apart (limit {1e3 * _SLOWEST_S:.0f} ms): log motors, gyro and "
+        f"{log.path}: {what} {1e3 * apart_s:.0f} ms apart (limit {1e3 * _SLOWEST_S:.0f} ms): log motors, gyro and "
         f"accelerometer every 10 ms at least (PX4: the high rate of SDLOG_PROFILE).{other}"
     )
 

@@ -30,8 +30,8 @@ def spacing_findings(flown: FlownLog) -> list[Finding]:
     if max(turned, pushed) > _SEEN_S:
         what, apart_s = ("accelerometer", pushed) if pushed > _SEEN_S else ("gyro", turned)
         text = (
-            f"the {what}'s rows are {1e3 * apart_s:.0f} ms apart (limit {1e3 * _SEEN_S:.0f} ms): lags come out several "
-            f"per cent long{', and moments small' if pushed > _SEEN_S else ''}. Log them every 10 ms at least."
+            f"the {what}'s readings are {1e3 * apart_s:.0f} ms apart (limit {1e3 * _SEEN_S:.0f} ms): lags come out "
+            f"several per cent long{', and moments small' if pushed > _SEEN_S else ''}. Log them every 10 ms at least."
         )
         lost = (*TIMES, *(MOMENTS.values() if pushed > _SEEN_S else ()))
         found.append(rejection("flight-sensors-apart", text, *lost))

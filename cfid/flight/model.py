@@ -56,7 +56,8 @@ class Flight:
     10 ms. `airborne` (m,) marks rows in the air, `driven` (m,) those of them at which every rotor has been under a
     command within its range for a while.
     `beyond` (m,) marks rows at which the gyro stood at an end of its range, None where it did not.
-    `low_pass_hz` are the cut-offs of the Butterworth filters of accelerometer and gyro, None where unknown.
+    `low_pass_hz` are the cut-offs of the Butterworth filters of accelerometer and gyro, None where unknown, `ages_s` by
+    how much their readings may be older than the rows that show them.
     """
 
     name: str
@@ -68,6 +69,7 @@ class Flight:
     averaged: bool
     in_volts: bool
     low_pass_hz: tuple[float | None, float | None] = (None, None)
+    ages_s: tuple[float, float] = (0.0, 0.0)
     velocity: Array | None = None
     attitude: Array | None = None
     volts: Array | None = None

@@ -62,6 +62,17 @@ def test_readings_that_come_at_a_rate_of_their_own_count_from_their_first_row_on
     assert np.array_equal(np.flatnonzero(new), np.flatnonzero(np.diff(shown.astype(int), prepend=-1)))
 
 
+@pytest.mark.parametrize("rows", [1, 2, 5])
+def test_a_row_is_new_where_any_axis_of_a_sensor_changes(rows: int) -> None:
+    axes = np.column_stack([SENSORS["coarse"](following(tau_s=tau_s)) for tau_s in (0.02, 0.1)])
+    axes = np.column_stack([axes, np.zeros(len(axes))])  # one is dead
+    place = np.arange(len(axes))
+    new = new_rows(axes[place // rows * rows], longest=LONGEST)
+
+    assert np.all(place[new] % rows == 0)
+    assert np.count_nonzero(new) > 0.95 * len(axes) / rows
+
+
 def test_readings_that_do_not_move_are_those_of_their_rows() -> None:
     assert new_rows(np.full(100, 7.0), longest=LONGEST).all()
     assert new_rows(np.zeros(0), longest=LONGEST).all()

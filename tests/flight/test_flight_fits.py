@@ -19,6 +19,7 @@ from cfid.flight.data import FlownLog, flight_of, read_flight
 from cfid.flight.equations import THRUST, Equations
 from cfid.flight.estimation import fit_alone, fit_flights
 from cfid.flight.excitation import refuse_still
+from cfid.flight.logged import spacing_findings
 from cfid.flight.model import LEVER, ROW_S, ROW_STEPS, STEP_S, Flight, ThrustLag, equations_of, turned_back
 from cfid.flight.moving import moving_findings
 from cfid.flight.result import fit
@@ -186,6 +187,76 @@ def test_rows_that_are_far_apart_give_no_lags_and_of_the_accelerometer_no_moment
     assert determined == {key for key in of_rotors if not any(word in key for word in lost)}
     expected = {key: value for key, value in of_rotors.items() if key in determined}
     assert all(abs(error) < 3.5 for error in errors_in_std(result, expected).values())
+
+
+def repeating(log: FlightLog, rows_of: dict[str, float], *, step_rad_s: float = 0.0) -> FlightLog:
+    """A log whose gyro, in such steps, accelerometer or motors repeat each reading in so many rows."""
+    (series,) = log.series
+    rows = np.concatenate(list(series.blocks()))
+    if step_rad_s:
+        gyro = [1 + series.place_of(name) for name in SENSORS[:3]]
+        rows[:, gyro] = np.round(rows[:, gyro] / step_rad_s) * step_rad_s
+    place = np.arange(len(rows))
+    for begin, count in rows_of.items():
+        shown = np.ceil(np.floor(place / count) * count).astype(int)  # the first row of each reading
+        of_sensor = [1 + series.place_of(name) for name in series.names if name.startswith(begin)]
+        rows[:, of_sensor] = rows[shown][:, of_sensor]
+    return replace(log, series=(replace(series, blocks=lambda: iter([rows])),))
+
+
+@pytest.mark.parametrize(
+    ("rows_of", "step_deg_s", "said"),
+    [
+        ({"gyro": 2}, 0.0, "the gyro's in about 2 rows (500 rows a second show 250). The first"),
+        ({"acc": 5}, 0.0, "the accelerometer's in about 5 rows (500 rows a second show 100). The first"),
+        ({"gyro": 2.5, "acc": 2.5}, 0.0, "the accelerometer's in about 2.5 rows (500 rows a second show 200). The"),
+        ({"gyro": 5, "acc": 5}, 1.0, "the gyro's in about 5 rows (500 rows a second show 100), the accelerometer's"),
+    ],
+)
+def test_of_readings_that_rows_repeat_the_first_counts_and_lags_and_delay_are_the_vehicles(
+    flown: tuple[Fleet, list[FlightLog]], rows_of: dict[str, float], step_deg_s: float, said: str
+) -> None:
+    """The delay was 1 to 4 ms long at a stated 0.3 ms: 5 to 16 standard uncertainties."""
+    vehicles, logs = flown
+    read = flight_of(repeating(logs[1], rows_of, step_rad_s=np.radians(step_deg_s)))
+    (found,) = [one for one in read.findings if one.code == "flight-readings-repeated"]
+    assert (found.severity, said in found.text) == ("note", True)
+    assert "up to 2 ms late" in found.text
+    assert "contains 1.2 ms" in found.text
+    result = fit([read], body=body_of(vehicles, 1))
+    assert not codes(result)
+    assert max(map(abs, errors_in_std(result, truths(vehicles, 1)).values())) < 3.0
+    concerned = {"gyro": "flight.delay_s", "acc": "flight.single_lag_s"}
+    assert all(result.quantities[concerned[sensor]].std > 1.1e-3 for sensor in rows_of)
+
+
+@pytest.mark.parametrize(
+    ("rows_of", "code"),
+    [
+        ({"gyro": 10}, "flight-sensors-apart"),
+        ({"acc": 10}, "flight-sensors-apart"),
+        ({"motor": 5, "gyro": 5, "acc": 5}, "flight-commands-apart"),
+        ({"motor": 5}, None),  # an autopilot's, for all that the log shows
+    ],
+)
+def test_readings_that_are_repeated_for_long_are_as_far_apart_as_rows_of_a_log_that_is_not_filled(
+    flown: tuple[Fleet, list[FlightLog]], rows_of: dict[str, float], code: str | None
+) -> None:
+    found = spacing_findings(flight_of(repeating(flown[1][0], rows_of)))
+    assert [one.code for one in found] == ([] if code is None else [code])
+    with pytest.raises(DataError, match=r"readings 40 ms apart \(limit 21 ms\)"):
+        flight_of(repeating(flown[1][0], {"gyro": 20}))
+
+
+@pytest.mark.parametrize("step_deg_s", [0.061, 1.0, 5.0])
+@pytest.mark.parametrize("hover", [False, True])
+def test_a_gyro_of_coarse_steps_does_not_pass_for_one_whose_readings_are_repeated(
+    *, step_deg_s: float, hover: bool
+) -> None:
+    rng = np.random.default_rng(8)
+    for log in fly(fleet(2, rng), rng, hover=hover, noise=0.1, wind=0.2):
+        read = flight_of(repeating(log, {}, step_rad_s=np.radians(step_deg_s)))
+        assert "flight-readings-repeated" not in [one.code for one in read.findings]
 
 
 def test_an_accelerometer_off_the_centre_of_mass_costs_no_moments() -> None:

@@ -12,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError
+from cfid.estimate.held_readings import Readings, once_each
 from cfid.findings import Finding, note, of_recording
 from cfid.motors.lag.model import LogSegment, Signal
 from cfid.motors.lag.search import SETTLING_S
 from cfid.motors.lag.survey import PART_S, possible, survey
-from cfid.motors.repeated import Readings, once_each
 from cfid.records.logs.any_kind import NO_OPTIONS, is_binary_log, read_log
 from cfid.records.logs.crazyflie_names import first_of
 from cfid.records.logs.flights import longest_flight

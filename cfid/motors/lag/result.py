@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from cfid.counted import counted
 from cfid.errors import CfidError, FitError
+from cfid.estimate.held_readings import Readings
 from cfid.findings import Finding, note, rejection, warning
 from cfid.motors.delays import command_between_rows, delay_text, negative_delay
 from cfid.motors.lag.checks import Kind
@@ -22,7 +23,7 @@ from cfid.motors.lag.values import (
     rotor_rows,
     speed_map_findings,
 )
-from cfid.motors.repeated import Readings, repeated_finding
+from cfid.motors.repeated import repeated_finding
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Figures, Result
 

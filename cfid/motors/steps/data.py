@@ -7,8 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import DataError
+from cfid.estimate.held_readings import once_each
 from cfid.findings import Finding, note
-from cfid.motors.repeated import once_each, repeated_finding
+from cfid.motors.repeated import repeated_finding
 from cfid.motors.steps.sag import LoggedBattery
 from cfid.motors.vibration.data import quiet_channels
 from cfid.motors.vibration.ridge import speed_ridge

@@ -1,0 +1,54 @@
+"""Takes each reading of gyro and accelerometer once where a log repeats it in several rows, and names that."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.estimate.held_readings import Readings, once_each
+from cfid.findings import Finding, note
+
+Array = npt.NDArray[np.float64]
+Timed = tuple[Array, Array]
+
+GYRO, ACCELEROMETER = "gyro", "accelerometer"
+_CONCERNED = {GYRO: "flight.delay_s", ACCELEROMETER: "flight.single_lag_s"}  # whose uncertainty contains the age
+
+
+def first_rows(sensors: Mapping[str, Timed]) -> tuple[tuple[Timed, ...], dict[str, Readings]]:
+    """Return the times (k,) and values (k, 3) of sensors' rows (n,) with a new reading, and how many have, by name."""
+    found, readings = list[Timed](), dict[str, Readings]()
+    for name, (time_s, values) in sensors.items():
+        counts, readings[name] = once_each(time_s, values)
+        found.append((time_s[counts], values[counts]))
+    return tuple(found), readings
+
+
+def commands_apart_s(time_s: Array, command: Array, readings: Mapping[str, Readings]) -> float:
+    """Return how far apart commands (n,) in rows at times (n,) usually are.
+
+    Where readings of a sensor are repeated and commands, too, the log is filled: those between were not logged. Beside
+    sensors with a reading in each row, an autopilot holds them.
+    """
+    if any(one.age_s for one in readings.values()):
+        time_s = time_s[once_each(time_s, command)[0]]
+    return float(np.median(np.diff(time_s)))
+
+
+def repeated_findings(readings: Mapping[str, Readings]) -> list[Finding]:
+    """Return a note on readings that are repeated, by sensor; none where each row has its own."""
+    held = {name: one for name, one in readings.items() if one.age_s}
+    if not held:
+        return []
+    each = ", ".join(
+        f"the {name}'s in about {rows / read:.2g} rows ({1 / row_s:.3g} rows a second show {read / rows / row_s:.3g})"
+        for name, (rows, read, row_s) in held.items()
+    )
+    age_s = max(one.age_s for one in held.values())
+    text = (
+        f"readings are repeated: {each}. The first row of each counts, and may show it up to {1e3 * age_s:.3g} ms "
+        f"late: the standard uncertainty of {' and '.join(_CONCERNED[name] for name in held)} contains "
+        f"{1e3 * age_s / math.sqrt(3):.2g} ms for that."
+    )
+    return [note("flight-readings-repeated", text, *(_CONCERNED[name] for name in held))]
