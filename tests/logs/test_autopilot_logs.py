@@ -385,6 +385,26 @@ def test_outputs_of_a_blackbox_log_beyond_full_throttle_are_left_out_and_counted
     assert any("2 outputs of motors are beyond full throttle" in one for one in log.notes)
 
 
+def test_a_blackbox_log_of_eight_motors_names_those_that_are_not_read(tmp_path: Path) -> None:
+    pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
+    head = blackbox_head().decode()
+    four = ",".join(f"motor[{place}]" for place in range(4))
+    eight = head.replace(four, f"{four},motor[4],motor[5],motor[6],motor[7]")
+    for line in ("I signed", "I predictor", "I encoding", "P predictor", "P encoding"):
+        values = next(one for one in head.splitlines() if line in one)
+        eight = eight.replace(values, f"{values}{4 * (',1' if 'encoding' in line else ',0')}")
+    rows = b"".join(
+        blackbox_row(at, gyro=(0, 0, 0), motors=[1200 + place for place in range(8)]) for at in range(COUNT)
+    )
+    log = read_log(written(tmp_path, eight.encode() + rows + BLACKBOX_END))
+    four_motors = read_log(written(tmp_path, blackbox()))
+
+    assert log.channel("motor[7]")[1][5] == 1207
+    (note,) = [one for one in log.notes if one.startswith(NO_SQUARE)]
+    assert "there are 8, of which motor[0] to [3] alone are read" in note
+    assert not any(one.startswith(NO_SQUARE) for one in four_motors.notes)
+
+
 def reports(functions: Sequence[int], rpm: Sequence[int]) -> bytes:
     """Return a ULog file of 50 reports of motor controllers, each of the motor with its function."""
     content = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1000) + message("B", bytes(40))

@@ -21,7 +21,7 @@ from cfid.records.extras import optional_library
 from cfid.records.logs.blackbox_bytes import LogBytes, logs_in
 from cfid.records.logs.crazyflie_names import crazyflie_channel
 from cfid.records.logs.log import BLOCK_ROWS, Array, Channel, FlightLog, Series, in_memory, printable
-from cfid.records.logs.motor_numbers import BETAFLIGHT_QUAD_X, numbering
+from cfid.records.logs.motor_numbers import BETAFLIGHT_QUAD_X, not_four, numbering
 from cfid.records.parameters import Source
 
 BEGIN = b"H Product:Blackbox"
@@ -83,7 +83,7 @@ def read_blackbox(path: Path, source: Source) -> FlightLog:
         clock="times are the flight controller's, since it started",
         series=tuple(series),
         assumed=_assumed(series),
-        notes=tuple(notes),
+        notes=(*notes, *not_four(max(sum(map(_is_motor, one.names)) for one in series), "motor")),
     )
 
 
@@ -139,6 +139,10 @@ def _series(name: str, parser: Any, frames: Array) -> Series:
         channels.append(crazyflie_channel(channel))
         values.append(value)
     return in_memory(name, _by_parts(frames[:, place], lambda one: one / 1e6), channels, values)
+
+
+def _is_motor(name: str) -> bool:
+    return name.startswith("motor[")
 
 
 def _as_a_crazyflie_s(fields: Mapping[str, Array], headers: Any) -> Iterator[tuple[str, Array]]:

@@ -31,8 +31,8 @@ def off_square(parameters: Mapping[str, float], driven: int) -> tuple[str, ...]:
     `driven` are the motors that have commands, 0 where none is logged.
     """
     stated = int(parameters.get("CA_ROTOR_COUNT", driven))
-    if (count := max(stated, driven)) not in (0, len(MOTORS)):
-        return (f"{NO_SQUARE}: there are {count}, of which control[0] to [3] alone are read as motors m1 to m4.",)
+    if others := not_four(max(stated, driven), "control"):
+        return others
     if by_geometry(parameters) is None:
         return ()
     levers = [abs(one) for place in _places_m(parameters) for one in place]
@@ -41,6 +41,13 @@ def off_square(parameters: Mapping[str, float], driven: int) -> tuple[str, ...]:
         return ()
     places = "; ".join(f"{1e3 * forward:g}, {1e3 * right:g}" for forward, right in _places_m(parameters))
     return (f"{NO_SQUARE}: CA_ROTOR0 to 3 are {places} mm forward and right.",)
+
+
+def not_four(count: int, own: str) -> tuple[str, ...]:
+    """Return a sentence on motors that are other than four, whose commands' `own` name is numbered from 0."""
+    if count in (0, len(MOTORS)):
+        return ()
+    return (f"{NO_SQUARE}: there are {count}, of which {own}[0] to [3] alone are read as motors m1 to m4.",)
 
 
 def _places_m(parameters: Mapping[str, float]) -> list[tuple[float, float]]:
