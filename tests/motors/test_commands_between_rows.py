@@ -38,7 +38,7 @@ def off(result: Result, *, widest: float) -> list[float]:
     return [abs(one.value[0] - 1 / tau_s) / one.std[0] for one, tau_s in found]
 
 
-@pytest.mark.parametrize("seed", [21, 22, 23])
+@pytest.mark.parametrize("seed", [21, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (22, 23))])
 def test_changes_that_come_late_in_step_with_the_readings_give_the_lag(tmp_path: Path, seed: int) -> None:
     """Every second one shows 2 ms late, and those are the ones after which a reading comes soonest."""
     result = fitted(tmp_path, np.arange(0, 20, 0.35), row_s=0.004, every=5, seed=seed)

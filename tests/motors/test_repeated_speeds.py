@@ -85,7 +85,7 @@ def said(result: Result) -> str:
 
 
 @pytest.mark.parametrize("own_clock", [False, True])
-@pytest.mark.parametrize("rows", [2, 5, 10, 25])
+@pytest.mark.parametrize("rows", [2, 25, *(pytest.param(rows, marks=pytest.mark.slow) for rows in (5, 10))])
 def test_a_log_that_repeats_speeds_gives_the_lag_and_the_delay(tmp_path: Path, rows: int, own_clock: bool) -> None:
     result = fitted_log(tmp_path, rows, 7 + rows, own_clock=own_clock)
     delay = result.quantities["dynamics.delay_s"]
@@ -98,7 +98,7 @@ def test_a_log_that_repeats_speeds_gives_the_lag_and_the_delay(tmp_path: Path, r
     assert f"500 rows a second show {'' if own_clock else f'{500 / rows:.3g} readings'}" in said(result)
 
 
-@pytest.mark.parametrize("rows", [2, 5, 10])
+@pytest.mark.parametrize("rows", [5, *(pytest.param(rows, marks=pytest.mark.slow) for rows in (2, 10))])
 def test_a_stand_that_repeats_speeds_gives_the_lag(tmp_path: Path, rows: int) -> None:
     for seed in range(4):
         result = fitted_stand(tmp_path, rows, seed)

@@ -268,7 +268,7 @@ def test_a_swing_recorded_by_a_busy_computer_is_timed_by_the_encoders_own_clock(
     assert float(np.median(by_arrival)) > 2 * float(np.median(scores))
 
 
-@pytest.mark.parametrize("per_turn", [1024, 4096])
+@pytest.mark.parametrize("per_turn", [1024, pytest.param(4096, marks=pytest.mark.slow)])
 def test_rows_that_are_written_where_the_count_changes_are_read_as_the_edges_of_the_encoder(
     tmp_path: Path, per_turn: int
 ) -> None:
