@@ -27,7 +27,8 @@ _LEAST_SWING_DEG, _TO_AND_FRO = 20.0, 2.5  # range of a swing in degrees, more t
 _LEAST_SWING_RAD = 1.0  # range; in a smaller one the period of radians is within some per cent of that of degrees
 _FOLDED_TURNS = 1.5  # range of an angle that may be wrapped into one turn, with margin for a wrong scale
 _RANKED, _FEW_WRONG = 1_000_000, (0.5, 99.5)  # samples whose percentiles show the range
-_POLLED_ROWS, _EDGES_SHARE = 10_000, 0.99  # rows that tell most polled files at once; rows that change a count by one
+_POLLED_ROWS = 10_000  # which tell most polled files at once
+_FEW_REPEATED, _EDGES_SHARE = 0.1, 0.95  # of rows of an encoder's edges, at most; of the others, by one count at least
 _EXACT = 2.0**53  # above it, counts lose their last digits; no axis turns that far
 _SHORTER_WORD = 1 << 18  # a 22-bit encoder that stays below may as well be one of fewer bits
 
@@ -138,10 +139,14 @@ def _from_counts(table: CsvTable, setting: CountsPerTurn | None, counts: Array, 
                 f"{table.path}: counts reach {high:.0f} and pass the check of a 13-bit word in 22 bits, but "
                 f"{float(setting):.0f} counts per turn are set: give `counts_per_turn` {RLS_13BIT_IN_22}."
             )
-        edges = _at_edges(counts, float(setting))
-        if edges is not None:
-            notes += ("each row is a change of the count by one: angles are those of the edges, between two counts.",)
-        return _joined(table, _turns(counts if edges is None else edges, float(setting)), None, notes)
+        if (edges := _at_edges(counts, float(setting))) is None:
+            return _joined(table, _turns(counts, float(setting)), None, notes)
+        at, rows = edges
+        repeats = (
+            f"; {counted(len(counts) - len(rows), 'row')} without a change left out" if rows.size < len(counts) else ""
+        )
+        text = f"rows are changes of the count by one: angles are those of the edges, between two counts{repeats}."
+        return _joined(table, _turns(at, float(setting)), rows, (*notes, f"{text}."))
     failed = np.flatnonzero(~valid)
     if len(failed) > _FAILED_SHARE * len(counts):
         raise DataError(
@@ -160,18 +165,22 @@ def _from_counts(table: CsvTable, setting: CountsPerTurn | None, counts: Array, 
     return _joined(table, turns, np.flatnonzero(valid) if len(failed) else None, notes)
 
 
-def _at_edges(counts: Array, per_turn: float) -> Array | None:
-    """Return at which counts the edges lie of rows (n,) that were written at each change; None for polled counts.
+def _at_edges(counts: Array, per_turn: float) -> tuple[Array, Rows] | None:
+    """Return at which counts (m,) the edges lie of rows that were written at each change, and these rows (m,).
 
-    An edge lies half a count before the count in whose direction it was passed; a swing that is polled repeats counts
-    where it turns. One direction alone tells neither, and needs no edges.
+    None for polled counts. An edge lies half a count before the count in whose direction it was passed. A swing that is
+    polled repeats most counts where it turns; beside edges few rows do, as at rest, and few edges are lost. One
+    direction alone tells neither, and needs no edges.
     """
-    if np.any(np.diff(counts[:_POLLED_ROWS]) == 0):
+    if np.mean(np.diff(counts[:_POLLED_ROWS]) == 0) > _FEW_REPEATED:
         return None
     steps = (np.diff(counts, prepend=2 * counts[0] - counts[1]) + per_turn / 2) % per_turn - per_turn / 2
-    if np.any(steps == 0) or np.mean(np.abs(steps) == 1) < _EDGES_SHARE or np.all(steps > 0) or np.all(steps < 0):
+    rows = np.flatnonzero(steps)
+    moved = steps[rows]
+    one_way = not len(rows) or np.all(moved > 0) or np.all(moved < 0)
+    if one_way or len(rows) < (1 - _FEW_REPEATED) * len(steps) or np.mean(np.abs(moved) == 1) < _EDGES_SHARE:
         return None
-    return counts - 0.5 * np.sign(steps)
+    return counts[rows] - 0.5 * np.sign(moved), rows
 
 
 def _guessed(table: CsvTable, low: int, high: int, valid: npt.NDArray[np.bool_]) -> CountsPerTurn:
