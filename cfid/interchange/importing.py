@@ -14,6 +14,7 @@ from cfid import __version__
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.interchange.columns import changes, chosen_columns, finite_columns, known_rows
+from cfid.interchange.several_motors import of_one_motor
 from cfid.large import parts, usual_step
 from cfid.records.campaign import Campaign
 from cfid.records.logs.any_kind import read_log
@@ -136,13 +137,12 @@ def import_wrench(campaign: Campaign, path: Path, reading: WrenchReading, *, lab
 
 
 def import_stand(campaign: Campaign, path: Path, reading: Foreign, *, label: Label) -> Imported:
-    """Import a thrust stand's recording: its columns by their own names, which fits read as those of the file.
+    """Import a thrust stand's recording: its columns by their own names, or as NAME=COLUMN has it, as fits read them.
 
-    Columns given as NAME=COLUMN get that name. Raises DataError and ConfigError as `read_log` and `with_named`.
+    Errors as of `read_log`, `with_named` and `of_one_motor`.
     """
-    pairs = [one for one in reading.columns if "=" in one]
     original = open_table(path, skip_lines=reading.skip_lines)
-    table, named = with_named(original, pairs)
+    table, named = with_named(original, of_one_motor(original, reading))
     given = dict(zip(original.names, table.names, strict=True))
     log = read_log(path, _timed(table, original, reading))
     (series,) = log.series

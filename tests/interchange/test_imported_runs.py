@@ -250,6 +250,19 @@ def test_a_stands_columns_are_imported_by_the_names_that_are_given(campaign: Pat
     assert run.header.devices["stand"].columns == ("t", "esc_us", "thrust(kgf)", "unused Thrust (N)", "volts")
 
 
+@pytest.mark.parametrize(("columns", "said"), [([], "rows differ in 'Prop'"), (["Prop=A"], "chooses rows")])
+def test_a_stands_recording_of_two_propellers_is_not_imported_as_one(
+    campaign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], columns: list[str], said: str
+) -> None:
+    head = "Time (s),ESC signal (us),Thrust (gf),Prop"
+    rows = [f"{at / 50},{1000 + 100 * (at // 20 % 10)},{(at // 20 % 10) ** 2},{'AB'[at // 200]}" for at in range(400)]
+    (tmp_path / "two.csv").write_text("\n".join([head, *rows, ""]))
+    options = [word for one in columns for word in ("--columns", one)]
+    assert code("import", str(tmp_path / "two.csv"), "--campaign", str(campaign), *options) == 2
+    assert said in " ".join(capsys.readouterr().err.split())
+    assert imported(campaign, tmp_path / "two.csv", "--columns", "Prop=*").header.kind == "stand"
+
+
 def test_a_log_whose_time_is_named_alone_is_a_log(tmp_path: Path, campaign: Path) -> None:
     rows = "".join(f"{at / 100},{at}\n" for at in range(200))
     (tmp_path / "log.csv").write_text(f"when,gyro.x\n{rows}")

@@ -19,6 +19,10 @@ _OF_MOTORS = re.compile(r"prop|motor|rotor|blade|\bkv\b", re.IGNORECASE)
 _SHARED = 0.5  # of the commands, which rows of several motors have and rows with remarks have not
 
 
+class SeveralMotorsError(DataError):
+    """Rows of one table may be of several motors, and no setting tells which are meant."""
+
+
 class Chosen(NamedTuple):
     """A table of some rows, the settings that name its columns, and the columns by which rows were chosen."""
 
@@ -52,7 +56,7 @@ def with_rows(table: CsvTable, columns: Sequence[str]) -> Chosen:
 
 
 def check_one_motor(table: CsvTable, command: Array, *, used: Sequence[str], settled: bool) -> None:
-    """Raise DataError where a column of words, none of those `used`, divides rows (n,) of the same commands.
+    """Raise SeveralMotorsError where a column of words, none of those `used`, divides rows (n,) of the same commands.
 
     They are of several motors or propellers, or of runs upwards and downwards. In a recording each has one stretch. A
     column that is named after motors or propellers divides rows of any commands, and by numbers, too.
@@ -68,7 +72,7 @@ def check_one_motor(table: CsvTable, command: Array, *, used: Sequence[str], set
         one_after_another = settled or _are_stretches(words)
         if one_after_another and (_are_few(words) if is_motors else _divides(words, command)):
             which = words[words != ""][0]
-            raise DataError(
+            raise SeveralMotorsError(
                 f"{table.path}: rows differ in '{name}' ({_listed(words)}): they may be of several motors, propellers "
                 f"or runs. Choose one by `columns`, as in {name}={short(which)}, or take all as one motor's by "
                 f"{name}={_ALL}."
