@@ -460,6 +460,14 @@ def test_a_sine_of_no_use_is_played_again_and_one_that_was_excluded_when_that_is
     assert resumed().stdout.startswith("1 sine of ")
 
 
+def test_a_sine_above_the_cutoff_that_no_cell_feels_is_not_played_for_ever(folder: Path) -> None:
+    names = [sine(folder, periods, minute=at, planned=[5, 120]) for at, periods in enumerate((5, 120))]
+    amend_run(read_run(folder / "runs" / names[1]), verdict=Verdict(usable=False, text="the cell does not feel it."))
+    statuses = status_of(open_campaign(folder), kind="motors")
+
+    assert next(one for one in statuses if one.task.section == "tf").state == "not fitted"
+
+
 def test_a_staircase_of_fewer_commands_than_a_map_takes_is_recorded_again(folder: Path) -> None:
     def thrust() -> tuple[TaskStatus, ...]:
         statuses = status_of(open_campaign(folder), kind="motors")

@@ -144,15 +144,20 @@ class SineSweep:
 def missing_sines(sweep: SineSweep, runs: Iterable[Run], *, simulated: bool, excluded: bool = False) -> list[Sine]:
     """Return the sines without a usable run; simulated runs count for a simulated rig only.
 
-    With `excluded` a complete run counts also where it was excluded.
+    Above the cut-off a complete run suffices: a rotor hardly follows. With `excluded` it does also where it was
+    excluded.
     """
-    there = [
-        {name: value for name, value in run.header.requested.items() if name != PLANNED}
-        for run in runs
-        if run.header.simulated == simulated
-        and (run.usable or (excluded and run.header.excluded and run.header.state == "complete"))
-    ]
-    return [sine for sine in sweep.sines if sine.to_run() not in there]
+    complete = [run for run in runs if run.header.simulated == simulated and run.header.state == "complete"]
+
+    def is_there(sine: Sine) -> bool:
+        counts = sine.is_above(CUTOFF_HZ)
+        return any(
+            (excluded if run.header.excluded else counts or run.usable)
+            for run in complete
+            if {name: value for name, value in run.header.requested.items() if name != PLANNED} == sine.to_run()
+        )
+
+    return [sine for sine in sweep.sines if not is_there(sine)]
 
 
 def above_cutoff(sines: Iterable[Sine], cutoff_hz: float = CUTOFF_HZ) -> str:
