@@ -13,8 +13,9 @@ from cfid.estimate.held_readings import Readings
 from cfid.findings import Finding, note, rejection, warning
 from cfid.motors.delays import command_between_rows, delay_text, negative_delay
 from cfid.motors.lag.checks import Kind
-from cfid.motors.lag.data import LogPart, RotorLog
+from cfid.motors.lag.data import RotorLog
 from cfid.motors.lag.estimation import LagFit, fit_lag, joined, unsure_of_sag
+from cfid.motors.lag.part import LogPart
 from cfid.motors.lag.values import (
     SPEED_POLY,
     joint_parameters,

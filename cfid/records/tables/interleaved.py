@@ -17,7 +17,9 @@ def refuse_interleaved(table: CsvTable, time: str, others: Collection[str]) -> N
 
     Rows of one time that have their numbers in different columns are those of one recording at several rates.
     """
-    rows, place = table.some_fields(_LOOKED_AT), table.place(time)
+    first, place = next(table.blocks(), table), table.place(time)
+    columns = [first.words(str(number))[:_LOOKED_AT] for number, _ in enumerate(table.names, start=1)]
+    rows = list(zip(*columns, strict=True))
     pairs = [(one, two) for one, two in pairwise(rows) if one[place] == two[place]]
     alike = [(one, two) for one, two in pairs if [bool(field) for field in one] == [bool(field) for field in two]]
     if len(pairs) <= _MANY * len(rows) or len(alike) < _NEARLY_ALL * len(pairs):

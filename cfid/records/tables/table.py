@@ -123,11 +123,6 @@ class CsvTable:
                     return f"{self.path}:{self._first_line + line.number - 1}: {fault}"
         return None
 
-    def some_fields(self, count: int) -> list[list[str]]:
-        """Return the fields of so many of the first rows that have one for each column."""
-        lines = (fields_of(line.text, self._separator) for line in islice(filled_lines(self._body), count))
-        return [fields for fields in lines if len(fields) == len(self.names)]
-
     @property
     def _spelling(self) -> Spelling:
         return Spelling(self._separator, self.decimal)

@@ -1,0 +1,96 @@
+"""A part of a log: what drove each rotor, and the segments without a break in which it ran."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.estimate.held_readings import Readings
+from cfid.motors.lag.model import LogSegment, Signal
+from cfid.motors.lag.search import SETTLING_S
+from cfid.units import FULL_COMMAND, MOTORS
+
+Array = npt.NDArray[np.float64]
+
+BREAK_S = 0.1  # without a row, after which the rotors' state is unknown
+_OWN_STEPS = 0.5  # of the rows in which a command differs from the one before: below, rows show its own steps
+_UNSEEN, _UNSEEN_S = 5, 0.25  # usual intervals, and seconds, up to which a voltage is taken from its neighbour
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LogPart:
+    """Commands by motor, 0 to 65535, with speeds in rad/s by motor, volts, and acceleration along z in m/s^2.
+
+    Each has its own times, in seconds since the log's first row of a command. Drives are those at the voltage `at_v`, 1
+    where none was logged. `readings` are those of the speeds by motor, and of the acceleration by 0: each counts once.
+    """
+
+    commands: Mapping[int, Signal]
+    speeds: Mapping[int, Signal]
+    readings: Mapping[int, Readings]
+    volts: Signal | None = None
+    volts_readings: Readings | None = None
+    at_v: float = 1.0
+    acceleration: Signal | None = None
+
+    @property
+    def row_s(self) -> float:
+        """The interval between rows of the commands, 0 of fewer than two."""
+        time_s, _ = self.commands[min(self.commands)]
+        return float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+
+    @property
+    def moving(self) -> bool:
+        """Whether the commands change in most rows, so that rows do not show their steps."""
+        _, value = self.commands[min(self.commands)]
+        on = (value[1:] > 0) & (value[:-1] > 0)
+        changed = np.diff(value)[on] != 0
+        return bool(len(changed) and np.mean(changed) > _OWN_STEPS)
+
+    def of_speed(self, motor: int, *, by: int | None = None) -> list[LogSegment]:
+        """Return the segments in which one rotor runs, with its speed; `by` is whose command drives it."""
+        return list(self._segments((by or motor,), self.speeds[motor]))
+
+    def of_thrust(self) -> list[LogSegment]:
+        """Return the segments in which all rotors run, with the acceleration, which is their thrust over the mass."""
+        return [] if self.acceleration is None else list(self._segments(MOTORS, self.acceleration))
+
+    def driven_volts(self, motor: int) -> Array:
+        """Return the battery's volts (n,) at the commands that drive a motor, none where they are unknown."""
+        time_s, command = self.commands[motor]
+        return np.zeros(0) if self.volts is None else np.interp(time_s[command > 0], *self.volts)
+
+    @property
+    def mean_v(self) -> float:
+        """The battery's mean voltage at the commands that drive motors, 1 where it was not logged."""
+        driven_v = np.concatenate([self.driven_volts(motor) for motor in self.commands])
+        return float(np.mean(driven_v)) if len(driven_v) else 1.0
+
+    def _segments(self, motors: tuple[int, ...], measured: Signal) -> Iterator[LogSegment]:
+        """Yield the segments without a break that are long enough to be used."""
+        time_s = self.commands[motors[0]].time_s
+        held = np.array([self.commands[motor].held(time_s) for motor in motors])  # by rows of the first
+        runs = np.all(held > 0, axis=0)
+        runs &= self.volts is None or _is_known(self.volts.time_s, time_s)
+        ends = ~runs[:-1] | ~runs[1:] | (np.diff(time_s) > BREAK_S)
+        edges = np.concatenate([[0], np.flatnonzero(ends) + 1, [len(time_s)]])
+        drives = held / FULL_COMMAND * self.at_v
+        volts = None if self.volts is None else Signal(time_s, np.interp(time_s, *self.volts) / self.at_v)
+        for first, last in zip(edges[:-1], edges[1:] - 1, strict=True):
+            if last < first or time_s[last] - time_s[first] <= 2 * SETTLING_S:
+                continue
+            inside = slice(first, last + 1)
+            between = measured.between(float(time_s[first]), float(time_s[last]))
+            commands = tuple(Signal(time_s[inside], drive[inside]) for drive in drives)
+            ratio = None if volts is None else Signal(time_s[inside], volts.value[inside])
+            yield LogSegment(commands, between, ratio)
+
+
+def _is_known(read_s: Array, time_s: Array) -> npt.NDArray[np.bool_]:
+    """Return at which times (n,) readings (m,) are near enough to state a value, where others were left out."""
+    usual_s = float(np.median(np.diff(read_s))) if len(read_s) > 1 else np.inf
+    behind = np.searchsorted(read_s, time_s).clip(1, max(len(read_s) - 1, 1))
+    ahead_s, behind_s = read_s[behind - 1], read_s[np.minimum(behind, len(read_s) - 1)]
+    nearest_s = np.minimum(np.abs(time_s - ahead_s), np.abs(time_s - behind_s))
+    return np.asarray(nearest_s <= max(_UNSEEN * usual_s, _UNSEEN_S))
