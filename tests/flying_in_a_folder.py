@@ -24,6 +24,7 @@ from cfid.sim.propulsion import STILL, Four
 from cfid.sim.service import SimulatedRig
 from cfid.sim.truth_file import SimTruth
 from tests.lateness import kept_waiting_s
+from tests.priority import run_devices
 from tests.processes import started
 
 LONGEST_S = 120.0  # that anything may take, on a busy computer
@@ -160,7 +161,7 @@ def bench_in(folder: Path, *, hung_on: str | None = None, **truth: Any) -> Itera
     With `hung_on` its vehicle swings on that mount.
     """
     loop = Loop()
-    thread = threading.Thread(target=loop.run, kwargs={"installSignalHandlers": False})
+    thread = threading.Thread(target=run_devices, args=(loop,))
     thread.start()
     try:
         bench = Bench(folder, loop, hung_on=hung_on, **truth)

@@ -6,6 +6,7 @@ A rig's wires do not wait: a simulated load cell that three other tests keep fro
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from typing import Any
 
 _AHEAD = -10  # as `nice` counts: nine times the share of what computes
 
@@ -25,3 +26,13 @@ def run_at(priority: int) -> None:
     """Take a priority where the system grants it."""
     with suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, priority)
+
+
+def run_devices(loop: Any) -> None:
+    """Run a loop of devices in its thread, which as real ones wait for no processor, where the system grants it.
+
+    cfid's own loop runs ahead of programs that compute: beside it, a device that waits would lose polls.
+    """
+    with suppress(AttributeError, OSError):
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
+    loop.run(installSignalHandlers=False)

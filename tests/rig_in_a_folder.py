@@ -35,6 +35,7 @@ from cfid.sim.pty import PtyPort
 from cfid.wire.e201 import STOP_CONTINUOUS, VERSION
 from cfid.wire.rdt import Command as RdtCommand
 from cfid.wire.rdt import Request, encode_request
+from tests.priority import run_devices
 from tests.processes import started
 
 LOADCELL_HZ = 700  # of 7000: a tenth of the work, the same code
@@ -257,7 +258,7 @@ def _load(time_s: Array) -> Array:
 def lab_in(folder: Path) -> Iterator[Lab]:
     """Open a rig in a folder, in a loop of its own."""
     reactor = Loop()
-    thread = threading.Thread(target=reactor.run, kwargs={"installSignalHandlers": False})
+    thread = threading.Thread(target=run_devices, args=(reactor,))
     thread.start()
     try:
         lab = Lab(folder, reactor)

@@ -36,6 +36,7 @@ from cfid.rig.sim_file import devices_in, published
 from cfid.sim.service import Addresses, SimulatedRig
 from cfid.wire.rls import STEPS_PER_TURN, decode_words
 from tests.places import ROOT
+from tests.priority import run_devices
 
 DEVICES = ("encoder", "loadcell")
 PATIENCE_S = 30.0
@@ -71,7 +72,7 @@ def served_rig(folder: Path, *, seed: int = 1) -> Iterator[ServedRig]:
     (folder / RIG_FILE).write_text(new_rig_text())
     rig = load_rig(folder / RIG_FILE)
     loop = Loop()
-    thread = threading.Thread(target=loop.run, kwargs={"installSignalHandlers": False})
+    thread = threading.Thread(target=run_devices, args=(loop,))
     thread.start()
     try:
         simulated = _in_loop(
