@@ -23,6 +23,8 @@ _HARMLESS = {"SIGCHLD", "SIGCLD", "SIGCONT", "SIGURG", "SIGWINCH", "SIGINFO"}
 _LEFT_ALONE = {int(getattr(signal, n)) for n in _UNCATCHABLE | _FAULTS | _HARMLESS if hasattr(signal, n)}
 ENDING_SIGNALS = tuple(sorted(set(map(int, signal.valid_signals())) - _LEFT_ALONE))
 
+_FEWEST_PROCESSORS = 2  # of a loop that goes before others
+
 # A background job that touches its terminal gets these each time it tries again, until it ignores them.
 _REPEATED = {int(getattr(signal, name)) for name in ("SIGTTIN", "SIGTTOU") if hasattr(signal, name)}
 
@@ -179,19 +181,27 @@ def _signals_to(loop: Loop, ending: Ending) -> Iterator[None]:
 def _ahead_of_others() -> Iterator[None]:
     """Run before programs that compute, where the system grants it: a poll that waits for the processor is skipped.
 
-    The loop's threads do too, since they hold what it waits for. It waits most of the time, and the kernel leaves
-    others a twentieth of the processor in any case.
+    The loop's threads do too, since they hold what it waits for. On a single processor a loop that hung would leave
+    `cfid motors stop` a twentieth of it, and runs among the others.
     """
-    try:
-        usual, setting = os.sched_getscheduler(0), os.sched_getparam(0)
-        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(os.sched_get_priority_min(os.SCHED_RR)))
-    except (AttributeError, OSError):  # not on this system, or not for this user
-        yield
-        return
+    usual = _went_ahead()
     try:
         yield
     finally:
-        os.sched_setscheduler(0, usual, setting)
+        if usual is not None:
+            os.sched_setscheduler(0, *usual)
+
+
+def _went_ahead() -> "tuple[int, os.sched_param] | None":
+    """Go before programs that compute and return how it was scheduled, None where that is not granted."""
+    try:
+        usual = os.sched_getscheduler(0), os.sched_getparam(0)
+        if len(os.sched_getaffinity(0)) < _FEWEST_PROCESSORS:
+            return None
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(os.sched_get_priority_min(os.SCHED_RR)))
+    except (AttributeError, OSError):  # not on this system, or not for this user
+        return None
+    return usual
 
 
 def signal_name(number: int) -> str:
