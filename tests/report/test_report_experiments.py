@@ -13,7 +13,7 @@ from cfid.drawing.save import save_figure
 from cfid.records.campaign import Campaign
 from cfid.records.parameters import Source, store_section
 from cfid.records.run import DeviceRecord, Label, amend_run
-from cfid.records.run_writer import create_run
+from cfid.records.run_writer import RunWriter, create_run
 from cfid.report.formats.html import LARGEST_SVG_BYTES, as_html
 from tests.report.fits_by_hand import APPENDIX_A, NOON, new_campaign, number, put, report_of
 
@@ -142,15 +142,21 @@ def test_runs_and_fits_that_cannot_be_read_are_named(campaign: Campaign) -> None
     assert "What could not be read" in page_of(campaign)
 
 
-def test_a_fit_of_a_recording_that_changed_or_was_excluded_since_is_no_longer_current(campaign: Campaign) -> None:
-    writer = create_run(
+def begun(campaign: Campaign, kind: str, device: str, file: str, *columns: str, **requested: Any) -> RunWriter:
+    """Begin a run of one device."""
+    return create_run(
         campaign.runs_folder,
-        kind="thrust",
+        kind=kind,
         label=Label(),
-        devices={"loadcell": DeviceRecord(file="data.csv", columns=("t", "fz"))},
+        devices={device: DeviceRecord(file=file, columns=columns)},
         started=NOON,
         cfid_version="0",
+        requested=requested,
     )
+
+
+def test_a_fit_of_a_recording_that_changed_or_was_excluded_since_is_no_longer_current(campaign: Campaign) -> None:
+    writer = begun(campaign, "thrust", "loadcell", "data.csv", "t", "fz")
     run = writer.close("complete")
     file = run.device_file("loadcell")
     fitted = Source(f"runs/{run.folder.name}/data.csv", sha256(file.read_bytes()).hexdigest())
@@ -169,14 +175,7 @@ def test_a_fit_of_a_recording_that_changed_or_was_excluded_since_is_no_longer_cu
 
 
 def test_a_run_that_is_being_recorded_is_counted_as_that_and_one_that_was_cut_as_not_usable(campaign: Campaign) -> None:
-    writer = create_run(
-        campaign.runs_folder,
-        kind="ping",
-        label=Label(),
-        devices={"pings": DeviceRecord(file="pings.csv", columns=("t", "rtt"))},
-        started=NOON,
-        cfid_version="0",
-    )
+    writer = begun(campaign, "ping", "pings", "pings.csv", "t", "rtt")
     writer.append("pings", ([1.7e9], [0.01]))
     assert report_of(campaign).about.recorded_in == "1 run, 1 of them being recorded"
     assert [run.state for run in report_of(campaign).runs] == ["recording"]
@@ -189,15 +188,7 @@ def test_a_run_that_is_being_recorded_is_counted_as_that_and_one_that_was_cut_as
 
 def test_a_run_that_a_usable_one_completes_is_not_counted_as_not_usable(campaign: Campaign) -> None:
     def written(state: Any, **requested: Any) -> str:
-        writer = create_run(
-            campaign.runs_folder,
-            kind="thrust",
-            label=Label(),
-            devices={"commands": DeviceRecord(file="commands.csv", columns=("t", "m1"))},
-            started=NOON,
-            cfid_version="0",
-            requested=requested,
-        )
+        writer = begun(campaign, "thrust", "commands", "commands.csv", "t", "m1", **requested)
         writer.append("commands", ([1.7e9], [0]))
         return writer.close(state).folder.name
 
