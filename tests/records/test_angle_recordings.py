@@ -121,7 +121,7 @@ def test_rows_that_are_newest_first_are_named_as_that_whether_a_rate_is_given_or
     assert message.endswith("Sort them by that column, smallest first.")
 
 
-@pytest.mark.parametrize("wrong", [-5.0, 1e6, 0.0])
+@pytest.mark.parametrize("wrong", [-5.0, 1e6, 0.0, -1.7e308])
 def test_rows_with_single_wrong_times_are_left_out_and_counted(tmp_path: Path, wrong: float) -> None:
     times = TIME_S.copy()
     times[[700, 1500]] = wrong
@@ -336,7 +336,15 @@ def test_time_that_goes_back_is_refused_with_its_line(tmp_path: Path, preface: l
     text = end.join(lines) + end
     message = refusal(tmp_path, text, skip_lines=(len(preface) - 1) * len(end.strip("\r")) if "rig 7" in preface else 0)
     line = 1 + (len(preface) + 700) * end.count("\n")
-    assert f"swing.csv:{line}: time goes back from 0.699000 to 0.200000 s" in message
+    assert f"swing.csv:{line}: time goes back from 0.699 to 0.2 s" in message
+
+
+def test_damaged_times_of_any_size_are_refused_in_a_short_sentence(tmp_path: Path) -> None:
+    times = TIME_S.copy()
+    times[[700, 702]] = -1.7e308
+    times[[701, 703]] = 1.7e308
+    message = refusal(tmp_path, text_of(times, words(ANGLE_RAD), time_format=".6g"))
+    assert "swing.csv:702: time goes back from 0.699 to -1.7e+308 s" in message
 
 
 def test_time_that_stands_still_is_refused(tmp_path: Path) -> None:

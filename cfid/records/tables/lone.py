@@ -16,7 +16,10 @@ _SPIKE, _FARTHEST, _SPIKE_TIMES, _USUAL = 0.2, (0.5, 99.5), 10.0, 0.95
 _RANGE_OF = 1_000_000  # samples that show the range
 _ALMOST_ALL, _FAR_TIMES = (1.0, 99.0), 10.0  # of a signal in per cent, and times as far as these are apart
 
+_steps_may_overflow = np.errstate(over="ignore", invalid="ignore")  # a damaged number is as large as one can be
 
+
+@_steps_may_overflow
 def usual_bend(value: Array, share: float, *, period: float | None = None) -> float:
     """Return the second difference that a share of a series (n,) does not exceed, by parts of a long one.
 
@@ -28,6 +31,7 @@ def usual_bend(value: Array, share: float, *, period: float | None = None) -> fl
     return float(np.quantile(np.concatenate([np.zeros(1), *bends]), share))
 
 
+@_steps_may_overflow
 def lone_readings(value: Array, limit: float, *, period: float | None = None) -> Rows:
     """Return the places of up to three readings in a row that are all farther than a limit off the others' course.
 
@@ -50,6 +54,7 @@ def lone_readings(value: Array, limit: float, *, period: float | None = None) ->
     return np.unique(np.concatenate(found))
 
 
+@_steps_may_overflow
 def displaced_readings(value: Array, limit: float, *, period: float | None = None) -> Rows:
     """Return the places of readings between a jump by more than a limit and the next one, which takes it back.
 

@@ -205,7 +205,7 @@ def times_of(
         times = sum(int(np.count_nonzero(step < 0)) for _, step in differences(raw))
         often, advice = ("", TWO_IN_ONE) if times <= _MOST_CUTS else (f" {times} times, first", _WRONG_IN_MANY)
         raise DataError(
-            f"{table.path}:{table.line_of_row(row)}: time goes back{often} from {raw[row - 1]:.6f} to {raw[row]:.6f} "
+            f"{table.path}:{table.line_of_row(row)}: time goes back{often} from {raw[row - 1]:.16g} to {raw[row]:.16g} "
             f"{stated or 's'}. {advice}"
         )
     interval = usual_step(raw)
