@@ -151,6 +151,12 @@ def test_a_blackbox_log_with_a_damaged_header_is_named_with_what_to_do(tmp_path:
         read_log(written(tmp_path, damaged))
 
 
+def test_a_field_of_a_blackbox_log_whose_damaged_name_is_a_number_is_read_by_that_name(tmp_path: Path) -> None:
+    pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
+    log = read_log(written(tmp_path, blackbox().replace(b"gyroADC[1]", b"17")))
+    assert "17" in log.series[0].names
+
+
 def test_zeros_after_a_blackbox_log_are_passed_over(tmp_path: Path) -> None:
     pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
     path = written(tmp_path, blackbox())

@@ -175,8 +175,8 @@ def _numbers(value: Any) -> Iterable[float]:
     if isinstance(value, list):
         for each in value:
             yield from _numbers(each)
-    elif isinstance(value, float | int) and math.isfinite(value):
-        yield float(value)
+    elif isinstance(value, int) or (isinstance(value, float) and math.isfinite(value)):
+        yield value  # a whole number may be too large for a float
 
 
 def _all_fits(path: Path) -> Any:

@@ -131,7 +131,7 @@ def _frames(parser: Any) -> tuple[Array, str, int]:
 
 
 def _series(name: str, parser: Any, frames: Array) -> Series:
-    names, headers = list(parser.field_names), parser.headers
+    names, headers = [str(name) for name in parser.field_names], parser.headers
     place = names.index(_TIME)
     channels = [_channel(each, headers) for each in names if each != _TIME]
     values = [frames[:, at] for at in range(len(names)) if at != place]
@@ -186,7 +186,7 @@ def _by_parts(values: Array, convert: Callable[[Array], Array]) -> Array:
 def _impossible(parser: Any, frames: Array) -> int:
     """Return how many outputs of motors are beyond full throttle, which damaged bytes alone show."""
     low, high = _range(parser.headers.get("motorOutput"))
-    own = [at for at, name in enumerate(parser.field_names) if _MOTOR.fullmatch(name)]
+    own = [at for at, name in enumerate(parser.field_names) if _MOTOR.fullmatch(str(name))]
     if low >= high:
         return 0
     most = low + _MOST * (high - low)
