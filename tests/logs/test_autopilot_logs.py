@@ -321,6 +321,22 @@ def test_damaged_bytes_of_a_ulog_file_cost_the_messages_that_they_are_in(
     assert "in 1 place left out" in " ".join(log.notes)
 
 
+@pytest.mark.parametrize("whole_log", [True, False])
+def test_data_among_the_definitions_of_a_ulog_file_are_left_out(tmp_path: Path, whole_log: bool) -> None:
+    pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
+    content = ulog()
+    begin = content.index(message("B", bytes(40))[:3]) + 43
+    torn = content[:begin] + message("S", b"\1" * 20_000) + (content[begin:] if whole_log else b"")
+    if not whole_log:
+        with pytest.raises(DataError, match="a ULog file without data"):
+            read_log(written(tmp_path, torn))
+        return
+    log = read_log(written(tmp_path, torn))
+    (rates,) = (series for series in log.series if series.name == "vehicle_angular_velocity")
+    assert rates.rows == COUNT
+    assert "20003 bytes in 1 place left out" in " ".join(log.notes)
+
+
 def test_what_was_appended_to_a_ulog_file_after_a_cut_message_is_read(tmp_path: Path) -> None:
     pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
     content = ulog()

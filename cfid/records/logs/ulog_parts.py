@@ -22,6 +22,7 @@ _MESSAGE = struct.Struct("<HB")  # how many bytes follow, and the type
 _MESSAGES = np.isin(np.arange(256), list(b"BFIMPQARDLCSO"))
 _FORMAT, _SUBSCRIPTION = b"FA"
 _BEGIN_DATA = frozenset(b"ALC")  # types of which the first ends the definitions
+_DATA = frozenset(b"DORS")  # types that none of these can precede; among definitions pyulog may read them for ever
 _BEGIN_BYTES = 16
 _FLAGS_AT = _BEGIN_BYTES + 2  # the type of the first message
 _APPENDED_AT = _BEGIN_BYTES + _MESSAGE.size + 8  # of these flags, the one that data were appended, as after a crash
@@ -57,6 +58,9 @@ class UlogParts:
         size, whole = 0, memoryview(self._data)
         begin = place = _BEGIN_BYTES
         for first, end, kind in self._messages():
+            if not definitions and kind in _DATA:
+                self.damages.append((first, end))
+                continue
             if first != place:  # after damage, or what was appended
                 pieces.append(whole[begin:place])
                 begin = first
