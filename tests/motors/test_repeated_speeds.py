@@ -116,8 +116,8 @@ def test_speeds_that_each_row_reads_are_not_said_to_be_repeated(tmp_path: Path) 
 
 
 def sagging(commands: Array) -> tuple[Array, Array]:
-    """Return speeds (4, n) and volts (n,) of a battery that gives way, under commands (4, n), in steps of 0.5 ms."""
-    speeds, volts, now = np.empty(commands.shape), np.empty(commands.shape[1]), np.full(4, 1000.0)
+    """Return speeds (k, n) and volts (n,) of a battery that gives way, under commands (k, n), in steps of 0.5 ms."""
+    speeds, volts, now = np.empty(commands.shape), np.empty(commands.shape[1]), np.full(len(commands), 1000.0)
     for row, command in enumerate(commands.T / 65535):
         for step in range(4):
             battery_v = 4.1 - 0.3 * np.mean((now / 2200) ** 2)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from cfid.estimate.held_readings import Readings
 from cfid.motors.lag.model import LogSegment, Signal
 from cfid.motors.lag.search import SETTLING_S
+from cfid.motors.lag.voltage import volts_at
 from cfid.units import FULL_COMMAND, MOTORS
 
 Array = npt.NDArray[np.float64]
@@ -76,7 +77,11 @@ class LogPart:
         ends = ~runs[:-1] | ~runs[1:] | (np.diff(time_s) > BREAK_S)
         edges = np.concatenate([[0], np.flatnonzero(ends) + 1, [len(time_s)]])
         drives = held / FULL_COMMAND * self.at_v
-        volts = None if self.volts is None else Signal(time_s, np.interp(time_s, *self.volts) / self.at_v)
+        volts = (
+            None
+            if self.volts is None
+            else Signal(time_s, volts_at(self.volts, self.speeds.values(), time_s) / self.at_v)
+        )
         for first, last in zip(edges[:-1], edges[1:] - 1, strict=True):
             if last < first or time_s[last] - time_s[first] <= 2 * SETTLING_S:
                 continue
