@@ -15,6 +15,7 @@ _EVEN = 1.5  # times the usual step: beyond, samples are missing
 _BESIDE = 7  # samples on each side that show the speed
 _LONGEST_S = 0.5  # that a speed is known to last
 _APART_S = 5.0  # between two recordings in one
+_SAME = 1e-6  # of a count: what rounding changes
 _BEGIN_S = 0.05  # by which a fall may begin earlier than it is fast
 
 
@@ -23,7 +24,7 @@ def counted_turns(time_s: Array, angle_rad: Array) -> tuple[Array, Sequence[int]
 
     A reading within a turn does not show how many turns passed while none was taken. The speeds on both sides do, where
     they agree within half a turn; other gaps are returned by the place before them. Raises DataError for one that no
-    recording of a fall has.
+    recording of a fall has. An encoder that writes a row at each of its counts shows that nothing turned between two.
     """
     step_s, step = np.diff(time_s), np.diff(angle_rad)
     if step_s.max() > _APART_S:
@@ -32,6 +33,8 @@ def counted_turns(time_s: Array, angle_rad: Array) -> tuple[Array, Sequence[int]
             f"nothing was recorded for {step_s.max():.3g} s after the first {begin_s:.3g} s. Was the clock set? Fit a "
             "file of one part."
         )
+    if _has_every_count(np.abs(step)):
+        return angle_rad, []
     even = step_s < _EVEN * np.median(step_s)
     speed = np.where(even, step / step_s, np.nan)
     turns, unclear = np.zeros(len(step)), []
@@ -62,6 +65,12 @@ def check_turns(time_s: Array, angle_rad: Array, unclear: Sequence[int], from_s:
             f"the angle jumps by more than a quarter of a turn at {time_s[jumps[0] + 1]:.2f} s, within the fall: its "
             "turns cannot be counted. See to the encoder's cable."
         )
+
+
+def _has_every_count(steps: Array) -> bool:
+    """Return whether steps (n,) of an angle are each one count of its encoder, or none where it turned back."""
+    count = float(np.median(steps))
+    return count > 0 and bool(np.all(np.isclose(steps, count) | np.isclose(steps, 0.0, atol=_SAME * count)))
 
 
 def _usual(speed: Array) -> float:

@@ -359,6 +359,15 @@ def test_a_gap_at_the_release_is_refused_and_one_before_it_is_not() -> None:
     assert measured(*wrapped_without(time_s, angle, [(-1.0, -0.5)]), 40.0).settled
 
 
+def test_a_rest_before_the_release_is_no_gap_of_an_encoder_with_a_row_at_each_count() -> None:
+    settling_s, speed, time_s = 0.25, 27.7, np.arange(0, 6, 1e-4)
+    angle = speed * (time_s + settling_s * np.expm1(-time_s / settling_s))
+    counts = 2 * np.pi / 100 * np.arange(1, 2400)
+    found = measured(np.append(0.0, 1 + np.interp(counts, angle, time_s)), np.append(0.0, counts), 20.0)
+
+    assert found.terminal_rad_per_s == pytest.approx(speed, rel=1e-3)
+
+
 def test_a_clock_that_was_set_within_a_fall_is_named_at_once() -> None:
     time_s, angle = fallen(40.0)
     with pytest.raises(DataError, match=r"nothing was recorded for 600 s after the first 1 s. Was the clock set"):
