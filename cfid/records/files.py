@@ -8,6 +8,7 @@ import secrets
 import stat
 import tomllib
 from collections.abc import Iterator, Mapping
+from io import FileIO
 from pathlib import Path
 from typing import Any
 
@@ -156,6 +157,34 @@ def locked_folder(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(handle)
+
+
+def held(path: Path) -> FileIO:
+    """Make a file and lock it until it is closed, which the kernel does when this process ends, in whatever way.
+
+    Systems without such a lock leave it unlocked. Raises OSError.
+    """
+    file = FileIO(path, "xb")
+    with contextlib.suppress(ImportError, OSError):
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    return file
+
+
+def is_held(path: Path) -> bool:
+    """Return whether a process holds a file; False too where that cannot be known, as over some network drives."""
+    try:
+        import fcntl
+
+        check_regular(path)
+        with FileIO(path) as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except (ImportError, OSError):
+        return False
+    return False
 
 
 def read_toml(path: Path, error: type[CfidError]) -> dict[str, Any]:

@@ -14,16 +14,17 @@ from pydantic import AliasChoices, AwareDatetime, BaseModel, ConfigDict, Field, 
 
 from cfid.errors import ConfigError, DataError
 from cfid.records.facts import NONE_STATED, RigFacts
-from cfid.records.files import check_format, first_fault, locked_folder, read_toml, write_toml
+from cfid.records.files import check_format, first_fault, is_held, locked_folder, read_toml, write_toml
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 RUN_FILE = "run.toml"
+RECORDER_FILE = ".recording"  # held by the process that records the run
 FORMAT = 1
 
 _NOTABLE_SKIPS = 0.01  # of the samples requested
-_QUIET_S = 2.0  # a run whose files changed within this time is being recorded
+_QUIET_S = 2.0  # files that changed within this time grow
 State = Literal["recording", "complete", "interrupted", "failed"]
 
 
@@ -141,14 +142,12 @@ class Run:
 
     @property
     def grows(self) -> bool:
-        """Whether it is being recorded: nothing closed it, and a file of it changed just now."""
-        files = [self.folder / record.file for record in self.header.devices.values()]
-        newest_s = max((file.stat().st_mtime for file in files if file.exists()), default=0.0)
-        return self.cut and time.time() - newest_s < _QUIET_S
+        """Whether it is being recorded: nothing closed it, and a process writes it."""
+        return self.cut and is_written(self.folder)
 
     @property
     def outcome(self) -> str:
-        """The state in a word; `cut` where nothing closed it and it does not grow, `not usable` of a complete run."""
+        """The state in a word; `cut` where nothing closed it or writes it, `not usable` of a complete run."""
         state, verdict = self.header.state, self.header.verdict
         unusable = state == "complete" and verdict is not None and not verdict.usable
         if self.cut:
@@ -266,6 +265,15 @@ def list_runs(runs_folder: Path) -> list[Run | DataError]:
         except DataError as error:
             found.append(error)
     return found
+
+
+def is_written(folder: Path) -> bool:
+    """Return whether a process records into a run's folder: it holds it, with rows or without.
+
+    The lock may not reach another computer, and version 0.1 took none: there the times of the files tell.
+    """
+    newest_s = max((file.stat().st_mtime for file in folder.glob("*.csv")), default=0.0)
+    return is_held(folder / RECORDER_FILE) or time.time() - newest_s < _QUIET_S
 
 
 def folders_without_run(runs_folder: Path) -> list[Path]:

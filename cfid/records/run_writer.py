@@ -14,9 +14,10 @@ from typing import Any, Self
 
 from cfid.errors import ConfigError, DataError
 from cfid.records.facts import NONE_STATED, RigFacts
-from cfid.records.files import locked_folder
+from cfid.records.files import held, locked_folder
 from cfid.records.row_file import RowFile
 from cfid.records.run import (
+    RECORDER_FILE,
     RUN_FILE,
     DeviceRecord,
     Label,
@@ -45,6 +46,7 @@ class RunWriter:
     _made: os.stat_result
     _files: dict[str, RowFile] = field(default_factory=dict)
     _facts: dict[str, dict[str, Any]] = field(default_factory=dict)
+    _held: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)  # until run.toml states the end
     _fault: str = ""
 
     def append(self, device: str, columns: Sequence[Sequence[float] | Any]) -> None:
@@ -104,6 +106,10 @@ class RunWriter:
             raise DataError(
                 f"{path}: cannot be written: {error.strerror}. The run counts as cut; its rows are kept."
             ) from None
+        finally:
+            self._held.close()
+        with contextlib.suppress(OSError):  # it is harmless
+            (self.folder / RECORDER_FILE).unlink()
         self.header = final
         return Run(folder=self.folder, header=self.header)
 
@@ -176,6 +182,7 @@ def create_run(
     except OSError as error:
         raise ConfigError(f"{folder}: cannot be read: {error.strerror}.") from None
     try:
+        writer._held.enter_context(held(folder / RECORDER_FILE))  # before run.toml, by which others find the run
         write_header(folder, header)
         # Reserved, so that run.toml can state the reason at the end even where the disk is full.
         (folder / _RESERVE_FILE).write_bytes(bytes(_RESERVE_BYTES))
@@ -184,6 +191,7 @@ def create_run(
     except OSError as error:
         for file in writer._files.values():
             file.close()
+        writer._held.close()
         shutil.rmtree(folder, ignore_errors=True)  # nothing was recorded, and an empty run stays in every list
         raise ConfigError(f"{folder}: cannot be written: {error.strerror}.") from None
     return writer

@@ -39,7 +39,8 @@ def _of_run(run: LiveRun) -> Iterator[tuple[str, str, bool]]:
     if header.label.note:
         yield "note", header.label.note, False
     quiet = run.recording and not run.behind and run.quiet_s > _QUIET_S
-    state = f"recording, but no row for {run.quiet_s:.0f} s" if quiet else header.state
+    recording = "recording, but" if run.recording_now else "cut,"
+    state = f"{recording} no row for {run.quiet_s:.0f} s" if quiet else header.state
     yield "state", ": ".join(filter(None, [state, header.reason])), quiet or header.state == "failed"
     if header.verdict is not None and header.state != "failed":  # of a failed run it is the reason
         usable = header.verdict.usable

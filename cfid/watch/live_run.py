@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from cfid.errors import DataError
 from cfid.motors.plan import StaircasePlan
-from cfid.records.run import RUN_FILE, DeviceRecord, Run, RunHeader, read_run
+from cfid.records.run import RUN_FILE, DeviceRecord, Run, RunHeader, is_written, read_run
 from cfid.records.tables.vehicle import SUPERVISOR, VEHICLE_LOG
 from cfid.records.tables.wrench import LOADCELL
 from cfid.rig.crazyflie_log import BATTERY
@@ -24,7 +24,6 @@ from cfid.wire.supervisor import VehicleState
 Array = npt.NDArray[np.float64]
 
 _RATE_S = 2.0  # over which a rate is averaged
-_QUIET_S = 5.0  # without a row, after which another run may be the one that is recorded
 _SEQUENCE, _VEHICLE_MS = "rdt_sequence", "vehicle_ms"
 _WRAPS = {_SEQUENCE: 2**32, _VEHICLE_MS: 2**24}  # columns in which the source numbers or dates its rows
 _FEWEST_STEPS = 8  # of the vehicle's time, whose median is the period of its log
@@ -144,8 +143,8 @@ class LiveRun:
 
     @property
     def recording_now(self) -> bool:
-        """Whether it is being recorded, and rows arrive."""
-        return self.recording and self.quiet_s < _QUIET_S
+        """Whether a process records it, with rows or without."""
+        return self.recording and is_written(self.folder)
 
     @property
     def left_s(self) -> float | None:
@@ -222,12 +221,9 @@ def newest_run(runs_folder: Path) -> Path | None:
 
 
 def _grows(folder: Path) -> bool:
-    """Return whether a file of a run was written just now, and the run is not closed."""
-    grown_s = max((path.stat().st_mtime for path in folder.glob("*.csv")), default=0.0)
-    if time.time() - grown_s > _RATE_S:
-        return False
+    """Return whether a run is being recorded; one that no process writes is not read for that."""
     try:
-        return read_run(folder).cut
+        return is_written(folder) and read_run(folder).cut
     except DataError:
         return False
 

@@ -284,10 +284,9 @@ def test_a_run_that_is_being_recorded_is_not_touched(cfid: Cfid, campaign: Campa
         cfid_version="0",
     )
 
-    def states() -> tuple[str, str]:
-        (row,) = json.loads(cfid("runs", "--json", "--only", writer.folder.name).stdout)["runs"]
-        table = cfid("runs", "--only", writer.folder.name).stdout
-        (line,) = (line for line in table.splitlines() if writer.folder.name in line)
+    def states(run: str) -> tuple[str, str]:
+        (row,) = json.loads(cfid("runs", "--json", "--only", run).stdout)["runs"]
+        (line,) = (line for line in cfid("runs", "--only", run).stdout.splitlines() if run in line)
         return row["state"], line.split()[1]
 
     ended = cfid("runs", "exclude", writer.folder.name)
@@ -295,9 +294,11 @@ def test_a_run_that_is_being_recorded_is_not_touched(cfid: Cfid, campaign: Campa
     assert ended.returncode == 2
     assert "is still being recorded" in ended.stderr
     writer.append("encoder", ([1.7e9], [0]))
-    assert states() == ("recording", "recording")
-    os.utime(writer.folder / "encoder.csv", (0, 0))
-    assert states() == ("cut", "cut")
+    os.utime(writer.folder / "encoder.csv", (0, 0))  # it waits for an encoder, or for a reading to be typed
+    assert states(writer.folder.name) == ("recording", "recording")
+    assert cfid("runs", "exclude", writer.folder.name).returncode == 2
+    shutil.copytree(writer.folder, campaign.runs_folder / "9999-01-01_000000_drop")
+    assert states("9999-01-01_000000_drop") == ("cut", "cut")
     assert cfid("runs", "exclude", "last").returncode == 0  # a run that was cut
     writer.close("failed")
 

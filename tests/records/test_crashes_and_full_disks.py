@@ -1,5 +1,6 @@
 """A killed process, a full disk, a forbidden file: what was recorded stays readable, what happened is said."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -57,9 +58,11 @@ without_small_disks = (
 )
 
 
-def start(body: str, place: Path, *, wrapper: tuple[str, ...] = ()) -> "subprocess.Popen[str]":
+def start(
+    body: str, place: Path, *, wrapper: tuple[str, ...] = (), stdin: int | None = None
+) -> "subprocess.Popen[str]":
     command = [*wrapper, sys.executable, "-c", PREFACE + body, str(place)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return subprocess.Popen(command, stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 def output(body: str, place: Path) -> str:
@@ -102,6 +105,32 @@ def test_a_run_killed_while_recording_is_cut_and_every_whole_row_is_read(tmp_pat
     notes = read_angle(folder, Reading()).notes
     assert "the run was cut, or is still being recorded" in notes[0]
     assert any("the last line was cut" in note for note in notes) == (not content.endswith(b"\n"))
+
+
+def test_a_run_counts_as_recorded_while_its_process_lives_however_old_its_rows_are(tmp_path: Path) -> None:
+    def outcome_of(folder: Path) -> str:
+        os.utime(folder / "encoder.csv", (0, 0))
+        return read_run(folder).outcome
+
+    process = start("w = new(); print(w.folder, flush=True); sys.stdin.read()", tmp_path, stdin=subprocess.PIPE)
+    assert process.stdout is not None
+    folder = Path(process.stdout.readline().strip())
+    copied = Path(shutil.copytree(folder, tmp_path / "copied"))
+    try:
+        assert (outcome_of(folder), outcome_of(copied)) == ("recording", "cut")
+    finally:
+        process.kill()
+        process.communicate()
+
+    assert outcome_of(folder) == "cut"
+
+
+def test_a_run_that_no_process_of_this_computer_holds_counts_as_recorded_while_its_files_grow(tmp_path: Path) -> None:
+    folder = Path(output("print(new().folder, flush=True); import os; os._exit(0)", tmp_path).strip())
+
+    assert read_run(folder).outcome == "recording"  # by another computer, for all that this one knows
+    os.utime(folder / "encoder.csv", (0, 0))
+    assert read_run(folder).outcome == "cut"
 
 
 @linux

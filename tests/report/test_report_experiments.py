@@ -1,6 +1,7 @@
 """Each experiment tells what its fit kept: figures, windows, budget, warnings, origin."""
 
 import os
+import shutil
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -174,16 +175,21 @@ def test_a_fit_of_a_recording_that_changed_or_was_excluded_since_is_no_longer_cu
     assert "in 1 run, 1 of them not usable or excluded." in page_of(campaign)
 
 
-def test_a_run_that_is_being_recorded_is_counted_as_that_and_one_that_was_cut_as_not_usable(campaign: Campaign) -> None:
+def test_a_run_that_is_being_recorded_is_counted_as_that_and_one_that_was_cut_as_not_usable(
+    campaign: Campaign, tmp_path: Path
+) -> None:
     writer = begun(campaign, "ping", "pings", "pings.csv", "t", "rtt")
     writer.append("pings", ([1.7e9], [0.01]))
     assert report_of(campaign).about.recorded_in == "1 run, 1 of them being recorded"
     assert [run.state for run in report_of(campaign).runs] == ["recording"]
 
     os.utime(writer.folder / "pings.csv", (0, 0))
+    cut = shutil.copytree(writer.folder, tmp_path / "cut")
+    writer.close("complete")
+    shutil.rmtree(writer.folder)
+    shutil.copytree(cut, writer.folder)
     assert report_of(campaign).about.recorded_in == "1 run, 1 of them not usable or excluded"
     assert [run.state for run in report_of(campaign).runs] == ["cut"]
-    writer.close("complete")
 
 
 def test_a_run_that_a_usable_one_completes_is_not_counted_as_not_usable(campaign: Campaign) -> None:

@@ -1,6 +1,8 @@
 """What a run's folder shows while it grows: curves in their units, losses, rates, state, the time left."""
 
 import math
+import os
+import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
@@ -188,14 +190,29 @@ def test_a_device_of_no_known_kind_is_drawn_in_its_own_columns(recording: Record
     assert run.battery_v == 3.8
 
 
-def test_the_newest_run_is_the_one_that_grows_else_the_last(recording: Recording, tmp_path: Path) -> None:
+def test_the_newest_run_is_the_one_that_is_recorded_else_the_last(recording: Recording, tmp_path: Path) -> None:
     assert newest_run(tmp_path) is None
     first = recording("encoder", ("phi",))
     second = recording("encoder", ("phi",))
     second.close("complete")
+    os.utime(first.folder / "encoder.csv", (0, 0))  # it waits for its device
     assert newest_run(tmp_path) == first.folder
     first.close("complete")
     assert newest_run(tmp_path) == second.folder
+
+
+def test_a_recording_without_rows_is_told_from_one_that_was_cut(recording: Recording, tmp_path: Path) -> None:
+    writer = recording("encoder", ("phi",))
+    writer.append("encoder", ([time.time() - 60], [0]))
+    os.utime(writer.folder / "encoder.csv", (0, 0))
+
+    def shown(folder: Path) -> str:
+        run = LiveRun(folder)
+        run.read(1.0)
+        return facts_html(run, refused=0)
+
+    assert "recording, but no row for 60 s" in shown(writer.folder)
+    assert "cut, no row for 60 s" in shown(shutil.copytree(writer.folder, tmp_path / "copied"))
 
 
 @pytest.mark.parametrize(
