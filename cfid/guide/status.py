@@ -17,7 +17,7 @@ from cfid.records.run import Run
 from cfid.records.stale import Stale, is_blind, other_facts, stale_in
 from cfid.records.steps import recorded_steps
 from cfid.records.tables.angle import ENCODER
-from cfid.transfer.sines.plan import SineSweep, missing_sines
+from cfid.transfer.sines.plan import Sine, SineSweep, missing_sines
 from cfid.units import DEAD_COMMAND
 
 State = Literal["missing", "not fitted", "stale", "rejected", "accepted"]
@@ -227,12 +227,16 @@ def _completing(recording: Assignment, runs: Sequence[Run]) -> Assignment:
     same = [run for run in runs if not run.header.excluded and recording.is_of(run.header.kind, run.header.label)]
     if not same:
         return recording
+    words: Words = (*recording.words[:2], "--resume", same[-1].folder.name)
+    if same[-1].header.family == "sine" and (lacks := _lacks(same[-1], runs)):
+        if len(lacks) < len(_lacks(same[-1], runs, excluded=False)):  # which --resume alone would play again
+            words = (*words, "--periods", ",".join(str(one.periods) for one in lacks))
+        return replace(recording, words=words, questions=None)
     try:
-        if not (same[-1].header.family == "sine" and _lacks(same[-1], runs)):
-            missing(same[-1].folder, kind=same[-1].header.kind)
+        missing(same[-1].folder, kind=same[-1].header.kind)
     except (ConfigError, DataError):  # it is neither, or lacks nothing
         return recording
-    return replace(recording, words=(*recording.words[:2], "--resume", same[-1].folder.name), questions=None)
+    return replace(recording, words=words, questions=None)
 
 
 def _short_series(runs: Iterable[Run], every: Sequence[Run]) -> dict[str, str]:
@@ -241,7 +245,7 @@ def _short_series(runs: Iterable[Run], every: Sequence[Run]) -> dict[str, str]:
     for run in runs:
         if run.header.family == "sine" and (lacks := _lacks(run, every)):
             count = len(SineSweep.of_run(run).periods)
-            there = f"{count - lacks} of {counted(count, 'sine')}"
+            there = f"{count - len(lacks)} of {counted(count, 'sine')}"
             sentences[run.folder.name] = f"The series of {run.folder.name} is short: {there} are usable."
     return sentences
 
@@ -269,15 +273,15 @@ def _commands(run: Run) -> set[int]:
         return set()
 
 
-def _lacks(run: Run, every: Sequence[Run]) -> int:
-    """Return how many sines of a run's series have no usable run; 0 where its run.toml states no series.
+def _lacks(run: Run, every: Sequence[Run], *, excluded: bool = True) -> list[Sine]:
+    """Return the sines of a run's series that have no usable run; none where its run.toml states no series.
 
-    One that was excluded is there: it may be kept for verification.
+    One that was `excluded` is there: it may be kept for verification.
     """
     try:
-        return len(missing_sines(SineSweep.of_run(run), every, simulated=run.header.simulated, excluded=True))
+        return missing_sines(SineSweep.of_run(run), every, simulated=run.header.simulated, excluded=excluded)
     except DataError:
-        return 0
+        return []
 
 
 def _aimed(task: Task, key: str) -> bool:

@@ -460,6 +460,19 @@ def test_a_sine_of_no_use_is_played_again_and_one_that_was_excluded_when_that_is
     assert resumed().stdout.startswith("1 sine of ")
 
 
+def test_a_sine_that_was_excluded_is_not_played_with_one_of_no_use(cfid: Cfid, folder: Path) -> None:
+    names = [sine(folder, periods, minute=periods, planned=[2, 5, 8]) for periods in (2, 5, 8)]
+    first, second, _ = (read_run(folder / "runs" / name) for name in names)
+    amend_run(first, excluded="for verification")
+    amend_run(second, verdict=Verdict(usable=False, text="the load cell does not feel it."))
+
+    statuses = status_of(open_campaign(folder), kind="motors")
+    words = next_of([one for one in statuses if one.task.section == "tf"]).words
+
+    assert words == ("log", "sine", "--resume", names[2], "--periods", "5")
+    assert cfid(*words, "--dry-run", "--campaign", folder).stdout.startswith("1 sine of ")
+
+
 def test_a_sine_above_the_cutoff_that_no_cell_feels_is_not_played_for_ever(folder: Path) -> None:
     names = [sine(folder, periods, minute=at, planned=[5, 120]) for at, periods in enumerate((5, 120))]
     amend_run(read_run(folder / "runs" / names[1]), verdict=Verdict(usable=False, text="the cell does not feel it."))
