@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 _LARGEST_BYTES = 400_000_000  # of a run: 13 minutes of a load cell at 7 kHz, read in half a minute within 1.5 GB
 _FEW_LOST = 0.01  # of a device's samples
 _MANY_SKIPPED = 0.1  # of those that were due: fewer cost a fit nothing
-_AGAIN = "Record it again."
 
 Judge = Callable[["Run"], str]  # returns what a run is good for; a CfidError states why it is not
 
@@ -71,14 +70,24 @@ def verdict_line(run: "Run") -> str:
     """
     verdict = run.header.verdict
     if run.header.state == "failed":
-        return f"NOT USABLE: the fault below ended it. {_completing(run) or _AGAIN}"
+        return f"NOT USABLE: the fault below ended it. {_completing(run) or _again(run)}"
     if verdict is None and run.header.state == "interrupted":
         again = _completing(run) or f"Record it again, or name it to a fit: {run.folder.name}."
         return f"not judged, since it was ended early: fits leave it out. {again}"
     if verdict is None:
         return ""
     good = "usable, but with losses" if _losses(run) else "good"
-    return f"{good}: {verdict.text}" if verdict.usable else f"NOT USABLE: {verdict.text} {_AGAIN}"
+    return f"{good}: {verdict.text}" if verdict.usable else f"NOT USABLE: {verdict.text} {_again(run)}"
+
+
+def _again(run: "Run") -> str:
+    """Return what to do about a run of no use: of one that completes others, the fault may be theirs."""
+    from cfid.records.resumed import resumed_by
+
+    if not (before := resumed_by(run)):
+        return "Record it again."
+    rest = f"`cfid log {run.header.kind} --resume {before}` records the rest again"
+    return f"If {before} is right, {rest}; else record it all again, without --resume."
 
 
 def _completing(run: "Run") -> str:

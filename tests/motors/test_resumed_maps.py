@@ -95,6 +95,16 @@ def test_a_speed_that_the_fit_rejects_beside_those_before_is_of_no_use(tmp_path:
         of_readings(second)
 
 
+def test_a_slip_in_a_speed_typed_before_is_named_with_its_command_and_its_run(tmp_path: Path) -> None:
+    slipped = typed(tmp_path, "interrupted", {20000: 10000.0, 30000: 9000.0})
+    rest = typed(tmp_path, "complete", {at: at / 2 for at in COMMANDS[3:]}, resumes=slipped.folder.name)
+
+    with pytest.raises(FitError) as refused:
+        of_readings(rest)
+    assert f"together with {slipped.folder.name} (commands 20000 to 30000), which it completes: " in str(refused.value)
+    assert "(rms, limit 5 %), most at command 30000: the points" in str(refused.value)
+
+
 def test_a_part_without_a_reading_adds_nothing(tmp_path: Path) -> None:
     first = typed(tmp_path, "interrupted", {})
     second = typed(tmp_path, "complete", {30000: 15300.0}, resumes=first.folder.name)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cfid.console.verdicts import judged, verdict_line
 from cfid.errors import FitError
 from cfid.motors.maps.verdict import of_readings
 from cfid.motors.plan import missing
@@ -77,6 +78,18 @@ def test_a_slip_in_a_part_is_seen_beside_the_readings_of_the_other(campaign: Pat
 
     with pytest.raises(FitError, match="the reading 90 g at command 30000 is off the curve through the others"):
         of_readings(second)
+
+
+def test_a_slip_in_the_part_before_is_named_with_its_run_and_what_to_do_about_either(campaign: Path) -> None:
+    first = weighed(campaign, 1, "interrupted", {at: grams(at) for at in COMMANDS[:3]} | {20000: 90.0})
+    left = {"steps": COMMANDS[3:], "resumes": first.folder.name}
+    second = weighed(campaign, 2, "complete", {at: grams(at) for at in COMMANDS[3:]}, **left)
+    line = verdict_line(judged(second, of_readings))
+    name = first.folder.name
+
+    assert f"NOT USABLE: together with {name} (commands 0 to 20000), which it completes: the reading 90 g at" in line
+    assert f"If {name} is right, `cfid log scales --resume {name}` records the rest again; else record it all" in line
+    assert missing(first.folder, kind="scales").steps == COMMANDS[3:]  # which that command takes up
 
 
 @pytest.mark.parametrize("named", ["second", "both", "reversed"])

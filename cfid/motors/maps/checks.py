@@ -247,14 +247,16 @@ def scatter_findings(fit: PolynomialFit, command: Array, key: str) -> Iterable[F
         yield warning("map-outlier", text, key)
 
 
-def misfit_findings(fit: PolynomialFit, y: Array, quantities: Sequence[str]) -> Iterable[Finding]:
-    """Reject a polynomial that misses its points' values (n,)."""
+def misfit_findings(fit: PolynomialFit, y: Array, quantities: Sequence[str], *, command: Array) -> Iterable[Finding]:
+    """Reject a polynomial that misses its points' values (n,), at commands (n,), nan where nobody stated them."""
     misfit = fit.residual_norm / np.sqrt(len(y)) / float(np.max(np.abs(y)))
     if misfit > MISFIT_LIMIT:
+        furthest = command[np.argmax(np.abs(fit.residual))]
+        at = f", most at command {furthest:.0f}" if np.isfinite(furthest) else ""
         yield rejection(
             "map-misfit",
             f"the polynomial misses the points by {100 * misfit:.2g} % of the largest (rms, limit "
-            f"{100 * MISFIT_LIMIT:.0f} %): the points are not steady, or another order describes them.",
+            f"{100 * MISFIT_LIMIT:.0f} %){at}: the points are not steady, or another order describes them.",
             *quantities,
         )
 

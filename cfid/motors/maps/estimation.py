@@ -198,7 +198,7 @@ def fit_thrust_of_speed(points: MotorPoints, *, method: Method = "default", robu
         square_suffices=suffices,
         findings=(
             *(() if suffices else (warning("thrust-not-square-of-speed", text, OVER_SPEED[0]),)),
-            *misfit_findings(square, thrust, OVER_SPEED),
+            *misfit_findings(square, thrust, OVER_SPEED, command=found.command),
             *miscounted,
         ),
     )
@@ -262,7 +262,7 @@ def _map(
             *left,
             *scatter_findings(fit, used.command, own),
             *(() if std is None else half_findings(used.x, used.y, std, order=order, quantities=keys)),
-            *misfit_findings(fit, used.y, keys),
+            *misfit_findings(fit, used.y, keys, command=used.command),
             *falling_findings(fit, used.x, keys),
         ),
     )

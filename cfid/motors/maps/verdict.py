@@ -121,6 +121,12 @@ def _in_parts(before: Mapping[str, Evidence]) -> str:
     return f" It gives a map together with {', '.join(before)}, which it completes." if before else ""
 
 
+def _beside(before: Mapping[str, Array]) -> str:
+    """Return the beginning of a sentence on a run beside those before, with their commands (n,), "" for none."""
+    parts = [f"{name} (commands {own.min():.0f} to {own.max():.0f})" for name, own in before.items()]
+    return f"together with {', '.join(parts)}, which it completes: " if parts else ""
+
+
 def _check_plausible(command: Array, value: Array, expected: Expected) -> None:
     """Raise DataError that names an implausible reading (n,): of motors that stand, or the furthest from the others."""
     furthest = int(np.argmax(np.abs(value - np.median(value))))
@@ -148,7 +154,8 @@ def _about_speeds(run: Run, command: Array) -> str:
     if not result.accepted:
         counted_marks = holds(run, READINGS) or holds(run, TACHOMETER)
         unusual = any(one.code == "speed-unusual" for one in result.findings)
-        raise FitError(joined([*texts(result.findings, "rejection"), *[_MARKERS] * (counted_marks and unusual)]))
+        against = joined([*texts(result.findings, "rejection"), *[_MARKERS] * (counted_marks and unusual)])
+        raise FitError(_beside({name: part.points.command for name, part in before.items()}) + against)
     return _in_parts(before)
 
 
@@ -161,7 +168,10 @@ def _about_weights(run: Run) -> str:
     standing = weighing.command <= DEAD_COMMAND
     *before, _ = weighing.parts
     if standing.any() and not standing.all():
-        weighing.thrust_n(USUAL_GRAVITY_MPS2)
+        try:
+            weighing.thrust_n(USUAL_GRAVITY_MPS2)
+        except FitError as error:
+            raise FitError(f"{_beside({name: weighing.parts[name] for name in before})}{error}") from None
         return f" It verifies a map together with {', '.join(before)}, which it completes." if before else ""
     alone = f"Together with {', '.join(before)}, which it completes," if before else "Alone"
     return (

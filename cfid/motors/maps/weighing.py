@@ -1,8 +1,8 @@
 """What scales showed under a vehicle, in runs and tables, and a thrust map beside it (section 3.3.1, figure 3.9)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +28,7 @@ class Weighing:
     """Commands (n,), grams (n,) that scales showed, how many motors ran, and the facts of the rig.
 
     `rest_g` (n,) is the weight at rest that each is compared with, None where that is the mean of those at rest.
-    `parts` are the names of the runs that they are from.
+    `parts` are the commands of each run that they are from, by its name.
     """
 
     command: Array
@@ -36,7 +36,7 @@ class Weighing:
     motors: int
     facts: RigFacts
     rest_g: Array | None = None
-    parts: tuple[str, ...] = ()
+    parts: Mapping[str, Array] = field(default_factory=dict)
 
     def thrust_n(self, gravity_mps2: float) -> Array:
         """Return one motor's thrusts (n,). Raises as `scales_thrust_n`."""
@@ -75,7 +75,7 @@ def weighing_of(run: Run) -> Weighing:
         motors=len(run.header.requested.get("motors", ())) or 1,
         facts=run.header.rig,
         rest_g=_rest_g(list(shown.values())),
-        parts=tuple(shown),
+        parts={name: own for name, (own, _) in shown.items()},
     )
 
 
