@@ -14,6 +14,7 @@ from typing import TextIO
 import typer
 
 _NARROWEST = 20
+_OF_A_NARROW_ONE = 8  # parts, of which further lines are indented by one
 _PATIENCE_S = 10.0
 _HEAD = len("note: ")  # and of `cfid: `: the lines after the first begin below the text
 _SETTING = re.compile(r"`([a-z]\w*)`")
@@ -149,11 +150,13 @@ def fitted(text: str, *, indent: int = 0, err: bool = False) -> str:
         return text
     if not columns:
         return text
-    width = max(columns, indent + _NARROWEST)
+    if indent + _NARROWEST > columns:  # then words matter more than columns below each other
+        indent = columns // _OF_A_NARROW_ONE
+        text = re.sub(f"^ {{{indent},}}", " " * indent, text, flags=re.MULTILINE)
     wrapper = textwrap.TextWrapper(
-        width, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False
+        columns, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False
     )
-    return "\n".join(line if len(line) <= width else wrapper.fill(line) for line in text.split("\n"))
+    return "\n".join(line if len(line) <= columns else wrapper.fill(line) for line in text.split("\n"))
 
 
 def clock(seconds: float) -> str:

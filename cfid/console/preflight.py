@@ -160,7 +160,7 @@ def _at_rest(degrees: Array, rate_hz: float) -> list[DeviceAnswer]:
     if _swings(degrees):
         hint = "hold it still and check again: noise and drift are judged at rest"
         return [
-            DeviceAnswer("at rest", "warning", f"it swings by {moved:.2g} degrees", hint, f"{_STILL_DEG:g} degrees")
+            DeviceAnswer("at rest", "warning", f"it swings by {moved:.3g} degrees", hint, f"{_STILL_DEG:g} degrees")
         ]
     still = "let the pendulum hang still, and nothing touch it"
     return [

@@ -37,12 +37,15 @@ LONG = "the waveform differs from a pendulum's by 2.4 % of the release angle (li
 
 
 class Screen:
-    """A terminal that is 80 columns wide, which stdout writes to."""
+    """A terminal, usually 80 columns wide, which stdout writes to."""
 
     def __init__(self, columns: int = COLUMNS) -> None:
         self._master, slave = pty.openpty()
-        fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
         self.file = os.fdopen(slave, "w", encoding="utf-8")
+        self.resize(columns)
+
+    def resize(self, columns: int) -> None:
+        fcntl.ioctl(self.file, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
 
     def lines(self, *, of: Callable[[], object]) -> list[str]:
         """Return the lines that a function prints."""
@@ -82,6 +85,15 @@ def test_a_line_of_a_check_and_its_advice_fit_the_terminal(screen: Screen) -> No
 
     assert all(len(line) <= COLUMNS for line in lines)
     assert lines[0].startswith("loadcell  other lines     fault    0.12, 0.34, 1.2 mN")
+    assert " ".join(" ".join(lines).split()).endswith(LONG.strip())
+
+
+def test_a_line_of_a_check_and_its_advice_fit_half_a_terminal_too(screen: Screen) -> None:
+    screen.resize(40)
+    lines = screen.lines(of=lambda: reported(DeviceAnswer("other lines", "fault", "0.12, 0.34, 1.2 mN", LONG.strip())))
+
+    assert all(len(line) <= 40 for line in lines)
+    assert lines[0].startswith("loadcell  other lines     fault    0.12")
     assert " ".join(" ".join(lines).split()).endswith(LONG.strip())
 
 

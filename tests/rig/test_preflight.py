@@ -208,6 +208,13 @@ def angles_judged(time_s: Array, degrees: Array) -> dict[str, DeviceAnswer]:
     return {answer.asked: answer for answer in of_encoder(record, Sampled({"t": time_s, "phi": degrees}))}
 
 
+def test_a_pendulum_that_was_just_released_swings_by_a_plain_number_of_degrees() -> None:
+    time_s = np.arange(3000) / 1000
+    said = angles_judged(time_s, np.round(53 * np.sin(8 * time_s)))["at rest"].answer
+
+    assert said == "it swings by 106 degrees"
+
+
 def test_signals_too_short_to_judge_are_refused(lab: Lab) -> None:
     refused = lab.cfid("rig", "preflight", "swing", "--for", 0.1)
 
