@@ -55,14 +55,15 @@ def _of_run(run: LiveRun) -> Iterator[tuple[str, str, bool]]:
     if (volts := run.battery_v) is not None:
         yield "battery", f"{volts:.2f} V", volts < _LOW_V
     if (vehicle := run.vehicle_state) is not None:
-        when = "vehicle" if run.recording else "vehicle, last seen"
+        when = "vehicle" if run.recording_now else "vehicle, last seen"
         yield when, vehicle.name + (f": {vehicle.remedy}" if vehicle.remedy else ""), bool(vehicle.remedy)
 
 
 def _of_device(name: str, device: DeviceProgress, run: LiveRun) -> tuple[str, str, bool]:
     record = run.header.devices.get(name, device.record)
     requested = f" of {record.rate_hz:g}" if record.rate_hz else ""
-    rate = f"{device.rate_hz:.0f}{requested} Hz, " if device.rate_hz > _SLOWEST_HZ else ""
+    rate_hz = run.rate_hz(device)
+    rate = f"{rate_hz:.0f}{requested} Hz, " if rate_hz > _SLOWEST_HZ else ""
     lost = device.missing if run.recording else record.lost
     losses = "" if lost is None else f", {lost} lost"
     unreadable = f", {counted(device.tail.unreadable, 'byte')} unreadable" if device.tail.unreadable else ""

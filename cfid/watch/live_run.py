@@ -12,7 +12,7 @@ import numpy.typing as npt
 from cfid.errors import DataError
 from cfid.motors.plan import StaircasePlan
 from cfid.records.run import RUN_FILE, DeviceRecord, Run, RunHeader, is_written, read_run
-from cfid.records.tables.vehicle import SUPERVISOR, VEHICLE_LOG
+from cfid.records.tables.vehicle import READINGS, SUPERVISOR, VEHICLE_LOG
 from cfid.records.tables.wrench import LOADCELL
 from cfid.rig.crazyflie_log import BATTERY
 from cfid.transfer.sines.plan import SAMPLE_S
@@ -150,7 +150,7 @@ class LiveRun:
     def left_s(self) -> float | None:
         """How long the recording goes on, None where it has no planned end."""
         lasts_s = planned_s(Run(folder=self.folder, header=self.header))
-        return None if lasts_s is None or not self.recording else max(lasts_s - self.now_s, 0.0)
+        return None if lasts_s is None or not self.recording_now else max(lasts_s - self.now_s, 0.0)
 
     @property
     def vehicle_state(self) -> VehicleState | None:
@@ -171,6 +171,11 @@ class LiveRun:
         """The load cell, where the run has one with its usual columns."""
         device = self.devices.get(LOADCELL)
         return device if device is not None and device.signals else None
+
+    def rate_hz(self, device: DeviceProgress) -> float:
+        """Return a device's rows per second, 0 where it had none in the last seconds in which others had some."""
+        silent_s = self.now_s + (self.zero_s or 0.0) - device.latest_s
+        return 0.0 if silent_s > _RATE_S else device.rate_hz
 
     def read(self, within_s: float) -> bool:
         """Read what was added, for about so long at most; return whether anything was."""
@@ -202,8 +207,13 @@ class LiveRun:
 
 
 def planned_s(run: Run) -> float | None:
-    """Return how long a run was to last, as its request states it; None where that has no end, or is no known one."""
+    """Return how long a run was to last, as its request states it; None where that has no end, or is no known one.
+
+    Nobody knows how long typing takes.
+    """
     requested = run.header.requested
+    if READINGS in run.header.devices:
+        return None
     try:
         if "for_s" in requested:
             return float(requested["for_s"])

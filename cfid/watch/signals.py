@@ -28,6 +28,8 @@ _TITLES = {
     "pm": "battery",
     "motor": "motors, as the vehicle logs them",
     "rtt_s": "round trip",
+    "rpm": "speed",
+    "grams": "weight on the scales",
     "thrust_rec": "command, as the vehicle reports it",
 }
 _BESIDE = {READINGS: {"command", "withdrawn"}}  # columns of a device that say what a value is of

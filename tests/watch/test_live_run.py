@@ -174,7 +174,7 @@ def test_typed_readings_are_drawn_without_their_commands_and_reported_commands_a
     typed = LiveRun(recording("readings", ("command", "rpm", "withdrawn"), kind="speed").folder)
     reported = LiveRun(recording("crossings", ("thrust_rec", "sample", "vehicle_us"), kind="sine").folder)
 
-    assert [(one.names, one.unit) for one in typed.signals] == [(("rpm",), "rpm")]
+    assert [(one.title, one.names, one.unit) for one in typed.signals] == [("speed", ("rpm",), "rpm")]
     assert [(one.title, one.steps) for one in reported.signals] == [("command, as the vehicle reports it", True)]
 
 
@@ -202,7 +202,7 @@ def test_the_newest_run_is_the_one_that_is_recorded_else_the_last(recording: Rec
 
 
 def test_a_recording_without_rows_is_told_from_one_that_was_cut(recording: Recording, tmp_path: Path) -> None:
-    writer = recording("encoder", ("phi",))
+    writer = recording("encoder", ("phi",), asked={"for_s": 20})
     writer.append("encoder", ([time.time() - 60], [0]))
     os.utime(writer.folder / "encoder.csv", (0, 0))
 
@@ -211,8 +211,39 @@ def test_a_recording_without_rows_is_told_from_one_that_was_cut(recording: Recor
         run.read(1.0)
         return facts_html(run, refused=0)
 
-    assert "recording, but no row for 60 s" in shown(writer.folder)
-    assert "cut, no row for 60 s" in shown(shutil.copytree(writer.folder, tmp_path / "copied"))
+    alive, cut = shown(writer.folder), shown(shutil.copytree(writer.folder, tmp_path / "copied"))
+    assert "recording, but no row for 60 s" in alive
+    assert "0:20 min left" in alive
+    assert "cut, no row for 60 s" in cut
+    assert "left" not in cut
+
+
+def test_nobody_knows_how_long_typing_takes(recording: Recording) -> None:
+    asked = {"steps": [1, 2], "motors": [1], "hold_s": 3.0, "rest_s": 1.0}
+
+    assert LiveRun(recording("readings", ("command", "rpm", "withdrawn"), asked=asked).folder).left_s is None
+
+
+def test_a_device_without_new_rows_has_no_rate_any_more(tmp_path: Path) -> None:
+    """As commands, a row each change: two of them would be some 6 Hz for as long as the second one holds."""
+    columns = {"commands": ("t", "m1"), "crazyflie": ("t", "pm.vbat")}
+    begin_s = time.time()
+    with create_run(
+        tmp_path,
+        kind="speed",
+        label=Label(),
+        devices={name: DeviceRecord(file=f"{name}.csv", columns=own) for name, own in columns.items()},
+        started=datetime.now(UTC),
+        cfid_version="0",
+    ) as writer:
+        writer.append("commands", (begin_s + np.array([0.0, 0.15]), [0, 20000]))
+        writer.append("crazyflie", (begin_s + np.arange(1000) / 100, np.full(1000, 3.7)))
+        run = LiveRun(writer.folder)
+        run.read(1.0)
+        shown = facts_html(run, refused=0)
+
+    assert "100 Hz, 1000 rows" in shown
+    assert ">2 rows" in shown
 
 
 @pytest.mark.parametrize(
