@@ -86,6 +86,7 @@ def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> tuple[
         replace(
             one,
             lacking=tuple(_completing(left, every) for left in one.lacking),
+            reason=one.reason or _being_recorded(one, every),
             unlike=unlike.get(one.task.section, ""),
         )
         for one in found
@@ -222,10 +223,17 @@ def _rarest(recordings: Sequence[Assignment], runs: Sequence[Run]) -> Assignment
     return min(reversed(recordings), key=made, default=None)
 
 
+def _being_recorded(status: TaskStatus, runs: Sequence[Run]) -> str:
+    """Return that a run which a task lacks is being recorded, "" where none is."""
+    lacking = [run for run in runs if any(one.is_of(run.header.kind, run.header.label) for one in status.lacking)]
+    growing = [run.folder.name for run in lacking if run.grows]
+    return f"{growing[-1]} is being recorded: wait until it has ended." if growing else ""
+
+
 def _completing(recording: Assignment, runs: Sequence[Run]) -> Assignment:
     """Return a recording as what completes its last run, where that is of a staircase or series that ended early."""
     same = [run for run in runs if not run.header.excluded and recording.is_of(run.header.kind, run.header.label)]
-    if not same:
+    if not same or same[-1].grows:
         return recording
     words: Words = (*recording.words[:2], "--resume", same[-1].folder.name)
     if same[-1].header.family == "sine" and (lacks := _lacks(same[-1], runs)):

@@ -473,6 +473,25 @@ def test_a_sine_that_was_excluded_is_not_played_with_one_of_no_use(cfid: Cfid, f
     assert cfid(*words, "--dry-run", "--campaign", folder).stdout.startswith("1 sine of ")
 
 
+def test_a_staircase_that_is_being_recorded_is_named_and_not_resumed(folder: Path) -> None:
+    writer = create_run(
+        folder / "runs",
+        kind="speed",
+        label=Label(),
+        devices={"readings": DeviceRecord(file="readings.csv", columns=("t", "command", "rpm"))},
+        requested={"steps": [20000, 30000], "motors": [1], "hold_s": 3.0, "rest_s": 1.0},
+        started=BEGAN,
+        cfid_version="0.2.0",
+    )
+    statuses = status_of(open_campaign(folder), kind="motors")
+    speed = next(one for one in statuses if one.task.section == "speed")
+    writer.close("interrupted")
+
+    assert next_of([speed]).words == ("log", "speed")
+    assert next_of([speed]).why.endswith(f"{writer.folder.name} is being recorded: wait until it has ended.")
+    assert f"speed: {writer.folder.name} is being recorded: wait until it has ended." in remarks_of([speed], ())
+
+
 def test_a_sine_above_the_cutoff_that_no_cell_feels_is_not_played_for_ever(folder: Path) -> None:
     names = [sine(folder, periods, minute=at, planned=[5, 120]) for at, periods in enumerate((5, 120))]
     amend_run(read_run(folder / "runs" / names[1]), verdict=Verdict(usable=False, text="the cell does not feel it."))
