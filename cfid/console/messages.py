@@ -114,7 +114,7 @@ def patience(first_s: float = _PATIENCE_S) -> Iterator[None]:
     def tell() -> None:
         waited_s = step_s = first_s
         while not ended.wait(step_s):
-            echo(f"still reading and computing after {waited_s:.0f} s; Ctrl-C ends it", err=True)
+            echo(fitted(f"still reading and computing after {waited_s:.0f} s; Ctrl-C ends it", err=True), err=True)
             step_s, waited_s = waited_s, 2 * waited_s
 
     threading.Thread(target=tell, daemon=True).start()

@@ -8,7 +8,7 @@ import typer
 
 from cfid.console.flat import flat
 from cfid.console.labels import Note
-from cfid.console.messages import clock, echo
+from cfid.console.messages import clock, echo, fitted
 from cfid.console.options import positive
 from cfid.console.recording import KeepOptions, ResumeOptions, rig_of
 from cfid.console.selection import interrupted
@@ -223,12 +223,13 @@ def thrust_staircase(options: StaircaseOptions, motor: list[str] | None = None) 
 
 def announce(staircase: "StaircasePlan") -> None:
     """Print what a staircase would do."""
-    motors = ", ".join(map(str, staircase.motors))
-    echo(
-        f"{counted(len(staircase.steps), 'command')} from {min(staircase.steps)} to {max(staircase.steps)} on "
-        f"motors {motors}, "
+    steps, motors = staircase.steps, ", ".join(map(str, staircase.motors))
+    several = "s" * (len(staircase.motors) > 1)
+    text = (
+        f"{counted(len(steps), 'command')} from {min(steps)} to {max(steps)} on motor{several} {motors}, "
         f"{staircase.hold_s:g} s each with {staircase.rest_s:g} s of pause: {clock(staircase.duration_s)} min"
     )
+    echo(fitted(text))
 
 
 def _tachometer_of(resume: ResumeOptions, campaign: "Campaign") -> Tachometer:

@@ -24,6 +24,7 @@ from cfid.console.recording import print_summary
 from cfid.console.verdicts import judged
 from cfid.errors import DataError, DeviceError
 from cfid.findings import warning
+from cfid.motors.command import StaircaseOptions, announce, thrust_staircase
 from cfid.records.campaign import open_campaign
 from cfid.records.parameters import Parameter
 from cfid.records.result import Result
@@ -95,6 +96,16 @@ def test_a_line_of_a_check_and_its_advice_fit_half_a_terminal_too(screen: Screen
     assert all(len(line) <= 40 for line in lines)
     assert lines[0].startswith("loadcell  other lines     fault    0.12")
     assert " ".join(" ".join(lines).split()).endswith(LONG.strip())
+
+
+@pytest.mark.parametrize(
+    ("motors", "named"), [(None, "on motors 1, 3, 10 s each with 3 s of pause: 7:12 min"), (["1"], "on motor 1, 10 s")]
+)
+def test_what_a_staircase_would_do_fits_the_terminal(screen: Screen, motors: list[str] | None, named: str) -> None:
+    lines = screen.lines(of=lambda: announce(thrust_staircase(StaircaseOptions(), motors)))
+
+    assert all(len(line) <= COLUMNS for line in lines)
+    assert named in " ".join(lines)
 
 
 def test_a_pipe_gets_a_line_as_it_is() -> None:

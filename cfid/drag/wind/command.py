@@ -11,7 +11,7 @@ import typer
 from cfid.console.flat import flat
 from cfid.console.labels import Note
 from cfid.console.lists import comma_list
-from cfid.console.messages import echo
+from cfid.console.messages import echo, fitted
 from cfid.console.options import finite, positive
 from cfid.console.recording import KeepOptions, ResumeOptions, rig_of
 from cfid.console.selection import interrupted
@@ -153,7 +153,7 @@ def wind(
     if sweep.dry_run and options.wind is None and resume.word is None:
         announce(sweep.staircase())
         for line in missing_lines(_recorded(campaign, simulated=simulated)):
-            echo(line)
+            echo(fitted(line))
         return
     resumed = None if resume.word is None else interrupted(resume.word, campaign, kind=KIND)
     setting, staircase = _requested(options, sweep, resumed)
@@ -215,9 +215,9 @@ def _announce(setting: "WindSetting", staircase: "StaircasePlan", done: "Sequenc
     echo(setting.sentence)
     announce(staircase)
     if asks:
-        echo(f"and as long as it takes to read a tachometer {sum(map(bool, staircase.steps))} times")
+        echo(fitted(f"and as long as it takes to read a tachometer {sum(map(bool, staircase.steps))} times"))
     for line in missing_lines(done):
-        echo(line)
+        echo(fitted(line))
 
 
 def _missing(done: "Sequence[PlannedRun]") -> tuple[Mapping[str, Any], Sequence[str]]:
