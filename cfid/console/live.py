@@ -1,6 +1,7 @@
 """The status line on the terminal during a recording, and the messages above it."""
 
 import os
+import re
 import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -61,8 +62,13 @@ class LiveLine:
         if self._terminal is None or now_s < self._next_s or not self._screen.idle:
             return
         self._next_s = now_s + _EVERY_S
-        parts = line_of(recorder, task=self._task, question=self._question, left=self._left)
-        self._replace(fitting([printable(part) for part in parts], self._columns()))
+        parts = [
+            printable(part) for part in line_of(recorder, task=self._task, question=self._question, left=self._left)
+        ]
+        columns = self._columns()
+        if self._question and len(parts[0]) > columns:
+            parts = [asking(printable(self._question), columns)]
+        self._replace(fitting(parts, columns))
 
     def say(self, text: str) -> None:
         """Print a note above the line."""
@@ -108,6 +114,16 @@ def fitting(parts: Sequence[str], columns: int) -> str:
             return shorter if len(line) < len(shorter) <= columns else line or longer[:columns]
         line = longer
     return line
+
+
+def asking(question: str, columns: int) -> str:
+    """Return a question on a narrow line: whole, without what it has in parentheses, else its end.
+
+    What is typed stands there: an operator has to see it.
+    """
+    short = re.sub(r" \([^)]*\)", "", question)
+    fits = (text for text in (question, short) if len(text) <= columns)
+    return next(fits, f"…{short[1 - columns :]}")
 
 
 def line_of(recorder: "Recorder", *, task: str = "", question: str = "", left: str = "") -> list[str]:

@@ -31,6 +31,7 @@ from cfid.records.result import Result
 from cfid.records.run import Run, list_runs, read_run
 from cfid.rig.check import DeviceAnswer
 from tests.campaigns import Cfid
+from tests.rig.test_live_line import staircase
 from tests.rig_in_a_folder import lab_in
 
 COLUMNS, MARK = 80, "that was all"
@@ -134,6 +135,22 @@ def test_a_message_above_the_live_line_fits_the_terminal(screen: Screen) -> None
         "'abc' is not a reading: type a number, nothing where there is none, u to take",
         "  the last back.",
     ]
+
+
+def test_what_is_typed_is_seen_on_half_a_terminal(screen: Screen) -> None:
+    def speak() -> None:
+        with contextlib.redirect_stderr(screen.file):
+            live = LiveLine()
+            live.left("12 steps left")
+            live.ask("RPM at command 20000, Enter for none (u undoes 15069) > 22861")
+            live.show(staircase())
+            live.end()
+
+    screen.resize(40)
+    frames = [frame.rstrip() for line in screen.lines(of=speak) for frame in line.split("\r")]
+
+    assert "… command 20000, Enter for none > 22861" in frames
+    assert all(len(frame) < 40 for frame in frames)
 
 
 @pytest.mark.parametrize("said", [fault, note])

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cfid.console.live import fitting, line_of
+from cfid.console.live import asking, fitting, line_of
 from cfid.rig.progress import Reading
 from cfid.rig.recorder import Block, Recorder
 from cfid.rig.shown import degrees, displayed, vertical_force, volts
@@ -90,6 +90,21 @@ def test_what_is_left_then_a_question_and_what_is_typed_come_before_all_else() -
 
     assert line_of(staircase(), question=question)[0] == f" 13:43 left  {question}"
     assert line_of(staircase(), question=question, left="12 steps left")[0] == f"12 steps left  {question}"
+
+
+@pytest.mark.parametrize(
+    ("columns", "shown"),
+    [
+        (79, "RPM at command 20000, Enter for none (u undoes 15069) > 22861"),
+        (59, "RPM at command 20000, Enter for none > 22861"),
+        (39, "… command 20000, Enter for none > 22861"),
+    ],
+)
+def test_a_question_shows_its_end_on_a_narrow_terminal_where_the_answer_is_typed(columns: int, shown: str) -> None:
+    question = "RPM at command 20000, Enter for none (u undoes 15069) > 22861"
+
+    assert asking(question, columns) == shown
+    assert len(shown) <= columns
 
 
 def test_the_trace_is_of_what_is_read_not_of_the_first_column() -> None:
