@@ -22,18 +22,18 @@ def degrees(counts_per_turn: float | str) -> Reading:
             latest, first = decode_words(np.array([latest, first]).astype(np.int64)).position
         return (360 * (latest - first) / turn + 180) % 360 - 180
 
-    return Reading(angle, "{:6.1f} deg")
+    return Reading(angle, "{:z6.1f} deg")
 
 
 def vertical_force(counts_per_n: float) -> Reading:
     """Return a load cell's vertical force, above its tare where there is one."""
-    return Reading(lambda cell: 1e3 * _above_tare(cell, 2) / counts_per_n, "Fz {:4.0f} mN")
+    return Reading(lambda cell: 1e3 * _above_tare(cell, 2) / counts_per_n, "Fz {:z4.0f} mN")
 
 
 def first_force(name: str) -> Reading:
     """Return the first force or torque of a load cell that sends lines, above its tare where there is one."""
     unit = "mN" if name.startswith("F") else "mNm"
-    return Reading(lambda cell: 1e3 * _above_tare(cell, 0), f"{name} {{:5.0f}} {unit}")
+    return Reading(lambda cell: 1e3 * _above_tare(cell, 0), f"{name} {{:z5.0f}} {unit}")
 
 
 def displayed(unit: str) -> Reading:

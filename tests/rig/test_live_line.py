@@ -9,7 +9,7 @@ import pytest
 from cfid.console.live import asking, fitting, line_of
 from cfid.rig.progress import Reading
 from cfid.rig.recorder import Block, Recorder
-from cfid.rig.shown import degrees, displayed, vertical_force, volts
+from cfid.rig.shown import degrees, displayed, first_force, vertical_force, volts
 from cfid.wire.rls import RLS_13BIT_IN_22, encode_positions
 
 COLUMNS = 80
@@ -83,6 +83,12 @@ def test_what_does_not_fit_is_left_out_and_not_cut() -> None:
 
 def test_the_force_is_shown_above_its_tare() -> None:
     assert "Fz  123 mN" in line_of(staircase())
+
+
+def test_what_rounds_to_zero_has_no_sign() -> None:
+    forms = [reading.form for reading in (vertical_force(1e6), first_force("Tz"), degrees(8192.0))]
+
+    assert [form.format(-0.04) for form in forms] == ["Fz    0 mN", "Tz     0 mNm", "   0.0 deg"]
 
 
 def test_what_is_left_then_a_question_and_what_is_typed_come_before_all_else() -> None:
