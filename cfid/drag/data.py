@@ -8,10 +8,11 @@ from cfid.drag.experiments import DragExperiments, experiments_from_table
 from cfid.drag.wind.data import AS_THEY_ARE, ReducedRecording, WindReading, reduce_index, reduce_run
 from cfid.drag.wind.index import read_wind_index
 from cfid.drag.wind.reduction import reduce_forces
-from cfid.errors import DataError
-from cfid.findings import merged
+from cfid.errors import DataError, FitError
+from cfid.findings import Finding, merged, warning
 from cfid.motors.maps.checks import marker_findings
 from cfid.records.parameters import Source
+from cfid.records.resumed import resumed_by
 from cfid.records.run import Run
 from cfid.records.run_notes import run_at
 from cfid.records.steps import steps_read_later
@@ -33,25 +34,38 @@ def read_runs(
     Raises DataError and FitError that name file, line or run.
     """
     rows, source, notes = ([], None, ()) if index is None else read_wind_index(index)
-    parts = [*reduce_index(rows, how), *_reduced(runs, how)]
+    reduced, left_out = _reduced(runs, how)
+    parts = [*reduce_index(rows, how), *reduced]
     _check_once(parts)
     experiments = reduce_forces([force for part in parts for force in part.forces])
     files = [file for part in parts for file in part.sources]
     return replace(
         experiments,
-        findings=merged((*notes, *(one for part in parts for one in part.findings), *experiments.findings)),
+        findings=merged((*notes, *left_out, *(one for part in parts for one in part.findings), *experiments.findings)),
         sources=tuple(files if source is None else [source, *files]),
         rigs=tuple(dict.fromkeys(part.rig for part in parts)),
         tachometers=tuple(dict.fromkeys(part.rig for part in parts if part.by_tachometer)),
     )
 
 
-def _reduced(runs: Sequence[Run | Path | str], how: WindReading) -> list[ReducedRecording]:
-    """Reduce runs; what an interrupted one was not told of a command is taken from the runs that complete it."""
+def _reduced(runs: Sequence[Run | Path | str], how: WindReading) -> tuple[list[ReducedRecording], list[Finding]]:
+    """Reduce runs; what an interrupted one was not told of a command is taken from the runs that complete it.
+
+    One that gives nothing, as it ended before a motor turned, and that another completes is left out with a warning.
+    """
     paths = [run.folder if isinstance(run, Run) else Path(run) for run in runs]
     known = {path: run for path in paths if (run := run_at(path)) is not None}
     later = {path: steps_read_later(run, list(known.values())) for path, run in known.items()}
-    return [reduce_run(path, how, read_later=later.get(path, frozenset())) for path in paths]
+    completed = {resumed_by(run) for run in known.values()}
+    reduced, left_out = list[ReducedRecording](), list[Finding]()
+    for path in paths:
+        try:
+            reduced.append(reduce_run(path, how, read_later=later.get(path, frozenset())))
+        except (DataError, FitError) as error:
+            if path.resolve().name not in completed:
+                raise
+            left_out.append(warning("run-left-out", f"{error} It is left out.", "drag.*"))
+    return reduced, left_out
 
 
 def read_index(path: Path, *, how: WindReading = AS_THEY_ARE) -> DragExperiments:

@@ -187,6 +187,26 @@ def test_a_command_whose_reading_was_typed_in_the_run_that_completes_it_is_taken
     assert not any(one.code == "drag-rotor-speed-unknown" for one in found.findings)
 
 
+@pytest.mark.parametrize("rows", [0, 1])
+def test_a_part_that_ended_before_a_motor_turned_is_left_out_beside_the_run_that_completes_it(
+    campaign: Path, rows: int
+) -> None:
+    reference, first, completing = resumed(campaign, first_typed=0)
+    for device in ("commands", "readings"):
+        file = first.device_file(device)
+        lines = file.read_text().splitlines(keepends=True)
+        file.write_text("".join(lines[: 1 + rows * (device == "commands")]))
+    ended = {name: one.model_copy(update={"rows": None}) for name, one in first.header.devices.items()}
+    write_header(first.folder, first.header.model_copy(update={"devices": ended}))
+    found = drag.read_runs([reference, read_run(first.folder), completing])
+
+    assert sorted(found.command.tolist()) == [20000, 40000]
+    (left_out,) = (one.text for one in found.findings if one.code == "run-left-out")
+    assert first.folder.name in left_out
+    with pytest.raises(DataError):
+        drag.read_runs([reference, read_run(first.folder)])  # which no other completes
+
+
 def test_a_run_whose_only_reading_was_taken_back_is_as_one_of_which_none_was_typed(campaign: Path) -> None:
     runs = resumed(campaign, first_typed=1)
     file = runs[1].device_file("readings")
