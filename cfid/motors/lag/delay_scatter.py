@@ -11,10 +11,11 @@ from functools import cached_property, partial
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csc_array, eye_array, vstack
+from scipy.sparse import csc_array, eye_array
 from scipy.sparse.linalg import SuperLU, splu
 
 from cfid.estimate.linear import gain_of
+from cfid.large import empty, parts
 from cfid.motors.lag.model import InputLag, LogSegment, Signal, Supply, speed_shown
 from cfid.motors.lag.plausibility import noise_of
 from cfid.motors.lag.search import Search
@@ -25,6 +26,7 @@ Array = npt.NDArray[np.float64]
 _ROUNDS = 3  # in which changes are moved to where they are found
 _NARROWEST = 0.01  # of the usual time that changes are late, in a round
 _FORGOTTEN = 12.0  # time constants
+_TOGETHER = 1000  # changes whose rows are calculated at once
 _QUIETEST = 1e-6  # of the measured values: noise below
 
 
@@ -44,9 +46,15 @@ class Scatter:
         kept = np.full(sum(lengths), 1.0)
         kept[np.cumsum([0, *lengths[:-1]])] = math.sqrt(1 - correlation**2)
         before = np.where(kept < 1, 0.0, -correlation) if correlation else np.zeros(len(kept))
-        shifted = vstack([csc_array((1, self.columns.shape[1])), self.columns[:-1]])
-        rows = self.columns.multiply(kept[:, np.newaxis]) + shifted.multiply(before[:, np.newaxis])
-        return replace(self, columns=csc_array(rows))
+        rows, value = self.columns.indices, self.columns.data  # those of a column follow each other
+        follows = np.full(len(rows) + 1, True)
+        follows[self.columns.indptr] = False
+        found = empty(len(rows))
+        for part in parts(len(rows)):
+            found[part] = kept[rows[part]] * value[part]
+            last = slice(max(part.start, 1), part.stop)
+            found[last] += follows[last] * before[rows[last]] * value[last.start - 1 : last.stop - 1]
+        return replace(self, columns=csc_array((found, rows, self.columns.indptr), shape=self.columns.shape))
 
     def found(self, residual: Array) -> Array:
         """Return how much later still changes are (k,), in usual times, by residuals (n,)."""
@@ -67,7 +75,7 @@ class Scatter:
 
         Where commands change on their rows it is next to nothing.
         """
-        seen = np.asarray(self.columns.multiply(self.columns).sum(axis=0)) / self.noise**2
+        seen = self._seen / self.noise**2
         shown = seen > 1
         if not shown.any():
             return 1.0
@@ -76,14 +84,21 @@ class Scatter:
     @property
     def freedom(self) -> float:
         """How many degrees of freedom the changes' times take at most: as many as are better known than usual."""
-        seen = np.asarray(self.columns.multiply(self.columns).sum(axis=0))
-        return float(np.sum(seen / (seen + self.noise**2)))
+        return float(np.sum(self._seen / (self._seen + self.noise**2)))
 
     @cached_property
     def _square(self) -> SuperLU:
         """What solves for changes, of which few see the same samples."""
-        count = self.columns.shape[1]
-        return splu(csc_array(self.columns.T @ self.columns + self.noise**2 * eye_array(count)))
+        return splu(csc_array(self._products + self.noise**2 * eye_array(self._products.shape[0])))
+
+    @cached_property
+    def _products(self) -> csc_array:
+        return csc_array(self.columns.T @ self.columns)
+
+    @property
+    def _seen(self) -> Array:
+        """How much of each change (k,) the speeds show, squared."""
+        return np.asarray(self._products.diagonal())
 
 
 def scattered(search: Search, begin: Array, *, row_s: float) -> tuple[Search, Scatter] | None:
@@ -101,7 +116,7 @@ def scattered(search: Search, begin: Array, *, row_s: float) -> tuple[Search, Sc
         left = beside(now.shown(p) - now.measured, drifts)
         white = partial(whitened, lengths=lengths, correlation=correlation_of(left, lengths))
         noise = max(noise_of(white(left)), _QUIETEST * float(np.ptp(now.measured)))
-        scatter = Scatter(csc_array(std_s * _columns(now.pieces, p)), late, noise)
+        scatter = Scatter(_columns(now.pieces, p, std_s), late, noise)
         own = scatter.whitened(lengths, correlation_of(left, lengths))
         columns = np.column_stack([own.without(white(column), late=False) for column in drifts.T])
         p = now.fitted(p, partial(_rest, white=white, own=own, columns=columns)).x
@@ -111,7 +126,7 @@ def scattered(search: Search, begin: Array, *, row_s: float) -> tuple[Search, Sc
         share = math.sqrt(min(max(own.spread(late), _NARROWEST**2), (most_s / std_s) ** 2))
         late, std_s = np.clip(late / share, -math.sqrt(3), math.sqrt(3)), share * std_s
     now = _moved(search, late * std_s)._replace(start=p)
-    return now, replace(scatter, columns=csc_array(std_s * _columns(now.pieces, p)), late=late)
+    return now, replace(scatter, columns=_columns(now.pieces, p, std_s), late=late)
 
 
 def _rest(residual: Array, *, white: Callable[[Array], Array], own: Scatter, columns: Array) -> Array:
@@ -138,27 +153,38 @@ def _moved(search: Search, late_s: Array) -> Search:
     return search._replace(pieces=pieces, shown=speed_shown(pieces))
 
 
-def _columns(pieces: Sequence[LogSegment], p: Array) -> csc_array:
-    """Return how the speeds (n,) of all segments go with the time of each change of a drive (n, k), in rad/s^2."""
-    lag, supply = InputLag(*p[3:6].tolist()), Supply(*p[6:].tolist())
-    rows, values, counts, begin = [], [], [], 0
-    for piece in pieces:
-        target, changes = piece.target(p[:3], lag, supply), _changes(piece)
-        at_s = target.time_s + lag.delay_s
-        speed = lag.follow(target, at_s)
-        rate = 1 / np.where(target.value > speed, lag.rising_s, lag.falling_s)
-        earlier = np.append(speed[0], target.value[:-1]) - speed
-        old = earlier / np.where(earlier > 0, lag.rising_s, lag.falling_s)
-        jump = old - (target.value - speed) * rate
-        passed = np.append(0.0, np.cumsum(np.diff(at_s) * rate[:-1]))
-        place = np.maximum(np.searchsorted(at_s, piece.measured.time_s, side="right") - 1, 0)
-        seen = passed[place] + (piece.measured.time_s - at_s[place]) * rate[place]
-        first, last = np.searchsorted(seen, passed[changes]), np.searchsorted(seen, passed[changes] + _FORGOTTEN)
-        count = last - first
-        own = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count) + np.repeat(first, count)
-        values.append(np.repeat(jump[changes], count) * np.exp(np.repeat(passed[changes], count) - seen[own]))
-        rows.append(begin + own)
-        counts.append(count)
+def _columns(pieces: Sequence[LogSegment], p: Array, std_s: float) -> csc_array:
+    """Return what the speeds (n,) of all segments do when each change of a drive (n, k) comes later, in rad/s."""
+    each = [_seen_changes(piece, p) for piece in pieces]
+    spans = [np.searchsorted(seen, [passed, passed + _FORGOTTEN]) for seen, passed, _ in each]
+    ends = np.append(0, np.cumsum(np.concatenate([last - first for first, last in spans])))
+    values, rows = empty(int(ends[-1])), np.empty(ends[-1], np.int32)
+    begin = column = 0
+    for (seen, passed, jump), (first, last) in zip(each, spans, strict=True):
+        for group in (slice(at, at + _TOGETHER) for at in range(0, len(jump), _TOGETHER)):
+            count = (last - first)[group]
+            own = np.arange(count.sum()) + np.repeat(first[group] - (np.cumsum(count) - count), count)
+            here = slice(ends[column], ends[column] + len(own))
+            rows[here] = begin + own
+            values[here] = np.repeat(std_s * jump[group], count) * np.exp(np.repeat(passed[group], count) - seen[own])
+            column += len(count)
         begin += len(seen)
-    ends = np.append(0, np.cumsum(np.concatenate(counts)))
-    return csc_array((np.concatenate(values), np.concatenate(rows), ends), shape=(begin, len(ends) - 1))
+    return csc_array((values, rows, ends), shape=(begin, len(ends) - 1))
+
+
+def _seen_changes(piece: LogSegment, p: Array) -> tuple[Array, Array, Array]:
+    """Return how many time constants have passed at the speeds (n,) of a segment, and at the changes (k,) of its drive.
+
+    The last is by how much the speed's rate jumps at each change, in rad/s^2.
+    """
+    lag, supply = InputLag(*p[3:6].tolist()), Supply(*p[6:].tolist())
+    target, changes = piece.target(p[:3], lag, supply), _changes(piece)
+    at_s = target.time_s + lag.delay_s
+    speed = lag.follow(target, at_s)
+    rate = 1 / np.where(target.value > speed, lag.rising_s, lag.falling_s)
+    earlier = np.append(speed[0], target.value[:-1]) - speed
+    old = earlier / np.where(earlier > 0, lag.rising_s, lag.falling_s)
+    jump = old - (target.value - speed) * rate
+    passed = np.append(0.0, np.cumsum(np.diff(at_s) * rate[:-1]))
+    place = np.maximum(np.searchsorted(at_s, piece.measured.time_s, side="right") - 1, 0)
+    return passed[place] + (piece.measured.time_s - at_s[place]) * rate[place], passed[changes], jump[changes]

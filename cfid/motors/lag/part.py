@@ -77,18 +77,14 @@ class LogPart:
         ends = ~runs[:-1] | ~runs[1:] | (np.diff(time_s) > BREAK_S)
         edges = np.concatenate([[0], np.flatnonzero(ends) + 1, [len(time_s)]])
         drives = held / FULL_COMMAND * self.at_v
-        volts = (
-            None
-            if self.volts is None
-            else Signal(time_s, volts_at(self.volts, self.speeds.values(), time_s) / self.at_v)
-        )
+        volts = None if self.volts is None else volts_at(self.volts, self.speeds.values(), time_s)
         for first, last in zip(edges[:-1], edges[1:] - 1, strict=True):
             if last < first or time_s[last] - time_s[first] <= 2 * SETTLING_S:
                 continue
             inside = slice(first, last + 1)
             between = measured.between(float(time_s[first]), float(time_s[last]))
             commands = tuple(Signal(time_s[inside], drive[inside]) for drive in drives)
-            ratio = None if volts is None else Signal(time_s[inside], volts.value[inside])
+            ratio = None if volts is None else Signal(time_s[inside], volts[inside] / self.at_v)
             yield LogSegment(commands, between, ratio)
 
 

@@ -23,6 +23,7 @@ SETTLING_S = 1.0  # of each piece, in which the unknown state at its begin is fo
 _FEWEST = 200  # samples
 _FINEST_S = 2e-3  # what is sampled closer is averaged: rotors take many times longer
 _FINEST_VOLTS_S = 5e-3  # they change by some percent
+_ROUNDED = 1e-6  # of a row: two of 1 ms, whose times are rounded, are as far apart as 2 ms
 _QUICKEST_S, _SLOWEST_S, _EARLIEST_S, _LATEST_S = 1e-3, 2.0, -0.2, 0.5
 _STARTS_S, _STARTS_LATE_S = (0.015, 0.04, 0.1, 0.25), (0.0, 0.02, 0.06)
 SUPPLY_STD = Supply(power=0.5, whole=1.0, late=0.5)  # how unsure a supply is beside the usual one
@@ -86,11 +87,11 @@ def _thinned(piece: LogSegment) -> LogSegment | None:
     time_s, value = time_s[known], value[known]
     if len(time_s) < 2:
         return None
-    length = max(int(_FINEST_S / np.median(np.diff(time_s))), 1)
+    length = max(int(_FINEST_S / np.median(np.diff(time_s)) + _ROUNDED), 1)
     measured = Signal(block_means(time_s, length=length), block_means(value, length=length))
     volts = piece.volts
     if volts is not None:
-        length = max(int(_FINEST_VOLTS_S / np.median(np.diff(volts.time_s))), 1)
+        length = max(int(_FINEST_VOLTS_S / np.median(np.diff(volts.time_s)) + _ROUNDED), 1)
         volts = Signal(*(block_means(series, length=length) for series in volts))
     every_s = math.inf if volts is None else _FINEST_VOLTS_S
     return LogSegment(tuple(_changes(drive, every_s=every_s) for drive in piece.drives), measured, volts)
