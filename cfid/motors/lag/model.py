@@ -8,6 +8,8 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
+_AT_ONCE = 10_000  # steps whose numbers are objects at a time
+
 
 class Signal(NamedTuple):
     """Values (n,) at increasing times (n,) in s; those of a command hold until the next."""
@@ -43,9 +45,11 @@ class InputLag(NamedTuple):
         rising, falling = np.exp(-step_s / self.rising_s), np.exp(-step_s / self.falling_s)
         now = float(target.value[0])
         course = [now]
-        for to, left_rising, left_falling in zip(held.tolist(), rising.tolist(), falling.tolist(), strict=True):
-            now = to + (now - to) * (left_rising if to > now else left_falling)
-            course.append(now)
+        for begin in range(0, len(held), _AT_ONCE):
+            each = (values[begin : begin + _AT_ONCE].tolist() for values in (held, rising, falling))
+            for to, left_rising, left_falling in zip(*each, strict=True):
+                now = to + (now - to) * (left_rising if to > now else left_falling)
+                course.append(now)
         return np.array(course)[order >= len(begin_s)]
 
 

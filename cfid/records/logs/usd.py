@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
+from cfid.large import stored_together
 from cfid.records.logs.crazyflie_names import assumptions, crazyflie_channel
 from cfid.records.logs.log import BLOCK_ROWS, Array, FlightLog, Series, printable
 from cfid.records.logs.usd_clock import FIXED_FREQUENCY, MOST_ROWS, Clock, microsecond_clock
@@ -190,10 +191,8 @@ def _records(data: mmap.mmap, events: dict[int, _Event], begin: int, end: int, *
             break
         offsets[number].append(place)
         place, last = place + size, number
-    found = {
-        number: np.frombuffer(each, np.int64) if each else np.zeros(0, np.int64) for number, each in offsets.items()
-    }
-    return _Records(found, place, fault)
+    places = [np.frombuffer(each, np.int64) if each else np.zeros(0, np.int64) for each in offsets.values()]
+    return _Records(dict(zip(offsets, stored_together(places), strict=True)), place, fault)
 
 
 def _faults(found: _Records, size: int, *, whole: bool) -> tuple[str, ...]:
