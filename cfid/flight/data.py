@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cfid.errors import ConfigError, DataError
+from cfid.errors import ConfigError, DataError, FitError
 from cfid.findings import Finding, note, of_recording, rejection, warning
 from cfid.flight.airborne import EDGE_S, in_air, late, without_touches
 from cfid.flight.channels import at_rows, command_names, commands_of, forces_of, held, motion, rates_of, volts_of
@@ -19,7 +19,7 @@ from cfid.records.logs.flights import longest_flight
 from cfid.records.logs.hung import without_hung
 from cfid.records.logs.limits import COMMANDS, FORCES, RATES, Limits
 from cfid.records.logs.log import FlightLog
-from cfid.records.logs.motor_numbers import NO_SQUARE
+from cfid.records.logs.motor_numbers import NO_SQUARE, moving_others
 from cfid.records.logs.repeated_times import refuse_repeated_times
 from cfid.records.logs.run import log_of_run
 from cfid.records.run_notes import run_at
@@ -72,8 +72,8 @@ def read_flight(
 ) -> FlownLog:
     """Read a run or a log of any kind, between two times since its first row of a command.
 
-    Raises DataError for a log without commands of all motors, rates and accelerations, or sampled too slowly, and
-    ConfigError for a `reading` beside a run.
+    Raises DataError for a log without commands of all motors, rates and accelerations, or sampled too slowly, FitError
+    for one of a vehicle that other motors than four carry, and ConfigError for a `reading` beside a run.
     """
     run = run_at(path)
     if run is None:
@@ -86,6 +86,7 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
     """Take the flight out of a log that was read, as `read_flight`."""
     log = longest_flight(log)
     path = log.path
+    _refuse_other_motors(log)
     first = log.channel(command_names(log)[0])[0]
     refuse_repeated_times(path, first)
     _check_spacing(first, log)
@@ -246,6 +247,14 @@ def _window(time_s: Array, path: Path, from_s: float, to_s: float) -> tuple[floa
 def _check_left(left_s: float, path: Path) -> None:
     if not left_s > 2 * EDGE_S:
         raise ConfigError(f"{path}: {max(left_s, 0.0):.3g} s are left of the log (limit {2 * EDGE_S:g} s).")
+
+
+def _refuse_other_motors(log: FlightLog) -> None:
+    if stated := moving_others(log.notes):
+        raise FitError(
+            f"{log.path}: {stated} Thrust and moments are fitted, and flights predicted, for a quadrocopter alone, "
+            "whose four motors carry it."
+        )
 
 
 def _check_weight(force: Array, path: Path) -> None:

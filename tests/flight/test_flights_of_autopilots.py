@@ -43,11 +43,17 @@ def corners_m(forward_m: float, right_m: float) -> list[tuple[float, float]]:
 
 
 def ulog(
-    commands: Array, rates: Array, forces: Array, *, every: int = 1, places_m: Sequence[tuple[float, float]] = ()
+    commands: Array,
+    rates: Array,
+    forces: Array,
+    *,
+    every: int = 1,
+    places_m: Sequence[tuple[float, float]] = (),
+    others: Sequence[float] = (),
 ) -> bytes:
     """Return a ULog of PX4's quad X, x forward, y right, z down; motors are in every so many rows.
 
-    `places_m` are the rotors' in its parameters.
+    `places_m` are the rotors' in its parameters, `others` the commands of further motors over the mean of the four.
     """
     head = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1000) + message("B", bytes(40))
     head += message("F", b"sensor_combined:uint64_t timestamp;float[3] gyro_rad;float[3] accelerometer_m_s2;")
@@ -64,32 +70,33 @@ def ulog(
         now_us = 10_000 + round(1e6 * STEP * at)
         rows.append(message("D", struct.pack("<HQ6f", 0, now_us, *rate, *force)))
         if at % every == 0:
-            rows.append(message("D", struct.pack("<HQ12f", 1, now_us, *command, *8 * [float("nan")])))
+            further = [*(float(np.mean(command)) * share for share in others), *(8 - len(others)) * [float("nan")]]
+            rows.append(message("D", struct.pack("<HQ12f", 1, now_us, *command, *further)))
     return head + b"".join(rows)
 
 
-def blackbox(commands: Array, rates: Array, forces: Array) -> bytes:
-    """Return a blackbox log of Betaflight's quad X, x forward, y left, z up."""
+def blackbox(commands: Array, rates: Array, forces: Array, *, others: int = 0) -> bytes:
+    """Return a blackbox log of Betaflight's quad X, x forward, y left, z up, others being as the first motor."""
     names = [f"{name}[{place}]" for name in ("gyroADC", "accSmooth") for place in range(3)]
-    motors = [f"motor[{place}]" for place in range(4)]
+    motors = [f"motor[{place}]" for place in range(4 + others)]
     head = [
         "Product:Blackbox flight data recorder by Nicholas Sherlock",
         "Data version:2",
         "I interval:1",
         "P interval:1",
         "Field I name:" + ",".join(["loopIteration", "time", *names, *motors]),
-        "Field I signed:0,0,1,1,1,1,1,1,0,0,0,0",
-        "Field I predictor:" + ",".join(12 * "0"),
-        "Field I encoding:1,1,0,0,0,0,0,0,1,1,1,1",
-        "Field P predictor:" + ",".join(12 * "0"),
-        "Field P encoding:1,1,0,0,0,0,0,0,1,1,1,1",
+        "Field I signed:0,0,1,1,1,1,1,1" + len(motors) * ",0",
+        "Field I predictor:" + ",".join((8 + len(motors)) * "0"),
+        "Field I encoding:1,1,0,0,0,0,0,0" + len(motors) * ",1",
+        "Field P predictor:" + ",".join((8 + len(motors)) * "0"),
+        "Field P encoding:1,1,0,0,0,0,0,0" + len(motors) * ",1",
         "motorOutput:0,2000",
         "motor_poles:14",
         "Firmware revision:Betaflight 2025.12.1",
         "gyro_scale:0x3f800000",
         "acc_1G:2048",
     ]
-    order = [REAR_RIGHT, FRONT_RIGHT, REAR_LEFT, FRONT_LEFT]
+    order = [REAR_RIGHT, FRONT_RIGHT, REAR_LEFT, FRONT_LEFT, *others * [REAR_RIGHT]]
     shown = np.rint(np.column_stack([np.degrees(rates), 2048 * forces / G])).astype(int)
     driven = np.rint(2000 * commands[:, order]).astype(int)
     rows = b""
@@ -138,6 +145,36 @@ def test_moments_of_rotors_that_the_log_places_off_a_square_are_refused(
     assert refused.code == "flight-rotors-off-square"
     assert "CA_ROTOR0 to 3 are 50, 65; -50, -65; 50, -65; -50, 65 mm forward and right" in refused.sentence
     assert refused.quantities == ("flight.inertia_kg_m2.roll", "flight.inertia_kg_m2.pitch")
+
+
+@pytest.mark.parametrize(
+    ("library", "written", "own"),
+    [("pyulog", partial(ulog, others=(1.0, 1.0)), "control"), ("orangebox", partial(blackbox, others=2), "motor")],
+)
+def test_a_hexarotor_s_flight_is_neither_fitted_nor_predicted(
+    tmp_path: Path, cfid: Cfid, flown: Flown, library: str, written: Callable[..., bytes], own: str
+) -> None:
+    """As a quadrocopter's, its thrust and its moment about yaw would be 50 % too large."""
+    pytest.importorskip(library, reason=f"{library} is not installed")
+    (tmp_path / "log").write_bytes(written(*(signal[:6000] for signal in flown[1:])))
+    assert cfid("new", "lab").returncode == 0
+    assert cfid("import", "../log", "--kind", "flight", folder=tmp_path / "lab").returncode == 0
+    (run,) = (tmp_path / "lab" / "runs").iterdir()
+    for log in ("log", run):
+        for command in (("fit", "flight", log, "--mass-kg", 0.03), ("validate", log, "--with", "gym-pybullet-drones")):
+            done = cfid(*command)
+            assert done.returncode == 5
+            assert f"there are 6, of which {own}[0] to [3] alone are read" in " ".join(done.stderr.split())
+            assert "rates after" not in done.stdout
+
+
+def test_a_flight_under_four_motors_while_others_stand_still_is_fitted(tmp_path: Path, flown: Flown) -> None:
+    pytest.importorskip("pyulog", reason="pyulog is not installed")
+    vehicles, *signals = flown
+    (tmp_path / "log").write_bytes(ulog(*signals, others=(0.0,)))
+    result = fit([read_flight(tmp_path / "log")], body=body_of(vehicles, 0))
+    assert result.accepted
+    assert not {"flight.inertia_kg_m2.roll", "flight.inertia_kg_m2.pitch"} & set(result.rejected)
 
 
 @pytest.mark.parametrize(("library", "written"), [("pyulog", ulog), ("orangebox", blackbox)])

@@ -24,7 +24,7 @@ from cfid.records.logs.log import BLOCK_ROWS, Array, Channel, FlightLog, Series,
 from cfid.records.logs.motor_numbers import PX4_QUAD_X, by_geometry, numbering, off_square
 from cfid.records.logs.ulog_parts import UlogParts
 from cfid.records.parameters import Source
-from cfid.units import USUAL_GRAVITY_MPS2
+from cfid.units import MOTORS, USUAL_GRAVITY_MPS2
 
 Rows = npt.NDArray[np.void]
 
@@ -174,10 +174,12 @@ def _series(topic: str, number: int, rows: Sequence[Rows], motors: tuple[int, ..
 
 
 def _driven(topics: Mapping[tuple[str, int], Sequence[Rows]]) -> int:
-    """Return how many motors have commands."""
+    """Return how many motors have commands; those of motors beyond four count where they are other than 0."""
     parts = topics.get((_MOTORS, 0), ())
     fields = [field for field in (parts[0].dtype.names or () if parts else ()) if field.startswith("control[")]
-    return sum(any(np.isfinite(rows[field]).any() for rows in parts) for field in fields)
+    moved = [any(np.any(np.nan_to_num(rows[field])) for rows in parts) for field in fields[len(MOTORS) :]]
+    four = [any(np.isfinite(rows[field]).any() for rows in parts) for field in fields[: len(MOTORS)]]
+    return sum(four) + sum(moved)
 
 
 def _numbered(rows: Sequence[Rows], motors: tuple[int, ...]) -> tuple[tuple[int, int], ...]:
