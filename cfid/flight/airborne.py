@@ -52,19 +52,23 @@ def in_air(command: Array, force: Array, rates: Array) -> Mask:
     return np.asarray(flown & running & ~_around(struck | wild, _STRUCK_S))
 
 
-def without_touches(airborne: Mask, command: Array, vertical: Array, *, begin_s: float) -> tuple[Mask, list[Finding]]:
+def without_touches(
+    airborne: Mask, followed: Mask, command: Array, vertical: Array, *, begin_s: float
+) -> tuple[Mask, list[Finding]]:
     """Return rows (m,) in the air without those around short touches, and a finding that names these.
 
-    `command` (n, 4) are the commands of each step, `vertical` (m,) is the specific force along z in m/s^2, and
-    `begin_s` the first row's time in the log. In landings rotors are below their thrust for long, as `in_air` notices;
-    a touch shows in a force alone that they do not give.
+    `followed` (m,) marks rows before which commands were seen for so long that the rotors' thrust is known: touches are
+    looked for there. `command` (n, 4) are the commands of each step, `vertical` (m,) is the specific force along z in
+    m/s^2, and `begin_s` the first row's time in the log. In landings rotors are below their thrust for long, as
+    `in_air` notices; a touch shows in a force alone that they do not give.
     """
-    if np.count_nonzero(airborne) < _AROUND_ROWS:
+    judged = airborne & followed
+    if np.count_nonzero(judged) < _AROUND_ROWS:
         return airborne, []
-    beyond = np.where(airborne, vertical - _thrust(airborne, command / FULL_COMMAND, vertical), 0.0)
+    beyond = np.where(judged, vertical - _thrust(judged, command / FULL_COMMAND, vertical), 0.0)
     beyond = beyond - median_filter(beyond, _AROUND_ROWS, mode="nearest")
-    limit = max(_PUSHED_MPS2, -_MORE * float(np.quantile(beyond[airborne], _RARE)))
-    pushed = airborne & (beyond > limit)
+    limit = max(_PUSHED_MPS2, -_MORE * float(np.quantile(beyond[judged], _RARE)))
+    pushed = judged & (beyond > limit)
     if not pushed.any():
         return airborne, []
     near = airborne & _around(pushed, EDGE_S)

@@ -33,7 +33,7 @@ _SLOWEST_S = 0.021  # between rows of a sensor: slower, rates change unseen
 _OTHER_UNIT_S = 0.5  # between rows, which is 1000 times what autopilots log at most
 _AVERAGED_S = ROW_S / 2  # between rows of a sensor, below which they are averaged
 _WEIGHT = (0.2, 5.0)  # of gravity, which a median specific force is nearly: beyond, its unit is another
-_SETTLING_S = 0.3  # after a motor left its range, in which rotors forget it
+_SETTLING_S = 0.3  # after a motor left its range, or commands were not seen, in which rotors forget it
 _MOST_S = 600.0
 _FEWEST = 500  # rows: 5 s, that a gyro has to show of the turning about an axis
 _AT_END_S = 2 * ROW_S  # around a gyro's end of range, in which a row's mean has a part of it
@@ -127,8 +127,9 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
     _check_weight(force[running], path)
     refuse_other_unit(log, *rates, np.interp(rates[0], row_s, running) == 1)
     unseen, gaps = _unseen(timed, row_s)
+    followed = ~late(unseen, _SETTLING_S)
     airborne, touches = without_touches(
-        in_air(share, force, spun) & ~unseen, command, force[:, 2], begin_s=begin - float(first[0])
+        in_air(share, force, spun) & ~unseen, followed, command, force[:, 2], begin_s=begin - float(first[0])
     )
     within = ~unseen & ((share > DEAD_COMMAND) & (share < FULL_COMMAND)).all(axis=1)
     driven = airborne & ~late(np.asarray(~within), _SETTLING_S)
