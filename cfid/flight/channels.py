@@ -176,9 +176,7 @@ def _may_be_volts(log: FlightLog) -> tuple[str, ...]:
 
 
 def held(time_s: Array, command: Array, at_s: Array) -> Array:
-    """Return the mean command (n,) over each step, which holds from row to row of the log."""
-    known = np.isfinite(command)
-    time_s, command = time_s[known], command[known]
+    """Return the mean command (n,) over each step; numbers (k,) hold from row to row of the log."""
     total = np.concatenate([[0.0], np.cumsum(command[:-1] * np.diff(time_s))])
     edges = np.append(at_s, at_s[-1] + STEP_S)
     place = np.clip(np.searchsorted(time_s, edges, side="right") - 1, 0, len(time_s) - 1)

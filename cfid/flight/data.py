@@ -95,7 +95,8 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
     whole, log = log, replace(log, series=tuple(one.between(*around) for one in log.series))
     spoilt: list[str] = []
     commands = [
-        _possible(*one, COMMANDS, name, spoilt) for name, one in zip(command_names(log), commands_of(log), strict=True)
+        _possible(*_numbers(*one, name, path), COMMANDS, name, spoilt)
+        for name, one in zip(command_names(log), commands_of(log), strict=True)
     ]
     rates, rates_hz = rates_of(log)
     rates = _possible(*rates, RATES, GYRO, spoilt)
@@ -149,14 +150,11 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
         velocity=velocity,
         attitude=attitude,
     )
-    flight = by_command
     if voltmeter is not None:
         voltmeter = voltmeter[0] - begin, voltmeter[1]
-        volts = np.interp(at_s - begin + STEP_S / 2, *voltmeter)  # in the middle of what a command's mean is over
-        flight = replace(by_command, drive=by_command.drive * volts[:, np.newaxis], in_volts=True, volts=volts)
     return FlownLog(
         log=whole,
-        flight=flight,
+        flight=by_command if voltmeter is None else _in_volts(by_command, *voltmeter),
         by_command=by_command,
         voltmeter=voltmeter,
         apart_s=(commands_apart_s(*commands[0], readings), _apart_s(rates[0]), _apart_s(forces[0])),
@@ -167,6 +165,24 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
             *(one.at(path.name) for one in (*repeated_findings(readings), *touches, *clipped)),
         ),
     )
+
+
+def _in_volts(flight: Flight, time_s: Array, volts: Array) -> Flight:
+    """Return a flight whose drives are commands times the battery's volts (k,), at times since its first drive."""
+    at_s = STEP_S * (np.arange(len(flight.drive)) + 0.5)  # in the middle of what a command's mean is over
+    volts = np.interp(at_s, time_s, volts)
+    return replace(flight, drive=flight.drive * volts[:, np.newaxis], in_volts=True, volts=volts)
+
+
+def _numbers(time_s: Array, values: Array, what: str, path: Path) -> tuple[Array, Array]:
+    """Return the rows of times (n,) and values (n,) with a number, which others do not hold. Raises DataError for none.
+
+    Nobody knows what a motor did without one: such rows are as good as missing.
+    """
+    known = np.isfinite(values)
+    if not known.any():
+        raise DataError(f"{path}: '{what}' has no number: a flight's thrust is that of all four motors.")
+    return time_s[known], values[known]
 
 
 def _possible(time_s: Array, values: Array, limits: Limits, what: str, notes: list[str]) -> tuple[Array, Array]:
@@ -192,7 +208,10 @@ def _unseen(timed: Sequence[Array], row_s: Array) -> tuple[Mask, tuple[str, ...]
         for place in np.flatnonzero(np.diff(time_s) > _SLOWEST_S):
             unseen |= (row_s > time_s[place] - ROW_S) & (row_s < time_s[place + 1] + ROW_S)
     lost_s = ROW_S * int(np.count_nonzero(unseen))
-    text = f"{lost_s:.3g} s in gaps without rows (above {1e3 * _SLOWEST_S:.0f} ms), and what follows, are left out."
+    text = (
+        f"{lost_s:.3g} s in gaps without rows, or with rows that have no command or reading (above "
+        f"{1e3 * _SLOWEST_S:.0f} ms), and what follows, are left out."
+    )
     return unseen, (text,) if unseen.any() else ()
 
 
@@ -253,8 +272,8 @@ def _check_left(left_s: float, path: Path) -> None:
 def _refuse_other_motors(log: FlightLog) -> None:
     if stated := moving_others(log.notes):
         raise FitError(
-            f"{log.path}: {stated} Thrust and moments are fitted, and flights predicted, for a quadrocopter alone, "
-            "whose four motors carry it."
+            f"{log.path}: the vehicle has other motors than four: {stated} Thrust and moments are fitted, and flights "
+            "predicted, for quadrocopters alone."
         )
 
 
