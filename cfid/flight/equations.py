@@ -29,6 +29,7 @@ class Equations:
     each: Sequence[EquationsOf]
     white: tuple[White, ...] = ()
     of_command: float = 0.0  # the share of the delays that the command alone has, not the battery's voltage
+    unfiltered: float = 0.0  # the share of what an unknown accelerometer is later than the gyro by, that is no filter
 
     def whitened(self, p: Array) -> "Equations":
         """Return the equations with what whitens the errors of parameters (10,)."""
@@ -48,7 +49,7 @@ class Equations:
         """Return the equations for time constants and delays."""
         rising_s, falling_s, of_force_s, of_rates_s = map(float, p[: DELAYS.stop])
         lag, delays_s = ThrustLag(rising_s, falling_s), (of_force_s, of_rates_s)
-        return [one for equations in self.each for one in equations(lag, delays_s, self.of_command)]
+        return [one for equations in self.each for one in equations(lag, delays_s, self.of_command, self.unfiltered)]
 
     def residual(self, p: Array) -> Array:
         """Return the whitened errors (n,) of parameters (10,)."""

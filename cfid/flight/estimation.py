@@ -40,6 +40,8 @@ _SMOOTH = 10  # rows over which noise is averaged before judging how much is exp
 _GRID_S = ROW_S / 24  # by which lags err: in calm air they come out 0.3 to 0.4 ms long, with steps of 2 and 3.3 ms
 _GYRO_DELAY_STD_S = 4e-5  # by which it errs: in calm air it comes out 0.02 to 0.07 ms early, the more the less noise
 _OF_COMMAND, _OF_COMMAND_STD = 0.5, 0.5  # of the delays: what the command alone has of them, as is expected
+_UNFILTERED_STD = 0.5  # of what the accelerometer is later by than the gyro: a filter's, as is expected, but for that
+_TRIED = 0.5  # of such a share, over which its slope is taken
 _ZERO_STD = 0.02  # of the weight, an accelerometer's zero: the zero-g offset in a BMI088's data sheet is 20 mg
 _SLOPE_STD = 0.005  # of thrust's slope, which all moments share: in calm air they err alike, by 0.6 to 0.75 %
 
@@ -105,7 +107,7 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
     _refuse_other_numbers(equations, begin)
     equations, result = settled(equations, begin)
     jacobian, residual = np.asarray(result.jac), np.asarray(result.fun)
-    equations, step, slopes, left = _with_late_commands(equations, with_constant(result.x), jacobian, residual)
+    equations, step, slopes, left = _with_shares(equations, with_constant(result.x), jacobian, residual)
     found, residual = with_constant(result.x + step), left[: len(residual)]
     covariance = covariance_of(slopes, left, [one.basis for one in equations.white])[: len(step), : len(step)]
     covariance += _of_volts(flown, equations, found, slopes)[: len(step), : len(step)]
@@ -168,30 +170,35 @@ def _refuse_other_numbers(equations: Equations, p: Array) -> None:
         raise CrossedError(f"commanded torques turn the vehicle about other axes than their own: {crossing.fault()}.")
 
 
-def _with_late_commands(
+def _with_shares(
     equations: Equations, p: Array, jacobian: Array, residual: Array
 ) -> tuple[Equations, Array, Array, Array]:
-    """Let the flight show which share of the delays the command alone has, beside what is expected of it.
+    """Let the flight show two shares of the delays, beside what is expected of them.
 
-    A battery gives way when rotors pull, not when they are commanded to. The effect is of some per cent, so that one
-    step from parameters (10,), whose errors are `residual` (n,) with slopes `jacobian` (n, 9), finds it. Returns the
-    equations with the share, the step (9,), and slopes (n + 1, 10) and errors (n + 1,) with those of the share. The
-    last row is what is expected, which errs by one standard uncertainty.
+    The command alone has the one, not the voltage: a battery gives way when rotors pull, not when they are commanded
+    to. The other is the part of what an unknown accelerometer is later by than the gyro, that is no filter. Both
+    effects are of some per cent, so that one step from parameters (10,), whose errors are `residual` (n,) with slopes
+    `jacobian` (n, 9), finds them. Returns the equations with the shares, the step (9,), and slopes (n + 2, 11) and
+    errors (n + 2,) with those of the shares. The last rows are what is expected, which errs by one standard
+    uncertainty.
     """
     later = replace(equations, of_command=1.0).residual(p) - residual
-    rows = np.vstack([np.column_stack([jacobian, later]), np.eye(1, jacobian.shape[1] + 1, jacobian.shape[1])])
-    rows[-1] /= _OF_COMMAND_STD
-    errors = np.append(residual, -_OF_COMMAND / _OF_COMMAND_STD)
+    sharper = (replace(equations, unfiltered=_TRIED).residual(p) - residual) / _TRIED
+    count = jacobian.shape[1]
+    expected, stds = np.array([_OF_COMMAND, 0.0]), np.array([_OF_COMMAND_STD, _UNFILTERED_STD])
+    rows = np.vstack([np.column_stack([jacobian, later, sharper]), np.eye(2, count + 2, count) / stds[:, np.newaxis]])
+    errors = np.concatenate([residual, -expected / stds])
     step = -gain_of(rows) @ errors
     left = errors + rows @ step
-    left[-1] = 1.0
-    return replace(equations, of_command=float(step[-1])), step[:-1], rows, left
+    left[-2:] = 1.0
+    of_command, unfiltered = map(float, step[count:])
+    return replace(equations, of_command=of_command, unfiltered=unfiltered), step[:count], rows, left
 
 
 def _of_volts(flown: Sequence[Flight], equations: Equations, p: Array, slopes: Array) -> Array:
-    """Return the covariance (10, 10) that the volts' uncertainty makes, of parameters (10,) and equations' slopes."""
+    """Return the covariance (11, 11) that the volts' uncertainty makes, of parameters (10,) and equations' slopes."""
     other = replace(equations, each=[equations_of(one.with_other_volts) for one in flown])
-    change = np.append(other.residual(p) - equations.residual(p), 0.0)
+    change = np.pad(other.residual(p) - equations.residual(p), (0, 2))
     effect = gain_of(slopes) @ change
     return np.outer(effect, effect)
 

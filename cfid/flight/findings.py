@@ -144,10 +144,12 @@ def _delay_findings(found: FlightFit, concerned: Sequence[str]) -> list[Finding]
     sensors = zip(("accelerometer", "gyro"), moved, found.values[DELAYS], found.std[DELAYS], strict=True)
     for sensor, moves, delay_s, std_s in sensors:
         if moves and not (delay_s + 3 * std_s > _FIRST_S and delay_s < _LAST_S):
+            slow = delay_s > 0 and sensor == "accelerometer"
             text = (
                 f"the {sensor} shows what rotors do {1e3 * abs(delay_s):.0f} ms "
                 f"{'before' if delay_s < 0 else 'after'} their command: its times and those of the commands do not "
-                "belong together."
+                "belong together"
+                f"{', or its low-pass filter is slow (acc_lpf_hz, IMU_ACCEL_CUTOFF): set 50 Hz.' if slow else '.'}"
             )
             return [rejection("flight-delay-implausible", text, *concerned)]
     return []

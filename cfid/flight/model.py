@@ -8,6 +8,7 @@ volts where these are known, lags to w; thrust is c0 + c1 w + c2 w^2 of one roto
 
 with l the lever of a rotor about x and y, its arm over the root of two, and q its torque over its thrust. Each sensor
 shows this with a delay of its own, air, electronics and the vehicle's filter, whose shape is known on a Crazyflie.
+Elsewhere what the accelerometer shows later than the gyro is ascribed to a filter of second order.
 """
 
 import math
@@ -33,6 +34,7 @@ CLIMB_S = 5.0  # over which the climb is integrated from the force: the battery'
 DAMPING = 1  # the place of the rate among the other terms of an equation about an axis
 SAG_S = 5.0  # half the shortest period in which the battery's charge changes the thrust
 LEVER = 0.5**0.5  # of an arm, about the axes forward and left
+_LEAST_FILTERED_S = 1e-4  # as a filter of 240 Hz: steps of 2 ms show none above 250 Hz
 _KEPT = 4  # lags and delays whose equations are kept: those of a solution, and of slopes around it
 
 # The signs with which thrusts turn the vehicle about x and y, and their reaction torques about z; (3, 4).
@@ -157,30 +159,33 @@ def equations_of(flight: Flight) -> EquationsOf:
     """Return what gives the equations of the vertical force and of the rates about each axis, for rotors of a lag.
 
     It takes the lag, by how much later the accelerometer and the gyro show it, their filters included, and the share
-    of what is left of these delays that the command alone has, not the voltage. The last few are kept: a slope over
-    the gyro's delay leaves the rotors and the vertical force as they were.
+    of what is left of these delays that the command alone has, not the voltage. An accelerometer whose filter is not
+    known has one that makes it later than the gyro, but for the share `unfiltered` of that. The last few are kept: a
+    slope over the gyro's delay leaves the rotors as they were.
     """
-    of_filters_s = [filtering_s(low_pass_hz) for low_pass_hz in flight.low_pass_hz]
 
     @lru_cache(_KEPT)
     def late(lag: ThrustLag, command_s: float) -> Array:
         return lag.follow(flight.drives_of_late(command_s))
 
     @lru_cache(_KEPT)
-    def vertical(lag: ThrustLag, command_s: float, delay_s: float) -> FlightEquation:
-        return _vertical(flight, _seen(late(lag, command_s), delay_s, flight.low_pass_hz[0]))
+    def vertical(lag: ThrustLag, command_s: float, delay_s: float, low_pass_hz: float | None) -> FlightEquation:
+        return _vertical(flight, _seen(late(lag, command_s), delay_s, low_pass_hz))
 
     @lru_cache(_KEPT)
     def turning(lag: ThrustLag, command_s: float, delay_s: float) -> list[FlightEquation]:
         powers = _seen(late(lag, command_s), delay_s, flight.low_pass_hz[1])
         return [_turning(flight, powers, axis) for axis in range(len(AXES))]
 
-    def equations(lag: ThrustLag, delays_s: tuple[float, float], of_command: float = 0.0) -> list[FlightEquation]:
-        common_s = min(delay_s - of_filter_s for delay_s, of_filter_s in zip(delays_s, of_filters_s, strict=True))
-        command_s = 0.0 if flight.volts is None else of_command * max(common_s, 0.0)
+    def equations(
+        lag: ThrustLag, delays_s: tuple[float, float], of_command: float = 0.0, unfiltered: float = 0.0
+    ) -> list[FlightEquation]:
         of_force_s, of_rates_s = delays_s
+        low_pass_hz = flight.low_pass_hz[0] or _low_pass_hz((1 - unfiltered) * (of_force_s - of_rates_s))
+        common_s = min(of_force_s - filtering_s(low_pass_hz), of_rates_s - filtering_s(flight.low_pass_hz[1]))
+        command_s = 0.0 if flight.volts is None else of_command * max(common_s, 0.0)
         return [
-            vertical(lag, command_s, of_force_s - command_s),
+            vertical(lag, command_s, of_force_s - command_s, low_pass_hz),
             *turning(lag, command_s, of_rates_s - command_s),
         ]
 
@@ -201,6 +206,11 @@ def _seen(late: Array, delay_s: float, low_pass_hz: float | None) -> Array:
 def filtering_s(low_pass_hz: float | None) -> float:
     """Return by how much a sensor's filter delays slow motion, 0 where it is unknown."""
     return 0.0 if low_pass_hz is None else STEP_S / math.sqrt(2) / math.tan(math.pi * low_pass_hz * STEP_S)
+
+
+def _low_pass_hz(delay_s: float) -> float | None:
+    """Return the cut-off of the filter that delays slow motion by so much, None for less than a filter can."""
+    return math.atan(STEP_S / math.sqrt(2) / delay_s) / (math.pi * STEP_S) if delay_s > _LEAST_FILTERED_S else None
 
 
 def _powers(late: Array) -> Array:

@@ -1,5 +1,6 @@
 """Solve a flight's equations: from coarse lags on, noise and parameters in turn until both rest."""
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -18,6 +19,7 @@ Array = npt.NDArray[np.float64]
 _QUICKEST_S, _SLOWEST_S = 5e-3, 1.0  # of a lag
 _EARLIEST_S, _LATEST_S = -0.02, 0.05  # of a delay
 _STARTS_S = (0.02, 0.04, 0.07, 0.12)
+_LATE_S, _CLEARLY = (0.02, 0.035), 1.4  # of an accelerometer with a filter of 10 Hz; usual ones leave 0.9 to 1.1
 _MEAN_ROWS = 10  # 0.1 s, over which noise is averaged before judging how much is explained
 _MOST_ROUNDS = 100  # in which noise and parameters are estimated in turn
 _WHOLE_ROUNDS = 3  # at first, since single steps from afar can end elsewhere
@@ -26,15 +28,19 @@ _SETTLED = 0.05  # standard uncertainties that a round may move a parameter by
 
 
 def first_parameters(equations: Equations) -> Array:
-    """Return the best parameters (10,) of a coarse grid of lags, as fast upwards as downwards."""
+    """Return the best parameters (10,) of a coarse grid of lags, as fast upwards as downwards.
+
+    The accelerometer is much later than usual only where that leaves clearly less of the force: elsewhere lag and
+    delay are nearly alike.
+    """
     best, found = np.inf, np.zeros(TURNS.stop)
-    for tau_s in _STARTS_S:
-        p = _start(tau_s, DELAY_S)
+    for tau_s, of_force_s in itertools.product(_STARTS_S, (DELAY_S, *_LATE_S)):
+        p = _start(tau_s, of_force_s, DELAY_S)
         blocks = equations.at(p)
         vertical = [block for block in blocks if block.axis is None]
         rows, shown = (np.concatenate(each) for each in zip(*((b.terms, b.shown) for b in vertical), strict=True))
         p[THRUST] = gain_of(rows) @ shown
-        cost = float(np.sum((shown - rows @ p[THRUST]) ** 2))
+        cost = float(np.sum((shown - rows @ p[THRUST]) ** 2)) * (1.0 if of_force_s == DELAY_S else _CLEARLY)
         for axis in range(len(AXES)):
             turning = [block for block in blocks if block.axis == axis]
             torque = np.concatenate([without(block.terms @ p[THRUST], block.others) for block in turning])
@@ -53,7 +59,7 @@ def most_explained(equations: Equations, *, enough: float) -> float:
     most = 0.0
     for delay_s in (DELAY_S, _EARLIEST_S, _LATEST_S):
         for tau_s in _STARTS_S:
-            most = max(most, _explained(equations.at(_start(tau_s, delay_s))))
+            most = max(most, _explained(equations.at(_start(tau_s, delay_s, delay_s))))
             if most >= enough:
                 return most
     return most
@@ -120,9 +126,9 @@ def _improved(equations: Equations, begin: Array, scales: Array, *, whole: bool)
     return result
 
 
-def _start(tau_s: float, delay_s: float) -> Array:
-    """Return parameters (10,) of a lag, as fast upwards as downwards, of one delay, and of no thrust."""
-    return np.concatenate([[tau_s, tau_s, delay_s, delay_s], np.zeros(6)])
+def _start(tau_s: float, of_force_s: float, of_rates_s: float) -> Array:
+    """Return parameters (10,) of a lag, as fast upwards as downwards, of delays, and of no thrust."""
+    return np.concatenate([[tau_s, tau_s, of_force_s, of_rates_s], np.zeros(6)])
 
 
 def _scales(p: Array) -> Array:

@@ -79,6 +79,7 @@ def fly(
     with_volts: bool = False,
     touches_s: tuple[float, ...] = (),
     accelerometer_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    accelerometer_hz: float = ACCELEROMETER_HZ,
     climbs_with_roll: bool = False,
 ) -> list[FlightLog]:
     """Return a log of each vehicle at 500 Hz; one that hovers has no manoeuvres.
@@ -87,7 +88,8 @@ def fly(
     battery loses under the thrust of hovering, 4 V being left, which the log has `with_volts`. Commands act
     `late_steps` later, the voltage at once. `inflow` is the share of thrust that a climb of 1 m/s along the rotors'
     axis takes. The ground pushes for 0.1 s from `touches_s` on, off the middle. The accelerometer
-    is at `accelerometer_m` from the centre of mass. A vehicle that `climbs_with_roll` does so at the same times.
+    is at `accelerometer_m` from the centre of mass, its filter at `accelerometer_hz`. A vehicle that `climbs_with_roll`
+    does so at the same times.
     """
     count, steps = len(vehicles.mass), int(seconds / STEP)
     level = _level(vehicles)
@@ -100,7 +102,7 @@ def fly(
     spinning = np.zeros((count, 3))
     rows = np.zeros((steps, count, 10 + 7 + with_volts))
     pending = [late.copy() for _ in range(late_steps)]
-    gyro, accelerometer = _LowPass(GYRO_HZ, (count, 3)), _LowPass(ACCELEROMETER_HZ, (count, 3))
+    gyro, accelerometer = _LowPass(GYRO_HZ, (count, 3)), _LowPass(accelerometer_hz, (count, 3))
     for step in range(steps):
         k = vehicles.k * (1 + SAG * (0.5 - step / steps))
         thrust = k * (vehicles.idle[:, None] + vehicles.gain[:, None] * late) ** 2

@@ -16,13 +16,14 @@ from cfid.flight.battery import with_whole_sag
 from cfid.flight.braking import fit_drag
 from cfid.flight.channels import at_rows
 from cfid.flight.data import FlownLog, flight_of, read_flight
-from cfid.flight.equations import THRUST, Equations
+from cfid.flight.equations import DELAY_S, DELAYS, THRUST, Equations
 from cfid.flight.estimation import fit_alone, fit_flights
 from cfid.flight.excitation import refuse_still
 from cfid.flight.logged import spacing_findings
 from cfid.flight.model import LEVER, ROW_S, ROW_STEPS, STEP_S, Flight, ThrustLag, equations_of, turned_back
 from cfid.flight.moving import moving_findings
 from cfid.flight.result import fit
+from cfid.flight.search import first_parameters
 from cfid.flight.values import INFLOW_STD, LOAD_SAG_STD, RESCALED_STD, Body
 from cfid.records.logs.log import Channel, FlightLog, in_memory
 from cfid.records.parameters import Source
@@ -433,6 +434,41 @@ def test_gusts_and_quick_manoeuvres_are_no_touches(changed: dict[str, float]) ->
     rng = np.random.default_rng(7)
     for log in fly(fleet(4, rng), rng, seconds=18.0, **changed):  # type: ignore[arg-type]
         assert "flight-touched" not in [one.code for one in flight_of(log).findings]
+
+
+@pytest.mark.parametrize("low_pass_hz", [60.0, 10.0])
+def test_an_accelerometer_with_an_unknown_filter_gives_the_vehicle_back(low_pass_hz: float) -> None:
+    """As a delay alone, a filter of 16 Hz made moments 2 % large, and flights with one of 10 Hz were refused."""
+    rng = np.random.default_rng(9)
+    vehicles = fleet(2, rng)
+    errors = []
+    for place, log in enumerate(fly(vehicles, rng, seconds=24.0, wind=0.1, accelerometer_hz=low_pass_hz)):
+        read = flight_of(log)
+        unknown = replace(read, flight=replace(read.flight, low_pass_hz=(None, None)))
+        result, expected = fit([unknown], body=body_of(vehicles, place)), truths(vehicles, place)
+        expected.pop("flight.single_lag_s")
+        assert result.accepted
+        assert max(map(abs, errors_in_std(result, expected).values())) < 3.5
+        errors += [result.quantities[key].value / expected[key] - 1 for key in expected if "inertia" in key]
+    assert abs(np.mean(errors)) < 0.01
+
+
+def test_a_fit_begins_with_a_late_accelerometer_where_that_explains_far_more() -> None:
+    """From a usual delay on, fits to accelerations of 20 ms before could come to no rest, or end without a thrust."""
+    rng = np.random.default_rng(9)
+    vehicles = replace(fleet(1, rng), rising=np.array([0.03]), falling=np.array([0.04]))
+    (log,) = fly(vehicles, rng, seconds=24.0, wind=0.0, noise=0.3)
+
+    def later(rows: Array) -> Array:
+        changed, count = rows.copy(), round(0.03 / STEP)
+        changed[count:, 8:11] = rows[:-count, 8:11]
+        return changed
+
+    begins = [first_parameters(Equations([equations_of(flight_of(one).flight)])) for one in (log, of_rows(log, later))]
+    assert [float(p[DELAYS][0]) for p in begins] == [DELAY_S, pytest.approx(0.035)]
+    expected = truths(vehicles, 0) | {"flight.single_lag_s": truths(vehicles, 0)["flight.single_lag_s"] + 0.03}
+    result = fit([flight_of(of_rows(log, later))], body=body_of(vehicles, 0))
+    assert max(map(abs, errors_in_std(result, expected).values())) < 3.5
 
 
 @pytest.mark.parametrize(("late_s", "when"), [(-0.030, "before"), (0.060, "after")])
