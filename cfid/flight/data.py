@@ -13,7 +13,15 @@ from cfid.flight.airborne import EDGE_S, in_air, late, without_touches
 from cfid.flight.channels import at_rows, command_names, commands_of, forces_of, held, motion, rates_of, volts_of
 from cfid.flight.gyro_unit import refuse_other_unit
 from cfid.flight.model import AXES, ROW_S, ROW_STEPS, STEP_S, Flight, segments, turned_back
-from cfid.flight.repeated import ACCELEROMETER, GYRO, commands_apart_s, first_rows, repeated_findings
+from cfid.flight.repeated import (
+    ACCELEROMETER,
+    GYRO,
+    commands_apart_s,
+    commands_held_s,
+    first_rows,
+    held_findings,
+    repeated_findings,
+)
 from cfid.records.logs.any_kind import NO_OPTIONS, read_log
 from cfid.records.logs.flights import longest_flight
 from cfid.records.logs.hung import without_hung
@@ -147,6 +155,7 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
         in_volts=False,
         low_pass_hz=(forces_hz, rates_hz),
         ages_s=(readings[ACCELEROMETER].age_s, readings[GYRO].age_s),
+        held_s=commands_held_s(commands, readings),
         velocity=velocity,
         attitude=attitude,
     )
@@ -162,7 +171,8 @@ def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None
             *of_recording(path.name, [text for text in log.notes if not text.startswith(NO_SQUARE)]),
             *(note("recording", f"assumed: {text}.").at(path.name) for text in log.assumed),
             *(warning("recording", text).at(path.name) for text in (*spoilt, *hung, *faults, *gaps)),
-            *(one.at(path.name) for one in (*repeated_findings(readings), *touches, *clipped)),
+            *(one.at(path.name) for one in (*repeated_findings(readings), *held_findings(by_command.held_s))),
+            *(one.at(path.name) for one in (*touches, *clipped)),
         ),
     )
 

@@ -117,6 +117,7 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
     covariance[LAGS, LAGS] += _GRID_S**2
     covariance[DELAYS.stop - 1, DELAYS.stop - 1] += _GYRO_DELAY_STD_S**2
     covariance[DELAYS, DELAYS] += np.diag(np.max([flight.ages_s for flight in flown], axis=0) ** 2 / 3)
+    covariance[DELAYS, DELAYS] += max(flight.held_s for flight in flown) ** 2 / 12  # half of it, and common to both
     covariance[TURNS, TURNS] += np.diag((excess / math.sqrt(3)) ** 2)
     covariance[TURNS, TURNS] += _SLOPE_STD**2 * np.outer(found[TURNS], found[TURNS])
     found, covariance = _levelled(found, covariance, [one for one in equations.at(found) if one.axis is None])

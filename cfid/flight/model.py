@@ -59,7 +59,7 @@ class Flight:
     command within its range for a while.
     `beyond` (m,) marks rows at which the gyro stood at an end of its range, None where it did not.
     `low_pass_hz` are the cut-offs of the Butterworth filters of accelerometer and gyro, None where unknown, `ages_s` by
-    how much their readings may be older than the rows that show them.
+    how much their readings may be older than the rows that show them, and `held_s` for how long commands are repeated.
     """
 
     name: str
@@ -72,6 +72,7 @@ class Flight:
     in_volts: bool
     low_pass_hz: tuple[float | None, float | None] = (None, None)
     ages_s: tuple[float, float] = (0.0, 0.0)
+    held_s: float = 0.0
     velocity: Array | None = None
     attitude: Array | None = None
     volts: Array | None = None

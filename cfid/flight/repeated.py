@@ -1,18 +1,22 @@
-"""Takes each reading of gyro and accelerometer once where a log repeats it in several rows, and names that."""
+"""Takes each reading of gyro and accelerometer once where a log repeats it in several rows, and names that.
+
+And commands that a log repeats while its sensors go on.
+"""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from cfid.estimate.held_readings import Readings, once_each
-from cfid.findings import Finding, note
+from cfid.findings import Finding, note, warning
 
 Array = npt.NDArray[np.float64]
 Timed = tuple[Array, Array]
 
 GYRO, ACCELEROMETER = "gyro", "accelerometer"
+_HELD_S = 0.003  # of commands: drives have steps of 2 ms
 _CONCERNED = {GYRO: "flight.delay_s", ACCELEROMETER: "flight.single_lag_s"}  # whose uncertainty contains the age
 
 
@@ -34,6 +38,33 @@ def commands_apart_s(time_s: Array, command: Array, readings: Mapping[str, Readi
     if any(one.age_s for one in readings.values()):
         time_s = time_s[once_each(time_s, command)[0]]
     return float(np.median(np.diff(time_s)))
+
+
+def commands_held_s(commands: Sequence[Timed], readings: Mapping[str, Readings]) -> float:
+    """Return for how long motors' commands (n,) are repeated beside sensors with a reading in each row, 0 if not.
+
+    Whether the autopilot holds them, or the log alone, does not show.
+    """
+    first_s = commands[0][0]
+    alike = [values for time_s, values in commands if len(time_s) == len(first_s)]  # of one series
+    if any(one.age_s for one in readings.values()):
+        return 0.0
+    _, found = once_each(first_s, np.column_stack(alike))
+    held_s = found.age_s * found.rows / max(found.read, 1)
+    return held_s if held_s > _HELD_S else 0.0
+
+
+def held_findings(held_s: float) -> list[Finding]:
+    """Return a warning on commands that are repeated for so long, none for 0."""
+    if not held_s:
+        return []
+    text = (
+        f"commands are repeated for {1e3 * held_s:.2g} ms, while sensors go on. If the log alone holds them, and the "
+        f"autopilot changes them more often, delays come out up to {1e3 * held_s / 2:.2g} ms short, and lags some per "
+        f"cent long: the standard uncertainty of flight.delay_s contains {1e3 * held_s / 2 / math.sqrt(3):.2g} ms for "
+        "that. Log every command."
+    )
+    return [warning("flight-commands-held", text, "flight.delay_s", "flight.rising_s", "flight.falling_s")]
 
 
 def repeated_findings(readings: Mapping[str, Readings]) -> list[Finding]:

@@ -259,6 +259,27 @@ def test_readings_that_are_repeated_for_long_are_as_far_apart_as_rows_of_a_log_t
         flight_of(repeating(flown[1][0], {"gyro": 20}))
 
 
+def test_the_delay_contains_what_commands_that_a_log_alone_holds_make_of_it() -> None:
+    """Held for 10 ms, they came 4 ms late: the delay was as much short, at a stated 0.1 ms and without a word."""
+    rng = np.random.default_rng(4)
+    vehicles = fleet(1, rng)
+    (log,) = fly(vehicles, rng, seconds=18.0, wind=0.2)
+
+    def held(rows: Array) -> Array:
+        changed = rows.copy()
+        changed[:, 1:5] = rows[np.arange(len(rows)) // 5 * 5, 1:5]
+        return changed
+
+    assert "flight-commands-held" not in [one.code for one in flight_of(log).findings]
+    read, expected = flight_of(of_rows(log, held)), truths(vehicles, 0)
+    (found,) = [one for one in read.findings if one.code == "flight-commands-held"]
+    assert "commands are repeated for 10 ms" in found.text
+    assert "up to 5 ms short" in found.text
+    errors = errors_in_std(fit([read], body=body_of(vehicles, 0)), expected)
+    assert errors["flight.delay_s"] < -1.0
+    assert max(map(abs, errors.values())) < 2.5
+
+
 @pytest.mark.parametrize("step_deg_s", [0.061, 1.0, 5.0])
 @pytest.mark.parametrize("hover", [False, True])
 def test_a_gyro_of_coarse_steps_does_not_pass_for_one_whose_readings_are_repeated(
