@@ -25,9 +25,11 @@ _Sensor = tuple[tuple[str, ...], tuple[float, ...], float | None]
 _COMMANDS = ("motor.m{}", "pwm.m{}_pwm", "pwm.m{}", "control.m{}")
 _VOLTS = ("pm.vbat", "pm.vbatMV")
 _LIKE_VOLTS = re.compile(r"(?:v_?bat|batt(?:ery)?|voltage)(?:\W.*|_?m?v|_?voltage)?", re.IGNORECASE)
+_OUTPUT = re.compile(r"motor\[[0-3]\]")  # of a blackbox log
 _WRONG_SHARE = 0.1  # of the voltage's values, below which these alone are left out
 _DOWN = (1.0, -1.0, -1.0)  # of PX4's axes: x forward, y right, z down
 _UP = (1.0, 1.0, 1.0)
+_UNFILTERED = ("gyroUnfilt[0]", "gyroUnfilt[1]", "gyroUnfilt[2]")  # all that some blackbox logs have
 # What sensors are called, in order of preference, with the signs that turn them to forward, left and up, and the
 # cut-off in Hz of the second-order Butterworth filter that the Crazyflie's firmware puts before its log.
 _RATES: tuple[_Sensor, ...] = (
@@ -35,13 +37,14 @@ _RATES: tuple[_Sensor, ...] = (
     (("imu_gyro_x", "imu_gyro_y", "imu_gyro_z"), _UP, 80.0),
     (("gyro_rad[0]", "gyro_rad[1]", "gyro_rad[2]"), _DOWN, None),
     (("gyroADC[0]", "gyroADC[1]", "gyroADC[2]"), _UP, None),
+    (_UNFILTERED, _UP, None),
 )
 _FORCES: tuple[_Sensor, ...] = (
     (("acc.x", "acc.y", "acc.z"), _UP, 30.0),
     (("accelerometer_m_s2[0]", "accelerometer_m_s2[1]", "accelerometer_m_s2[2]"), _DOWN, None),
     (("accSmooth[0]", "accSmooth[1]", "accSmooth[2]"), _UP, None),
 )
-_COUNTED = ("gyroADC[0]", "gyroADC[1]", "gyroADC[2]", "accSmooth[0]", "accSmooth[1]", "accSmooth[2]")
+_COUNTED = ("gyroADC[0]", "gyroADC[1]", "gyroADC[2]", *_UNFILTERED, "accSmooth[0]", "accSmooth[1]", "accSmooth[2]")
 _OF_PX4 = ("xyz[0]", "xyz[1]", "xyz[2]")  # of many of its topics
 _VELOCITY, _QUATERNION = ("vx", "vy", "vz"), ("qw", "qx", "qy", "qz")  # of motion capture, in the world's axes
 _TELLING = 100  # rows of commands
@@ -52,11 +55,27 @@ def command_names(log: FlightLog) -> list[str]:
     names = [first_of(log, _COMMANDS, motor) for motor in MOTORS]
     missing = [f"motor.m{motor}" for motor, name in zip(MOTORS, names, strict=True) if name is None]
     if missing:
-        raise DataError(
-            f"{log.path}: no {', '.join(missing)}: a flight's thrust is that of all four motors. Give the columns of a "
-            "table these names."
-        )
+        raise DataError(f"{log.path}: {_without_commands(log, missing)}")
     return [name for name in names if name is not None]
+
+
+def _without_commands(log: FlightLog, missing: Sequence[str]) -> str:
+    """Return what a log lacks that has not the commands of all motors, and what to do."""
+    needed = "a flight's thrust is that of all four motors"
+    if "ULog of PX4" in log.program:
+        return (
+            f"no topic actuator_motors, and {needed}: PX4 has it from 1.13 on. Log it with the high rate of "
+            "SDLOG_PROFILE."
+        )
+    if "blackbox log of" in log.program:
+        outputs = [name for one in log.series for name in one.names if _OUTPUT.fullmatch(name)]
+        if len(set(outputs)) == len(MOTORS):
+            return (
+                f"no header motorOutput with the range of {outputs[0]} to {outputs[-1]}, and {needed}: what an output "
+                "is of the full command is not known. Log with a firmware that writes it."
+            )
+        return f"no motor[0] to motor[3], and {needed}: log them (blackbox_disable_motors = OFF)."
+    return f"no {', '.join(missing)}: {needed}. Give the columns of a table these names."
 
 
 def commands_of(log: FlightLog) -> list[tuple[Array, Array]]:

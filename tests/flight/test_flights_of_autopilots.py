@@ -193,6 +193,47 @@ def test_an_imported_or_converted_flight_of_another_autopilot_is_that_of_its_fil
             np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("library", "written", "gone", "instead", "stated"),
+    [
+        (
+            "pyulog",
+            ulog,
+            b"actuator_motors",
+            b"actuator_unused",
+            "no topic actuator_motors, .* PX4 has it from 1.13 on",
+        ),
+        ("orangebox", blackbox, b"H motorOutput:0,2000\n", b"", r"no header motorOutput with the range of motor\[0\]"),
+        ("orangebox", blackbox, b"motor[", b"servo[", r"no motor\[0\] to motor\[3\], .*blackbox_disable_motors = OFF"),
+    ],
+)
+def test_a_log_without_commands_is_refused_with_what_its_format_lacks(
+    tmp_path: Path,
+    flown: Flown,
+    library: str,
+    written: Callable[..., bytes],
+    gone: bytes,
+    instead: bytes,
+    stated: str,
+) -> None:
+    """They were told to give a table's columns other names, and are no tables."""
+    pytest.importorskip(library, reason=f"{library} is not installed")
+    content = written(*(signal[:2000] for signal in flown[1:]))
+    (tmp_path / "log").write_bytes(content.replace(gone, instead))
+    with pytest.raises(DataError, match=stated) as refusal:
+        read_flight(tmp_path / "log")
+    assert "table" not in str(refusal.value)
+
+
+def test_a_blackbox_log_that_has_the_gyro_unfiltered_alone_is_read(tmp_path: Path, flown: Flown) -> None:
+    pytest.importorskip("orangebox", reason="orangebox is not installed")
+    content = blackbox(*(signal[:6000] for signal in flown[1:]))
+    (tmp_path / "usual").write_bytes(content)
+    (tmp_path / "unfiltered").write_bytes(content.replace(b"gyroADC", b"gyroUnfilt"))
+    usual, unfiltered = read_flight(tmp_path / "usual"), read_flight(tmp_path / "unfiltered")
+    np.testing.assert_array_equal(unfiltered.flight.rates, usual.flight.rates)
+
+
 @pytest.mark.parametrize("long_first", [True, False])
 def test_of_a_blackbox_file_of_two_flights_the_longest_is_fitted_and_the_other_named(
     tmp_path: Path, flown: Flown, long_first: bool
