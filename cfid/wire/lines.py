@@ -1,9 +1,9 @@
 """Reads lines of text in which a microcontroller or an instrument sends numbers unprompted; sends no command.
 
-A line ends in CR, LF or both. Without a pattern its values are separated by commas, semicolons, tabs or spaces; a
-pattern (a regular expression over the whole line) has a group for each value. A comma is a decimal comma within a
-group, and in lines that have semicolons or tabs; where it could be either, between digits of a line in which spaces
-separate numbers, the line counts as one that does not match. A line that ends in `*` and two
+A line ends in CR, LF or both. Without a pattern its values are separated by commas, semicolons, tabs or spaces, and may
+stand in quotation marks; a pattern (a regular expression over the whole line) has a group for each value. A comma is a
+decimal comma within a group, and in lines that have semicolons or tabs; where it could be either, between digits of a
+line in which spaces separate numbers, the line counts as one that does not match. A line that ends in `*` and two
 hexadecimal digits, as in NMEA 0183, counts only if they are the exclusive or of the bytes before the `*`; after one
 such line all need it.
 
@@ -24,6 +24,7 @@ LONGEST_LINE = 200  # bytes; a longer one is dropped
 _ENDS = re.compile(rb"[\r\n]")
 _COMMAS = re.compile(r"\s*,\s*|\s+", re.ASCII)
 _SEMICOLONS = re.compile(r"\s*;\s*|\s+", re.ASCII)  # beside which a comma is a decimal one
+_QUOTED = re.compile(r'^"([^"]*)"$')
 _EITHER = re.compile(r"(?=.*\d,\d).*\d\s+[+-]?\d", re.ASCII)
 _NUMBER = re.compile(r"[+-]? *(?:\d{1,20}(?:[.,]\d{0,20})?|[.,]\d{1,20})(?:[eE][+-]?\d{1,3})?", re.ASCII)
 _WHOLE = re.compile(r"[+-]?\d{1,15}", re.ASCII)
@@ -93,9 +94,10 @@ class LineReader:
 
     def _words(self, line: str) -> Sequence[str | None] | None:
         if self._pattern is None:
-            if ";" in line or "\t" in line:
-                return _SEMICOLONS.split(line)
-            return None if _EITHER.match(line) else _COMMAS.split(line)
+            decimal_commas = ";" in line or "\t" in line
+            if not decimal_commas and _EITHER.match(line):
+                return None
+            return [_QUOTED.sub(r"\1", word) for word in (_SEMICOLONS if decimal_commas else _COMMAS).split(line)]
         match = self._pattern.fullmatch(line)
         return None if match is None else match.groups()
 

@@ -20,7 +20,18 @@ def read(data: bytes, *, values: tuple[Value, ...] = TWO, pattern: str = "") -> 
 
 
 @pytest.mark.parametrize(
-    "line", [b"1024,-3.5", b" 1024 ; -3.5 ", b"1024\t-3.50", b"+1024   -35e-1", b"1024,-3.5*2E", b"1024,-3.5*2e"]
+    "line",
+    [
+        b"1024,-3.5",
+        b" 1024 ; -3.5 ",
+        b"1024\t-3.50",
+        b"+1024   -35e-1",
+        b"1024,-3.5*2E",
+        b"1024,-3.5*2e",
+        b'"1024","-3.5"',
+        b'"1024"; "-3,5"',
+        b'1024 "-3.5"',
+    ],
 )
 @pytest.mark.parametrize("end", [b"\r\n", b"\n", b"\r"])
 def test_numbers_with_a_separator_are_a_reading(line: bytes, end: bytes) -> None:
@@ -41,6 +52,9 @@ def test_numbers_with_a_separator_are_a_reading(line: bytes, end: bytes) -> None
         b"1024,0x10",
         b"1024,\xd9\xa3",  # an Arabic three, which Python reads as a number
         b"1024,-3.5\x00",
+        b'1024,"-3.5',
+        b'1024,"-3,5"',
+        b'1024,""',
         b"\x1b[2J1024,-3.5",
         b"1024,-3.5*2F",
         b"hello",
