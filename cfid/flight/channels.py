@@ -25,6 +25,7 @@ _Sensor = tuple[tuple[str, ...], tuple[float, ...], float | None]
 _COMMANDS = ("motor.m{}", "pwm.m{}_pwm", "pwm.m{}", "control.m{}")
 _VOLTS = ("pm.vbat", "pm.vbatMV")
 _LIKE_VOLTS = re.compile(r"(?:v_?bat|batt(?:ery)?|voltage)(?:\W.*|_?m?v|_?voltage)?", re.IGNORECASE)
+_FURTHER = re.compile(r"(?:motor|control)\[(?:[4-9]|1\d)\]|(?:motor|pwm|control)\.m(?:[5-9]|1\d)")
 _OUTPUT = re.compile(r"motor\[[0-3]\]")  # of a blackbox log
 _WRONG_SHARE = 0.1  # of the voltage's values, below which these alone are left out
 _DOWN = (1.0, -1.0, -1.0)  # of PX4's axes: x forward, y right, z down
@@ -76,6 +77,13 @@ def _without_commands(log: FlightLog, missing: Sequence[str]) -> str:
             )
         return f"no motor[0] to motor[3], and {needed}: log them (blackbox_disable_motors = OFF)."
     return f"no {', '.join(missing)}: {needed}. Give the columns of a table these names."
+
+
+def moving_others(log: FlightLog) -> list[str]:
+    """Return the names of motors beyond four, beside these, that do not stand still for all of the log."""
+    series = log.series_of(command_names(log)[0])
+    further = [channel.name for channel in series.channels if _FURTHER.fullmatch(channel.variable)]
+    return [name for name in further if np.any(np.nan_to_num(series.values(name)))]
 
 
 def commands_of(log: FlightLog) -> list[tuple[Array, Array]]:

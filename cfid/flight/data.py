@@ -10,7 +10,17 @@ import numpy.typing as npt
 from cfid.errors import ConfigError, DataError, FitError
 from cfid.findings import Finding, note, of_recording, rejection, warning
 from cfid.flight.airborne import EDGE_S, in_air, late, without_touches
-from cfid.flight.channels import at_rows, command_names, commands_of, forces_of, held, motion, rates_of, volts_of
+from cfid.flight.channels import (
+    at_rows,
+    command_names,
+    commands_of,
+    forces_of,
+    held,
+    motion,
+    moving_others,
+    rates_of,
+    volts_of,
+)
 from cfid.flight.gyro_unit import refuse_other_unit
 from cfid.flight.model import AXES, ROW_S, ROW_STEPS, STEP_S, Flight, segments, turned_back
 from cfid.flight.repeated import (
@@ -27,13 +37,13 @@ from cfid.records.logs.flights import longest_flight
 from cfid.records.logs.hung import without_hung
 from cfid.records.logs.limits import COMMANDS, FORCES, RATES, Limits
 from cfid.records.logs.log import FlightLog
-from cfid.records.logs.motor_numbers import NO_SQUARE, moving_others
+from cfid.records.logs.motor_numbers import NO_SQUARE
 from cfid.records.logs.repeated_times import refuse_repeated_times
 from cfid.records.logs.run import log_of_run
 from cfid.records.run_notes import run_at
 from cfid.records.tables.gyro import at_end_of_range
 from cfid.records.tables.schema import Foreign, refuse_for_run
-from cfid.units import DEAD_COMMAND, FULL_COMMAND, USUAL_GRAVITY_MPS2
+from cfid.units import DEAD_COMMAND, FULL_COMMAND, MOTORS, USUAL_GRAVITY_MPS2
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -280,10 +290,11 @@ def _check_left(left_s: float, path: Path) -> None:
 
 
 def _refuse_other_motors(log: FlightLog) -> None:
-    if stated := moving_others(log.notes):
+    if others := moving_others(log):
         raise FitError(
-            f"{log.path}: the vehicle has other motors than four: {stated} Thrust and moments are fitted, and flights "
-            "predicted, for quadrocopters alone."
+            f"{log.path}: there are commands of {', '.join(others)} besides those of the motors m1 to m4, "
+            f"{len(MOTORS) + len(others)} in all: thrust and moments are fitted, and flights predicted, for "
+            "quadrocopters alone."
         )
 
 

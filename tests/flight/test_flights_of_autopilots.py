@@ -160,11 +160,13 @@ def test_a_hexarotor_s_flight_is_neither_fitted_nor_predicted(
     assert cfid("new", "lab").returncode == 0
     assert cfid("import", "../log", "--kind", "flight", folder=tmp_path / "lab").returncode == 0
     (run,) = (tmp_path / "lab" / "runs").iterdir()
-    for log in ("log", run):
+    assert cfid("convert", "log", "--to", "mat", "--out", "log.mat").returncode == 0
+    for log in ("log", run, "log.mat"):
         for command in (("fit", "flight", log, "--mass-kg", 0.03), ("validate", log, "--with", "gym-pybullet-drones")):
             done = cfid(*command)
             assert done.returncode == 5
-            assert f"there are 6, of which {own}[0] to [3] alone are read" in " ".join(done.stderr.split())
+            stated = f"there are commands of {own}[4], {own}[5] besides those of the motors m1 to m4, 6 in all"
+            assert stated in " ".join(done.stderr.split())
             assert "rates after" not in done.stdout
 
 

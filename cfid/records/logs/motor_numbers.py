@@ -11,7 +11,6 @@ PX4_QUAD_X = (1, 3, 4, 2)  # the Crazyflie's numbers of its motors in order: fro
 BETAFLIGHT_QUAD_X = (2, 1, 3, 4)  # rear right, front right, rear left, front left
 
 NO_SQUARE = "the rotors do not stand on a square"
-_OTHERS, _STAND = f"{NO_SQUARE}: there are ", "The others stand still."
 
 _OFF_SQUARE = 0.01  # of the lever, by which airframe files round places
 _PLACES = {(True, True): 1, (False, True): 2, (False, False): 3, (True, False): 4}  # forward, right
@@ -32,7 +31,7 @@ def off_square(parameters: Mapping[str, float], driven: int) -> tuple[str, ...]:
     `driven` are the motors that have commands, beyond four others than 0; it is 0 where none is logged.
     """
     stated = int(parameters.get("CA_ROTOR_COUNT", driven))
-    if others := not_four(max(stated, driven), "control", stand=driven == len(MOTORS)):
+    if others := not_four(max(stated, driven), "control"):
         return others
     if by_geometry(parameters) is None:
         return ()
@@ -44,21 +43,11 @@ def off_square(parameters: Mapping[str, float], driven: int) -> tuple[str, ...]:
     return (f"{NO_SQUARE}: CA_ROTOR0 to 3 are {places} mm forward and right.",)
 
 
-def not_four(count: int, own: str, *, stand: bool = False) -> tuple[str, ...]:
-    """Return a sentence on motors that are other than four, whose commands' `own` name is numbered from 0.
-
-    It states where those beyond four are known to `stand` still.
-    """
+def not_four(count: int, own: str) -> tuple[str, ...]:
+    """Return a sentence on motors that are other than four, whose commands' `own` name is numbered from 0."""
     if count in (0, len(MOTORS)):
         return ()
-    text = f"{_OTHERS}{count}, of which {own}[0] to [3] alone are read as motors m1 to m4."
-    return (f"{text} {_STAND}" if stand else text,)
-
-
-def moving_others(notes: Sequence[str]) -> str | None:
-    """Return what notes state of motors other than four that may turn, None where they state none."""
-    found = (text for text in notes if text.startswith(_OTHERS) and not text.endswith(_STAND))
-    return next((text.removeprefix(f"{NO_SQUARE}: ") for text in found), None)
+    return (f"{NO_SQUARE}: there are {count}, of which {own}[0] to [3] alone are read as motors m1 to m4.",)
 
 
 def _places_m(parameters: Mapping[str, float]) -> list[tuple[float, float]]:
