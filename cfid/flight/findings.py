@@ -26,6 +26,9 @@ _LEAST_SPEED_MPS = 0.3  # root mean square along an axis
 _EXPLAINED_DRAG = 0.8  # of the horizontal specific force: else wind or a tilted sensor decides
 _FIRST_S, _LAST_S = -0.005, 0.045  # of a sensor's delay: stamps err by some ms, and the fit searches up to 50 ms
 _FED_BACK = 0.03  # of a moment, from where a warning names what older torques would change
+_STILL_RAD_PER_S2 = (
+    0.5  # that torques moved a rate by: noise alone is beside older ones; of a smoothed gyro, 1.4 to 2.2
+)
 _DRAG = "flight.drag_over_mass_per_s.*", "flight.drag_kg_per_s.*"
 _MANOEUVRES = {
     "roll": "tilt quickly to the right and left, several times a second, for 20 s",
@@ -168,7 +171,9 @@ def _moment_findings(found: FlightFit, body: Body) -> list[Finding]:
             result.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
         elif gain < 0 and -gain > 3 * std:
             continue
-        elif not std < LOOSE * abs(gain) and found.feedback[place] > LOOSE:
+        elif (
+            not std < LOOSE * abs(gain) and found.feedback[place] > LOOSE and found.excitation[axis] > _STILL_RAD_PER_S2
+        ):
             text = (
                 f"torques of 20 ms before would change the moment about {axis} by "
                 f"{100 * found.feedback[place]:.0f} % more than noise explains (limit {100 * LOOSE:.0f} %): the "

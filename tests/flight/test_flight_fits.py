@@ -19,6 +19,7 @@ from cfid.flight.data import FlownLog, flight_of, read_flight
 from cfid.flight.equations import DELAY_S, DELAYS, THRUST, Equations
 from cfid.flight.estimation import fit_alone, fit_flights
 from cfid.flight.excitation import refuse_still
+from cfid.flight.findings import findings_of
 from cfid.flight.logged import spacing_findings
 from cfid.flight.model import LEVER, ROW_S, ROW_STEPS, STEP_S, Flight, ThrustLag, equations_of, turned_back
 from cfid.flight.moving import moving_findings
@@ -1124,6 +1125,27 @@ def test_a_flight_whose_times_are_in_a_smaller_unit_is_asked_for_it_before_its_l
 def test_a_window_without_rows_is_refused(flown: tuple[Fleet, list[FlightLog]]) -> None:
     with pytest.raises(ConfigError, match="are left of the log"):
         flight_of(flown[1][0], from_s=100.0)
+
+
+def test_older_torques_contradict_no_axis_about_which_rotors_hardly_turned_the_vehicle(
+    flown: tuple[Fleet, list[FlightLog]],
+) -> None:
+    """About a yaw of 0.3 rad/s^2 rms they changed the moment by 2360 %, for which all lags were refused."""
+    vehicles, logs = flown
+    read, body = flight_of(logs[0]), body_of(vehicles, 0)
+    found = fit_flights([read.flight])
+    covariance = found.covariance.copy()
+    covariance[-1, -1] = (3 * found.values[-1]) ** 2
+    still = replace(
+        found,
+        covariance=covariance,
+        excitation=found.excitation | {"yaw": 0.3},
+        feedback=np.array([0.0, 0.0, 20.0]),
+    )
+    (about_yaw,) = [
+        one for one in findings_of([read], still, {}, {}, body) if "flight.inertia_kg_m2.yaw" in one.quantities
+    ]
+    assert (about_yaw.code, about_yaw.quantities) == ("flight-moment-not-excited", ("flight.inertia_kg_m2.yaw",))
 
 
 def test_a_dead_gyro_costs_the_moments_and_no_traceback(flown: tuple[Fleet, list[FlightLog]]) -> None:
