@@ -8,6 +8,7 @@ from cfid.errors import ConfigError, DataError, check_positive
 from cfid.findings import Finding, warning
 from cfid.friction.drops import Drop, measure_drop
 from cfid.friction.estimation import COULOMB, SETUP_INERTIA, VISCOUS, FrictionEstimate, fit_friction, thesis_friction
+from cfid.friction.repeated import read_once
 from cfid.quantities.quantity import Range
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import (
@@ -63,7 +64,7 @@ def fit(
     if method == "default" and any(record.label.weight_std_g is None for record in records):
         notes += (taken_as_exact("weight", VISCOUS, COULOMB, SETUP_INERTIA),)
     setup = {"radius_m": radius_m, "gravity_mps2": gravity_mps2, "from_s": from_s, "to_s": to_s}
-    followed, measured, left_out = _followed(records, setup)
+    followed, measured, of_drops = _followed(records, setup)
     if method == "thesis":
         found = thesis_friction(measured)
     else:
@@ -92,7 +93,7 @@ def fit(
         method=method,
         quantities=quantities,
         wanted=(VISCOUS, COULOMB),
-        merits={"settled": len(measured) - len(unsettled), "left_out": len(unsettled) + len(left_out)},
+        merits={"settled": len(measured) - len(unsettled), "left_out": len(records) - len(measured) + len(unsettled)},
         findings=(
             *notes,
             *(finding for record in records for finding in record.findings),
@@ -104,7 +105,7 @@ def fit(
                 warning("friction-drop-left-out", "the speed never settles; it is left out.").at(record.name)
                 for record in unsettled
             ),
-            *left_out,
+            *of_drops,
         ),
         sources=tuple(record.source for record in records),
         rests_on=("site", "friction"),
@@ -158,27 +159,29 @@ def _given_numbers(radius_m: float, drops: Sequence[Drop]) -> list[Given]:
 def _followed(
     records: Sequence[AngleRecord], setup: Mapping[str, Any]
 ) -> tuple[list[AngleRecord], list[Drop], list[Finding]]:
-    """Return the records whose fall can be followed, with that, and warnings on the others.
+    """Return the records whose fall can be followed, with that, and findings on what rows show and on the others.
 
     Raises DataError for a record without a weight, and where none can be followed.
     """
-    followed, drops, left_out = list[AngleRecord](), list[Drop](), list[Finding]()
+    followed, drops, findings = list[AngleRecord](), list[Drop](), list[Finding]()
     fault = ""
     for record in records:
         weight_g, std_g = record.label.weight_g, record.label.weight_std_g or 0.0
         if weight_g is None:
             raise DataError(f"{record.name}: does not state its weight in grams: name it, as in 20={record.name}.")
         weight = {"weight_kg": weight_g / 1000, "weight_std_kg": std_g / 1000}
+        time_s, angle_rad, shown = read_once(record.time_s, record.angle_rad)
+        findings += [finding.at(record.name) for finding in shown]
         try:
-            drops.append(measure_drop(record.time_s, record.angle_rad, **weight, **setup))
+            drops.append(measure_drop(time_s, angle_rad, **weight, **setup))
         except DataError as error:
             fault = fault or f"{record.path}: {error}"
-            left_out.append(warning("friction-drop-left-out", f"{error} It is left out.").at(record.name))
+            findings.append(warning("friction-drop-left-out", f"{error} It is left out.").at(record.name))
         else:
             followed.append(record)
     if fault and not followed:
         raise DataError(fault)
-    return followed, drops, left_out
+    return followed, drops, findings
 
 
 def _line(drop: Drop) -> str:

@@ -15,7 +15,8 @@ _EVEN = 1.5  # times the usual step: beyond, samples are missing
 _BESIDE = 7  # samples on each side that show the speed
 _LONGEST_S = 0.5  # that a speed is known to last
 _APART_S = 5.0  # between two recordings in one
-_SAME = 1e-6  # of a count: what rounding changes
+_EDGES_SHARE = 0.95  # of rows of an encoder's edges, at least, that follow by one count
+_FEW_LOST = 3.5  # counts between two such rows, of which a few may be lost, in which it hardly turned
 _BEGIN_S = 0.05  # by which a fall may begin earlier than it is fast
 
 
@@ -24,7 +25,8 @@ def counted_turns(time_s: Array, angle_rad: Array) -> tuple[Array, Sequence[int]
 
     A reading within a turn does not show how many turns passed while none was taken. The speeds on both sides do, where
     they agree within half a turn; other gaps are returned by the place before them. Raises DataError for one that no
-    recording of a fall has. An encoder that writes a row at each of its counts shows that nothing turned between two.
+    recording of a fall has. An encoder that writes a row at each of its counts shows that hardly anything turned
+    between two that are a few counts apart.
     """
     step_s, step = np.diff(time_s), np.diff(angle_rad)
     if step_s.max() > _APART_S:
@@ -33,15 +35,15 @@ def counted_turns(time_s: Array, angle_rad: Array) -> tuple[Array, Sequence[int]
             f"nothing was recorded for {step_s.max():.3g} s after the first {begin_s:.3g} s. Was the clock set? Fit a "
             "file of one part."
         )
-    if _has_every_count(np.abs(step)):
-        return angle_rad, []
+    still_rad = _FEW_LOST * count_of_edges(angle_rad)
     even = step_s < _EVEN * np.median(step_s)
     speed = np.where(even, step / step_s, np.nan)
     turns, unclear = np.zeros(len(step)), []
     for place in np.flatnonzero(~even).tolist():
         before, after = _usual(speed[max(place - _BESIDE, 0) : place]), _usual(speed[place + 1 :][:_BESIDE])
         if step_s[place] > _LONGEST_S or abs(after - before) * step_s[place] > math.pi:
-            unclear.append(place)
+            if abs(step[place]) > still_rad:
+                unclear.append(place)
         else:
             turns[place] = np.rint(((before + after) / 2 * step_s[place] - step[place]) / (2 * math.pi))
     return angle_rad + 2 * math.pi * np.concatenate([[0.0], np.cumsum(turns)]), unclear
@@ -67,10 +69,14 @@ def check_turns(time_s: Array, angle_rad: Array, unclear: Sequence[int], from_s:
         )
 
 
-def _has_every_count(steps: Array) -> bool:
-    """Return whether steps (n,) of an angle are each one count of its encoder, or none where it turned back."""
+def count_of_edges(angle_rad: Array) -> float:
+    """Return one count in radians of an encoder whose rows (n,) are its changes by one; 0 for one that is polled.
+
+    A few rows may have been lost, or repeat a count where the axis turned back.
+    """
+    steps = np.abs(np.diff(angle_rad))
     count = float(np.median(steps))
-    return count > 0 and bool(np.all(np.isclose(steps, count) | np.isclose(steps, 0.0, atol=_SAME * count)))
+    return count if np.mean(np.isclose(steps, count)) > _EDGES_SHARE else 0.0
 
 
 def _usual(speed: Array) -> float:

@@ -1,6 +1,7 @@
 """Friction from dropping weights: table 2.1, simulated drops, and the speed that never settles."""
 
 import functools
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -359,13 +360,55 @@ def test_a_gap_at_the_release_is_refused_and_one_before_it_is_not() -> None:
     assert measured(*wrapped_without(time_s, angle, [(-1.0, -0.5)]), 40.0).settled
 
 
-def test_a_rest_before_the_release_is_no_gap_of_an_encoder_with_a_row_at_each_count() -> None:
-    settling_s, speed, time_s = 0.25, 27.7, np.arange(0, 6, 1e-4)
+def at_each_count(per_turn: int, speed: float, *, lost: float = 0.0) -> tuple[Array, Array]:
+    """Return the edges of an encoder after a second at rest: a speed that settles within 0.25 s, some of them lost."""
+    settling_s, time_s = 0.25, np.arange(0, 6, 1e-4)
     angle = speed * (time_s + settling_s * np.expm1(-time_s / settling_s))
-    counts = 2 * np.pi / 100 * np.arange(1, 2400)
-    found = measured(np.append(0.0, 1 + np.interp(counts, angle, time_s)), np.append(0.0, counts), 20.0)
+    counts = 2 * np.pi / per_turn * np.arange(1, int(5.5 * speed * per_turn / (2 * np.pi)))
+    counts = counts[np.random.default_rng(3).uniform(size=len(counts)) >= lost]
+    return np.append(0.0, 1 + np.interp(counts, angle, time_s)), np.append(0.0, counts)
 
-    assert found.terminal_rad_per_s == pytest.approx(speed, rel=1e-3)
+
+@pytest.mark.parametrize("lost", [0.0, 0.01])
+def test_a_rest_before_the_release_is_no_gap_of_an_encoder_with_a_row_at_each_count(lost: float) -> None:
+    found = measured(*at_each_count(100, 27.7, lost=lost), 20.0)
+
+    assert found.terminal_rad_per_s == pytest.approx(27.7, rel=1e-3)
+
+
+def test_rows_that_are_edges_of_an_encoder_are_noted() -> None:
+    records = [drop_of(20.0), drop_of(30.0)]
+    for place, (record, speed) in enumerate(zip(records, (27.7, 44.0), strict=True)):
+        time_s, angle = at_each_count(100, speed, lost=0.01)
+        records[place] = replace(record, time_s=time_s, angle_rad=angle)
+    found = cfid.friction.fit(records, radius_m=RADIUS_M)
+    (edges,) = (one.text for one in found.findings if one.code == "friction-rows-are-edges")
+
+    assert edges.startswith("drop: rows are changes of the encoder's count by one: where none was written")
+    assert "friction-drop-left-out" not in {one.code for one in found.findings}
+
+
+def test_an_angle_that_is_read_at_50_hz_and_repeated_in_rows_at_200_hz_is_taken_once_a_reading(
+    cfid: Cfid, tmp_path: Path
+) -> None:
+    settling_s, time_s, read = 0.25, np.arange(1600) / 200, np.arange(1600) // 4 * 4
+    fallen_s = np.maximum(time_s[read] - 1, 0)
+    viscous, coulomb, names = 1.2e-5, 6e-5, []
+    for grams in (20, 40, 80):
+        speed = (grams / 1000 * 9.81 * RADIUS_M - coulomb) / viscous
+        angle = speed * (fallen_s + settling_s * np.expm1(-fallen_s / settling_s))
+        rows = "".join(f"{t:.4f},{phi:.5f}\n" for t, phi in zip(time_s, angle, strict=True))
+        (tmp_path / f"{grams}.csv").write_text(f"t_s,phi_rad\n{rows}")
+        names.append(f"{grams}={grams}.csv")
+    found = cfid("fit", "friction", *names, "--radius-mm", "2", "--gravity-mps2", "9.81", "--no-figures", "--json")
+    result = json.loads(found.stdout)
+    (repeated,) = (one["text"] for one in result["findings"] if one["code"] == "friction-angle-repeated")
+
+    assert found.returncode == 0, found.stderr
+    assert result["parameters"]["friction.viscous_nms_per_rad"]["value"] == pytest.approx(viscous, rel=2e-3)
+    assert result["parameters"]["friction.coulomb_nm"]["value"] == pytest.approx(coulomb, rel=5e-3)
+    assert "in about 4 rows: 200 rows a second show 50 readings" in repeated
+    assert "jumps" not in found.stderr
 
 
 def test_a_clock_that_was_set_within_a_fall_is_named_at_once() -> None:
