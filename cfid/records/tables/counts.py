@@ -28,6 +28,7 @@ _LEAST_SWING_RAD = 1.0  # range; in a smaller one the period of radians is withi
 _FOLDED_TURNS = 1.5  # range of an angle that may be wrapped into one turn, with margin for a wrong scale
 _RANKED, _FEW_WRONG = 1_000_000, (0.5, 99.5)  # samples whose percentiles show the range
 _POLLED_ROWS = 10_000  # which tell most polled files at once
+_MOST_READ = 0.5  # of rows that differ from the one before, where others repeat a reading
 _FEW_REPEATED, _EDGES_SHARE = 0.1, 0.95  # of rows of an encoder's edges, at most; of the others, by one count at least
 _EXACT = 2.0**53  # above it, counts lose their last digits; no axis turns that far
 _SHORTER_WORD = 1 << 18  # a 22-bit encoder that stays below may as well be one of fewer bits
@@ -211,6 +212,9 @@ def _joined(table: CsvTable, turns: Array, rows: Rows | None, notes: tuple[str, 
         jumps = _beyond(differences(angle)) + 1
     else:  # whole turns were counted: a fast rotation is fine, a sudden change of speed is not
         jumps = _beyond(differences(angle, order=2)) + 2
+        read = np.flatnonzero(np.diff(angle, prepend=np.nan)) if len(jumps) else jumps
+        if len(read) <= _MOST_READ * len(angle):  # rows that repeat a reading stand still, and then jump
+            jumps = read[_beyond(differences(angle[read], order=2)) + 2]
     if not len(jumps):
         return Angle(angle, rows, notes)
     line = _line(table, jumps, rows)
