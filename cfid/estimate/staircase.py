@@ -99,7 +99,13 @@ def reduce_single(
     meant = [window is None or step.begin_s <= sum(window) / 2 <= step.end_s for step in steps]
     if steps and sum(meant) != 1:
         seen = ", ".join(f"{step.begin_s:.4g} to {step.end_s:.4g} s" for step in steps)
-        raise FitError(f"expected one step between two pauses, found {seen}. Give its window, or the command log.")
+        rows = record.held * record.block
+        few = (
+            f" Readings repeat in about {rows} rows: the scatter of so few may look like steps."
+            if record.held > 1
+            else ""
+        )
+        raise FitError(f"expected one step between two pauses, found {seen}.{few} Give its window, or the command log.")
     found = _reduced(record, intervals, lag_s=lag_s, windows=[window if one else None for one in meant])
     return replace(found, points=(replace(found.points[meant.index(True)], command=command, motors=motors),))
 

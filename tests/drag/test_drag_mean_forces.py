@@ -8,7 +8,7 @@ import numpy.typing as npt
 import pytest
 
 from cfid.drag.wind.mean_forces import MeanForce, mean_force, mean_force_thesis
-from cfid.errors import DataError
+from cfid.errors import DataError, FitError
 
 RATE_HZ, NOISE_N = 500.0, 0.01
 TARE_N, FORCE_N = np.array([0.2, -0.1, 0.4]), np.array([0.03, 0.02, 0.25])
@@ -54,6 +54,25 @@ def test_a_command_without_a_pause_after_it_has_a_warning() -> None:
         "no-baseline-after"
     ]
     assert mean_force(**record(1), command=20000).findings == ()
+
+
+def repeated(seed: int, noise_n: float) -> Recorded:
+    """Return a record as others of a load cell that is read at 20 Hz: each reading in 25 rows."""
+    whole = record(seed)
+    read = np.arange(len(whole["time_s"])) // 25 * 25
+    noise = np.random.default_rng(seed).normal(0, noise_n, whole["force_n"].shape)
+    return {"time_s": whole["time_s"], "force_n": (whole["force_n"] + noise)[read]}
+
+
+def test_readings_that_rows_repeat_are_noted_and_explain_steps_that_are_none() -> None:
+    found = mean_force(**repeated(3, 0.0), command=20000)
+    (finding,) = found.findings
+
+    assert np.all(np.abs(found.force_n - FORCE_N) < 3 * found.std_n)
+    assert finding.code == "drag-forces-repeated"
+    assert "in about 25 rows: 500 rows a second show 20 readings" in finding.text
+    with pytest.raises(FitError, match="Readings repeat in about 25 rows: the scatter of so few may look like steps"):
+        mean_force(**repeated(1, 5 * NOISE_N), command=20000)
 
 
 def test_a_record_or_window_that_is_too_short_is_refused() -> None:

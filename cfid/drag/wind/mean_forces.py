@@ -10,17 +10,19 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import DataError
+from cfid.estimate.held_readings import rows_a_reading
 from cfid.estimate.signals import quiet_mean
 from cfid.estimate.staircase import reduce_single
 from cfid.estimate.staircase_points import Point
 from cfid.estimate.windows import Words
-from cfid.findings import Finding, warning
+from cfid.findings import Finding, note, warning
 
 Array = npt.NDArray[np.float64]
 Window = tuple[float, float]
 
 _THESIS_TARE = 500  # samples, C.3.1, prepare_data
 _FEWEST = 16  # samples of a window
+_LOOKED_AT = 100_000  # samples, in which repeated readings show
 
 
 class MeanForce(NamedTuple):
@@ -42,7 +44,8 @@ def mean_force(
     """
     found = reduce_single(time_s=time_s, channels=force_n, command=command, status=status, window=window_s)
     (point,) = found.steady()
-    return of_point(point, findings=() if found.tare_after is not None else (_no_baseline_after(),))
+    lacking = () if found.tare_after is not None else (_no_baseline_after(),)
+    return of_point(point, findings=(*lacking, *_repeated(time_s, force_n)))
 
 
 def of_point(point: Point, *, findings: tuple[Finding, ...] = ()) -> MeanForce:
@@ -69,6 +72,19 @@ def mean_force_thesis(
     tare, steady = force_n[:_THESIS_TARE], force_n[first:last]
     std = [quiet_mean(part.T, rate_hz=rate_hz).std for part in (tare, steady)]
     return MeanForce(steady.mean(axis=0) - tare.mean(axis=0), np.hypot(*std), chosen)
+
+
+def _repeated(time_s: Array, force_n: Array) -> tuple[Finding, ...]:
+    """Return a note where rows repeat the readings of the load cell: they scatter as so many fewer."""
+    rows = rows_a_reading(force_n[:_LOOKED_AT, 2])
+    if rows == 1:
+        return ()
+    rate_hz = (len(time_s) - 1) / float(time_s[-1] - time_s[0])
+    text = (
+        f"each reading of the load cell is repeated in about {rows} rows: {rate_hz:.3g} rows a second show "
+        f"{rate_hz / rows:.3g} readings. Each counts once."
+    )
+    return (note("drag-forces-repeated", text, "drag.*"),)
 
 
 def _no_baseline_after() -> Finding:
