@@ -157,6 +157,24 @@ def test_imported_forces_under_known_weights_calibrate_the_cell(
     assert code("import", str(tmp_path / "0_0.csv"), "--campaign", str(campaign), "--at-mm", "1,2,3") == 2
 
 
+def test_forces_are_known_by_their_columns_in_any_unit_and_one_that_is_not_read_is_named(
+    tmp_path: Path, campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = [
+        ";".join(f"{x:.3f}" for x in (1e3 * t, *[250 * phi] * 6)).replace(".", ",")
+        for t, phi in zip(TIME_S, ANGLE_RAD, strict=True)
+    ]
+    head = "Zeit [ms];Fx [{0}];Fy [{0}];Fz [{0}];Tx [mNm];Ty [mNm];Tz [mNm]"
+    (tmp_path / "a.csv").write_text("\n".join([head.format("mN"), *rows, ""]), encoding="utf-8")
+    found = read_wrench(imported(campaign, tmp_path / "a.csv", "--pull", "z").folder, WrenchReading())
+    np.testing.assert_allclose(found.force_n[:, 2], 0.25 * ANGLE_RAD, atol=1e-6)
+    np.testing.assert_allclose(found.torque_nm[:, 2], 0.25 * ANGLE_RAD, atol=1e-6)
+    assert "Fx, Fy, Fz in mN and Tx, Ty, Tz in mNm: converted to N and N m." in capsys.readouterr().err
+    (tmp_path / "b.csv").write_text("\n".join([head.format("dyn"), *rows, ""]), encoding="utf-8")
+    assert code("import", str(tmp_path / "b.csv"), "--campaign", str(campaign), "--pull", "z") == 4
+    assert "column 'Fx [dyn]' is in dyn: forces are read in N, mN" in " ".join(capsys.readouterr().err.split())
+
+
 def test_what_is_ambiguous_is_a_question_and_makes_no_run(
     tmp_path: Path, campaign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -240,13 +240,44 @@ def test_counts_taken_for_newtons_are_refused(tmp_path: Path) -> None:
     assert "are they counts? Then leave out `units` n,nm" in refusal(tmp_path, text_of(), units="n,nm")
 
 
-@pytest.mark.parametrize("unit", ["kgf", "mN", "lbf"])
+@pytest.mark.parametrize("unit", ["kN", "dyn", "lbs"])
 def test_forces_in_a_unit_that_is_not_read_are_refused_at_once(tmp_path: Path, unit: str) -> None:
     head = ",".join(["t", *(f"{axis} ({unit})" for axis in HEAD.split(",")[1:])])
     message = refusal(tmp_path, text_of(COUNTS / 1e6, head=head))
-    assert f"column 'Fx ({unit})' is in {unit}: forces are read in N, torques in N m, or both in counts." in message
+    assert f"column 'Fx ({unit})' is in {unit}: forces are read in N, mN, cN, gf, kgf, lbf or ozf, torques" in message
+    assert message.endswith("or both in counts. Convert it.")
     beside = text_of(COUNTS[:, [0, 1, 2, 3, 4, 5, 0]], head=f"{HEAD},Fx ({unit})")
     assert read(tmp_path, beside).force_n[:, 0] == pytest.approx(COUNTS[:, 0] / 1e6)
+
+
+@pytest.mark.parametrize(
+    ("force", "torque", "newtons", "newton_metres"),
+    [
+        ("[mN]", "[mN m]", 1e-3, 1e-3),
+        (" (N)", " (Nmm)", 1.0, 1e-3),
+        ("_lbf", " (lbf-in)", 4.4482216152605, 0.11298482902762),
+        (" (kgf)", " (kgf·cm)", 9.80665, 0.0980665),
+        (" [gf]", " [gf*mm]", 9.80665e-3, 9.80665e-6),
+        (" (lbf)", " (lbf·ft)", 4.4482216152605, 1.3558179483314),
+    ],
+)
+@pytest.mark.parametrize("named", [False, True])
+def test_forces_are_read_in_the_units_of_stands_with_a_note(
+    tmp_path: Path, force: str, torque: str, newtons: float, newton_metres: float, named: bool
+) -> None:
+    head = ",".join(["t", *(f"{axis}{force if axis[0] == 'F' else torque}" for axis in HEAD.split(",")[1:])])
+    record = read(tmp_path, text_of(COUNTS / 1e3, head=head), columns=tuple(head.split(",")) if named else ())
+    assert record.force_n == pytest.approx(COUNTS[:, :3] / 1e3 * newtons, rel=1e-12)
+    assert record.torque_nm == pytest.approx(COUNTS[:, 3:] / 1e3 * newton_metres, rel=1e-12)
+    (note,) = record.notes
+    assert f"Tx, Ty, Tz in {torque.strip(' ([])_')}: converted to N and N m." in note
+    assert (f"Fx, Fy, Fz in {force.strip(' ([])_')} and " in note) == (newtons != 1)
+
+
+def test_loads_of_large_cells_are_possible_in_small_units_and_counts_in_them_are_not(tmp_path: Path) -> None:
+    head = "t,Fx [mN],Fy [mN],Fz [mN],Tx [mNm],Ty [mNm],Tz [mNm]"
+    assert read(tmp_path, text_of(COUNTS * 20.0, head=head)).force_n == pytest.approx(COUNTS[:, :3] / 50)
+    assert "more than any load cell measures" in refusal(tmp_path, text_of(COUNTS * 900.0, head=head))
 
 
 @pytest.mark.parametrize("unit", ["n", "counts"])
@@ -365,16 +396,24 @@ def test_the_kind_of_a_bare_file_is_told_by_its_columns(tmp_path: Path) -> None:
 def test_forces_in_a_unit_that_is_not_read_are_refused_also_where_columns_are_named(
     tmp_path: Path, options: dict[str, Any]
 ) -> None:
-    head = "t," + ",".join(f"{axis} (lbf)" if axis[0] == "F" else f"{axis} (lbf·in)" for axis in HEAD.split(",")[1:])
+    head = "t," + ",".join(f"{axis} (dyn)" if axis[0] == "F" else f"{axis} (lbf·in)" for axis in HEAD.split(",")[1:])
     message = refusal(
         tmp_path,
         text_of(COUNTS / 1e6, head=head),
         columns=tuple(head.split(",")),
         **options,
     )
-    assert (
-        "column 'Fx (lbf)' is in lbf: forces are read in N, torques in N m, or both in counts. Convert it." in message
-    )
+    assert "column 'Fx (dyn)' is in dyn: forces are read in N, mN, cN, gf, kgf, lbf or ozf" in message
+    assert message.endswith("Convert it.")
+
+
+def test_an_option_that_contradicts_the_unit_of_a_header_is_refused_also_where_columns_are_named(
+    tmp_path: Path,
+) -> None:
+    head = "t,Kraft x (lbf),Fy (lbf),Fz (lbf),Tx (lbf·in),Ty (lbf·in),Tz (lbf·in)"
+    options: dict[str, Any] = {"columns": tuple(head.split(",")), "units": "n,nm"}
+    message = refusal(tmp_path, text_of(COUNTS / 1e6, head=head), ConfigError, **options)
+    assert "column 'Kraft x (lbf)' is in lbf, but `units` is n." in message
 
 
 @pytest.mark.parametrize("unit", ["(N)", "[N]"])

@@ -22,7 +22,10 @@ _FLOWN = re.compile(
     r"(?:\s*[\[(][^\[\]()]+[\])])?"
 )
 _COLUMNS: dict[Kind, tuple[re.Pattern[str], ...]] = {  # of which one shows the kind
-    "wrench": tuple(column.called for column in WRENCH_COLUMNS.columns if column.key in AXES),
+    "wrench": (
+        *(column.called for column in WRENCH_COLUMNS.columns if column.key in AXES),
+        re.compile(rf"(?:{'|'.join(AXES)})\s*[\[(][^\[\]()]+[\])]", re.IGNORECASE),  # whose unit is refused by name
+    ),
     "flight": (_FLOWN,),
     "angle": tuple(column.called for column in ANGLE_COLUMNS.columns if column.key != TIME),
 }

@@ -19,11 +19,23 @@ _UNITS: dict[str, tuple[str, ...]] = {
     "counts": ("counts", "count"),
 }
 
+# Bytes of the micro and middle-dot signs that were saved in another encoding are read as signs of their own.
+_MICRO, _DOT = re.compile("[µμ�]"), re.compile("[·⋅∙•*]")
 
-def column_name(names: str, units: Sequence[str]) -> re.Pattern[str]:
-    """Return the pattern of a column's names: `t`, `t_s`, `t [s]`, `angle(deg)`, `angle, deg`, `angle__deg_`, ..."""
-    spelt = "|".join(re.escape(word) for unit in units for word in _UNITS[unit])
-    return re.compile(rf"(?:{names})(?:[ _/,\[(]+({spelt})[\])_]?)?", re.IGNORECASE)
+
+def spelt(name: str) -> str:
+    """Return a name without case and spaces, its micro and middle-dot signs in letters that every keyboard has."""
+    bare = re.sub(r"[\sâÂ]", "", name)
+    return _DOT.sub(".", _MICRO.sub("u", bare)).lower()
+
+
+def column_name(names: str, units: Sequence[str], *, others: str = "") -> re.Pattern[str]:
+    """Return the pattern of a column's names: `t`, `t_s`, `t [s]`, `angle(deg)`, `angle, deg`, `angle__deg_`, ...
+
+    `others` is a pattern of further units.
+    """
+    words = "|".join([*(re.escape(word) for unit in units for word in _UNITS[unit]), *([others] if others else [])])
+    return re.compile(rf"(?:{names})(?:[ _/,\[(]+({words})[\])_]?)?", re.IGNORECASE)
 
 
 def unit_word(word: str) -> str | None:

@@ -6,6 +6,8 @@ from collections.abc import Container, Mapping, Sequence
 from typing import NamedTuple
 
 from cfid.errors import DataError
+from cfid.records.tables.column_units import spelt
+from cfid.records.tables.force_units import FORCES_N, TORQUES_NM
 from cfid.records.tables.table import CsvTable
 from cfid.records.tables.times import OTHER_UNIT, TIME_COLUMN, unit_at_end
 from cfid.units import FULL_COMMAND, RPM
@@ -18,19 +20,6 @@ HEADS = (
 )
 MEASURED = ("thrust_n", "torque_nm", "speeds_rad_s", "grams")
 
-_GRAM_FORCE_N = 9.80665e-3  # by definition
-_POUND_FORCE_N, _INCH_M = 4.4482216152605, 0.0254
-_METRIC_N = {"n": 1.0, "mn": 1e-3, "cn": 1e-2, "gf?": _GRAM_FORCE_N, "kgf?": 1e3 * _GRAM_FORCE_N}
-_FORCES_N = {
-    "n": 1.0,
-    "mn": 1e-3,
-    "cn": 1e-2,
-    "g(?:f|rams?)?": _GRAM_FORCE_N,
-    "kgf?": 1e3 * _GRAM_FORCE_N,
-    "lbf": _POUND_FORCE_N,
-    "ozf": _POUND_FORCE_N / 16,
-}
-_ARM_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 _EXAMPLES = {"command": "cmd", "speeds_rad_s": "rpm", "time_s": "t"}
 _TAKE_UNITS = {
     "command": "esc",
@@ -60,8 +49,6 @@ _STEMS = {
     "vbat_v": ("vbat", "voltage"),
     "speeds_rad_s": ("speed", "rpm", "omega", "ω", "motorelectrical", "motoroptical"),
 }
-# Bytes of the micro and middle-dot signs that were saved in another encoding are read as signs of their own.
-_MICRO, _DOT = re.compile("[µμ�]"), re.compile("[·⋅∙•*]")
 
 
 class ColumnHead(NamedTuple):
@@ -94,18 +81,13 @@ _KNOWN = (
     ColumnHead("thrust_n", r"thrust_n"),
     ColumnHead("thrust_n", r"thrust\[n\]", kind="total"),
     ColumnHead("thrust_n", r"(?:weight|thrust)\[g\]|thrust_total_g", 1e-3, "total in grams"),
-    *_of_stand("thrust_n", r"thrust|forcefz\(thrust\)", _FORCES_N, ""),
-    *_of_stand("thrust_n", "thrust_total", _FORCES_N, "total"),
+    *_of_stand("thrust_n", r"thrust|forcefz\(thrust\)", FORCES_N, ""),
+    *_of_stand("thrust_n", "thrust_total", FORCES_N, "total"),
     ColumnHead("torque_nm", r"torque_nm"),
     *_of_stand(
         "torque_nm",
         r"torque|torquemz\(torque\)",
-        {
-            **{rf"{force}[.u-]*{arm}": _METRIC_N[force] * _ARM_M[arm] for force in _METRIC_N for arm in _ARM_M},
-            r"lbf?[.u]*in": _POUND_FORCE_N * _INCH_M,
-            r"lbf?[.u]*ft": _POUND_FORCE_N * 12 * _INCH_M,
-            r"ozf?[.u]*in": _POUND_FORCE_N * _INCH_M / 16,
-        },
+        TORQUES_NM,
         "",
     ),
     ColumnHead("vbat_v", r"vbat_v|voltage_v"),
@@ -130,12 +112,6 @@ _KNOWN = (
         "motor",
     ),
 )
-
-
-def spelt(name: str) -> str:
-    """Return a name without case and spaces, its micro and middle-dot signs in letters that every keyboard has."""
-    bare = re.sub(r"[\sâÂ]", "", name)
-    return _DOT.sub(".", _MICRO.sub("u", bare)).lower()
 
 
 def _without_side(name: str) -> str:

@@ -20,30 +20,28 @@ from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
 from cfid.records.run_notes import Facts, facts_of, file_name, gaps, losses, run_at
 from cfid.records.tables.blocks import open_table
-from cfid.records.tables.column_units import column_name, unit_of
 from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema, unused_in_run
 from cfid.records.tables.stamps import stamped_rows
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.times import TIME_COLUMN, complete_rows, line_notes, pauses, seconds_of, times_of
-from cfid.records.tables.wrench_range import Unit, Units, check_values, possible_rows
+from cfid.records.tables.wrench_range import Units, check_values, possible_rows
 from cfid.records.tables.wrench_status import Words, status_notes, status_words
+from cfid.records.tables.wrench_units import axis_name, converted_note, refuse_other_units, units_of
 from cfid.wire.rdt_status import Family, family_of
 
 LOADCELL = "loadcell"
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 USUAL_COUNTS = 1e6  # per N and per N m: the thesis' box, and the manufacturer's default
 
-_IN_BRACKETS = re.compile(r"[(\[]([^()\[\]]+)[)\]]\s*$")
 _STATUS = "status"
 _THESIS_FAMILY: Family = "netft"  # of a file that does not state its box
-_NAMES = {axis: column_name(axis, ("n" if axis[0] == "F" else "nm", "counts")) for axis in AXES}
 
 
 def _schema(axes: Sequence[str]) -> TableSchema:
     return TableSchema(
         columns=(
             TIME_COLUMN,
-            *(Column(axis, _NAMES[axis], axis) for axis in axes),
+            *(Column(axis, axis_name(axis), axis) for axis in axes),
             Column(_STATUS, re.compile(_STATUS, re.IGNORECASE), _STATUS, optional=True),
         ),
         words=("TIME", *(axis.upper() for axis in axes)),
@@ -168,7 +166,7 @@ def holds_wrench(path: Path, reading: WrenchReading) -> bool:
     table = open_table(path, skip_lines=reading.skip_lines)
     if not table.has_head:
         return len([name for name in table.names if name]) == len(AXES) + (reading.rate_hz is None)
-    return any(name.fullmatch(column) for name in _NAMES.values() for column in table.names)
+    return any(name.fullmatch(column) for name in map(axis_name, AXES) for column in table.names)
 
 
 def _scale(run: Run, key: str, given: float | None, recorded: float | None) -> float:
@@ -189,12 +187,12 @@ def _read(
 ) -> WrenchRecord:
     table = open_table(path, skip_lines=reading.skip_lines, columns=reading.columns)
     if not reading.columns:
-        _refuse_units(table, axes)
+        refuse_other_units(table, axes)
     places = _schema(axes).places(table, named=reading.columns, rate_hz=reading.rate_hz)
     names, time_name = {axis: places[axis] for axis in axes}, places.get(TIME)
     table, values, missing = complete_rows(table, list(places.values()), own=own, timed=TIME in places)
     wrench = values[:, time_name is not None :][:, : len(axes)]
-    units = _units(table, names, reading.units)
+    units = units_of(table, names, reading.units)
     if not own:
         table, values, beyond = possible_rows(table, values, wrench, units)
         wrench, missing = values[:, time_name is not None :][:, : len(axes)], (*missing, *beyond)
@@ -212,8 +210,10 @@ def _read(
         shown, wrench = wrench, np.full((len(values), len(AXES)), np.nan)
         wrench[:, [AXES.index(axis) for axis in axes]] = shown
     scale = scale * np.array(reading.gain or np.ones(len(AXES)))
+    scale[[AXES.index(axis) for axis in axes]] /= units.factors
     words = status_words(table, values[:, -1]) if _STATUS in places else None
     notes = (*missing, *stamp_notes, *notes, *(() if own or missing else pauses(table, time)))
+    notes += converted_note(table, names, units)
     notes += scale_notes if words is None else (*scale_notes, *status_notes(table, words, family))
     notes += line_notes(table)
     wrench /= scale  # in place: it may be larger than the memory
@@ -235,42 +235,6 @@ def _begin_s(table: CsvTable, column: str | None, values: Array, reading: Wrench
     if column is None:
         return None
     return float(seconds_of(table, column, values[:1, 0], unit=reading.time_unit)[0])
-
-
-def _units(table: CsvTable, columns: Mapping[str, str], given: Units | None) -> Unit:
-    """Return the unit of axes, each of a column: the given one, the header's, else counts."""
-    found: set[Units] = set()
-    stated = False
-    for axis, column in columns.items():
-        own = "n" if axis[0] == "F" else "nm"
-        _check_unit(table, axis, column)
-        named = unit_of(table, _NAMES[axis], column, own if given == "n,nm" else given, "units")
-        found.add("n,nm" if named == own else "counts")
-        stated |= named is not None
-    if len(found) > 1:
-        raise DataError(f"{table.path}: its header has some axes in counts and some not: give `units`.")
-    return Unit(found.pop(), "option" if given else "header" if stated else None)
-
-
-def _refuse_units(table: CsvTable, axes: Sequence[str]) -> None:
-    """Raise DataError for an axis that the header has in a unit alone that is not read here."""
-    for axis in axes:
-        if any(map(_NAMES[axis].fullmatch, table.names)):
-            continue
-        named = (name for name in table.names if re.fullmatch(rf"{axis}[\s_]*", _IN_BRACKETS.sub("", name), re.I))
-        for name in named:
-            _check_unit(table, axis, name)
-
-
-def _check_unit(table: CsvTable, axis: str, column: str) -> None:
-    """Raise DataError for a column whose header states a unit in brackets that is not read here."""
-    name = table.names[table.place(column)]
-    stated = _IN_BRACKETS.search(name)
-    if stated is not None and not _NAMES[axis].fullmatch(f"{axis} [{stated[1].strip()}]"):
-        raise DataError(
-            f"{table.path}: column '{name}' is in {stated[1].strip()}: forces are read in N, torques in N m, or both "
-            "in counts. Convert it."
-        )
 
 
 def _scales(reading: WrenchReading, units: Units) -> tuple[Array, tuple[str, ...]]:

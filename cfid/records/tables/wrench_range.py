@@ -17,10 +17,14 @@ _LARGEST: dict[Units, float] = {"counts": 2.0**31, "n,nm": 1e5}
 
 
 class Unit(NamedTuple):
-    """The unit of forces and torques, and who states it: an option, the header, or nobody."""
+    """The unit of forces and torques, who states it: an option, the header, or nobody; and factors (k,) to N and N m.
+
+    The factors of counts are one.
+    """
 
     name: Units
     by: Literal["option", "header"] | None
+    factors: Array
 
 
 def possible_rows(
@@ -29,16 +33,17 @@ def possible_rows(
     """Return a table and its values (n, k) without the few rows that no load cell measures in a unit that is stated."""
     wrong, farthest = np.zeros(len(wrench), bool), np.zeros(len(wrench))
     for part in parts(len(wrench) if units.by else 0):
-        largest = np.argmax(np.abs(wrench[part]), axis=1)
-        farthest[part] = np.take_along_axis(wrench[part], largest[:, None], axis=1)[:, 0]
-        wrong[part] = ~(np.abs(farthest[part]) <= _LARGEST[units.name])
+        loads = np.abs(wrench[part] * units.factors)
+        largest = np.argmax(loads, axis=1)[:, None]
+        farthest[part] = np.take_along_axis(wrench[part], largest, axis=1)[:, 0]
+        wrong[part] = ~(np.take_along_axis(loads, largest, axis=1)[:, 0] <= _LARGEST[units.name])
     return without_few(table, values, wrong, farthest, "no load cell measures")
 
 
 def check_values(table: CsvTable, axes: Sequence[str], values: Array, units: Unit) -> None:
     """Raise DataError for values (n, k) that have another unit. `axes` are the names of their columns."""
     for part in parts(len(values)):
-        wrong = ~(np.abs(values[part]) <= _LARGEST[units.name])
+        wrong = ~(np.abs(values[part] * units.factors) <= _LARGEST[units.name])
         if units.name == "counts":
             wrong |= values[part] != np.rint(values[part])
         if wrong.any():
