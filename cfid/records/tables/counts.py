@@ -147,7 +147,7 @@ def _from_counts(table: CsvTable, setting: CountsPerTurn | None, counts: Array, 
             f"; {counted(len(counts) - len(rows), 'row')} without a change left out" if rows.size < len(counts) else ""
         )
         text = f"rows are changes of the count by one: angles are those of the edges, between two counts{repeats}."
-        return _joined(table, _turns(at, float(setting)), rows, (*notes, f"{text}."))
+        return _joined(table, _turns(at, float(setting)), rows, (*notes, text))
     failed = np.flatnonzero(~valid)
     if len(failed) > _FAILED_SHARE * len(counts):
         raise DataError(
