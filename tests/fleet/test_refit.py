@@ -616,27 +616,23 @@ def test_a_link_planted_where_a_campaign_is_made_is_not_followed(cfid: Cfid, cam
     assert not (out / "c1").is_symlink()
 
 
-@pytest.mark.parametrize(
-    "row",
-    [
+def test_a_row_that_is_none_of_a_manifest_is_refused_with_its_line(cfid: Cfid, campaigns: Path, tmp_path: Path) -> None:
+    manifest = tmp_path / "out/manifest.jsonl"
+    cfid("fleet", "fit", campaigns / "c3", "--out", manifest.parent)
+    rows = manifest.read_text()
+    usual = {"campaign": "c", "folder": "c", "processor_s": 1, "fits": []}
+    for wrong in (
         {"campaign": "c"},
-        {"campaign": 1.5, "folder": "c", "processor_s": 1, "fits": []},
-        {"campaign": "c", "folder": "../c", "processor_s": 1, "fits": []},
-        {"campaign": "c", "folder": "c", "processor_s": 1, "fits": None},
-        {"campaign": "c", "folder": "c", "processor_s": 1, "fits": [{"name": "swing"}]},
-        {"campaign": "c", "folder": "c", "processor_s": 1, "fits": [7]},
-    ],
-)
-def test_a_row_that_is_none_of_a_manifest_is_refused_with_its_line(
-    cfid: Cfid, campaigns: Path, tmp_path: Path, row: dict[str, Any]
-) -> None:
-    out = tmp_path / "out"
-    cfid("fleet", "fit", campaigns / "c3", "--out", out)
-    with (out / "manifest.jsonl").open("a") as file:
-        file.write(json.dumps(row) + "\n")
-    ended = cfid("fleet", "fit", campaigns / "c3", "--out", out)
-    assert ended.returncode == 4
-    assert "manifest.jsonl:3: is no row of a manifest" in ended.stderr
+        usual | {"campaign": 1.5},
+        usual | {"folder": "../c"},
+        usual | {"fits": None},
+        usual | {"fits": [{"name": "swing"}]},
+        usual | {"fits": [7]},
+    ):
+        manifest.write_text(rows + json.dumps(wrong) + "\n")
+        ended = cfid("fleet", "fit", campaigns / "c3", "--out", manifest.parent)
+        assert ended.returncode == 4
+        assert "manifest.jsonl:3: is no row of a manifest" in ended.stderr
 
 
 def test_a_manifest_of_other_spacing_is_gone_on_with(cfid: Cfid, campaigns: Path, tmp_path: Path) -> None:

@@ -281,7 +281,7 @@ def test_the_delay_contains_what_commands_that_a_log_alone_holds_make_of_it() ->
     assert max(map(abs, errors.values())) < 2.5
 
 
-@pytest.mark.parametrize("step_deg_s", [0.061, 1.0, 5.0])
+@pytest.mark.parametrize("step_deg_s", [0.061, pytest.param(1.0, marks=pytest.mark.slow), 5.0])
 @pytest.mark.parametrize("hover", [False, True])
 def test_a_gyro_of_coarse_steps_does_not_pass_for_one_whose_readings_are_repeated(
     *, step_deg_s: float, hover: bool
@@ -451,7 +451,10 @@ def test_short_touches_of_the_ground_are_left_out_and_named() -> None:
         assert max(abs(result.quantities[key].value / expected[key] - 1) for key in expected if "inertia" in key) < 0.02
 
 
-@pytest.mark.parametrize("changed", [{}, {"wind": 3.0}, {"inflow": 0.08, "load_sag": 0.08}, {"noise": 3.0}])
+@pytest.mark.parametrize(
+    "changed",
+    [{}, {"wind": 3.0}, {"inflow": 0.08, "load_sag": 0.08}, pytest.param({"noise": 3.0}, marks=pytest.mark.slow)],
+)
 def test_gusts_and_quick_manoeuvres_are_no_touches(changed: dict[str, float]) -> None:
     rng = np.random.default_rng(7)
     for log in fly(fleet(4, rng), rng, seconds=18.0, **changed):  # type: ignore[arg-type]
@@ -730,7 +733,7 @@ def test_lags_contain_what_inflow_takes_from_thrust() -> None:
             assert wide.quantities[key].std == pytest.approx(np.hypot(one.std, share * INFLOW_STD * one.value))
 
 
-@pytest.mark.parametrize("zero_g", [0.02, -0.03])
+@pytest.mark.parametrize("zero_g", [0.02, pytest.param(-0.03, marks=pytest.mark.slow)])
 def test_moments_contain_the_scale_that_a_crazyflie_makes_of_an_accelerometers_zero(
     flown: tuple[Fleet, list[FlightLog]], zero_g: float
 ) -> None:
@@ -831,9 +834,16 @@ def test_a_drive_is_the_command_times_the_voltage_while_it_holds(flown: tuple[Fl
     ("name", "value", "words"),
     [
         ("motor.m1", 1e300, r"motor\.m1: 1 value that cannot be, the first 1e\+300 \(limits 0 and 65535\), left out\."),
-        ("motor.m1", 1e6, r"motor\.m1: 1 value that cannot be, the first 1e\+06 \(limits 0 and 65535\), left out\."),
+        pytest.param(
+            "motor.m1",
+            1e6,
+            r"motor\.m1: 1 value that cannot be, the first 1e\+06 \(limits 0 and 65535\), left out\.",
+            marks=pytest.mark.slow,
+        ),
         ("gyro.x", 87.0, r"gyro: 1 value that cannot be, the first 87 rad/s \(limits -36 and 36 rad/s\), left out\."),
-        ("gyro.x", -1e300, r"gyro: 1 value that cannot be, the first -1e\+300 rad/s"),
+        pytest.param(
+            "gyro.x", -1e300, r"gyro: 1 value that cannot be, the first -1e\+300 rad/s", marks=pytest.mark.slow
+        ),
         ("acc.z", 1e300, r"accelerometer: 1 value that cannot be, the first 1e\+300 m/s\^2 \(limits -10000 and 10000"),
     ],
 )
@@ -856,7 +866,12 @@ def test_one_value_that_cannot_be_changes_nothing_and_is_named(
 
 
 @pytest.mark.parametrize(
-    ("names", "value"), [(("acc.z",), 0.0), (("acc.x", "acc.y", "acc.z"), 0.0), (("gyro.x",), 0.1)]
+    ("names", "value"),
+    [
+        pytest.param(("acc.z",), 0.0, marks=pytest.mark.slow),
+        (("acc.x", "acc.y", "acc.z"), 0.0),
+        (("gyro.x",), 0.1),
+    ],
 )
 def test_a_second_in_which_a_sensor_repeats_one_value_is_left_out_and_named(
     flown: tuple[Fleet, list[FlightLog]], names: tuple[str, ...], value: float

@@ -38,7 +38,16 @@ def off(step: StepFit) -> float:
 
 
 @pytest.mark.parametrize("rate_hz", [8.0, 40.0])
-@pytest.mark.parametrize(("step_rpm", "noise"), [(0.0, 1.0), (14.0, 0.05), (30.0, 0.05), (86.0, 0.05), (30.0, 1.0)])
+@pytest.mark.parametrize(
+    ("step_rpm", "noise"),
+    [
+        (0.0, 1.0),
+        pytest.param(14.0, 0.05, marks=pytest.mark.slow),
+        pytest.param(30.0, 0.05, marks=pytest.mark.slow),
+        (86.0, 0.05),
+        (30.0, 1.0),
+    ],
+)
 def test_time_constants_of_rounded_speeds_scatter_as_their_uncertainties_say(
     rate_hz: float, step_rpm: float, noise: float
 ) -> None:
