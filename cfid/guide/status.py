@@ -5,20 +5,16 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from cfid.counted import counted
-from cfid.errors import ConfigError, DataError
 from cfid.guide.certainty import Certainty, certainty_of, percent
+from cfid.guide.incomplete import completing, short_series, short_staircases
 from cfid.guide.plan import Assignment, Task, Words, is_vehicle, tasks
-from cfid.motors.plan import FEWEST_COMMANDS, missing
 from cfid.records.campaign import RUNS_FOLDER, Campaign
 from cfid.records.parameters import Section
-from cfid.records.resumed import resumed_by, with_completed
+from cfid.records.resumed import resumed_by
 from cfid.records.rig_file import RIG_FILE, CampaignKind
 from cfid.records.run import Run
 from cfid.records.stale import Stale, is_blind, other_facts, stale_in
-from cfid.records.steps import recorded_steps
 from cfid.records.tables.angle import ENCODER
-from cfid.transfer.sines.plan import Sine, SineSweep, missing_sines
-from cfid.units import DEAD_COMMAND
 
 State = Literal["missing", "not fitted", "stale", "rejected", "accepted"]
 
@@ -76,7 +72,7 @@ def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> tuple[
     begun = sorted((run.header for run in every if run.header.kind == "swing"), key=lambda one: one.started)
     swung = [one.label.axis for one in begun if one.label.axis is not None and is_vehicle(one.label)]
     planned = tasks(campaign.rig, kind=kind, order=order, swung=swung, by_gyro=by_gyro)
-    short = _short_series(runs, every) | _short_staircases(runs)
+    short = short_series(runs, every) | short_staircases(runs)
     found = (
         _status(task, runs, sections.get(task.section), rejected.get(task.section), stale, short=short)
         for task in planned
@@ -85,7 +81,7 @@ def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> tuple[
     return tuple(
         replace(
             one,
-            lacking=tuple(_completing(left, every) for left in one.lacking),
+            lacking=tuple(completing(left, every) for left in one.lacking),
             reason=one.reason or _being_recorded(one, every),
             unlike=unlike.get(one.task.section, ""),
         )
@@ -228,68 +224,6 @@ def _being_recorded(status: TaskStatus, runs: Sequence[Run]) -> str:
     lacking = [run for run in runs if any(one.is_of(run.header.kind, run.header.label) for one in status.lacking)]
     growing = [run.folder.name for run in lacking if run.grows]
     return f"{growing[-1]} is being recorded: wait until it has ended." if growing else ""
-
-
-def _completing(recording: Assignment, runs: Sequence[Run]) -> Assignment:
-    """Return a recording as what completes its last run, where that is of a staircase or series that ended early."""
-    same = [run for run in runs if not run.header.excluded and recording.is_of(run.header.kind, run.header.label)]
-    if not same or same[-1].grows:
-        return recording
-    words: Words = (*recording.words[:2], "--resume", same[-1].folder.name)
-    if same[-1].header.family == "sine" and (lacks := _lacks(same[-1], runs)):
-        if len(lacks) < len(_lacks(same[-1], runs, excluded=False)):  # which --resume alone would play again
-            words = (*words, "--periods", ",".join(str(one.periods) for one in lacks))
-        return replace(recording, words=words, questions=None)
-    try:
-        missing(same[-1].folder, kind=same[-1].header.kind)
-    except (ConfigError, DataError):  # it is neither, or lacks nothing
-        return recording
-    return replace(recording, words=words, questions=None)
-
-
-def _short_series(runs: Iterable[Run], every: Sequence[Run]) -> dict[str, str]:
-    """Return for each run of a series of sines that lacks some how many of them are usable, by the run's name."""
-    sentences = {}
-    for run in runs:
-        if run.header.family == "sine" and (lacks := _lacks(run, every)):
-            count = len(SineSweep.of_run(run).periods)
-            there = f"{count - len(lacks)} of {counted(count, 'sine')}"
-            sentences[run.folder.name] = f"The series of {run.folder.name} is short: {there} are usable."
-    return sentences
-
-
-def _short_staircases(runs: Sequence[Run]) -> dict[str, str]:
-    """Return for each staircase, where all of its kind have too few commands together for a map, why, by its name."""
-    sentences: dict[str, str] = {}
-    for kind, needed in FEWEST_COMMANDS.items():
-        steps = {run.folder.name: _commands(run) for run in runs if run.header.kind == kind}
-        count = len({step for own in steps.values() for step in own})
-        if 0 < count < needed:
-            recorded = f"{counted(count, 'command')} above {DEAD_COMMAND} {'is' if count == 1 else 'are'} recorded"
-            sentences |= dict.fromkeys(steps, f"{recorded}, and `cfid fit {kind}` takes at least {needed}.")
-    return sentences
-
-
-def _commands(run: Run) -> set[int]:
-    """Return the commands at which motors turned in a staircase and in those that it completes, as a fit takes them.
-
-    None where a run.toml states no staircase, or a file cannot be read.
-    """
-    try:
-        return {step for part in with_completed(run) for step in recorded_steps(part) if step > DEAD_COMMAND}
-    except (KeyError, TypeError, ValueError, DataError):
-        return set()
-
-
-def _lacks(run: Run, every: Sequence[Run], *, excluded: bool = True) -> list[Sine]:
-    """Return the sines of a run's series that have no usable run; none where its run.toml states no series.
-
-    One that was `excluded` is there: it may be kept for verification.
-    """
-    try:
-        return missing_sines(SineSweep.of_run(run), every, simulated=run.header.simulated, excluded=excluded)
-    except DataError:
-        return []
 
 
 def _aimed(task: Task, key: str) -> bool:
