@@ -61,7 +61,8 @@ def losses(run: Run, record: DeviceRecord, rows: int) -> list[str]:
     """Return notes on a device's recording: cut or failed, samples lost or never taken, rows changed, simulated."""
     notes = []
     if run.cut:
-        notes.append("the run was cut, or is still being recorded; the rows on disk are used.")
+        or_not_yet = ", or is still being recorded" if run.grows else ""
+        notes.append(f"the run was cut{or_not_yet}; the rows on disk are used.")
     if run.header.state == "failed":
         notes.append(f"the run failed ({run.header.reason or 'no reason given'}); the recorded rows are used.")
     if record.lost:
