@@ -127,17 +127,18 @@ def _print(
 
     table = Table(box=SIMPLE, pad_edge=False)
     for heading in ("fit", "runs", "state", "how sure", "what for"):
-        table.add_column(heading, overflow="fold")
+        width = 5 if heading == "how sure" else None  # of "4.2 %", which stays whole
+        table.add_column(heading, overflow="fold", min_width=width)
     for one in statuses:
         runs = f"{one.recorded} of {len(one.task.recordings)}"
         sure = "\n".join(percent(found.std) for found in one.found)
         table.add_row(one.task.section, runs, one.state, sure, "\n".join(found.aim.purpose for found in one.found))
     print_table(table)
-    for sentence in remarks_of(statuses, unusable):
+    for sentence in remarks_of(statuses, unusable, step):
         echo(fitted(printable(sentence), indent=6))
     if others:
         echo(fitted(printable(f"beside the plan: {', '.join(others)}: `cfid parameters` shows them."), indent=6))
-    echo(fitted(f"next: cfid {printable(' '.join(step.words))}\n      {printable(step.why)}", indent=6))
+    echo(fitted(f"next: {printable(step.command)}\n      {printable(step.why)}", indent=6))
 
 
 def _print_json(
@@ -160,6 +161,6 @@ def _print_json(
         for one in statuses
     ]
     following = {"command": list(step.words), "why": step.why}
-    again = [{"run": one.run, "reason": one.reason, "command": list(one.words)} for one in unusable]
+    again = [{"run": one.run, "reason": one.reason, "command": list(one.again.words)} for one in unusable]
     content = {"command": "status", "tasks": rows, "not_usable": again, "beside": list(others), "next": following}
     echo(json.dumps(content, indent=2))

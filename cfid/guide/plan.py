@@ -45,6 +45,12 @@ class Assignment:
     questions: Mapping[str, str] | None = None
     repeats: bool = False
 
+    @property
+    def command(self) -> str:
+        """The command as it is shown: what a question fills is a word in capitals."""
+        blanks = {name: name.upper().replace("_", "-") for name in self.questions or {}}
+        return f"cfid {' '.join(word.format(**blanks) for word in self.words)}"
+
     def is_of(self, kind: str, label: Label) -> bool:
         """Return whether a run of a kind with a label is this recording, or another of the same."""
         same = (self.label.axis, self.label.weight_g) == (label.axis, label.weight_g)

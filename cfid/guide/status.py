@@ -49,7 +49,7 @@ class Unusable:
 
     run: str
     reason: str
-    words: Words
+    again: Assignment
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +59,11 @@ class Next:
     words: Words
     why: str
     recording: Assignment | None = None
+
+    @property
+    def command(self) -> str:
+        """The command as it is shown."""
+        return self.recording.command if self.recording else f"cfid {' '.join(self.words)}"
 
 
 def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> tuple[TaskStatus, ...]:
@@ -105,7 +110,7 @@ def unusable_in(campaign: Campaign, statuses: Sequence[TaskStatus]) -> tuple[Unu
             continue
         again = next((one for one in lacking if one.is_of(header.kind, header.label)), None)
         if again is not None and not any(_replaces(other, run, again) for other in usable):
-            found.append(Unusable(run=run.folder.name, reason=header.verdict.text, words=again.words))
+            found.append(Unusable(run=run.folder.name, reason=header.verdict.text, again=again))
     return tuple(found)
 
 
@@ -114,10 +119,18 @@ def _replaces(other: Run, run: Run, recording: Assignment) -> bool:
     return recording.is_of(other.header.kind, other.header.label) and other.header.started > run.header.started
 
 
-def remarks_of(statuses: Iterable[TaskStatus], unusable: Iterable[Unusable]) -> tuple[str, ...]:
-    """Return as sentences why fits stand as they do, what once more would show, and which runs are of no use."""
+def remarks_of(statuses: Iterable[TaskStatus], unusable: Iterable[Unusable], step: Next) -> tuple[str, ...]:
+    """Return as sentences why fits stand as they do, what once more would show, and which runs are of no use.
+
+    A reason that the next `step` gives already is left out.
+    """
     statuses = tuple(statuses)
-    reasons = [f"{one.task.section}: {one.reason}" for one in statuses if one.reason]
+    given = {one.task.section for one in statuses if step.why.startswith(f"{one.task.section}: ")}
+    reasons = [
+        f"{one.task.section}: {one.reason}"
+        for one in statuses
+        if one.reason and not (one.task.section in given and one.reason in step.why)
+    ]
     bounded = [
         f"{found.aim.key} is known to {percent(found.std)} because of the {found.bounded_by}, as rig.toml states it: "
         "recording again alone does not change that. Measure it better and state it there first: what is stated of an "
@@ -126,7 +139,7 @@ def remarks_of(statuses: Iterable[TaskStatus], unusable: Iterable[Unusable]) -> 
         for found in one.found
         if found.bounded_by
     ]
-    again = [f"{one.run}: NOT USABLE: {one.reason} Record it again: cfid {' '.join(one.words)}" for one in unusable]
+    again = [f"{one.run}: NOT USABLE: {one.reason} Record it again: {one.again.command}" for one in unusable]
     blind = ", ".join(one.task.section for one in statuses if one.blind)
     unseen = (
         f"{blind}: fitted before fits kept what they take from {RIG_FILE}. Whether that changed since is not known: "
@@ -199,7 +212,7 @@ def _status(
     elif newer := _newer(section, own):
         state, reason = "stale", f"{counted(newer, 'run was', 'runs were')} recorded after the fit."
     elif lacking:
-        reason = f"`cfid {' '.join(lacking[0].words)}` once more would show what drifted since the first."
+        reason = f"`{lacking[0].command}` once more would show what drifted since the first."
     found = tuple(Certainty(aim=aim, std=None) if section is None else certainty_of(section, aim) for aim in task.aims)
     return TaskStatus(
         task=task,

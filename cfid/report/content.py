@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 from cfid import __version__
 from cfid.counted import counted
 from cfid.errors import DataError
-from cfid.guide.status import remarks_of, status_of, unusable_in
+from cfid.guide.status import next_of, remarks_of, status_of, unusable_in
 from cfid.records.campaign import Campaign
 from cfid.records.fits import Fit, list_fits
 from cfid.records.lab_book import lines, summary
@@ -112,10 +112,12 @@ def gather(campaign: Campaign, *, now: datetime, kind: CampaignKind | None = Non
     latest = {fit.name: fit for fit in fits}
     commands = {name: fit.command for name, fit in latest.items()}
     stale, statuses = stale_in(campaign.folder, runs, campaign.rig), status_of(campaign, kind=kind)
+    step = next_of(statuses, kind=kind)
+    remarks = remarks_of(statuses, unusable_in(campaign, statuses), step)
     experiments = experiments_of(measured, fits, stale, campaign.folder)
     return Report(
         about=_about(campaign, runs, fits, now),
-        summary=summary_of(known, experiments, statuses, remarks_of(statuses, unusable_in(campaign, statuses)), kind),
+        summary=summary_of(known, experiments, statuses, step, remarks),
         sheet=sheet_of(known, commands, stale, wanted=[one.task.section for one in statuses]),
         experiments=experiments,
         repeats=repeated_fits(measured),

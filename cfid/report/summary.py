@@ -10,11 +10,11 @@ from cfid.counted import counted
 from cfid.estimate.differences import number_of
 from cfid.guide.certainty import percent
 from cfid.guide.plan import at_middle, slope_at_hover
-from cfid.guide.status import TaskStatus, next_of
+from cfid.guide.status import Next, TaskStatus
 from cfid.quantities.lookup import find
 from cfid.records.covariances import numbers_of
 from cfid.records.parameters import plain
-from cfid.records.rig_file import CampaignKind, Rig
+from cfid.records.rig_file import Rig
 from cfid.records.run_notes import SIMULATED, is_loss
 from cfid.report.experiments import Experiment
 from cfid.report.known import Known
@@ -93,14 +93,10 @@ def summary_of(
     known: Known,
     experiments: Sequence[Experiment],
     statuses: Sequence[TaskStatus],
+    step: Next,
     remarks: Sequence[str] = (),
-    kind: CampaignKind | None = None,
 ) -> FirstScreen:
-    """Return the first screen of a campaign whose tasks stand as given, with the guide's remarks on them.
-
-    `kind` is that of the campaign where it is not rig.toml's.
-    """
-    step = next_of(statuses, kind=kind)
+    """Return the first screen of a campaign whose tasks stand as given, with its next step and the guide's remarks."""
     if step.words[0] == "report":  # which this is
         step = replace(step, words=("export",), why=f"{step.why} Hand it to firmware and simulators.")
     findings = tuple(_findings([one for one in experiments if not _is_replaced(one, experiments)]))
@@ -109,7 +105,7 @@ def summary_of(
         weakest=_weakest(statuses),
         findings=findings[:_MOST_FINDINGS],
         more_findings=max(len(findings) - _MOST_FINDINGS, 0),
-        next_command=f"cfid {' '.join(step.words)}",
+        next_command=step.command,
         next_why=step.why,
         remarks=tuple(remarks),
     )

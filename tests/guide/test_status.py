@@ -24,7 +24,7 @@ from cfid.records.campaign import open_campaign
 from cfid.records.covariances import Covariance
 from cfid.records.parameters import Parameter, Section, Source, store_section
 from cfid.records.result import Result
-from cfid.records.rig_file import load_rig
+from cfid.records.rig_file import CampaignKind, load_rig
 from cfid.records.run import DeviceRecord, Label, Verdict, amend_run, list_runs, read_run
 from cfid.records.run_writer import create_run
 from tests.campaigns import Cfid
@@ -88,6 +88,23 @@ def fitted(
 def standing(folder: Path, *, task: str = "inertia") -> tuple[TaskStatus, Next]:
     statuses = status_of(open_campaign(folder), kind="inertia")
     return next(one for one in statuses if one.task.section == task), next_of(statuses)
+
+
+def stated(folder: Path, *, kind: CampaignKind | None = None) -> tuple[str, ...]:
+    """Return the remarks on a campaign's fits."""
+    statuses = status_of(open_campaign(folder), kind=kind)
+    return remarks_of(statuses, (), next_of(statuses, kind=kind))
+
+
+def test_what_a_question_will_fill_is_shown_as_a_word_to_replace(folder: Path) -> None:
+    drag = next(one for one in tasks(open_campaign(folder).rig) if one.section == "drag")
+    assert drag.recordings[-1].command == "cfid log wind --angle ANGLE --fan-voltage VOLTS --wind WIND"
+
+
+def test_what_the_next_step_states_is_not_stated_twice(cfid: Cfid, folder: Path) -> None:
+    swung(folder)
+    shown = cfid("status", "--campaign", folder, "--kind", "inertia").stdout
+    assert shown.count("recorded, not fitted yet") == 1
 
 
 def test_swings_by_gyro_go_on_by_gyro(folder: Path) -> None:
@@ -257,13 +274,13 @@ def test_a_fit_that_does_not_keep_what_it_took_from_rig_toml_is_named(cfid: Cfid
         "inertia: fitted before fits kept what they take from rig.toml. Whether that changed since is not known: fit "
         "again to be sure."
     )
-    assert remark in remarks_of(status_of(open_campaign(folder), kind="inertia"), ())
+    assert remark in stated(folder, kind="inertia")
     assert remark in remarks_of_the_report(cfid, folder)
 
     section = open_campaign(folder).sections()["inertia"]
     kept = replace(section, rig={"vehicle.mass_kg": open_campaign(folder).rig.vehicle.mass_kg})
     store_section(folder / "parameters.toml", "inertia", kept)
-    assert remark not in remarks_of(status_of(open_campaign(folder), kind="inertia"), ())
+    assert remark not in stated(folder, kind="inertia")
 
 
 def test_an_arm_that_was_corrected_after_the_sines_is_named_by_status_report_and_export(
@@ -289,7 +306,7 @@ def test_an_arm_that_was_corrected_after_the_sines_is_named_by_status_report_and
         "tf: fitted with loadcell.arm_mm 46, where rig.toml states 40. Recordings keep what rig.toml stated when they "
         "were made: if that was wrong, fit again with --arm-mm 40."
     )
-    assert remark in remarks_of(status_of(open_campaign(folder)), ())
+    assert remark in stated(folder)
     assert remark in remarks_of_the_report(cfid, folder)
     found = collect(open_campaign(folder).rig, open_campaign(folder).sections())
     assert remark.removeprefix("tf: ") in found.others[0].caveat
@@ -367,7 +384,7 @@ def test_of_a_staircase_that_was_resumed_only_the_last_part_is_named(folder: Pat
 
     def named() -> list[tuple[str, Words]]:
         campaign = open_campaign(folder)
-        return [(one.run, one.words) for one in unusable_in(campaign, status_of(campaign, kind="motors"))]
+        return [(one.run, one.again.words) for one in unusable_in(campaign, status_of(campaign, kind="motors"))]
 
     assert named() == [(parts[1], ("log", "thrust", "--resume", parts[1]))]
     amend_run(read_run(folder / "runs" / parts[1]), excluded="gust")
@@ -488,8 +505,9 @@ def test_a_staircase_that_is_being_recorded_is_named_and_not_resumed(folder: Pat
     writer.close("interrupted")
 
     assert next_of([speed]).words == ("log", "speed")
-    assert next_of([speed]).why.endswith(f"{writer.folder.name} is being recorded: wait until it has ended.")
-    assert f"speed: {writer.folder.name} is being recorded: wait until it has ended." in remarks_of([speed], ())
+    step = next_of([speed])
+    assert step.why.endswith(f"{writer.folder.name} is being recorded: wait until it has ended.")
+    assert remarks_of([speed], (), step) == ()  # it is stated once
 
 
 def test_a_sine_above_the_cutoff_that_no_cell_feels_is_not_played_for_ever(folder: Path) -> None:

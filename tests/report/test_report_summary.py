@@ -10,7 +10,7 @@ import pytest
 from cfid.findings import note, rejection, warning
 from cfid.guide.certainty import Certainty, percent
 from cfid.guide.plan import Aim, Task
-from cfid.guide.status import TaskStatus
+from cfid.guide.status import TaskStatus, next_of
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter, Section, Source
 from cfid.records.rig_file import thesis_rig
@@ -37,7 +37,7 @@ def summary(*sections: Section, experiments: tuple[Experiment, ...] = (), stds: 
     )
     task = Task(section="thrust", recordings=(), fit=("fit", "thrust"), aims=())
     status = TaskStatus(task=task, lacking=(), state="not fitted", reason="recorded.", found=found)
-    return summary_of(known, experiments, [status])
+    return summary_of(known, experiments, [status], next_of([status]))
 
 
 def test_numbers_are_in_plain_units_with_their_relative_uncertainty() -> None:
@@ -168,7 +168,7 @@ def test_what_comes_next_is_the_guides_own_answer(tmp_path: Path) -> None:
 
 
 def test_a_report_in_which_everything_is_found_does_not_advise_a_report() -> None:
-    done = summary_of(Known(thesis_rig(), {}), (), ())
+    done = summary_of(Known(thesis_rig(), {}), (), (), next_of(()))
     assert done.next_command == "cfid export"
     assert done.next_why.startswith("everything is found, and sure enough.")
 
@@ -178,7 +178,7 @@ def test_the_weakest_number_has_the_largest_part_of_its_uncertainty() -> None:
     task = Task(section="drag", recordings=(), fit=("fit", "drag"), aims=())
     status = TaskStatus(task=task, lacking=(), state="accepted", reason="", found=(found,))
 
-    assert summary_of(Known(thesis_rig(), {}), (), [status]).weakest.endswith(
+    assert summary_of(Known(thesis_rig(), {}), (), [status], next_of([status])).weakest.endswith(
         " is known to 3 % (mostly by the gain), enough for a simulator."
     )
 
