@@ -16,7 +16,7 @@ from cfid.inertia.estimation import MATRIX, InertiaFit, MeasuredAxes, fit_inerti
 from cfid.inertia.redundancy import distance_findings, redundancy_findings
 from cfid.inertia.sensitivities import moved_by_inputs
 from cfid.quantities.values import PRODUCTS
-from cfid.records.covariances import covariance_between
+from cfid.records.covariances import Covariance, covariance_between
 from cfid.records.mounts import BodyFrame
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import implausible_gravity, implausible_inputs, implausible_quantities, platform_of
@@ -76,18 +76,15 @@ def fit(
     check_mounts((swing.axis for swing in measured.mounted), body.mounts, table="mounts")
     around = surroundings(rig, gravity_mps2, gravity_std_mps2, measured.fixture)
     axis_inertias = AxisInertias(measured.mounted, body, around)
-    findings = [*notes, *measured.findings(_resting_on), *_two_directions(axis_inertias)]
-    matrix: InertiaFit | None = None
-    try:
-        matrix = fit_inertia(axis_inertias)
-        findings += [*matrix.findings, *redundancy_findings(axis_inertias, matrix)]
-    except FitError as error:
-        apart = distance_findings(axis_inertias, moved_by_inputs(axis_inertias))
-        findings += [rejection("inertia-axes-dependent", str(error), MATRIX), *apart]
+    matrix, of_matrix = _matrix_of(axis_inertias)
     about = measure_axes(axis_inertias) if matrix is None else matrix.axes
     axes = [swing.axis for swing in measured.mounted]
     quantities = _quantities(axes, about, matrix)
-    findings += [
+    findings = [
+        *notes,
+        *measured.findings(_resting_on),
+        *_two_directions(axis_inertias),
+        *of_matrix,
         *_neglected_fixture(axis_inertias, about),
         *_body_findings(body, axes, about, rig),
         *implausible_quantities(quantities, rig),
@@ -97,33 +94,44 @@ def fit(
     def drawings() -> Figures:
         from cfid.inertia.figures import budget_figure
 
-        return (
-            {}
-            if matrix is None
-            else {"inertia": budget_figure(matrix, axes=axes), **_of_the_rig(body, axes, rig.vehicle.body_frame)}
-        )
+        if matrix is None:
+            return {}
+        return {"inertia": budget_figure(matrix, axes=axes), **_of_the_rig(body, axes, rig.vehicle.body_frame)}
 
+    covariances: tuple[Covariance, ...] = ()
+    common = {}
+    if matrix is not None:
+        covariances = covariance_between({MATRIX: matrix.matrix_kg_m2.tolist()}, matrix.covariance)
+        common = {cause: {MATRIX: column.tolist()} for cause, column in matrix.common.items()}
     return Result(
         command="fit inertia",
         method=method,
         quantities=quantities,
         wanted=(MATRIX,),
-        covariances=()
-        if matrix is None
-        else covariance_between({MATRIX: matrix.matrix_kg_m2.tolist()}, matrix.covariance),
-        common={} if matrix is None else {cause: {MATRIX: column.tolist()} for cause, column in matrix.common.items()},
+        covariances=covariances,
+        common=common,
         merits=_merits(axes, about, matrix, measured),
         findings=tuple(findings),
         sources=measured.sources,
         rests_on=rests_on(axes),
         lines=(
             *measured.lines,
-            *(() if matrix is None else (Dependent(line, MATRIX) for line in _budget_lines(matrix))),
+            *_budget_lines(matrix),
             *(_proposals(axis_inertias, axes, about, matrix is not None) if propose else ()),
         ),
         drawings=drawings,
         folder=measured.folder,
     )
+
+
+def _matrix_of(axis_inertias: AxisInertias) -> tuple[InertiaFit | None, list[Finding]]:
+    """Return the inertia matrix with its findings, None where the axes do not determine one."""
+    try:
+        matrix = fit_inertia(axis_inertias)
+    except FitError as error:
+        apart = distance_findings(axis_inertias, moved_by_inputs(axis_inertias))
+        return None, [rejection("inertia-axes-dependent", str(error), MATRIX), *apart]
+    return matrix, [*matrix.findings, *redundancy_findings(axis_inertias, matrix)]
 
 
 def _of_the_rig(body: SwungBody, axes: Sequence[str], frame: BodyFrame) -> Figures:
@@ -249,15 +257,17 @@ def _two_directions(axis_inertias: AxisInertias) -> list[Finding]:
     return [warning("inertia-mount-two-directions", text.format(name), MATRIX) for name in split]
 
 
-def _budget_lines(fit: InertiaFit) -> list[str]:
+def _budget_lines(fit: InertiaFit | None) -> list[Dependent]:
+    if fit is None:
+        return []
     if not fit.budget:
-        return ["uncertainty budget: no input has a standard uncertainty"]
+        return [Dependent("uncertainty budget: no input has a standard uncertainty", MATRIX)]
     lines = ["uncertainty budget, contribution to the diagonal (mean) and to the products (mean), 1e-9 kg m^2:"]
     for group, share in fit.budget.items():
         diagonal = 1e9 * np.mean(np.diag(share))
         products = 1e9 * np.mean([share[place] for place in PRODUCTS])
         lines.append(f"  {group:<18}{diagonal:9.1f}{products:9.1f}")
-    return lines
+    return [Dependent(line, MATRIX) for line in lines]
 
 
 def _proposals(
