@@ -8,7 +8,6 @@ from cfid.counted import counted
 from cfid.records.logs.log import printable
 from cfid.watch.live_run import DeviceProgress, LiveRun
 
-_QUIET_S = 2.0  # without a row of any device
 _CATCHING_UP = 0.05  # of the files that is not read yet
 _LOW_V = 3.2
 _SLOWEST_HZ = 2.0  # rows that come more slowly are events
@@ -38,10 +37,9 @@ def _of_run(run: LiveRun) -> Iterator[tuple[str, str, bool]]:
     yield "run", run.folder.name + (", simulated" if header.simulated else ""), False
     if header.label.note:
         yield "note", header.label.note, False
-    quiet = run.recording and not run.behind and run.quiet_s > _QUIET_S
     recording = "recording, but" if run.recording_now else "cut,"
-    state = f"{recording} no row for {run.quiet_s:.0f} s" if quiet else header.state
-    yield "state", ": ".join(filter(None, [state, header.reason])), quiet or header.state == "failed"
+    state = f"{recording} no row for {run.quiet_s:.0f} s" if run.silent else header.state
+    yield "state", ": ".join(filter(None, [state, header.reason])), run.silent or header.state == "failed"
     if header.verdict is not None and header.state != "failed":  # of a failed run it is the reason
         usable = header.verdict.usable
         yield "verdict", header.verdict.text if usable else f"not usable: {header.verdict.text}", not usable
@@ -55,7 +53,7 @@ def _of_run(run: LiveRun) -> Iterator[tuple[str, str, bool]]:
     if (volts := run.battery_v) is not None:
         yield "battery", f"{volts:.2f} V", volts < _LOW_V
     if (vehicle := run.vehicle_state) is not None:
-        when = "vehicle" if run.recording_now else "vehicle, last seen"
+        when = "vehicle" if run.recording_now and not run.silent else "vehicle, last seen"
         yield when, vehicle.name + (f": {vehicle.remedy}" if vehicle.remedy else ""), bool(vehicle.remedy)
 
 

@@ -24,6 +24,7 @@ from cfid.wire.supervisor import VehicleState
 Array = npt.NDArray[np.float64]
 
 _RATE_S = 2.0  # over which a rate is averaged
+_QUIET_S = 2.0  # without a row of any device
 _SEQUENCE, _VEHICLE_MS = "rdt_sequence", "vehicle_ms"
 _WRAPS = {_SEQUENCE: 2**32, _VEHICLE_MS: 2**24}  # columns in which the source numbers or dates its rows
 _FEWEST_STEPS = 8  # of the vehicle's time, whose median is the period of its log
@@ -172,10 +173,15 @@ class LiveRun:
         device = self.devices.get(LOADCELL)
         return device if device is not None and device.signals else None
 
+    @property
+    def silent(self) -> bool:
+        """Whether a run that nothing closed has had no row for some seconds, by this computer's clock."""
+        return self.recording and not self.behind and self.quiet_s > _QUIET_S
+
     def rate_hz(self, device: DeviceProgress) -> float:
         """Return a device's rows per second, 0 where it had none in the last seconds in which others had some."""
         silent_s = self.now_s + (self.zero_s or 0.0) - device.latest_s
-        return 0.0 if silent_s > _RATE_S else device.rate_hz
+        return 0.0 if silent_s > _RATE_S or (self.silent and self.recording_now) else device.rate_hz
 
     def read(self, within_s: float) -> bool:
         """Read what was added, for about so long at most; return whether anything was."""

@@ -14,6 +14,7 @@ BINS = 400  # of a signal in a picture: a plot is some 400 pixels wide
 
 _WIDTH_PX, _HEIGHT_PX = 320, 230
 _LABEL_ROOM = 0.25  # of the highest line, above it
+_MARKED = 40  # points at most in a picture, below which each is marked: of typed readings a line alone shows nothing
 _TOOLS = "xpan,xwheel_zoom,xbox_zoom,reset"
 
 
@@ -40,12 +41,15 @@ class SignalPlot:
     def __init__(self, signal: Trace, time_range: Range1d, colours: Colours) -> None:
         """Make the plot; its axis of time is common to all."""
         self._signal = signal
-        self._source = ColumnDataSource({"t": [], **{name: [] for name in signal.names}})
+        self._source, self._marks = (
+            ColumnDataSource({"t": [], **{name: [] for name in signal.names}}) for _ in range(2)
+        )
         self.figure = _figure("s", colours, x_range=time_range)
         draw = self.figure.step if signal.steps else self.figure.line
         more = {"mode": "after"} if signal.steps else {}
         for k, name in reversed([*enumerate(signal.names)]):  # a rotor shakes Fz most: it would cover Fx and Fy
             draw("t", name, source=self._source, color=colours.line(k), line_width=1.3, **more)
+            self.figure.scatter("t", name, source=self._marks, color=colours.line(k), size=5)
         _finish(self.figure, colours)
         self.block = _block(self.figure, signal.title, signal.unit, signal.names, colours)
 
@@ -56,6 +60,9 @@ class SignalPlot:
         if self._signal.steps and len(time_s):
             time_s, values = np.append(time_s, max(now_s, time_s[-1])), np.vstack([values, values[-1:]])
         self._source.data = {"t": time_s, **dict(zip(self._signal.names, values.T.copy(), strict=True))}
+        if not self._signal.steps:
+            few = len(time_s) <= _MARKED
+            self._marks.data = dict(self._source.data) if few else {name: [] for name in self._source.data}
 
 
 class SpectrumPlot:

@@ -11,11 +11,13 @@ from types import MappingProxyType
 
 import numpy as np
 import pytest
+from bokeh.models import Range1d
 
 from cfid.records.run import DeviceRecord, Label, Run, Verdict, amend_run, read_run
 from cfid.records.run_writer import RunWriter, create_run
 from cfid.watch.facts import facts_html
 from cfid.watch.live_run import LiveRun, newest_run, planned_s
+from cfid.watch.plots import Colours, SignalPlot
 from cfid.watch.spectrum import spectrum_of
 from cfid.wire.rls import encode_positions
 from cfid.wire.supervisor import Bits
@@ -168,6 +170,38 @@ def test_a_vehicles_state_after_the_end_is_the_one_last_seen(recording: Recordin
     writer.close("failed", reason="no link")
     assert run.read(1.0)
     assert "<th>vehicle, last seen</th>" in facts_html(run, refused=0)
+
+
+def test_a_recorder_that_hangs_leaves_no_rate_and_a_state_that_was_last_seen(recording: Recording) -> None:
+    writer = recording("supervisor", ("info",))
+    began_s = time.time() - 60.0
+    rows(writer, "supervisor", began_s + 0.01 * np.arange(300), np.full(300, Bits.FLYING))
+    run = LiveRun(writer.folder)
+    assert run.read(1.0)
+
+    shown = facts_html(run, refused=0)
+    assert "recording, but no row for" in shown
+    assert "<th>vehicle, last seen</th>" in shown
+    assert " Hz" not in shown
+
+
+def test_a_single_typed_reading_has_a_mark_and_many_rows_a_line_alone(recording: Recording) -> None:
+    writer = recording("readings", ("command", "rpm", "withdrawn"), kind="speed")
+    rows(writer, "readings", np.array([5.0]), np.array([20000.0]), np.array([8120.0]), np.array([0.0]))
+    typed, writer = LiveRun(writer.folder), recording("encoder", ("phi",))
+    rows(writer, "encoder", 1e-3 * np.arange(1000), np.arange(1000))
+    swing = LiveRun(writer.folder)
+
+    assert [marked(one) for one in (typed, swing)] == [[8120.0], []]
+
+
+def marked(run: LiveRun) -> list[float]:
+    """Return the values of a run's first signal that are marked in a picture of its first seconds."""
+    run.read(1.0)
+    plot = SignalPlot(run.signals[0], Range1d(0.0, 10.0), Colours(dark=False))
+    plot.draw(0.0, 10.0, 10.0)
+    marks = next(one for one in plot.figure.renderers if type(one.glyph).__name__ == "Scatter").data_source.data
+    return sorted(set(marks[run.signals[0].names[0]]))
 
 
 def test_typed_readings_are_drawn_without_their_commands_and_reported_commands_as_steps(recording: Recording) -> None:
