@@ -8,7 +8,7 @@ from cfid.counted import counted
 from cfid.guide.certainty import Certainty, certainty_of, percent
 from cfid.guide.incomplete import completing, short_series, short_staircases
 from cfid.guide.plan import Assignment, Task, Words, is_vehicle, tasks
-from cfid.records.campaign import RUNS_FOLDER, Campaign
+from cfid.records.campaign import Campaign, runs_of
 from cfid.records.parameters import Section
 from cfid.records.resumed import resumed_by
 from cfid.records.rig_file import RIG_FILE, CampaignKind
@@ -23,7 +23,8 @@ State = Literal["missing", "not fitted", "stale", "rejected", "accepted"]
 class TaskStatus:
     """A task: what is still to be recorded, how its fit stands and why, and how sure its quantities are.
 
-    `rarest` is its recording that was made least often, the last of several: to be made again where a fit is rejected.
+    `rarest` is what to record again where a fit is rejected: of what it suspects, else of all recordings, the one that
+    was made least often, the last of several.
     A change of rig.toml since the fit cannot be seen where it is `blind`. `unlike` states which facts of its recordings
     rig.toml states otherwise now.
     """
@@ -197,16 +198,16 @@ def _status(
     short_of_runs = any(not one.repeats for one in lacking)
     own = [run for run in runs if any(one.is_of(run.header.kind, run.header.label) for one in task.recordings)]
     state: State = "accepted"
-    reason = ""
+    reason, suspects = "", tuple[str, ...]()
     if section is not None and (rejected := [text for key, text in section.rejected.items() if _aimed(task, key)]):
-        state, reason = "rejected", rejected[0]
+        state, reason, suspects = "rejected", rejected[0], section.suspects
     elif section is not None and (reasons := stale(section)):
         state, reason = "missing" if short_of_runs else "stale", reasons[0]  # without them a fit may refuse for ever
     elif short_of_runs or (section is None and lacking):
         state = "missing"
         reason = next((short[run.folder.name] for run in reversed(own) if run.folder.name in short), "")
     elif refused is not None and _still_holds(refused, section, own) and not stale(refused):
-        state, reason = "rejected", next(iter(refused.rejected.values()))
+        state, reason, suspects = "rejected", next(iter(refused.rejected.values())), refused.suspects
     elif section is None:
         state, reason = "not fitted", "recorded, not fitted yet."
     elif newer := _newer(section, own):
@@ -217,7 +218,7 @@ def _status(
     return TaskStatus(
         task=task,
         lacking=lacking,
-        rarest=_rarest(task.recordings, own),
+        rarest=_rarest(task.recordings, own, suspects),
         state=state,
         reason=reason,
         found=found,
@@ -225,11 +226,13 @@ def _status(
     )
 
 
-def _rarest(recordings: Sequence[Assignment], runs: Sequence[Run]) -> Assignment | None:
+def _rarest(recordings: Sequence[Assignment], runs: Sequence[Run], suspects: Sequence[str]) -> Assignment | None:
+    suspected = [one for one in recordings if one.label.axis in suspects]
+
     def made(recording: Assignment) -> int:
         return sum(recording.is_of(run.header.kind, run.header.label) for run in runs)
 
-    return min(reversed(recordings), key=made, default=None)
+    return min(reversed(suspected or recordings), key=made, default=None)
 
 
 def _being_recorded(status: TaskStatus, runs: Sequence[Run]) -> str:
@@ -267,4 +270,4 @@ def _still_holds(refused: Section, section: Section | None, runs: Sequence[Run])
 
 
 def _used_by(section: Section) -> set[str]:
-    return {source.path.split("/")[1] for source in section.sources if source.path.startswith(f"{RUNS_FOLDER}/")}
+    return set(runs_of(section.sources))

@@ -93,7 +93,7 @@ def measure(
             value, std, figures, rejections = (_by_thesis if method == "thesis" else _by_default)(free)
         except FitError as error:
             raise FitError(f"{swing.path}: {error}") from None
-        mounted.append(MountedSwing(axis=mount, value=value, std=std, seen=swing.rates is not None))
+        mounted.append(MountedSwing(axis=mount, value=value, std=std, name=swing.name, seen=swing.rates is not None))
         numbers = {"natural_frequency_squared_s2": value, "std_s2": std}
         key = f"{gives}.{mount}"
         merits.append({"axis": mount, **{name: Dependent(one, key) for name, one in numbers.items()}, **figures})

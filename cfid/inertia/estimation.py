@@ -308,7 +308,7 @@ def _scatter(chi_squared: float, degrees_of_freedom: int) -> tuple[float, tuple[
         f"(chi-squared {chi_squared:.1f} for {degrees_of_freedom} degrees of freedom): "
     )
     if contradictory(chi_squared, degrees_of_freedom):
-        text += "they contradict each other. Repeat the swing with the largest residual."
+        text += "they contradict each other."
         return inflation, (rejection("inertia-swings-contradict", text, "inertia.*"),)
     text += "the standard uncertainties are widened by that."
     return inflation, (warning("inertia-swings-scatter", text, "inertia.*"),)

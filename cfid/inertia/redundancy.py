@@ -30,12 +30,37 @@ _NAMED = 4  # suspects in a sentence
 
 def redundancy_findings(axis_inertias: AxisInertias, fit: InertiaFit) -> tuple[Finding, ...]:
     """Name the suspects where swings contradict; else state what would pass, unchecked."""
-    found = axis_inertias.evaluate(axis_inertias.values)
-    swings = _Swings(matrix_rows(found.direction), found.about_centre_kg_m2, fit.moved)
     apart = (*distance_findings(axis_inertias, fit.moved), *_alike(axis_inertias))
     if fit.contradictory:
-        return (_suspects(axis_inertias, swings), *apart)
-    return (*_unchecked(axis_inertias, swings, fit), *apart)
+        return (_suspects_finding(suspects(axis_inertias, fit)), *apart)
+    return (*_unchecked(axis_inertias, _swings_of(axis_inertias, fit), fit), *apart)
+
+
+class Suspects(NamedTuple):
+    """The mounts whose swings may be wrong where swings contradict each other, and sentences that state why."""
+
+    mounts: tuple[str, ...]
+    reasons: tuple[str, ...]
+
+
+def suspects(axis_inertias: AxisInertias, fit: InertiaFit) -> Suspects:
+    """Return the mounts that differ among themselves, or without or with which, exchanged, all agree; none if none do.
+
+    Mounts whose own swings differ come first, and alone: what the others allow says nothing against these.
+    """
+    if not fit.contradictory:
+        return Suspects((), ())
+    swings = _swings_of(axis_inertias, fit)
+    differ = _unlike_repeats(axis_inertias.swings)
+    alone = _superfluous(axis_inertias, swings)
+    pairs = list(dict.fromkeys(pair for pair, _ in _exchanges(axis_inertias, swings)))
+    reasons = (
+        *differ.values(),
+        *([f"without {_listed(alone, 'or')} the others agree"] if alone else []),
+        *([f"with {_listed([' and '.join(pair) for pair in pairs], 'or')} exchanged all agree"] if pairs else []),
+    )
+    others = (*alone, *(mount for pair in pairs for mount in pair))
+    return Suspects(tuple(dict.fromkeys(differ or others)), reasons)
 
 
 def distance_findings(axis_inertias: AxisInertias, moved: Moved) -> tuple[Finding, ...]:
@@ -78,6 +103,11 @@ def _alike(axis_inertias: AxisInertias) -> tuple[Finding, ...]:
     return (rejection("inertia-mount-unchanged", text, MATRIX, *(f"inertia.*_kg_m2.{name}" for name in best)),)
 
 
+def _swings_of(axis_inertias: AxisInertias, fit: InertiaFit) -> "_Swings":
+    found = axis_inertias.evaluate(axis_inertias.values)
+    return _Swings(matrix_rows(found.direction), found.about_centre_kg_m2, fit.moved)
+
+
 class _Swings(NamedTuple):
     """Rows (n, 6), inertias about the centre (n,) and what inputs do to them, from which any part is solved."""
 
@@ -99,7 +129,7 @@ class _Swings(NamedTuple):
         return None if deviation(possible - solved.entries, solved.covariance) > BEYOND_STD else possible
 
 
-def _exchanges(axis_inertias: AxisInertias, swings: _Swings) -> Iterator[tuple[str, Array]]:
+def _exchanges(axis_inertias: AxisInertias, swings: _Swings) -> Iterator[tuple[tuple[str, str], Array]]:
     """Yield each pair of swings that, exchanged, contradict nothing, and the entries that they give then.
 
     The uncertainties are taken as those of the swings as they stand. Where a gyro showed about what a swing turned, no
@@ -118,55 +148,65 @@ def _exchanges(axis_inertias: AxisInertias, swings: _Swings) -> Iterator[tuple[s
         inertias = case.evaluate(case.values).about_centre_kg_m2
         entries = swings._replace(about_centre_kg_m2=inertias).agreed()
         if entries is not None:
-            yield f"{one.axis} and {other.axis}", entries
+            yield (one.axis, other.axis), entries
 
 
-def _suspects(axis_inertias: AxisInertias, swings: _Swings) -> Finding:
-    """Name the swings without which the others agree, and the pairs that agree when they are exchanged."""
+def _superfluous(axis_inertias: AxisInertias, swings: _Swings) -> list[str]:
+    """Return the mounts of the swings without which the others agree."""
     count = len(swings.rows)
-    alone = [
+    return [
         axis_inertias.swings[i].axis
         for i in range(count)
         if count > UNKNOWNS + 1
         and np.linalg.matrix_rank(swings.without(i).rows, tol=1e-6) == UNKNOWNS
         and swings.without(i).agreed() is not None
     ]
-    pairs = list(dict.fromkeys(pair for pair, _ in _exchanges(axis_inertias, swings)))
-    found = [
-        *_unlike_repeats(axis_inertias.swings),
-        *([f"without {_listed(alone, 'or')} the others agree"] if alone else []),
-        *([f"with {_listed(pairs, 'or')} exchanged all agree"] if pairs else []),
-    ]
-    if found:
-        text = f"suspects: {'; '.join(found)}. Repeat these swings, and check their labels and mounts."
+
+
+def _suspects_finding(found: Suspects) -> Finding:
+    if found.reasons:
+        text = f"suspects: {'; '.join(found.reasons)}. Repeat these swings, and check their labels and mounts."
     else:
         text = (
             "no single swing and no exchange of two explains the contradiction. Check the mass, the centre of mass and "
             "the mounts; swing about more axes."
         )
-    return note("inertia-suspects", text, MATRIX)
+    return rejection("inertia-suspects", text, MATRIX)
 
 
-def _unlike_repeats(swings: Sequence[MountedSwing]) -> list[str]:
-    """Return what to say of each mount whose swings differ by more than their fits allow; the furthest apart count."""
-    said = []
+def _unlike_repeats(swings: Sequence[MountedSwing]) -> dict[str, str]:
+    """Return for each mount whose swings differ by more than their fits allow by how much; the furthest apart count."""
+    differ = {}
     for mount in dict.fromkeys(swing.axis for swing in swings if not swing.known):
         same = [swing for swing in swings if swing.axis == mount and not swing.known]
-        low, high = min(same, key=lambda swing: swing.value), max(same, key=lambda swing: swing.value)
-        allowed = math.hypot(low.std, high.std)
-        if high.value - low.value > BEYOND_STD * allowed:
-            said.append(
-                f"swings about {mount} differ by {100 * (high.value / low.value - 1):.2g} % in frequency squared (std "
-                f"{100 * allowed / low.value:.2g} %)"
-            )
-    return said
+        if not _differ(same):
+            continue
+        low, high = _extremes(same)
+        text = (
+            f"swings about {mount} differ by {100 * (high.value / low.value - 1):.2g} % in frequency squared (std "
+            f"{100 * math.hypot(low.std, high.std) / low.value:.2g} %)"
+        )
+        wrong = [swing.name for swing in (low, high) if not _differ([other for other in same if other is not swing])]
+        if len(same) > 2 and len(wrong) == 1:
+            text += f", and agree without {wrong[0]}"
+        differ[mount] = text
+    return differ
+
+
+def _extremes(swings: Sequence[MountedSwing]) -> tuple[MountedSwing, MountedSwing]:
+    return min(swings, key=lambda swing: swing.value), max(swings, key=lambda swing: swing.value)
+
+
+def _differ(swings: Sequence[MountedSwing]) -> bool:
+    low, high = _extremes(swings)
+    return high.value - low.value > BEYOND_STD * math.hypot(low.std, high.std)
 
 
 def _unchecked(axis_inertias: AxisInertias, swings: _Swings, fit: InertiaFit) -> tuple[Finding, ...]:
     """Ask for a seventh mount where there are six, and name the exchanges that would pass."""
     entries = entries_of(fit.matrix_kg_m2)
     unseen = [
-        pair
+        " and ".join(pair)
         for pair, others in _exchanges(axis_inertias, swings)
         if deviation(others - entries, fit.covariance) > BEYOND_STD
     ]

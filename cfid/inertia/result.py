@@ -13,7 +13,7 @@ from cfid.findings import Finding, note, rejection, warning
 from cfid.inertia.data import MeasuredSwings, Peaks, Swing, measure, records_of
 from cfid.inertia.directions import icosahedron_axes, off_diagonal_gain
 from cfid.inertia.estimation import MATRIX, InertiaFit, MeasuredAxes, fit_inertia, measure_axes
-from cfid.inertia.redundancy import distance_findings, redundancy_findings
+from cfid.inertia.redundancy import distance_findings, redundancy_findings, suspects
 from cfid.inertia.sensitivities import moved_by_inputs
 from cfid.quantities.values import PRODUCTS
 from cfid.records.covariances import Covariance, covariance_between
@@ -113,6 +113,7 @@ def fit(
         merits=_merits(axes, about, matrix, measured),
         findings=tuple(findings),
         sources=measured.sources,
+        suspects=() if matrix is None else suspects(axis_inertias, matrix).mounts,
         rests_on=rests_on(axes),
         lines=(
             *measured.lines,

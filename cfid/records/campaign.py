@@ -1,6 +1,6 @@
 """A campaign folder: the rig, its runs, and what was found from them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from fnmatch import fnmatchcase
@@ -19,6 +19,7 @@ from cfid.records.plausibility import judged
 from cfid.records.result import Result
 from cfid.records.rig_file import RIG_FILE, Rig, load_rig, stated
 from cfid.records.run import RUN_FILE, Run, list_runs
+from cfid.records.run_notes import run_at
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -110,7 +111,7 @@ class Campaign(BaseModel):
         Rejected quantities are kept only with `force`, and marked, and so are those that the rig's platform cannot
         have. `options` are those of the command that differ from its defaults; a fit made in Python states none. Raises
         RejectedError when a quantity that the analysis is for was rejected and `force` is not set; ConfigError when a
-        file cannot be written.
+        file cannot be written, DataError when run.toml of a run cannot be read.
         """
         result = judged(result, self.rig)
         if not (result.accepted or force):
@@ -174,18 +175,22 @@ class Campaign(BaseModel):
 
     def _section_of(self, given: Result, result: Result) -> Section:
         """Return what is kept of a result, `given` being the part of it that is."""
+        sources = tuple(Source(self._path_in(source.path), source.sha256) for source in given.sources)
+        runs = (run_at(self.runs_folder / name) for name in runs_of(sources))
         return Section(
             method=given.method,
             found=datetime.now(UTC).replace(microsecond=0),
             cfid_version=__version__,
             accepted=result.accepted,
-            sources=tuple(Source(self._path_in(source.path), source.sha256) for source in given.sources),
+            sources=sources,
             parameters=given.quantities,
             covariance=given.covariances,
             common=given.common,
             rejected=result.rejected,
             rig=stated(self.rig, result.rests_on),
             facts=result.facts,
+            suspects=result.suspects,
+            runs={run.folder.name: run.header.stated_sha256 for run in runs if run is not None},
         )
 
     def _path_in(self, path: str) -> str:
@@ -194,6 +199,12 @@ class Campaign(BaseModel):
             return path
         there, folder = Path(path).resolve(), self.folder.resolve()
         return str(there.relative_to(folder) if there.is_relative_to(folder) else there)
+
+
+def runs_of(sources: Iterable[Source]) -> tuple[str, ...]:
+    """Return the names of the campaign's runs in which sources lie, each once."""
+    parts = (Path(source.path).parts for source in sources)
+    return tuple(dict.fromkeys(there[1] for there in parts if there[:1] == (RUNS_FOLDER,) and len(there) > 1))
 
 
 def open_campaign(folder: str | Path | None = None) -> Campaign:

@@ -64,7 +64,9 @@ class Section:
     order of `numbers_of`; the parameters' uncertainty includes it. `accepted` is false when a quantity that the fit is
     for was rejected. `rejected` has the reason for each rejected parameter, which is present only where it was kept
     nevertheless. `rig` is what rig.toml stated then of what the fit rests on, by its keys, and `facts` are numbers
-    under such keys that the fit took from what its recordings state, or from an option.
+    under such keys that the fit took from what its recordings state, or from an option. `suspects` are the mounts
+    whose recordings contradict each other or the others. `runs` has for each of the campaign's runs a checksum of what
+    its run.toml stated.
     """
 
     method: str
@@ -78,6 +80,8 @@ class Section:
     rejected: Mapping[str, str] = field(default_factory=dict)
     rig: Mapping[str, Any] = field(default_factory=dict)
     facts: Mapping[str, float] = field(default_factory=dict)
+    suspects: tuple[str, ...] = ()
+    runs: Mapping[str, str] = field(default_factory=dict)
 
 
 def plain(value: Any) -> Value:
@@ -213,6 +217,8 @@ def _table(section: Section) -> dict[str, Any]:
         "rejected": dict(section.rejected),
         "rig": plain(section.rig),
         "facts": dict(section.facts),
+        "suspects": list(section.suspects),
+        "runs": dict(section.runs),
     }
     return {
         "method": section.method,

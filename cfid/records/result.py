@@ -43,7 +43,8 @@ class Result:
     `merits` has figures of merit of the fit, which `quality` reads. `covariances` and `common` are as in a section of
     parameters.toml. `rests_on` names what it takes from rig.toml, as in "vehicle.mass_kg" or "mounts.x", beside what
     recordings state themselves; `facts` are numbers of the latter that its quantities go with, under rig.toml's keys,
-    which rig.toml should state alike. `lines` are further lines for the terminal, which `summary` reads. `drawings`
+    which rig.toml should state alike. `suspects` are the mounts whose recordings a rejection asks to be made again.
+    `lines` are further lines for the terminal, which `summary` reads. `drawings`
     makes the figures by file name, and `folder` is their folder.
     """
 
@@ -59,6 +60,7 @@ class Result:
     common: Mapping[str, Mapping[str, list[float]]] = field(default_factory=dict)
     rests_on: tuple[str, ...] = ()
     facts: Mapping[str, float] = field(default_factory=dict)
+    suspects: tuple[str, ...] = ()
     lines: tuple[str | Dependent, ...] = ()
     drawings: Callable[[], Figures] | None = None
     folder: Path = field(default_factory=Path)

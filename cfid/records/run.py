@@ -7,6 +7,7 @@ read with a note. `tables` interprets the columns, and `run_writer` writes a run
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -121,6 +122,18 @@ class RunHeader(_Section):
     origin: Origin | None = None
     verdict: Verdict | None = None
     devices: dict[str, DeviceRecord] = {}
+
+    @property
+    def stated_sha256(self) -> str:
+        """A checksum of what a fit may take from run.toml: all but verdict, exclusion, notes, and how the run ended."""
+        beside: dict[str, bool | set[str]] = {
+            "verdict": True,
+            "excluded": True,
+            "state": True,
+            "reason": True,
+            "label": {"note"},
+        }
+        return sha256(self.model_dump_json(exclude=beside, exclude_defaults=True).encode()).hexdigest()
 
     @property
     def family(self) -> str:

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from cfid.errors import DataError
-from cfid.records.campaign import RUNS_FOLDER
+from cfid.records.campaign import RUNS_FOLDER, runs_of
 from cfid.records.files import sha256_of
 from cfid.records.parameters import Section, Source
 from cfid.records.rig_file import RIG_FILE, Rig, stated
-from cfid.records.run import Run
+from cfid.records.run import RUN_FILE, Run
 
 Stale = Callable[[Section], tuple[str, ...]]
 
@@ -24,6 +24,7 @@ def stale_in(folder: Path, runs: Sequence[Run], rig: Rig) -> Stale:
     A missing file is no such reason. `rig` is the campaign's rig.toml as it is now.
     """
     excluded = {run.folder.name: run.header.excluded for run in runs if run.header.excluded}
+    now_states = {run.folder.name: run.header.stated_sha256 for run in runs}
 
     @cache
     def has_changed(source: Source) -> bool:
@@ -34,9 +35,8 @@ def stale_in(folder: Path, runs: Sequence[Run], rig: Rig) -> Stale:
 
     def reasons(section: Section) -> tuple[str, ...]:
         other = [source.path for source in section.sources if has_changed(source)]
-        paths = [Path(source.path) for source in section.sources]
-        names = dict.fromkeys(path.parts[1] for path in paths if path.parts[:1] == (RUNS_FOLDER,) and path.parts[1:])
-        left = [f"{name} ({excluded[name]})" for name in names if name in excluded]
+        other += [f"{RUNS_FOLDER}/{n}/{RUN_FILE}" for n, was in section.runs.items() if now_states.get(n, was) != was]
+        left = [f"{name} ({excluded[name]})" for name in runs_of(section.sources) if name in excluded]
         now = stated(rig, section.rig)
         facts = [f"{key} {_change(was, now.get(key))}" for key, was in section.rig.items() if now.get(key) != was]
         return (

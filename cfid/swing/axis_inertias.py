@@ -31,11 +31,13 @@ class MountedSwing:
     """What was measured about one mount: a natural frequency squared, or an axis inertia already known.
 
     `value` is in s^-2 when `known` is false, else in kg m^2. `seen` is whether a gyro showed about what it turned.
+    `name` is that of its recording.
     """
 
     axis: str
     value: float
     std: float
+    name: str = ""
     known: bool = False
     seen: bool = False
 

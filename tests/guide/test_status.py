@@ -27,6 +27,7 @@ from cfid.records.result import Result
 from cfid.records.rig_file import CampaignKind, load_rig
 from cfid.records.run import DeviceRecord, Label, Verdict, amend_run, list_runs, read_run
 from cfid.records.run_writer import create_run
+from cfid.records.stale import stale_in
 from tests.campaigns import Cfid
 
 ENCODER = DeviceRecord(file="encoder.csv", columns=("t", "phi"), counts_per_turn=8192.0)
@@ -189,7 +190,7 @@ def test_a_swing_that_was_excluded_after_the_fit_is_recorded_again_before_the_ne
     assert standing(folder)[1].words == ("fit", "inertia")
 
 
-def refused(folder: Path, runs: list[Path]) -> None:
+def refused(folder: Path, runs: list[Path], *, suspects: tuple[str, ...] = ()) -> None:
     files = [run / "encoder.csv" for run in runs]
     result = Result(
         command="fit inertia",
@@ -197,8 +198,17 @@ def refused(folder: Path, runs: list[Path]) -> None:
         quantities={"inertia.matrix_kg_m2": Parameter(value=MATRIX, std=MATRIX)},
         findings=(rejection("inertia-mount-unchanged", "hung anew?", "inertia.matrix_kg_m2"),),
         sources=tuple(Source(str(one), hashlib.sha256(one.read_bytes()).hexdigest()) for one in files),
+        suspects=suspects,
     )
     open_campaign(folder).remember_rejected(result)
+
+
+def test_a_fit_that_suspects_a_mount_has_this_one_recorded_again(folder: Path) -> None:
+    axes = swung(folder)
+    refused(folder, sorted((folder / "runs").iterdir()), suspects=(axes[0], axes[3]))
+    assert standing(folder)[0].rarest == standing(folder)[0].task.recordings[3]  # axes[0] was swung about twice
+    refused(folder, sorted((folder / "runs").iterdir()), suspects=(axes[0],))
+    assert next_of([standing(folder)[0]]).words == ("log", "encoder", "--axis", axes[0], "--for", "20")
 
 
 def test_a_fit_that_was_rejected_whole_is_not_offered_again_until_something_was_recorded(folder: Path) -> None:
@@ -225,6 +235,25 @@ def test_a_fit_that_was_rejected_whole_is_not_offered_again_until_something_was_
     swing(folder, axes[0], minute=100)
     amend_run(read_run(runs[0]), excluded="the mount stayed")
     assert standing(folder)[1].words == ("fit", "inertia")
+
+
+def test_a_label_that_was_corrected_makes_a_fit_stale_and_takes_a_rejection_back(folder: Path) -> None:
+    swung(folder)
+    runs = sorted((folder / "runs").iterdir())
+    refused(folder, runs)
+    assert standing(folder)[0].state == "rejected"
+    amend_run(read_run(runs[1]), note="a gust", verdict=Verdict(usable=True, text="good"))
+    assert standing(folder)[0].state == "rejected"  # neither says what a fit takes
+
+    file = runs[1] / "run.toml"
+    axes = {axis: file.read_text().replace(f'axis = "{axis}"', 'axis = "x"') for axis in ("y", "z", "xy", "xz", "yz")}
+    file.write_text(next(text for axis, text in axes.items() if text != file.read_text()))
+    run = read_run(runs[1])
+    assert run.header.label.axis == "x"
+    assert stale_in(folder, [run], open_campaign(folder).rig)(open_campaign(folder).rejected_sections()["inertia"]) == (
+        f"Changed since it was fitted: runs/{run.folder.name}/run.toml: fit again.",
+    )
+    assert standing(folder)[0].state != "rejected"
 
 
 def test_a_fit_that_gave_nothing_is_not_offered_again_until_something_changes(cfid: Cfid, folder: Path) -> None:

@@ -16,7 +16,7 @@ from scipy.stats import beta
 from cfid.errors import FitError
 from cfid.findings import Finding
 from cfid.inertia.estimation import InertiaFit, fit_inertia
-from cfid.inertia.redundancy import redundancy_findings
+from cfid.inertia.redundancy import redundancy_findings, suspects
 from cfid.quantities.plausible import implausible
 from cfid.records.mounts import Mount
 from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
@@ -179,7 +179,19 @@ def test_a_repeat_that_differs_too_far_is_named_by_its_mount_and_by_how_much() -
 
     assert fit.contradictory
     (said,) = (one.text for one in redundancy_findings(case, fit) if one.code == "inertia-suspects")
-    assert f"swings about {case.swings[0].axis} differ by 3 % in frequency squared" in said
+    axis = case.swings[0].axis
+    assert f"swings about {axis} differ by 3 % in frequency squared" in said
+    assert suspects(case, fit).mounts == (axis,)
+
+
+def test_of_three_swings_about_one_mount_the_one_that_differs_is_named() -> None:
+    case = swung_again(np.random.default_rng(5), apart=0.03)
+    first, *_, wrong = (replace(swing, name=f"swing {i}") for i, swing in enumerate(case.swings))
+    swings = [first, *case.swings[1:-1], wrong, replace(first, name="third", value=first.value * (1 + 1e-7))]
+    third = AxisInertias(swings, case.body, case.surroundings)
+
+    (reason,) = (one for one in suspects(third, fit_inertia(third)).reasons if "differ by" in one)
+    assert reason.endswith(f"and agree without {wrong.name}")
 
 
 def test_an_exchange_that_no_body_allows_is_rejected_and_named() -> None:
