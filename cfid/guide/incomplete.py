@@ -19,16 +19,17 @@ def completing(recording: Assignment, runs: Sequence[Run]) -> Assignment:
     same = [run for run in runs if not run.header.excluded and recording.is_of(run.header.kind, run.header.label)]
     if not same or same[-1].grows:
         return recording
-    words: Words = (*recording.words[:2], "--resume", same[-1].folder.name)
+    name = same[-1].folder.name
+    words: Words = (*recording.words[:2], "--resume", name)
     if same[-1].header.family == "sine" and (lacks := _lacks(same[-1], runs)):
         if len(lacks) < len(_lacks(same[-1], runs, excluded=False)):  # which --resume alone would play again
             words = (*words, "--periods", ",".join(str(one.periods) for one in lacks))
-        return replace(recording, words=words, questions=None)
+        return replace(recording, words=words, questions=None, completes=name)
     try:
         missing(same[-1].folder, kind=same[-1].header.kind)
     except (ConfigError, DataError):  # it is neither, or lacks nothing
         return recording
-    return replace(recording, words=words, questions=None)
+    return replace(recording, words=words, questions=None, completes=name)
 
 
 def short_series(runs: Iterable[Run], every: Sequence[Run]) -> dict[str, str]:

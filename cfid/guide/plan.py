@@ -35,7 +35,8 @@ class Assignment:
     """A run to record: the words of the command, what to do at the rig before, and how to tell the run by its label.
 
     `questions` are put before, and fill the words' places in braces. `kind` may be the beginning of a run's kind.
-    What `repeats` another recording shows what drifted between the two, and no fit needs it.
+    What `repeats` another recording shows what drifted between the two, and no fit needs it. `completes` is the name of
+    a run that ended early, of which it is the rest.
     """
 
     words: Words
@@ -44,6 +45,7 @@ class Assignment:
     label: Label = field(default_factory=Label)
     questions: Mapping[str, str] | None = None
     repeats: bool = False
+    completes: str = ""
 
     @property
     def command(self) -> str:

@@ -75,7 +75,8 @@ def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> tuple[
     order = campaign.folder.resolve().name
     swings = [run.header.devices for run in runs if run.header.kind == "swing"]
     by_gyro = bool(swings) and ENCODER not in swings[-1]
-    begun = sorted((run.header for run in every if run.header.kind == "swing"), key=lambda one: one.started)
+    counts = [run.header for run in every if run.header.kind == "swing" and not run.header.excluded]
+    begun = sorted(counts, key=lambda one: one.started)
     swung = [one.label.axis for one in begun if one.label.axis is not None and is_vehicle(one.label)]
     planned = tasks(campaign.rig, kind=kind, order=order, swung=swung, by_gyro=by_gyro)
     short = short_series(runs, every) | short_staircases(runs)
@@ -110,8 +111,11 @@ def unusable_in(campaign: Campaign, statuses: Sequence[TaskStatus]) -> tuple[Unu
         if header.verdict is None or header.verdict.usable or header.excluded or run.folder.name in resumed:
             continue
         again = next((one for one in lacking if one.is_of(header.kind, header.label)), None)
-        if again is not None and not any(_replaces(other, run, again) for other in usable):
-            found.append(Unusable(run=run.folder.name, reason=header.verdict.text, again=again))
+        if again is None or any(_replaces(other, run, again) for other in usable):
+            continue
+        if again.completes in ("", run.folder.name):  # the rest of another recording takes its place
+            reason = header.verdict.text.removeprefix(f"{run.folder.name}: ")
+            found.append(Unusable(run=run.folder.name, reason=reason, again=again))
     return tuple(found)
 
 

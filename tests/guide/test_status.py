@@ -234,6 +234,8 @@ def test_a_fit_that_was_rejected_whole_is_not_offered_again_until_something_was_
 
     swing(folder, axes[0], minute=100)
     amend_run(read_run(runs[0]), excluded="the mount stayed")
+    assert standing(folder)[1].words[:4] == ("log", "encoder", "--axis", axes[1])  # the first that counts, once more
+    swing(folder, axes[1], minute=101)
     assert standing(folder)[1].words == ("fit", "inertia")
 
 
@@ -418,6 +420,10 @@ def test_of_a_staircase_that_was_resumed_only_the_last_part_is_named(folder: Pat
     assert named() == [(parts[1], ("log", "thrust", "--resume", parts[1]))]
     amend_run(read_run(folder / "runs" / parts[1]), excluded="gust")
     assert named() == [(parts[0], ("log", "thrust", "--resume", parts[0]))]
+
+    later = staircase(folder, minute=9)
+    amend_run(read_run(folder / "runs" / later), verdict=Verdict(usable=False, text="a gust."))
+    assert named() == [(later, ("log", "thrust", "--resume", later))]  # which takes the place of the earlier ones
 
 
 def test_a_run_of_no_use_is_named_no_more_once_a_later_one_of_the_same_is_good(cfid: Cfid, folder: Path) -> None:
