@@ -178,7 +178,7 @@ def _solved_with_hangings(
     hangings = [hanging] * (moved.about_centre.shape[1] - len(inputs))
     text = (
         f"swings about {' and '.join(repeated)} differ by more than their fits allow, as bodies do that are hung anew: "
-        f"each hanging counts with {100 * share:.2g} % of its mount's standard uncertainties."
+        f"each hanging counts with {100 * share:.0f} % of its mount's standard uncertainties."
     )
     return moved, hangings, solve(rows, inertias, moved), (note("inertia-hangings-differ", text, MATRIX),)
 

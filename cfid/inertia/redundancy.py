@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cfid.findings import Finding, note, rejection
+from cfid.findings import Finding, note, rejection, warning
 from cfid.inertia.consistency import entries_of
 from cfid.inertia.directions import checking_axis, matrix_rows
 from cfid.inertia.estimation import MATRIX, InertiaFit, contradictory, deviation, solve
@@ -225,6 +225,8 @@ def _unchecked(axis_inertias: AxisInertias, swings: _Swings, fit: InertiaFit) ->
         f"and about one more axis, best along ({x:g}, {y:g}, {z:g}); an eighth names the wrong swing. No swing finds a "
         "wrong mass, which scales all inertias: weigh twice."
     )
+    if unseen:
+        return (warning("inertia-seventh-swing", text, MATRIX),)
     return (note("inertia-seventh-swing", text, MATRIX),)
 
 

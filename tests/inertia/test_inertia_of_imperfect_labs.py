@@ -267,7 +267,7 @@ def test_six_swings_ask_for_a_seventh_and_state_what_they_cannot_show() -> None:
     fit, axis_inertias = Lab().fitted(np.random.default_rng(2))
     (asked,) = redundancy_findings(axis_inertias, fit)
 
-    assert (asked.code, asked.severity) == ("inertia-seventh-swing", "note")
+    assert (asked.code, asked.severity) == ("inertia-seventh-swing", "warning")
     for part in ("exchanged files of x and y", "wrong distance or direction", "best along", "wrong mass"):
         assert part in asked.text
 
