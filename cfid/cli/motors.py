@@ -129,7 +129,7 @@ def _setting(uri: str | None, campaign: Path | None) -> "CrazyflieLink":
     from cfid.records.devices import CrazyflieLink
 
     try:
-        found = rig_of(campaign)[1].crazyflie
+        found = rig_of(campaign, or_real=True)[1].crazyflie
     except ConfigError as error:
         which = "" if uri else " The vehicles that another cfid drives are stopped, else the one that is found."
         note(f"{error}{which} The app is looked for on its usual ports.")

@@ -40,7 +40,7 @@ def check(
     from cfid.rig.check_crazyflie import check_vehicle
     from cfid.rig.check_lines import check_lines
 
-    found, devices, simulated = rig_of(campaign)
+    found, devices, simulated = rig_of(campaign, or_real=True)
     hand_held = {"tachometer": devices.tachometer, "scales": devices.scales}
     findings = {
         "encoder": encoder_answers(devices, found.rig),

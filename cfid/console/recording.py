@@ -88,8 +88,12 @@ class Lasting:
         return None if self.for_s is None else positive(self.for_s, "--for")
 
 
-def rig_of(folder: Path | None) -> Rig:
-    """Return the campaign, its devices and whether they are simulated, with a note if so or if that has ended."""
+def rig_of(folder: Path | None, *, or_real: bool = False) -> Rig:
+    """Return the campaign, its devices and whether they are simulated, with a note if so.
+
+    Raises ConfigError where the simulated rig was killed: a command that was meant for it must start no real motor.
+    With `or_real` the devices are rig.toml's then, with a note.
+    """
     from cfid.rig.sim_file import SIM_FILE, devices_in, is_left_behind
 
     campaign = here(folder)
@@ -97,10 +101,10 @@ def rig_of(folder: Path | None) -> Rig:
     if simulated:
         note(f"the rig is simulated: {campaign.folder / SIM_FILE} points at it.")
     elif is_left_behind(campaign.folder):
-        note(
-            f"{campaign.folder / SIM_FILE}: its simulated rig is gone; the devices are the real ones of rig.toml. "
-            "Start `cfid rig sim` again, or delete this file."
-        )
+        gone = f"{campaign.folder / SIM_FILE}: no simulated rig holds it, as after a kill, or in a copy of a folder"
+        if not or_real:
+            raise ConfigError(f"{gone}. Start `cfid rig sim` here, or delete this file for the devices of rig.toml.")
+        note(f"{gone}: the devices are the real ones of rig.toml.")
     return campaign, devices, simulated
 
 

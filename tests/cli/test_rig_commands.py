@@ -102,7 +102,7 @@ def test_a_simulated_rig_tells_where_its_vehicle_is_and_traces_its_motors(lab: L
     assert float(lines[0][0]) < float(lines[1][0]) < float(lines[2][0]) < time.monotonic()
 
 
-def test_a_killed_simulated_rig_counts_for_nothing(lab: Lab) -> None:
+def test_a_killed_simulated_rig_is_not_taken_for_the_real_one(lab: Lab) -> None:
     with rig_sim(lab) as sim:
         sim.process.kill()
         sim.process.wait()
@@ -110,8 +110,12 @@ def test_a_killed_simulated_rig_counts_for_nothing(lab: Lab) -> None:
 
     ended = lab.cfid("log", "encoder", "--for", 0.3)
 
-    assert ended.code == 0
-    assert SIMULATED not in ended.err
+    assert ended.code == 2  # the rig's own devices were not meant
+    assert "Start `cfid rig sim` here, or delete this file for the devices of rig.toml." in " ".join(ended.err.split())
+    assert list(lab.folder.glob("runs/*")) == []
+    assert "the devices are the real ones of rig.toml" in " ".join(lab.cfid("rig", "check").err.split())
+    (lab.folder / SIM_FILE).unlink()
+    assert lab.cfid("log", "encoder", "--for", 0.3).code == 0
     assert not lab.run().header.simulated
     with rig_sim(lab):  # and the next one takes its place
         assert lab.cfid("rig", "check").err.startswith(SIMULATED)

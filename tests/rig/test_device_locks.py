@@ -408,12 +408,17 @@ def test_a_second_simulated_rig_is_refused_and_the_first_goes_on(tmp_path: Path,
         assert devices_in(tmp_path, rig)[0].encoder.port == "/dev/pts/98"
 
 
-def test_that_a_simulated_rig_was_killed_and_the_real_devices_are_meant_is_said(
+def test_a_command_that_was_meant_for_a_killed_simulated_rig_does_not_go_on_to_the_real_devices(
     tmp_path: Path, rig: Rig, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / SIM_FILE).write_text("process = 1")
-    assert rig_of(tmp_path)[1:] == (rig.devices, False)
-    assert "its simulated rig is gone; the devices are the real ones" in " ".join(capsys.readouterr().err.split())
+    with pytest.raises(
+        ConfigError, match=r"no simulated rig holds it.* or delete this file for the devices of rig.toml"
+    ):
+        rig_of(tmp_path)
+
+    assert rig_of(tmp_path, or_real=True)[1:] == (rig.devices, False)  # of `cfid motors stop`, which must never wait
+    assert "the devices are the real ones of rig.toml" in " ".join(capsys.readouterr().err.split())
 
 
 def test_a_stale_file_that_makes_no_sense_disturbs_nobody(tmp_path: Path, rig: Rig) -> None:
