@@ -33,6 +33,7 @@ Array = npt.NDArray[np.float64]
 
 
 _THRESHOLD_RAD = SMALLEST_PEAK_RAD / 2
+_LOW_DEG = 10.0  # of the highest peak, below which a higher release gives more of them
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -239,11 +240,12 @@ def _peaks(
 def _usable(peak_angle: Array, requested: int | None, smallest: float) -> tuple[int, tuple[Finding, ...]]:
     found = len(peak_angle)
     if found < FEWEST_PEAKS:
+        highest_deg = math.degrees(np.abs(peak_angle).max())
+        remedy = "Release higher" if highest_deg < _LOW_DEG else "Record longer after the release"
         raise DataError(
-            f"{counted(found, 'usable peak')} of at least 1 degree, the highest "
-            f"{math.degrees(np.abs(peak_angle).max()):.2g}: a "
-            f"fit needs {FEWEST_PEAKS}. Release higher and let it swing until it stops; look at it with `cfid show`; "
-            "check the angle's unit and the counts per turn."
+            f"{counted(found, 'usable peak')} of at least 1 degree, the highest {highest_deg:.2g}: a fit needs "
+            f"{FEWEST_PEAKS}. {remedy} and let it swing until it stops; look at it with `cfid show`; check the angle's "
+            "unit and the counts per turn."
         )
     if requested is None:
         return max(FEWEST_PEAKS, int(np.count_nonzero(np.abs(peak_angle) >= smallest))), ()
