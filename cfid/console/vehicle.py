@@ -143,6 +143,8 @@ def confirm(
     turns = f"{vehicle.uri}: {which} will turn at commands up to {largest}{effort}."
     answer = ask(f"{turns} Is the vehicle fastened and everyone clear? [y/N]", ring=ring)
     if not answer:
-        raise ConfigError("nobody confirmed that the vehicle is fastened: a script gives --yes to this command itself, not to `cfid next`.")
+        raise ConfigError(
+            "nobody confirmed that the vehicle is fastened: a script gives --yes to this command, not to `cfid next`."
+        )
     if answer.strip().lower() not in ("y", "yes"):
         raise ConfigError("not confirmed: no motor was started.")
