@@ -25,6 +25,12 @@ GYRO_DELAY_S, ACCELEROMETER_DELAY_S = (STEP / 2**0.5 / np.tan(np.pi * hz * STEP)
 PUSH_MPS2, PUSHED_M = 20.0, 1e-3  # of the ground at a touch, and how far off the middle it pushes
 SAG = 0.04  # of the thrust, from a flight's begin to its end
 # Motor 1 to 4: front right, rear right, rear left, front left; x forward, y left; 1 turns counterclockwise from above.
+GUST = np.sqrt(2 * STEP / 0.1)  # of red noise with a variance of one, in a step
+CLIMBING_COUNTS = np.array([1.0, 1.0, 1.2])  # of the air's braking, along each axis
+DAMPED = np.array([1.5, 1.5, 0.5])  # of a rate, in 1/s
+PUSHED_ABOUT = np.array([1, -1])
+GRAVITY = np.array([0, 0, G])
+HALF_MORE = 1.5 * np.eye(3)
 X, Y, TURNS = np.array([1, -1, -1, 1.0]), np.array([-1, -1, 1, 1.0]), np.array([1, -1, 1, -1.0])
 
 
@@ -91,63 +97,72 @@ def fly(
     is at `accelerometer_m` from the centre of mass, its filter at `accelerometer_hz`. A vehicle that `climbs_with_roll`
     does so at the same times.
     """
-    count, steps = len(vehicles.mass), int(seconds / STEP)
-    level = _level(vehicles)
+    count, steps, level = len(vehicles.mass), int(seconds / STEP), _level(vehicles)
     late = np.tile(level[:, None], (1, 4))
     rates, velocity = np.zeros((count, 3)), np.zeros((count, 3))
     turn = np.tile(np.eye(3), (count, 1, 1))
-    torque_wind, force_wind = np.zeros((count, 3)), np.zeros((count, 3))
+    torque_wind, force_wind, spinning = (np.zeros((count, 3)) for _ in range(3))
     bias = rng.normal(0, 0.01, (count, 3)), rng.normal(0, 0.05, (count, 3)) * [1, 1, 0.2]
     plan = _manoeuvres(count, steps, rng, climbs_with_roll=climbs_with_roll) * (0.02 if hover else size)
-    spinning = np.zeros((count, 3))
+    sizes = 0.04 * noise, 0.5 * noise, wind * 4.0 * GUST, wind * 0.3 * GUST
+    chance = rng.normal(0, 1, (steps, 4, count, 3)) * np.reshape(sizes, (4, 1, 1))
     rows = np.zeros((steps, count, 10 + 7 + with_volts))
+    turns = np.zeros((steps, count, 3, 3))
     pending = [late.copy() for _ in range(late_steps)]
     gyro, accelerometer = _LowPass(GYRO_HZ, (count, 3)), _LowPass(accelerometer_hz, (count, 3))
+    idle, gain, braking = vehicles.idle[:, None], vehicles.gain[:, None], vehicles.braking[:, None]
+    rising, falling = (1 - np.exp(-STEP / tau[:, None]) for tau in (vehicles.rising, vehicles.falling))
     for step in range(steps):
         k = vehicles.k * (1 + SAG * (0.5 - step / steps))
-        thrust = k * (vehicles.idle[:, None] + vehicles.gain[:, None] * late) ** 2
+        thrust = k * (idle + gain * late) ** 2
         up = turn[:, 2, :]  # the world's vertical along the vehicle's axes
-        at = (np.einsum("nij,nj->ni", turn.transpose(0, 2, 1), velocity)) * [1.0, 1.0, 1.2]
+        at = (np.einsum("nij,nj->ni", turn.transpose(0, 2, 1), velocity)) * CLIMBING_COUNTS
         taken = 1 - inflow * at[:, 2:] / 1.2  # of thrust, by air along the rotors' axis
         thrust *= taken
-        force = force_wind - vehicles.braking[:, None] * at
+        force = force_wind - braking * at
         force[:, 2] += thrust.sum(axis=1) / vehicles.mass
         force[:, 2] += (push := _push(STEP * step, touches_s))
-        shown = gyro(rates + bias[0] + rng.normal(0, 0.04 * noise, (count, 3)))
-        rows[step, :, 4:7] = shown
-        off_centre = np.cross(spinning, accelerometer_m) + np.cross(rates, np.cross(rates, accelerometer_m))
-        rows[step, :, 7:10] = accelerometer(force + off_centre + bias[1] + rng.normal(0, 0.5 * noise, (count, 3)))
+        shown = rows[step, :, 4:7] = gyro(rates + bias[0] + chance[step, 0])
+        off_centre = _cross(spinning, accelerometer_m) + _cross(rates, _cross(rates, accelerometer_m))
+        rows[step, :, 7:10] = accelerometer(force + off_centre + bias[1] + chance[step, 1])
         rows[step, :, 10:13] = velocity
-        rows[step, :, 13:17] = _quaternion(turn)
-        command = _autopilot(vehicles, plan[step], shown, up, velocity[:, 2], level)
-        rows[step, :, :4] = command
+        turns[step] = turn
+        command = rows[step, :, :4] = _autopilot(vehicles, plan[step], shown, up, velocity[:, 2], level)
         pending.append(command)
         volts = 1 + load_sag * (1 - thrust.sum(axis=1) / (vehicles.mass * G))  # of those that hovering leaves
         if with_volts:
             rows[step, :, 17] = 4 * volts
         ahead = pending.pop(0) * volts[:, None] - late
-        tau = np.where(ahead > 0, vehicles.rising[:, None], vehicles.falling[:, None])
-        moved = ahead * (1 - np.exp(-STEP / tau))
-        middle = taken * k * (vehicles.idle[:, None] + vehicles.gain[:, None] * (late + moved / 2)) ** 2
-        spun_up = vehicles.gain[:, None] * moved / STEP  # rad/s^2
-        turning = np.column_stack(
-            [
-                vehicles.lever * (middle @ Y),
-                -vehicles.lever * (middle @ X),
-                -vehicles.torque * (middle @ TURNS) - 2e-8 * (spun_up @ TURNS),
-            ]
-        )
-        turning[:, :2] += (vehicles.mass * push * PUSHED_M)[:, None] * [1, -1]
-        turning += vehicles.moments * (torque_wind - [1.5, 1.5, 0.5] * rates)
-        turning -= np.cross(rates, vehicles.moments * rates)
+        moved = ahead * np.where(ahead > 0, rising, falling)
+        middle = taken * k * (idle + gain * (late + moved / 2)) ** 2
+        turning = _torques(vehicles, middle, gain * moved / STEP)
+        turning[:, :2] += (vehicles.mass * push * PUSHED_M)[:, None] * PUSHED_ABOUT
+        turning += vehicles.moments * (torque_wind - DAMPED * rates)
+        turning -= _cross(rates, vehicles.moments * rates)
         before, spinning = rates, turning / vehicles.moments
         rates = rates + spinning * STEP
         late = late + moved
-        velocity = velocity + STEP * (np.einsum("nij,nj->ni", turn, force) - [0, 0, G])
+        velocity = velocity + STEP * (np.einsum("nij,nj->ni", turn, force) - GRAVITY)
         turn = _turned(turn, (before + rates) / 2 * STEP)
-        torque_wind += -torque_wind * STEP / 0.1 + wind * 4.0 * np.sqrt(2 * STEP / 0.1) * rng.normal(0, 1, (count, 3))
-        force_wind += -force_wind * STEP / 0.1 + wind * 0.3 * np.sqrt(2 * STEP / 0.1) * rng.normal(0, 1, (count, 3))
+        torque_wind += -torque_wind * STEP / 0.1 + chance[step, 2]
+        force_wind += -force_wind * STEP / 0.1 + chance[step, 3]
+    rows[:, :, 13:17] = _quaternion(turns)
     return [_log(rows[:, place], number=place) for place in range(count)]
+
+
+def _torques(vehicles: Fleet, thrusts: Array, spun_up: Array) -> Array:
+    """Return what rotors' thrusts and accelerations in rad/s^2, (n, 4) each, turn the vehicles by (n, 3)."""
+    about = np.empty((len(thrusts), 3))
+    about[:, 0] = vehicles.lever * (thrusts @ Y)
+    about[:, 1] = -vehicles.lever * (thrusts @ X)
+    about[:, 2] = -vehicles.torque * (thrusts @ TURNS) - 2e-8 * (spun_up @ TURNS)
+    return about
+
+
+def _cross(first: Array, second: npt.ArrayLike) -> Array:
+    """Return cross products (n, 3) of vectors with others (n, 3), or with one (3,): of few, quicker than NumPy's."""
+    a, b = first.T, np.asarray(second).T
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]).T
 
 
 def _push(now_s: float, touches_s: tuple[float, ...]) -> float:
@@ -209,17 +224,19 @@ def _autopilot(vehicles: Fleet, target: Array, rates: Array, up: Array, climb: A
 def _turned(turn: Array, angle: Array) -> Array:
     """Return attitudes (n, 3, 3) turned by small angles (n, 3) about the vehicle's axes, orthogonal to second order."""
     x, y, z = angle.T
-    zero = np.zeros_like(x)
-    small = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
-    turn = turn + turn @ small + turn @ small @ small / 2
-    return np.asarray(turn @ (1.5 * np.eye(3) - 0.5 * turn.transpose(0, 2, 1) @ turn))
+    small = np.zeros((3, 3, len(angle)))
+    small[2, 1], small[1, 2], small[0, 2], small[2, 0], small[1, 0], small[0, 1] = x, -x, y, -y, z, -z
+    by = small.transpose(2, 0, 1)
+    once = turn @ by
+    turn = turn + once + once @ by / 2
+    return np.asarray(turn @ (HALF_MORE - 0.5 * turn.transpose(0, 2, 1) @ turn))
 
 
 def _quaternion(turn: Array) -> Array:
-    """Return w, x, y, z (n, 4) of attitudes that are never upside down."""
-    w = np.sqrt(np.maximum(1 + np.trace(turn, axis1=1, axis2=2), 1e-9)) / 2
-    x, y, z = turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]
-    return np.column_stack([w, x / (4 * w), y / (4 * w), z / (4 * w)])
+    """Return w, x, y, z (..., 4) of attitudes (..., 3, 3) that are never upside down."""
+    w = np.sqrt(np.maximum(1 + np.trace(turn, axis1=-2, axis2=-1), 1e-9)) / 2
+    x, y, z = (turn[..., a, b] - turn[..., b, a] for a, b in ((2, 1), (0, 2), (1, 0)))
+    return np.stack([w, x / (4 * w), y / (4 * w), z / (4 * w)], axis=-1)
 
 
 def _log(rows: Array, *, number: int) -> FlightLog:
