@@ -36,19 +36,25 @@ def flown(
     )
     a_row, late = round(1 / RATE_HZ / STEP_S), round(DELAY_S / STEP_S)
     target = 400 + 2600 * command - 500 * command**2 if rotors == 1 else 300 + 2400 * command
-    speed = target[..., 0].copy()
-    seen = np.empty((count, rotors, rows))
-    for step in range(rows * a_row):
-        if step % a_row == 0:
-            seen[..., step // a_row] = speed
-        leads_to = target[..., max(step - late, 0) // a_row] * (1 - sag * step / (rows * a_row))
-        speed += (speed - leads_to) * np.expm1(-STEP_S / np.where(leads_to > speed, RISING_S, FALLING_S))
+    step = np.arange(rows * a_row)
+    held, left = np.maximum(step - late, 0) // a_row, 1 - sag * step / len(step)
+    seen = np.array([[followed(one[held] * left, float(one[0]))[::a_row] for one in each] for each in target])
     value = seen[:, 0] if rotors == 1 else 1e-6 * (seen**2).sum(axis=1)
     white = draw.standard_normal((2, count, rows))
     slow = np.zeros((count, rows))
     for row in range(1, rows):
         slow[:, row] = 0.95 * slow[:, row - 1] + np.sqrt(1 - 0.95**2) * white[1, :, row]
     return np.arange(rows) / RATE_HZ, command, value + noise * white[0] + red * slow
+
+
+def followed(targets: Array, speed: float) -> list[float]:
+    """Return the speed at the begin of each step in which it follows a target."""
+    rising, falling = np.expm1(-STEP_S / np.array([RISING_S, FALLING_S])).tolist()
+    course = []
+    for to in targets.tolist():
+        course.append(speed)
+        speed += (speed - to) * (rising if to > speed else falling)
+    return course
 
 
 def fitted(time_s: Array, commands: Array, values: Array) -> list[Row]:
