@@ -32,13 +32,8 @@ def flown(
     phase = rng.uniform(0, 2 * np.pi, (len(ROTORS), len(hz), 1))
     command = 32000 + 4500 * np.sin(2 * np.pi * hz[:, np.newaxis] * time_s + phase).sum(axis=1)
     command = np.repeat(np.clip(command, 5000, 65000).round()[:, ::A_ROW], A_ROW, axis=1)
-    late, volts = round(command_s / STEP_S), np.empty(steps)
-    speed, speeds = np.full(len(ROTORS), 1000.0), np.empty((len(ROTORS), steps))
-    for step in range(steps):
-        volts[step] = 4.15 - 0.15 * step / steps - 0.4 * np.mean((speed / 2200) ** 2)
-        speeds[:, step] = speed
-        leads_to = 150 + 2100 * command[:, max(step - late, 0)] / 65535 * (volts[step] / 3.9) ** power
-        speed = speed - (speed - leads_to) * -np.expm1(-STEP_S / np.where(leads_to > speed, RISING_S, FALLING_S))
+    at = np.maximum(np.arange(steps) - round(command_s / STEP_S), 0)
+    volts, speeds = sagging(2100 * command[:, at] / 65535, power=power)
     shown = np.maximum(np.arange(0, steps, A_ROW) - round(speed_s / STEP_S), 0)
     measured = speeds[:, shown] + rng.normal(0, 3.0, (len(ROTORS), len(shown)))
     table: dict[str, npt.NDArray[Any]] = {"t_ms": np.arange(0, steps, A_ROW)}
@@ -49,6 +44,19 @@ def flown(
     log = rotor_log(path)
     assert log is not None
     return fit(log)
+
+
+def sagging(gains: Array, *, power: float) -> tuple[Array, Array]:
+    """Return the volts (n,) of a battery that gives way, and speeds (4, n) that it drives by gains (4, n)."""
+    rising, falling = np.expm1(-STEP_S / np.array([RISING_S, FALLING_S])).tolist()
+    now, volts, speeds = [1000.0] * len(gains), [], []
+    for step, each in enumerate(gains.T.tolist()):
+        battery_v = 4.15 - 0.15 * step / gains.shape[1] - 0.4 * (sum((speed / 2200) ** 2 for speed in now) / len(now))
+        volts.append(battery_v)
+        speeds.append(now)
+        targets = [150 + gain * (battery_v / 3.9) ** power for gain in each]
+        now = [w + (w - to) * (rising if to > w else falling) for w, to in zip(now, targets, strict=True)]
+    return np.array(volts), np.array(speeds).T
 
 
 def off(result: Result) -> Iterator[float]:

@@ -117,15 +117,17 @@ def test_speeds_that_each_row_reads_are_not_said_to_be_repeated(tmp_path: Path) 
 
 def sagging(commands: Array) -> tuple[Array, Array]:
     """Return speeds (k, n) and volts (n,) of a battery that gives way, under commands (k, n), in steps of 0.5 ms."""
-    speeds, volts, now = np.empty(commands.shape), np.empty(commands.shape[1]), np.full(len(commands), 1000.0)
-    for row, command in enumerate(commands.T / 65535):
+    rising, falling = np.expm1(-0.0005 / np.array([RISING_S, FALLING_S])).tolist()
+    now, speeds, volts = [1000.0] * len(commands), [], []
+    for command in (2000 * (commands.T / 65535)).tolist():
         for step in range(4):
-            battery_v = 4.1 - 0.3 * np.mean((now / 2200) ** 2)
+            battery_v = 4.1 - 0.3 * (sum((speed / 2200) ** 2 for speed in now) / len(now))
             if step == 0:
-                speeds[:, row], volts[row] = now, battery_v
-            leads_to = 200 + 2000 * command * battery_v / 4
-            now = now + (now - leads_to) * np.expm1(-0.0005 / np.where(leads_to > now, RISING_S, FALLING_S))
-    return speeds, volts
+                speeds.append(now)
+                volts.append(battery_v)
+            targets = [200 + each * battery_v / 4 for each in command]
+            now = [w + (w - to) * (rising if to > w else falling) for w, to in zip(now, targets, strict=True)]
+    return np.array(speeds).T, np.array(volts)
 
 
 def test_a_voltage_that_rows_repeat_acts_as_where_other_rows_have_none(tmp_path: Path) -> None:
