@@ -131,11 +131,11 @@ class ThrustLag(NamedTuple):
         rising, falling = (1 - math.exp(-STEP_S / tau_s) for tau_s in self)
         late = np.empty_like(drive)
         for motor, column in enumerate(drive.T):
-            now, course = float(column[0]), []
-            for to in column.tolist():
-                course.append(now)
-                now += (to - now) * (rising if to > now else falling)
-            late[:, motor] = course
+            now = float(column[0])
+            late[0, motor] = now
+            late[1:, motor] = [
+                now := now + (to - now) * (rising if to > now else falling) for to in column[:-1].tolist()
+            ]
         return late
 
 
@@ -165,13 +165,15 @@ def equations_of(flight: Flight) -> EquationsOf:
     slope over the gyro's delay leaves the rotors as they were.
     """
 
+    along_z = _others_along_z(flight)
+
     @lru_cache(_KEPT)
     def late(lag: ThrustLag, command_s: float) -> Array:
         return lag.follow(flight.drives_of_late(command_s))
 
     @lru_cache(_KEPT)
     def vertical(lag: ThrustLag, command_s: float, delay_s: float, low_pass_hz: float | None) -> FlightEquation:
-        return _vertical(flight, _seen(late(lag, command_s), delay_s, low_pass_hz))
+        return _vertical(flight, _seen(late(lag, command_s), delay_s, low_pass_hz), along_z)
 
     @lru_cache(_KEPT)
     def turning(lag: ThrustLag, command_s: float, delay_s: float) -> list[FlightEquation]:
@@ -241,13 +243,19 @@ def segments(mask: Mask, fewest: int = 100) -> list[slice]:
     return [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= fewest]
 
 
-def _vertical(flight: Flight, powers: Array) -> FlightEquation:
-    terms = _rows(flight, powers.sum(axis=2).T)
-    climb = _climbing(flight) if flight.velocity is None else flight.velocity[:, 2:]
-    phase = np.pi * np.arange(len(terms)) / len(terms)
-    sag = [np.cos(count * phase) for count in range(1 + max(round(len(terms) * ROW_S / SAG_S), 1))]
-    others = np.column_stack([climb, _off_centre(flight.rates), *sag])
+def _vertical(flight: Flight, powers: Array, others: Array) -> FlightEquation:
+    together = powers[..., 0] + powers[..., 1] + powers[..., 2] + powers[..., 3]  # a sum over so few is slow
+    terms = _rows(flight, together.T)
     return _cut(None, flight.force[:, 2], terms, others, segments(flight.driven))
+
+
+def _others_along_z(flight: Flight) -> Array:
+    """Return what else than rotors may act vertically (m, q)."""
+    climb = _climbing(flight) if flight.velocity is None else flight.velocity[:, 2:]
+    count = len(flight.rates)
+    phase = np.pi * np.arange(count) / count
+    sag = [np.cos(times * phase) for times in range(1 + max(round(count * ROW_S / SAG_S), 1))]
+    return np.column_stack([climb, _off_centre(flight.rates), *sag])
 
 
 def _off_centre(rates: Array) -> Array:
@@ -300,8 +308,8 @@ def _rows(flight: Flight, steps: Array) -> Array:
         around = np.pad(steps, ((1, 1), (0, 0)), mode="edge")
         means = steps + (around[2:] - 2 * steps + around[:-2]) / 24
         padded = np.pad(means, ((half, half), (0, 0)), mode="edge")
-        total = np.cumsum(np.vstack([np.zeros((1, steps.shape[1])), padded]), axis=0)
-        steps = (total[ROW_STEPS:] - total[:-ROW_STEPS]) / ROW_STEPS
+        of_rows = [padded[step : step + len(steps) : ROW_STEPS] for step in range(ROW_STEPS)]
+        return np.asarray(sum(of_rows) / ROW_STEPS)[: len(flight.rates)]
     return np.asarray(steps[::ROW_STEPS][: len(flight.rates)])
 
 
