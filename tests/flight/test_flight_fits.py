@@ -461,7 +461,7 @@ def test_gusts_and_quick_manoeuvres_are_no_touches(changed: dict[str, float]) ->
         assert "flight-touched" not in [one.code for one in flight_of(log).findings]
 
 
-@pytest.mark.parametrize("low_pass_hz", [60.0, 10.0])
+@pytest.mark.parametrize("low_pass_hz", [pytest.param(60.0, marks=pytest.mark.slow), 10.0])
 def test_an_accelerometer_with_an_unknown_filter_gives_the_vehicle_back(low_pass_hz: float) -> None:
     """As a delay alone, a filter of 16 Hz made moments 2 % large, and flights with one of 10 Hz were refused."""
     rng = np.random.default_rng(9)

@@ -38,7 +38,8 @@ OLDER = (2, 3, 4, 5)  # rows: torques of 20 to 50 ms before
 pytestmark = pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the public flights are not here (CFID_DATA)")
 
 
-def read(name: str, from_s: float, to_s: float) -> FlownLog:
+@cache
+def read(name: str, from_s: float | None = None, to_s: float | None = None) -> FlownLog:
     return read_flight(FLIGHTS / name, from_s=from_s, to_s=to_s)
 
 
@@ -136,7 +137,7 @@ def test_delays_of_the_gyro_are_those_of_its_filter_and_more_in_every_flight() -
 
 def test_circles_and_helices_give_drag_and_refuse_the_rest() -> None:
     names = ("nanobench_B2_circle_fast_rep2.csv", "nanobench_B5_helix_fast_rep1.csv")
-    result = fit([read_flight(FLIGHTS / name) for name in names], body=ARM)
+    result = fit([read(name) for name in names], body=ARM)
     rejections = {finding.code for finding in result.findings if finding.severity == "rejection"}
     assert "flight-thrust-not-excited" in rejections
     assert not any("inertia" in key or "thrust" in key for key in result.without_rejected().quantities)
@@ -168,7 +169,10 @@ def test_accelerations_in_another_unit_or_downwards_are_refused_with_what_they_l
         flight_of(replace(log, series=(replace(series, channels=channels),)), from_s=from_s, to_s=to_s)
 
 
-@pytest.mark.parametrize(("arm_m", "kept"), [(0.0046, False), (0.028, True), (0.046, True), (0.46, False)])
+@pytest.mark.parametrize(
+    ("arm_m", "kept"),
+    [(0.0046, False), (0.028, True), pytest.param(0.046, True, marks=pytest.mark.slow), (0.46, False)],
+)
 def test_a_moment_that_no_quadrocopter_with_such_an_arm_has_is_rejected(arm_m: float, *, kept: bool) -> None:
     result = fit([read(*HALVES[0])], body=replace(ARM, arm_m=arm_m))
     for axis in ("roll", "pitch"):
@@ -241,7 +245,7 @@ UNLIKE_ATTITUDE: dict[str, tuple[Callable[[Flight], Flight], str]] = {
 @pytest.mark.parametrize("log", [CIRCLE, HELIX])
 @pytest.mark.parametrize("defect", [None, *UNLIKE_ATTITUDE])
 def test_a_gyro_that_turns_unlike_the_attitude_beside_it_is_named(log: str, defect: str | None) -> None:
-    flown = read_flight(FLIGHTS / log)
+    flown = read(log)
     change, words = UNLIKE_ATTITUDE[defect] if defect else (lambda one: one, "")
     found = turning_findings(change(flown.flight))
 
@@ -250,7 +254,7 @@ def test_a_gyro_that_turns_unlike_the_attitude_beside_it_is_named(log: str, defe
 
 
 def test_a_flight_that_contradicts_its_attitude_is_left_out_and_the_others_are_fitted() -> None:
-    sound, other = read_flight(FLIGHTS / CIRCLE), read_flight(FLIGHTS / HELIX)
+    sound, other = read(CIRCLE), read(HELIX)
     exchanged = replace(other, flight=UNLIKE_ATTITUDE["exchanged"][0](other.flight))
     alone, both = (fit(flights, body=ARM) for flights in ([sound], [exchanged, sound]))
     (first, *_) = both.findings
@@ -286,9 +290,16 @@ MOVED: dict[str, tuple[Callable[[Flight], Flight], str, str]] = {
 }
 
 
-@pytest.mark.parametrize(("log", "defect"), [(HELIX, None), (CIRCLE, None), *((CIRCLE, one) for one in MOVED)])
+@pytest.mark.parametrize(
+    ("log", "defect"),
+    [
+        pytest.param(HELIX, None, marks=pytest.mark.slow),
+        (CIRCLE, None),
+        *(pytest.param(CIRCLE, one, marks=[pytest.mark.slow] * (one == "cm/s")) for one in MOVED),
+    ],
+)
 def test_motion_capture_that_moves_otherwise_than_the_sensors_costs_the_drag(log: str, defect: str | None) -> None:
-    flown = read_flight(FLIGHTS / log)
+    flown = read(log)
     change, code, words = MOVED[defect] if defect else (lambda one: one, "", "")
     result = fit([replace(flown, flight=change(flown.flight))], body=ARM)
     found = [one for one in result.findings if one.code in ("flight-velocity-unlike-force", "flight-attitude-stuck")]
@@ -301,7 +312,7 @@ def test_motion_capture_that_moves_otherwise_than_the_sensors_costs_the_drag(log
 
 
 def test_axes_that_the_attitude_shows_are_named_before_and_in_place_of_a_wrong_clock() -> None:
-    flown = read_flight(FLIGHTS / CIRCLE)
+    flown = read(CIRCLE)
     exchanged = UNLIKE_ATTITUDE["exchanged"][0](flown.flight)
     first, *others = [one.code for one in contradictions(replace(flown, flight=exchanged), fit_flights([exchanged]))]
 
