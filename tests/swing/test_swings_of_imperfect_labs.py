@@ -51,13 +51,19 @@ class Trials:
         self.quadratic = rng.uniform(0, 2, count) * 2e-8 / inertia
         self.release_rad = np.radians(rng.uniform(40, 60, count))
         self.stribeck, self.cable = stribeck, cable
-        self.ripple = ripple_nm * rng.standard_normal(count) / inertia if ripple_nm else np.zeros(count)
+        self.ripple: Array | None = ripple_nm * rng.standard_normal(count) / inertia if ripple_nm else None
 
     def acceleration(self, angle: Array, speed: Array) -> Array:
         """Return what gravity, the cable and friction do (n,)."""
-        size = self.coulomb * (1 + self.stribeck * np.exp(-((speed / 0.5) ** 2))) + self.ripple * np.cos(angle)
-        dry = np.maximum(size, 0) * np.tanh(speed / _SLIP_RAD_PER_S)
-        pull = self.frequency_squared_s2 * (np.sin(angle) + self.cable * angle)
+        size, pull = self.coulomb, np.sin(angle)  # what is zero is not calculated, in a hundred thousand steps
+        if self.stribeck:
+            size = size * (1 + self.stribeck * np.exp(-((speed / 0.5) ** 2)))
+        if self.ripple is not None:
+            size = np.maximum(size + self.ripple * np.cos(angle), 0)
+        if self.cable:
+            pull = pull + self.cable * angle
+        dry = size * np.tanh(speed / _SLIP_RAD_PER_S)
+        pull = self.frequency_squared_s2 * pull
         return np.asarray(-pull - self.viscous * speed - dry - self.quadratic * speed * np.abs(speed))
 
     def swung(self, duration_s: float, step_s: float = STEP_S) -> tuple[Array, Array]:
