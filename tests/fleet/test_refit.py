@@ -197,7 +197,9 @@ def test_campaigns_that_the_folder_holds_beside_those_asked_for_are_not_counted(
     assert "1 of 1 campaigns are done already" in ended.stderr
 
 
-@pytest.mark.parametrize("path", ["c3/x/..", "c3/x/%2e%2e", "c3/.", "c3//"])
+@pytest.mark.parametrize(
+    "path", ["c3/x/..", "c3/x/%2e%2e", *(pytest.param(path, marks=pytest.mark.slow) for path in ("c3/.", "c3//"))]
+)
 def test_a_campaign_of_a_server_is_made_in_its_temporary_folder_whatever_its_name(
     cfid: Cfid, served: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str
 ) -> None:
