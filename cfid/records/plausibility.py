@@ -29,7 +29,7 @@ _ALIKE = {  # what rests on the same force, arm, wind or line through stamps
     "latency.clock_skew": ("latency.clock_offset_s",),
 }  # fmt: skip
 _SAYS_NOTHING = "-not-excited"  # ends the codes of quantities that a recording does not show at all
-_OTHERWISE = 'For another kind of body write platform = "other" under [vehicle] in rig.toml.'
+_OTHERWISE = 'For another kind of body write platform = "other" under [vehicle] in rig.toml (`cfid new` makes one).'
 
 
 class Given(NamedTuple):
