@@ -68,7 +68,10 @@ def off(result: Result) -> Iterator[float]:
         yield (result.quantities[key].value[0] - 1 / tau_s) / result.quantities[key].std[0]
 
 
-@pytest.mark.parametrize(("power", "command_s", "speed_s"), [(0.5, 0.016, 0.0), (1.0, 0.016, 0.0), (1.0, 0.0, 0.016)])
+@pytest.mark.parametrize(
+    ("power", "command_s", "speed_s"),
+    [(0.5, 0.016, 0.0), pytest.param(1.0, 0.016, 0.0, marks=pytest.mark.slow), (1.0, 0.0, 0.016)],
+)
 def test_a_delay_on_a_battery_that_sags_moves_no_time_constant_beyond_its_uncertainty(
     tmp_path: Path, power: float, command_s: float, speed_s: float
 ) -> None:

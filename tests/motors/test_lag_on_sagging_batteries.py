@@ -35,7 +35,7 @@ def fitted(folder: Path, log: pd.DataFrame) -> Result:
     return fit_lag(found)
 
 
-@pytest.mark.parametrize("every", [1, 10, pytest.param(25, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("every", [1, *(pytest.param(every, marks=pytest.mark.slow) for every in (10, 25))])
 def test_a_battery_that_one_rotor_alone_draws_down_does_not_bias_its_lag(tmp_path: Path, every: int) -> None:
     """Rates were 2 % high, by 8 to 10 standard uncertainties, of a voltage every 20 ms."""
     worst = []
