@@ -145,7 +145,7 @@ def test_what_the_wind_does_to_the_body_is_in_the_tare(tmp_path: Path) -> None:
     assert force[:150].mean(axis=0) - LoadCellTruth().bias[:2] == pytest.approx(body, abs=0.004)
 
 
-@pytest.mark.parametrize("named", [(), ("--tachometer", "none")])
+@pytest.mark.parametrize("named", [(), pytest.param(("--tachometer", "none"), marks=pytest.mark.slow)])
 def test_an_interrupted_wind_is_resumed_in_its_own_wind(bench: Bench, named: tuple[str, ...]) -> None:
     first = bench.start(*IN_WIND, "--tachometer", "none", "--yes", "--no-preflight")
     bench.wait_until(lambda: 40000 in bench.motors or first.process.poll() is not None, first)
