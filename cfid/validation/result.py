@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
@@ -121,7 +121,7 @@ def _errors(flown: FlownLog, one: ParameterSet, at: Rows, telling: Telling) -> d
 def compared(each: Mapping[str, Mapping[str, Array]]) -> list[SetError]:
     """Return the table of errors (s, h) of sets by quantity, each set paired with the first over segments."""
     first = next(iter(each.values()))
-    coverage = float(student.ppf(0.975, len(first[QUANTITIES[0]]) - 1))
+    coverage = float(stdtrit(len(first[QUANTITIES[0]]) - 1, 0.975))
     table = []
     for quantity in QUANTITIES:
         for place, rows in enumerate(HORIZONS):

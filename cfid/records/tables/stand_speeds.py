@@ -2,7 +2,6 @@
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import median_abs_deviation
 
 from cfid.counted import counted
 from cfid.large import empty, parts
@@ -13,6 +12,7 @@ _TURNING_RAD_S = 100.0  # faster than any rotor that stands, slower than any tha
 _LEAST_THRUST = 0.05  # of the largest: there a rotor turns
 _DRIVEN_THRUST = 0.01  # of the largest, above what the load cell shows at rest: there a rotor that is driven turns
 _FEWEST_AT_REST, _NOISE_STD = 5, 5.0  # rows that show a load cell's noise, and how far it reaches
+_OF_NORMAL = 0.67449  # median of the absolute values of normal noise, over its standard deviation
 
 
 def speeds_of(
@@ -59,7 +59,7 @@ def _has_thrust(thrust_n: Array, command: Array) -> npt.NDArray[np.bool_]:
     level, reach = 0.0, _DRIVEN_THRUST * largest
     if len(at_rest) >= _FEWEST_AT_REST:
         level = float(np.median(at_rest))
-        reach = max(reach, _NOISE_STD * float(median_abs_deviation(at_rest, scale="normal")))
+        reach = max(reach, _NOISE_STD * float(np.median(np.abs(at_rest - level))) / _OF_NORMAL)
     return np.asarray((command != 0) & (thrust_n > level + reach))
 
 
