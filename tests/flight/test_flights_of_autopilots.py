@@ -75,8 +75,13 @@ def ulog(
     return head + b"".join(rows)
 
 
-def blackbox(commands: Array, rates: Array, forces: Array, *, others: int = 0) -> bytes:
-    """Return a blackbox log of Betaflight's quad X, x forward, y left, z up, others being as the first motor."""
+def blackbox(
+    commands: Array, rates: Array, forces: Array, *, others: int = 0, headers: Sequence[str] = (), tenths: bool = False
+) -> bytes:
+    """Return a blackbox log of Betaflight's quad X, x forward, y left, z up, others being as the first motor.
+
+    Rates are in deg/s, or in `tenths` of that.
+    """
     names = [f"{name}[{place}]" for name in ("gyroADC", "accSmooth") for place in range(3)]
     motors = [f"motor[{place}]" for place in range(4 + others)]
     head = [
@@ -95,9 +100,10 @@ def blackbox(commands: Array, rates: Array, forces: Array, *, others: int = 0) -
         "Firmware revision:Betaflight 2025.12.1",
         "gyro_scale:0x3f800000",
         "acc_1G:2048",
+        *headers,
     ]
     order = [REAR_RIGHT, FRONT_RIGHT, REAR_LEFT, FRONT_LEFT, *others * [REAR_RIGHT]]
-    shown = np.rint(np.column_stack([np.degrees(rates), 2048 * forces / G])).astype(int)
+    shown = np.rint(np.column_stack([np.degrees(rates) * (10 if tenths else 1), 2048 * forces / G])).astype(int)
     driven = np.rint(2000 * commands[:, order]).astype(int)
     rows = b""
     for at, (sensors, outputs) in enumerate(zip(shown.tolist(), driven.tolist(), strict=True)):
@@ -234,6 +240,23 @@ def test_a_blackbox_log_that_has_the_gyro_unfiltered_alone_is_read(tmp_path: Pat
     (tmp_path / "unfiltered").write_bytes(content.replace(b"gyroADC", b"gyroUnfilt"))
     usual, unfiltered = read_flight(tmp_path / "usual"), read_flight(tmp_path / "unfiltered")
     np.testing.assert_array_equal(unfiltered.flight.rates, usual.flight.rates)
+
+
+def test_a_blackbox_log_of_high_resolution_counts_tenths_also_when_imported_or_converted(
+    tmp_path: Path, cfid: Cfid, flown: Flown
+) -> None:
+    """Its gyro seemed to turn ten times as fast."""
+    pytest.importorskip("orangebox", reason="orangebox is not installed")
+    signals = [signal[:6000] for signal in flown[1:]]
+    (tmp_path / "usual").write_bytes(blackbox(*signals, headers=["blackbox_high_resolution:0"]))
+    (tmp_path / "log").write_bytes(blackbox(*signals, headers=["blackbox_high_resolution:1"], tenths=True))
+    assert cfid("convert", "log", "--to", "mat", "--out", "log.mat").returncode == 0
+    assert cfid("new", "lab").returncode == 0
+    assert cfid("import", "../log", "--kind", "flight", folder=tmp_path / "lab").returncode == 0
+    (run,) = (tmp_path / "lab" / "runs").iterdir()
+    expected = read_flight(tmp_path / "usual").flight.rates
+    for path in (tmp_path / "log", run, tmp_path / "log.mat"):
+        np.testing.assert_allclose(read_flight(path).flight.rates, expected, atol=np.radians(0.6))
 
 
 @pytest.mark.parametrize("long_first", [True, False])

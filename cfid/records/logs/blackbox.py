@@ -30,6 +30,8 @@ _TIME, _LOOP = "time", "loopIteration"
 _WHOLE = "I"  # frames with numbers; the others have differences from the ones before
 _LONGEST_US, _LONGEST_LOOPS = 10_000_000, 5000  # between two frames, as in Betaflight's viewer
 _GYRO = re.compile(r"gyro(?:ADC|Unfilt)\[\d\]")
+_FINE, _FINE_STEP = "blackbox_high_resolution", 0.1  # a header of Betaflight 4.3 and later, and the step that it sets
+_ALSO_FINE = {"1": re.compile(r"rcCommand\[\d\]"), "deg/s": re.compile(r"setpoint\[[0-2]\]")}
 _MOTOR, _MOST = re.compile(r"motor\[[0-3]\]"), 1.01  # of full throttle
 _VOLTS = "vbatLatest"
 _BETAFLIGHT = re.compile(r"Betaflight (\d+)\.(\d+)")
@@ -204,8 +206,11 @@ def _range(header: object) -> tuple[float, float]:
 
 
 def _channel(name: str, headers: Any) -> Channel:
+    step = _FINE_STEP if headers.get(_FINE) == 1 else 1.0
     if _GYRO.fullmatch(name) and (scale := _float_of(headers.get("gyro_scale"))):
-        return Channel(name, "deg/s", scale)
+        return Channel(name, "deg/s", step * scale)
+    if _FINE in headers and (unit := next((each for each, one in _ALSO_FINE.items() if one.fullmatch(name)), "")):
+        return Channel(name, unit, step)
     if name.startswith("accSmooth") and isinstance(one_g := headers.get("acc_1G"), int) and one_g > 0:
         return Channel(name, "g", 1 / one_g)
     if name == _VOLTS and (step_v := _volt_step(headers)):
