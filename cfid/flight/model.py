@@ -178,7 +178,7 @@ def equations_of(flight: Flight) -> EquationsOf:
     @lru_cache(_KEPT)
     def turning(lag: ThrustLag, command_s: float, delay_s: float) -> list[FlightEquation]:
         powers = _seen(late(lag, command_s), delay_s, flight.low_pass_hz[1])
-        return [_turning(flight, powers, axis) for axis in range(len(AXES))]
+        return [turning_equation(flight, powers, axis) for axis in range(len(AXES))]
 
     def equations(
         lag: ThrustLag, delays_s: tuple[float, float], of_command: float = 0.0, unfiltered: float = 0.0
@@ -281,7 +281,8 @@ def _climbing(flight: Flight) -> Array:
     return np.asarray(faded - np.mean(faded[flight.driven], axis=0))
 
 
-def _turning(flight: Flight, powers: Array, axis: int) -> FlightEquation:
+def turning_equation(flight: Flight, powers: Array, axis: int) -> FlightEquation:
+    """Return the equation of the rate about an axis, of powers (3, n, 4) of lagging drives as the gyro shows them."""
     turning = (powers @ TURNING[axis]).T  # (n, 3)
     gone = _rows(flight, (np.cumsum(turning, axis=0) - turning / 2) * STEP_S)  # trapezoids, but for a constant
     total = _rows(flight, powers[1].sum(axis=1)[:, np.newaxis])[:, 0]

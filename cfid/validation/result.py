@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +19,7 @@ from cfid.flight.model import LEVER, ROW_S
 from cfid.records.result import Figures, Result
 from cfid.units import USUAL_GRAVITY_MPS2
 from cfid.validation.measured import Measured
+from cfid.validation.next_rates import next_rate_errors
 from cfid.validation.rollout import (
     HORIZONS,
     QUANTITIES,
@@ -33,7 +35,8 @@ from cfid.validation.telling import Telling, telling_of
 
 Array = npt.NDArray[np.float64]
 
-_TELLING_ROWS = 10  # 0.1 s, where moments and lag show: later, rates add up what no set contains
+NEXT = "next rates"  # the quantity that judges moments and lags
+_TELLING_ROWS = 10  # 0.1 s: later, rates add up what no set contains
 FEWEST = 8  # segments: fewer give no interval
 
 
@@ -41,7 +44,7 @@ FEWEST = 8  # segments: fewer give no interval
 class SetError:
     """The mean error of one set, and how much more that is than the first set's, with the half width of 95 %.
 
-    Where the flight `tells` nothing of what the sets differ by, the half width is that of a comparison without meaning.
+    Where it `tells` nothing of what the sets differ by, since air favours wrong ones, the half width means nothing.
     """
 
     quantity: str
@@ -79,7 +82,11 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Me
     found = fit_alone(flown.flight)
     telling = telling_of(found)
     each = {one.name: _errors(flown, one, at, telling) for one in sets}
-    table = [replace(one, tells=one.quantity == "velocity" or bool(telling.axes)) for one in compared(each)]
+    captured = flown.flight.velocity is not None and bool(telling.axes)
+    judged = [axis for axis in telling.axes if axis != "yaw" or all(one.torque_m for one in sets)]
+    table = [replace(one, tells=_tells(one, captured=captured)) for one in compared(each)]
+    if judged:
+        table = [*_of_next_rates(flown, sets, judged, len(at)), *table]
 
     def drawings() -> Figures:
         from cfid.validation.figures import validation_figure
@@ -103,7 +110,12 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Me
             "errors": [one.row for one in table],
         },
         sources=(flown.log.source,),
-        lines=(flown.log.understood, *map(_described, sets), *_lines(table, flown, at, telling)),
+        lines=(
+            flown.log.understood,
+            *map(_described, sets),
+            *_lines(table, flown, at, judged),
+            _assumed(telling, captured=captured),
+        ),
         drawings=drawings,
         folder=flown.log.path.parent,
     )
@@ -118,27 +130,47 @@ def _errors(flown: FlownLog, one: ParameterSet, at: Rows, telling: Telling) -> d
     return found if telling.vertical else found | {"velocity": thrust_errors(flight, one, at)}
 
 
+def _tells(one: SetError, *, captured: bool) -> bool:
+    """Return whether differences have a meaning: velocities do, but for those that predicted attitudes turn."""
+    return one.quantity == "velocity" and not (captured and one.horizon_s > ROW_S * _TELLING_ROWS)
+
+
+def _of_next_rates(flown: FlownLog, sets: Sequence[ParameterSet], axes: Sequence[str], parts: int) -> list[SetError]:
+    """Return the table's rows that judge moments and lags, about the axes of which the flight tells."""
+    flights = [flown.flight if one.in_volts else flown.by_command for one in sets]
+    found = {
+        one.name: next_rate_errors(flight, one, axes, parts=parts)[:, np.newaxis]
+        for flight, one in zip(flights, sets, strict=True)
+    }
+    return _paired(NEXT, (1,), found)
+
+
 def compared(each: Mapping[str, Mapping[str, Array]]) -> list[SetError]:
     """Return the table of errors (s, h) of sets by quantity, each set paired with the first over segments."""
+    return [
+        row
+        for quantity in QUANTITIES
+        for row in _paired(quantity, HORIZONS, {name: found[quantity] for name, found in each.items()})
+    ]
+
+
+def _paired(quantity: str, horizons: Sequence[int], each: Mapping[str, Array]) -> list[SetError]:
+    """Return the rows of a quantity's errors (s, h) of sets after horizons in rows."""
     first = next(iter(each.values()))
-    coverage = float(stdtrit(len(first[QUANTITIES[0]]) - 1, 0.975))
-    table = []
-    for quantity in QUANTITIES:
-        for place, rows in enumerate(HORIZONS):
-            for name, found in each.items():
-                error, more = found[quantity][:, place], (found[quantity] - first[quantity])[:, place]
-                half = coverage * float(np.std(more, ddof=1)) / math.sqrt(len(more))
-                mean = float(np.mean(more))
-                one = SetError(
-                    quantity=quantity,
-                    horizon_s=ROW_S * rows,
-                    name=name,
-                    error=float(np.mean(error)),
-                    more=mean,
-                    half_width=half,
-                )
-                table.append(one)
-    return table
+    coverage = float(stdtrit(len(first) - 1, 0.975))
+    return [
+        SetError(
+            quantity=quantity,
+            horizon_s=ROW_S * rows,
+            name=name,
+            error=float(np.mean(found[:, place])),
+            more=float(np.mean(more[:, place])),
+            half_width=coverage * float(np.std(more[:, place], ddof=1)) / math.sqrt(len(more)),
+        )
+        for place, rows in enumerate(horizons)
+        for name, found in each.items()
+        for more in (found - first,)
+    ]
 
 
 def _check(flown: FlownLog, sets: Sequence[ParameterSet], used: Sequence[Measured]) -> None:
@@ -163,8 +195,8 @@ def _unpredicted(table: Sequence[SetError], flown: FlownLog, at: Rows) -> list[F
         return []
     text = (
         f"rates after {best.horizon_s:g} s: who predicts that they stay errs by {still:.2g} rad/s, every set by "
-        f"{best.error:.3g} and more. Differences in rates and attitude show nothing of moments here, also where they "
-        "are significant: compare velocities, and fly quick tilts without climbing to compare moments."
+        f"{best.error:.3g} and more. Rates and attitude that are predicted from commands alone show nothing of moments "
+        "here: compare velocities, and fly quick tilts without climbing to compare moments."
     )
     return [warning("validation-rates-unpredicted", text).at(flown.flight.name)]
 
@@ -179,30 +211,37 @@ def _described(one: ParameterSet) -> str:
     return f"{one.name}: {body}, {lag}; from {one.origin}"
 
 
-def _lines(table: Sequence[SetError], flown: FlownLog, at: Rows, telling: Telling) -> list[str]:
-    captured, count = flown.flight.velocity is not None and bool(telling.axes), len(at)
+def _lines(table: Sequence[SetError], flown: FlownLog, at: Rows, judged: Sequence[str]) -> list[str]:
     still = ", ".join(f"{error:.3g}" for error in unchanged(flown.flight, at))
     lines = [
-        f"mean errors over {counted(count, 'segment')} of 1 s; in brackets how much more than "
-        f"{table[0].name}, with 95 %:"
+        f"mean errors over {counted(len(at), 'segment')} of 1 s; in brackets how much more than "
+        f"{table[0].name}, with 95 % where it judges sets:"
     ]
-    for quantity in QUANTITIES:
-        for rows in HORIZONS:
-            here = [one for one in table if one.quantity == quantity and one.horizon_s == ROW_S * rows]
-            words = [
-                f"{one.name} {one.error:.3g}" + (f" ({one.difference})" if place else "")
-                for place, one in enumerate(here)
-            ]
-            lines.append(f"  {quantity} after {ROW_S * rows:g} s, {UNITS[quantity]}: {', '.join(words)}")
+    for (quantity, horizon_s), group in groupby(table, lambda one: (one.quantity, one.horizon_s)):
+        words = [
+            f"{one.name} {one.error:.3g}" + (f" ({one.difference})" if place else "") for place, one in enumerate(group)
+        ]
+        what = f"{quantity} after {horizon_s:g} s, {UNITS.get(quantity, '')}"
+        if quantity == NEXT:
+            what = f"{NEXT} about {', '.join(judged)}, given those before, {UNITS['rates']}"
+        lines.append(f"  {what}: {', '.join(words)}")
+    by_what = f"{NEXT} judge moments and lags, velocities" if judged else "velocities judge"
+    return [
+        *lines,
+        f"{by_what} thrust. Rates and attitude from commands alone have no interval: they add up what no set contains, "
+        "the autopilot answers to it, and moments that are too large then err by less than the true ones; who predicts "
+        f"that rates stay errs by {still} rad/s",
+    ]
+
+
+def _assumed(telling: Telling, *, captured: bool) -> str:
     which = "along all axes, by motion capture" if captured else "along the vehicle's vertical, by the accelerometer"
     if not telling.vertical:
         which = (
             "along the vehicle's vertical, by the accelerometer, at each set's mean thrust, since this flight's climbs "
             "do not show how thrust follows commands"
         )
-    return [
-        *lines,
-        f"who predicts that rates stay errs by {still} rad/s: a set that errs by more shows nothing of moments there",
+    return (
         f"assumed: axes forward, left, up; thrust along z; g {USUAL_GRAVITY_MPS2} m/s^2; changes of velocity {which}; "
-        "a constant angular acceleration of the whole flight taken away, of every set alike",
-    ]
+        "a constant angular acceleration of the whole flight taken away, of every set alike"
+    )

@@ -61,7 +61,7 @@ def errors(flight: Flight, one: ParameterSet, at: Rows) -> dict[str, Array]:
     The attitude's is the angle between the predicted turn and that of the recorded rates. The velocity's is that of the
     change of velocity: along the vehicle's vertical by the accelerometer, or with motion capture of all three axes.
     """
-    thrusts = _thrusts(flight, one)
+    thrusts = thrusts_of(flight, one)
     turning = thrusts @ TURNING.T * [one.arm_m * LEVER, one.arm_m * LEVER, one.torque_m]  # (n, 3) in N m
     rates, turns = _rates(flight, one, turning, at)
     recorded = np.stack([flight.rates[at + count] for count in range(max(HORIZONS) + 1)], axis=1)
@@ -91,10 +91,14 @@ def unchanged(flight: Flight, at: Rows) -> Array:
     )
 
 
-def _thrusts(flight: Flight, one: ParameterSet) -> Array:
+def late_drives(flight: Flight, one: ParameterSet) -> Array:
+    """Return the drives (n, 4) that a set's rotors have at each step, `ROW_STEPS` to a row."""
+    return delayed(flight.drive if one.lag is None else one.lag.follow(flight.drive), one.delay_s)
+
+
+def thrusts_of(flight: Flight, one: ParameterSet) -> Array:
     """Return the rotors' thrusts (n, 4) in N, `ROW_STEPS` to a row."""
-    late = flight.drive if one.lag is None else one.lag.follow(flight.drive)
-    return np.asarray(np.polynomial.polynomial.polyval(delayed(late, one.delay_s), np.array(one.thrust_n)))
+    return np.asarray(np.polynomial.polynomial.polyval(late_drives(flight, one), np.array(one.thrust_n)))
 
 
 def _rates(flight: Flight, one: ParameterSet, turning: Array, at: Rows) -> tuple[Array, Array]:

@@ -71,13 +71,13 @@ def published_set(name: str, *, in_volts: bool) -> ParameterSet:
 
 def _of_rig(at: Measured, name: str, in_volts: bool) -> ParameterSet:
     if at.rig is None:
-        raise KeyError(f"no rig.toml with mass and arm is in {at.folder}.")
+        raise KeyError("no rig.toml with mass and arm is beside the file.")
     matrix = turned(at["inertia.matrix_kg_m2"].value, at.rig.vehicle.body_frame)
     lag_s = at["tf.time_constant_s"].value
     thrust_n, in_volts = _thrust(at, "motor", in_volts)
     return ParameterSet(
         name=name,
-        origin="the campaign's experiments on the rig",
+        origin="its experiments on the rig",
         mass_kg=at.rig.vehicle.mass_kg,
         moments_kg_m2=(matrix["roll"], matrix["pitch"], matrix["yaw"]),
         arm_m=_arm_m(at.rig),
@@ -96,7 +96,7 @@ def _of_flights(at: Measured, name: str, in_volts: bool) -> ParameterSet:
     forward, left = (at.get(f"flight.drag_over_mass_per_s.{axis}") for axis in ("forward", "left"))
     return ParameterSet(
         name=name,
-        origin="the campaign's flights" + ("" if known else f", {_NO_YAW}"),
+        origin="its flights" + ("" if known else f", {_NO_YAW}"),
         mass_kg=float(at["flight.mass_kg"].value),
         moments_kg_m2=(roll, pitch, roll + pitch if yaw is None else float(yaw.value)),
         arm_m=float(at["flight.arm_m"].value),

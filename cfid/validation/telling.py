@@ -32,8 +32,8 @@ class Telling:
         text = (
             f"this flight shows nothing of {'moments' if self.vertical else 'moments and lags'}: {self.reason}. What "
             "turned it is mostly something else, such as air, to which its autopilot answers, and that favours wrong "
-            "sets: differences in rates and attitude have no interval. Validate with quick tilts to the right and "
-            "left, forward and back, for 20 s."
+            "sets: there are no next rates to judge them by. Validate with quick tilts to the right and left, forward "
+            "and back, for 20 s."
         )
         return (warning("validation-not-excited", text),)
 
