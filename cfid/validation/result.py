@@ -35,7 +35,7 @@ from cfid.validation.telling import Telling, telling_of
 
 Array = npt.NDArray[np.float64]
 
-NEXT = "next rates"  # the quantity that judges moments and lags
+NEXT, VERTICAL = "next rates", "vertical velocity"  # which judge moments and lags, and thrust
 _TELLING_ROWS = 10  # 0.1 s: later, rates add up what no set contains
 FEWEST = 8  # segments: fewer give no interval
 
@@ -84,7 +84,9 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Me
     each = {one.name: _errors(flown, one, at, telling) for one in sets}
     captured = flown.flight.velocity is not None and bool(telling.axes)
     judged = [axis for axis in telling.axes if axis != "yaw" or all(one.torque_m for one in sets)]
-    table = [replace(one, tells=_tells(one, captured=captured)) for one in compared(each)]
+    table = [replace(one, tells=one.quantity == "velocity" and not captured) for one in compared(each)]
+    if captured:
+        table += _of_vertical(flown, sets, at)
     if judged:
         table = [*_of_next_rates(flown, sets, judged, len(at)), *table]
 
@@ -130,9 +132,13 @@ def _errors(flown: FlownLog, one: ParameterSet, at: Rows, telling: Telling) -> d
     return found if telling.vertical else found | {"velocity": thrust_errors(flight, one, at)}
 
 
-def _tells(one: SetError, *, captured: bool) -> bool:
-    """Return whether differences have a meaning: velocities do, but for those that predicted attitudes turn."""
-    return one.quantity == "velocity" and not (captured and one.horizon_s > ROW_S * _TELLING_ROWS)
+def _of_vertical(flown: FlownLog, sets: Sequence[ParameterSet], at: Rows) -> list[SetError]:
+    """Return the table's rows that judge thrust where motion capture has velocities, which predicted attitudes turn."""
+    found = {}
+    for one in sets:
+        flight = flown.flight if one.in_volts else flown.by_command
+        found[one.name] = errors(replace(flight, velocity=None, attitude=None), one, at)["velocity"]
+    return _paired(VERTICAL, HORIZONS, found)
 
 
 def _of_next_rates(flown: FlownLog, sets: Sequence[ParameterSet], axes: Sequence[str], parts: int) -> list[SetError]:
@@ -221,14 +227,14 @@ def _lines(table: Sequence[SetError], flown: FlownLog, at: Rows, judged: Sequenc
         words = [
             f"{one.name} {one.error:.3g}" + (f" ({one.difference})" if place else "") for place, one in enumerate(group)
         ]
-        what = f"{quantity} after {horizon_s:g} s, {UNITS.get(quantity, '')}"
+        what = f"{quantity} after {horizon_s:g} s, {UNITS.get(quantity, UNITS['velocity'])}"
         if quantity == NEXT:
             what = f"{NEXT} about {', '.join(judged)}, given those before, {UNITS['rates']}"
         lines.append(f"  {what}: {', '.join(words)}")
-    by_what = f"{NEXT} judge moments and lags, velocities" if judged else "velocities judge"
+    by_what = f"{NEXT} judge moments and lags, vertical velocities" if judged else "vertical velocities judge"
     return [
         *lines,
-        f"{by_what} thrust. Rates and attitude from commands alone have no interval: they add up what no set contains, "
+        f"{by_what} thrust. The others, from commands alone, have no interval: they add up what no set contains, "
         "the autopilot answers to it, and moments that are too large then err by less than the true ones; who predicts "
         f"that rates stay errs by {still} rad/s",
     ]

@@ -452,8 +452,8 @@ def test_in_wind_no_wrong_moments_or_lags_are_better_than_the_true_ones(seed: in
     assert not [row for row in judging if row["more"] + row["half_width"] < 0]
     rates = {row["name"]: row for row in judging if row["quantity"] == "next rates"}
     assert all(rates[name]["more"] > rates[name]["half_width"] for name in ("moments 0.87", "moments 1.15", "lags 1.3"))
-    assert {row["quantity"] for row in judging} == {"next rates", "velocity"}
-    assert "next rates judge moments and lags, velocities thrust" in "\n".join(map(str, found.lines))
+    assert {row["quantity"] for row in judging} == {"next rates", "vertical velocity"}
+    assert "next rates judge moments and lags, vertical velocities thrust" in "\n".join(map(str, found.lines))
 
 
 def test_a_log_whose_axes_or_motors_are_others_is_named(flown: tuple[ParameterSet, FlownLog]) -> None:
