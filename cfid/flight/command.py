@@ -43,6 +43,14 @@ def flight(
             rich_help_panel=_BODY,
         ),
     ] = None,
+    props_out: Annotated[
+        bool,
+        typer.Option(
+            "--props-out",
+            help="Rotors turn the other way than a Crazyflie's: the front right one clockwise, seen from above.",
+            rich_help_panel=_BODY,
+        ),
+    ] = False,
     clock: LogClock = None,
     cut: CutOptions,
     rig: RigOptions,
@@ -62,7 +70,8 @@ def flight(
     )
     foreign = reading.foreign(clock)
     paths = [find_recording(word, workplace) for word in logs or []]
-    result = fit([read_flight(path, foreign, from_s=cut.from_s, to_s=cut.to_s) for path in paths], body=body)
+    window = {"from_s": cut.from_s, "to_s": cut.to_s}
+    result = fit([read_flight(path, foreign, **window, props_out=props_out) for path in paths], body=body)
     deliver(replace(result, folder=workplace.figures_folder(paths)), delivery, workplace.campaign, workplace.own_rig)
 
 

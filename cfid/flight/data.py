@@ -20,6 +20,7 @@ from cfid.records.logs.flights import longest_flight
 from cfid.records.logs.log import FlightLog
 from cfid.records.logs.motor_numbers import NO_SQUARE
 from cfid.records.logs.run import log_of_run
+from cfid.records.logs.spin import OTHER_WAY
 from cfid.records.run_notes import run_at
 from cfid.records.tables.gyro import at_end_of_range
 from cfid.records.tables.schema import Foreign, refuse_for_run
@@ -61,23 +62,34 @@ class FlownLog:
 
 
 def read_flight(
-    path: Path, reading: Foreign = NO_OPTIONS, *, from_s: float | None = None, to_s: float | None = None
+    path: Path,
+    reading: Foreign = NO_OPTIONS,
+    *,
+    from_s: float | None = None,
+    to_s: float | None = None,
+    props_out: bool = False,
 ) -> FlownLog:
     """Read a run or a log of any kind, between two times since its first row of a command.
+
+    With `props_out` rotors turn the other way than a Crazyflie's, whether the log states it or not.
 
     Raises DataError for a log without commands of all motors, rates and accelerations, or sampled too slowly, FitError
     for one of a vehicle that other motors than four carry, and ConfigError for a `reading` beside a run.
     """
     run = run_at(path)
     if run is None:
-        return flight_of(read_log(path, reading), from_s=from_s, to_s=to_s)
+        return flight_of(read_log(path, reading), from_s=from_s, to_s=to_s, props_out=props_out)
     refuse_for_run(path, reading)
-    return flight_of(log_of_run(run), from_s=from_s, to_s=to_s)
+    return flight_of(log_of_run(run), from_s=from_s, to_s=to_s, props_out=props_out)
 
 
-def flight_of(log: FlightLog, *, from_s: float | None = None, to_s: float | None = None) -> FlownLog:
+def flight_of(
+    log: FlightLog, *, from_s: float | None = None, to_s: float | None = None, props_out: bool = False
+) -> FlownLog:
     """Take the flight out of a log that was read, as `read_flight`."""
     whole = longest_flight(log)
+    if props_out and not _other_way(whole):
+        whole = replace(whole, assumed=(*whole.assumed, f"{OTHER_WAY}, as `props_out` states"))
     _refuse_other_motors(whole)
     sensed = sensed_in(whole, from_s or 0.0, np.inf if to_s is None else to_s)
     voltmeter, faults = volts_of(sensed.log)
@@ -141,8 +153,13 @@ def _by_command(sensed: Sensed) -> tuple[Flight, tuple[str, ...], tuple[Finding,
         held_s=commands_held_s(sensed.commands, sensed.readings),
         velocity=velocity,
         attitude=attitude,
+        props_out=_other_way(sensed.log),
     )
     return flight, gaps, (*touches, *clipped)
+
+
+def _other_way(log: FlightLog) -> bool:
+    return any(text.startswith(OTHER_WAY) for text in log.assumed)
 
 
 def _in_volts(flight: Flight, time_s: Array, volts: Array) -> Flight:

@@ -48,7 +48,11 @@ def contradictions(flown: FlownLog, found: FlightFit | None, arms_m: Sequence[fl
         return otherwise
     # Rates about other axes than the torques' show no delay of their own.
     of_unit = [_other_unit(found, arm_m, unit_of_rates(flown.log)) for arm_m in arms_m]
-    of_torques = of_unit[0] if of_unit and all(of_unit) else _crossed(found) or _wrong_ways(found)
+    of_torques = (
+        of_unit[0]
+        if of_unit and all(of_unit)
+        else _crossed(found) or _wrong_ways(found, props_out=flown.flight.props_out)
+    )
     return (*otherwise, *([] if unlike else _delay_findings(found, ())), *of_torques)
 
 
@@ -65,7 +69,10 @@ def findings_of(
     read = unit_of_rates(flights[0].log)
     of_unit = [] if body.arm_m is None else _other_unit(found, body.arm_m, read)
     of_torques = (
-        unlike or _crossed(found) or of_unit or [*_moment_findings(found, body), *_unlike_arm(quantities, body)]
+        unlike
+        or _crossed(found)
+        or of_unit
+        or [*_moment_findings(found, body, props_out=flights[0].flight.props_out), *_unlike_arm(quantities, body)]
     )
     return (
         *(
@@ -158,8 +165,8 @@ def _delay_findings(found: FlightFit, concerned: Sequence[str]) -> list[Finding]
     return []
 
 
-def _moment_findings(found: FlightFit, body: Body) -> list[Finding]:
-    result = _wrong_ways(found)
+def _moment_findings(found: FlightFit, body: Body, *, props_out: bool) -> list[Finding]:
+    result = _wrong_ways(found, props_out=props_out)
     for place, axis in enumerate(AXES):
         if lever_m(axis, body) is None:
             what = "the torque of a rotor over its thrust (`torque_m`)" if axis == "yaw" else "the arm (`arm_mm`)"
@@ -228,7 +235,23 @@ def _other_unit(found: FlightFit, arm_m: float, read: str) -> list[Finding]:
     return [] if text is None else [rejection("flight-gyro-unit", text, *MOMENTS.values())]
 
 
-def _wrong_ways(found: FlightFit) -> list[Finding]:
+def _wrong_ways(found: FlightFit, *, props_out: bool) -> list[Finding]:
+    gains, stds = found.values[TURNS], found.std[TURNS]
+    wrong = [
+        axis
+        for gain, std, axis in zip(gains, stds, AXES, strict=True)
+        if gain < -3 * std and found.excitation[axis] > 0
+    ]
+    if wrong == ["yaw"] and bool(np.all(gains[:2] > 3 * stds[:2])):
+        # No other numbers of motors, and no other axes forward and left, leave roll and pitch as they are.
+        stated, way = "than a Crazyflie's, the front right one clockwise", "give `props_out` if they do"
+        if props_out:
+            stated, way = "than stated, the front right one counterclockwise", "leave `props_out` away if it is given"
+        text = (
+            "commanded torques turn the vehicle the right way about roll and pitch, and the wrong way about yaw: its "
+            f"rotors turn the other way {stated}, seen from above ({way}), or the gyro's z points down."
+        )
+        return [rejection("flight-rotors-turn-back", text, MOMENTS["yaw"])]
     return [
         rejection(
             "flight-wrong-way",
@@ -237,8 +260,7 @@ def _wrong_ways(found: FlightFit) -> list[Finding]:
             *TIMES,
             MOMENTS[axis],
         )
-        for place, axis in enumerate(AXES)
-        if found.values[TURNS][place] < -3 * found.std[TURNS][place] and found.excitation[axis] > 0
+        for axis in wrong
     ]
 
 

@@ -57,7 +57,8 @@ class Flight:
     all do by one standard uncertainty, None where they are exact. `averaged` is true where rows are means over their
     10 ms. `airborne` (m,) marks rows in the air, `driven` (m,) those of them at which every rotor has been under a
     command within its range for a while.
-    `beyond` (m,) marks rows at which the gyro stood at an end of its range, None where it did not.
+    `beyond` (m,) marks rows at which the gyro stood at an end of its range, None where it did not. With `props_out`
+    rotors turn the other way than a Crazyflie's, front right clockwise, seen from above.
     `low_pass_hz` are the cut-offs of the Butterworth filters of accelerometer and gyro, None where unknown, `ages_s` by
     how much their readings may be older than the rows that show them, and `held_s` for how long commands are repeated.
     """
@@ -78,6 +79,12 @@ class Flight:
     volts: Array | None = None
     volts_std: Array | None = None
     beyond: Mask | None = None
+    props_out: bool = False
+
+    @property
+    def turning(self) -> Array:
+        """The signs (3, 4) with which thrusts turn the vehicle about x and y, and their reaction torques about z."""
+        return TURNING * [[1.0], [1.0], [-1.0 if self.props_out else 1.0]]
 
     @property
     def time_s(self) -> Array:
@@ -283,7 +290,7 @@ def _climbing(flight: Flight) -> Array:
 
 def turning_equation(flight: Flight, powers: Array, axis: int) -> FlightEquation:
     """Return the equation of the rate about an axis, of powers (3, n, 4) of lagging drives as the gyro shows them."""
-    turning = (powers @ TURNING[axis]).T  # (n, 3)
+    turning = (powers @ flight.turning[axis]).T  # (n, 3)
     gone = _rows(flight, (np.cumsum(turning, axis=0) - turning / 2) * STEP_S)  # trapezoids, but for a constant
     total = _rows(flight, powers[1].sum(axis=1)[:, np.newaxis])[:, 0]
     rates = flight.rates[:-1]  # the later ones contain the error that is to be predicted

@@ -8,6 +8,7 @@ from cfid.counted import counted
 from cfid.records.logs.any_kind import read_log
 from cfid.records.logs.log import Series
 from cfid.records.logs.run import log_of_run
+from cfid.records.logs.spin import kept_texts
 from cfid.records.run import RUN_FILE, Run, read_run
 from cfid.records.tables.schema import Foreign, refuse_for_run
 
@@ -29,10 +30,16 @@ def recording_at(path: Path, reading: Foreign) -> Recording:
         refuse_for_run(path, reading)
         return _of_run(read_run(path))
     log = read_log(path, reading)
-    facts = {"file": path.name, "sha256": log.source.sha256, "program": log.program, "clock": log.clock}
+    facts = {"file": path.name, "sha256": log.source.sha256, "program": log.program, "clock": log.clock} | kept_texts(
+        log
+    )
     assumed = f" Assumed: {', '.join(log.assumed)}." if log.assumed else ""
     return Recording(
-        name=path.stem, series=log.series, origin=facts, understood=f"{log.understood}{assumed}", notes=log.notes
+        name=path.stem,
+        series=log.series,
+        origin=facts | kept_texts(log),
+        understood=f"{log.understood}{assumed}",
+        notes=log.notes,
     )
 
 
@@ -42,7 +49,8 @@ def _of_run(run: Run) -> Recording:
     return Recording(
         name=run.folder.resolve().name,
         series=log.series,
-        origin={"run": run.folder.resolve().name, RUN_FILE: (run.folder / RUN_FILE).read_text(encoding="utf-8")},
+        origin={"run": run.folder.resolve().name, RUN_FILE: (run.folder / RUN_FILE).read_text(encoding="utf-8")}
+        | kept_texts(log),
         understood=f"{run.folder.name}: a run of cfid, in the devices' own units: {rows}.",
         notes=log.notes,
     )

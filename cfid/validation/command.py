@@ -27,6 +27,13 @@ def validate(
             help="A campaign's folder, a file of parameters, or published: thesis, gym-pybullet-drones, firmware.",
         ),
     ] = None,
+    props_out: Annotated[
+        bool,
+        typer.Option(
+            "--props-out",
+            help="Rotors turn the other way than a Crazyflie's: the front right one clockwise, seen from above.",
+        ),
+    ] = False,
     clock: LogClock = None,
     cut: CutOptions,
     rig: RigOptions,
@@ -47,7 +54,7 @@ def validate(
     workplace = open_workplace(rig)
     foreign = reading.foreign(clock)
     path = find_recording(log, workplace)
-    flown = with_own_sag(read_flight(path, foreign, from_s=cut.from_s, to_s=cut.to_s))
+    flown = with_own_sag(read_flight(path, foreign, from_s=cut.from_s, to_s=cut.to_s, props_out=props_out))
     in_volts = flown.flight.in_volts
     used = [] if workplace.campaign is None else [measured_in(workplace.campaign)]
     sets, published, faults = [], [], []

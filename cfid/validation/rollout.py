@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cfid.flight.model import LEVER, ROW_S, ROW_STEPS, STEP_S, TURNING, Flight, ThrustLag, delayed, segments
+from cfid.flight.model import LEVER, ROW_S, ROW_STEPS, STEP_S, Flight, ThrustLag, delayed, segments
 from cfid.units import USUAL_GRAVITY_MPS2
 
 Array = npt.NDArray[np.float64]
@@ -62,7 +62,7 @@ def errors(flight: Flight, one: ParameterSet, at: Rows) -> dict[str, Array]:
     change of velocity: along the vehicle's vertical by the accelerometer, or with motion capture of all three axes.
     """
     thrusts = thrusts_of(flight, one)
-    turning = thrusts @ TURNING.T * [one.arm_m * LEVER, one.arm_m * LEVER, one.torque_m]  # (n, 3) in N m
+    turning = thrusts @ flight.turning.T * [one.arm_m * LEVER, one.arm_m * LEVER, one.torque_m]  # (n, 3) in N m
     rates, turns = _rates(flight, one, turning, at)
     recorded = np.stack([flight.rates[at + count] for count in range(max(HORIZONS) + 1)], axis=1)
     real = _turned(recorded)

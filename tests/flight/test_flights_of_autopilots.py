@@ -50,10 +50,12 @@ def ulog(
     every: int = 1,
     places_m: Sequence[tuple[float, float]] = (),
     others: Sequence[float] = (),
+    km_m: float = 0.0,
 ) -> bytes:
     """Return a ULog of PX4's quad X, x forward, y right, z down; motors are in every so many rows.
 
-    `places_m` are the rotors' in its parameters, `others` the commands of further motors over the mean of the four.
+    `places_m` are the rotors' in its parameters, `others` the commands of further motors over the mean of the four,
+    `km_m` the moment over thrust of the two first rotors, the others having its opposite.
     """
     head = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1000) + message("B", bytes(40))
     head += message("F", b"sensor_combined:uint64_t timestamp;float[3] gyro_rad;float[3] accelerometer_m_s2;")
@@ -62,6 +64,9 @@ def ulog(
         for axis, value in zip("XY", place, strict=True):
             key = f"float CA_ROTOR{at}_P{axis}".encode()
             head += message("P", bytes([len(key)]) + key + struct.pack("<f", value))
+    for at, sign in enumerate((1, 1, -1, -1)):
+        key = f"float CA_ROTOR{at}_KM".encode()
+        head += message("P", bytes([len(key)]) + key + struct.pack("<f", sign * km_m)) if km_m else b""
     head += message("A", struct.pack("<BH", 0, 0) + b"sensor_combined")
     head += message("A", struct.pack("<BH", 0, 1) + b"actuator_motors")
     order, down = [FRONT_RIGHT, REAR_LEFT, FRONT_LEFT, REAR_RIGHT], [1, -1, -1]
@@ -76,13 +81,23 @@ def ulog(
 
 
 def blackbox(
-    commands: Array, rates: Array, forces: Array, *, others: int = 0, headers: Sequence[str] = (), tenths: bool = False
+    commands: Array,
+    rates: Array,
+    forces: Array,
+    *,
+    others: int = 0,
+    headers: Sequence[str] = (),
+    tenths: bool = False,
+    mixer: int = 0,
 ) -> bytes:
     """Return a blackbox log of Betaflight's quad X, x forward, y left, z up, others being as the first motor.
 
-    Rates are in deg/s, or in `tenths` of that.
+    Rates are in deg/s, or in `tenths` of that. With a `mixer` the log has what the autopilot wants about yaw; its
+    motors get it as Betaflight's usual rotors do for 1, as those that turn the other way for -1.
     """
     names = [f"{name}[{place}]" for name in ("gyroADC", "accSmooth") for place in range(3)]
+    if mixer:
+        names[-1:] = [names[-1], "axisP[2]", "axisI[2]"]
     motors = [f"motor[{place}]" for place in range(4 + others)]
     head = [
         "Product:Blackbox flight data recorder by Nicholas Sherlock",
@@ -90,11 +105,11 @@ def blackbox(
         "I interval:1",
         "P interval:1",
         "Field I name:" + ",".join(["loopIteration", "time", *names, *motors]),
-        "Field I signed:0,0,1,1,1,1,1,1" + len(motors) * ",0",
-        "Field I predictor:" + ",".join((8 + len(motors)) * "0"),
-        "Field I encoding:1,1,0,0,0,0,0,0" + len(motors) * ",1",
-        "Field P predictor:" + ",".join((8 + len(motors)) * "0"),
-        "Field P encoding:1,1,0,0,0,0,0,0" + len(motors) * ",1",
+        "Field I signed:0,0" + len(names) * ",1" + len(motors) * ",0",
+        "Field I predictor:" + ",".join((2 + len(names) + len(motors)) * "0"),
+        "Field I encoding:1,1" + len(names) * ",0" + len(motors) * ",1",
+        "Field P predictor:" + ",".join((2 + len(names) + len(motors)) * "0"),
+        "Field P encoding:1,1" + len(names) * ",0" + len(motors) * ",1",
         "motorOutput:0,2000",
         "motor_poles:14",
         "Firmware revision:Betaflight 2025.12.1",
@@ -105,6 +120,9 @@ def blackbox(
     order = [REAR_RIGHT, FRONT_RIGHT, REAR_LEFT, FRONT_LEFT, *others * [REAR_RIGHT]]
     shown = np.rint(np.column_stack([np.degrees(rates) * (10 if tenths else 1), 2048 * forces / G])).astype(int)
     driven = np.rint(2000 * commands[:, order]).astype(int)
+    if mixer:
+        wanted = -mixer * (driven[:, :4] @ [-1, 1, 1, -1]) // 4  # mixerQuadX's yaw, and mixTable's sign
+        shown = np.column_stack([shown, wanted - 7, np.full(len(wanted), 7)])
     rows = b""
     for at, (sensors, outputs) in enumerate(zip(shown.tolist(), driven.tolist(), strict=True)):
         values = (*map(signed, sensors), *map(unsigned, outputs))
@@ -257,6 +275,62 @@ def test_a_blackbox_log_of_high_resolution_counts_tenths_also_when_imported_or_c
     expected = read_flight(tmp_path / "usual").flight.rates
     for path in (tmp_path / "log", run, tmp_path / "log.mat"):
         np.testing.assert_allclose(read_flight(path).flight.rates, expected, atol=np.radians(0.6))
+
+
+PROPS_OUT = {
+    "ulog": (partial(ulog, places_m=corners_m(0.0325, 0.0325), km_m=-0.05), "by CA_ROTOR0_KM to CA_ROTOR3_KM"),
+    "blackbox": (partial(blackbox, mixer=-1), "the autopilot's mixer has them so"),
+}
+
+
+@pytest.mark.parametrize("kind", PROPS_OUT)
+def test_rotors_that_turn_the_other_way_by_the_log_do_so_in_every_copy_of_it(
+    tmp_path: Path, cfid: Cfid, flown: Flown, kind: str
+) -> None:
+    """What the plant's rotors turn one way is as if a gyro about z, negated, saw others turn the vehicle."""
+    pytest.importorskip({"ulog": "pyulog", "blackbox": "orangebox"}[kind], reason="its library is not installed")
+    vehicles, commands, rates, forces = flown
+    written, why = PROPS_OUT[kind]
+    (tmp_path / "log").write_bytes(written(commands, rates * [1, 1, -1], forces))
+    assert cfid("convert", "log", "--to", "mat", "--out", "log.mat").returncode == 0
+    assert cfid("new", "lab").returncode == 0
+    assert cfid("import", "../log", "--kind", "flight", folder=tmp_path / "lab").returncode == 0
+    (run,) = (tmp_path / "lab" / "runs").iterdir()
+    assert cfid("convert", run, "--to", "mat", "--out", "run.mat").returncode == 0
+    for path in (tmp_path / "log", run, tmp_path / "log.mat", tmp_path / "run.mat"):
+        flight = read_flight(path)
+        assert flight.flight.props_out
+        assert any(why in one.sentence for one in flight.findings)
+    result = fit([read_flight(tmp_path / "log")], body=body_of(vehicles, 0))
+    found = result.quantities["flight.inertia_kg_m2.yaw"]
+    assert found.value == pytest.approx(float(vehicles.moments[0, 2]), abs=3 * found.std)
+    assert not result.rejected
+
+
+def test_a_log_that_states_its_rotors_turn_as_usual_is_read_so(tmp_path: Path, flown: Flown) -> None:
+    for kind, library, content in (
+        ("ulog", "pyulog", ulog(*(one[:2000] for one in flown[1:]), places_m=corners_m(0.0325, 0.0325), km_m=0.05)),
+        ("blackbox", "orangebox", blackbox(*(one[:2000] for one in flown[1:]), mixer=1)),
+    ):
+        pytest.importorskip(library, reason=f"{library} is not installed")
+        (tmp_path / kind).write_bytes(content)
+        assert not read_flight(tmp_path / kind).flight.props_out
+
+
+def test_rotors_that_turn_the_other_way_unstated_are_named_and_can_be_given(tmp_path: Path, flown: Flown) -> None:
+    """It read that axes were others or motors had other numbers, and lags were lost with it."""
+    pytest.importorskip("orangebox", reason="orangebox is not installed")
+    vehicles, commands, rates, forces = flown
+    (tmp_path / "log").write_bytes(blackbox(commands, rates * [1, 1, -1], forces))
+    result = fit([read_flight(tmp_path / "log")], body=body_of(vehicles, 0))
+    (refused,) = [one for one in result.findings if one.severity == "rejection"]
+    assert refused.quantities == ("flight.inertia_kg_m2.yaw",)
+    assert "its rotors turn the other way than a Crazyflie's" in refused.sentence
+    assert "give `props_out` if they do" in refused.sentence
+    given = fit([read_flight(tmp_path / "log", props_out=True)], body=body_of(vehicles, 0))
+    assert not given.rejected
+    found = given.quantities["flight.inertia_kg_m2.yaw"]
+    assert found.value == pytest.approx(float(vehicles.moments[0, 2]), abs=3 * found.std)
 
 
 @pytest.mark.parametrize("long_first", [True, False])

@@ -9,11 +9,13 @@ from cfid.records.logs.blackbox import BEGIN as BLACKBOX
 from cfid.records.logs.blackbox import read_blackbox
 from cfid.records.logs.converted import read_converted
 from cfid.records.logs.log import FlightLog
+from cfid.records.logs.spin import with_kept_texts
 from cfid.records.logs.table import CLOCK_IS_FOR, read_table_log
 from cfid.records.logs.ulog import BEGIN as ULOG
 from cfid.records.logs.ulog import read_ulog
 from cfid.records.logs.usd import MAGIC, read_usd
 from cfid.records.parameters import Source
+from cfid.records.tables.matlab import converted_series, is_matlab
 from cfid.records.tables.schema import Foreign
 
 _BINARY: tuple[tuple[bytes, Callable[[Path, Source], FlightLog]], ...] = (
@@ -48,7 +50,10 @@ def read_log(path: Path, reading: Foreign = NO_OPTIONS) -> FlightLog:
     if reader is not None:
         return reader(path, source)
     converted = read_converted(path, source) if stated is None and reading.clock is None else None
-    return converted or read_table_log(path, source, reading)
+    if converted is not None:
+        return converted
+    log = read_table_log(path, source, reading)
+    return with_kept_texts(log, converted_series(path)[1]) if is_matlab(path) else log
 
 
 def _binary_reader(path: Path) -> Callable[[Path, Source], FlightLog] | None:

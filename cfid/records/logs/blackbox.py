@@ -22,6 +22,7 @@ from cfid.records.logs.blackbox_bytes import LogBytes, logs_in
 from cfid.records.logs.crazyflie_names import crazyflie_channel
 from cfid.records.logs.log import BLOCK_ROWS, Array, Channel, FlightLog, Series, in_memory, printable
 from cfid.records.logs.motor_numbers import BETAFLIGHT_QUAD_X, not_four, numbering
+from cfid.records.logs.spin import by_mixer
 from cfid.records.parameters import Source
 
 BEGIN = b"H Product:Blackbox"
@@ -32,6 +33,7 @@ _LONGEST_US, _LONGEST_LOOPS = 10_000_000, 5000  # between two frames, as in Beta
 _GYRO = re.compile(r"gyro(?:ADC|Unfilt)\[\d\]")
 _FINE, _FINE_STEP = "blackbox_high_resolution", 0.1  # a header of Betaflight 4.3 and later, and the step that it sets
 _ALSO_FINE = {"1": re.compile(r"rcCommand\[\d\]"), "deg/s": re.compile(r"setpoint\[[0-2]\]")}
+_ABOUT_YAW = re.compile(r"axis[PIDF]\[2\]")
 _MOTOR, _MOST = re.compile(r"motor\[[0-3]\]"), 1.01  # of full throttle
 _VOLTS = "vbatLatest"
 _BETAFLIGHT = re.compile(r"Betaflight (\d+)\.(\d+)")
@@ -92,7 +94,20 @@ def read_blackbox(path: Path, source: Source) -> FlightLog:
 def _assumed(series: Sequence[Series]) -> tuple[str, ...]:
     if not any("control.m1" in one.names for one in series):
         return ()
-    return (numbering(BETAFLIGHT_QUAD_X, "motor[{}]", why="as in Betaflight's quad X"),)
+    longest = max(series, key=lambda one: one.rows)
+    return (numbering(BETAFLIGHT_QUAD_X, "motor[{}]", why="as in Betaflight's quad X"), *_turning(longest))
+
+
+def _turning(series: Series) -> tuple[str, ...]:
+    """Return a sentence on which way rotors turn by what the autopilot wants about yaw, and what motors then get.
+
+    Betaflight's headers do not state its `yaw_motors_reversed`, which changes the sign between the two.
+    """
+    wanted = [series.column(1 + series.place_of(name)) for name in series.names if _ABOUT_YAW.fullmatch(name)]
+    outputs = {motor: f"control.m{motor}" for motor in BETAFLIGHT_QUAD_X}
+    if not wanted or not set(outputs.values()) <= set(series.names):
+        return ()
+    return by_mixer(np.sum(wanted, axis=0), {motor: series.values(name) for motor, name in outputs.items()})
 
 
 def _frames(parser: Any) -> tuple[Array, str, int]:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from cfid.records.logs.crazyflie_names import assumptions, stated_channel
 from cfid.records.logs.log import FlightLog, in_memory, printable
+from cfid.records.logs.spin import with_kept_texts
 from cfid.records.parameters import Source
 from cfid.records.tables.matlab import converted_series, is_matlab
 
@@ -24,7 +25,7 @@ def read_converted(path: Path, source: Source) -> FlightLog | None:
         channels = [stated_channel(printable(name), table.units[name]) for name in table.names[1:]]
         series.append(in_memory(table.place, time_s, channels, values))
     program = (origin.get("program") or f"run {origin.get('run', '')} of cfid").removeprefix(_PROGRAM)
-    return FlightLog(
+    log = FlightLog(
         path=path,
         source=source,
         program=f"{_PROGRAM}{program}",
@@ -32,3 +33,4 @@ def read_converted(path: Path, source: Source) -> FlightLog | None:
         series=tuple(series),
         assumed=assumptions([channel for one in series for channel in one.channels]),
     )
+    return with_kept_texts(log, origin)

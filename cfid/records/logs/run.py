@@ -8,7 +8,7 @@ from cfid.errors import DataError
 from cfid.records.files import sha256_of
 from cfid.records.logs.crazyflie_names import assumptions, crazyflie_channel, stated_channel
 from cfid.records.logs.log import Array, FlightLog, Series
-from cfid.records.logs.motor_numbers import NO_SQUARE
+from cfid.records.logs.spin import of_rotors
 from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Run
 from cfid.records.run_notes import losses
@@ -35,7 +35,7 @@ def log_of_run(run: Run) -> FlightLog:
     if not series:
         raise DataError(f"{run.folder}: nothing to read. {' '.join(notes)}")
     origin = run.header.origin
-    notes += [] if origin is None else [note for note in origin.notes if note.startswith(NO_SQUARE)]
+    notes += [] if origin is None else of_rotors(origin.notes)
     file = run.folder / RUN_FILE
     return FlightLog(
         path=run.folder,
@@ -43,7 +43,10 @@ def log_of_run(run: Run) -> FlightLog:
         program="run of cfid" if origin is None else f"run of cfid, imported from {origin.file}, {origin.program}",
         clock="times are in s",
         series=tuple(series),
-        assumed=assumptions(channel for one in series for channel in one.channels),
+        assumed=(
+            *(() if origin is None else of_rotors(origin.assumed)),
+            *assumptions(channel for one in series for channel in one.channels),
+        ),
         notes=tuple(dict.fromkeys(notes)),
     )
 

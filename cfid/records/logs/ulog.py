@@ -22,6 +22,7 @@ from cfid.records.extras import optional_library
 from cfid.records.logs.crazyflie_names import crazyflie_channel
 from cfid.records.logs.log import BLOCK_ROWS, Array, Channel, FlightLog, Series, printable
 from cfid.records.logs.motor_numbers import PX4_QUAD_X, by_geometry, numbering, off_square
+from cfid.records.logs.spin import by_moments
 from cfid.records.logs.ulog_parts import UlogParts
 from cfid.records.parameters import Source
 from cfid.units import MOTORS, USUAL_GRAVITY_MPS2
@@ -105,7 +106,7 @@ def read_ulog(path: Path, source: Source) -> FlightLog:
         program=f"ULog of PX4 ({printable(str(info.get('ver_hw', 'unknown hardware')))})",
         clock="times are the autopilot's, since it started; axes are PX4's: x forward, y right, z down",
         series=tuple(series),
-        assumed=_assumed(series, stated),
+        assumed=(*_assumed(series, stated), *by_moments(parameters, stated or PX4_QUAD_X)),
         notes=tuple(notes),
     )
 
