@@ -247,10 +247,17 @@ def _levelled(p: Array, covariance: Array, vertical: Sequence[FlightEquation]) -
 
 
 def explained_of(fitted: Sequence[tuple[FlightEquation, Array]], axis: int | None) -> float:
-    """Return the part of the variance of means over 0.1 s that rotors explain: of the vertical force, or of a rate."""
+    """Return the part of the variance of means over 0.1 s that rotors explain: of the vertical force, or of a rate.
+
+    Of a rate it is a part of what the other terms leave: about yaw, what speeds rotors up may turn a vehicle as much.
+    """
+
+    def rest(block: FlightEquation, values: Array) -> Array:
+        return block_means(values if axis is None else without(values, block.others), length=_SMOOTH)
+
     of_axis = [(block, thrusts) for block, thrusts in fitted if block.axis == axis]
-    left = np.concatenate([block_means(block.shown - thrusts, length=_SMOOTH) for block, thrusts in of_axis])
-    whole = np.concatenate([block_means(block.shown, length=_SMOOTH) for block, _ in of_axis])
+    left = np.concatenate([rest(block, block.shown - thrusts) for block, thrusts in of_axis])
+    whole = np.concatenate([rest(block, block.shown) for block, _ in of_axis])
     return float(1 - np.var(left) / max(float(np.var(whole)), 1e-300))
 
 

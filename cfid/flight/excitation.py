@@ -9,13 +9,15 @@ import numpy as np
 from cfid.errors import FitError
 from cfid.flight.equations import THRUST, TURNS, Equations
 from cfid.flight.estimation import EXPLAINED, FlightFit, explained_of
-from cfid.flight.model import AXES, Flight, equations_of, segments
+from cfid.flight.model import AXES, ROW_S, Flight, equations_of, segments
 from cfid.flight.search import most_explained
 
 LEAST_LIFT_MPS2 = 1.0  # root mean square of what rotors did vertically; see docs/decisions/0022
 CLIMB = "climb and drop quickly, once or twice a second, for 20 s"
 LOOSE = 0.1  # of a value: the largest accepted standard uncertainty
 LEAST_TURN_RAD_PER_S2 = 5.0  # root mean square; with 0.6 about yaw a public log gave 8e-5 kg m^2, others publish 3e-5
+CLEAR = 0.06  # of a value: the largest uncertainty for each 20 s of less motion; those that hover have 0.09 and more
+_CLEAR_S = 20.0
 # Of what a sensor shows: from here on, air matters little, however small the rotors' part is. Simulated flights of
 # gentle tilts, 1 to 5 rad/s^2, have 0.99 of rates and 0.95 of the force, those that hover 0.8 at most.
 CALM = 0.9
@@ -25,7 +27,7 @@ class Motion(NamedTuple):
     """What rotors did along the vertical, in m/s^2, or about an axis, in rad/s^2, and what part of all that is.
 
     `moved` is a root mean square, `explained` a part of the variance of means over 0.1 s, `open` the relative standard
-    uncertainty of what a rotor's drive gives.
+    uncertainty of what a rotor's drive gives, and `unclear` what it would be of 20 s of such flight.
     """
 
     name: str
@@ -33,12 +35,18 @@ class Motion(NamedTuple):
     least: float
     explained: float
     open: float
+    unclear: float
+
+    @property
+    def is_large(self) -> bool:
+        """Whether rotors moved the vehicle by more than an autopilot's answers to air, or air and noise are small."""
+        calm = self.explained >= CALM or (self.explained >= EXPLAINED and self.unclear < CLEAR)
+        return self.moved >= self.least or calm
 
     @property
     def tells(self) -> bool:
         """Whether the sensor shows what a rotor's drive does."""
-        large = self.moved >= self.least or self.explained >= CALM
-        return large and self.explained >= EXPLAINED and self.open < LOOSE
+        return self.is_large and self.explained >= EXPLAINED and self.open < LOOSE
 
 
 def refuse_still(flights: Sequence[Flight]) -> None:
@@ -63,18 +71,21 @@ def lifted(found: FlightFit) -> bool:
 
 def climbing(found: FlightFit) -> Motion:
     """Return what rotors did along the vertical."""
-    moved = found.excitation["vertical"]
-    return Motion("vertical", moved, LEAST_LIFT_MPS2, found.explained, _open(found, None))
+    return _motion(found, "vertical", None, LEAST_LIFT_MPS2, found.explained)
 
 
 def turnings(found: FlightFit) -> list[Motion]:
     """Return what rotors did about each axis."""
     return [
-        Motion(
-            axis, found.excitation[axis], LEAST_TURN_RAD_PER_S2, explained_of(found.blocks, place), _open(found, place)
-        )
+        _motion(found, axis, place, LEAST_TURN_RAD_PER_S2, explained_of(found.blocks, place))
         for place, axis in enumerate(AXES)
     ]
+
+
+def _motion(found: FlightFit, name: str, place: int | None, least: float, explained: float) -> Motion:
+    is_open = _open(found, place)
+    unclear = is_open * math.sqrt(found.rows * ROW_S / _CLEAR_S)
+    return Motion(name, found.excitation[name], least, explained, is_open, unclear)
 
 
 def _open(found: FlightFit, place: int | None) -> float:

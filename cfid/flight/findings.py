@@ -13,13 +13,14 @@ from cfid.flight.crossing import crossing_of
 from cfid.flight.data import FlownLog
 from cfid.flight.equations import DELAYS, THRUST, TURNS
 from cfid.flight.estimation import EXPLAINED, FlightFit
-from cfid.flight.excitation import CLIMB, LEAST_LIFT_MPS2, LEAST_TURN_RAD_PER_S2, LOOSE, lifted, turnings
+from cfid.flight.excitation import CLEAR, CLIMB, LEAST_LIFT_MPS2, LEAST_TURN_RAD_PER_S2, LOOSE, lifted, turnings
 from cfid.flight.gyro_unit import OF_ARM, unlike_arm
 from cfid.flight.logged import spacing_findings, square_findings, weight_findings
-from cfid.flight.model import AXES, Flight
+from cfid.flight.model import ROW_S, Flight
 from cfid.flight.moving import moving_findings
 from cfid.flight.turning import turning_findings
 from cfid.flight.values import DELAY, MOMENTS, SINGLE, TIMES, Body, lever_m, thrust_key, times_of
+from cfid.records.logs.crazyflie_names import BY_NAMES
 from cfid.records.parameters import Parameter, plain
 
 _LEAST_SPEED_MPS = 0.3  # root mean square along an axis
@@ -72,7 +73,7 @@ def findings_of(
         unlike
         or _crossed(found)
         or of_unit
-        or [*_moment_findings(found, body, props_out=flights[0].flight.props_out), *_unlike_arm(quantities, body)]
+        or [*_moment_findings(found, body, flights[0]), *_unlike_arm(quantities, body)]
     )
     return (
         *(
@@ -165,9 +166,15 @@ def _delay_findings(found: FlightFit, concerned: Sequence[str]) -> list[Finding]
     return []
 
 
-def _moment_findings(found: FlightFit, body: Body, *, props_out: bool) -> list[Finding]:
-    result = _wrong_ways(found, props_out=props_out)
-    for place, axis in enumerate(AXES):
+def _moment_findings(found: FlightFit, body: Body, flown: FlownLog) -> list[Finding]:
+    """Judge moments by what torques did about each axis; `flown` is the first flight."""
+    result = _wrong_ways(found, props_out=flown.flight.props_out)
+    asked = " Is the gyro in rad/s?" if BY_NAMES in flown.log.assumed else ""
+    within, lost_s = "", flown.in_air_s - flown.driven_s
+    if lost_s > LOOSE * flown.in_air_s:
+        within = f", so that no motor reaches idle or full command ({lost_s:.0f} s at and after these are left out)"
+    for place, motion in enumerate(turnings(found)):
+        axis = motion.name
         if lever_m(axis, body) is None:
             what = "the torque of a rotor over its thrust (`torque_m`)" if axis == "yaw" else "the arm (`arm_mm`)"
             result.append(note("flight-lever-unknown", f"no moment about {axis}: it needs {what}."))
@@ -175,6 +182,12 @@ def _moment_findings(found: FlightFit, body: Body, *, props_out: bool) -> list[F
         gain, std = float(found.values[TURNS][place]), float(found.std[TURNS][place])
         if gain == 0:
             text = f"the gyro shows no turning about {axis} at all: does it work, is it in the log?"
+            result.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
+        elif motion.explained <= 0 and (gain < 0 or not std < LOOSE * gain):
+            text = (
+                f"rotors' torques explain nothing of how the rate about {axis} changed in the {ROW_S * found.rows:.0f} "
+                f"s with every motor within its range: {_MANOEUVRES[axis]}{within}."
+            )
             result.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
         elif gain < 0 and -gain > 3 * std:
             continue
@@ -194,10 +207,12 @@ def _moment_findings(found: FlightFit, body: Body, *, props_out: bool) -> list[F
                 f"{_MANOEUVRES[axis]}."
             )
             result.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
-        elif found.excitation[axis] < LEAST_TURN_RAD_PER_S2:
+        elif not motion.is_large:
             text = (
-                f"rotors' torques moved the rate about {axis} by {found.excitation[axis]:.2g} rad/s^2 rms (at least "
-                f"{LEAST_TURN_RAD_PER_S2:g}): {_MANOEUVRES[axis]}. Is the gyro in rad/s?"
+                f"rotors' torques moved the rate about {axis} by {motion.moved:.2g} rad/s^2 rms, explain "
+                f"{100 * max(motion.explained, 0):.0f} % of its changes, and leave its moment open by "
+                f"{100 * motion.unclear:.2g} % for 20 s (at least {LEAST_TURN_RAD_PER_S2:g} rad/s^2, or "
+                f"{100 * EXPLAINED:.0f} % and at most {100 * CLEAR:g} %): {_MANOEUVRES[axis]}.{asked}"
             )
             result.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
         elif found.feedback[place] > _FED_BACK:
@@ -238,9 +253,9 @@ def _other_unit(found: FlightFit, arm_m: float, read: str) -> list[Finding]:
 def _wrong_ways(found: FlightFit, *, props_out: bool) -> list[Finding]:
     gains, stds = found.values[TURNS], found.std[TURNS]
     wrong = [
-        axis
-        for gain, std, axis in zip(gains, stds, AXES, strict=True)
-        if gain < -3 * std and found.excitation[axis] > 0
+        motion.name
+        for gain, std, motion in zip(gains, stds, turnings(found), strict=True)
+        if gain < -3 * std and motion.moved > 0 < motion.explained  # else what is found is not what torques did
     ]
     if wrong == ["yaw"] and bool(np.all(gains[:2] > 3 * stds[:2])):
         # No other numbers of motors, and no other axes forward and left, leave roll and pitch as they are.

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from cfid.findings import Finding, note, warning
 from cfid.flight.estimation import EXPLAINED, FlightFit
-from cfid.flight.excitation import CALM, LEAST_TURN_RAD_PER_S2, LOOSE, climbing, turnings
+from cfid.flight.excitation import CALM, CLEAR, LEAST_TURN_RAD_PER_S2, LOOSE, climbing, turnings
 from cfid.flight.model import AXES
 
 
@@ -46,11 +46,14 @@ def telling_of(found: FlightFit | None) -> Telling:
     turned = turnings(found)
     each = ", ".join(
         f"about {one.name} {one.moved:.2g} rad/s^2 rms, {100 * max(one.explained, 0):.0f} % of what changed, open by "
-        f"{100 * one.open:.0f} %"
+        f"{100 * one.open:.0f} %, for 20 s by {100 * one.unclear:.0f} %"
         for one in turned
         if not one.tells
     )
-    least = f"at least {LEAST_TURN_RAD_PER_S2:g} rad/s^2 and {100 * EXPLAINED:.0f} %, or {100 * CALM:.0f} %"
+    least = (
+        f"at least {LEAST_TURN_RAD_PER_S2:g} rad/s^2 and {100 * EXPLAINED:.0f} %, or {100 * CALM:.0f} %, or "
+        f"{100 * EXPLAINED:.0f} % and at most {100 * CLEAR:g} % for 20 s"
+    )
     return Telling(
         axes=tuple(one.name for one in turned if one.tells),
         vertical=climbing(found).tells,

@@ -18,7 +18,7 @@ from cfid.flight.channels import at_rows
 from cfid.flight.data import FlownLog, flight_of, read_flight
 from cfid.flight.equations import DELAY_S, DELAYS, THRUST, Equations
 from cfid.flight.estimation import fit_alone, fit_flights
-from cfid.flight.excitation import refuse_still
+from cfid.flight.excitation import Motion, refuse_still
 from cfid.flight.findings import findings_of
 from cfid.flight.logged import spacing_findings
 from cfid.flight.model import LEVER, ROW_S, ROW_STEPS, STEP_S, Flight, ThrustLag, equations_of, turned_back
@@ -1166,6 +1166,42 @@ def test_older_torques_contradict_no_axis_about_which_rotors_hardly_turned_the_v
         one for one in findings_of([read], still, {}, {}, body) if "flight.inertia_kg_m2.yaw" in one.quantities
     ]
     assert (about_yaw.code, about_yaw.quantities) == ("flight-moment-not-excited", ("flight.inertia_kg_m2.yaw",))
+
+
+def test_a_gain_of_the_wrong_sign_that_explains_nothing_is_no_wrong_way(flown: tuple[Fleet, list[FlightLog]]) -> None:
+    """Motors at idle left no turn about yaw: the rest gave a moment of -0.03 of the true one, at a stated 0.6 %."""
+    vehicles, logs = flown
+    read, body = flight_of(logs[0]), body_of(vehicles, 0)
+    found = fit_flights([read.flight])
+    values = found.values.copy()
+    values[-1] *= -30
+    blocks = tuple((block, -30 * did if block.axis == 2 else did) for block, did in found.blocks)
+    other = replace(found, values=values, blocks=blocks)
+    (about_yaw,) = [
+        one for one in findings_of([read], other, {}, {}, body) if "flight.inertia_kg_m2.yaw" in one.quantities
+    ]
+    assert (about_yaw.code, about_yaw.quantities) == ("flight-moment-not-excited", ("flight.inertia_kg_m2.yaw",))
+    assert "explain nothing of how the rate about yaw changed" in about_yaw.text
+
+
+@pytest.mark.parametrize(
+    ("explained", "unclear", "shows"), [(0.7, 0.02, True), (0.7, 0.08, False), (0.95, 0.08, True), (0.4, 0.02, False)]
+)
+def test_small_turns_show_a_moment_where_torques_explain_them_clearly(
+    explained: float, unclear: float, shows: bool
+) -> None:
+    """A vehicle of 1.5 kg turns by less than 5 rad/s^2 about yaw, whatever it does; answers to air are as small."""
+    assert Motion("yaw", 2.0, 5.0, explained, 0.05, unclear).tells == shows
+
+
+def test_small_turns_that_show_a_moment_are_fitted(flown: tuple[Fleet, list[FlightLog]]) -> None:
+    vehicles, logs = flown
+    read, body = flight_of(logs[0]), body_of(vehicles, 0)
+    found = fit_flights([read.flight])
+    small = replace(found, excitation=found.excitation | {"yaw": 2.0})
+    judged = findings_of([read], small, {}, {}, body)
+    lost = [key for one in judged if one.severity == "rejection" for key in one.quantities]
+    assert "flight.inertia_kg_m2.yaw" not in lost
 
 
 def test_a_dead_gyro_costs_the_moments_and_no_traceback(flown: tuple[Fleet, list[FlightLog]]) -> None:

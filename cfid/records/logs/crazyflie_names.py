@@ -8,6 +8,7 @@ from cfid.records.logs.log import Channel, FlightLog, printable
 from cfid.records.tables.text import is_finite
 from cfid.units import FULL_COMMAND, USUAL_GRAVITY_MPS2
 
+BY_NAMES = "columns with the firmware's names are in the firmware's units"  # as is taken for granted of a table
 # As the firmware documents its log variables. A name that is not here has no unit that is certain.
 _UNITS = (
     (r"acc\.[xyz]|stateEstimate\.a[xyz]", "g"),
@@ -107,7 +108,7 @@ def taken_for_granted(names: Sequence[str]) -> tuple[str, ...]:
     unstated = [name for name in read if is_variable(name) and not name.endswith(("]", ")"))]
     return (
         *(f"column '{printable(old)}' is the firmware's {new}, and others like it are too" for old, new in changed[:1]),
-        *(("columns with the firmware's names are in the firmware's units",) if unstated else ()),
+        *((BY_NAMES,) if unstated else ()),
     )
 
 
