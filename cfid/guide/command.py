@@ -1,6 +1,7 @@
 """`cfid status` and `cfid next`: where a campaign stands, and the next step of it."""
 
 import os
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -57,7 +58,7 @@ def next_step(
     step = next_of(status_of(found, kind=kind), kind=kind)
     echo(fitted(printable(step.why)))
     words = step.words if step.recording is None else _prepared(step.recording, found)
-    echo(f"next: cfid {' '.join(words)}")
+    echo(f"next: cfid {shlex.join(words)}")
     if not yes and _typed("Start it? [Y/n]").lower() not in ("", "y", "yes"):
         note("nothing was started. Type `cfid next` again, or the command itself.")
         raise typer.Exit

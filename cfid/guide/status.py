@@ -1,5 +1,6 @@
 """Where a campaign stands: every task with what is recorded and found, and the one command that comes next."""
 
+import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -16,6 +17,8 @@ from cfid.records.run import Run
 from cfid.records.stale import Stale, is_blind, other_facts, stale_in
 from cfid.records.tables.angle import ENCODER
 
+_CONTRADICTS = "contradicts the others"  # why a run is to be left out
+
 State = Literal["missing", "not fitted", "stale", "rejected", "accepted"]
 
 
@@ -24,7 +27,7 @@ class TaskStatus:
     """A task: what is still to be recorded, how its fit stands and why, and how sure its quantities are.
 
     `rarest` is what to record again where a fit is rejected: of what it suspects, else of all recordings, the one that
-    was made least often, the last of several.
+    was made least often, the last of several. `wrong` is the name of a run without which others about its mount agree.
     A change of rig.toml since the fit cannot be seen where it is `blind`. `unlike` states which facts of its recordings
     rig.toml states otherwise now.
     """
@@ -32,6 +35,7 @@ class TaskStatus:
     task: Task
     lacking: tuple[Assignment, ...]
     rarest: Assignment | None = None
+    wrong: str = ""
     state: State
     reason: str
     found: tuple[Certainty, ...]
@@ -64,7 +68,7 @@ class Next:
     @property
     def command(self) -> str:
         """The command as it is shown."""
-        return self.recording.command if self.recording else f"cfid {' '.join(self.words)}"
+        return self.recording.command if self.recording else f"cfid {shlex.join(self.words)}"
 
 
 def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> tuple[TaskStatus, ...]:
@@ -130,11 +134,10 @@ def remarks_of(statuses: Iterable[TaskStatus], unusable: Iterable[Unusable], ste
     A reason that the next `step` gives already is left out.
     """
     statuses = tuple(statuses)
-    given = {one.task.section for one in statuses if step.why.startswith(f"{one.task.section}: ")}
     reasons = [
         f"{one.task.section}: {one.reason}"
         for one in statuses
-        if one.reason and not (one.task.section in given and one.reason in step.why)
+        if one.reason and not (step.why.startswith(one.task.section) and one.reason in step.why)
     ]
     bounded = [
         f"{found.aim.key} is known to {percent(found.std)} because of the {found.bounded_by}, as rig.toml states it: "
@@ -160,6 +163,9 @@ def next_of(statuses: Sequence[TaskStatus], *, kind: CampaignKind | None = None)
     """
     report: Words = ("report", *(("--kind", kind) if kind else ()))
     for one in statuses:
+        if one.wrong:
+            left_out: Words = ("runs", "exclude", one.wrong, "--because", _CONTRADICTS)
+            return Next(words=left_out, why=f"{one.task.section} was rejected: {one.reason}")
         if one.state == "missing":
             recording = one.lacking[0]
             why = f"{one.task.section}: {one.recorded} of {counted(len(one.task.recordings), 'run')} recorded."
@@ -207,11 +213,13 @@ def _status(
         state, reason, suspects = "rejected", rejected[0], section.suspects
     elif section is not None and (reasons := stale(section)):
         state, reason = "missing" if short_of_runs else "stale", reasons[0]  # without them a fit may refuse for ever
+    elif refused is not None and refused.suspects and _holds(refused, section, own, stale):
+        state, reason, suspects = "rejected", next(iter(refused.rejected.values())), refused.suspects
     elif short_of_runs or (section is None and lacking):
         state = "missing"
         reason = next((short[run.folder.name] for run in reversed(own) if run.folder.name in short), "")
-    elif refused is not None and _still_holds(refused, section, own) and not stale(refused):
-        state, reason, suspects = "rejected", next(iter(refused.rejected.values())), refused.suspects
+    elif refused is not None and _holds(refused, section, own, stale):
+        state, reason = "rejected", next(iter(refused.rejected.values()))
     elif section is None:
         state, reason = "not fitted", "recorded, not fitted yet."
     elif newer := _newer(section, own):
@@ -223,6 +231,7 @@ def _status(
         task=task,
         lacking=lacking,
         rarest=_rarest(task.recordings, own, suspects),
+        wrong=next((run.folder.name for run in own if run.folder.name in suspects), ""),
         state=state,
         reason=reason,
         found=found,
@@ -267,10 +276,11 @@ def _newer(section: Section, runs: Sequence[Run]) -> int:
     return sum(run.folder.name not in used and run.header.started > section.found for run in runs)
 
 
-def _still_holds(refused: Section, section: Section | None, runs: Sequence[Run]) -> bool:
-    """Return whether a fit that was rejected used every run there is, and none was accepted after it."""
+def _holds(refused: Section, section: Section | None, runs: Sequence[Run], stale: Stale) -> bool:
+    """Return whether a fit that was rejected used every run as it is now, and none was accepted after it."""
     latest = section is None or section.found < refused.found
-    return latest and bool(refused.rejected) and _used_by(refused) >= {run.folder.name for run in runs}
+    used_all = _used_by(refused) >= {run.folder.name for run in runs}
+    return latest and used_all and bool(refused.rejected) and not stale(refused)
 
 
 def _used_by(section: Section) -> set[str]:

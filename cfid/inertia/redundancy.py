@@ -37,16 +37,19 @@ def redundancy_findings(axis_inertias: AxisInertias, fit: InertiaFit) -> tuple[F
 
 
 class Suspects(NamedTuple):
-    """The mounts whose swings may be wrong where swings contradict each other, and sentences that state why."""
+    """What may be wrong where swings contradict each other, and sentences that state why.
 
-    mounts: tuple[str, ...]
+    `names` are those of mounts, or of recordings without which others about their mount agree.
+    """
+
+    names: tuple[str, ...]
     reasons: tuple[str, ...]
 
 
 def suspects(axis_inertias: AxisInertias, fit: InertiaFit) -> Suspects:
     """Return the mounts that differ among themselves, or without or with which, exchanged, all agree; none if none do.
 
-    Mounts whose own swings differ come first, and alone: what the others allow says nothing against these.
+    Where a mount's own swings differ, what the others allow shows nothing against these.
     """
     if not fit.contradictory:
         return Suspects((), ())
@@ -55,12 +58,12 @@ def suspects(axis_inertias: AxisInertias, fit: InertiaFit) -> Suspects:
     alone = _superfluous(axis_inertias, swings)
     pairs = list(dict.fromkeys(pair for pair, _ in _exchanges(axis_inertias, swings)))
     reasons = (
-        *differ.values(),
+        *(text for text, _ in differ.values()),
         *([f"without {_listed(alone, 'or')} the others agree"] if alone else []),
         *([f"with {_listed([' and '.join(pair) for pair in pairs], 'or')} exchanged all agree"] if pairs else []),
     )
     others = (*alone, *(mount for pair in pairs for mount in pair))
-    return Suspects(tuple(dict.fromkeys(differ or others)), reasons)
+    return Suspects(tuple(dict.fromkeys([name for _, name in differ.values()] or others)), reasons)
 
 
 def distance_findings(axis_inertias: AxisInertias, moved: Moved) -> tuple[Finding, ...]:
@@ -174,8 +177,11 @@ def _suspects_finding(found: Suspects) -> Finding:
     return rejection("inertia-suspects", text, MATRIX)
 
 
-def _unlike_repeats(swings: Sequence[MountedSwing]) -> dict[str, str]:
-    """Return for each mount whose swings differ by more than their fits allow by how much; the furthest apart count."""
+def _unlike_repeats(swings: Sequence[MountedSwing]) -> dict[str, tuple[str, str]]:
+    """Return for each mount whose swings differ by more than their fits allow by how much, and the suspect of them.
+
+    The furthest apart count. The suspect is the one recording without which the others agree, else the mount.
+    """
     differ = {}
     for mount in dict.fromkeys(swing.axis for swing in swings if not swing.known):
         same = [swing for swing in swings if swing.axis == mount and not swing.known]
@@ -186,10 +192,14 @@ def _unlike_repeats(swings: Sequence[MountedSwing]) -> dict[str, str]:
             f"swings about {mount} differ by {100 * (high.value / low.value - 1):.2g} % in frequency squared (std "
             f"{100 * math.hypot(low.std, high.std) / low.value:.2g} %)"
         )
-        wrong = [swing.name for swing in (low, high) if not _differ([other for other in same if other is not swing])]
+        suspect, wrong = (
+            mount,
+            [swing.name for swing in (low, high) if not _differ([other for other in same if other is not swing])],
+        )
         if len(same) > 2 and len(wrong) == 1:
-            text += f", and agree without {wrong[0]}"
-        differ[mount] = text
+            suspect = wrong[0]
+            text += f", and agree without {suspect}"
+        differ[mount] = text, suspect
     return differ
 
 

@@ -113,7 +113,7 @@ def fit(
         merits=_merits(axes, about, matrix, measured),
         findings=tuple(findings),
         sources=measured.sources,
-        suspects=() if matrix is None else suspects(axis_inertias, matrix).mounts,
+        suspects=() if matrix is None else suspects(axis_inertias, matrix).names,
         rests_on=rests_on(axes),
         lines=(
             *measured.lines,

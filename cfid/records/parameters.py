@@ -65,8 +65,8 @@ class Section:
     for was rejected. `rejected` has the reason for each rejected parameter, which is present only where it was kept
     nevertheless. `rig` is what rig.toml stated then of what the fit rests on, by its keys, and `facts` are numbers
     under such keys that the fit took from what its recordings state, or from an option. `suspects` are the mounts
-    whose recordings contradict each other or the others. `runs` has for each of the campaign's runs a checksum of what
-    its run.toml stated.
+    whose recordings contradict each other or the others, or the one run that does. `runs` has for each of the
+    campaign's runs a checksum of what its run.toml stated.
     """
 
     method: str

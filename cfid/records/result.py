@@ -43,7 +43,7 @@ class Result:
     `merits` has figures of merit of the fit, which `quality` reads. `covariances` and `common` are as in a section of
     parameters.toml. `rests_on` names what it takes from rig.toml, as in "vehicle.mass_kg" or "mounts.x", beside what
     recordings state themselves; `facts` are numbers of the latter that its quantities go with, under rig.toml's keys,
-    which rig.toml should state alike. `suspects` are the mounts whose recordings a rejection asks to be made again.
+    which rig.toml should state alike. `suspects` are the mounts, or runs, that a rejection names as wrong.
     `lines` are further lines for the terminal, which `summary` reads. `drawings`
     makes the figures by file name, and `folder` is their folder.
     """

@@ -211,6 +211,22 @@ def test_a_fit_that_suspects_a_mount_has_this_one_recorded_again(folder: Path) -
     assert next_of([standing(folder)[0]]).words == ("log", "encoder", "--axis", axes[0], "--for", "20")
 
 
+def test_a_run_that_a_fit_suspects_is_left_out_next_also_before_all_mounts_were_swung_about(
+    cfid: Cfid, folder: Path
+) -> None:
+    swung(folder)
+    runs = sorted((folder / "runs").iterdir())
+    amend_run(read_run(runs.pop()), excluded="to be recorded again")
+    refused(folder, runs, suspects=(runs[1].name,))
+
+    shown = cfid("status", "--campaign", folder, "--kind", "inertia").stdout
+    assert f"next: cfid runs exclude {runs[1].name} --because 'contradicts the others'" in " ".join(shown.split())
+    assert shown.count("hung anew?") == 1  # the reason, once
+    step = standing(folder)[1]
+    assert cfid(*step.words, "--campaign", folder).returncode == 0
+    assert standing(folder)[1].words[:2] == ("log", "encoder")
+
+
 def test_a_fit_that_was_rejected_whole_is_not_offered_again_until_something_was_recorded(folder: Path) -> None:
     axes = swung(folder)
     runs = sorted((folder / "runs").iterdir())

@@ -181,7 +181,7 @@ def test_a_repeat_that_differs_too_far_is_named_by_its_mount_and_by_how_much() -
     (said,) = (one.text for one in redundancy_findings(case, fit) if one.code == "inertia-suspects")
     axis = case.swings[0].axis
     assert f"swings about {axis} differ by 3 % in frequency squared" in said
-    assert suspects(case, fit).mounts == (axis,)
+    assert suspects(case, fit).names == (axis,)
 
 
 def test_of_three_swings_about_one_mount_the_one_that_differs_is_named() -> None:
@@ -192,6 +192,7 @@ def test_of_three_swings_about_one_mount_the_one_that_differs_is_named() -> None
 
     (reason,) = (one for one in suspects(third, fit_inertia(third)).reasons if "differ by" in one)
     assert reason.endswith(f"and agree without {wrong.name}")
+    assert suspects(third, fit_inertia(third)).names == (wrong.name,)
 
 
 def test_an_exchange_that_no_body_allows_is_rejected_and_named() -> None:
