@@ -407,6 +407,11 @@ def test_greek_speeds_are_known(tmp_path: Path) -> None:
     assert found[:, 0].tolist() == [0, 900, 1500]
 
 
+def test_speeds_per_second_are_turns_and_that_is_stated(tmp_path: Path) -> None:
+    notes = notes_of(read(tmp_path, "cmd,Speed [1/s],thrust_n\n0,0,0\n20000,100,1\n"))
+    assert any("'Speed [1/s]' is read in turns per second" in note for note in notes)
+
+
 def test_columns_of_one_name_are_left_out_where_others_can_be_fitted(tmp_path: Path) -> None:
     path = tmp_path / "stand.csv"
     path.write_text("cmd,thrust_n,torque_nm,torque_nm\n0,0,0,7\n20000,0.1,0.001,7\n")
@@ -455,6 +460,20 @@ def test_columns_are_what_the_operator_names_them(
         ("weight[g]", "thrust_n", [0, 9.81e-3 / 4]),
         ("Moment (ozf·in)", "torque_nm", [0, 7.0615518e-3]),
         ("Drehzahl (Hz)", "rpm", [0, 2 * math.pi]),
+        ("Drehzahl [1/min]", "speed_rad_s", [0, RPM]),
+        ("n [min^-1]", "speed_rad_s", [0, RPM]),
+        ("n [min⁻¹]", "speed_rad_s", [0, RPM]),
+        ("n (U/min)", "speed_rad_s", [0, RPM]),
+        ("n [r/min]", "speed_rad_s", [0, RPM]),
+        ("n rev/min", "speed_rad_s", [0, RPM]),
+        ("n_upm", "speed_rad_s", [0, RPM]),
+        ("n [1/min] (filtered)", "speed_rad_s", [0, RPM]),
+        ("n__1_min_", "speed_rad_s", [0, RPM]),
+        ("n_min__1_", "speed_rad_s", [0, RPM]),
+        ("n [1/s]", "rpm", [0, 2 * math.pi]),
+        ("n [turns/s]", "rpm", [0, 2 * math.pi]),
+        ("omega [1/s]", "speed_rad_s", [0, 1]),
+        ("omega [1/s]", "rpm", [0, 1]),
         ("Motor Optical Speed (RPM)", "speed_rad_s", [0, RPM]),
     ],
 )
@@ -527,6 +546,9 @@ def test_the_unit_in_a_name_of_matlab_counts_before_that_of_the_option(
         ("Moment [uN·m]", "torque_nm"),
         ("battery (kV)", "vbat_v"),
         ("n (eRPM)", "rpm"),
+        ("n [rad/min]", "speed_rad_s"),
+        ("n [1/h]", "rpm"),
+        ("tip (m/s)", "speed_rad_s"),
     ],
 )
 def test_an_option_does_not_override_a_unit_that_is_not_read(tmp_path: Path, head: str, named: str) -> None:
@@ -855,6 +877,11 @@ def test_a_tachometer_that_is_slower_than_its_rows_does_not_hang(tmp_path: Path)
         ("Motor Speed (krpm)", "square_mean_speed_rad_s", 6, 200 * math.pi),
         ("Motor Speed (rev/s)", "square_mean_speed_rad_s", 100, 200 * math.pi),
         ("Motor Speed (deg/s)", "square_mean_speed_rad_s", 36000, 200 * math.pi),
+        ("Speed [1/min]", "square_mean_speed_rad_s", 6000, 200 * math.pi),
+        ("Drehzahl [1/min]", "square_mean_speed_rad_s", 6000, 200 * math.pi),
+        ("Speed (1/s)", "square_mean_speed_rad_s", 100, 200 * math.pi),
+        ("Speed [turns/s]", "square_mean_speed_rad_s", 100, 200 * math.pi),
+        ("omega [1/s]", "square_mean_speed_rad_s", 100, 100),
         ("Voltage (mV)", "vbat_v", 3700, 3.7),
         ("vbat_mV", "vbat_v", 3700, 3.7),
         ("command_fraction", "command", 0.5, 32767.5),

@@ -21,12 +21,13 @@ _UNITS: dict[str, tuple[str, ...]] = {
 
 # Bytes of the micro and middle-dot signs that were saved in another encoding are read as signs of their own.
 _MICRO, _DOT = re.compile("[µμ�]"), re.compile("[·⋅∙•*]")
+_INVERSE = re.compile(r"\^[({]-1[)}]|⁻¹")
 
 
 def spelt(name: str) -> str:
     """Return a name without case and spaces, its micro and middle-dot signs in letters that every keyboard has."""
     bare = re.sub(r"[\sâÂ]", "", name)
-    return _DOT.sub(".", _MICRO.sub("u", bare)).lower()
+    return _DOT.sub(".", _MICRO.sub("u", _INVERSE.sub("^-1", bare))).lower()
 
 
 def column_name(names: str, units: Sequence[str], *, others: str = "") -> re.Pattern[str]:

@@ -1,6 +1,5 @@
 """What tables of motors call their columns: the quantity, the unit and its factor to SI, by the header alone."""
 
-import math
 import re
 from collections.abc import Container, Mapping, Sequence
 from typing import NamedTuple
@@ -8,6 +7,7 @@ from typing import NamedTuple
 from cfid.errors import DataError
 from cfid.records.tables.column_units import spelt
 from cfid.records.tables.force_units import FORCES_N, TORQUES_NM
+from cfid.records.tables.speed_units import PER_SECOND, SPEEDS_RAD_S
 from cfid.records.tables.table import CsvTable
 from cfid.records.tables.times import OTHER_UNIT, TIME_COLUMN, unit_at_end
 from cfid.units import FULL_COMMAND, RPM
@@ -28,11 +28,15 @@ _TAKE_UNITS = {
     "vbat_v": "voltage",
     "speeds_rad_s": "motorspeed",
 }
-_UNIT = re.compile(r".*[(\[](?P<unit>[^()\[\]]+)[)\]]")  # at the end of a name without spaces
+_UNIT = re.compile(r"[(\[]([^()\[\]]+)[)\]]")  # of a name without spaces, as in Speed[1/min](filtered)
 _LAST_WORD = re.compile(r".*[^\s_][\s_]+(?P<unit>[^\s_]+)")  # which a unit without brackets is, as in thrust_gf
-_MANGLED = re.compile(r"[A-Za-z]\w*_+[A-Za-z](?:\w*[A-Za-z])?_", re.ASCII)
+_MANGLED = re.compile(r"[A-Za-z]\w*_+[A-Za-z](?:\w*[A-Za-z]|\w*__1)?_", re.ASCII)
 # Units of these quantities, some of which are not read, as uN, kV and eRPM; other words in brackets are none.
-_OTHER = re.compile(r"[mukcd]?(?:n|gf?|v|hz|lbf?s?|ozf?)(?:[.u-]*(?:[mc]?m|in|ft))?|[ke]rpm|rps|rev/s|deg/s|ms|ns")
+_OTHER = re.compile(
+    r"[mukcd]?(?:n|gf?|v|hz|lbf?s?|ozf?)(?:[.u-]*(?:[mc]?m|in|ft))?|[ke]rpm|rps|ms|ns"
+    # And whatever is per a time, as rad/min and s^-1 are.
+    r"|[^/]+/(?:s|ms|sec|min|m|h|hour)|(?:[a-z]+\.)?(?:s|ms|sec|min|h)\^?-1"
+)
 # As in Powertrain 1 - force Fz (thrust) (N), whose first part the operator chooses; and as in Thrust A (N).
 _OF_POWERTRAIN = re.compile(
     r"(?P<side>.+)-(?P<column>(?:escthrottle|forcefz\(thrust\)|torquemz\(torque\)|rotationspeed|voltage)\(.+\))"
@@ -47,7 +51,7 @@ _STEMS = {
     "thrust_n": ("thrust", "weight", "totalthrust"),
     "torque_nm": ("torque",),
     "vbat_v": ("vbat", "voltage"),
-    "speeds_rad_s": ("speed", "rpm", "omega", "ω", "motorelectrical", "motoroptical"),
+    "speeds_rad_s": ("speed", "rpm", "omega", "ω", "motorelectrical", "motoroptical", "drehzahl"),
 }
 
 
@@ -94,21 +98,16 @@ _KNOWN = (
     ColumnHead("vbat_v", r"vbat_mv|voltage_mv", 1e-3),
     *_of_stand("vbat_v", "vbat|voltage", {"v": 1.0, "mv": 1e-3}, ""),
     ColumnHead("grams", r"grams"),
-    ColumnHead("speeds_rad_s", r"speed_rad_s|(?:omega|ω)(?:_rad_s|\[rad/s\]|\(rad/s\))", kind="motor"),
-    ColumnHead("speeds_rad_s", r"rpm", RPM, "motor"),
+    ColumnHead("speeds_rad_s", r"speed_rad_s|(?:omega|ω)_rad_s", kind="motor"),
+    ColumnHead("speeds_rad_s", rf"(?:omega|ω)(?:\[rad/s\]|\(rad/s\)|{PER_SECOND.pattern})", kind="motor"),
+    ColumnHead("speeds_rad_s", r"rpm|upm", RPM, "motor"),
     ColumnHead("speeds_rad_s", r"rpm_[1-9]\d*", RPM, "series"),
     ColumnHead("speeds_rad_s", r"rpm[1-4]", RPM, "rotors"),
     ColumnHead("speeds_rad_s", r"rpm_mean", RPM, "mean"),
     *_of_stand(
         "speeds_rad_s",
-        "motoropticalspeed|motorelectricalspeed|motorspeed|rotationspeed|rotationalspeed|speed|rpm",
-        {
-            "rpm": RPM,
-            "krpm": 1e3 * RPM,
-            "rad/s(?:ec)?": 1.0,
-            "deg/s(?:ec)?": math.radians(1),
-            "hz|rps|rev/s(?:ec)?": 60 * RPM,
-        },
+        "motoropticalspeed|motorelectricalspeed|motorspeed|rotationspeed|rotationalspeed|speed|rpm|drehzahl",
+        SPEEDS_RAD_S,
         "motor",
     ),
 )
@@ -137,7 +136,7 @@ def _unmangled(name: str) -> list[tuple[str, str]]:
         return []
     found = []
     for gap in re.finditer("_+", name[:-1]):
-        stem, unit = spelt(name[: gap.start()]).replace("_", ""), spelt(name[gap.end() : -1])
+        stem, unit = spelt(name[: gap.start()]).replace("_", ""), spelt(name[gap.end() : -1]).replace("__1", "^-1")
         lost_sign = unit == "s" and len(gap[0]) > 1  # of (µs)
         found += [(stem, "us" if lost_sign else unit.replace("_", sign)) for sign in ("./" if "_" in unit else ".")]
     return found
@@ -182,17 +181,16 @@ def in_own_unit(name: str, own: str) -> str:
     called = "thrust_total" if total else _TAKE_UNITS.get(quantity)
     for known in (*whole, *(f"{called}({one})" for one in units)):
         for stated_head, _ in heads_of([known]).get(quantity, ()):
-            if stated_head.factor != head.factor or (stated_head.kind == "esc") != (head.kind == "esc"):
-                return known
+            other = stated_head.factor != head.factor or (stated_head.kind == "esc") != (head.kind == "esc")
+            return known if other else name
     return name
 
 
 def _units_of(own: str) -> list[str]:
     """Return what may be the unit that a header states: in brackets, in what MATLAB made of them, or the last word."""
-    if unit := _UNIT.fullmatch(spelt(own)):
-        return [unit["unit"]]
-    last = _LAST_WORD.fullmatch(own.strip())
-    return [one for _, one in _unmangled(own)] or ([spelt(last["unit"])] if last else [])
+    last = None if spelt(own).endswith((")", "]")) else _LAST_WORD.fullmatch(own.strip())
+    others = [one for _, one in _unmangled(own)] or ([spelt(last["unit"])] if last else [])
+    return [*reversed(_UNIT.findall(spelt(own))), *others]
 
 
 def _is_unit(unit: str, quantity: str) -> bool:
@@ -210,7 +208,7 @@ def _states_other(own: str, quantity: str) -> bool:
         return True
     if any(_is_unit(one, quantity) for one in units):
         return False
-    bare = not (_UNIT.fullmatch(spelt(own)) or _unmangled(own))
+    bare = not (_UNIT.search(spelt(own)) or _unmangled(own))
     return any(_OTHER.fullmatch(one) for one in units if not bare or (len(one) > 1 and not heads_of([own])))
 
 

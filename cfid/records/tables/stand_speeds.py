@@ -5,6 +5,8 @@ import numpy.typing as npt
 
 from cfid.counted import counted
 from cfid.large import empty, parts
+from cfid.records.tables.column_units import spelt
+from cfid.records.tables.speed_units import PER_SECOND
 from cfid.records.tables.stand_columns import Found
 from cfid.records.tables.table import Array
 
@@ -37,6 +39,11 @@ def speeds_of(
         f"'{name}' is taken as the rotor's speed, which it is where the stand's program knew the motor's poles."
         for name in columns.names
         if "electrical" in name.lower()
+    ]
+    notes += [
+        f"'{name}' is read in turns per second, as 1/s of a speed: write rad/s into its header where it is that."
+        for name in columns.names
+        if columns.head.factor != 1.0 and PER_SECOND.search(spelt(name))
     ]
     for name, speed in zip(columns.names, value.T, strict=True):
         dead = (speed == 0) & turning
