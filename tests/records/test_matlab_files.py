@@ -47,6 +47,14 @@ WAYS: dict[str, tuple[Contents, Contents]] = {
         {"columns": ("t", "theta")},
     ),
     "complex without imaginary parts": ({"t": TIME_S, "theta": ANGLE_RAD + 0j}, {}),
+    "structure without time beside tout": (
+        {"tout": TIME_S, "out": {"time": np.zeros((0, 0)), "signals": signals(ANGLE_RAD)}, "p": np.zeros(20)},
+        {},
+    ),
+    "structure without time whose columns are named": (
+        {"tout": TIME_S, "out": {"time": np.zeros((0, 0)), "signals": signals(ANGLE_RAD)}},
+        {"columns": ("tout", "theta")},
+    ),
     "no time": ({"theta": ANGLE_RAD}, {"rate_hz": 100.0}),
 }
 
@@ -104,6 +112,48 @@ def test_one_of_two_tables_of_equal_columns_is_chosen_by_the_struct(tmp_path: Pa
         read_angle(tmp_path / "a.mat", Reading())
     record = read_angle(tmp_path / "a.mat", Reading(columns=("b.t", "b.theta"), angle_unit="rad"))
     np.testing.assert_allclose(record.angle_rad, 0.5 * ANGLE_RAD, rtol=1e-14)
+
+
+def dspace(times: list[Contents], signals: list[Contents]) -> Contents:
+    """A recording as ControlDesk saves it: arrays of structs, which are no cells."""
+    arrays = {}
+    for key, entries in (("X", times), ("Y", signals)):
+        arrays[key] = np.array(
+            [tuple(one.values()) for one in entries], dtype=[(field, object) for field in entries[0]]
+        )
+    return {"pend_001": {**arrays, "Description": {"General": "a swing"}, "RTProgram": {"BoardName": "DS1104"}}}
+
+
+ENCODER = '"Model Root"/Encoder/theta'
+CLOCK = {"Name": "Time", "Type": 4, "Data": TIME_S, "Unit": "s"}
+
+
+@pytest.mark.parametrize("name", [ENCODER, f"{ENCODER}/Out1", "Platform()://Model Root/theta/Value"])
+def test_an_angle_of_dspace_is_read_with_the_time_that_stands_beside_it(tmp_path: Path, name: str) -> None:
+    measured = [{"Name": name, "Data": ANGLE_RAD, "Unit": "rad"}, {"Name": "Model/u", "Data": TIME_S, "Unit": "V"}]
+    savemat(tmp_path / "a.mat", dspace([CLOCK], measured))
+    assert same(read_angle(tmp_path / "a.mat", Reading()))
+
+
+def test_a_signal_of_dspace_has_the_time_of_its_own_raster(tmp_path: Path) -> None:
+    slow = {**CLOCK, "Data": TIME_S[::2]}
+    other = {"Name": "Model/u", "Data": TIME_S[::2], "XIndex": 1}
+    savemat(tmp_path / "a.mat", dspace([slow, CLOCK], [other, {"Name": ENCODER, "Data": ANGLE_RAD, "XIndex": 2}]))
+    record = read_angle(tmp_path / "a.mat", Reading(columns=("Time [s]", "theta"), angle_unit="rad"))
+    assert same(record)
+
+
+def test_signals_of_dspace_whose_last_names_are_the_same_have_their_paths(tmp_path: Path) -> None:
+    measured = [{"Name": f"Model/{block}/theta", "Data": by * ANGLE_RAD} for block, by in (("a", 2), ("b", 1))]
+    savemat(tmp_path / "a.mat", dspace([CLOCK], measured))
+    record = read_angle(tmp_path / "a.mat", Reading(columns=("Time [s]", "Model/b/theta"), angle_unit="rad"))
+    assert same(record)
+
+
+def test_a_time_of_another_length_than_a_structure_without_one_is_refused_with_both(tmp_path: Path) -> None:
+    savemat(tmp_path / "a.mat", {"tout": TIME_S[1:], "o": {"time": np.zeros((0, 0)), "signals": signals(ANGLE_RAD)}})
+    with pytest.raises(DataError, match=r"tout has 399 rows, and no other array has as many \(theta 400\)"):
+        read_angle(tmp_path / "a.mat", Reading())
 
 
 def test_a_time_of_another_length_than_the_angle_is_refused_with_both_lengths(tmp_path: Path) -> None:
@@ -189,6 +239,19 @@ def _two_signals(file: Any) -> None:
         inside.create_dataset(field, (2, 1), h5py.ref_dtype)[:, 0] = [references[place].ref for place in places]
 
 
+def _dspace(file: Any) -> None:
+    import h5py
+
+    file["run/X/Data"], references = TIME_S[None], file.create_group("#refs#")
+    texts = [np.array([list(map(ord, text))], np.uint16).T for text in ("Model/theta", "Model/u")]
+    for field, values, kind in (("Data", (ANGLE_RAD[None], TIME_S[None]), "double"), ("Name", texts, "char")):
+        for at, value in enumerate(values):
+            references[f"{field}{at}"] = value
+            references[f"{field}{at}"].attrs["MATLAB_class"] = np.bytes_(kind)
+        inside = file.require_group("run/Y").create_dataset(field, (2, 1), h5py.ref_dtype)
+        inside[:, 0] = [references[f"{field}{at}"].ref for at in range(2)]
+
+
 def _matrix(file: Any) -> None:
     file["data"] = np.vstack([TIME_S, ANGLE_RAD])
 
@@ -199,7 +262,7 @@ def _complex(file: Any) -> None:
     file["t"], file["theta"] = TIME_S[None], pairs
 
 
-@pytest.mark.parametrize("fill", [_structure, _two_signals, _matrix, _complex])
+@pytest.mark.parametrize("fill", [_structure, _two_signals, _dspace, _matrix, _complex])
 def test_version_7_3_is_read_as_version_5(tmp_path: Path, fill: Callable[[Any], None]) -> None:
     h5py = pytest.importorskip("h5py", reason='h5py comes with pip install "cfid[mat]"')
     with h5py.File(tmp_path / "a.mat", "w", userblock_size=512) as file:

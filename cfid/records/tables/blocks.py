@@ -9,7 +9,8 @@ from typing import BinaryIO
 
 from cfid.errors import ConfigError, DataError
 from cfid.records.files import check_regular, sha256_of
-from cfid.records.tables.matlab import MatlabTable, csv_blocks, is_matlab, matlab_table
+from cfid.records.tables.matlab import csv_blocks, is_matlab, matlab_table
+from cfid.records.tables.matlab_structs import MatlabTable
 from cfid.records.tables.table import CsvTable, Following, table_in
 from cfid.records.tables.text import check_text, whole_lines
 

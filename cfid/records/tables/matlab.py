@@ -5,9 +5,9 @@ Files of version 5 to 7.2 are read by SciPy, those of 7.3, which are HDF5, by h5
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,37 +20,27 @@ from cfid.records.files import check_regular
 from cfid.records.tables.matlab_elements import check_elements
 from cfid.records.tables.matlab_hdf5 import Hdf5Tree
 from cfid.records.tables.matlab_origin import ORIGIN, Variable, texts_of, variables_of, with_own_names
-from cfid.records.tables.text import is_number
+from cfid.records.tables.matlab_structs import (
+    MatlabTable,
+    clean,
+    columns_of,
+    is_numeric,
+    named,
+    of_dspace,
+    of_simulink,
+    of_timeseries,
+)
 
 _loadmat, _whosmat = later("scipy.io", "loadmat"), later("scipy.io", "whosmat")
 
-Tree = Any  # a dict of trees by field, a list of trees, an array, or a text
+Tree = Any  # as that of the structs
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _BEGINS = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file", _HDF5)
 _BLOCK_ROWS = 1 << 15
 _LARGE_BYTES = 1 << 26  # from there on a file's variables are read one by one
 _FEWEST_ROWS = 16  # of a recording; shorter arrays beside one are parameters
-_IN_NAMES = str.maketrans(dict.fromkeys(',;\t\r\n"', " "))
 _TIMES = ("t", "tout", "time", "timestamp")
-
-
-@dataclass(frozen=True, eq=False)
-class MatlabTable:
-    """Columns (n,) of equal length, by name; a matrix alone has no names. `place` is the struct they are in.
-
-    `units` are by name those that the file states, "" for an unknown one.
-    """
-
-    place: str
-    names: tuple[str, ...]
-    columns: tuple[npt.NDArray[Any], ...]
-    units: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def rows(self) -> int:
-        """The number of rows."""
-        return len(self.columns[0])
 
 
 def is_matlab(path: Path) -> bool:
@@ -79,14 +69,15 @@ def matlab_table(path: Path, columns: Sequence[str]) -> MatlabTable:
     """
     tree = _tree(path)
     own = variables_of(tree)
-    units = {(one.series, _clean(one.name)): one.unit for one in own}
+    units = {(one.series, clean(one.name)): one.unit for one in own}
     if own:
-        tree = with_own_names(tree, [one._replace(name=_clean(one.name)) for one in own])
+        tree = with_own_names(tree, [one._replace(name=clean(one.name)) for one in own])
     found = [
         replace(table, units={name: units.get((table.place, name), "") for name in table.names} if own else {})
         for table in _tables(tree, path.stem, place="")
         if len(table.columns[0]) > 1
     ]
+    found = _with_time_above(found)
     every = found = [table for table in found if table.rows >= _FEWEST_ROWS] or found
     if not found:
         raise DataError(
@@ -95,18 +86,48 @@ def matlab_table(path: Path, columns: Sequence[str]) -> MatlabTable:
         )
     chosen = [table for table in found if columns and set(columns) <= set(_full_names(table))]
     if len(chosen) == 1:
-        named = dict(zip(chosen[0].names, _full_names(chosen[0]), strict=True))
-        stated = {named[name]: unit for name, unit in chosen[0].units.items()}
-        return replace(chosen[0], names=tuple(named.values()), units=stated)
+        full = dict(zip(chosen[0].names, _full_names(chosen[0]), strict=True))
+        stated = {full[name]: unit for name, unit in chosen[0].units.items()}
+        return replace(chosen[0], names=tuple(full.values()), units=stated)
     if columns:
         found = [table for table in found if set(columns) <= {*table.names, *_numbers(table)}] or found
     if len(found) > 1:
-        found = [table for table in found if any(name.lower() in _TIMES for name in table.names)] or found
+        found = [table for table in found if _has_time(table)] or found
+    if len(found) > 1:
+        found = [table for table in found if not _is_time_alone(table)] or found
     if len(found) > 1:
         there = "; ".join(f"{', '.join(_full_names(table)) or 'a matrix'} ({table.rows} rows)" for table in found)
         raise ConfigError(f"{path}: several tables: {there[:300]}. Name the columns of one with `columns`.")
     _refuse_time_alone(path, found[0], every)
     return found[0]
+
+
+def _with_time_above(tables: Sequence[MatlabTable]) -> list[MatlabTable]:
+    """Return tables, where those of a struct without a time have one of its length that stands alone around it.
+
+    Simulink's structure without time is of that kind, beside its `tout`.
+    """
+    return [_with_time(table, [one for one in tables if _is_time_around(one, table)]) for table in tables]
+
+
+def _with_time(table: MatlabTable, times: Sequence[MatlabTable]) -> MatlabTable:
+    if len(times) != 1 or not table.names or _has_time(table):
+        return table
+    names, columns = (*times[0].names, *table.names), (*times[0].columns, *table.columns)
+    return replace(table, names=names, columns=columns, units={**times[0].units, **table.units})
+
+
+def _is_time_around(one: MatlabTable, table: MatlabTable) -> bool:
+    around = not one.place or f"{table.place}.".startswith(f"{one.place}.")
+    return around and _is_time_alone(one) and one.rows == table.rows
+
+
+def _has_time(table: MatlabTable) -> bool:
+    return any(name.partition(" [")[0].lower() in _TIMES for name in table.names)
+
+
+def _is_time_alone(table: MatlabTable) -> bool:
+    return len(table.names) == 1 and _has_time(table)
 
 
 def converted_series(path: Path) -> tuple[list[MatlabTable], dict[str, str]]:
@@ -149,8 +170,8 @@ def _full_names(table: MatlabTable) -> tuple[str, ...]:
 
 def _refuse_time_alone(path: Path, table: MatlabTable, every: Sequence[MatlabTable]) -> None:
     """Raise DataError for a time without a column as long as it, beside others."""
-    others = [f"{name} {other.rows}" for other in every if other.place == table.place for name in other.names]
-    if len(table.names) == 1 and table.names[0].lower() in _TIMES and len(others) > 1:
+    others = [f"{name} {other.rows}" for other in every for name in other.names]
+    if _is_time_alone(table) and len(others) > 1:
         rows = ", ".join(other for other in others if not other.startswith(f"{table.names[0]} "))
         raise DataError(
             f"{path}: {table.names[0]} has {table.rows} rows, and no other array has as many ({rows}): save them with "
@@ -218,85 +239,19 @@ def _tables(tree: Tree, name: str, *, place: str) -> Iterator[MatlabTable]:
     if not isinstance(tree, Mapping):
         return
     if "signals" in tree:
-        yield from _simulink(tree, name, place=place)
+        yield from of_simulink(tree, name, place=place)
         return
-    if ("TimeInfo" in tree or "DataInfo" in tree) and all(_is_numeric(tree.get(key)) for key in ("Time", "Data")):
-        yield _timeseries(tree, name, place=place)
+    if {"X", "Y"} <= tree.keys() and (measured := list(of_dspace(tree, place=place))):
+        yield from measured
         return
-    arrays = {key: _columns(value) for key, value in tree.items() if _is_numeric(value)}
+    if ("TimeInfo" in tree or "DataInfo" in tree) and all(is_numeric(tree.get(key)) for key in ("Time", "Data")):
+        yield of_timeseries(tree, name, place=place)
+        return
+    arrays = {key: columns_of(value) for key, value in tree.items() if is_numeric(value)}
     for rows in dict.fromkeys(len(columns[0]) for columns in arrays.values()):
         group = {key: columns for key, columns in arrays.items() if len(columns[0]) == rows}
         alone = len(group) == 1 and len(next(iter(group.values()))) > 1
-        names = tuple(each for key, columns in group.items() for each in _named(key, len(columns)))
+        names = tuple(each for key, columns in group.items() for each in named(key, len(columns)))
         yield MatlabTable(place, () if alone else names, tuple(each for columns in group.values() for each in columns))
     for key, value in tree.items():
         yield from _tables(value, key, place=f"{place}.{key}" if place else key)
-
-
-def _timeseries(tree: Mapping[str, Tree], name: str, *, place: str) -> MatlabTable:
-    """Return the table of a timeseries that was made a struct: its own name, and the units that it states."""
-    own = tree.get("Name")
-    called = _clean(own if isinstance(own, str) and own else name)
-    data = _columns(tree["Data"])
-    names = (_with_unit("Time", tree.get("TimeInfo")), *_named(_with_unit(called, tree.get("DataInfo")), len(data)))
-    return MatlabTable(place, names, (*_columns(tree["Time"]), *data))
-
-
-def _with_unit(name: str, about: Tree) -> str:
-    unit = about.get("Units") if isinstance(about, Mapping) else None
-    return f"{name} [{_clean(unit)}]" if isinstance(unit, str) and unit else name
-
-
-def _simulink(tree: Mapping[str, Tree], name: str, *, place: str) -> Iterator[MatlabTable]:
-    """Yield the table of a struct with `time` and `signals`, of which each has `values` and perhaps a `label`."""
-    signals = tree["signals"]
-    if isinstance(signals, Mapping) and isinstance(signals.get("values"), list):  # HDF5 has the fields of all signals
-        labels = signals.get("label") or [""] * len(signals["values"])
-        signals = [{"values": values, "label": label} for values, label in zip(signals["values"], labels, strict=True)]
-    each = [signals] if isinstance(signals, Mapping) else list(np.ravel(np.asarray(signals, dtype=object)))
-    names: list[str] = []
-    columns: list[npt.NDArray[Any]] = []
-    time = tree.get("time")
-    if _is_numeric(time):
-        names.append("time")
-        columns += _columns(time)
-    for number, signal in enumerate(each, start=1):
-        values = signal.get("values")
-        if _is_numeric(values):
-            label = signal.get("label")
-            own = label if isinstance(label, str) and label else name if len(each) == 1 else f"{name}_{number}"
-            names += _named(_clean(own), len(_columns(values)))
-            columns += _columns(values)
-    if columns and len({len(column) for column in columns}) == 1:
-        yield MatlabTable(place, tuple(names), tuple(columns))
-
-
-def _is_numeric(value: Tree) -> TypeGuard[npt.NDArray[Any]]:
-    """Return whether it is an array of numbers, of one column or more, and more than one row."""
-    return (
-        isinstance(value, np.ndarray) and value.dtype.kind in "biufc" and value.size > 1 and np.squeeze(value).ndim < 3
-    )
-
-
-def _columns(value: npt.NDArray[Any]) -> list[npt.NDArray[Any]]:
-    """Return the columns of an array; its longer side is time, however it lies.
-
-    Complex numbers without imaginary parts are real; others stay as they are, and are no number to who reads them.
-    """
-    array = np.squeeze(value)
-    if array.dtype.kind == "c" and not array.imag.any():
-        array = array.real
-    if array.dtype.kind == "b":
-        array = array.astype(np.int64)
-    if array.ndim == 1:
-        return [array]
-    return list(array if array.shape[0] < array.shape[1] else array.T)
-
-
-def _named(name: str, columns: int) -> list[str]:
-    return [name] if columns == 1 else [f"{name}_{1 + at}" for at in range(columns)]
-
-
-def _clean(label: str) -> str:
-    text = "".join(letter if letter.isprintable() else " " for letter in label.translate(_IN_NAMES)).strip()
-    return f"signal_{text}" if not text or is_number(text) else text
