@@ -69,6 +69,12 @@ WRENCH = _lines("t,Fx,Fy,Fz,Tx,Ty,Tz", TIME_S, *(ANGLES + axis for axis in range
 CROSSINGS = _lines("t,thrust_rec,sample,vehicle_us", TIME_S, 100 * (1 + np.arange(ROWS)), range(ROWS), range(ROWS))
 PINGS = _lines("t,rtt_s,vehicle_us", TIME_S, 0.01 + TIME_S / 100, range(0, 10000 * ROWS, 10000))
 SEMICOLONS = ANGLE.replace(b",", b";").replace(b".", b",").replace(b"\n", b"\r\n")
+MONITOR = b"".join(b"12:03:45.%03d -> " % at + line + b"\n" for at, line in enumerate(ANGLE.splitlines()))
+PLOTTER = b"".join(b"t:%f,phi:%d\n" % pair for pair in zip(TIME_S, ANGLES, strict=True))
+LABVIEW = (
+    b"***End_of_Header***\nX_Dimension\tTime\nDelta_X\t0,01\n***End_of_Header***\nX_Value\tAngle\tComment\n"
+    + b"".join(b"\t%d,5\n" % angle for angle in ANGLES)
+)
 INDEX = (
     b"command,angle_deg,wind_min_mps,wind_max_mps,tach_rpm,loadcell,from_s,to_s\n"
     b"30000,0,2.4,2.6,14000,a.csv,1,9\n30000,45,2.4,2.6,,b.csv,,\n"
@@ -206,7 +212,7 @@ READERS = (
     Reader(
         name="table", contents=(ANGLE,), read=lambda path: open_table(path).numbers(("t", "phi")), fault=_other_numbers
     ),
-    Reader(name="angle", contents=(ANGLE, SEMICOLONS), read=_angle),
+    Reader(name="angle", contents=(ANGLE, SEMICOLONS, MONITOR, PLOTTER, LABVIEW), read=_angle),
     Reader(name="MATLAB", contents=(_matlab(),), read=_angle, file="swing.mat"),
     Reader(name="wrench", contents=(WRENCH,), read=lambda path: read_table(path, kind="wrench")),
     Reader(name="crossings", contents=(CROSSINGS,), read=lambda path: read_table(path, kind="crossings")),

@@ -22,6 +22,7 @@ from cfid.records.tables.fields import (
     rows_of,
     unquoted,
 )
+from cfid.records.tables.forms import Form, form_of
 from cfid.records.tables.head import head_of
 from cfid.records.tables.line_faults import fault_of
 from cfid.records.tables.parsed import Spelling, columns_in, holds_truths, is_exact_in, known_columns_in, words_in
@@ -59,11 +60,13 @@ class CsvTable:
     prose: tuple[TextLine, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
     following: "Following | None" = None
+    form: Form = field(default_factory=Form)
     _body: bytes
     _even: bool  # whether every line is known to have as many fields as there are columns
     _first_line: int
     _separator: str | None  # None: any run of spaces and tabs
     _left_out: Places = field(default_factory=lambda: np.empty(0, np.intp))
+    _rows_before: int = 0  # in the file, where the form of the rows counts them
 
     def numbers(self, columns: Sequence[str]) -> Array:
         """Return the named columns, shape (rows, columns).
@@ -189,7 +192,8 @@ class CsvTable:
         """
         text, cut = whole_lines(content)
         first_line = self._first_line + self._body.count(b"\n")
-        rows = rows_of(text, self._separator, len(self.names), first_line)
+        before = self._rows_before + self._count if self.form.step_s else 0
+        rows = rows_of(self.form.plain(text), self._separator, len(self.names), first_line)
         shown = self.decimal == "," or b"." in self._body  # whole numbers show no decimal sign
         decimal = self.decimal if shown else _decimal(rows.body, self._separator)
         return replace(
@@ -198,7 +202,8 @@ class CsvTable:
             decimal=decimal,
             prose=rows.prose,
             following=None,
-            _body=rows.body,
+            _body=self.form.timed(rows.body, self._separator, decimal, row=before),
+            _rows_before=before,
             _even=rows.even,
             _first_line=first_line,
         )
@@ -298,18 +303,23 @@ def table_in(path: Path, content: bytes, *, sha256: str, skip_lines: int = 0) ->
     text, cut = whole_lines(content)
     if not text or text.isspace():
         raise DataError(f"{path}: its only line has no end: the recording was cut before its first row.")
+    form = form_of(text)
+    text = form.plain(text)
     head = head_of(path, text, skip_lines=skip_lines)
     rows = rows_of(text[head.row.begin :], head.separator, len(head.names), head.row.number)
+    decimal = _decimal(rows.body, head.separator)
+    form = form.completed(text[: head.row.begin], head, decimal)
     return CsvTable(
         path=path,
         sha256=sha256,
-        names=head.names,
-        has_head=head.has_head,
+        names=form.labels or head.names,
+        has_head=head.has_head or bool(form.labels),
         cut=cut,
         preamble=head.preamble,
-        decimal=_decimal(rows.body, head.separator),
+        decimal=decimal,
         prose=rows.prose,
-        _body=rows.body,
+        form=form,
+        _body=form.timed(rows.body, head.separator, decimal, row=0),
         _even=rows.even,
         _first_line=head.row.number,
         _separator=head.separator,

@@ -67,11 +67,12 @@ def unit_at_end(name: str) -> TimeUnit | None:
 
 
 def line_notes(table: CsvTable) -> tuple[str, ...]:
-    """Return notes on a table's lines that are left out: lines of words, damaged ones, and a cut last one."""
+    """Return notes on the form of a table's lines, and on those left out: words, damaged ones, and a cut last one."""
     lines = table.all_prose()
     words = [line for line in lines if not any(sign.isdigit() for sign in line.text)]
     damaged = [line for line in lines if line not in words]
     return (
+        *table.form.notes,
         *_left_out(words, "has no number and is", "without a number are"),
         *_left_out(damaged, f"has not {counted(len(table.names), 'field')} and is", "that are damaged are"),
         *((_CUT_LINE,) if table.cut else ()),

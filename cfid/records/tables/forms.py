@@ -1,0 +1,102 @@
+"""Forms of rows that programs write and no other table has, and how they are made plain ones.
+
+Arduino's serial monitor writes a time of day before each line, its plotter a name before each value; LabVIEW leaves
+its column of times empty and states their step.
+"""
+
+import itertools
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from cfid.records.tables.head import Head
+from cfid.records.tables.text import decoded, fields_of, filled_lines, is_finite
+
+_STAMP = re.compile(rb"(?m)^\d\d:\d\d:\d\d\.\d{3} -> ?")
+_PAIR = re.compile(r"[ ]*([A-Za-z_][\w .\[\]()/%-]*?)[ ]*:[ ]*([^\s,:]+)[ ]*")
+_SEPARATORS = re.compile(r"[,\t]")
+_LOOKED_AT = 60  # lines
+_STEP = re.compile(r"(?m)^Delta_X[\t;,](?P<steps>.*)$")
+_ALONG_TIME = re.compile(r"(?m)^X_Dimension[\t;,]Time\b")
+
+
+@dataclass(frozen=True)
+class Form:
+    """How rows are written: behind times of day, their values behind names, without their times of a known step."""
+
+    stamped: bool = False
+    labels: tuple[str, ...] = ()
+    step_s: float | None = None
+    notes: tuple[str, ...] = ()
+
+    def plain(self, text: bytes) -> bytes:
+        """Return whole lines without times of day, and without names before values where a line has all of these."""
+        if self.stamped:
+            text = _STAMP.sub(b"", text)
+        if not self.labels:
+            return text
+        between = rb"[ ]*:[ ]*([^\s,:]+)[ ]*"
+        names = (re.escape(label.encode()) + between for label in self.labels)
+        line = re.compile(rb"(?m)^[ ]*" + rb"[,\t][ ]*".join(names) + rb"(?:[,\t])?[ ]*$")
+        return line.sub(lambda found: b",".join(found.groups()), text)
+
+    def completed(self, above: bytes, head: Head, decimal: str) -> "Form":
+        """Return the form with what only a table's head shows, and the lines above its rows: the step of its times."""
+        step_s = _labview_step_s(above, head, decimal)
+        if step_s is None:
+            return self
+        text = f"column 'X_Value' is empty: times are assumed to be {step_s:g} s apart, as Delta_X states (`rate_hz`)."
+        return replace(self, step_s=step_s, notes=(*self.notes, text))
+
+    def timed(self, body: bytes, separator: str | None, decimal: str, *, row: int) -> bytes:
+        """Return lines whose first field is empty with the times of their rows in it, the first's being `row`."""
+        if self.step_s is None or separator is None:
+            return body
+        step_s, rows = self.step_s, itertools.count(row)
+        begin = re.compile(rb"(?m)^(?=" + re.escape(separator.encode()) + rb")")
+        return begin.sub(lambda _: f"{next(rows) * step_s:.12g}".replace(".", decimal).encode(), body)
+
+
+def form_of(text: bytes) -> Form:
+    """Return the form of a text's rows, by its first lines."""
+    lines = [line.text for line in itertools.islice(filled_lines(text), _LOOKED_AT)]
+    stamps = [_STAMP.match(line.encode()) for line in lines]
+    stamped = sum(stamp is not None for stamp in stamps) > len(lines) / 2
+    if stamped:
+        lines = [line[stamp.end() :] if stamp else line for line, stamp in zip(lines, stamps, strict=True)]
+    named = (one for one, following in itertools.pairwise(map(_labels, lines)) if one and one == following)
+    labels = next(named, ())
+    notes = []
+    if stamped:
+        notes.append("the times of day that a serial monitor wrote before its lines are left out.")
+    if labels:
+        notes.append(f"the names of columns stand before the values: {', '.join(labels)}.")
+    return Form(stamped=stamped, labels=labels, notes=tuple(notes))
+
+
+def _labels(line: str) -> tuple[str, ...]:
+    """Return the names before the values of a line that has no other fields."""
+    fields = [field for field in _SEPARATORS.split(line) if field.strip()]
+    pairs = [_PAIR.fullmatch(field) for field in fields]
+    return tuple(pair[1] for pair in pairs if pair and is_finite(pair[2])) if all(pairs) else ()
+
+
+def _labview_step_s(above: bytes, head: Head, decimal: str) -> float | None:
+    """Return the step of times that LabVIEW's head states, where its column of them is empty; None otherwise.
+
+    Channels of different steps have no common one.
+    """
+    if head.names[:1] != ("X_Value",) or fields_of(head.row.text, head.separator)[:1] != [""]:
+        return None
+    stated = decoded(above)
+    if not _ALONG_TIME.search(stated):
+        return None
+    steps = {step for found in _STEP.finditer(stated) for step in _numbers(found["steps"], decimal)}
+    return steps.pop() if len(steps) == 1 else None
+
+
+def _numbers(fields: str, decimal: str) -> Iterator[float]:
+    for field in re.split(r"[\t;]" if decimal == "," else r"[\t;,]", fields.strip()):
+        plain = field.strip().replace(decimal, ".")
+        if is_finite(plain) and float(plain) > 0:
+            yield float(plain)

@@ -1,0 +1,91 @@
+"""Rows that boards' serial monitors and plotters, LabVIEW and R write give the numbers that a plain table gives."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cfid.errors import DataError
+from cfid.records.logs.any_kind import read_log
+from cfid.records.tables.angle import AngleRecord, Reading, read_angle
+from cfid.records.tables.blocks import BLOCK_BYTES, open_table
+
+ROWS = 400
+TIME_MS = 5 * np.arange(ROWS)
+ANGLE_DEG = np.round(40 * np.cos(TIME_MS / 150), 2)
+PLAIN = [f"{t},{a:.2f}" for t, a in zip(TIME_MS, ANGLE_DEG, strict=True)]
+
+
+def read(folder: Path, lines: list[str], reading: Reading | None = None) -> AngleRecord:
+    (folder / "swing.txt").write_text("\n".join([*lines, ""]))
+    return read_angle(folder / "swing.txt", reading or Reading(angle_unit="deg"))
+
+
+def same(record: AngleRecord, rows: slice = slice(None)) -> bool:
+    time_s = TIME_MS[rows] / 1000
+    return len(record.time_s) == len(time_s) and bool(
+        np.allclose(record.time_s, time_s - time_s[0], rtol=0, atol=1e-12)
+        and np.allclose(np.degrees(record.angle_rad), ANGLE_DEG[rows], rtol=0, atol=1e-9)
+    )
+
+
+def stamped(lines: list[str]) -> list[str]:
+    return [f"12:03:{45 + at // 200:02d}.{5 * (at % 200):03d} -> {line}" for at, line in enumerate(lines)]
+
+
+@pytest.mark.parametrize("head", [[], ["millis,angle"], ["Ready", "millis,angle"]])
+def test_the_times_of_day_of_a_serial_monitor_are_left_out_with_a_note(tmp_path: Path, head: list[str]) -> None:
+    record = read(tmp_path, stamped([*head, *PLAIN]))
+    assert same(record)
+    assert any("times of day" in one.text for one in record.findings)
+
+
+@pytest.mark.parametrize("between", [",", "\t", ", "])
+def test_the_names_before_the_values_of_a_serial_plotter_name_the_columns(tmp_path: Path, between: str) -> None:
+    lines = [f"angle:{a:.2f}{between}millis:{t}" for t, a in zip(TIME_MS, ANGLE_DEG, strict=True)]
+    assert same(read(tmp_path, lines))
+    assert same(read(tmp_path, stamped(["Ready", "gle:1,millis:7", *lines])))
+    assert read_log(tmp_path / "swing.txt").series[0].rows == ROWS
+
+
+def test_a_line_of_a_plotter_with_other_names_is_not_taken_for_the_columns(tmp_path: Path) -> None:
+    lines = [f"millis:{t},angle:{a:.2f}" for t, a in zip(TIME_MS, ANGLE_DEG, strict=True)]
+    lines[100] = f"angle:{ANGLE_DEG[100]},millis:{TIME_MS[100]}"
+    with pytest.raises(DataError, match=r"swing\.txt:101: another header"):
+        read(tmp_path, lines)
+
+
+LABVIEW = [
+    "LabVIEW Measurement\t", "Writer_Version\t2", "Separator\tTab", "Decimal_Separator\t,", "X_Columns\tNo",
+    "***End_of_Header***\t", "\t", "Channels\t1\t", "X_Dimension\tTime\t", "X0\t0,0\t", "Delta_X\t0,005000\t",
+    "***End_of_Header***\t", "X_Value\tAngle\tComment",
+]  # fmt: skip
+
+
+def labview(rows: int, head: list[str] = LABVIEW) -> list[str]:
+    values = ANGLE_DEG[np.arange(rows) % ROWS]
+    return [*head, *("\t" + f"{value:.2f}".replace(".", ",") for value in values)]
+
+
+def test_times_that_labview_left_out_are_those_of_the_step_in_its_head_with_a_note(tmp_path: Path) -> None:
+    record = read(tmp_path, labview(ROWS))
+    assert same(record)
+    assert any("times are assumed to be 0.005 s apart, as Delta_X" in one.text for one in record.findings)
+    other = read(tmp_path, labview(ROWS), Reading(rate_hz=100.0, angle_unit="deg"))
+    np.testing.assert_allclose(np.diff(other.time_s), 0.01, rtol=1e-9)
+
+
+def test_times_that_labview_left_out_go_on_over_the_blocks_of_a_long_file(tmp_path: Path) -> None:
+    lines = labview(300_000)
+    (tmp_path / "long.lvm").write_text("\n".join([*lines, ""]))
+    assert (tmp_path / "long.lvm").stat().st_size > 2 * BLOCK_BYTES
+    times = open_table(tmp_path / "long.lvm").numbers(["X_Value"])[:, 0]
+    np.testing.assert_allclose(times, 0.005 * np.arange(300_000), rtol=1e-12)
+
+
+@pytest.mark.parametrize("line", ["X_Dimension\tFrequency\t", "Delta_X\t0,005\t0,01\t", "Delta_X\t-1\t"])
+def test_without_one_step_of_times_a_column_that_labview_left_empty_is_refused(tmp_path: Path, line: str) -> None:
+    key = line.partition("\t")[0]
+    head = [line if one.startswith(key) else one for one in LABVIEW]
+    with pytest.raises(DataError, match="column 'X_Value' is empty"):
+        read(tmp_path, labview(ROWS, head))
