@@ -73,7 +73,7 @@ MONITOR = b"".join(b"12:03:45.%03d -> " % at + line + b"\n" for at, line in enum
 PLOTTER = b"".join(b"t:%f,phi:%d\n" % pair for pair in zip(TIME_S, ANGLES, strict=True))
 LABVIEW = (
     b"***End_of_Header***\nX_Dimension\tTime\nDelta_X\t0,01\n***End_of_Header***\nX_Value\tAngle\tComment\n"
-    + b"".join(b"\t%d,5\n" % angle for angle in ANGLES)
+    + b"".join(b"\t%d\n" % angle for angle in ANGLES)
 )
 INDEX = (
     b"command,angle_deg,wind_min_mps,wind_max_mps,tach_rpm,loadcell,from_s,to_s\n"

@@ -75,6 +75,11 @@ def test_times_that_labview_left_out_are_those_of_the_step_in_its_head_with_a_no
     np.testing.assert_allclose(np.diff(other.time_s), 0.01, rtol=1e-9)
 
 
+def test_the_step_of_times_has_a_decimal_comma_also_above_whole_numbers(tmp_path: Path) -> None:
+    record = read(tmp_path, [*LABVIEW, *(f"\t{value:.0f}" for value in ANGLE_DEG)])
+    np.testing.assert_allclose(record.time_s, TIME_MS / 1000, atol=1e-12)
+
+
 def test_times_that_labview_left_out_go_on_over_the_blocks_of_a_long_file(tmp_path: Path) -> None:
     lines = labview(300_000)
     (tmp_path / "long.lvm").write_text("\n".join([*lines, ""]))

@@ -40,9 +40,9 @@ class Form:
         line = re.compile(rb"(?m)^[ ]*" + rb"[,\t][ ]*".join(names) + rb"(?:[,\t])?[ ]*$")
         return line.sub(lambda found: b",".join(found.groups()), text)
 
-    def completed(self, above: bytes, head: Head, decimal: str) -> "Form":
+    def completed(self, above: bytes, head: Head) -> "Form":
         """Return the form with what only a table's head shows, and the lines above its rows: the step of its times."""
-        step_s = _labview_step_s(above, head, decimal)
+        step_s = _labview_step_s(above, head)
         if step_s is None:
             return self
         text = f"column 'X_Value' is empty: times are assumed to be {step_s:g} s apart, as Delta_X states (`rate_hz`)."
@@ -81,7 +81,7 @@ def _labels(line: str) -> tuple[str, ...]:
     return tuple(pair[1] for pair in pairs if pair and is_finite(pair[2])) if all(pairs) else ()
 
 
-def _labview_step_s(above: bytes, head: Head, decimal: str) -> float | None:
+def _labview_step_s(above: bytes, head: Head) -> float | None:
     """Return the step of times that LabVIEW's head states, where its column of them is empty; None otherwise.
 
     Channels of different steps have no common one.
@@ -91,12 +91,12 @@ def _labview_step_s(above: bytes, head: Head, decimal: str) -> float | None:
     stated = decoded(above)
     if not _ALONG_TIME.search(stated):
         return None
-    steps = {step for found in _STEP.finditer(stated) for step in _numbers(found["steps"], decimal)}
+    steps = {step for found in _STEP.finditer(stated) for step in _numbers(found["steps"], head.separator)}
     return steps.pop() if len(steps) == 1 else None
 
 
-def _numbers(fields: str, decimal: str) -> Iterator[float]:
-    for field in re.split(r"[\t;]" if decimal == "," else r"[\t;,]", fields.strip()):
-        plain = field.strip().replace(decimal, ".")
+def _numbers(fields: str, separator: str | None) -> Iterator[float]:
+    for field in fields_of(fields, separator):
+        plain = field if separator == "," else field.replace(",", ".")
         if is_finite(plain) and float(plain) > 0:
             yield float(plain)

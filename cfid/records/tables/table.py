@@ -3,6 +3,7 @@
 It handles separators, headers and cut files; other modules interpret the columns.
 """
 
+import re
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -140,6 +141,11 @@ class CsvTable:
         chosen = np.sort(np.asarray(rows, np.intp))
         before = np.searchsorted(self._left_out - np.arange(len(self._left_out)), chosen, side="right")
         return replace(self, _left_out=np.sort(np.append(self._left_out, chosen + before)))
+
+    def without_signs(self, signs: "re.Pattern[bytes]") -> "CsvTable":
+        """Return the table of a file of one block without some signs in its rows."""
+        body = signs.sub(b"", self._body)
+        return replace(self, _body=body, decimal=_decimal(body, self._separator))
 
     def blocks(self) -> "Iterator[CsvTable]":
         """Yield the blocks of the table that have a row, each a table of its own."""
@@ -308,7 +314,7 @@ def table_in(path: Path, content: bytes, *, sha256: str, skip_lines: int = 0) ->
     head = head_of(path, text, skip_lines=skip_lines)
     rows = rows_of(text[head.row.begin :], head.separator, len(head.names), head.row.number)
     decimal = _decimal(rows.body, head.separator)
-    form = form.completed(text[: head.row.begin], head, decimal)
+    form = form.completed(text[: head.row.begin], head)
     return CsvTable(
         path=path,
         sha256=sha256,
