@@ -160,7 +160,8 @@ def measured(points: MotorPoints, name: str, *, over: str = "command") -> Paired
     if not np.isfinite(points.command).any():
         raise FitError(
             f"no row has a command: {name} over {over} cannot be given. Name the column of commands by `columns`, as "
-            "in cmd=1; thrust over speed needs none (`cfid fit speed`)."
+            "in cmd=1 (0 to 65535), pwm_percent=1 or command_fraction=1 (0 to 1); thrust over speed needs none "
+            "(`cfid fit speed`)."
         )
     raise FitError(f"no command has both {over} and {name}: they were measured at different ones.")
 

@@ -279,11 +279,47 @@ def test_a_row_without_a_command_is_left_out_and_a_column_of_text_is_not_used(tm
     assert "stand.csv: 1 row without a time or command (first: line 3) is left out." in texts(table.findings, "warning")
 
 
-def test_commands_with_a_sign_of_per_cent_are_named_with_what_to_do(tmp_path: Path) -> None:
-    text = "Throttle,rpm,thrust_n\n40%,7000,1\n50%,8000,2\n60%,9000,3\n"
-    table = read(tmp_path, text, columns=("pwm_percent=Throttle",))
-    (said,) = [one for one in notes_of(table) if "holds no number: it is not used. Line 2: '40%'" in one]
-    assert said.endswith("is not a number. Write per cent without the sign.")
+@pytest.mark.parametrize("cells", ["40%,50%,100%", "40 %,50 %,100 %", '"40%","50%","100%"', "40.0%,50.00%,100%"])
+@pytest.mark.parametrize("columns", [(), ("cmd=1",), ("pwm_percent=Throttle",)])
+def test_a_sign_of_per_cent_in_cells_is_the_unit_of_a_command(
+    tmp_path: Path, cells: str, columns: tuple[str, ...]
+) -> None:
+    rows = "".join(f"{cell},{7000 + at},{at}\n" for at, cell in enumerate(cells.split(",")))
+    table = read(tmp_path, f"Throttle,rpm,thrust_n\n{rows}", columns=columns)
+    assert table.command == pytest.approx([26214, 32767.5, 65535])
+    assert np.asarray(table.thrust_n).tolist() == [0, 1, 2]
+
+
+def test_a_sign_of_per_cent_behind_decimal_commas_is_the_unit_of_a_command(tmp_path: Path) -> None:
+    table = read(tmp_path, "Throttle;thrust_n\n40,00%;1,5\n50,50%;2\n")
+    assert table.command == pytest.approx([26214, 33095.175])
+
+
+@pytest.mark.parametrize(("head", "columns"), [("thrust_n", ()), ("lift", ("thrust_n=2",))])
+def test_a_thrust_in_per_cent_is_none_in_newtons(tmp_path: Path, head: str, columns: tuple[str, ...]) -> None:
+    text = f"cmd,{head},rpm\n30000,10%,9000\n40000,20%,9900\n"
+    if columns:
+        assert "states a unit that is not read" in refusal(tmp_path, text, ConfigError, columns=columns)
+    else:
+        assert read(tmp_path, text).thrust_n is None
+
+
+@pytest.mark.parametrize(
+    ("commands", "example"),
+    [
+        ((0.5, 0.75, 1), "command_fraction"),
+        ((50, 75, 100), "pwm_percent"),
+        ((1000, 1500, 2000), '"ESC signal (us)"'),
+        ((0, 30000, 60000), "cmd"),
+    ],
+)
+def test_the_example_for_a_throttle_without_a_unit_reads_it(
+    tmp_path: Path, commands: tuple[float, ...], example: str
+) -> None:
+    text = "Throttle,rpm,thrust_n\n" + "".join(f"{value},{7000 + at},1\n" for at, value in enumerate(commands))
+    assert f"Name it by `columns`, as in {example}=1." in " ".join(notes_of(read(tmp_path, text)))
+    command = read(tmp_path, text, columns=(f"{example}=1".replace('"', ""),)).command
+    assert command[-1] == (60000 if example == "cmd" else 65535)
 
 
 def test_a_column_of_an_unknown_unit_is_named_where_it_is_not_needed(tmp_path: Path) -> None:
@@ -299,7 +335,7 @@ def test_a_column_of_an_unknown_unit_is_named_where_it_is_not_needed(tmp_path: P
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("throttle,thrust_n\n1,2\n", "no motor command among throttle, thrust_n. Name columns by `columns`"),
+        ("gas,thrust_n\n1,2\n", "no motor command among gas, thrust_n. Name columns by `columns`"),
         ("cmd,vbat_v\n1,4\n", "nothing measured among cmd, vbat_v. Name columns"),
         (
             "cmd,lift\n1,4\n",

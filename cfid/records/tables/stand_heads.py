@@ -8,6 +8,7 @@ from cfid.errors import DataError
 from cfid.records.tables.column_units import spelt
 from cfid.records.tables.force_units import FORCES_N, TORQUES_NM
 from cfid.records.tables.speed_units import PER_SECOND, SPEEDS_RAD_S
+from cfid.records.tables.stand_scales import command_called
 from cfid.records.tables.table import CsvTable
 from cfid.records.tables.times import OTHER_UNIT, TIME_COLUMN, unit_at_end
 from cfid.units import FULL_COMMAND, RPM
@@ -33,7 +34,7 @@ _LAST_WORD = re.compile(r".*[^\s_][\s_]+(?P<unit>[^\s_]+)")  # which a unit with
 _MANGLED = re.compile(r"[A-Za-z]\w*_+[A-Za-z](?:\w*[A-Za-z]|\w*__1)?_", re.ASCII)
 # Units of these quantities, some of which are not read, as uN, kV and eRPM; other words in brackets are none.
 _OTHER = re.compile(
-    r"[mukcd]?(?:n|gf?|v|hz|lbf?s?|ozf?)(?:[.u-]*(?:[mc]?m|in|ft))?|[ke]rpm|rps|ms|ns"
+    r"[mukcd]?(?:n|gf?|v|hz|lbf?s?|ozf?)(?:[.u-]*(?:[mc]?m|in|ft))?|[ke]rpm|rps|ms|ns|%"
     # And whatever is per a time, as rad/min and s^-1 are.
     r"|[^/]+/(?:s|ms|sec|min|m|h|hour)|(?:[a-z]+\.)?(?:s|ms|sec|min|h)\^?-1"
 )
@@ -47,7 +48,17 @@ _ELECTRICAL = re.compile("e[-_]?rpm")  # turns of the field, as many as pairs of
 _TOTAL = re.compile("total|sum|gesamt")
 _SEVERAL = ("series", "rotors")
 _STEMS = {
-    "command": ("cmd", "command", "pwm", "esc(", "escms", "escpwm", "escsignal", "escthrottle"),  # esc_count is none
+    "command": (
+        "cmd",
+        "command",
+        "pwm",
+        "esc(",
+        "escms",
+        "escpwm",
+        "escsignal",
+        "escthrottle",
+        "throttle",
+    ),  # esc_count is none
     "thrust_n": ("thrust", "weight", "totalthrust"),
     "torque_nm": ("torque",),
     "vbat_v": ("vbat", "voltage"),
@@ -223,6 +234,8 @@ def _remedy(table: CsvTable, name: str, quantity: str) -> str:
     place = 1 + table.names.index(name)
     if _states_other(name, quantity):
         return f"Convert it to a unit that is read, and state that in its header, as in {called_as(quantity)}"
+    if quantity == "command":
+        return f"Name it by `columns`, as in {command_called(table.known_numbers([name]))}={place}"
     if quantity != "thrust_n":
         return f"Name it by `columns`, as in {called_as(quantity)}={place}"
     if _TOTAL.search(spelt(name)):

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from cfid.errors import ConfigError
 from cfid.records.tables.stand_heads import HEADS, has_unread_unit, heads_of, in_own_unit
+from cfid.records.tables.stand_percent import with_unit
 from cfid.records.tables.table import CsvTable
 
 
@@ -28,12 +29,13 @@ def with_named(table: CsvTable, columns: Sequence[str]) -> tuple[CsvTable, tuple
                 f"{HEADS}."
             )
         place = table.place(column)
-        if has_unread_unit(name, table.names[place]):
+        own = with_unit(table, table.names[place])
+        if has_unread_unit(name, own):
             raise ConfigError(
-                f"{table.path}: `columns` {pair}: column '{table.names[place]}' states a unit that is not read. "
+                f"{table.path}: `columns` {pair}: column '{own}' states a unit that is not read. "
                 f"Convert it, and call it by a known name: {HEADS}."
             )
-        called[place] = in_own_unit(name, table.names[place])
+        called[place] = in_own_unit(name, own)
         quantities |= known.keys()
     if len(called) < len(columns) or len(set(called.values())) < len(columns):
         raise ConfigError(f"{table.path}: `columns` {','.join(columns)} names a column, or a quantity, twice.")

@@ -11,6 +11,17 @@ _FEWEST = 3  # different commands that show their scale: small ones may be measu
 _PULSES_US = (800.0, 2500.0)  # within which those of all controllers are; a motor starts at a pwm of 1000 to 3000
 
 
+def command_called(raw: Array) -> str:
+    """Return a known name of commands (n, 1) by their size: of a fraction, per cent, pulse widths, or 0 to 65535."""
+    known = raw[np.isfinite(raw)]
+    smallest, largest = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
+    if _PULSES_US[0] <= smallest and largest <= _PULSES_US[1]:
+        return '"ESC signal (us)"'
+    if 0 < largest <= _PER_CENT:
+        return "pwm_percent" if largest > 1 else "command_fraction"
+    return "cmd"
+
+
 def check_scale(table: CsvTable, name: str, raw: Array, *, stated: bool) -> None:
     """Refuse commands (n, 1) from 0 to 65535 none of which turns a motor: they are of another scale.
 
