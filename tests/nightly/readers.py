@@ -71,6 +71,7 @@ PINGS = _lines("t,rtt_s,vehicle_us", TIME_S, 0.01 + TIME_S / 100, range(0, 10000
 SEMICOLONS = ANGLE.replace(b",", b";").replace(b".", b",").replace(b"\n", b"\r\n")
 MONITOR = b"".join(b"12:03:45.%03d -> " % at + line + b"\n" for at, line in enumerate(ANGLE.splitlines()))
 PLOTTER = b"".join(b"t:%f,phi:%d\n" % pair for pair in zip(TIME_S, ANGLES, strict=True))
+OF_R = b'"t","phi"\n' + b"".join(b'"%d",%f,%d\n' % row for row in zip(range(1, ROWS + 1), TIME_S, ANGLES, strict=True))
 LABVIEW = (
     b"***End_of_Header***\nX_Dimension\tTime\nDelta_X\t0,01\n***End_of_Header***\nX_Value\tAngle\tComment\n"
     + b"".join(b"\t%d\n" % angle for angle in ANGLES)
@@ -212,7 +213,7 @@ READERS = (
     Reader(
         name="table", contents=(ANGLE,), read=lambda path: open_table(path).numbers(("t", "phi")), fault=_other_numbers
     ),
-    Reader(name="angle", contents=(ANGLE, SEMICOLONS, MONITOR, PLOTTER, LABVIEW), read=_angle),
+    Reader(name="angle", contents=(ANGLE, SEMICOLONS, MONITOR, PLOTTER, LABVIEW, OF_R), read=_angle),
     Reader(name="MATLAB", contents=(_matlab(),), read=_angle, file="swing.mat"),
     Reader(name="wrench", contents=(WRENCH,), read=lambda path: read_table(path, kind="wrench")),
     Reader(name="crossings", contents=(CROSSINGS,), read=lambda path: read_table(path, kind="crossings")),

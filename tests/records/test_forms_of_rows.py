@@ -13,7 +13,8 @@ from cfid.records.tables.blocks import BLOCK_BYTES, open_table
 ROWS = 400
 TIME_MS = 5 * np.arange(ROWS)
 ANGLE_DEG = np.round(40 * np.cos(TIME_MS / 150), 2)
-PLAIN = [f"{t},{a:.2f}" for t, a in zip(TIME_MS, ANGLE_DEG, strict=True)]
+BOTH = list(zip(TIME_MS, ANGLE_DEG, strict=True))
+PLAIN = [f"{t},{a:.2f}" for t, a in BOTH]
 
 
 def read(folder: Path, lines: list[str], reading: Reading | None = None) -> AngleRecord:
@@ -42,14 +43,14 @@ def test_the_times_of_day_of_a_serial_monitor_are_left_out_with_a_note(tmp_path:
 
 @pytest.mark.parametrize("between", [",", "\t", ", "])
 def test_the_names_before_the_values_of_a_serial_plotter_name_the_columns(tmp_path: Path, between: str) -> None:
-    lines = [f"angle:{a:.2f}{between}millis:{t}" for t, a in zip(TIME_MS, ANGLE_DEG, strict=True)]
+    lines = [f"angle:{a:.2f}{between}millis:{t}" for t, a in BOTH]
     assert same(read(tmp_path, lines))
     assert same(read(tmp_path, stamped(["Ready", "gle:1,millis:7", *lines])))
     assert read_log(tmp_path / "swing.txt").series[0].rows == ROWS
 
 
 def test_a_line_of_a_plotter_with_other_names_is_not_taken_for_the_columns(tmp_path: Path) -> None:
-    lines = [f"millis:{t},angle:{a:.2f}" for t, a in zip(TIME_MS, ANGLE_DEG, strict=True)]
+    lines = [f"millis:{t},angle:{a:.2f}" for t, a in BOTH]
     lines[100] = f"angle:{ANGLE_DEG[100]},millis:{TIME_MS[100]}"
     with pytest.raises(DataError, match=r"swing\.txt:101: another header"):
         read(tmp_path, lines)
@@ -94,3 +95,23 @@ def test_without_one_step_of_times_a_column_that_labview_left_empty_is_refused(t
     head = [line if one.startswith(key) else one for one in LABVIEW]
     with pytest.raises(DataError, match="column 'X_Value' is empty"):
         read(tmp_path, labview(ROWS, head))
+
+
+@pytest.mark.parametrize("between", [",", "\t", " "])
+def test_the_names_that_r_writes_before_rows_shift_no_column(tmp_path: Path, between: str) -> None:
+    head = between.join(['"time"', '"angle"'])
+    rows = [
+        f'"{at}"{between}{t / 1000}{between}{a}' for at, (t, a) in enumerate(zip(TIME_MS, ANGLE_DEG, strict=True), 1)
+    ]
+    record = read(tmp_path, [head, *rows])
+    assert same(record)
+    assert any("the names before the rows, as R writes them, are not used" in one.text for one in record.findings)
+
+
+def test_numbers_before_rows_are_names_where_no_comma_may_be_a_decimal_one(tmp_path: Path) -> None:
+    rows = [f"{at}\t{t / 1000}\t{a}" for at, (t, a) in enumerate(BOTH, 1)]
+    assert same(read(tmp_path, ["time\tangle", *rows]))
+    with pytest.raises(DataError, match=r"3 fields where the file has 2 columns\. Does each row begin with a name"):
+        read(tmp_path, ["time,angle", *(row.replace("\t", ",") for row in rows)])
+    with pytest.raises(DataError, match=r"3 fields where the file has 2 columns\. Numbers need decimal points"):
+        read(tmp_path, ["time,angle", *(f"{at},{at},5" for at in range(1, ROWS))])

@@ -41,7 +41,9 @@ class Form:
         return line.sub(lambda found: b",".join(found.groups()), text)
 
     def completed(self, above: bytes, head: Head) -> "Form":
-        """Return the form with what only a table's head shows, and the lines above its rows: the step of its times."""
+        """Return the form with what a table's head shows, and the lines above its rows: the step of its times."""
+        if head.row_names:
+            return replace(self, notes=(*self.notes, "the names before the rows, as R writes them, are not used."))
         step_s = _labview_step_s(above, head)
         if step_s is None:
             return self

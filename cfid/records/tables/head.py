@@ -21,13 +21,17 @@ _UNITS = re.compile(
 
 
 class Head(NamedTuple):
-    """Names of the columns ('1', '2', ... without a header), the separator, the first row; lines left out above."""
+    """Names of the columns ('1', '2', ... without a header), the separator, the first row; lines left out above.
+
+    `row_names` is whether rows begin with a name of their own, above which the header has no field, as R writes them.
+    """
 
     names: tuple[str, ...]
     has_head: bool
     separator: str | None
     row: TextLine
     preamble: int = 0
+    row_names: bool = False
 
 
 def head_of(path: Path, text: bytes, *, skip_lines: int = 0) -> Head:
@@ -75,6 +79,8 @@ def _head_at(lines: Sequence[TextLine], place: int) -> Head | None:
         return _without_names(lines, place, below, separator)
     if _are_rows(below[:2], separator, len(names)):
         return Head(_fitted(names, fields_of(below[0].text, separator)), True, separator, below[0], place)
+    if _have_names(below[:2], separator, len(names)):
+        return Head(("", *names), True, separator, below[0], place, row_names=True)
     if not _are_rows(below[1:3], separator, len(names)):
         return None
     units = fields_of(below[0].text, separator)
@@ -158,6 +164,18 @@ def _are_rows(lines: Sequence[TextLine], separator: str | None, width: int) -> b
     if any(_numbers(row) < min(2, count) for row, count in zip(rows, filled, strict=True)):
         return False
     return all(_numbers(row) and (len(row) <= width or not row[-1]) for row in rows)
+
+
+def _have_names(lines: Sequence[TextLine], separator: str | None, width: int) -> bool:
+    """Return whether two lines are rows of a table that wide, each behind a name: in quotes, or counted from 1.
+
+    Between commas, a number without quotes may be the first half of one with a decimal comma.
+    """
+    rows = [fields_of(line.text, separator) for line in lines]
+    if len(rows) < 2 or any(len(row) != width + 1 or not all(map(is_number, row[1:])) for row in rows):
+        return False
+    quoted = all(line.text.lstrip().startswith('"') for line in lines)
+    return quoted or (separator != "," and [row[0] for row in rows] == ["1", "2"])
 
 
 def _numbered(row: list[str]) -> tuple[str, ...]:

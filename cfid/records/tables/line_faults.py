@@ -9,6 +9,7 @@ from cfid.records.tables.parsed import Spelling
 from cfid.records.tables.text import fields_of, has_comma, is_finite, short
 
 REPAIR = "Repair or cut that line."
+_ROW_NAMES = "Does each row begin with a name or number of its own? Give that a name in the header, too."
 NO_THOUSANDS = "Write thousands without a sign or a space between digits."
 # Thousands apart by a point, a comma, an apostrophe or a space of any width.
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:[.,'\u2019\s]\d{3})+(?:[.,]\d*)?")
@@ -21,7 +22,8 @@ def fault_of(line: str, names: Sequence[str], places: Sequence[int], spelling: S
         return f"zero bytes in the middle of the file. {REPAIR}"
     fields = fields_of(line, spelling.separator)
     if len(fields) != len(names):
-        advice = POINTS if spelling.separator == "," and len(fields) > len(names) else REPAIR
+        commas = spelling.separator == "," and len(fields) > len(names)
+        advice = (_ROW_NAMES if any("." in field for field in fields) else POINTS) if commas else REPAIR
         return f"{counted(len(fields), 'field')} where the file has {counted(len(names), 'column')}. {advice}"
     for place in places:
         field, column = fields[place], f"column '{names[place]}'"
