@@ -126,6 +126,17 @@ def test_the_record_in_which_bytes_are_lost_is_left_out(tmp_path: Path) -> None:
     assert found == pytest.approx([at / 8 for at in range(60)])
 
 
+@pytest.mark.parametrize("behind", [bytes(5000), bytes(1), single(50), b"\x01\xff" * 300])
+def test_what_is_behind_a_whole_log_costs_none_of_its_records(tmp_path: Path, behind: bytes) -> None:
+    log = read_log(written(tmp_path, single() + behind))
+    assert gyro(log) == pytest.approx([at / 8 for at in range(100)])
+    (note,) = log.notes
+    size = len(single())
+    assert note.startswith(
+        f"a whole log of 100 records, whose CRC32 matches, ends at byte {size} of {size + len(behind)}"
+    )
+
+
 @pytest.mark.parametrize(("stamp", "kept"), [(2**40, 60), (1, 60)])
 def test_reading_stops_at_a_stamp_that_cannot_be(tmp_path: Path, stamp: int, kept: int) -> None:
     records = rows(100)

@@ -56,11 +56,15 @@ class _Event:
 
 
 class _Records(NamedTuple):
-    """Where the whole records of each event begin, how many there are, and why reading ended, "" at the end."""
+    """Where the whole records of each event begin, where reading ended, and why, "" at the end.
+
+    `checked` is whether the checksum of everything before stands there: the file goes on behind a whole log.
+    """
 
     offsets: dict[int, npt.NDArray[np.int64]]
     end: int
     fault: str
+    checked: bool
 
 
 def read_usd(path: Path, source: Source, clock: Clock | None = None) -> FlightLog:
@@ -75,7 +79,7 @@ def read_usd(path: Path, source: Source, clock: Clock | None = None) -> FlightLo
     if clock is not None and version.clock:
         raise ConfigError(f"{path}: `clock` is for logs in microseconds: {version.clock}.")
     end = len(data) - _CRC_BYTES
-    whole = end >= begin and zlib.crc32(memoryview(data)[:end]) == int.from_bytes(data[end:], "little")
+    whole = end >= begin and _is_checksum(data, end)
     found = _records(data, events, begin, end if whole else len(data), whole=whole)
     notes = _faults(found, len(data), whole=whole)
     stop, wrong = min((_first_damage(data, event, found.offsets[number]) for number, event in events.items()))
@@ -177,13 +181,14 @@ def _records(data: mmap.mmap, events: dict[int, _Event], begin: int, end: int, *
     """
     sizes = {number: event.record.itemsize for number, event in events.items()}
     offsets = {number: array("q") for number in events}
-    place, last, fault = begin, -1, ""
+    place, last, fault, checked = begin, -1, "", False
     while place + 2 <= end:
         number = data[place] | data[place + 1] << 8
         size = sizes.get(number)
         if size is None:
             fault = f"no event has the id {number}"
-            if not whole and last in offsets and end - place > _CRC_BYTES:
+            checked = not whole and end - place > _CRC_BYTES and _is_checksum(data, place)
+            if not whole and not checked and last in offsets and end - place > _CRC_BYTES:
                 offsets[last].pop()
             break
         if place + size > end:
@@ -192,7 +197,13 @@ def _records(data: mmap.mmap, events: dict[int, _Event], begin: int, end: int, *
         offsets[number].append(place)
         place, last = place + size, number
     places = [np.frombuffer(each, np.int64) if each else np.zeros(0, np.int64) for each in offsets.values()]
-    return _Records(dict(zip(offsets, stored_together(places), strict=True)), place, fault)
+    return _Records(dict(zip(offsets, stored_together(places), strict=True)), place, fault, checked)
+
+
+def _is_checksum(data: mmap.mmap, place: int) -> bool:
+    """Return whether the CRC32 of everything before a place stands there."""
+    crc = zlib.crc32(memoryview(data)[:place])
+    return crc == int.from_bytes(data[place : place + _CRC_BYTES], "little")
 
 
 def _faults(found: _Records, size: int, *, whole: bool) -> tuple[str, ...]:
@@ -205,6 +216,11 @@ def _faults(found: _Records, size: int, *, whole: bool) -> tuple[str, ...]:
             f"{counted(rows, 'record before it is', 'records before it are')} used.",
         )
     left = size - found.end
+    if found.checked:
+        return (
+            f"a whole log of {counted(rows, 'record')}, whose CRC32 matches, ends at byte {found.end + _CRC_BYTES} of "
+            f"{size}: what is behind it is not used.",
+        )
     if left == _CRC_BYTES:
         return (f"its CRC32 does not match: bytes are damaged, or the file was cut. It has {rows} whole records.",)
     if found.fault.startswith("no event") and left > _CRC_BYTES:
