@@ -9,6 +9,7 @@ from cfid.errors import DataError
 from cfid.records.logs.any_kind import read_log
 from cfid.records.tables.angle import AngleRecord, Reading, read_angle
 from cfid.records.tables.blocks import BLOCK_BYTES, open_table
+from cfid.records.tables.stand import read_stand_table
 
 ROWS = 400
 TIME_MS = 5 * np.arange(ROWS)
@@ -115,3 +116,32 @@ def test_numbers_before_rows_are_names_where_no_comma_may_be_a_decimal_one(tmp_p
         read(tmp_path, ["time,angle", *(row.replace("\t", ",") for row in rows)])
     with pytest.raises(DataError, match=r"3 fields where the file has 2 columns\. Numbers need decimal points"):
         read(tmp_path, ["time,angle", *(f"{at},{at},5" for at in range(1, ROWS))])
+
+
+WRAPPED_US = (1000 * TIME_MS + 2**32 - 700_000) % 2**32
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_a_clock_of_32_bits_goes_on_where_it_begins_anew(tmp_path: Path, signed: bool) -> None:
+    stamps = (WRAPPED_US + 2**31).astype(np.uint32).view(np.int32) if signed else WRAPPED_US
+    record = read(tmp_path, ["micros,angle", *(f"{t},{a}" for t, a in zip(stamps, ANGLE_DEG, strict=True))])
+    assert same(record)
+    assert any("the clock of 32 bits begins anew in line 142" in one.text for one in record.findings)
+    (series,) = read_log(tmp_path / "swing.txt").series
+    times = np.concatenate([block[:, 0] for block in series.blocks()])
+    np.testing.assert_allclose(times - times[0], TIME_MS / 1000, atol=1e-6)
+
+
+def test_a_time_that_goes_back_by_less_than_32_bits_is_refused(tmp_path: Path) -> None:
+    stamps = np.where(WRAPPED_US < 2**31, WRAPPED_US, WRAPPED_US - 10_000_000)
+    with pytest.raises(DataError, match=r"swing\.txt:142: time goes back"):
+        read(tmp_path, ["micros,angle", *(f"{t},{a}" for t, a in zip(stamps, ANGLE_DEG, strict=True))])
+
+
+def test_a_stand_whose_clock_of_32_bits_begins_anew_is_one_recording(tmp_path: Path) -> None:
+    commands = 10_000 * (1 + np.arange(ROWS) // 100)
+    rows = (f"{t},{command},{command / 1e5}" for t, command in zip(WRAPPED_US, commands, strict=True))
+    (tmp_path / "stand.csv").write_text("\n".join(["micros,cmd,thrust_n", *rows, ""]))
+    table = read_stand_table(tmp_path / "stand.csv")
+    np.testing.assert_allclose(np.asarray(table.time_s), TIME_MS / 1000, atol=1e-9)
+    assert any("the clock of 32 bits begins anew" in one.text for one in table.findings)

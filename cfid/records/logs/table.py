@@ -112,7 +112,7 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
         raise DataError(next(iter({**faults, **repeated}.values()), f"{path}: no column but the time."))
     kept = [(name, channel) for name, channel in zip(named, channels, strict=True) if name not in faults]
     found = tuple(channel for _, channel in kept)
-    blocks = partial(_blocks, table, reading, time, [name for name, _ in kept], second_s=second_s)
+    blocks = partial(_blocks, table, reading, time, [name for name, _ in kept], second_s=second_s, own=raw)
     return FlightLog(
         path=path,
         source=source,
@@ -289,8 +289,9 @@ def _merged(faults: Mapping[str, str]) -> list[str]:
 
 
 def _blocks(
-    whole: CsvTable, reading: Foreign, time: str | None, names: Sequence[str], *, second_s: float
+    whole: CsvTable, reading: Foreign, time: str | None, names: Sequence[str], *, second_s: float, own: Array
 ) -> Iterator[Array]:
+    """Yield the times, whose own values (n,) are known, and the columns."""
     begun = 0
     for table in whole.blocks():
         values = _numbers(table, time, names)
@@ -298,7 +299,8 @@ def _blocks(
             assert reading.rate_hz is not None
             values = np.column_stack([(begun + np.arange(len(values))) / reading.rate_hz, values])
         else:
-            time_s = second_s * seconds_of(table, time, values[:, 0], unit=reading.time_unit)
+            rows = own[begun : begun + len(values)]
+            time_s = second_s * seconds_of(table, time, rows, unit=reading.time_unit)
             values = np.column_stack([time_s, values[:, 1:]])
         begun += len(values)
         yield values

@@ -15,7 +15,7 @@ from cfid.records.tables.stand_heads import HEADS, ColumnHead, check_heads, head
 from cfid.records.tables.stand_scales import check_scale
 from cfid.records.tables.stand_sides import of_one_side
 from cfid.records.tables.table import Array, CsvTable
-from cfid.records.tables.wrong_times import wrong_times, wrong_times_note
+from cfid.records.tables.wrong_times import unwrapped, wrong_times, wrong_times_note
 from cfid.units import FULL_COMMAND
 
 _LONGEST_PULSE_US = 5000.0  # beyond all that controllers take, of which few reach 2500
@@ -218,17 +218,17 @@ def _unconnected(found: dict[str, Columns]) -> list[str]:
 
 
 def _wrong_times(table: CsvTable, found: Found) -> list[str]:
-    """Set single times that jump off and back to nan, whose rows are left out, with a note."""
+    """Set single times that jump off and back to nan, whose rows are left out, with notes; join a clock of 32 bits."""
     if "time_s" not in found:
         return []
     time = found["time_s"].raw[:, 0]
+    notes = [*unwrapped(table, time)]
     known = np.flatnonzero(np.isfinite(time))
     wrong = known[wrong_times(time[known])]
-    if not len(wrong):
-        return []
-    text = wrong_times_note(table, time, wrong)
-    time[wrong] = np.nan
-    return [text]
+    if len(wrong):
+        notes.append(wrong_times_note(table, time, wrong))
+        time[wrong] = np.nan
+    return notes
 
 
 def _missing(table: CsvTable, found: Found, bad: npt.NDArray[np.intp]) -> list[str]:

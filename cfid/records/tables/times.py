@@ -18,7 +18,7 @@ from cfid.records.tables.next_head import refuse_other_head
 from cfid.records.tables.schema import TIME, Column, TimeUnit
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.text import TextLine, short
-from cfid.records.tables.wrong_times import late_rows, wrong_times, wrong_times_note
+from cfid.records.tables.wrong_times import late_rows, unwrapped, wrong_times, wrong_times_note
 
 TWO_IN_ONE = (
     "Was the clock set, or are two recordings in one file? Cut the file in two before that line (both with the "
@@ -158,6 +158,7 @@ def known_rows(table: CsvTable, columns: Sequence[str], *, timed: bool) -> tuple
         lack, are = ("lacks", "is") if len(bad) == 1 else ("lack", "are")
         notes.append(f"{len(bad)} of {len(known)} rows {lack} a number{where} (first: line {line}) and {are} left out.")
         known = np.delete(known, bad, axis=0)
+    notes += unwrapped(table, known[:, 0]) if timed else ()
     wrong = wrong_times(known[:, 0]) if timed else np.empty(0, np.intp)
     if timed and not len(wrong):
         wrong = late_rows(known[:, 0])

@@ -7,7 +7,34 @@ from cfid.large import differences, usual_step
 from cfid.records.tables.lone import MOST_SHARE, Rows, lone_readings
 from cfid.records.tables.table import Array, CsvTable
 
+_WRAP = 2.0**32  # values of a microcontroller's clock
 _WRONG_TIME = 20.0  # usual intervals, by which a single time is wrong
+
+
+def wraps(time: Array) -> Rows:
+    """Return the places of times (n,) at which a clock of 32 bits begins anew, as micros() after 71.6 minutes."""
+    back = [begin + 1 + np.flatnonzero(step < 0) for begin, step in differences(time)]
+    places = np.concatenate([np.empty(0, np.intp), *back])
+    if not len(places):
+        return places
+    onwards = time[places] - time[places - 1] + _WRAP
+    return places[(onwards > 0) & (onwards < _WRONG_TIME * usual_step(time))]
+
+
+def unwrapped(table: CsvTable, time: Array) -> tuple[str, ...]:
+    """Let times (n,) go on where their counter begins anew, and return a note."""
+    known = np.flatnonzero(np.isfinite(time))
+    places = known[wraps(time[known])]
+    if not len(places):
+        return ()
+    line = table.line_of_row(int(places[0]))
+    text = (
+        f"the clock of 32 bits begins anew in line {line}, from {time[places[0] - 1]:.0f} to {time[places[0]]:.0f}: "
+        "times go on from there."
+    )
+    for place in places:
+        time[place:] += _WRAP
+    return (text,)
 
 
 def wrong_times(time: Array) -> Rows:
