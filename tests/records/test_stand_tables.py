@@ -443,6 +443,21 @@ def test_greek_speeds_are_known(tmp_path: Path) -> None:
     assert found[:, 0].tolist() == [0, 900, 1500]
 
 
+@pytest.mark.parametrize("thrust", ["Schub [N]", "Schubkraft (kgf)", "Kraft [N]"])
+def test_german_heads_of_a_stand_are_known(tmp_path: Path, thrust: str) -> None:
+    text = (
+        f"Zeit [ms];PWM [us];{thrust};Drehmoment [Nmm];Drehzahl [1/min];Spannung [V];Strom [A]\n"
+        "0;1000;0,0;0,0;0,0;11,10;0,1\n2000;2000;0,5;20,5;6000;10,9;9,5\n"
+    )
+    table = read(tmp_path, text)
+    assert table.motors is None
+    assert np.asarray(table.thrust_n)[-1] == pytest.approx(0.5 * (9.80665 if "kgf" in thrust else 1))
+    assert np.asarray(table.torque_nm)[-1] == pytest.approx(0.0205)
+    assert np.asarray(table.square_mean_speed_rad_s)[-1] == pytest.approx(200 * math.pi)
+    assert np.asarray(table.vbat_v).tolist() == [11.1, 10.9]
+    assert "not used: Strom [A]." in " ".join(notes_of(table))
+
+
 def test_speeds_per_second_are_turns_and_that_is_stated(tmp_path: Path) -> None:
     notes = notes_of(read(tmp_path, "cmd,Speed [1/s],thrust_n\n0,0,0\n20000,100,1\n"))
     assert any("'Speed [1/s]' is read in turns per second" in note for note in notes)

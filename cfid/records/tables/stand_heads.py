@@ -48,20 +48,11 @@ _ELECTRICAL = re.compile("e[-_]?rpm")  # turns of the field, as many as pairs of
 _TOTAL = re.compile("total|sum|gesamt")
 _SEVERAL = ("series", "rotors")
 _STEMS = {
-    "command": (
-        "cmd",
-        "command",
-        "pwm",
-        "esc(",
-        "escms",
-        "escpwm",
-        "escsignal",
-        "escthrottle",
-        "throttle",
-    ),  # esc_count is none
-    "thrust_n": ("thrust", "weight", "totalthrust"),
-    "torque_nm": ("torque",),
-    "vbat_v": ("vbat", "voltage"),
+    # An esc_count is none.
+    "command": ("cmd", "command", "pwm", "esc(", "escms", "escpwm", "escsignal", "escthrottle", "throttle"),
+    "thrust_n": ("thrust", "weight", "totalthrust", "schub", "kraft"),
+    "torque_nm": ("torque", "drehmoment"),
+    "vbat_v": ("vbat", "voltage", "spannung", "akkuspannung"),
     "speeds_rad_s": ("speed", "rpm", "omega", "ω", "motorelectrical", "motoroptical", "drehzahl"),
 }
 
@@ -96,18 +87,18 @@ _KNOWN = (
     ColumnHead("thrust_n", r"thrust_n"),
     ColumnHead("thrust_n", r"thrust\[n\]", kind="total"),
     ColumnHead("thrust_n", r"(?:weight|thrust)\[g\]|thrust_total_g", 1e-3, "total in grams"),
-    *_of_stand("thrust_n", r"thrust|forcefz\(thrust\)", FORCES_N, ""),
+    *_of_stand("thrust_n", r"thrust|forcefz\(thrust\)|schub|schubkraft|kraft", FORCES_N, ""),
     *_of_stand("thrust_n", "thrust_total", FORCES_N, "total"),
     ColumnHead("torque_nm", r"torque_nm"),
     *_of_stand(
         "torque_nm",
-        r"torque|torquemz\(torque\)",
+        r"torque|torquemz\(torque\)|drehmoment",
         TORQUES_NM,
         "",
     ),
     ColumnHead("vbat_v", r"vbat_v|voltage_v"),
     ColumnHead("vbat_v", r"vbat_mv|voltage_mv", 1e-3),
-    *_of_stand("vbat_v", "vbat|voltage", {"v": 1.0, "mv": 1e-3}, ""),
+    *_of_stand("vbat_v", "vbat|voltage|spannung|akkuspannung", {"v": 1.0, "mv": 1e-3}, ""),
     ColumnHead("grams", r"grams"),
     ColumnHead("speeds_rad_s", r"speed_rad_s|(?:omega|ω)_rad_s", kind="motor"),
     ColumnHead("speeds_rad_s", rf"(?:omega|ω)(?:\[rad/s\]|\(rad/s\)|{PER_SECOND.pattern})", kind="motor"),
