@@ -9,10 +9,13 @@ from typing import BinaryIO
 
 from cfid.errors import ConfigError, DataError
 from cfid.records.files import check_regular, sha256_of
+from cfid.records.tables.fields import rows_of
+from cfid.records.tables.forms import form_of
+from cfid.records.tables.head import head_of
 from cfid.records.tables.matlab import csv_blocks, is_matlab, matlab_table
 from cfid.records.tables.matlab_structs import MatlabTable
-from cfid.records.tables.table import CsvTable, Following, table_in
-from cfid.records.tables.text import check_text, whole_lines
+from cfid.records.tables.table import CsvTable, Following
+from cfid.records.tables.text import check_text, decimal_sign, whole_lines
 
 BLOCK_BYTES = 1 << 20
 _FEWEST_LINES = 4  # of a large table's first block: a header, its units, two rows
@@ -46,15 +49,43 @@ def open_table(path: Path, *, skip_lines: int = 0, columns: Sequence[str] = (), 
     if size > len(content) and content.count(b"\n") < _FEWEST_LINES:
         raise DataError(f"{path}: lines of {len(content) // _FEWEST_LINES >> 10} kB or more: not a table of numbers.")
     check_text(path, content)
-    table = table_in(path, content, sha256=sha256_of(path) if sha256 is None else sha256, skip_lines=skip_lines)
+    table = _table_in(path, content, sha256=sha256_of(path) if sha256 is None else sha256, skip_lines=skip_lines)
     if size == len(content):
         return table
     return replace(table, cut=whole_lines(end)[1], following=Following(partial(_following, table, len(content))))
 
 
+def _table_in(path: Path, content: bytes, *, sha256: str, skip_lines: int = 0) -> CsvTable:
+    """Return the table in a file's content, or in its beginning. Raises DataError as `open_table`."""
+    text, cut = whole_lines(content)
+    if not text or text.isspace():
+        raise DataError(f"{path}: its only line has no end: the recording was cut before its first row.")
+    form = form_of(text)
+    text = form.plain(text)
+    head = head_of(path, text, skip_lines=skip_lines)
+    rows = rows_of(text[head.row.begin :], head.separator, len(head.names), head.row.number)
+    decimal = decimal_sign(rows.body, head.separator)
+    form = form.completed(text[: head.row.begin], head)
+    return CsvTable(
+        path=path,
+        sha256=sha256,
+        names=form.labels or head.names,
+        has_head=head.has_head or bool(form.labels),
+        cut=cut,
+        preamble=head.preamble,
+        decimal=decimal,
+        prose=rows.prose,
+        form=form,
+        _body=form.timed(rows.body, head.separator, decimal, row=0),
+        _even=rows.even,
+        _first_line=head.row.number,
+        _separator=head.separator,
+    )
+
+
 def _of_matlab(content: MatlabTable, path: Path, sha256: str) -> CsvTable:
     first, *others = islice(csv_blocks(content), 2)
-    table = replace(table_in(path, first, sha256=sha256), units=content.units)
+    table = replace(_table_in(path, first, sha256=sha256), units=content.units)
     return replace(table, following=Following(partial(_continued, table, content))) if others else table
 
 

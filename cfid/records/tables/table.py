@@ -23,15 +23,14 @@ from cfid.records.tables.fields import (
     rows_of,
     unquoted,
 )
-from cfid.records.tables.forms import Form, form_of
-from cfid.records.tables.head import head_of
+from cfid.records.tables.forms import Form
 from cfid.records.tables.line_faults import fault_of
 from cfid.records.tables.parsed import Spelling, columns_in, holds_truths, is_exact_in, known_columns_in, words_in
 from cfid.records.tables.text import (
     TextLine,
+    decimal_sign,
     fields_of,
     filled_lines,
-    has_decimal_commas,
     short,
     whole_lines,
 )
@@ -145,7 +144,7 @@ class CsvTable:
     def without_signs(self, signs: "re.Pattern[bytes]") -> "CsvTable":
         """Return the table of a file of one block without some signs in its rows."""
         body = signs.sub(b"", self._body)
-        return replace(self, _body=body, decimal=_decimal(body, self._separator))
+        return replace(self, _body=body, decimal=decimal_sign(body, self._separator))
 
     def blocks(self) -> "Iterator[CsvTable]":
         """Yield the blocks of the table that have a row, each a table of its own."""
@@ -201,7 +200,7 @@ class CsvTable:
         before = self._rows_before + self._count if self.form.step_s else 0
         rows = rows_of(self.form.plain(text), self._separator, len(self.names), first_line)
         shown = self.decimal == "," or b"." in self._body  # whole numbers show no decimal sign
-        decimal = self.decimal if shown else _decimal(rows.body, self._separator)
+        decimal = self.decimal if shown else decimal_sign(rows.body, self._separator)
         return replace(
             self,
             cut=cut,
@@ -302,35 +301,3 @@ class Following:
         if self._prose is None:
             deque(self(), maxlen=0)
         return self._prose or []
-
-
-def table_in(path: Path, content: bytes, *, sha256: str, skip_lines: int = 0) -> CsvTable:
-    """Return the table in a file's content, or in its beginning. Raises DataError as `open_table`."""
-    text, cut = whole_lines(content)
-    if not text or text.isspace():
-        raise DataError(f"{path}: its only line has no end: the recording was cut before its first row.")
-    form = form_of(text)
-    text = form.plain(text)
-    head = head_of(path, text, skip_lines=skip_lines)
-    rows = rows_of(text[head.row.begin :], head.separator, len(head.names), head.row.number)
-    decimal = _decimal(rows.body, head.separator)
-    form = form.completed(text[: head.row.begin], head)
-    return CsvTable(
-        path=path,
-        sha256=sha256,
-        names=form.labels or head.names,
-        has_head=head.has_head or bool(form.labels),
-        cut=cut,
-        preamble=head.preamble,
-        decimal=decimal,
-        prose=rows.prose,
-        form=form,
-        _body=form.timed(rows.body, head.separator, decimal, row=0),
-        _even=rows.even,
-        _first_line=head.row.number,
-        _separator=head.separator,
-    )
-
-
-def _decimal(body: bytes, separator: str | None) -> str:
-    return "," if has_decimal_commas(body, separator) else "."

@@ -157,12 +157,12 @@ def has_decimal_comma(field: str) -> bool:
     return bool(_ONE_DECIMAL_COMMA.fullmatch(field)) and not _THOUSANDS.fullmatch(field.encode())
 
 
-def has_decimal_commas(body: bytes, separator: str | None) -> bool:
-    """Return whether the numbers of a table's body have decimal commas; commas of thousands are none."""
+def decimal_sign(body: bytes, separator: str | None) -> str:
+    """Return the decimal sign of the numbers of a table's body, a comma or a point; commas of thousands are none."""
     if separator == "," or b"," not in body:
-        return False
+        return "."
     decimal = any(not _THOUSANDS.fullmatch(match.group(1)) for match in _DECIMAL_COMMA.finditer(body))
-    return decimal and not _DECIMAL_POINT.search(body)
+    return "," if decimal and not _DECIMAL_POINT.search(body) else "."
 
 
 def is_prose(line: str, separator: str | None) -> bool:

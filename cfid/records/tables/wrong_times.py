@@ -18,7 +18,7 @@ def wraps(time: Array) -> Rows:
     if not len(places):
         return places
     onwards = time[places] - time[places - 1] + _WRAP
-    return places[(onwards > 0) & (onwards < _WRONG_TIME * usual_step(time))]
+    return np.asarray(places[(onwards > 0) & (onwards < _WRONG_TIME * usual_step(time))])
 
 
 def unwrapped(table: CsvTable, time: Array) -> tuple[str, ...]:
