@@ -17,7 +17,8 @@ def wraps(time: Array) -> Rows:
     places = np.concatenate([np.empty(0, np.intp), *back])
     if not len(places):
         return places
-    onwards = time[places] - time[places - 1] + _WRAP
+    with np.errstate(over="ignore"):  # damaged times of any size
+        onwards = time[places] - time[places - 1] + _WRAP
     return np.asarray(places[(onwards > 0) & (onwards < _WRONG_TIME * usual_step(time))])
 
 
