@@ -1,5 +1,6 @@
 """Commands that change between two rows of a log move no time constant, in whatever order early and late ones come."""
 
+from itertools import accumulate
 from pathlib import Path
 
 import numpy as np
@@ -55,3 +56,35 @@ def test_changes_at_any_time_in_rows_of_10_ms_give_the_lag(tmp_path: Path, every
 
     assert max(off(result, widest=0.006)) < 3
     assert any(one.code == "lag-command-between-rows" for one in result.findings)
+
+
+def controlled(seconds: float, *, correlated_s: float, seed: int) -> tuple[Array, Array]:
+    """Return the times (n,) of commands (n,) that a controller changes at random every 2 ms."""
+    rng, kept = np.random.default_rng(seed), np.exp(-0.002 / correlated_s)
+    change_s = np.arange(round(500 * seconds)) / 500
+    noise = rng.normal(0, np.sqrt(1 - kept**2), len(change_s))
+    each = list(accumulate(noise, lambda now, new: kept * now + new))
+    return change_s, np.round(np.clip(35000 + 8000 * np.array(each), 10000, 60000))
+
+
+@pytest.mark.parametrize("correlated_s", [0.02, 0.05])
+def test_commands_that_change_in_all_rows_and_between_them_leave_the_lag_within_its_uncertainty(
+    tmp_path: Path, correlated_s: float
+) -> None:
+    """Rows of 10 ms show one of five commands, and rising and falling come out nearer to each other."""
+    time_s = np.arange(0, 40, 0.01)
+    columns = {"t": time_s, "pm.vbat": np.full(len(time_s), 4.0)}
+    for motor in (1, 2, 3, 4):
+        change_s, command = controlled(40, correlated_s=correlated_s, seed=motor)
+        speed = following(change_s, 400 + 0.033 * command, time_s)
+        columns[f"motor.m{motor}"] = command[::5]
+        columns[f"rpm.m{motor}"] = np.round(RPM * speed)
+    pd.DataFrame(columns).to_csv(tmp_path / "log.csv", index=False)
+    log = rotor_log(tmp_path / "log.csv")
+    assert log is not None
+    result = fit(log)
+    (found,) = (one for one in result.findings if one.code == "lag-command-between-rows")
+
+    assert max(off(result, widest=0.08)) < 2
+    assert {"dynamics.rising", "dynamics.falling", "dynamics.delay_s"} == set(found.quantities)
+    assert "nearer to each other by" in found.sentence

@@ -11,7 +11,8 @@ from cfid.counted import counted
 from cfid.errors import CfidError, FitError
 from cfid.estimate.held_readings import Readings
 from cfid.findings import Finding, note, rejection, warning
-from cfid.motors.delays import command_between_rows, delay_text, negative_delay
+from cfid.motors.delays import delay_text, negative_delay
+from cfid.motors.lag.between_rows import between_rows_finding, mixed_share, unsure_between_rows
 from cfid.motors.lag.checks import Kind
 from cfid.motors.lag.data import RotorLog
 from cfid.motors.lag.estimation import LagFit, fit_lag, joined, unsure_of_sag
@@ -105,11 +106,13 @@ def fit(record: RotorLog) -> Result:
 class _Seen(NamedTuple):
     """The interval between rows of the commands, from where to where each rotor's went, and who follows another's.
 
+    `mixed` are the shares of their difference by which each rotor's time constants may lie nearer to each other.
     `volts` is the battery's mean voltage while rotors were driven, None where it was not logged, and `at_v` that of the
     drives. `repeated` are the readings of each rotor whose rows repeat them, `repeated_volts` those of the battery.
     """
 
     row_s: float
+    mixed: Mapping[str, float]
     commands: Mapping[str, tuple[float, float]]
     volts: float | None
     at_v: float
@@ -127,6 +130,7 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
     others: dict[str, tuple[Finding, ...]] = {}
     repeated: dict[str, Readings] = {}
     repeated_volts: Readings | None = None
+    mixed: dict[str, float] = {}
     row_s, volts, rows, at_v = 0.0, 0.0, 0, 1.0
     for part in record.parts():
         row_s, at_v = max(row_s, part.row_s), part.at_v
@@ -135,6 +139,8 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
         for name, motor in names.items():
             driven = [part.commands[motor]] if motor else list(part.commands.values())
             on = np.concatenate([value[value > 0] for _, value in driven])
+            if part.moving:
+                mixed[name] = max(mixed.get(name, 0.0), *map(mixed_share, driven))
             driven_v = part.driven_volts(motor) if motor else np.zeros(0)
             volts, rows = volts + float(driven_v.sum()), rows + len(driven_v)
             readings = part.readings[motor]
@@ -153,6 +159,7 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
             if motor and not fits[name][-1].accepted and name not in others:
                 others[name] = _other_command(part, motor)
     found = {name: joined(each) for name, each in fits.items() if each}
+    found = {name: unsure_between_rows(fit, mixed[name]) if mixed else fit for name, fit in found.items()}
     found = {name: unsure_of_sag(fit) if _is_unfelt(record, fit) else fit for name, fit in found.items()}
     if not found:
         raise next(iter(failed.values()), FitError("no rows of all commands."))
@@ -160,6 +167,7 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
         found,
         _Seen(
             row_s,
+            mixed,
             ranges,
             volts / rows if rows else None,
             at_v,
@@ -231,8 +239,7 @@ def _about(record: RotorLog, fits: Mapping[str, LagFit], seen: _Seen) -> tuple[F
     """Return why rotors are rejected, warnings for the keys that have other rotors, and what the numbers contain."""
     found = [replace(one, severity="warning", where=(name,)) for name, fit in fits.items() for one in fit.findings]
     if seen.row_s:
-        text = command_between_rows(seen.row_s)
-        found.append(note("lag-command-between-rows", text, "dynamics.delay_s"))
+        found.append(between_rows_finding(seen.row_s, max(seen.mixed.values(), default=0.0)))
     name, most = max(fits.items(), key=lambda item: abs(item[1].drift) * item[1].accepted)
     if record.speeds and most.accepted and abs(most.drift) > _NOTABLE_DRIFT:
         changed = f"the speed of {name} changed by {100 * most.drift:+.1f} % from begin to end"
