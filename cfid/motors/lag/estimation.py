@@ -21,6 +21,7 @@ from cfid.estimate.linear import gain_of, std_of
 from cfid.findings import Finding, texts
 from cfid.motors.lag.checks import EXPLAINED, Kind, rejections
 from cfid.motors.lag.delay_scatter import Scatter, scattered
+from cfid.motors.lag.gaps import without_after_gaps
 from cfid.motors.lag.model import InputLag, LogSegment
 from cfid.motors.lag.plausibility import any_far, clipped, moves, noise_of, odd, standing, without
 from cfid.motors.lag.search import Search, search_of, start_of
@@ -109,7 +110,8 @@ def fit_lag(
     By up to `age_s` a row shows what was measured late, and the delay is too long.
     The map holds in the middle of the record: its level and slope may drift, as with a battery that sags. Where the
     segments have a voltage, the drive goes with a power of it, which the record shows where the voltage changes enough.
-    Speeds that no rotor had are left out. Raises FitError for less than 200 samples, and for a speed that stands still.
+    Speeds that no rotor had are left out, and those after gaps of rows in which the drive changed. Raises FitError for
+    less than 200 samples, and for a speed that stands still.
     """
     if kind == "speed":
         pieces, standing_s = _moving(pieces)
@@ -122,6 +124,9 @@ def fit_lag(
     if len(odd_s):
         fit = fit_lag(good, kind=kind, row_s=row_s, moving=moving, age_s=age_s)
         return replace(fit, odd_s=np.sort(np.concatenate([fit.odd_s, odd_s])))
+    if any(len(piece.gaps_s) for piece in search.pieces):
+        pieces = without_after_gaps(search.pieces, InputLag(*plain.x[3:6].tolist()))
+        return fit_lag(pieces, kind=kind, row_s=row_s, moving=moving, age_s=age_s)
     fit = _lag_fit(search, plain, row_s=row_s, moving=moving)
     return replace(fit, late_s=math.hypot(row_s, age_s) / math.sqrt(3))
 

@@ -71,12 +71,14 @@ class LogSegment(NamedTuple):
     """A part of a record without a break: what drives each rotor, and what was measured.
 
     Drives are commands, over the largest or so. `volts` is the battery's voltage over its usual one, None if unknown,
-    and hardly changes between two values of a drive.
+    and hardly changes between two values of a drive. `gaps_s` (k, 2) are the times from which to which there are no
+    rows, and before and after which a drive differs.
     """
 
     drives: tuple[Signal, ...]
     measured: Signal
     volts: Signal | None = None
+    gaps_s: Array = np.zeros((0, 2))
 
     def driven(self, lag: InputLag, supply: Supply) -> tuple[Signal, ...]:
         """Return the drives with a power of the voltage, by the clock of the commands."""

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.estimate.held_readings import Readings
+from cfid.motors.lag.gaps import gaps
 from cfid.motors.lag.model import LogSegment, Signal
 from cfid.motors.lag.search import SETTLING_S
 from cfid.motors.lag.voltage import volts_at
@@ -75,6 +76,7 @@ class LogPart:
         runs = np.all(held > 0, axis=0)
         runs &= self.volts is None or _is_known(self.volts.time_s, time_s)
         ends = ~runs[:-1] | ~runs[1:] | (np.diff(time_s) > BREAK_S)
+        unseen = np.flatnonzero(gaps(time_s) & np.any(np.diff(held) != 0, axis=0))
         edges = np.concatenate([[0], np.flatnonzero(ends) + 1, [len(time_s)]])
         drives = held / FULL_COMMAND * self.at_v
         volts = None if self.volts is None else volts_at(self.volts, self.speeds.values(), time_s)
@@ -85,7 +87,8 @@ class LogPart:
             between = measured.between(float(time_s[first]), float(time_s[last]))
             commands = tuple(Signal(time_s[inside], drive[inside]) for drive in drives)
             ratio = None if volts is None else Signal(time_s[inside], volts[inside] / self.at_v)
-            yield LogSegment(commands, between, ratio)
+            own = unseen[(unseen >= first) & (unseen < last)]
+            yield LogSegment(commands, between, ratio, np.column_stack([time_s[own], time_s[own + 1]]))
 
 
 def _is_known(read_s: Array, time_s: Array) -> npt.NDArray[np.bool_]:

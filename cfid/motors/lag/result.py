@@ -16,6 +16,7 @@ from cfid.motors.lag.between_rows import between_rows_finding, mixed_share, unsu
 from cfid.motors.lag.checks import Kind
 from cfid.motors.lag.data import RotorLog
 from cfid.motors.lag.estimation import LagFit, fit_lag, joined, unsure_of_sag
+from cfid.motors.lag.gaps import Gaps
 from cfid.motors.lag.part import LogPart
 from cfid.motors.lag.values import (
     SPEED_POLY,
@@ -87,6 +88,7 @@ def fit(record: RotorLog) -> Result:
             *left_out,
             *(one for name, lag in fits.items() for one in _left_out(name, lag)),
             *seen.others,
+            *seen.gaps.findings(),
             *_repeated(seen),
             *_about(record, fits, seen),
             *_delay(joint),
@@ -113,6 +115,7 @@ class _Seen(NamedTuple):
 
     row_s: float
     mixed: Mapping[str, float]
+    gaps: Gaps
     commands: Mapping[str, tuple[float, float]]
     volts: float | None
     at_v: float
@@ -131,9 +134,11 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
     repeated: dict[str, Readings] = {}
     repeated_volts: Readings | None = None
     mixed: dict[str, float] = {}
+    gaps = Gaps()
     row_s, volts, rows, at_v = 0.0, 0.0, 0, 1.0
     for part in record.parts():
         row_s, at_v = max(row_s, part.row_s), part.at_v
+        gaps = gaps.and_of(*part.commands[min(part.commands)])
         if part.volts_readings and part.volts_readings.age_s:
             repeated_volts = part.volts_readings
         for name, motor in names.items():
@@ -168,6 +173,7 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
         _Seen(
             row_s,
             mixed,
+            gaps,
             ranges,
             volts / rows if rows else None,
             at_v,

@@ -94,7 +94,8 @@ def _thinned(piece: LogSegment) -> LogSegment | None:
         length = max(int(_FINEST_VOLTS_S / np.median(np.diff(volts.time_s)) + _ROUNDED), 1)
         volts = Signal(*(block_means(series, length=length) for series in volts))
     every_s = math.inf if volts is None else _FINEST_VOLTS_S
-    return LogSegment(tuple(_changes(drive, every_s=every_s) for drive in piece.drives), measured, volts)
+    drives = tuple(_changes(drive, every_s=every_s) for drive in piece.drives)
+    return LogSegment(drives, measured, volts, piece.gaps_s)
 
 
 def _expected(pieces: Sequence[LogSegment]) -> Expected:
