@@ -16,7 +16,7 @@ from cfid.estimate.held_readings import Readings, once_each
 from cfid.findings import Finding, note, of_recording
 from cfid.motors.lag.model import Signal
 from cfid.motors.lag.part import BREAK_S, LogPart
-from cfid.motors.lag.survey import PART_S, possible, survey
+from cfid.motors.lag.survey import part_s, possible, survey
 from cfid.records.logs.any_kind import NO_OPTIONS, is_binary_log, read_log
 from cfid.records.logs.crazyflie_names import first_of
 from cfid.records.logs.flights import longest_flight
@@ -90,9 +90,9 @@ class RotorLog:
         if not self.speeds and missing:
             raise DataError(f"{self.path}: no {missing}: the thrust in acc.z is that of all four.")
         low, high = self.window
-        count = ceil((high - low) / PART_S)
         needed = (self.volts, None if self.speeds else self.acceleration)
         names = [*self.commands.values(), *self.speeds.values(), *(name for name in needed if name is not None)]
+        count = ceil((high - low) / part_s(self.log, names))
         at_v = 0.0
         for part in windows(self.log, names, from_s=self.begin_s + low, long_s=(high - low) / count):
             signals = {name: self._since_begin(*self._within(name, *timed)) for name, timed in part.items()}

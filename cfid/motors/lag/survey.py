@@ -1,6 +1,6 @@
 """What a log holds of its rotors, seen before it is fitted: when it was driven, and which values are impossible."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +15,14 @@ from cfid.records.tables import supply
 
 Array = npt.NDArray[np.float64]
 
-PART_S = 300.0  # a flight is one part, or two
+_PART_S, _PART_ROWS = 300.0, 330_000  # a flight is one part, or two
+
+
+def part_s(log: FlightLog, names: Sequence[str]) -> float:
+    """Return how long the parts are in which some channels of a log are taken: as many rows as memory has room for."""
+    heads = [next(series.blocks())[:, 0] for series in {log.series_of(name): None for name in names}]
+    apart_s = [float(np.median(np.diff(time_s))) for time_s in heads if len(time_s) > 1]
+    return min([_PART_S, *(_PART_ROWS * step_s for step_s in apart_s if step_s > 0)])
 
 
 class Counts(NamedTuple):
@@ -93,7 +100,7 @@ def survey(
     def voltages() -> Iterator[Array]:
         """Look at everything else on the way."""
         nonlocal end_s, outside
-        for found in windows(log, names, from_s=begin_s, long_s=PART_S):
+        for found in windows(log, names, from_s=begin_s, long_s=part_s(log, names)):
             ends = (float(found[name].time_s[-1]) for name in commands.values() if len(found[name].time_s))
             end_s = max([end_s, *ends])
             outside = {name: counts.and_of(found[name].value, limits[name]) for name, counts in outside.items()}
