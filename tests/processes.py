@@ -23,11 +23,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
-import cfid
 from cfid.sim.app_core import load_library
 from tests.places import ROOT
 from tests.priority import run_at
 
+_ROOMS = ("cfid.cli", "cfid.console", "cfid.rig", "cfid.sim")  # what commands that reach devices have in common
 _NUMBER = 8  # characters of a number that is reported
 _AT_THE_DOOR = """#!{python} -IS
 import json, os, signal, socket, sys
@@ -161,10 +161,10 @@ def _nursery_of(*doors: socket.socket) -> Iterator[socket.socket]:
         process.wait()
 
 
-def _import_all() -> None:
-    """Import every module, also those of experiments: half of what `log thrust` costs is what judges its recording."""
-    for module in pkgutil.walk_packages(cfid.__path__, "cfid."):
-        importlib.import_module(module.name)
+def _import_all(rooms: Iterable[str]) -> None:
+    for room in map(importlib.import_module, rooms):
+        for module in pkgutil.walk_packages(room.__path__, f"{room.__name__}."):
+            importlib.import_module(module.name)
     load_library()  # compiled once for all
     gc.freeze()  # a child that leaves does not look through all this
 
@@ -229,7 +229,7 @@ if __name__ == "__main__":
     ended: list[SystemExit] = []
     atexit.register(_leave, ended)  # the first, which is called last
     sockets = [socket.socket(fileno=int(number)) for number in sys.argv[2:]]
-    _import_all()
+    _import_all(_ROOMS if len(sockets) == 1 else ["cfid"])
     from cfid.cli.main import main
 
     try:
