@@ -319,7 +319,7 @@ def test_the_operator_confirms_with_the_address_before_a_motor_turns(bench: Benc
 
 
 @pytest.mark.parametrize(
-    ("typed", "expected"), [(b"n\n", "not confirmed: no motor was started."), (b"", "use --yes in a script")]
+    ("typed", "expected"), [(b"n\n", "not confirmed: no motor was started."), (b"", "a script gives --yes")]
 )
 def test_without_a_confirmation_nothing_turns(bench: Bench, typed: bytes, expected: str) -> None:
     pilot = bench.start(*STAIRS[:-2], stdin=subprocess.PIPE)

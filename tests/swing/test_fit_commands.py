@@ -222,7 +222,7 @@ def test_a_fit_made_with_another_rig_toml_is_stale_and_exported_no_more(
 
     assert "fit again" not in after("[site]", "# where the rig stands\n[site]")
     said = after("mass_kg = 0.0280", "mass_kg = 0.03")
-    assert "inertia: Made with another rig.toml: vehicle.mass_kg was 0.028, is 0.03: fit again." in said
+    assert "Made with another rig.toml: vehicle.mass_kg was 0.028, is 0.03: fit again." in said
     refused = cfid("export", "firmware", "--campaign", tmp_path / "lab")
     assert refused.returncode == 4
     assert "inertia.matrix_kg_m2 is outdated. Made with another rig.toml" in refused.stderr
