@@ -91,8 +91,8 @@ class Lasting:
 def rig_of(folder: Path | None, *, or_real: bool = False) -> Rig:
     """Return the campaign, its devices and whether they are simulated, with a note if so.
 
-    Raises ConfigError where the simulated rig was killed: a command that was meant for it must start no real motor.
-    With `or_real` the devices are rig.toml's then, with a note.
+    Where the simulated rig was killed, it raises ConfigError, so that a command for it starts no real motor, or with
+    `or_real` the devices are rig.toml's, with a note.
     """
     from cfid.rig.sim_file import SIM_FILE, devices_in, is_left_behind
 
