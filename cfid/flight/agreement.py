@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from cfid.findings import Finding, rejection, warning
 from cfid.flight.estimation import EXPLAINED, FlightFit, explained_of, roughly_fitted
-from cfid.flight.model import Flight, segments
+from cfid.flight.rows import Flight, segments
 
 _WORSE = (
     2.5  # times what each log alone leaves unexplained: 1.0 to 1.3 in logs of one vehicle, 2.7 of thrusts 7 % apart

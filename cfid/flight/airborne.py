@@ -6,7 +6,7 @@ from scipy.ndimage import median_filter
 from scipy.signal import lfilter
 
 from cfid.findings import Finding, warning
-from cfid.flight.model import ROW_S, ROW_STEPS, STEP_S, segments
+from cfid.flight.rows import ROW_S, ROW_STEPS, STEP_S, segments
 from cfid.units import FULL_COMMAND, USUAL_GRAVITY_MPS2
 
 Array = npt.NDArray[np.float64]

@@ -25,7 +25,8 @@ from cfid.estimate.blocks import block_means
 from cfid.findings import Finding, warning
 from cfid.flight.data import FlownLog
 from cfid.flight.estimation import FlightFit, fit_alone
-from cfid.flight.model import SAG_S, STEP_S, delayed, filtering_s
+from cfid.flight.model import SAG_S, filtering_s
+from cfid.flight.rows import STEP_S, delayed
 from cfid.flight.values import MOMENTS, TIMES
 
 Array = npt.NDArray[np.float64]

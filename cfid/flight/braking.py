@@ -10,7 +10,8 @@ import numpy.typing as npt
 from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of, sandwich
 from cfid.flight.likelihood import whitening, without
-from cfid.flight.model import ROW_S, Flight, FlightEquation, segments
+from cfid.flight.model import FlightEquation
+from cfid.flight.rows import ROW_S, Flight, segments
 
 Array = npt.NDArray[np.float64]
 

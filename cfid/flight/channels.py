@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from cfid.counted import counted
 from cfid.errors import DataError
-from cfid.flight.model import ROW_S, STEP_S
+from cfid.flight.rows import ROW_S, STEP_S
 from cfid.records.logs.crazyflie_names import first_of, refuse_unread
 from cfid.records.logs.limits import other_scale
 from cfid.records.logs.log import FlightLog

@@ -10,7 +10,8 @@ import numpy.typing as npt
 from cfid.estimate.linear import gain_of, sandwich, std_of
 from cfid.flight.equations import THRUST, TURNS
 from cfid.flight.likelihood import whitening, without
-from cfid.flight.model import AXES, FlightEquation
+from cfid.flight.model import FlightEquation
+from cfid.flight.rows import AXES
 
 Array = npt.NDArray[np.float64]
 

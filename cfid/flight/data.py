@@ -12,8 +12,8 @@ from cfid.findings import Finding, note, of_recording, rejection, warning
 from cfid.flight.airborne import in_air, late, without_touches
 from cfid.flight.channels import at_rows, held, motion, moving_others, volts_of
 from cfid.flight.gyro_unit import refuse_other_unit
-from cfid.flight.model import AXES, ROW_S, ROW_STEPS, STEP_S, Flight, segments, turned_back
 from cfid.flight.repeated import ACCELEROMETER, GYRO, commands_held_s, held_findings, repeated_findings
+from cfid.flight.rows import AXES, ROW_S, ROW_STEPS, STEP_S, Flight, segments, turned_back
 from cfid.flight.sensed import SLOWEST_S, Sensed, sensed_in
 from cfid.records.logs.any_kind import NO_OPTIONS, read_log
 from cfid.records.logs.flights import longest_flight

@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.flight.likelihood import White, whitening, without
-from cfid.flight.model import AXES, EquationsOf, FlightEquation, ThrustLag
+from cfid.flight.model import EquationsOf, FlightEquation, ThrustLag
+from cfid.flight.rows import AXES
 
 Array = npt.NDArray[np.float64]
 

@@ -18,16 +18,8 @@ from cfid.estimate.linear import gain_of, std_of
 from cfid.flight.crossing import crossing_of
 from cfid.flight.equations import DELAYS, LAGS, THRUST, TURNS, Equations, fitted_in
 from cfid.flight.likelihood import without
-from cfid.flight.model import (
-    AXES,
-    DAMPING,
-    ROW_S,
-    Flight,
-    FlightEquation,
-    ThrustLag,
-    equations_of,
-    segments,
-)
+from cfid.flight.model import DAMPING, FlightEquation, ThrustLag, equations_of
+from cfid.flight.rows import AXES, ROW_S, Flight, segments
 from cfid.flight.search import first_parameters, settled, with_constant
 from cfid.flight.uncertainty import covariance_of, excess_of_older_torques
 

@@ -9,7 +9,8 @@ import numpy as np
 from cfid.errors import FitError
 from cfid.flight.equations import THRUST, TURNS, Equations
 from cfid.flight.estimation import EXPLAINED, FlightFit, explained_of
-from cfid.flight.model import AXES, ROW_S, Flight, equations_of, segments
+from cfid.flight.model import equations_of
+from cfid.flight.rows import AXES, ROW_S, Flight, segments
 from cfid.flight.search import most_explained
 
 LEAST_LIFT_MPS2 = 1.0  # root mean square of what rotors did vertically; see docs/decisions/0022

@@ -11,7 +11,8 @@ from cfid.drawing.style import MODEL, RECORDED, draw_line, figure, legend, name_
 from cfid.findings import Finding, texts
 from cfid.flight.braking import AxisDrag
 from cfid.flight.estimation import FlightFit
-from cfid.flight.model import AXES, ROW_S, FlightEquation
+from cfid.flight.model import FlightEquation
+from cfid.flight.rows import AXES, ROW_S
 
 Array = npt.NDArray[np.float64]
 

@@ -16,8 +16,8 @@ from cfid.flight.estimation import EXPLAINED, FlightFit
 from cfid.flight.excitation import CLEAR, CLIMB, LEAST_LIFT_MPS2, LEAST_TURN_RAD_PER_S2, LOOSE, lifted, turnings
 from cfid.flight.gyro_unit import OF_ARM, unlike_arm
 from cfid.flight.logged import spacing_findings, square_findings, weight_findings
-from cfid.flight.model import ROW_S, Flight
 from cfid.flight.moving import moving_findings
+from cfid.flight.rows import ROW_S, Flight
 from cfid.flight.turning import turning_findings
 from cfid.flight.values import DELAY, MOMENTS, SINGLE, TIMES, Body, lever_m, thrust_key, times_of
 from cfid.records.logs.crazyflie_names import BY_NAMES

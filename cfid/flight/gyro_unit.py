@@ -10,7 +10,7 @@ from cfid.errors import DataError
 from cfid.flight.channels import unit_of_rates
 from cfid.flight.equations import TURNS
 from cfid.flight.estimation import FlightFit
-from cfid.flight.model import LEVER
+from cfid.flight.rows import LEVER
 from cfid.records.logs.log import FlightLog
 
 Array = npt.NDArray[np.float64]

@@ -13,7 +13,6 @@ Elsewhere what the accelerometer shows later than the gyro is ascribed to a filt
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -21,110 +20,15 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import butter, lfilter
 
-from cfid.units import MOTOR_AZIMUTH_DEG, MOTORS, ROTOR_TURNS
+from cfid.flight.rows import AXES, ROW_S, ROW_STEPS, STEP_S, Flight, delayed, segments
 
 Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
-ROW_S = 0.01  # between rows of the sensors: motion is far slower than 50 Hz
-ROW_STEPS = 5
-STEP_S = ROW_S / ROW_STEPS  # of drives: a Crazyflie's commands change every 2 ms at most
-AXES = ("roll", "pitch", "yaw")
 CLIMB_S = 5.0  # over which the climb is integrated from the force: the battery's terms take what is slower
 DAMPING = 1  # the place of the rate among the other terms of an equation about an axis
 SAG_S = 5.0  # half the shortest period in which the battery's charge changes the thrust
-LEVER = 0.5**0.5  # of an arm, about the axes forward and left
 _LEAST_FILTERED_S = 1e-4  # as a filter of 240 Hz: steps of 2 ms show none above 250 Hz
 _KEPT = 4  # lags and delays whose equations are kept: those of a solution, and of slopes around it
-
-# The signs with which thrusts turn the vehicle about x and y, and their reaction torques about z; (3, 4).
-TURNING = np.array(
-    [
-        [np.sign(np.sin(np.radians(MOTOR_AZIMUTH_DEG[motor]))) for motor in MOTORS],
-        [-np.sign(np.cos(np.radians(MOTOR_AZIMUTH_DEG[motor]))) for motor in MOTORS],
-        [-ROTOR_TURNS[motor] for motor in MOTORS],
-    ]
-)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Flight:
-    """Drives (n, 4), `ROW_STEPS` to a row, and what sensors showed every 10 ms from the first drive on.
-
-    `rates` (m, 3) in rad/s and `force` (m, 3), the specific force in m/s^2, are along the vehicle's axes, as is
-    `velocity` (m, 3) in m/s, None where unknown. `attitude` (m, 4) is the quaternion w, x, y, z that turns these axes
-    to the world's. `volts` (n,) are in the drives, None where unknown, and `volts_std` (n,) is by how much they err if
-    all do by one standard uncertainty, None where they are exact. `averaged` is true where rows are means over their
-    10 ms. `airborne` (m,) marks rows in the air, `driven` (m,) those of them at which every rotor has been under a
-    command within its range for a while.
-    `beyond` (m,) marks rows at which the gyro stood at an end of its range, None where it did not. With `props_out`
-    rotors turn the other way than a Crazyflie's, front right clockwise, seen from above.
-    `low_pass_hz` are the cut-offs of the Butterworth filters of accelerometer and gyro, None where unknown, `ages_s` by
-    how much their readings may be older than the rows that show them, and `held_s` for how long commands are repeated.
-    """
-
-    name: str
-    drive: Array
-    rates: Array
-    force: Array
-    airborne: Mask
-    driven: Mask
-    averaged: bool
-    in_volts: bool
-    low_pass_hz: tuple[float | None, float | None] = (None, None)
-    ages_s: tuple[float, float] = (0.0, 0.0)
-    held_s: float = 0.0
-    velocity: Array | None = None
-    attitude: Array | None = None
-    volts: Array | None = None
-    volts_std: Array | None = None
-    beyond: Mask | None = None
-    props_out: bool = False
-
-    @property
-    def turning(self) -> Array:
-        """The signs (3, 4) with which thrusts turn the vehicle about x and y, and their reaction torques about z."""
-        return TURNING * [[1.0], [1.0], [-1.0 if self.props_out else 1.0]]
-
-    @property
-    def time_s(self) -> Array:
-        """The times (m,) of the sensors' rows since the first drive."""
-        return np.asarray(ROW_S * np.arange(len(self.rates)), dtype=np.float64)
-
-    @property
-    def rescaled(self) -> bool:
-        """Whether a Crazyflie's firmware, whose filters are known, divided accelerations by what rest showed."""
-        return self.low_pass_hz[0] is not None
-
-    @property
-    def row_drives(self) -> Array:
-        """The drives (m, 4) at the sensors' rows."""
-        return self.drive[::ROW_STEPS][: len(self.rates)]
-
-    @property
-    def rates_known(self) -> Mask:
-        """The driven rows (m,) at which the gyro was within its range."""
-        return self.driven if self.beyond is None else self.driven & ~self.beyond
-
-    def drives_of_late(self, command_s: float) -> Array:
-        """Return the drives (n, 4) of commands that act so much later, at the voltage of that moment."""
-        if self.volts is None:
-            return self.drive
-        volts = self.volts[:, np.newaxis]
-        return np.asarray(delayed(self.drive / volts, command_s) * volts)
-
-    @property
-    def step_driven(self) -> Mask:
-        """The drives (n,) at driven rows."""
-        return np.repeat(self.driven, ROW_STEPS)[: len(self.drive)]
-
-    @property
-    def with_other_volts(self) -> "Flight":
-        """The flight with volts that err by their standard uncertainty."""
-        if self.volts is None or self.volts_std is None:
-            return self
-        volts = self.volts + self.volts_std
-        return replace(self, drive=self.drive * (volts / self.volts)[:, np.newaxis], volts=volts)
 
 
 class ThrustLag(NamedTuple):
@@ -225,29 +129,6 @@ def _low_pass_hz(delay_s: float) -> float | None:
 
 def _powers(late: Array) -> Array:
     return np.stack([np.ones_like(late), late, late**2])  # (3, n, 4)
-
-
-def delayed(late: Array, delay_s: float) -> Array:
-    """Return drives (n, 4) as they were a delay before, interpolated between steps."""
-    whole = math.floor(delay_s / STEP_S)
-    share = delay_s / STEP_S - whole
-    padded = np.pad(late, ((max(whole, 0) + 1, max(-whole, 0)), (0, 0)), mode="edge")
-    begin = max(-whole, 0)
-    newer, older = padded[begin + 1 : begin + 1 + len(late)], padded[begin : begin + len(late)]
-    return np.asarray((1 - share) * newer + share * older)
-
-
-def turned_back(attitude: Array, vector: Array) -> Array:
-    """Return vectors (m, 3) of the world's axes along the vehicle's, of attitude w, x, y, z (m, 4)."""
-    w, v = attitude[:, :1], -attitude[:, 1:]
-    across = 2 * np.cross(v, vector)
-    return np.asarray(vector + w * across + np.cross(v, across))
-
-
-def segments(mask: Mask, fewest: int = 100) -> list[slice]:
-    """Return the runs of rows that are marked, each of `fewest` rows at least."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
-    return [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= fewest]
 
 
 def _vertical(flight: Flight, powers: Array, others: Array) -> FlightEquation:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.findings import Finding, rejection
-from cfid.flight.model import ROW_S, Flight, segments, turned_back
+from cfid.flight.rows import ROW_S, Flight, segments, turned_back
 from cfid.flight.turning import turning_of
 
 Array = npt.NDArray[np.float64]

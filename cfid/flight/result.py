@@ -14,7 +14,7 @@ from cfid.flight.data import FlownLog
 from cfid.flight.estimation import FlightFit, fit_flights
 from cfid.flight.excitation import refuse_still
 from cfid.flight.findings import findings_of
-from cfid.flight.model import LEVER
+from cfid.flight.rows import LEVER
 from cfid.flight.turning import turning_findings
 from cfid.flight.values import (
     Body,

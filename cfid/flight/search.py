@@ -12,7 +12,8 @@ from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of
 from cfid.flight.equations import DELAY_S, LAGS, THRUST, TURNS, Equations
 from cfid.flight.likelihood import without
-from cfid.flight.model import AXES, FlightEquation
+from cfid.flight.model import FlightEquation
+from cfid.flight.rows import AXES
 
 Array = npt.NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from cfid.errors import ConfigError, DataError
 from cfid.estimate.held_readings import Readings
 from cfid.flight.airborne import EDGE_S
 from cfid.flight.channels import command_names, commands_of, forces_of, rates_of
-from cfid.flight.model import ROW_S, ROW_STEPS, STEP_S
 from cfid.flight.repeated import ACCELEROMETER, GYRO, commands_apart_s, first_rows
+from cfid.flight.rows import ROW_S, ROW_STEPS, STEP_S
 from cfid.records.logs.hung import without_hung
 from cfid.records.logs.limits import COMMANDS, FORCES, RATES, Limits
 from cfid.records.logs.log import FlightLog

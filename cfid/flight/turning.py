@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.findings import Finding, rejection
-from cfid.flight.model import AXES, ROW_S, Flight
+from cfid.flight.rows import AXES, ROW_S, Flight
 
 Array = npt.NDArray[np.float64]
 

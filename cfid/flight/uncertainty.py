@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from cfid.estimate.linear import gain_of, sandwich
 from cfid.flight.likelihood import PAST, White
-from cfid.flight.model import AXES
+from cfid.flight.rows import AXES
 
 Array = npt.NDArray[np.float64]
 

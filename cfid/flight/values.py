@@ -11,7 +11,7 @@ from cfid.estimate.linear import std_of
 from cfid.flight.braking import AxisDrag
 from cfid.flight.equations import DELAYS, LAGS, THRUST, TURNS
 from cfid.flight.estimation import FlightFit
-from cfid.flight.model import AXES, LEVER
+from cfid.flight.rows import AXES, LEVER
 from cfid.records.covariances import Covariance, covariance_between
 from cfid.records.parameters import Parameter
 from cfid.units import FULL_COMMAND, MOTORS, USUAL_GRAVITY_MPS2

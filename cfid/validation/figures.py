@@ -7,7 +7,7 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from cfid.drawing.style import figure, legend, name_panel, styled
-from cfid.flight.model import ROW_S
+from cfid.flight.rows import ROW_S
 from cfid.units import COVERAGE_95
 from cfid.validation.rollout import HORIZONS, QUANTITIES, UNITS
 

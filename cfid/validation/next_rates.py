@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.flight.likelihood import whitening, without
-from cfid.flight.model import AXES, LEVER, ROW_S, Flight, turning_equation
+from cfid.flight.model import turning_equation
+from cfid.flight.rows import AXES, LEVER, ROW_S, Flight
 from cfid.validation.rollout import ParameterSet, late_drives, thrusts_of
 
 Array = npt.NDArray[np.float64]

@@ -15,7 +15,7 @@ from cfid.findings import Finding, warning
 from cfid.flight.data import FlownLog
 from cfid.flight.estimation import fit_alone
 from cfid.flight.findings import contradictions
-from cfid.flight.model import LEVER, ROW_S
+from cfid.flight.rows import LEVER, ROW_S
 from cfid.records.result import Figures, Result
 from cfid.units import USUAL_GRAVITY_MPS2
 from cfid.validation.measured import Measured

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cfid.flight.model import LEVER, ROW_S, ROW_STEPS, STEP_S, Flight, ThrustLag, delayed, segments
+from cfid.flight.model import ThrustLag
+from cfid.flight.rows import LEVER, ROW_S, ROW_STEPS, STEP_S, Flight, delayed, segments
 from cfid.units import USUAL_GRAVITY_MPS2
 
 Array = npt.NDArray[np.float64]

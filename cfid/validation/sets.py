@@ -7,7 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import ConfigError
-from cfid.flight.model import AXES, ThrustLag
+from cfid.flight.model import ThrustLag
+from cfid.flight.rows import AXES
 from cfid.records.rig_file import Rig
 from cfid.report import published
 from cfid.report.known import turned

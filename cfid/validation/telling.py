@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from cfid.findings import Finding, note, warning
 from cfid.flight.estimation import EXPLAINED, FlightFit
 from cfid.flight.excitation import CALM, CLEAR, LEAST_TURN_RAD_PER_S2, LOOSE, climbing, turnings
-from cfid.flight.model import AXES
+from cfid.flight.rows import AXES
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,9 +21,10 @@ from cfid.flight.estimation import fit_alone, fit_flights
 from cfid.flight.excitation import Motion, refuse_still
 from cfid.flight.findings import findings_of
 from cfid.flight.logged import spacing_findings
-from cfid.flight.model import LEVER, ROW_S, ROW_STEPS, STEP_S, Flight, ThrustLag, equations_of, turned_back
+from cfid.flight.model import ThrustLag, equations_of
 from cfid.flight.moving import moving_findings
 from cfid.flight.result import fit
+from cfid.flight.rows import LEVER, ROW_S, ROW_STEPS, STEP_S, Flight, turned_back
 from cfid.flight.search import first_parameters
 from cfid.flight.values import INFLOW_STD, LOAD_SAG_STD, RESCALED_STD, Body
 from cfid.records.logs.log import Channel, FlightLog, in_memory

@@ -17,8 +17,8 @@ from cfid.flight.equations import THRUST, TURNS
 from cfid.flight.estimation import FlightFit, fit_flights
 from cfid.flight.findings import contradictions
 from cfid.flight.likelihood import PAST, whitening, without
-from cfid.flight.model import Flight
 from cfid.flight.result import fit
+from cfid.flight.rows import Flight
 from cfid.flight.turning import turning_findings
 from cfid.flight.values import Body
 from cfid.records.logs.any_kind import read_log

@@ -13,7 +13,8 @@ from scipy.signal import lfilter
 from cfid.errors import ConfigError, DataError, FitError
 from cfid.flight.battery import with_own_sag
 from cfid.flight.data import FlownLog, flight_of, read_flight
-from cfid.flight.model import LEVER, ThrustLag
+from cfid.flight.model import ThrustLag
+from cfid.flight.rows import LEVER
 from cfid.records.campaign import open_campaign
 from cfid.records.logs.any_kind import read_log
 from cfid.records.logs.log import FlightLog, Series, in_memory
