@@ -8,9 +8,10 @@ import typer
 
 from cfid.console.flat import flat
 from cfid.console.live import LiveLine
+from cfid.console.log_summary import stop_line
 from cfid.console.messages import note, result
 from cfid.console.options import positive
-from cfid.console.recording import rig_of, stop_line
+from cfid.console.recording import rig_of
 from cfid.console.vehicle import LinkOptions, Motor, Unasked, VehicleOptions, confirm, motors_of, reach
 from cfid.units import FULL_COMMAND, MOTORS
 

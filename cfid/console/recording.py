@@ -1,7 +1,5 @@
-"""The shared part of all `cfid log` commands: where to record, the run itself, and the summary at its end."""
+"""The shared part of all `cfid log` commands: where to record, and the run itself."""
 
-import hashlib
-import json
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,19 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cfid import __version__
 from cfid.console.campaign import here
 from cfid.console.inputs import open_workplace
 from cfid.console.live import LiveLine
-from cfid.console.losses import counts_of
-from cfid.console.messages import clock, echo, fitted, note, printable
+from cfid.console.log_summary import print_json, print_summary, stop_line, summary
+from cfid.console.messages import clock, echo, note
 from cfid.console.options import LoadCellOptions, ReadingOptions, RigOptions, positive
 from cfid.console.selection import LAST
-from cfid.console.verdicts import Judge, judged, verdict_line
+from cfid.console.verdicts import Judge, judged
 from cfid.console.views import views_of
-from cfid.counted import counted
 from cfid.errors import CfidError, ConfigError, DataError
-from cfid.findings import rejection
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
@@ -216,90 +211,6 @@ def _until(plan: "Plan") -> str:
     if plan.procedure is not None:
         return "Ctrl-C stops the motors and ends it" if {"motor", "motors"} & set(plan.requested) else "Ctrl-C ends it"
     return "Ctrl-C ends it" if plan.for_s is None else f"{plan.for_s:g} s; Ctrl-C ends it before"
-
-
-def print_summary(run: "Run", lines: Sequence[str] = (), failure: CfidError | None = None) -> None:
-    """Print a run's rows, losses and files; the failure that ended it is printed where the command ends."""
-    for name, device in devices_of(run).items():
-        skipped = f", {device['skipped']} skipped: {device['achieved']}" if device["achieved"] else ""
-        counts = f"{counted(device['rows'], 'row')}, {device['lost']} lost{counts_of(device)}{skipped}"
-        echo(fitted(f"{name}: {counts} -> {device['file']}", indent=2))
-    for line in (*lines, verdict_line(run)):
-        if line:
-            echo(fitted(printable(line)))
-    if (stopped_in_s := _stopped_in_s(run)) is not None:
-        echo(stop_line(stopped_in_s))
-    if failure is not None and run.header.state == "complete":
-        echo("All that was asked for was recorded before the fault below: the run is complete.")
-    elif run.header.reason and run.header.state != "failed":
-        echo(fitted(printable(run.header.reason)))
-
-
-def stop_line(stopped_in_s: float) -> str:
-    """Return the sentence at the end of every command that turned a motor."""
-    return f"motors stopped, confirmed in {1000 * stopped_in_s:.0f} ms."
-
-
-def _stopped_in_s(run: "Run") -> float | None:
-    known = [(record.model_extra or {}).get("stopped_in_s") for record in run.header.devices.values()]
-    return next((seconds for seconds in known if seconds is not None), None)
-
-
-def print_json(content: Mapping[str, Any]) -> None:
-    """Print the one object of --json."""
-    echo(json.dumps(content, indent=2))
-
-
-def summary(
-    command: str, run: "Run", failure: CfidError | None, parameters: Mapping[str, Any] | None = None
-) -> dict[str, Any]:
-    """Return the object of --json for a run."""
-    devices = devices_of(run)
-    return {
-        "command": command,
-        "run": str(run.folder),
-        "state": run.header.state,
-        "reason": run.header.reason,
-        "parameters": dict(parameters or {}),
-        "accepted": run.header.state == "complete" and failure is None,
-        "findings": _findings(failure),
-        "quality": {},
-        "verdict": None if run.header.verdict is None else run.header.verdict.model_dump(),
-        "devices": devices,
-        "stopped_in_s": _stopped_in_s(run),
-        "sources": [{"path": device["file"], "sha256": _hash(Path(device["file"]))} for device in devices.values()],
-        "version": __version__,
-    }
-
-
-def _findings(failure: CfidError | None) -> list[dict[str, Any]]:
-    return [] if failure is None else [rejection("run-failed", str(failure)).as_json()]
-
-
-def devices_of(run: "Run") -> dict[str, dict[str, Any]]:
-    """Return what each device of a run recorded and lost, as its summary has it."""
-    devices: dict[str, dict[str, Any]] = {}
-    for name, record in run.header.devices.items():
-        extra = record.model_extra or {}
-        kinds = {**extra.get("arrivals", {}), **extra.get("losses", {})}
-        kinds.pop("lost", None)  # printed before them
-        file = run.device_file(name)
-        gaps = sum(one.get("lost") != 0 for one in extra.get("gaps", ()))  # of the others, all came late
-        devices[name] = {
-            "rows": record.rows,
-            "lost": record.lost,
-            "skipped": record.skipped or 0,
-            "achieved": record.achieved,
-            "kinds": kinds,
-            "gaps": gaps,
-            "file": str(file),
-        }
-    return devices
-
-
-def _hash(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _figures(run: "Run", options: KeepOptions) -> list[str]:

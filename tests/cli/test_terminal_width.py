@@ -17,10 +17,10 @@ import pytest
 
 from cfid.cli.rig import report_answers
 from cfid.console.live import LiveLine
+from cfid.console.log_summary import print_summary
 from cfid.console.messages import fault, fitted, note
 from cfid.console.options import Delivery
 from cfid.console.outcome import deliver
-from cfid.console.recording import print_summary
 from cfid.console.verdicts import judged
 from cfid.errors import DataError, DeviceError
 from cfid.findings import warning

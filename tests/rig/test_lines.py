@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cfid.console.recording import devices_of
+from cfid.console.log_summary import devices_of
 from cfid.errors import ConfigError, DeviceError
 from cfid.records.line_devices import EncoderLines, LineValue, LoadCellLines
 from cfid.records.rig_file import RIG_FILE, new_rig_text

@@ -11,9 +11,10 @@ from cfid.console import messages as speech
 from cfid.console.flat import flat
 from cfid.console.labels import Note
 from cfid.console.lists import comma_list
+from cfid.console.log_summary import print_json, stop_line
 from cfid.console.messages import clock, echo, fitted, printable, result
 from cfid.console.options import positive
-from cfid.console.recording import KeepOptions, ResumeOptions, print_json, rig_of, stop_line
+from cfid.console.recording import KeepOptions, ResumeOptions, rig_of
 from cfid.console.selection import interrupted
 from cfid.console.vehicle import ExperimentOptions, LogMs, motors_of
 from cfid.console.verdicts import verdict_line

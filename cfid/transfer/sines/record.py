@@ -8,9 +8,10 @@ from itertools import chain
 from typing import Any
 
 from cfid.console.live import LiveLine
+from cfid.console.log_summary import summary
 from cfid.console.messages import note as speech
 from cfid.console.quick_look import NOT_READ, quick
-from cfid.console.recording import Rig, attempt, effort_of, summary
+from cfid.console.recording import Rig, attempt, effort_of
 from cfid.console.vehicle import ExperimentOptions, confirm, reach, refuse
 from cfid.console.verdicts import Judge, judged
 from cfid.errors import CfidError
