@@ -5,13 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
 import pytest
 
-from cfid.motors.lag import fit
-from cfid.motors.lag.data import rotor_log
 from cfid.records.result import Result
-from tests.motors.test_repeated_speeds import RPM, TRUTH, following
+from tests.motors.rotor_logs import RPM, fit_of, following, off
 
 Array = npt.NDArray[np.float64]
 
@@ -26,17 +23,7 @@ def fitted(folder: Path, change_s: Array, *, row_s: float, every: int, seed: int
         speed = following(change_s, 400 + 0.033 * command, time_s) + rng.normal(0, 1.5, len(time_s))
         columns[f"motor.m{motor}"] = command[np.searchsorted(change_s, time_s + 1e-9, side="right") - 1]
         columns[f"rpm.m{motor}"] = np.where(read, np.round(RPM * speed), np.nan)
-    pd.DataFrame(columns).to_csv(folder / "log.csv", index=False)
-    log = rotor_log(folder / "log.csv")
-    assert log is not None
-    return fit(log)
-
-
-def off(result: Result, *, widest: float) -> list[float]:
-    """Return by how many standard uncertainties rates are off, which are at most a part `widest` of them."""
-    found = [(result.quantities[f"dynamics.{way}"], tau_s) for way, tau_s in TRUTH]
-    assert all(one.std[0] < widest / tau_s for one, tau_s in found)
-    return [abs(one.value[0] - 1 / tau_s) / one.std[0] for one, tau_s in found]
+    return fit_of(folder, columns)
 
 
 @pytest.mark.parametrize("seed", [21, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (22, 23))])
@@ -79,10 +66,7 @@ def test_commands_that_change_in_all_rows_and_between_them_leave_the_lag_within_
         speed = following(change_s, 400 + 0.033 * command, time_s)
         columns[f"motor.m{motor}"] = command[::5]
         columns[f"rpm.m{motor}"] = np.round(RPM * speed)
-    pd.DataFrame(columns).to_csv(tmp_path / "log.csv", index=False)
-    log = rotor_log(tmp_path / "log.csv")
-    assert log is not None
-    result = fit(log)
+    result = fit_of(tmp_path, columns)
     (found,) = (one for one in result.findings if one.code == "lag-command-between-rows")
 
     assert max(off(result, widest=0.08)) < 2

@@ -8,10 +8,8 @@ import numpy.typing as npt
 import pandas as pd
 import pytest
 
-from cfid.motors.lag import fit
-from cfid.motors.lag.data import rotor_log
 from cfid.records.result import Result
-from tests.motors.test_repeated_speeds import RPM, TRUTH, following
+from tests.motors.rotor_logs import RPM, fit_of, following, off
 
 Array = npt.NDArray[np.float64]
 
@@ -36,17 +34,7 @@ def fitted(folder: Path, command: Array, lost: npt.NDArray[np.bool_], rng: np.ra
     speed = following(time_s, 400 + 0.033 * command, time_s) + rng.normal(0, 1.5, ROWS)
     volts = np.round(4 + rng.normal(0, 0.004, ROWS), 3)
     columns = {"t": time_s, "motor.m1": command, "rpm.m1": np.round(RPM * speed), "pm.vbat": volts}
-    pd.DataFrame(columns)[~lost].to_csv(folder / "log.csv", index=False)
-    log = rotor_log(folder / "log.csv")
-    assert log is not None
-    return fit(log)
-
-
-def off(result: Result, *, widest: float) -> list[float]:
-    """Return by how many standard uncertainties rates are off, which are at most a part `widest` of them."""
-    found = [(result.quantities[f"dynamics.{way}"], tau_s) for way, tau_s in TRUTH]
-    assert all(one.std[0] < widest / tau_s for one, tau_s in found)
-    return [abs(one.value[0] - 1 / tau_s) / one.std[0] for one, tau_s in found]
+    return fit_of(folder, pd.DataFrame(columns)[~lost])
 
 
 def named(result: Result) -> list[str]:

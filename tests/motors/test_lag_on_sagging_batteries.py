@@ -10,7 +10,8 @@ import pytest
 from cfid.motors.lag import fit as fit_lag
 from cfid.motors.lag.data import rotor_log
 from cfid.records.result import Result
-from tests.motors.test_repeated_speeds import NOISE, RPM, off, sagging
+from tests.motors.rotor_logs import NOISE, RPM, off
+from tests.motors.test_repeated_speeds import sagging
 
 Array = npt.NDArray[np.float64]
 

@@ -7,31 +7,11 @@ import numpy.typing as npt
 import pandas as pd
 import pytest
 
-from cfid.motors.lag import fit as fit_lag
-from cfid.motors.lag.data import rotor_log
 from cfid.motors.steps import fit as fit_steps
 from cfid.records.result import Result
+from tests.motors.rotor_logs import FALLING_S, NOISE, RISING_S, RPM, TRUTH, fit_of, following, off
 
 Array = npt.NDArray[np.float64]
-
-RISING_S, FALLING_S, NOISE = 0.05, 0.08, 1.5
-TRUTH = (("rising", RISING_S), ("falling", FALLING_S))
-RPM = 30 / np.pi
-
-
-def following(change_s: Array, levels: Array, time_s: Array) -> Array:
-    """Return the speeds (n,) at times (n,) behind levels (m,) that hold from times (m,) on, between them exact."""
-    every = [(at, level) for at, level in zip(change_s, levels, strict=True)]
-    every = sorted([*every, *((at, None) for at in time_s)], key=lambda each: (each[0], each[1] is None))
-    now, leads_to, last_s, found = float(levels[0]), float(levels[0]), float(change_s[0]), []
-    for at, level in every:
-        tau_s = RISING_S if leads_to > now else FALLING_S
-        now, last_s = leads_to + (now - leads_to) * np.exp((last_s - at) / tau_s), at
-        if level is None:
-            found.append(now)
-        else:
-            leads_to = level
-    return np.array(found)
 
 
 def repeated(value: Array, rows: int) -> Array:
@@ -50,10 +30,7 @@ def fitted_log(folder: Path, rows: int, seed: int, *, own_clock: bool = False) -
         shown = np.searchsorted(read_s, time_s + 1e-9, side="right") - 1
         columns[f"motor.m{motor}"] = command[np.searchsorted(change_s, time_s + 1e-9, side="right") - 1]
         columns[f"rpm.m{motor}"] = np.round(RPM * speed)[np.maximum(shown, 0)]
-    pd.DataFrame(columns).to_csv(folder / "log.csv", index=False)
-    log = rotor_log(folder / "log.csv")
-    assert log is not None
-    return fit_lag(log)
+    return fit_of(folder, columns)
 
 
 def fitted_stand(folder: Path, rows: int, seed: int) -> Result:
@@ -72,12 +49,6 @@ def fitted_stand(folder: Path, rows: int, seed: int) -> Result:
     )
     table.to_csv(folder / "stand.csv", index=False)
     return fit_steps(folder / "stand.csv")
-
-
-def off(result: Result) -> list[float]:
-    """Return by how many standard uncertainties the rates up and down are off."""
-    found = [(result.quantities[f"dynamics.{way}"], tau_s) for way, tau_s in TRUTH]
-    return [abs(one.value[0] - 1 / tau_s) / one.std[0] for one, tau_s in found]
 
 
 def said(result: Result) -> str:
@@ -139,11 +110,8 @@ def test_a_voltage_that_rows_repeat_acts_as_where_other_rows_have_none(tmp_path:
     columns |= {f"rpm.m{motor}": rpm for motor, rpm in enumerate(shown_rpm, start=1)} | {"t": time_s}
     read = np.where(np.arange(len(time_s)) % 50 == 3, np.round(volts + rng.normal(0, 0.004, len(volts)), 3), np.nan)
     results = []
-    for name, shown in (("blank", read), ("filled", pd.Series(read).ffill().to_numpy())):
-        pd.DataFrame({**columns, "pm.vbat": shown}).to_csv(tmp_path / f"{name}.csv", index=False)
-        log = rotor_log(tmp_path / f"{name}.csv")
-        assert log is not None
-        results.append(fit_lag(log))
+    for shown in (read, pd.Series(read).ffill().to_numpy()):
+        results.append(fit_of(tmp_path, {**columns, "pm.vbat": shown}))
     blank, filled = results
 
     for way, tau_s in TRUTH:
