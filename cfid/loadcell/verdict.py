@@ -14,7 +14,7 @@ _NOISE = 1.5  # steps by which samples usually change, above which one value for
 
 
 def verdict(run: Run) -> str:
-    """Say what the vertical force was, or the first axis, its noise and drift.
+    """Return what the vertical force was, or the first axis, its noise and drift.
 
     Raises DataError for few samples, a force that never changes, and an axis that hangs for a tenth of them.
     """

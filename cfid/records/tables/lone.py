@@ -10,10 +10,9 @@ Rows = npt.NDArray[np.intp]
 
 MOST_SHARE = 0.01  # of the readings: more are no single faults
 _MOST_IN_ROW = 3  # readings that are off together
-_RANKED = 100_000  # readings whose bends show what is usual
+_PIECES, _PIECE_ROWS = 100, 200  # of a series, which show what is usual
 # A spike: of all that a signal shows without its farthest, and times the bend that a share of it does not exceed.
 _SPIKE, _FARTHEST, _SPIKE_TIMES, _USUAL = 0.2, (0.5, 99.5), 10.0, 0.95
-_RANGE_OF = 1_000_000  # samples that show the range
 _ALMOST_ALL, _FAR_TIMES = (1.0, 99.0), 10.0  # of a signal in per cent, and times as far as these are apart
 
 _steps_may_overflow = np.errstate(over="ignore", invalid="ignore")  # a damaged number is as large as one can be
@@ -21,14 +20,12 @@ _steps_may_overflow = np.errstate(over="ignore", invalid="ignore")  # a damaged 
 
 @_steps_may_overflow
 def usual_bend(value: Array, share: float, *, period: float | None = None) -> float:
-    """Return the second difference that a share of a series (n,) does not exceed, by parts of a long one.
+    """Return the second difference that a share of a series (n,) does not exceed, by pieces of a long one.
 
     A `period` is the length of a circle on which the values are.
     """
-    length = _RANKED // 10
-    some = [value[at : at + length] for at in range(0, len(value), max(len(value) // 10, length))]
-    bends = (np.abs(_shortest(np.diff(one, n=2), period)) for one in some)
-    return float(np.quantile(np.concatenate([np.zeros(1), *bends]), share))
+    bends = np.abs(_shortest(np.diff(_pieces(value), n=2), period))
+    return float(np.quantile(bends, share)) if bends.size else 0.0
 
 
 @_steps_may_overflow
@@ -89,7 +86,7 @@ def spikes_in(value: Array) -> Rows:
     if not all(np.isfinite(value[part]).all() for part in parts(len(value))):
         known = np.flatnonzero(np.isfinite(value))
         return known[spikes_in(value[known])]
-    low, high = np.percentile(value[:: len(value) // _RANGE_OF + 1], _FARTHEST) if len(value) else (0.0, 0.0)
+    low, high = np.percentile(_pieces(value), _FARTHEST) if len(value) else (0.0, 0.0)
     limit = max(_SPIKE * float(high - low), _SPIKE_TIMES * usual_bend(value, _USUAL))
     places = lone_readings(value, limit) if limit > 0 else np.empty(0, np.intp)
     return places if len(places) <= MOST_SHARE * len(value) else places[:0]
@@ -100,7 +97,7 @@ def far_in(value: Array) -> Rows:
 
     However many are together, more than one in a hundred are no faults.
     """
-    some = value[:: len(value) // _RANGE_OF + 1]
+    some = _pieces(value)
     some = some[np.isfinite(some)]
     if not len(some):
         return np.empty(0, np.intp)
@@ -108,6 +105,14 @@ def far_in(value: Array) -> Rows:
     off = (np.abs(value[part] - middle) > _FAR_TIMES * (high - low) for part in parts(len(value)))
     found = np.flatnonzero(np.concatenate(list(off)))
     return found if high > low and len(found) <= MOST_SHARE * len(value) else found[:0]
+
+
+def _pieces(value: Array) -> Array:
+    """Return pieces (m, k) of neighbours from all over a long series (n,), and all of a short one (1, n)."""
+    if len(value) <= _PIECES * _PIECE_ROWS:
+        return value[np.newaxis]
+    begins = np.linspace(0, len(value) - _PIECE_ROWS, _PIECES).astype(np.intp)
+    return np.asarray(value[begins[:, np.newaxis] + np.arange(_PIECE_ROWS)])
 
 
 def _jump(value: Array, left: Rows, period: float | None) -> Array:

@@ -20,6 +20,8 @@ def repeated(time_s: Array, value: Array) -> Mask:
     change = np.abs(np.diff(value))
     begins = np.concatenate([np.zeros(1, np.intp), np.flatnonzero(change != 0) + 1])
     rows = np.diff(begins, append=len(value))
+    if rows.max() < _ROWS:
+        return np.zeros(len(value), bool)
     lasts_s = time_s[begins + rows - 1] - time_s[begins]
     least = max(_ROWS * float(np.median(rows)), _TIMES * float(np.quantile(rows, _RARELY)))
     long = (rows >= least) & (lasts_s >= _LONG_S)

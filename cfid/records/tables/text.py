@@ -95,10 +95,8 @@ def whole_lines(content: bytes) -> tuple[bytes, bool]:
     cut = content.endswith(b"\0")
     if b"\r" in text:
         text = text.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    if b"\xa0" in text:
-        text = _NO_BREAK_SPACE.sub(b" ", text)
-    if _MINUS in text:
-        text = text.replace(_MINUS, b"-")
+    if not text.isascii():
+        text = _NO_BREAK_SPACE.sub(b" ", text).replace(_MINUS, b"-")
     end = text.rfind(b"\n") + 1
     return text[:end], cut or bool(text[end:].strip())
 
