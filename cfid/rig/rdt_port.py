@@ -13,7 +13,9 @@ from twisted.internet.udp import Port
 from cfid.wire import rdt
 
 RECEIVE_BUFFER_BYTES = 4 << 20  # 1.4 s of single records at 7 kHz, where the usual one holds 37 ms
-_PAUSE_S = 0.025  # wake-ups cost the most: the system collects datagrams meanwhile
+# Wake-ups cost the most: the system collects datagrams, of which every block of a recording takes those that wait.
+_PAUSE_S, _SHORT_PAUSE_S = 0.25, 0.025  # with the buffer that was requested, and with a smaller one
+_LONGEST_DRAIN_S = 0.025
 
 # Linux, asm-generic/socket.h; Python 3.11 has no names for them.
 _SO_TIMESTAMPNS = 35
@@ -90,7 +92,8 @@ class RdtPort(Port):
         """Take all waiting datagrams, and read again a little later."""
         self.drain()
         self.stopReading()
-        self.reactor.callLater(_PAUSE_S, self._read_again)
+        pause_s = _PAUSE_S if self.buffer_bytes >= RECEIVE_BUFFER_BYTES else _SHORT_PAUSE_S
+        self.reactor.callLater(pause_s, self._read_again)
 
     def drain(self) -> None:
         """Take all waiting datagrams."""
@@ -130,7 +133,7 @@ class RdtPort(Port):
                 arrival_s = seconds + 1e-9 * nanoseconds - self._unix_less_monotonic_s
             elif kind == _SO_RXQ_OVFL:
                 (self._inbox.overflowed,) = _OVERFLOW.unpack(value)
-        return arrival_s if read_s - _CLOCK_STEP_S < arrival_s < now_s + _PAUSE_S else now_s
+        return arrival_s if read_s - _CLOCK_STEP_S < arrival_s < now_s + _LONGEST_DRAIN_S else now_s
 
 
 def enlarge(made: socket.socket) -> int:
