@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import butter, lfilter
 
-from cfid.flight.rows import AXES, ROW_S, ROW_STEPS, STEP_S, Flight, delayed, segments
+from cfid.flight.rows import AXES, ROW_S, ROW_STEPS, STEP_S, Flight, delayed, segments, with_ends
 
 Array = npt.NDArray[np.float64]
 
@@ -112,9 +112,16 @@ def _seen(late: Array, delay_s: float, low_pass_hz: float | None) -> Array:
         return _powers(delayed(late, delay_s))
     powers = _powers(delayed(late, delay_s - filtering_s(low_pass_hz)))
     settled = powers[1:, :1]
-    b, a = butter(2, low_pass_hz, fs=1 / STEP_S)
+    b, a = _low_pass(low_pass_hz)
     powers[1:] = settled + lfilter(b, a, powers[1:] - settled, axis=1)
     return powers
+
+
+@lru_cache(_KEPT)
+def _low_pass(low_pass_hz: float) -> tuple[Array, Array]:
+    """Return the coefficients b (3,) and a (3,) of a sensor's filter, at steps of drives."""
+    b, a = butter(2, low_pass_hz, fs=1 / STEP_S)
+    return b, a
 
 
 def filtering_s(low_pass_hz: float | None) -> float:
@@ -132,9 +139,13 @@ def _powers(late: Array) -> Array:
 
 
 def _vertical(flight: Flight, powers: Array, others: Array) -> FlightEquation:
-    together = powers[..., 0] + powers[..., 1] + powers[..., 2] + powers[..., 3]  # a sum over so few is slow
-    terms = _rows(flight, together.T)
+    terms = _rows(flight, _over_rotors(powers).T)
     return _cut(None, flight.force[:, 2], terms, others, segments(flight.driven))
+
+
+def _over_rotors(each: Array) -> Array:
+    """Return the sums over rotors, the last of some axes: NumPy's sum over so few is slow."""
+    return np.asarray(each[..., 0] + each[..., 1] + each[..., 2] + each[..., 3])
 
 
 def _others_along_z(flight: Flight) -> Array:
@@ -173,7 +184,7 @@ def turning_equation(flight: Flight, powers: Array, axis: int) -> FlightEquation
     """Return the equation of the rate about an axis, of powers (3, n, 4) of lagging drives as the gyro shows them."""
     turning = (powers @ flight.turning[axis]).T  # (n, 3)
     gone = _rows(flight, (np.cumsum(turning, axis=0) - turning / 2) * STEP_S)  # trapezoids, but for a constant
-    total = _rows(flight, powers[1].sum(axis=1)[:, np.newaxis])[:, 0]
+    total = _rows(flight, _over_rotors(powers[1])[:, np.newaxis])[:, 0]
     rates = flight.rates[:-1]  # the later ones contain the error that is to be predicted
     others = [
         np.ones(len(rates)),
@@ -194,9 +205,9 @@ def _rows(flight: Flight, steps: Array) -> Array:
     if flight.averaged:
         half = ROW_STEPS // 2
         # A step's mean differs from its middle by the bend: without it, thrust at 20 Hz is 0.3 % too large.
-        around = np.pad(steps, ((1, 1), (0, 0)), mode="edge")
+        around = with_ends(steps, 1, 1)
         means = steps + (around[2:] - 2 * steps + around[:-2]) / 24
-        padded = np.pad(means, ((half, half), (0, 0)), mode="edge")
+        padded = with_ends(means, half, half)
         of_rows = [padded[step : step + len(steps) : ROW_STEPS] for step in range(ROW_STEPS)]
         return np.asarray(sum(of_rows) / ROW_STEPS)[: len(flight.rates)]
     return np.asarray(steps[::ROW_STEPS][: len(flight.rates)])

@@ -111,10 +111,15 @@ def delayed(late: Array, delay_s: float) -> Array:
     """Return drives (n, 4) as they were a delay before, interpolated between steps."""
     whole = math.floor(delay_s / STEP_S)
     share = delay_s / STEP_S - whole
-    padded = np.pad(late, ((max(whole, 0) + 1, max(-whole, 0)), (0, 0)), mode="edge")
+    padded = with_ends(late, max(whole, 0) + 1, max(-whole, 0))
     begin = max(-whole, 0)
     newer, older = padded[begin + 1 : begin + 1 + len(late)], padded[begin : begin + len(late)]
     return np.asarray((1 - share) * newer + share * older)
+
+
+def with_ends(values: Array, before: int, after: int) -> Array:
+    """Return values (n, k) with the first so many times `before` them, and the last `after`; NumPy's `pad` is slow."""
+    return np.concatenate([*before * [values[:1]], values, *after * [values[-1:]]])
 
 
 def turned_back(attitude: Array, vector: Array) -> Array:
