@@ -84,9 +84,17 @@ class FlightFit:
 def fit_flights(flights: Sequence[Flight]) -> FlightFit:
     """Fit one vehicle to its flights.
 
+    The last fit is kept: of the same flights another mass and arm make other parameters, and what a flight's voltage
+    leaves out, and what it tells of parameters, rest on one.
+
     Raises FitError for less than 5 s in which all rotors were driven, CrossedError where torques turn it about other
     axes.
     """
+    return _fitted(tuple(flights))
+
+
+@lru_cache(1)
+def _fitted(flights: tuple[Flight, ...]) -> FlightFit:
     flown = [flight for flight in flights if segments(flight.driven)]
     rows = sum(one.stop - one.start for flight in flown for one in segments(flight.driven))
     if rows < _FEWEST:
@@ -129,12 +137,8 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
     )
 
 
-@lru_cache(1)
 def fit_alone(flight: Flight) -> FlightFit | None:
-    """Return a fit to one flight alone, None where it has none. Raises CrossedError for motors of other numbers.
-
-    The last one is kept: what a flight's voltage leaves out, and what it tells of parameters, rest on the same fit.
-    """
+    """Return a fit to one flight alone, None where it has none. Raises CrossedError for motors of other numbers."""
     try:
         return fit_flights([flight])
     except CrossedError:

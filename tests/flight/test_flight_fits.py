@@ -182,7 +182,7 @@ def every(log: FlightLog, rows_of: dict[str, int]) -> FlightLog:
     ("rows_of", "code", "lost"),
     [
         ({"motor": 5, "gyro": 1, "acc": 1}, "flight-commands-apart", ("_s",)),
-        ({"motor": 1, "gyro": 10, "acc": 1}, "flight-sensors-apart", ("_s",)),
+        pytest.param({"motor": 1, "gyro": 10, "acc": 1}, "flight-sensors-apart", ("_s",), marks=pytest.mark.slow),
         ({"motor": 1, "gyro": 1, "acc": 10}, "flight-sensors-apart", ("_s", "inertia")),
         ({"motor": 1, "gyro": 5, "acc": 5}, None, ()),
     ],
@@ -221,7 +221,12 @@ def repeating(log: FlightLog, rows_of: dict[str, float], *, step_rad_s: float = 
     ("rows_of", "step_deg_s", "said"),
     [
         ({"gyro": 2}, 0.0, "the gyro's in about 2 rows (500 rows a second show 250). The first"),
-        ({"acc": 5}, 0.0, "the accelerometer's in about 5 rows (500 rows a second show 100). The first"),
+        pytest.param(
+            {"acc": 5},
+            0.0,
+            "the accelerometer's in about 5 rows (500 rows a second show 100). The first",
+            marks=pytest.mark.slow,
+        ),
         ({"gyro": 2.5, "acc": 2.5}, 0.0, "the accelerometer's in about 2.5 rows (500 rows a second show 200). The"),
         ({"gyro": 5, "acc": 5}, 1.0, "the gyro's in about 5 rows (500 rows a second show 100), the accelerometer's"),
     ],
@@ -317,7 +322,8 @@ def test_uncertainties_of_mass_arm_and_torque_widen_what_they_scale(flown: tuple
     vehicles, logs = flown
     exact = body_of(vehicles, 0)
     wide = replace(exact, mass_std_kg=0.05 * exact.mass_kg, arm_std_m=0.03 * (exact.arm_m or 0.0))
-    first, second = (fit([flight_of(logs[0])], body=body).quantities for body in (exact, wide))
+    flight = flight_of(logs[0])
+    first, second = (fit([flight], body=body).quantities for body in (exact, wide))
     for key, more in (("flight.inertia_kg_m2.roll", np.hypot(0.05, 0.03)), ("flight.inertia_kg_m2.yaw", 0.05)):
         expected = np.hypot(first[key].std, more * first[key].value)
         assert second[key].std == pytest.approx(expected, rel=1e-6)
@@ -412,7 +418,7 @@ def test_thrust_just_after_a_gap_is_no_touch_of_the_ground() -> None:
         assert "flight-touched" not in [one.code for one in cut.findings]
 
 
-@pytest.mark.parametrize("idling", [4000.0, 0.0])
+@pytest.mark.parametrize("idling", [4000.0, pytest.param(0.0, marks=pytest.mark.slow)])
 def test_hops_with_a_rest_between_them_are_fitted_without_it(
     flown: tuple[Fleet, list[FlightLog]], idling: float
 ) -> None:
@@ -497,7 +503,7 @@ def test_a_fit_begins_with_a_late_accelerometer_where_that_explains_far_more() -
     assert max(map(abs, errors_in_std(result, expected).values())) < 3.5
 
 
-@pytest.mark.parametrize(("late_s", "when"), [(-0.030, "before"), (0.060, "after")])
+@pytest.mark.parametrize(("late_s", "when"), [(-0.030, "before"), pytest.param(0.060, "after", marks=pytest.mark.slow)])
 def test_a_gyro_whose_times_are_not_those_of_the_commands_is_refused(
     flown: tuple[Fleet, list[FlightLog]], late_s: float, when: str
 ) -> None:
@@ -511,18 +517,20 @@ def test_a_gyro_whose_times_are_not_those_of_the_commands_is_refused(
     assert set(result.rejected) >= {"flight.rising_s", "flight.delay_s", "flight.inertia_kg_m2.roll"}
 
 
-def test_flights_in_still_air_contain_the_truth() -> None:
+@pytest.mark.parametrize("count", [1, pytest.param(3, marks=pytest.mark.slow)])
+def test_flights_in_still_air_contain_the_truth(count: int) -> None:
     rng = np.random.default_rng(6)
-    vehicles = fleet(3, rng)
+    vehicles = fleet(count, rng)
     for place, log in enumerate(fly(vehicles, rng, seconds=18.0, wind=0.0)):
         errors = errors_in_std(fit([flight_of(log)], body=body_of(vehicles, place)), truths(vehicles, place))
         assert max(map(abs, errors.values())) < 3.5
 
 
-def test_delays_of_calm_flights_err_alike_and_their_uncertainty_contains_it() -> None:
+@pytest.mark.parametrize("count", [2, pytest.param(3, marks=pytest.mark.slow)])
+def test_delays_of_calm_flights_err_alike_and_their_uncertainty_contains_it(count: int) -> None:
     """Each came out 0.03 ms early, 1.3 of the standard uncertainties that noise alone made."""
     rng = np.random.default_rng(6)
-    logs = fly(fleet(3, rng), rng, seconds=24.0, wind=0.0, noise=0.2)
+    logs = fly(fleet(count, rng), rng, seconds=24.0, wind=0.0, noise=0.2)
     found = [fit_flights([flight_of(log).flight]) for log in logs]
     delay_s = LATE_STEPS * STEP + GYRO_DELAY_S
     assert abs(np.mean([(one.values[3] - delay_s) / one.std[3] for one in found])) < 1.0
@@ -557,10 +565,11 @@ def test_without_the_voltage_moments_contain_what_a_battery_gives_way_under_load
     assert -0.12 < np.mean(biases) < -0.03
 
 
-def test_a_voltage_that_acts_before_late_commands_costs_no_moments() -> None:
+@pytest.mark.parametrize("count", [2, pytest.param(3, marks=pytest.mark.slow)])
+def test_a_voltage_that_acts_before_late_commands_costs_no_moments(count: int) -> None:
     """Delayed with the command, a battery that gives way under load made moments 1 % small, here by up to 2 %."""
     rng = np.random.default_rng(12)
-    vehicles = fleet(3, rng)
+    vehicles = fleet(count, rng)
     logs = fly(vehicles, rng, seconds=24.0, wind=0.1, load_sag=0.08, late_steps=5, with_volts=True)
     moments = {key for key in truths(vehicles, 0) if "inertia" in key}
     errors, relative = [], []
@@ -727,11 +736,10 @@ def test_lags_contain_what_inflow_takes_from_thrust() -> None:
     rng = np.random.default_rng(14)
     vehicles = fleet(2, rng)
     for place, log in enumerate(fly(vehicles, rng, seconds=24.0, wind=0.1, inflow=0.06)):
-        expected = {
-            key: value for key, value in truths(vehicles, place).items() if key.endswith(("rising_s", "falling_s"))
-        }
+        flight, expected = flight_of(log), truths(vehicles, place)
+        expected = {key: value for key, value in expected.items() if key.endswith(("rising_s", "falling_s"))}
         exact, wide = (
-            fit([flight_of(log)], body=replace(body_of(vehicles, place), inflow_std=std)) for std in (0.0, INFLOW_STD)
+            fit([flight], body=replace(body_of(vehicles, place), inflow_std=std)) for std in (0.0, INFLOW_STD)
         )
         assert max(map(abs, errors_in_std(wide, expected).values())) < 2.0
         for key, share in (("flight.rising_s", 0.5), ("flight.falling_s", 1.0)):
@@ -976,7 +984,7 @@ def test_without_arm_and_torque_no_moment_is_given(flown: tuple[Fleet, list[Flig
     assert not any("inertia" in key for key in result.quantities)
 
 
-@pytest.mark.parametrize("order", [[1, 2, 3, 0], [3, 0, 1, 2]])
+@pytest.mark.parametrize("order", [[1, 2, 3, 0], pytest.param([3, 0, 1, 2], marks=pytest.mark.slow)])
 def test_motors_that_are_numbered_from_another_corner_are_named(
     flown: tuple[Fleet, list[FlightLog]], order: list[int]
 ) -> None:

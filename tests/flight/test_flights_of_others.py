@@ -17,6 +17,7 @@ from cfid.flight.equations import THRUST, TURNS
 from cfid.flight.estimation import FlightFit, fit_flights
 from cfid.flight.findings import contradictions
 from cfid.flight.likelihood import PAST, whitening, without
+from cfid.flight.moving import moving_findings
 from cfid.flight.result import fit
 from cfid.flight.rows import Flight
 from cfid.flight.turning import turning_findings
@@ -33,6 +34,7 @@ AUTHORS_LEVER_M = 0.028
 # Their windows, 35 to 65 s and 55 to 90 s of the logs' own times, since the first row.
 LOG10, LOG15 = ("eschmann_log10.usd", 8.76, 39.12), ("eschmann_log15.usd", 15.94, 51.36)
 HALVES = (("eschmann_log15.usd", 15.94, 33.6), ("eschmann_log15.usd", 33.6, 51.36))
+Windows = tuple[tuple[str, float, float], ...]
 OLDER = (2, 3, 4, 5)  # rows: torques of 20 to 50 ms before
 
 pytestmark = pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the public flights are not here (CFID_DATA)")
@@ -102,7 +104,16 @@ def test_moments_are_the_same_in_both_directions_of_regression() -> None:
         assert forward == pytest.approx(gain, rel=0.01)
 
 
-@pytest.mark.parametrize(("of_drive", "of_force", "of_rates"), [(1.0, 2.0, 1.0), (0.7, 1.0, 1.0), (1.0, 1.0, 1 / 1.5)])
+@pytest.mark.parametrize(
+    ("of_drive", "of_force", "of_rates"),
+    [
+        (0.7, 2.0, 1 / 1.5),
+        *(
+            pytest.param(*one, marks=pytest.mark.slow)
+            for one in ((1.0, 2.0, 1.0), (0.7, 1.0, 1.0), (1.0, 1.0, 1 / 1.5))
+        ),
+    ],
+)
 def test_what_is_found_does_not_depend_on_units(of_drive: float, of_force: float, of_rates: float) -> None:
     """Where nothing tells a parameter, the optimiser wandered off with it and stopped where its numbers ended."""
     flight = read(*HALVES[0]).flight
@@ -117,16 +128,18 @@ def test_what_is_found_does_not_depend_on_units(of_drive: float, of_force: float
     assert found.std[excited] / sizes[excited] == pytest.approx(usual.std[excited], rel=1e-2)
 
 
-def test_windows_of_a_flight_give_the_same_moments_within_their_uncertainty() -> None:
-    windows = [fitted(one) for one in (LOG15, *HALVES)] + [fitted(LOG10, LOG15)]
-    for found in windows:
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [(HALVES[:1], HALVES[1:]), pytest.param((LOG10, LOG15), (LOG15,), marks=pytest.mark.slow)],
+    ids=["two halves", "with climbs and without"],
+)
+def test_windows_of_a_flight_give_the_same_moments_within_their_uncertainty(one: Windows, other: Windows) -> None:
+    first, second = fitted(*one), fitted(*other)
+    for found in (first, second):
         print(moments(found), f"kg m^2, +- {np.round(100 * relative_std(found), 1)} %")
     for axis in (0, 1):
-        first, second = windows[1], windows[2]
         apart = float(np.log(moments(first)[axis] / moments(second)[axis]))
         assert abs(apart) < 2 * float(np.hypot(relative_std(first)[axis], relative_std(second)[axis]))
-        with_climbs = float(np.log(moments(windows[3])[axis] / moments(windows[0])[axis]))
-        assert abs(with_climbs) < 2 * float(np.hypot(relative_std(windows[3])[axis], relative_std(windows[0])[axis]))
 
 
 def test_delays_of_the_gyro_are_those_of_its_filter_and_more_in_every_flight() -> None:
@@ -207,7 +220,9 @@ DEFECTS: dict[str, tuple[Callable[[Flight], Flight], str, str]] = {
 }
 
 
-@pytest.mark.parametrize("defect", DEFECTS)
+@pytest.mark.parametrize(
+    "defect", [pytest.param(one, marks=[pytest.mark.slow] * (one == "exchanged motors")) for one in DEFECTS]
+)
 def test_axes_motors_and_sensors_that_no_vehicle_has_are_named_and_lags_go_with_them(defect: str) -> None:
     change, code, words = DEFECTS[defect]
     flown = read(*HALVES[0])
@@ -290,22 +305,34 @@ MOVED: dict[str, tuple[Callable[[Flight], Flight], str, str]] = {
 }
 
 
+@pytest.mark.parametrize("log", [CIRCLE, HELIX])
+@pytest.mark.parametrize("defect", [None, *MOVED])
+def test_motion_capture_that_moves_otherwise_than_the_sensors_is_named(log: str, defect: str | None) -> None:
+    change, code, words = MOVED[defect] if defect else (lambda one: one, "", "")
+    found = moving_findings(change(read(log).flight))
+
+    assert [(one.code, one.severity) for one in found] == [(code, "rejection")] * bool(defect)
+    assert all(words in one.text for one in found)
+
+
 @pytest.mark.parametrize(
     ("log", "defect"),
     [
-        pytest.param(HELIX, None, marks=pytest.mark.slow),
         (CIRCLE, None),
-        *(pytest.param(CIRCLE, one, marks=[pytest.mark.slow] * (one == "cm/s")) for one in MOVED),
+        (CIRCLE, "half"),
+        *(
+            pytest.param(log, one, marks=pytest.mark.slow)
+            for log, one in ((HELIX, None), *((CIRCLE, one) for one in MOVED if one != "half"))
+        ),
     ],
 )
 def test_motion_capture_that_moves_otherwise_than_the_sensors_costs_the_drag(log: str, defect: str | None) -> None:
     flown = read(log)
-    change, code, words = MOVED[defect] if defect else (lambda one: one, "", "")
-    result = fit([replace(flown, flight=change(flown.flight))], body=ARM)
-    found = [one for one in result.findings if one.code in ("flight-velocity-unlike-force", "flight-attitude-stuck")]
+    change, code, _ = MOVED[defect] if defect else (lambda one: one, "", "")
+    result = fit([replace(flown, flight=change(flown.flight)) if defect else flown], body=ARM)
 
-    assert [(one.code, one.severity) for one in found] == [(code, "rejection")] * bool(defect)
-    assert all(words in one.text for one in found)
+    found = [one.code for one in result.findings if one.code in {code for _, code, _ in MOVED.values()}]
+    assert found == [code] * bool(defect)
     assert ("flight.drag_over_mass_per_s.forward" in result.rejected) is bool(defect)
     if defect:
         assert not any("drag" in key for key in result.without_rejected().quantities)
