@@ -65,8 +65,13 @@ def four(tmp_path_factory: pytest.TempPathFactory) -> RotorLog:
     return read(logged(tmp_path_factory.mktemp("log"), MOTORS + SPEEDS, *columns))
 
 
-def test_the_known_lag_comes_back_and_a_bad_rotor_condemns_no_other(four: RotorLog) -> None:
-    result = fit(four)
+@pytest.fixture(scope="module")
+def fitted_four(four: RotorLog) -> Result:
+    return fit(four)
+
+
+def test_the_known_lag_comes_back_and_a_bad_rotor_condemns_no_other(fitted_four: Result) -> None:
+    result = fitted_four
     rows = result.quantities["dynamics.time_constant_s"].value
 
     assert result.accepted
@@ -120,11 +125,21 @@ def test_a_few_voltages_and_speeds_that_are_missing_are_left_out_and_named(tmp_p
     ("place", "value", "said"),
     [
         (0, 1e300, "motor.m1: 1 value that cannot be, the first 1e+300 (limits 0 and 65535), left out."),
-        (0, 1e12, "motor.m1: 1 value that cannot be, the first 1e+12 (limits 0 and 65535), left out."),
         (0, 1e6, "motor.m1: 1 value that cannot be, the first 1e+06 (limits 0 and 65535), left out."),
         (0, -5.0, "motor.m1: 1 value that cannot be, the first -5 (limits 0 and 65535), left out."),
         (1, 1e300, "rpm.m1: 1 value that cannot be, the first 1.047e+299 rad/s (limits -20000 and 20000 rad/s)"),
-        (1, 1e100, "rpm.m1: 1 value that cannot be, the first 1.047e+99 rad/s (limits -20000 and 20000 rad/s)"),
+        pytest.param(
+            0,
+            1e12,
+            "motor.m1: 1 value that cannot be, the first 1e+12 (limits 0 and 65535), left out.",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            1,
+            1e100,
+            "rpm.m1: 1 value that cannot be, the first 1.047e+99 rad/s (limits -20000 and 20000 rad/s)",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_one_command_or_speed_that_cannot_be_is_left_out_and_named(
@@ -146,7 +161,12 @@ def test_one_command_or_speed_that_cannot_be_is_left_out_and_named(
 
 
 @pytest.mark.parametrize(
-    ("wrong", "begin", "count"), [(59.0, 700, 1), (12.0, 1900, 1), (8.0, 700, 1), (1.5, 900, 120), (41.0, 900, 200)]
+    ("wrong", "begin", "count"),
+    [
+        (8.0, 700, 1),
+        (1.5, 900, 120),
+        *(pytest.param(*one, marks=pytest.mark.slow) for one in ((59.0, 700, 1), (12.0, 1900, 1), (41.0, 900, 200))),
+    ],
 )
 def test_a_voltage_that_the_others_refute_is_left_out_and_named(
     tmp_path: Path, wrong: float, begin: int, count: int
@@ -231,8 +251,10 @@ def test_a_speed_that_follows_another_command_is_named_as_that(two: tuple[Path, 
         assert "lag-not-excited" not in about(result, rotor)
 
 
-@pytest.mark.parametrize("times", [1.6, 3.0])
-@pytest.mark.parametrize("share", [0.01, 0.15])
+@pytest.mark.parametrize(
+    ("share", "times"),
+    [(0.01, 1.6), (0.15, 3.0), *(pytest.param(*one, marks=pytest.mark.slow) for one in ((0.01, 3.0), (0.15, 1.6)))],
+)
 def test_speeds_that_no_command_leads_to_are_left_out_and_named(
     two: tuple[Path, Array, Array], share: float, times: float
 ) -> None:
@@ -430,9 +452,9 @@ def test_a_battery_that_sags_unlogged_is_named_and_the_map_holds_in_the_middle(t
 
 
 def test_the_speed_map_that_was_fitted_with_the_lag_is_the_mean_of_the_rotors_with_its_uncertainty(
-    four: RotorLog,
+    fitted_four: Result,
 ) -> None:
-    result = fit(four)
+    result = fitted_four
     poly, covariance = result.quantities["motor.speed_poly"], result.covariances[0]
     at = np.array([[25000.0**2, 25000, 1], [55000.0**2, 55000, 1]])
     known = np.array(covariance.matrix)[-3:, -3:]
@@ -456,6 +478,18 @@ def test_a_speed_map_that_falls_is_rejected_and_the_lag_is_not(tmp_path: Path) -
     assert "motor.speed_poly" not in result.without_rejected().quantities
 
 
+def scaled(folder: Path, low: float, high: float) -> Result:
+    """Return the fit of a log whose commands go from `low` to `high`."""
+    _, command, speed = flown(1, 9, rotors=1, noise=3.0, red=0.0)
+    names = MOTORS[0].replace("(H)", "(f)"), SPEEDS[0]
+    return fit(read(logged(folder, names, low + (high - low) * command[0, 0], NEXT * speed[0])))
+
+
+@pytest.fixture(scope="module")
+def usual(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    return scaled(tmp_path_factory.mktemp("usual"), 0.0, 65535.0)
+
+
 @pytest.mark.parametrize(
     ("low", "high", "scale"),
     [
@@ -465,11 +499,10 @@ def test_a_speed_map_that_falls_is_rejected_and_the_lag_is_not(tmp_path: Path) -
         (1000.0, 2000.0, "pulse widths"),
     ],
 )
-def test_commands_on_another_scale_give_the_lag_and_no_map(tmp_path: Path, low: float, high: float, scale: str) -> None:
-    _, command, speed = flown(1, 9, rotors=1, noise=3.0, red=0.0)
-    names = MOTORS[0].replace("(H)", "(f)"), SPEEDS[0]
-    usual = fit(read(logged(tmp_path, names, 65535 * command[0, 0], NEXT * speed[0])))
-    other = fit(read(logged(tmp_path, names, low + (high - low) * command[0, 0], NEXT * speed[0])))
+def test_commands_on_another_scale_give_the_lag_and_no_map(
+    usual: Result, tmp_path: Path, low: float, high: float, scale: str
+) -> None:
+    other = scaled(tmp_path, low, high)
     assert "motor.speed_poly" in usual.quantities.keys() - usual.rejected
     assert "motor.speed_poly" in other.rejected
     assert any(scale in one.text for one in other.findings if one.code == "commands-of-another-scale")

@@ -193,6 +193,8 @@ def _other_command(part: LogPart, motor: int) -> tuple[Finding, ...]:
     """Return a warning where the speed of a rotor that does not follow its command follows that of another."""
     best, explained = 0, 0.0
     for other in part.commands:
+        if other == motor:
+            continue
         try:
             fit = fit_lag(part.of_speed(motor, by=other), kind="speed", row_s=part.row_s, moving=part.moving)
         except FitError:
