@@ -100,15 +100,15 @@ def test_a_low_battery_is_a_warning_that_says_how_long_it_lasts(tmp_path: Path) 
     assert "-> charge it" in pilot.out
 
 
-def test_propellers_are_judged_once_the_operator_agrees_and_the_worst_is_named(tmp_path: Path) -> None:
-    with bench_in(tmp_path, **FULL) as bench:
+def test_propellers_are_judged_once_the_operator_agrees_and_the_bad_one_is_named_alone(tmp_path: Path) -> None:
+    with bench_in(tmp_path, **FULL, rotors={"unbalance_by_motor": (1.0, 1.0, 4.0, 1.0)}) as bench:
         refused = bench.start("rig", "preflight", "--for", 1)
         assert refused.end() == 0
         assert len(bench.history) == 1
         content = (tmp_path / "rig.toml").read_text().replace("rate_hz = 700\n", "rate_hz = 7000\n")
         (tmp_path / "rig.toml").write_text(content)
         pilot = bench.start("rig", "preflight", "--for", 1, "--yes", "--json")
-        pilot.end()
+        assert pilot.end() == 3
         still = bench.motors
     answers = json.loads(pilot.out)["devices"]["rotors"]
 
@@ -117,27 +117,21 @@ def test_propellers_are_judged_once_the_operator_agrees_and_the_worst_is_named(t
     assert "one after the other, for 0:24 min (nothing is kept on the disk); battery 4." in refused.err
     assert [answer["asked"] for answer in answers] == [f"balance {motor}" for motor in (1, 2, 3, 4)]
     assert all("% of" in answer["answer"] and answer["limit"] for answer in answers)
+    (bad,) = [answer for answer in answers if answer["state"] != "ok"]
+    assert (bad["asked"], bad["state"]) == ("balance 3", "fault"), answers
+    assert "replace this propeller" in bad["advice"]
     assert "motors stopped, confirmed in" in pilot.err
     assert not any(still)
 
 
-def test_one_bad_propeller_of_four_is_named_alone_with_what_to_do(tmp_path: Path) -> None:
-    with bench_in(tmp_path, **FULL, rotors={"unbalance_by_motor": (1.0, 1.0, 4.0, 1.0)}) as bench:
-        content = (tmp_path / "rig.toml").read_text().replace("rate_hz = 700\n", "rate_hz = 7000\n")
-        (tmp_path / "rig.toml").write_text(content)
-        pilot = bench.start("rig", "preflight", "--for", 1, "--yes", "--json")
-        assert pilot.end() == 3
-    answers = json.loads(pilot.out)["devices"]["rotors"]
-
-    (bad,) = [answer for answer in answers if answer["state"] != "ok"]
-    assert (bad["asked"], bad["state"]) == ("balance 3", "fault"), answers
-    assert "replace this propeller" in bad["advice"]
-
-
 @pytest.mark.parametrize(
     "numbers",
-    [(signal.SIGINT,), (signal.SIGINT, signal.SIGINT), (signal.SIGHUP,), (signal.SIGTERM,)],
-    ids=["Ctrl-C", "Ctrl-C twice", "the terminal hangs up", "a plain kill"],
+    [
+        pytest.param((signal.SIGINT,), id="Ctrl-C"),
+        pytest.param((signal.SIGINT, signal.SIGINT), id="Ctrl-C twice", marks=pytest.mark.slow),
+        pytest.param((signal.SIGHUP,), id="the terminal hangs up"),
+        pytest.param((signal.SIGTERM,), id="a plain kill", marks=pytest.mark.slow),
+    ],
 )
 def test_however_the_look_at_the_balance_ends_the_motors_are_off_and_the_vehicle_can_be_used(
     tmp_path: Path, numbers: tuple[int, ...]
