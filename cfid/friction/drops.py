@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -135,9 +136,16 @@ def _blocks(speed: Array) -> Array:
 
 def _unsteadiness(blocks: Array) -> float:
     """Return the larger of the trend across a segment and its scatter, over its mean."""
-    place = np.linspace(-0.5, 0.5, len(blocks)) if len(blocks) > 1 else np.zeros(1)
-    trend = float(blocks @ place / (place @ place)) if len(blocks) > 1 else 0.0
-    return max(abs(trend), float(np.std(blocks))) / max(abs(float(blocks.mean())), 1e-12)
+    place, size = _across(len(blocks))
+    trend = float(blocks @ place / size) if len(blocks) > 1 else 0.0
+    return max(abs(trend), float(blocks.std())) / max(abs(float(blocks.mean())), 1e-12)
+
+
+@cache
+def _across(count: int) -> tuple[Array, float]:
+    """Return places (count,) from one end of a segment, -0.5, to the other, 0.5, and the sum of their squares."""
+    place = np.linspace(-0.5, 0.5, count) if count > 1 else np.zeros(1)
+    return place, float(place @ place)
 
 
 def _steady_window(speed: Array, moving: slice) -> tuple[slice, float]:

@@ -11,6 +11,7 @@ from cfid.sim.stepping import Array, Indices, Time
 
 # A grip of two fingers follows at this rate: far above any swing (about 14 rad/s), far below 1/step_s.
 GRIP_RAD_PER_S = 250.0
+_KEPT = 2  # times of a step that are asked for anew
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,6 +55,7 @@ class Hands:
         self._begins, self._takes = np.array([self._wait, self._fades]), np.array([self._lift, self._let_go])
         self._stiffness = inertia * GRIP_RAD_PER_S**2
         self._damping = 2 * inertia * GRIP_RAD_PER_S  # no overshoot
+        self._latest: dict[float, tuple[Array, Array, Array]] = {}
 
     @classmethod
     def on(cls, releases: Sequence[HandRelease], *, axis_inertia_kg_m2: Array, rest_rad: Array) -> Self:
@@ -72,13 +74,30 @@ class Hands:
 
     def torque_nm(self, time_s: Time, angle_rad: Array, speed_rad_per_s: Array) -> Array:
         """The torque on each axis."""
+        target, target_speed, grip = self._at(time_s)
+        pull = self._stiffness * (target - angle_rad) + self._damping * (target_speed - speed_rad_per_s)
+        return np.asarray(grip * pull)
+
+    def _at(self, time_s: Time) -> tuple[Array, Array, Array]:
+        """Return the angles and speeds that the hands follow, and how firm their grips are, as a share.
+
+        A step of the integration asks for its middle twice, and the next one for the end of the last.
+        """
+        if not isinstance(time_s, float):
+            return self._course(time_s)
+        if time_s not in self._latest:
+            if len(self._latest) == _KEPT:
+                del self._latest[next(iter(self._latest))]
+            self._latest[time_s] = self._course(time_s)
+        return self._latest[time_s]
+
+    def _course(self, time_s: Time) -> tuple[Array, Array, Array]:
         (lifted, let_go), (lifting, _) = _minimum_jerk((time_s - self._begins) / self._takes)
         phase = self._rate * time_s + self._phase
         held = self._angle + self._tremor * np.sin(phase)
         target = self._rest + lifted * held
         target_speed = lifting / self._lift * held + lifted * self._tremor * self._rate * np.cos(phase)
-        pull = self._stiffness * (target - angle_rad) + self._damping * (target_speed - speed_rad_per_s)
-        return np.asarray((1 - let_go) * pull)
+        return target, target_speed, 1 - let_go
 
 
 def _minimum_jerk(x: Array) -> tuple[Array, Array]:
