@@ -3,6 +3,7 @@
 import json
 import math
 import re
+import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -48,9 +49,15 @@ TABLE = "command,angle_deg,vx_mps,vy_mps,vz_mps,speed_sum_rad_s,fx_n,fy_n,fz_n"
 GROUPS = [("each", 90), ("lateral", 90), ("command", 12), ("wind", 10), ("angle", 2)]
 
 
+@pytest.fixture(scope="module")
+def unspoilt(tmp_path_factory: pytest.TempPathFactory) -> WindFolder:
+    return recorded(tmp_path_factory.mktemp("tunnel"))
+
+
 @pytest.fixture
-def tunnel(tmp_path: Path) -> WindFolder:
-    return recorded(tmp_path)
+def tunnel(unspoilt: WindFolder, tmp_path: Path) -> WindFolder:
+    shutil.copytree(unspoilt.folder, tmp_path, dirs_exist_ok=True)
+    return WindFolder(tmp_path, [dict(row) for row in unspoilt.rows])
 
 
 def read(index: Path, *, method: Method = "default", **wind: float) -> DragExperiments:

@@ -1,5 +1,6 @@
 """Invalid sine runs: a sentence with the next step and an exit code, never a traceback."""
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -23,9 +24,15 @@ def runs() -> list[SimulatedSine]:
     return sines(PERIODS)
 
 
+@pytest.fixture(scope="module")
+def unspoilt(tmp_path_factory: pytest.TempPathFactory, runs: list[SimulatedSine]) -> Path:
+    return write_index(tmp_path_factory.mktemp("sines"), {"": runs}, cells=1)
+
+
 @pytest.fixture
-def index(tmp_path: Path, runs: list[SimulatedSine]) -> Path:
-    return write_index(tmp_path, {"": runs}, cells=1)
+def index(unspoilt: Path, tmp_path: Path) -> Path:
+    shutil.copytree(unspoilt.parent, tmp_path, dirs_exist_ok=True)
+    return tmp_path / unspoilt.name
 
 
 def refused(ended: Said, code: int, *words: str) -> None:
