@@ -123,7 +123,10 @@ def _rates(flight: Flight, one: ParameterSet, turning: Array, at: Rows) -> tuple
 
 
 def _gyroscopic(rates: Array, moments: Array) -> Array:
-    return np.asarray(np.cross(rates, moments * rates) / moments)
+    """Return the cross product of rates (n, 3) and momenta over moments (3,), in every step: `np.cross` is slow."""
+    x, y, z = rates.T
+    of_x, of_y, of_z = (moments * rates).T
+    return np.stack([y * of_z - z * of_y, z * of_x - x * of_z, x * of_y - y * of_x], axis=1) / moments
 
 
 def _turned(rates: Array) -> Array:

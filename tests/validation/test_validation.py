@@ -29,8 +29,9 @@ from tests.places import DATA
 from tests.report.fits_by_hand import new_campaign, put
 
 FLIGHTS = DATA / "flights"
-SLOW_WINDS = tuple(
-    (seed, size, wind) for seed in (23, 24, 25, 26) for size, wind in ((0.4, 1.5), (1.0, 1.0), (1.0, 0.3))
+SLOW_WINDS = (
+    (22, 1.0, 1.0),
+    *((seed, size, wind) for seed in (23, 24, 25, 26) for size, wind in ((0.4, 1.5), (1.0, 1.0), (1.0, 0.3))),
 )
 
 
@@ -432,7 +433,7 @@ def test_manoeuvres_show_moments_also_where_they_are_gentle(size: float) -> None
 
 @pytest.mark.parametrize(
     ("seed", "size", "wind"),
-    [(21, 0.4, 1.5), (22, 1.0, 1.0), *(pytest.param(*one, marks=pytest.mark.slow) for one in SLOW_WINDS)],
+    [(21, 0.4, 1.5), *(pytest.param(*one, marks=pytest.mark.slow) for one in SLOW_WINDS)],
 )
 def test_in_wind_no_wrong_moments_or_lags_are_better_than_the_true_ones(seed: int, size: float, wind: float) -> None:
     """Rates and attitude after 0.5 and 1 s preferred moments that were 1.15 times too large, significantly."""
