@@ -13,6 +13,7 @@ from cfid.estimate.blocks import block_means
 from cfid.estimate.onsets import Onset, onsets
 from cfid.estimate.signals import SMOOTHED_S, Slow, quiet_mean
 from cfid.estimate.staircase_points import Level, Point, Staircase
+from cfid.estimate.two_levels import other_level
 from cfid.estimate.windows import (
     LAGS,
     Interval,
@@ -36,6 +37,7 @@ _DRIFT, _WAVE, _BASELINE_WAVE = 0.05, 0.005, 0.001  # in a window, of a step's h
 _LEAST_HEIGHT = 0.02  # of the highest step: limits are not narrower than there
 _FEWEST_IN_BASELINE = 2  # readings: a tare that is not sure is better than none
 _SEEN, _SILENT = 3.0, "no thrust is seen"  # within so many deviations
+_DROPS_OUT = ": an instrument that drops out or repeats a reading"
 _UNDER_WAY = "it was under way when the record began"
 
 
@@ -144,7 +146,10 @@ def _reduced(
     bounds = _bounds(intervals, begun)
     heights = np.abs(levels - rest)
     baselines = _baselines(
-        record, [bounds[i] for i in range(len(bounds)) if i not in steps], wave=_BASELINE_WAVE * heights.max()
+        record,
+        [bounds[i] for i in range(len(bounds)) if i not in steps],
+        wave=_BASELINE_WAVE * heights.max(),
+        tared=tared,
     )
     if not tared:
         baselines = [one._replace(mean=0 * one.mean, std=0 * one.std, slope=0 * one.slope) for one in baselines]
@@ -155,7 +160,8 @@ def _reduced(
     for i, window in zip(steps, by_hand, strict=True):
         height = max(heights[i], _LEAST_HEIGHT * heights.max())
         stretch = Stretch(*window) if window else _steady(record, baselines, bounds[i], height=height)
-        stretch = stretch if i else stretch._replace(reason=_UNDER_WAY)
+        tare = float(_tare(baselines, sum(stretch[:2]) / 2)[0][record.thrust])
+        stretch = stretch._replace(reason=_UNDER_WAY if not i else stretch.reason or _mixed(record, stretch, tare))
         points.append(_point(record, baselines, intervals[i], begun[max(i - 1, 0)], stretch))
     reasons = [point.reason for point in points if (point.command or 0) > DEAD_COMMAND]
     if reasons and all(reason.startswith(_SILENT) for reason in reasons):
@@ -163,6 +169,7 @@ def _reduced(
             f"no motor is felt: {reasons[-1]}. Is the vehicle armed, its battery charged? Where motors turned, the "
             "load cell did not feel them: see to its cable, its mount, and the axis of thrust."
         )
+    _refuse_two_levels(points)
     before, ended = baselines[0], baselines[-1].time_s > bounds[steps[-1]][1]
     after = baselines[-1] if ended and len(baselines) > driven else None
     return Staircase(
@@ -175,6 +182,17 @@ def _reduced(
     )
 
 
+def _refuse_two_levels(points: Sequence[Point]) -> None:
+    """Raise DataError where half of the steps mix two levels: what the others miss is only less easily seen."""
+    mixed = [point for point in points if point.reason.endswith(_DROPS_OUT)]
+    if 2 * len(mixed) >= len(points) and mixed:
+        at = "" if mixed[-1].command is None else f" at command {mixed[-1].command}"
+        raise DataError(
+            f"the readings are of two levels in {len(mixed)} of {counted(len(points), 'step')}:{at} "
+            f"{mixed[-1].reason}. Its mean is of neither: check its wires and its amplifier, and record again."
+        )
+
+
 def _bounds(intervals: Sequence[Interval], begun: Sequence[Onset]) -> list[Window]:
     """Return where each interval may be steady: from five lags after its onset to just before the next."""
     begins = [intervals[0].begin_s, *(onset.time_s + LAGS * onset.lag_s for onset in begun)]
@@ -182,11 +200,25 @@ def _bounds(intervals: Sequence[Interval], begun: Sequence[Onset]) -> list[Windo
     return list(zip(begins, ends, strict=True))
 
 
-def _baselines(record: StandSignals, bounds: Sequence[Window], *, wave: float) -> list[Level]:
-    """Average the baselines of two readings or more; that of a load cell that drifts counts too."""
+def _baselines(record: StandSignals, bounds: Sequence[Window], *, wave: float, tared: bool) -> list[Level]:
+    """Average the baselines of two readings or more; that of a load cell that drifts counts too.
+
+    Raises DataError where readings are of two levels in each of those that are taken off.
+    """
     limits = {"drift": math.inf, "wave": wave, "hold_s": record.held / record.rate_hz}
     found = [steady_stretch(record.slow, each, **limits, fewest=_FEWEST_IN_BASELINE) for each in bounds]
-    return [_averaged(record, one) for one in found if not one.reason]
+    steady = [one for one in found if not one.reason]
+    mixed = [_mixed(record, one) if tared else "" for one in steady]
+    if steady and all(mixed):
+        raise DataError(f"in the pauses {mixed[0]}. Check its wires and its amplifier, and record again.")
+    return [_averaged(record, one) for one, reason in zip(steady, mixed, strict=True) if not reason]
+
+
+def _mixed(record: StandSignals, stretch: Stretch, tare: float = 0.0) -> str:
+    """Return why the readings of a steady stretch, less a tare, have no mean, "" where they are of one level."""
+    first, last = np.searchsorted(record.time_s, stretch[:2])
+    off = other_level(record.value[record.thrust, first:last] - tare, finest=float(record.finest[record.thrust]))
+    return f"{off}{_DROPS_OUT}" if off else ""
 
 
 def _averaged(record: StandSignals, stretch: Stretch) -> Level:
