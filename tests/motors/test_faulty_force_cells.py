@@ -1,4 +1,4 @@
-"""A load cell that drops out gives neither a good verdict nor a map."""
+"""A load cell that drops out, or whose unit is wrong, gives neither a good verdict nor a map."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -8,7 +8,7 @@ import numpy.typing as npt
 import pandas as pd
 import pytest
 
-from cfid.errors import DataError
+from cfid.errors import DataError, FitError
 from cfid.estimate.two_levels import other_level
 from cfid.motors import maps
 from cfid.motors.maps.verdict import of_forces
@@ -105,3 +105,25 @@ def test_a_value_that_comes_back_within_a_vibration_is_another_level() -> None:
 
     assert not other_level(vibration)
     assert "repeat 0.02 between others" in other_level(dropped)
+
+
+@pytest.mark.parametrize(("factor", "hint"), [(1e3 / 9.80665, "grams of thrust"), (0.1, "implausible")])
+def test_a_thrust_that_no_motor_of_the_platform_has_is_not_called_good(run: Run, factor: float, hint: str) -> None:
+    wrong = changed(run, lambda force_n, _: factor * force_n)
+
+    with pytest.raises(FitError, match=f"{hint}.*Check unit and scale of devices.loadcell"):
+        of_forces(wrong)
+
+    text = new_rig_text().replace('platform = "cf2"', 'platform = "other"')
+    (run.folder.parents[1] / RIG_FILE).write_text(text)
+    assert "8 of 8 steps are steady" in of_forces(wrong)
+
+
+def test_two_steps_in_grams_that_are_stated_as_newtons_are_not_called_good_either(tmp_path: Path) -> None:
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    record = climbed((24000, 48000), rate_hz=80.0, hold_s=5.0, rest_s=3.0, spikes_per_s=0.0, rotors=FILTERED)
+    short = write_run(tmp_path, record, steps=(24000, 48000), motors=[1, 3], hold_s=5.0, rest_s=3.0)
+    wrong = changed(with_axes(short, "Fz"), lambda force_n, _: force_n * 1e3 / 9.80665)
+
+    with pytest.raises(FitError, match="grams of thrust"):
+        of_forces(wrong)

@@ -1,6 +1,7 @@
 """Judge a staircase as soon as it is recorded: of the load cell, of typed readings, or of what an instrument showed."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 
 import numpy as np
 
@@ -9,13 +10,14 @@ from cfid.errors import DataError, FitError
 from cfid.findings import joined, texts
 from cfid.motors.maps.data import of_completed, of_staircase
 from cfid.motors.maps.evidence import Evidence, Stand, together
-from cfid.motors.maps.result import fit_speed, fit_torque
+from cfid.motors.maps.result import fit_speed, fit_thrust, fit_torque
 from cfid.motors.maps.weighing import weighing_of
 from cfid.motors.plan import FEWEST_COMMANDS, StaircasePlan
 from cfid.motors.points import Array
 from cfid.motors.typed import Expected, expected_of
+from cfid.quantities.plausible import range_of
 from cfid.records.campaign import find_campaign
-from cfid.records.plausibility import judged, platform_of
+from cfid.records.plausibility import Given, implausible_inputs, judged, platform_of
 from cfid.records.rig_file import Rig
 from cfid.records.run import Run
 from cfid.records.tables.vehicle import (
@@ -28,11 +30,12 @@ from cfid.records.tables.vehicle import (
     shown_at_commands,
     told_speeds_rad_s,
 )
-from cfid.records.tables.wrench import AXES, WrenchReading, read_wrench
+from cfid.records.tables.wrench import AXES, LOADCELL, WrenchReading, read_wrench
 from cfid.units import DEAD_COMMAND, USUAL_GRAVITY_MPS2
 
 _SHARE = 0.5  # of the steps that must be there
 _RISES = 0.02  # of the largest: what an instrument has to show more at the highest command than at the lowest
+_LARGEST_N = "motor.max_thrust_n"
 _SHOWN = {  # of each instrument the column, its unit, and how a sentence on it begins
     TACHOMETER: ("rpm", "rpm", "the tachometer shows"),
     SCALES: ("grams", "g", "the scales show"),
@@ -43,7 +46,8 @@ _MARKERS = "If only markers in rig.toml is wrong, correct it: `cfid fit speed` w
 def of_forces(run: Run) -> str:
     """Return how many steps of a load cell's staircase are steady, and why the fit of torque rejects them, if it does.
 
-    It is taken with the runs that it completes, as the fits take it. Raises DataError or FitError where few are steady.
+    It is taken with the runs that it completes, as the fits take it. Raises DataError or FitError where few are steady,
+    or where the platform's motors cannot have such a thrust.
     """
     steps = sum(command > 0 for command in StaircasePlan.of_run(run).steps)  # at 0 it is the tare
     record = read_wrench(run.folder, WrenchReading())
@@ -59,10 +63,31 @@ def of_forces(run: Run) -> str:
     commands = np.array([point.command or 0 for point in points], dtype=np.float64)
     summary = "; ".join([found, *left_out[:1]]) + "."
     before = of_completed(run)
-    if lacking := _too_few(commands, before, "thrust"):
-        return summary + lacking
     whole = together([*before.values(), evidence])
+    if lacking := _too_few(commands, before, "thrust"):
+        _check_thrust(run, whole, found, fitted=False)
+        return summary + lacking
+    _check_thrust(run, whole, found, fitted=True)
     return summary + _in_parts(before) + (_about_torque(run, whole) if {"Fz", "Tz"} <= set(record.axes) else "")
+
+
+def _check_thrust(run: Run, evidence: Evidence, found: str, *, fitted: bool) -> None:
+    """Raise FitError with what was `found` where a motor of the platform has no such thrust, measured or by the fit."""
+    rig, thrust_n, faults = _rig_around(run), evidence.points.thrust_n, list[str]()
+    expected = range_of(_LARGEST_N, platform_of(rig))
+    if thrust_n is None or np.isnan(thrust_n).all() or expected is None:
+        return
+    if (largest_n := float(np.nanmax(thrust_n))) > expected.largest:
+        given = Given("largest thrust of a motor", largest_n, expected, "N")
+        faults += [one.text for one in implausible_inputs([given], rig)]
+    elif fitted:
+        with suppress(FitError):
+            findings = judged(fit_thrust(evidence), rig).findings
+            faults += [one.text for one in findings if one.code == "implausible" and one.concerns(_LARGEST_N)]
+    if faults:
+        lines = (run.header.devices[LOADCELL].model_extra or {}).get("asked") == "lines"
+        unit = "unit and scale of devices.loadcell in rig.toml" if lines else "the load cell's configuration"
+        raise FitError(f"{found}, but {faults[0]} Check {unit}, and which motors ran.")
 
 
 def _about_torque(run: Run, evidence: Evidence) -> str:
