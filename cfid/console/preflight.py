@@ -77,7 +77,12 @@ def of_loadcell(record: DeviceRecord, sampled: Sampled, *, calm: bool = True) ->
 def _of_lines(record: DeviceRecord, sampled: Sampled, plan: Sequence[Held], *, mass_kg: float) -> list[DeviceAnswer]:
     """Judge a load cell that sends lines, by the rate that it states and by its steps."""
     if sampled.rows < FEWEST_LINES:
-        advice = f"check power and cable, or look for longer (--for): it states {record.rate_hz:g} Hz"
+        advice = (
+            "compare baud, pattern and values of devices.loadcell in rig.toml with what it sends: `cfid rig check` "
+            "shows a line, and which tables have the same port"
+            if sampled.lost > sampled.rows
+            else f"check power and cable, or look for longer (--for): it states {record.rate_hz:g} Hz"
+        )
         return [_answer("rate", counted(sampled.rows, "sample"), advice, limit=f"{FEWEST_LINES}", within=False)]
     return [*_rate(sampled, record.rate_hz or math.nan), *force_steps(record, sampled, plan, mass_kg=mass_kg)]
 

@@ -1,12 +1,13 @@
 """The table [devices] of rig.toml: ports and addresses of the instruments and the vehicle."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Discriminator, Field, Tag
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from cfid.records.facts import Positive, RigTable
-from cfid.records.line_devices import EncoderLines, LoadCellLines, ScalesLines, TachometerLines
+from cfid.records.line_devices import EncoderLines, LineDevice, LoadCellLines, ScalesLines, TachometerLines
 from cfid.units import FULL_COMMAND
 
 _LINES = "lines"
@@ -77,3 +78,17 @@ class Devices(RigTable):
     crazyflie: CrazyflieLink = CrazyflieLink()
     tachometer: TachometerLines | None = None
     scales: ScalesLines | None = None
+
+    @model_validator(mode="after")
+    def _find_same_ports(self) -> Self:
+        """Let devices that send lines know who has their port: one board may serve two, in recordings of their own."""
+        ports = {
+            f"devices.{name}": Path(one.port).resolve()
+            for name in type(self).model_fields
+            if isinstance(one := getattr(self, name), EncoderPort | LineDevice) and one.port
+        }
+        for name in type(self).model_fields:
+            if isinstance(one := getattr(self, name), LineDevice):
+                own = f"devices.{name}"
+                one.share_port(*(other for other, port in ports.items() if other != own and port == ports[own]))
+        return self

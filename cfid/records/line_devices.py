@@ -4,7 +4,7 @@ import math
 import re
 from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
 from cfid.errors import ConfigError
 from cfid.records.facts import Number, Positive, RigTable
@@ -47,6 +47,7 @@ class LineDevice(RigTable):
     rate_hz: Positive
     pattern: str = ""
     values: tuple[LineValue, ...] = Field(min_length=1)
+    _at_the_same_port: tuple[str, ...] = PrivateAttr(())
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -133,6 +134,16 @@ class LineDevice(RigTable):
             for value in self.values
         ]
         return LineReader(kinds, pattern=self.pattern)
+
+    def share_port(self, *names: str) -> None:
+        """Note which other tables of rig.toml, as devices.encoder, have its port."""
+        self._at_the_same_port = names
+
+    def unmatched(self, name: str) -> str:
+        """Return what to compare where none of its lines match, and which other tables name its port."""
+        others = self._at_the_same_port
+        same = f"; {' and '.join(others)} {'have' if len(others) > 1 else 'has'} the same port" if others else ""
+        return f"compare baud, pattern and values of devices.{name} in rig.toml with what it sends{same}"
 
     def in_order(self) -> tuple[LineValue, ...]:
         """Return the values that are read, in the order of a line."""

@@ -48,7 +48,7 @@ def _listened(name: str, setting: LineDevice) -> list[DeviceAnswer]:
     if not readings:
         last = printable(reader.last_rejected)
         shown = f"{received} bytes, but no line that matches{f': {last!r}' if last else ''}"
-        return [opened, DeviceAnswer("lines", "fault", shown, f"compare baud, pattern and values of devices.{name}")]
+        return [opened, DeviceAnswer("lines", "fault", shown, setting.unmatched(name))]
     rate = _rate(setting, len(readings), reader.rejected, for_s)
     return [opened, rate, *_clock(setting, readings, for_s), *_resolutions(setting, readings)]
 

@@ -83,6 +83,11 @@ class Lines:
         self._first: tuple[float, int] | None = None  # by this computer's clock, and the device's, in microseconds
         self._last = (0.0, 0)
 
+    @property
+    def begun(self) -> bool:
+        """Whether a line came that matches."""
+        return self._begun
+
     def start(self) -> None:
         """Open the port. Raises DeviceError naming why it cannot be opened."""
         self._received_s = self._loop.seconds()
@@ -293,10 +298,10 @@ class Lines:
             return
         unread = ""
         if self._reader.rejected:
+            advice = "" if self._begun else f": {self._device.unmatched(self.name)}"
             unread = (
                 f" {counted(self._reader.rejected, 'line does', 'lines do')} not match what rig.toml states, "
-                "the last one "
-                f"'{printable(self._reader.last_rejected)}'."
+                f"the last one '{printable(self._reader.last_rejected)}'{advice}."
             )
         raise DeviceError(
             f"{where}: the {self.name} sent no line for {silent_s:.1f} s.{unread} `cfid rig check` looks for the cause."

@@ -17,10 +17,11 @@ from cfid.records.run_writer import RunWriter, create_run
 from cfid.rig.clock import HostClock
 from cfid.rig.device import Device
 from cfid.rig.hand_held import Readings
+from cfid.rig.lines import Lines
 from cfid.rig.loop import Ending, Loop, run_until_done, until_over
 from cfid.rig.motor_commands import MotorCommands
 from cfid.rig.noticing import Notice, Noticing
-from cfid.rig.recorder import Instrument, Nowhere, Recorder, Say, Sink
+from cfid.rig.recorder import BLOCK_S, Instrument, Nowhere, Recorder, Say, Sink, sleep
 
 Procedure = Callable[[Mapping[str, Any], Loop], Coroutine[Any, Any, None]]  # of the run's instruments by name
 
@@ -197,4 +198,16 @@ def _lasting(plan: Plan, instruments: Sequence[Instrument], loop: Loop, ending: 
 
 def _first_of(ending: Ending, procedure: Procedure, instruments: Sequence[Instrument], loop: Loop) -> Deferred[None]:
     by_name = {instrument.name: instrument for instrument in instruments}
-    return until_over(ending, Deferred.fromCoroutine(procedure(by_name, loop)))
+
+    async def carried_out() -> None:
+        if "commands" in by_name or "crossings" in by_name:
+            await _lines_begun(instruments, loop)
+        await procedure(by_name, loop)
+
+    return until_over(ending, Deferred.fromCoroutine(carried_out()))
+
+
+async def _lines_begun(instruments: Iterable[Instrument], loop: Loop) -> None:
+    """Wait, before motors start, for a line of each device that sends some; one that sends none ends the recording."""
+    while not all(one.begun for one in instruments if isinstance(one, Lines)):
+        await sleep(loop, BLOCK_S)

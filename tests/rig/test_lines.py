@@ -16,6 +16,7 @@ import pytest
 
 from cfid.console.log_summary import devices_of
 from cfid.errors import ConfigError, DeviceError
+from cfid.records.devices import Devices
 from cfid.records.line_devices import EncoderLines, LineValue, LoadCellLines
 from cfid.records.rig_file import RIG_FILE, new_rig_text
 from cfid.records.run import Label, Run
@@ -636,7 +637,9 @@ def test_counts_need_the_counts_of_a_turn(board: Board) -> None:
 # cfid rig check
 
 
-def checked(board: Board, lines: Callable[[int], bytes], *, rate_hz: float = 80) -> dict[str, tuple[str, str, str]]:
+def checked(
+    board: Board, lines: Callable[[int], bytes], *, rate_hz: float = 80, device: LoadCellLines = CELL
+) -> dict[str, tuple[str, str, str]]:
     """Return answers by question while the board sends on a thread of its own."""
     ended = threading.Event()
 
@@ -650,7 +653,7 @@ def checked(board: Board, lines: Callable[[int], bytes], *, rate_hz: float = 80)
     thread = threading.Thread(target=send)
     thread.start()
     try:
-        answers = check_lines("loadcell", CELL.model_copy(update={"port": str(board.path), "rate_hz": rate_hz}))
+        answers = check_lines("loadcell", device.model_copy(update={"port": str(board.path), "rate_hz": rate_hz}))
     finally:
         ended.set()
         thread.join()
@@ -702,6 +705,19 @@ def test_check_shows_lines_that_do_not_match_without_their_control_characters(bo
     assert "?[2JFz=" in answer
     assert answer.isprintable()
     assert "pattern" in advice
+
+
+def test_check_names_the_tables_that_have_the_same_port(board: Board) -> None:
+    own = {"kind": "lines", "port": str(board.path), "rate_hz": 80, "values": [{"name": "rpm"}], "markers": 1}
+    cell = CELL.model_copy(update={"port": str(board.path)})
+    devices = Devices.model_validate({"loadcell": cell, "tachometer": own})
+
+    assert isinstance(devices.loadcell, LoadCellLines)
+    shared, alone = (
+        checked(board, lambda n: b"rpm %d\r\n" % n, device=one)["lines"] for one in (devices.loadcell, CELL)
+    )
+    assert "devices.tachometer has the same port" in shared[2]
+    assert "same port" not in alone[2]
 
 
 def test_check_of_a_silent_port_says_so(board: Board) -> None:

@@ -51,6 +51,11 @@ def test_scales_that_send_less_than_they_state_or_nothing_are_faults() -> None:
     assert forces_judged(np.arange(20) / 10, rate_hz=10, value=grams(), lost=20)["losses"].state == "fault"
     nothing = forces_judged(np.zeros(0), rate_hz=10, value=grams())["rate"]
     assert (nothing.state, nothing.answer) == ("fault", "0 samples")
+    unmatched = forces_judged(np.zeros(0), rate_hz=10, value=grams(), lost=20)["rate"]
+    assert (nothing.advice.split()[0], unmatched.advice.split(" with")[0]) == (
+        "check",
+        "compare baud, pattern and values of devices.loadcell in rig.toml",
+    )
 
 
 @pytest.mark.parametrize(
