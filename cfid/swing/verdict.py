@@ -8,6 +8,7 @@ import numpy.typing as npt
 from cfid.counted import counted
 from cfid.errors import DataError, FitError
 from cfid.findings import joined, texts
+from cfid.records.line_devices import STAMP
 from cfid.records.run import Run
 from cfid.records.tables.angle import angle_record
 from cfid.swing.collocation import NO_THREADS
@@ -29,7 +30,8 @@ def verdict(run: Run) -> str:
     swing = swing_in(record, NO_THREADS if rig is None else threads_of(mount, rig.site.gravity_mps2))
     fitted = fit_swing(swing)
     if not fitted.accepted:
-        raise FitError(joined(texts(fitted.findings, "rejection")))
+        of_clock = [text for text in texts(record.findings, "warning") if STAMP in text]
+        raise FitError(joined([*texts(fitted.findings, "rejection"), *of_clock]))
     degrees = math.degrees(float(np.max(np.abs(swing.peak_angle_rad))))
     frequency, std = fitted.coefficients.natural_frequency_squared_s2, fitted.std.natural_frequency_squared_s2
     line = (

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 import pytest
 
 import cfid.friction.verdict
@@ -101,6 +102,22 @@ def test_readings_that_are_repeated_in_several_rows_are_named_beside_what_a_swin
 
     assert line.startswith("good: ")
     assert "Each reading of the angle is repeated in about 8 rows" in line
+
+
+def test_a_clock_in_milliseconds_is_named_beside_why_a_swing_of_bunched_lines_is_of_no_use(bodies: Path) -> None:
+    run = runs_of(bodies, "swing")[0]
+    path, record = run.device_file("encoder"), run.header.devices["encoder"]
+    rows = pd.read_csv(path, dtype={"t": np.float64})
+    rows["device_us"] = (1e3 * (rows["t"] - rows["t"][0])).astype(int) + np.arange(len(rows))  # it has to rise
+    rows["t"] = 0.1 * np.ceil(rows["t"] / 0.1)
+    rows.to_csv(path, index=False, float_format="%.6f")
+    kept = record.model_copy(update={"columns": tuple(rows.columns)})
+    write_header(run.folder, run.header.model_copy(update={"devices": {**run.header.devices, "encoder": kept}}))
+
+    line = verdict_line(judged(read_run(run.folder), cfid.swing.verdict.verdict))
+
+    assert line.startswith("NOT USABLE: ")
+    assert "device_us is no steady clock in microseconds" in line
 
 
 def counting(run: Run, **counts: float) -> Run:

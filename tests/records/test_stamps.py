@@ -123,3 +123,19 @@ def test_stamps_that_lost_a_digit_cost_their_rows_alone(tmp_path: Path) -> None:
     assert record.time_s == pytest.approx(0.002 * np.round(record.time_s / 0.002), abs=1e-4)
     assert any("whose device_us is off that of the rows around" in one.text for one in record.findings)
     assert not any("the file was changed" in one.text for one in record.findings)
+
+
+@pytest.mark.parametrize(("unit_s", "cause"), [(1e-6, None), (1e-3, "counts milliseconds"), (4e-6, "another unit")])
+def test_lines_in_bunches_are_placed_by_a_clock_that_is_one_and_any_other_is_named(
+    tmp_path: Path, unit_s: float, cause: str | None
+) -> None:
+    """A clock in microseconds places what arrived together; times that are those of arrival repeat, as is warned of."""
+    seconds: npt.NDArray[np.float64] = 0.002 * np.arange(6000.0)
+    arrived = 1.7e9 + 0.016 * np.ceil(seconds / 0.016)
+    record = recorded(tmp_path, seconds, arrived, (seconds / unit_s + 812).astype(np.int64))
+
+    texts = [one.text for one in record.findings]
+    assert any("repeat the time of the previous one" in text for text in texts) == (cause is not None)
+    clock = [text for text in texts if "device_us" in text]
+    assert len(clock) == (cause is not None)
+    assert all(str(cause) in text for text in clock)

@@ -207,9 +207,8 @@ def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> t
     rows, stamped, stamp_notes = len(values), None, tuple[str, ...]()
     if own:
         table, values, stamped, stamp_notes = stamped_rows(table, values, STAMP)
-    time, notes = times_of(table, time_name, values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
-    if stamped is not None:
-        time = stamped.time_s - values[0, 0]
+    raw = values[:, 0] if stamped is None else stamped.time_s
+    time, notes = times_of(table, time_name, raw, unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
     unit = _unit_of_angle(table, angle_name, reading.angle_unit)
     angle = continuous_angle(
         table,
@@ -233,7 +232,7 @@ def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> t
         f"{low:.1f} to {high:.1f} degrees{table.layout}."
     )
     time = time if angle.rows is None else time[angle.rows]
-    begin_s = float(values[0, 0] + time[0]) if own else 0.0
+    begin_s = float(raw[0] + time[0]) if own else 0.0
     np.subtract(time, float(time[0]), out=time)
     read = () if own else (note("file-read", understood).at(path.name),)
     record = AngleRecord(

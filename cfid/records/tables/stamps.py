@@ -12,6 +12,7 @@ _PARTS, _FEWEST_OF_A_PART = 12, 8  # of a recording, each with one quickest arri
 _FEWEST_PARTS = 4
 _WRONG_S, _MOST_WRONG = 0.1, 0.1  # by which a stamp is off those around it, and the share of such: more are no clock
 _MOST_RESTARTS = 3  # of a board in a recording: a count that starts anew more often is no clock
+_ALIKE = 0.05  # of the time here, within which a thousandth of it is the same in another unit
 _LARGEST_SKEW = 1e-3  # of two crystals, with margin: beyond it stamps count something else than microseconds
 _LARGEST_SCATTER_S = 2e-3  # of the quickest arrivals about a line: beyond it the device's clock jumped
 
@@ -53,7 +54,16 @@ def stamped_rows(table: CsvTable, values: Array, column: str) -> StampedRows:
             f"{stamp_us[anew[0]]:.0f}): the device was restarted. Times on both sides are joined by when rows arrived.",
         )
         stamp_us = _joined(values[:, 0], stamp_us, anew)
-    return StampedRows(table, values, stamped_times(values[:, 0], stamp_us), notes)
+    times = stamped_times(values[:, 0], stamp_us)
+    if times is None and len(stamp_us) >= _FEWEST_OF_A_PART * _FEWEST_PARTS:
+        gone_s, here_s = 1e-6 * (stamp_us[-1] - stamp_us[0]), values[-1, 0] - values[0, 0]
+        in_ms = abs(1e3 * gone_s - here_s) < _ALIKE * here_s
+        cause = "it counts milliseconds, name it device_ms in rig.toml" if in_ms else "it jumps, or counts another unit"
+        notes += (
+            f"{column} is no steady clock in microseconds, it went {gone_s:.4g} s in {here_s:.4g} s: {cause}. "
+            "Times are those of arrival, which a busy computer makes late.",
+        )
+    return StampedRows(table, values, times, notes)
 
 
 def restarts(stamp_us: Array) -> Rows:

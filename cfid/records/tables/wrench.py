@@ -200,10 +200,9 @@ def _read(
     stamped, stamp_notes = None, tuple[str, ...]()
     if own:
         table, values, stamped, stamp_notes = stamped_rows(table, values, STAMP)
-    time, notes = times_of(table, time_name, values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
-    begin_s = _begin_s(table, time_name, values, reading)
-    if stamped is not None:
-        time, begin_s = stamped.time_s - stamped.time_s[0], float(stamped.time_s[0])
+    raw = values[:, 0] if stamped is None else stamped.time_s
+    time, notes = times_of(table, time_name, raw, unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
+    begin_s = _begin_s(table, time_name, raw[:1], reading)
     wrench = values[:, time_name is not None :][:, : len(axes)]
     scale, scale_notes = _scales(reading, units.name)
     if axes != AXES:
@@ -231,10 +230,8 @@ def _read(
     )
 
 
-def _begin_s(table: CsvTable, column: str | None, values: Array, reading: WrenchReading) -> float | None:
-    if column is None:
-        return None
-    return float(seconds_of(table, column, values[:1, 0], unit=reading.time_unit)[0])
+def _begin_s(table: CsvTable, column: str | None, first: Array, reading: WrenchReading) -> float | None:
+    return None if column is None else float(seconds_of(table, column, first, unit=reading.time_unit)[0])
 
 
 def _scales(reading: WrenchReading, units: Units) -> tuple[Array, tuple[str, ...]]:
