@@ -204,7 +204,7 @@ def _moment_findings(found: FlightFit, body: Body, flown: FlownLog) -> list[Find
         elif not std < LOOSE * abs(gain):
             text = (
                 f"the moment about {axis} is open by {100 * std / abs(gain):.0f} % (limit {100 * LOOSE:.0f} %): "
-                f"{_MANOEUVRES[axis]}."
+                f"{_MANOEUVRES[axis]}{within}."
             )
             result.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
         elif not motion.is_large:
@@ -212,7 +212,7 @@ def _moment_findings(found: FlightFit, body: Body, flown: FlownLog) -> list[Find
                 f"rotors' torques moved the rate about {axis} by {motion.moved:.2g} rad/s^2 rms, explain "
                 f"{100 * max(motion.explained, 0):.0f} % of its changes, and leave its moment open by "
                 f"{100 * motion.unclear:.2g} % for 20 s (at least {LEAST_TURN_RAD_PER_S2:g} rad/s^2, or "
-                f"{100 * EXPLAINED:.0f} % and at most {100 * CLEAR:g} %): {_MANOEUVRES[axis]}.{asked}"
+                f"{100 * EXPLAINED:.0f} % and at most {100 * CLEAR:g} %): {_MANOEUVRES[axis]}{within}.{asked}"
             )
             result.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
         elif found.feedback[place] > _FED_BACK:

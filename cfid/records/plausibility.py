@@ -29,6 +29,7 @@ _ALIKE = {  # what rests on the same force, arm, wind or line through stamps
     "latency.clock_skew": ("latency.clock_offset_s",),
 }  # fmt: skip
 _SAYS_NOTHING = "-not-excited"  # ends the codes of quantities that a recording does not show at all
+_BACKWARDS = ("flight-rotors-turn-back", "flight-wrong-way")  # codes of a wrong sign, which is no matter of platform
 _OTHERWISE = 'For another kind of body write platform = "other" under [vehicle] in rig.toml (`cfid new` makes one).'
 
 
@@ -51,7 +52,9 @@ def judged(result: Result, rig: Rig | None) -> Result:
     larger = rig is None and any(one.code == LARGER_MOTOR for one in result.findings)
     if larger or platform_of(rig) == "other":
         return replace(result, findings=(*own, *_implausible(result.quantities, "other")))
-    named = [one for one in result.findings if one.code == "implausible" or one.code.endswith(_SAYS_NOTHING)]
+    named = [
+        one for one in result.findings if one.code in ("implausible", *_BACKWARDS) or one.code.endswith(_SAYS_NOTHING)
+    ]
     rest = {key: found for key, found in result.quantities.items() if not any(one.concerns(key) for one in named)}
     return replace(result, findings=(*result.findings, *implausible_quantities(rest, rig)))
 

@@ -1,10 +1,12 @@
 """What the rig's platform cannot have is rejected where a result is kept; physics alone judges another body."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from cfid.errors import FitError
+from cfid.findings import rejection
 from cfid.quantities.plausible import implausible
 from cfid.records.campaign import Campaign
 from cfid.records.parameters import Parameter
@@ -45,6 +47,15 @@ def test_a_known_vehicle_has_narrow_ranges_that_an_uncertain_number_may_leave() 
     assert judged(result(key, [-4.7e-7, -4.7e-7, -5e-7], [1e-8] * 3), of("crazyflie")).accepted
     assert implausible("mass_kg", 0.5, platform="cf2").startswith("mass_kg is implausible")
     assert not implausible("mass_kg", 0.5)
+
+
+def test_a_moment_of_the_wrong_sign_whose_cause_is_named_is_not_rejected_as_that_of_another_body() -> None:
+    key = "flight.inertia_kg_m2.yaw"
+    backwards = rejection("flight-rotors-turn-back", "its rotors turn the other way.", key)
+    found = judged(replace(result(key, -3e-5, 1e-6), findings=(backwards,)), of("cf2"))
+
+    assert found.findings == (backwards,)
+    assert "implausible" in judged(result(key, -3e-5, 1e-6), of("cf2")).rejected[key]
 
 
 def test_physics_holds_for_another_body_too() -> None:
