@@ -45,30 +45,43 @@ def test_changes_at_any_time_in_rows_of_10_ms_give_the_lag(tmp_path: Path, every
     assert any(one.code == "lag-command-between-rows" for one in result.findings)
 
 
-def controlled(seconds: float, *, correlated_s: float, seed: int) -> tuple[Array, Array]:
-    """Return the times (n,) of commands (n,) that a controller changes at random every 2 ms."""
-    rng, kept = np.random.default_rng(seed), np.exp(-0.002 / correlated_s)
-    change_s = np.arange(round(500 * seconds)) / 500
-    noise = rng.normal(0, np.sqrt(1 - kept**2), len(change_s))
-    each = list(accumulate(noise, lambda now, new: kept * now + new))
-    return change_s, np.round(np.clip(35000 + 8000 * np.array(each), 10000, 60000))
-
-
-@pytest.mark.parametrize("correlated_s", [0.02, 0.05])
-def test_commands_that_change_in_all_rows_and_between_them_leave_the_lag_within_its_uncertainty(
-    tmp_path: Path, correlated_s: float
-) -> None:
-    """Rows of 10 ms show one of five commands, and rising and falling come out nearer to each other."""
-    time_s = np.arange(0, 40, 0.01)
+def controlled(folder: Path, *, every_s: float, correlated_s: float, row_s: float) -> Result:
+    """Fit 40 s of four rotors whose commands a controller changes at random, logged in rows."""
+    time_s, change_s = np.arange(0, 40, row_s), np.arange(0, 40, every_s)
+    kept = np.exp(-every_s / correlated_s)
     columns = {"t": time_s, "pm.vbat": np.full(len(time_s), 4.0)}
     for motor in (1, 2, 3, 4):
-        change_s, command = controlled(40, correlated_s=correlated_s, seed=motor)
-        speed = following(change_s, 400 + 0.033 * command, time_s)
-        columns[f"motor.m{motor}"] = command[::5]
+        rng = np.random.default_rng(motor)
+        noise = rng.normal(0, np.sqrt(1 - kept**2), len(change_s))
+        each = list(accumulate(noise, lambda now, new: kept * now + new))
+        command = np.round(np.clip(35000 + 8000 * np.array(each), 10000, 60000))
+        speed = following(np.append(0, change_s[1:] + 0.006), 400 + 0.033 * command, time_s)
+        speed += rng.normal(0, 8, len(time_s))
+        columns[f"motor.m{motor}"] = command[np.searchsorted(change_s, time_s + 1e-9, side="right") - 1]
         columns[f"rpm.m{motor}"] = np.round(RPM * speed)
-    result = fit_of(tmp_path, columns)
+    return fit_of(folder, columns)
+
+
+@pytest.mark.parametrize(
+    ("every_s", "correlated_s", "row_s"), [(0.002, 0.02, 0.01), (0.002, 0.05, 0.01), (0.004, 0.05, 0.02)]
+)
+def test_commands_that_change_in_all_rows_and_between_them_leave_the_lag_within_its_uncertainty(
+    tmp_path: Path, every_s: float, correlated_s: float, row_s: float
+) -> None:
+    """Rows show one of five commands, and rising and falling come out nearer to each other; both were 10 % long."""
+    result = controlled(tmp_path, every_s=every_s, correlated_s=correlated_s, row_s=row_s)
     (found,) = (one for one in result.findings if one.code == "lag-command-between-rows")
 
     assert max(off(result, widest=0.08)) < 2
     assert {"dynamics.rising", "dynamics.falling", "dynamics.delay_s"} == set(found.quantities)
     assert "nearer to each other by" in found.sentence
+    assert "taken as straight in between" in found.sentence
+
+
+def test_commands_of_a_controller_as_slow_as_rows_leave_the_lag_within_its_uncertainty(tmp_path: Path) -> None:
+    """Held from row to row, they do nothing else in between."""
+    result = controlled(tmp_path, every_s=0.02, correlated_s=0.05, row_s=0.02)
+    delay = result.quantities["dynamics.delay_s"]
+
+    assert max(off(result, widest=0.08)) < 1
+    assert abs(delay.value - 0.006) < delay.std

@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
+_STRAIGHT_STEPS = 4  # by which a drive goes from row to row
 _AT_ONCE = 10_000  # steps whose numbers are objects at a time
 
 
@@ -25,6 +26,13 @@ class Signal(NamedTuple):
     def held(self, time_s: Array) -> Array:
         """Return the values that hold at times (m,), the first before its begin."""
         return np.asarray(self.value[np.maximum(np.searchsorted(self.time_s, time_s, side="right") - 1, 0)])
+
+    def straight(self) -> "Signal":
+        """Return a command that goes straight from row to row, in steps that hold."""
+        steps = np.arange(_STRAIGHT_STEPS) / _STRAIGHT_STEPS
+        at_s = self.time_s[:-1, np.newaxis] + np.diff(self.time_s)[:, np.newaxis] * steps
+        middle = self.value[:-1, np.newaxis] + np.diff(self.value)[:, np.newaxis] * (steps + 0.5 / _STRAIGHT_STEPS)
+        return Signal(np.append(at_s, self.time_s[-1]), np.append(middle, self.value[-1]))
 
 
 class InputLag(NamedTuple):

@@ -144,7 +144,7 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
         for name, motor in names.items():
             driven = [part.commands[motor]] if motor else list(part.commands.values())
             on = np.concatenate([value[value > 0] for _, value in driven])
-            if part.moving:
+            if part.moving(motor):
                 mixed[name] = max(mixed.get(name, 0.0), *map(mixed_share, driven))
             driven_v = part.driven_volts(motor) if motor else np.zeros(0)
             volts, rows = volts + float(driven_v.sum()), rows + len(driven_v)
@@ -156,7 +156,7 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
             kind: Kind = "speed" if motor else "thrust"
             pieces = part.of_speed(motor) if motor else part.of_thrust()
             try:
-                fit = fit_lag(pieces, kind=kind, row_s=part.row_s, moving=part.moving, age_s=readings.age_s)
+                fit = fit_lag(pieces, kind=kind, row_s=part.row_s, moving=part.moving(motor), age_s=readings.age_s)
             except FitError as error:
                 failed[name] = error
                 continue
@@ -164,7 +164,7 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
             if motor and not fits[name][-1].accepted and name not in others:
                 others[name] = _other_command(part, motor)
     found = {name: joined(each) for name, each in fits.items() if each}
-    found = {name: unsure_between_rows(fit, mixed[name]) if mixed else fit for name, fit in found.items()}
+    found = {name: unsure_between_rows(fit, mixed[name]) if name in mixed else fit for name, fit in found.items()}
     found = {name: unsure_of_sag(fit) if _is_unfelt(record, fit) else fit for name, fit in found.items()}
     if not found:
         raise next(iter(failed.values()), FitError("no rows of all commands."))
@@ -196,7 +196,7 @@ def _other_command(part: LogPart, motor: int) -> tuple[Finding, ...]:
         if other == motor:
             continue
         try:
-            fit = fit_lag(part.of_speed(motor, by=other), kind="speed", row_s=part.row_s, moving=part.moving)
+            fit = fit_lag(part.of_speed(motor, by=other), kind="speed", row_s=part.row_s, moving=part.moving(other))
         except FitError:
             continue
         if fit.accepted and fit.explained > explained:
