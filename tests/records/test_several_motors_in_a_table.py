@@ -160,3 +160,27 @@ def test_the_same_header_once_more_is_a_line_that_is_left_out(tmp_path: Path) ->
     path = tmp_path / "swing.csv"
     path.write_text("\n".join([*swing_of(times, "t,theta_rad"), *swing_of(times + 4, "t,theta_rad"), ""]))
     assert len(read_angle(path, Reading()).time_s) == 800
+
+
+def recording(begin: int, rows: int, first_ms: int) -> list[str]:
+    steps = ((first_ms + 20 * i, 1000 + 100 * ((begin + i) // 50)) for i in range(rows))
+    return [f"{t / 1000:.2f},{pulse},{(pulse - 1000) / 4:.1f},{10 * (pulse - 1000)}" for t, pulse in steps]
+
+
+def test_a_header_that_is_repeated_where_times_go_on_is_left_out(tmp_path: Path) -> None:
+    head = "Time (s),ESC signal (µs),Thrust (gf),RPM"
+    table = read(tmp_path, head, *recording(0, 225, 0), head, *recording(225, 225, 4_500))
+    assert table.time_s is not None
+    assert len(table.time_s) == 450
+    assert table.time_s[-1] == pytest.approx(8.98)
+    assert "1 line repeats the header (first: line 227), and times go on: no row, and left out" in said(table)
+    twice = read(tmp_path, head, *recording(0, 225, 0), head, *recording(225, 225, 4_500), head, *recording(450, 50, 0))
+    assert twice.time_s is not None
+    assert len(twice.time_s) == 450
+    assert "line 453 is another header: the 50 rows below it are of another table" in said(twice)
+
+
+def test_a_second_speed_that_is_named_after_motors_tells_none_apart(tmp_path: Path) -> None:
+    head = "Time (s),ESC signal (µs),Thrust (gf),Motor Electrical Speed (RPM),Motor Optical Speed (RPM)"
+    rows_of_both = [f"{row},{round(float(row.rpartition(',')[2]), -3):.0f}" for row in recording(0, 450, 0)]
+    assert len(read(tmp_path, head, *rows_of_both).command) == 450

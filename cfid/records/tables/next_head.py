@@ -1,5 +1,7 @@
 """Another header among the rows of a table: below it stands another table."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import numpy.typing as npt
 
@@ -10,26 +12,28 @@ from cfid.records.tables.text import has_comma, is_number
 _LOOKED_AT = 50  # rows without numbers
 
 
-def next_head(table: CsvTable, rows: npt.NDArray[np.intp], count: int) -> tuple[int, tuple[str, ...]] | None:
-    """Return the first of some `rows` all of whose fields are words, and these; `count` are all rows of the table."""
+def heads_among(table: CsvTable, rows: npt.NDArray[np.intp], count: int) -> Iterator[tuple[int, tuple[str, ...]]]:
+    """Yield those of some `rows` all of whose fields are words, and these; `count` are all rows of the table."""
     looked_at = rows[:_LOOKED_AT]
     if not len(looked_at):
-        return None
+        return
     few = table.without(np.setdiff1d(np.arange(count), looked_at))
     places = [str(place) for place, name in enumerate(table.names, start=1) if name]
     fields = zip(*(few.words(place) for place in places), strict=True)
-    heads = (
-        (int(row), words)
-        for row, words in zip(looked_at, fields, strict=True)
-        if all(word and not is_number(word) and not has_comma(word) for word in words)
-    )
-    return next(heads, None)
+    for row, words in zip(looked_at, fields, strict=True):
+        if all(word and not is_number(word) and not has_comma(word) for word in words):
+            yield int(row), words
+
+
+def repeats_head(table: CsvTable, words: tuple[str, ...]) -> bool:
+    """Return whether the words of a row are the table's own names."""
+    return words == tuple(name for name in table.names if name)
 
 
 def refuse_other_head(table: CsvTable, rows: npt.NDArray[np.intp], count: int) -> None:
     """Raise DataError where one of some rows, which lack numbers, is a header with other names."""
-    found = next_head(table, rows, count)
-    if found is None or found[1] == tuple(name for name in table.names if name):
+    found = next(heads_among(table, rows, count), None)
+    if found is None or repeats_head(table, found[1]):
         return
     line = table.line_of_row(found[0])
     raise DataError(

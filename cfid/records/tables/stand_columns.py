@@ -10,7 +10,7 @@ from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.large import PART_ROWS, empty, side_by_side
 from cfid.records.tables.line_faults import NO_THOUSANDS
-from cfid.records.tables.next_head import next_head
+from cfid.records.tables.next_head import heads_among, repeats_head
 from cfid.records.tables.stand_heads import HEADS, ColumnHead, check_heads, heads_of, shows_stand
 from cfid.records.tables.stand_scales import check_scale
 from cfid.records.tables.stand_sides import of_one_side
@@ -59,7 +59,8 @@ def columns_of(table: CsvTable) -> tuple[CsvTable, Found, tuple[str, ...]]:
     doubled = _without_doubled(table, called)
     names = [name for columns in called.values() for _, name in columns]
     numbers = table.known_numbers(names)
-    table, numbers, another = _above_next_head(table, numbers)
+    times = next((numbers[:, names.index(name)] for _, name in called.get("time_s", ())), None)
+    table, numbers, another = _above_next_head(table, numbers, times)
     values = dict(zip(names, numbers.T, strict=True))
     _check_thousands(table, values)
     empty = [name for name, value in values.items() if not np.isfinite(value).any()]
@@ -97,19 +98,39 @@ def turned(value: Array, drive: Array) -> tuple[Array, bool]:
     return (-value, True) if falls else (value, False)
 
 
-def _above_next_head(table: CsvTable, numbers: Array) -> tuple[CsvTable, Array, list[str]]:
-    """Return the table and its columns (n, s) above another header among its rows, and a note on what follows it."""
+def _above_next_head(table: CsvTable, numbers: Array, times: Array | None) -> tuple[CsvTable, Array, list[str]]:
+    """Return the table and its columns (n, s) above another header among its rows, and notes on what is left out.
+
+    A header that is repeated where times (n,) go on ends no table: a program that was restarted wrote it once more.
+    """
+    count = len(numbers)
     blank = np.flatnonzero(~np.isfinite(numbers).any(axis=1))
-    found = next_head(table, blank, len(numbers))
-    if found is None:
-        return table, numbers, []
-    head, _ = found
-    line, rest = table.line_of_row(head), np.arange(head, len(numbers))
-    text = (
-        f"line {line} is another header: the {counted(len(rest) - 1, 'row')} below it are of another table, and not "
-        f"used. Read them by `skip_lines` {line - 1}."
+    repeats, rest, notes = list[int](), np.arange(count, count), list[str]()
+    for head, words in heads_among(table, blank, count):
+        if repeats_head(table, words) and times is not None and _goes_on(times, head):
+            repeats.append(head)
+            continue
+        line, rest = table.line_of_row(head), np.arange(head, count)
+        notes.append(
+            f"line {line} is another header: the {counted(len(rest) - 1, 'row')} below it are of another table, and "
+            f"not used. Read them by `skip_lines` {line - 1}."
+        )
+        break
+    if repeats:
+        first, lines = table.line_of_row(repeats[0]), counted(len(repeats), "line repeats", "lines repeat")
+        notes.append(f"{lines} the header (first: line {first}), and times go on: no row, and left out.")
+    left_out = np.concatenate([np.array(repeats, np.intp), rest])
+    return (
+        (table.without(left_out), np.delete(numbers, left_out, axis=0), notes)
+        if len(left_out)
+        else (table, numbers, [])
     )
-    return table.without(rest), numbers[:head], [text]
+
+
+def _goes_on(times: Array, row: int) -> bool:
+    """Return whether times (n,) behind a row are later than those before it."""
+    before, after = times[:row][np.isfinite(times[:row])], times[row:][np.isfinite(times[row:])]
+    return bool(len(before) and len(after) and after[0] > before[-1])
 
 
 def _holds_no_number(table: CsvTable, name: str) -> str:

@@ -59,11 +59,12 @@ def check_one_motor(table: CsvTable, command: Array, *, used: Sequence[str], set
     """Raise SeveralMotorsError where a column of words, none of those `used`, divides rows (n,) of the same commands.
 
     They are of several motors or propellers, or of runs upwards and downwards. In a recording each has one stretch. A
-    column that is named after motors or propellers divides rows of any commands, and by numbers, too.
+    column that is named after motors or propellers divides rows of any commands, and by numbers, too, but none of a
+    known quantity, as Motor Optical Speed (RPM).
     """
     first = next(table.blocks(), table)
     for name in table.names:
-        if not name or name in used or table.names.count(name) != 1:
+        if not name or name in used or heads_of([name]) or table.names.count(name) != 1:
             continue
         is_motors = _OF_MOTORS.search(name) is not None
         if not is_motors and np.isfinite(first.known_numbers([name])).any():
