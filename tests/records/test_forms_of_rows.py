@@ -109,6 +109,13 @@ def test_the_names_that_r_writes_before_rows_shift_no_column(tmp_path: Path, bet
     assert any("the names before the rows, as R writes them, are not used" in one.text for one in record.findings)
 
 
+def test_the_names_that_r_writes_before_rows_with_decimal_commas_shift_no_column(tmp_path: Path) -> None:
+    rows = (f'"{at}";{t / 1000:.3f};{a:.2f}'.replace(".", ",") for at, (t, a) in enumerate(BOTH, 1))
+    record = read(tmp_path, ['"time";"angle"', *rows])
+    assert same(record)
+    assert any("the names before the rows, as R writes them, are not used" in one.text for one in record.findings)
+
+
 def test_numbers_before_rows_are_names_where_no_comma_may_be_a_decimal_one(tmp_path: Path) -> None:
     rows = [f"{at}\t{t / 1000}\t{a}" for at, (t, a) in enumerate(BOTH, 1)]
     assert same(read(tmp_path, ["time\tangle", *rows]))

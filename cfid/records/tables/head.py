@@ -172,7 +172,7 @@ def _have_names(lines: Sequence[TextLine], separator: str | None, width: int) ->
     Between commas, a number without quotes may be the first half of one with a decimal comma.
     """
     rows = [fields_of(line.text, separator) for line in lines]
-    if len(rows) < 2 or any(len(row) != width + 1 or not all(map(is_number, row[1:])) for row in rows):
+    if len(rows) < 2 or any(len(row) != width + 1 or _numbers(row[1:]) < width for row in rows):
         return False
     quoted = all(line.text.lstrip().startswith('"') for line in lines)
     return quoted or (separator != "," and [row[0] for row in rows] == ["1", "2"])
