@@ -162,6 +162,12 @@ def test_a_time_of_another_length_than_the_angle_is_refused_with_both_lengths(tm
         read_angle(tmp_path / "a.mat", Reading())
 
 
+def test_a_matrix_of_more_columns_is_a_question_about_them_and_not_about_decimal_points(tmp_path: Path) -> None:
+    savemat(tmp_path / "a.mat", {"data": np.column_stack([TIME_S, ANGLE_RAD, 2 * ANGLE_RAD])})
+    with pytest.raises(DataError, match=r"no header for its 3 columns: give `columns` TIME,ANGLE by .*, as in 1,2\.$"):
+        read_angle(tmp_path / "a.mat", Reading(angle_unit="rad"))
+
+
 def test_two_tables_are_a_question_that_names_the_option(tmp_path: Path) -> None:
     savemat(tmp_path / "a.mat", {"a": {"t": TIME_S, "x": ANGLE_RAD}, "b": {"t": TIME_S, "theta": ANGLE_RAD}})
     with pytest.raises(

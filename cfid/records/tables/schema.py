@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from cfid.errors import ConfigError, DataError
+from cfid.records.tables.head import POINTS
+from cfid.records.tables.matlab import is_matlab
 from cfid.records.tables.table import CsvTable
 
 TimeUnit = Literal["s", "ms", "us"]
@@ -98,9 +100,10 @@ class TableSchema:
             what = "one column" if count == 2 else f"{len(names)} columns"
             raise DataError(f"{table.path}: {what} and no time: give `rate_hz`.")
         by_number = ",".join(str(1 + place) for place in range(len(self.words) - count, len(self.words)))
+        spelling = "" if is_matlab(table.path) else f" {POINTS}"
         raise DataError(
-            f"{table.path}: no header for its {len(names)} columns: give {option} by number, as in {by_number}. "
-            "Numbers need decimal points, and no comma inside."
+            f"{table.path}: no header for its {len(names)} columns: give {option} by number, as in {by_number}."
+            f"{spelling}"
         )
 
     def _check(self, table: CsvTable, there: dict[Column, list[str]]) -> None:
