@@ -1010,3 +1010,25 @@ def test_thousands_with_a_sign_between_them_are_refused_with_what_to_write(tmp_p
     said = refusal(tmp_path, f"cmd,thrust_n,rpm\n2000,0.1,900\n20000,0.2,{number}\n40000,0.4,3000\n")
     assert "stand.csv:3: '1" in said
     assert "in column 'rpm' is not a number. Write thousands without a sign or a space between digits." in said
+
+
+@pytest.mark.parametrize("thrust", ["253;302;356", "253,4;302,1;356,0"])
+def test_points_between_the_thousands_of_speeds_are_asked_about(tmp_path: Path, thrust: str) -> None:
+    rows = zip((50, 55, 60), thrust.split(";"), ("5.230", "5.715", "6.170"), strict=True)
+    said = refusal(tmp_path, "PWM [%];Schub [g];Drehzahl [U/min]\n" + "".join(f"{a};{b};{c}\n" for a, b, c in rows))
+    beside = " beside '253,4' in column 'Schub [g]'" if "," in thrust else ""
+    assert f"stand.csv:2: '5.230' in column 'Drehzahl [U/min]'{beside}: is its point one of thousands? Write" in said
+
+
+def test_decimal_points_before_three_digits_are_taken_as_such(tmp_path: Path) -> None:
+    text = "pwm_percent,Thrust (N),Speed (krpm),voltage_V\n0,0,0,11.100\n50,2.530,5.230,11.000\n60,3.560,6.170,10.900\n"
+    (tmp_path / "stand.csv").write_text(text)
+    table = read_stand_table(tmp_path / "stand.csv")
+    assert table.speeds_rad_s is not None
+    assert table.speeds_rad_s[1, 0] == pytest.approx(5230 * 2 * np.pi / 60)
+
+
+def test_signs_of_per_cent_below_a_fraction_are_its_unit(tmp_path: Path) -> None:
+    (tmp_path / "stand.csv").write_text("command_fraction,Thrust (g),RPM\n50%,253,5230\n75%,528,7520\n100%,828,9380\n")
+    table = read_stand_table(tmp_path / "stand.csv")
+    assert table.command == pytest.approx([0.5 * 65535, 0.75 * 65535, 65535])

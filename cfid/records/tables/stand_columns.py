@@ -9,11 +9,11 @@ import numpy.typing as npt
 from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.large import PART_ROWS, empty, side_by_side
-from cfid.records.tables.line_faults import NO_THOUSANDS
 from cfid.records.tables.next_head import heads_among, repeats_head
 from cfid.records.tables.stand_heads import HEADS, ColumnHead, check_heads, heads_of, shows_stand
 from cfid.records.tables.stand_scales import check_scale
 from cfid.records.tables.stand_sides import of_one_side
+from cfid.records.tables.stand_thousands import check_thousands
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.wrong_times import unwrapped, wrong_times, wrong_times_note
 from cfid.units import FULL_COMMAND
@@ -62,7 +62,7 @@ def columns_of(table: CsvTable) -> tuple[CsvTable, Found, tuple[str, ...]]:
     times = next((numbers[:, names.index(name)] for _, name in called.get("time_s", ())), None)
     table, numbers, another = _above_next_head(table, numbers, times)
     values = dict(zip(names, numbers.T, strict=True))
-    _check_thousands(table, values)
+    check_thousands(table, values)
     empty = [name for name, value in values.items() if not np.isfinite(value).any()]
     used = {quantity: [one for one in columns if one[1] not in empty] for quantity, columns in called.items()}
     used = {quantity: columns for quantity, columns in used.items() if columns}
@@ -156,13 +156,6 @@ def _without_doubled(table: CsvTable, called: dict[str, list[tuple[ColumnHead, s
     if notes and not shows_stand(called):
         raise DataError(f"{table.path}: {next(iter(notes.values()))}")
     return notes
-
-
-def _check_thousands(table: CsvTable, values: Mapping[str, Array]) -> None:
-    """Refuse numbers with signs between thousands: columns without their large values would pass for whole ones."""
-    for name, value in values.items():
-        if not np.isfinite(value).all() and (fault := table.fault_in(name)) and fault.endswith(NO_THOUSANDS):
-            raise DataError(fault)
 
 
 def _backwards(speeds: Columns) -> list[str]:

@@ -78,7 +78,7 @@ _KNOWN = (
     ColumnHead("command", r"pwm", kind="pwm"),
     ColumnHead(
         "command",
-        r"pwm_percent|pwm\[%\]|(?:esc(?:signal|throttle)?|throttle|pwm)[ab]?[(\[]%[)\]]",
+        r"pwm_percent|pwm\[%\]|command_fraction\(%\)|(?:esc(?:signal|throttle)?|throttle|pwm)[ab]?[(\[]%[)\]]",
         FULL_COMMAND / 100,
         "percent",
     ),
