@@ -166,6 +166,9 @@ HEADS = {
     "timestamp,enc_rad": (1e3, 1.0),
     "timestamp,alpha_rad": (1e6, 1.0),
     '"t [s]","angle, deg"': (1.0, 180 / np.pi),
+    "Zeit in s,Winkel in °": (1.0, 180 / np.pi),
+    "Zeit [ms],Auslenkung [°]": (1e3, 180 / np.pi),
+    "Time (s),Encoder Angle (rad)": (1.0, 1.0),
 }
 
 

@@ -540,6 +540,25 @@ def test_the_unit_in_the_header_of_a_column_that_is_named_counts(
 
 
 @pytest.mark.parametrize(
+    "speed",
+    [
+        "n [min-1]",
+        "n [1/min]",
+        "Drehzahl 1/min",
+        "Drehzahl in U/min",
+        "Drehzahl min⁻¹",
+        "Speed [/min]",
+        "Speed [min-1]",
+    ],
+)
+@pytest.mark.parametrize("command", ["Stellgröße [%]", "Stellgroesse (%)", "Tastverhältnis [%]"])
+def test_heads_as_german_laboratories_write_them_are_known(tmp_path: Path, command: str, speed: str) -> None:
+    table = read(tmp_path, f"{command};Schub [N];{speed}\n0;0;0\n50;1;6000\n")
+    assert table.command == pytest.approx([0, 0.5 * 65535])
+    assert table.square_mean_speed_rad_s == pytest.approx([0, 200 * math.pi])
+
+
+@pytest.mark.parametrize(
     ("head", "quantity", "value", "expected"),
     [
         ("Thrust__kgf_", "thrust_n", 1, 9.80665),

@@ -42,7 +42,10 @@ _UNDECIDED = rejection(
 
 _ANGLE = Column(
     "angle",
-    column_name(r"(?:phi|angle|theta|alpha|winkel|[φϕθϑα]|pos|position|enc|encoder)_?\d?", ("rad", "deg", "counts")),
+    column_name(
+        r"(?:phi|angle|theta|alpha|winkel|auslenkung|[φϕθϑα]|pos|position|enc|encoder(?:[ _]angle)?)_?\d?",
+        ("rad", "deg", "counts"),
+    ),
     "of angle (phi, angle, theta)",
 )
 _OTHER_UNIT = re.compile(r"[ _/,\[(]+(gon|grads?|mrad|arcmin|arcsec|turns?|revs?|revolutions?)[\])_]?$", re.IGNORECASE)

@@ -31,12 +31,12 @@ def spelt(name: str) -> str:
 
 
 def column_name(names: str, units: Sequence[str], *, others: str = "") -> re.Pattern[str]:
-    """Return the pattern of a column's names: `t`, `t_s`, `t [s]`, `angle(deg)`, `angle, deg`, `angle__deg_`, ...
+    """Return the pattern of a column's names: `t`, `t_s`, `t [s]`, `t in s`, `angle(deg)`, `angle__deg_`, ...
 
     `others` is a pattern of further units.
     """
     words = "|".join([*(re.escape(word) for unit in units for word in _UNITS[unit]), *([others] if others else [])])
-    return re.compile(rf"(?:{names})(?:[ _/,\[(]+({words})[\])_]?)?", re.IGNORECASE)
+    return re.compile(rf"(?:{names})(?:(?: in)?[ _/,\[(]+({words})[\])_]?)?", re.IGNORECASE)
 
 
 def unit_word(word: str) -> str | None:

@@ -9,9 +9,11 @@ from cfid.units import RPM
 _TURN = r"(?:1|u|umdr\.?|umdrehungen|r|revs?|revolutions?|rounds?|turns?|tr)"  # 1/min is DIN's, U/min German
 _SECOND, _MINUTE = "s(?:ec(?:ond)?)?", "min(?:ute)?"
 
+PER_MINUTE = rf"rpm|r\.p\.m\.?|upm|{_TURN}?/{_MINUTE}|{_MINUTE}\^?-1|{_TURN}\.{_MINUTE}\^?-1"
+
 # What fits a unit as `spelt` has it. A bare 1/s is of turns; of an angular velocity's symbol it is of radians.
 SPEEDS_RAD_S: Mapping[str, float] = {
-    rf"rpm|r\.p\.m\.?|upm|{_TURN}/{_MINUTE}|{_MINUTE}\^?-1|{_TURN}\.{_MINUTE}\^?-1": RPM,
+    PER_MINUTE: RPM,
     "krpm": 1e3 * RPM,
     rf"rad/{_SECOND}|rad\.?s\^?-1": 1.0,
     rf"deg/{_SECOND}|°/{_SECOND}": math.radians(1),

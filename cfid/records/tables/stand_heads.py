@@ -7,7 +7,7 @@ from typing import NamedTuple
 from cfid.errors import DataError
 from cfid.records.tables.column_units import spelt
 from cfid.records.tables.force_units import FORCES_N, TORQUES_NM
-from cfid.records.tables.speed_units import PER_SECOND, SPEEDS_RAD_S
+from cfid.records.tables.speed_units import PER_MINUTE, PER_SECOND, SPEEDS_RAD_S
 from cfid.records.tables.stand_scales import command_called
 from cfid.records.tables.table import CsvTable
 from cfid.records.tables.times import OTHER_UNIT, TIME_COLUMN, unit_at_end
@@ -82,6 +82,9 @@ _KNOWN = (
         FULL_COMMAND / 100,
         "percent",
     ),
+    ColumnHead(
+        "command", r"(?:stellgr(?:ö|oe)(?:ß|ss)e|tastverh(?:ä|ae)ltnis)[(\[]%[)\]]", FULL_COMMAND / 100, "percent"
+    ),
     ColumnHead("command", r"command_fraction", FULL_COMMAND, "fraction"),
     ColumnHead("command", r"(?:esc(?:signal|throttle)?|throttle|pwm)(?:[ab]?\(us\)|\[us\]|_us)", kind="esc"),
     ColumnHead("thrust_n", r"thrust_n"),
@@ -103,12 +106,13 @@ _KNOWN = (
     ColumnHead("speeds_rad_s", r"speed_rad_s|(?:omega|ω)_rad_s", kind="motor"),
     ColumnHead("speeds_rad_s", rf"(?:omega|ω)(?:\[rad/s\]|\(rad/s\)|{PER_SECOND.pattern})", kind="motor"),
     ColumnHead("speeds_rad_s", r"rpm|upm", RPM, "motor"),
+    ColumnHead("speeds_rad_s", rf"drehzahl(?:in)?(?:{PER_MINUTE})", RPM, "motor"),
     ColumnHead("speeds_rad_s", r"rpm_[1-9]\d*", RPM, "series"),
     ColumnHead("speeds_rad_s", r"rpm[1-4]", RPM, "rotors"),
     ColumnHead("speeds_rad_s", r"rpm_mean", RPM, "mean"),
     *_of_stand(
         "speeds_rad_s",
-        "motoropticalspeed|motorelectricalspeed|motorspeed|rotationspeed|rotationalspeed|speed|rpm|drehzahl",
+        "motoropticalspeed|motorelectricalspeed|motorspeed|rotationspeed|rotationalspeed|speed|rpm|drehzahl|n",
         SPEEDS_RAD_S,
         "motor",
     ),
