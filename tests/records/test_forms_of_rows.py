@@ -139,6 +139,37 @@ def test_a_clock_of_32_bits_goes_on_where_it_begins_anew(tmp_path: Path, signed:
     np.testing.assert_allclose(times - times[0], TIME_MS / 1000, atol=1e-6)
 
 
+def test_a_clock_of_32_bits_may_begin_anew_within_lost_rows(tmp_path: Path) -> None:
+    kept = np.r_[0:130, 250:ROWS]
+    rows = [f"{WRAPPED_US[at]},{ANGLE_DEG[at]}" for at in kept]
+    record = read(tmp_path, ["micros,angle", *rows])
+    np.testing.assert_allclose(record.time_s, TIME_MS[kept] / 1000, atol=1e-9)
+    text = next(one.text for one in record.findings if "the clock of 32 bits begins anew in line 132" in one.text)
+    assert "times go on from there, over as many as 121 usual intervals: rows were lost" in text
+
+
+def test_a_single_time_of_all_32_bits_is_wrong_and_no_clock_that_begins_anew(tmp_path: Path) -> None:
+    stamps = 1000 * TIME_MS
+    stamps[100] = 2**32 - 1
+    record = read(tmp_path, ["micros,angle", *(f"{t},{a}" for t, a in zip(stamps, ANGLE_DEG, strict=True))])
+    np.testing.assert_allclose(record.time_s, np.delete(TIME_MS, 100) / 1000, atol=1e-9)
+
+
+def test_a_clock_of_16_bits_in_milliseconds_goes_on_each_time_it_begins_anew(tmp_path: Path) -> None:
+    times_ms = 50 * np.arange(3000)
+    angles = np.round(40 * np.cos(times_ms / 500), 2)
+    stamps = (times_ms + 60_000) % 2**16
+    record = read(tmp_path, ["t_ms,angle", *(f"{t},{a}" for t, a in zip(stamps, angles, strict=True))])
+    np.testing.assert_allclose(record.time_s, times_ms / 1000, atol=1e-9)
+    assert any("the clock of 16 bits begins anew in line 113, from 65500 to 14" in one.text for one in record.findings)
+
+
+def test_a_time_in_milliseconds_that_begins_anew_elsewhere_is_no_clock_of_16_bits(tmp_path: Path) -> None:
+    stamps = [*range(60_000, 64_000, 10), *range(0, 4000, 10)]
+    with pytest.raises(DataError, match=r"swing\.txt:402: time goes back from 63990 to 0 ms"):
+        read(tmp_path, ["t_ms,angle", *(f"{t},{t % 80}" for t in stamps)])
+
+
 def test_a_time_that_goes_back_by_less_than_32_bits_is_refused(tmp_path: Path) -> None:
     stamps = np.where(WRAPPED_US < 2**31, WRAPPED_US, WRAPPED_US - 10_000_000)
     with pytest.raises(DataError, match=r"swing\.txt:142: time goes back"):

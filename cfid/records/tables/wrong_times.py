@@ -7,34 +7,50 @@ from cfid.large import differences, usual_step
 from cfid.records.tables.lone import MOST_SHARE, Rows, lone_readings
 from cfid.records.tables.table import Array, CsvTable
 
-_WRAP = 2.0**32  # values of a microcontroller's clock
 _WRONG_TIME = 20.0  # usual intervals, by which a single time is wrong
+_LOST = 1000.0  # usual intervals of rows that may be lost where a clock of 32 bits begins anew: seconds of its 71 min
+_SHORT = 100.0  # usual intervals that a clock of 16 bits counts at least: one of microseconds wraps within a few rows
 
 
-def wraps(time: Array) -> Rows:
-    """Return the places of times (n,) at which a clock of 32 bits begins anew, as micros() after 71.6 minutes."""
+def wraps(time: Array) -> tuple[Rows, int]:
+    """Return the places of times (n,) at which a microcontroller's clock begins anew, and its bits, 32 or 16.
+
+    One of 32 bits is micros() after 71.6 minutes. There rows may be lost, where times are regular on both sides: a
+    single wrong time may be as large.
+    """
     back = [begin + 1 + np.flatnonzero(step < 0) for begin, step in differences(time)]
     places = np.concatenate([np.empty(0, np.intp), *back])
     if not len(places):
-        return places
+        return places, 32
+    usual = usual_step(time)
     with np.errstate(over="ignore"):  # damaged times of any size
-        onwards = time[places] - time[places - 1] + _WRAP
-    return np.asarray(places[(onwards > 0) & (onwards < _WRONG_TIME * usual_step(time))])
+        jump = time[places] - time[places - 1]
+        before = time[places - 1] - time[np.maximum(places - 2, 0)]
+        after = time[np.minimum(places + 1, len(time) - 1)] - time[places]
+    regular = (np.maximum(before, after) < _WRONG_TIME * usual) & (np.minimum(before, after) > 0)
+    most = np.where(regular, _LOST, _WRONG_TIME) * usual
+    long = places[(jump + 2.0**32 > 0) & (jump + 2.0**32 < most)]
+    if len(long) or not (time.min() >= 0 and time.max() < 2.0**16 and _SHORT * usual < 2.0**16):
+        return long, 32
+    short = (jump + 2.0**16 > 0) & (jump + 2.0**16 < _WRONG_TIME * usual)
+    return (places if np.all(short) else long), 16
 
 
 def unwrapped(table: CsvTable, time: Array) -> tuple[str, ...]:
     """Let times (n,) go on where their counter begins anew, and return a note."""
     known = np.flatnonzero(np.isfinite(time))
-    places = known[wraps(time[known])]
-    if not len(places):
+    found, bits = wraps(time[known])
+    if not len(found):
         return ()
-    line = table.line_of_row(int(places[0]))
+    before, after = time[known[found - 1]], time[known[found]]
+    longest = float((after - before + 2.0**bits).max()) / usual_step(time[known])
+    lost = f", over as many as {longest:.0f} usual intervals: rows were lost" if longest > _WRONG_TIME else ""
     text = (
-        f"the clock of 32 bits begins anew in line {line}, from {time[places[0] - 1]:.0f} to {time[places[0]]:.0f}: "
-        "times go on from there."
+        f"the clock of {bits} bits begins anew in line {table.line_of_row(int(known[found[0]]))}, from {before[0]:.0f} "
+        f"to {after[0]:.0f}: times go on from there{lost}."
     )
-    for place in places:
-        time[place:] += _WRAP
+    for place in known[found]:
+        time[place:] += 2.0**bits
     return (text,)
 
 
