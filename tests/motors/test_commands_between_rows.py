@@ -8,7 +8,7 @@ import numpy.typing as npt
 import pytest
 
 from cfid.records.result import Result
-from tests.motors.rotor_logs import RPM, fit_of, following, off
+from tests.motors.rotor_logs import RISING_S, RPM, fit_of, following, off
 
 Array = npt.NDArray[np.float64]
 
@@ -45,16 +45,17 @@ def test_changes_at_any_time_in_rows_of_10_ms_give_the_lag(tmp_path: Path, every
     assert any(one.code == "lag-command-between-rows" for one in result.findings)
 
 
-def controlled(folder: Path, *, every_s: float, correlated_s: float, row_s: float) -> Result:
-    """Fit 40 s of four rotors whose commands a controller changes at random, logged in rows."""
+def controlled(folder: Path, *, every_s: float, correlated_s: float, row_s: float, noise: float = 0.0) -> Result:
+    """Fit 40 s of four rotors whose commands a controller changes at random, logged in rows; `noise` lasts one step."""
     time_s, change_s = np.arange(0, 40, row_s), np.arange(0, 40, every_s)
     kept = np.exp(-every_s / correlated_s)
     columns = {"t": time_s, "pm.vbat": np.full(len(time_s), 4.0)}
     for motor in (1, 2, 3, 4):
         rng = np.random.default_rng(motor)
-        noise = rng.normal(0, np.sqrt(1 - kept**2), len(change_s))
-        each = list(accumulate(noise, lambda now, new: kept * now + new))
-        command = np.round(np.clip(35000 + 8000 * np.array(each), 10000, 60000))
+        pushes = rng.normal(0, np.sqrt(1 - kept**2), len(change_s))
+        each = np.array(list(accumulate(pushes, lambda now, new: kept * now + new)))
+        jitter = noise * rng.normal(size=len(change_s)) if noise else 0.0
+        command = np.round(np.clip(35000 + 8000 * each + jitter, 10000, 60000))
         speed = following(np.append(0, change_s[1:] + 0.006), 400 + 0.033 * command, time_s)
         speed += rng.normal(0, 8, len(time_s))
         columns[f"motor.m{motor}"] = command[np.searchsorted(change_s, time_s + 1e-9, side="right") - 1]
@@ -72,10 +73,19 @@ def test_commands_that_change_in_all_rows_and_between_them_leave_the_lag_within_
     result = controlled(tmp_path, every_s=every_s, correlated_s=correlated_s, row_s=row_s)
     (found,) = (one for one in result.findings if one.code == "lag-command-between-rows")
 
-    assert max(off(result, widest=0.08)) < 2
+    assert max(off(result, widest=0.15)) < 2
     assert {"dynamics.rising", "dynamics.falling", "dynamics.delay_s"} == set(found.quantities)
     assert "nearer to each other by" in found.sentence
     assert "taken as straight in between" in found.sentence
+
+
+@pytest.mark.parametrize("row_s", [0.01, pytest.param(0.02, marks=pytest.mark.slow)])
+def test_noise_that_commands_have_within_a_row_is_in_the_uncertainty_of_the_lag(tmp_path: Path, row_s: float) -> None:
+    """It makes time constants too long: a row has the noise of one step, and its mean hardly any."""
+    result = controlled(tmp_path, every_s=0.002, correlated_s=0.5, row_s=row_s, noise=2000)
+
+    assert 0.7 < result.quantities["dynamics.rising"].value[0] * RISING_S < 0.9
+    assert max(off(result, widest=0.3)) < 2
 
 
 def test_commands_of_a_controller_as_slow_as_rows_leave_the_lag_within_its_uncertainty(tmp_path: Path) -> None:
@@ -83,5 +93,5 @@ def test_commands_of_a_controller_as_slow_as_rows_leave_the_lag_within_its_uncer
     result = controlled(tmp_path, every_s=0.02, correlated_s=0.05, row_s=0.02)
     delay = result.quantities["dynamics.delay_s"]
 
-    assert max(off(result, widest=0.08)) < 1
+    assert max(off(result, widest=0.15)) < 1
     assert abs(delay.value - 0.006) < delay.std

@@ -1,10 +1,19 @@
 """What a command does between two rows that are farther apart than its own steps: rows do not show it, rotors feel it.
 
+It is taken as straight from row to row, which is what a command at random does in the mean: what is left correlates
+with no row, and errors of that kind bias no linear fit (J. Berkson, Are there two regressions?, Journal of the American
+Statistical Association 45, 1950). Noise of a command that lasts for one step of its controller is in its rows but not
+in the mean from row to row; such errors make time constants too long. By how much shows a fit to commands with as much
+noise again (J. R. Cook, L. A. Stefanski, Simulation-extrapolation estimation in parametric measurement error models,
+Journal of the American Statistical Association 89, 1994).
+
 Some speeds seem to rise that fall and the other way round, and each time constant comes out nearer to the other. The
 mean of what a command at random does within a row has a variance of a twelfth of its mean squared change from row to
 row; over the command's own variance that is about the share of the difference by which both move.
 """
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,16 +21,59 @@ import numpy.typing as npt
 
 from cfid.findings import Finding, note
 from cfid.motors.delays import command_between_rows
-from cfid.motors.lag.estimation import LagFit
-from cfid.motors.lag.model import Signal
-from cfid.motors.lag.part import SHOWN_S
+from cfid.motors.lag.checks import Kind
+from cfid.motors.lag.estimation import LagFit, fit_lag
+from cfid.motors.lag.model import LogSegment, Signal
+from cfid.motors.lag.part import moves
 
 Array = npt.NDArray[np.float64]
 
+_SHOWN_S = 3e-3  # rows that far apart show each step of a controller at 500 Hz
+_SEED = 1
+# Of the interval between rows: so much too long were time constants of rotors under a flight's commands, in rows of 5
+# to 20 ms.
+_LONG = 0.1
 # Times the share: falling time constants of 80 ms were 1.2 times as much off at 100 Hz and 1.8 times at 50 Hz, rising
 # ones of 50 ms less.
 _TIMES = 1.5
 _WITHIN_S = 1.0  # some time constants, over which a command varies
+
+
+def fit_rows(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float, moving: bool, age_s: float = 0.0) -> LagFit:
+    """Return the fit of commands that rows show, and what they do between them; parameters and errors as of `fit_lag`.
+
+    Its uncertainty contains what noise of the commands does that lasts for one step of their controller.
+    """
+    if not moving or row_s < _SHOWN_S:
+        return fit_lag(pieces, kind=kind, row_s=row_s, moving=moving, age_s=age_s)
+    rng = np.random.default_rng(_SEED)
+    as_known, noisier = (
+        [piece._replace(drives=tuple(_straight(drive, each) for drive in piece.drives)) for piece in pieces]
+        for each in (None, rng)
+    )
+    fit = fit_lag(as_known, kind=kind, row_s=row_s, moving=moving, age_s=age_s)
+    other = fit_lag(noisier, kind=kind, row_s=row_s, moving=moving)
+    effects = np.zeros((6, 2))
+    effects[3:5, 0] = other.lag.rising_s - fit.lag.rising_s, other.lag.falling_s - fit.lag.falling_s
+    effects[3:5, 1] = _LONG * row_s
+    return _unsure(fit, effects)
+
+
+def _straight(drive: Signal, rng: np.random.Generator | None) -> Signal:
+    if not moves(drive.value):
+        return drive
+    noise = 0.0 if rng is None else rng.normal(0, _noise_of(drive.value), len(drive.value))
+    return Signal(drive.time_s, drive.value + noise).straight()
+
+
+def _noise_of(command: Array) -> float:
+    """Return the standard deviation of what lasts for less than a row, as changes over one and two rows show it."""
+    one, two = (float(np.mean((command[by:] - command[:-by]) ** 2)) / 2 for by in (1, 2))
+    return math.sqrt(max(2 * one - two, 0.0))
+
+
+def _unsure(fit: LagFit, effects: Array) -> LagFit:
+    return replace(fit, covariance=fit.covariance + effects @ effects.T, effects=np.hstack([fit.effects, effects]))
 
 
 def mixed_share(command: Signal) -> float:
@@ -29,7 +81,7 @@ def mixed_share(command: Signal) -> float:
     time_s, value = command
     on = value > 0
     row_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
-    if row_s < SHOWN_S:
+    if row_s < _SHOWN_S:
         return 0.0
     length = round(_WITHIN_S / row_s)
     driven = value[on][: np.count_nonzero(on) // length * length].reshape(-1, length)
@@ -44,7 +96,7 @@ def unsure_between_rows(fit: LagFit, share: float) -> LagFit:
     apart_s = share * (fit.lag.falling_s - fit.lag.rising_s)
     effect = np.zeros((6, 1))
     effect[3:5, 0] = apart_s, -apart_s
-    return replace(fit, covariance=fit.covariance + effect @ effect.T, effects=np.hstack([fit.effects, effect]))
+    return _unsure(fit, effect)
 
 
 def between_rows_finding(row_s: float, share: float) -> Finding:
@@ -54,7 +106,8 @@ def between_rows_finding(row_s: float, share: float) -> Finding:
     text = (
         f"the command is known every {1e3 * row_s:.3g} ms, changes in most rows, and is taken as straight in between. "
         "Where it is held, the delay is too long by up to half of that: its standard uncertainty contains "
-        f"{1e3 * row_s / 3**0.5:.2g} ms for what rows do not show. Time constants may lie nearer to each other by "
-        f"{100 * share:.2g} % of their difference each, which their standard uncertainties contain."
+        f"{1e3 * row_s / 3**0.5:.2g} ms for what rows do not show. Time constants may be too long by what noise in the "
+        f"commands does, and lie nearer to each other by {100 * share:.2g} % of their difference each, which their "
+        "standard uncertainties contain."
     )
     return note("lag-command-between-rows", text, "dynamics.rising", "dynamics.falling", "dynamics.delay_s")

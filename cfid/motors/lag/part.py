@@ -16,7 +16,6 @@ from cfid.units import FULL_COMMAND, MOTORS
 Array = npt.NDArray[np.float64]
 
 BREAK_S = 0.1  # without a row, after which the rotors' state is unknown
-SHOWN_S = 3e-3  # rows that far apart show each step of a controller at 500 Hz
 _OWN_STEPS = 0.5  # of the rows in which a command differs from the one before: below, rows show its own steps
 _UNSEEN, _UNSEEN_S = 5, 0.25  # usual intervals, and seconds, up to which a voltage is taken from its neighbour
 
@@ -45,7 +44,7 @@ class LogPart:
 
     def moving(self, motor: int) -> bool:
         """Whether a motor's command, or with 0 any, changes in most rows, so that rows do not show its steps."""
-        return any(_moves(value) for number, (_, value) in self.commands.items() if motor in (0, number))
+        return any(moves(value) for number, (_, value) in self.commands.items() if motor in (0, number))
 
     def of_speed(self, motor: int, *, by: int | None = None) -> list[LogSegment]:
         """Return the segments in which one rotor runs, with its speed; `by` is whose command drives it."""
@@ -82,21 +81,14 @@ class LogPart:
                 continue
             inside = slice(first, last + 1)
             between = measured.between(float(time_s[first]), float(time_s[last]))
-            commands = tuple(self._between_rows(Signal(time_s[inside], drive[inside])) for drive in drives)
+            commands = tuple(Signal(time_s[inside], drive[inside]) for drive in drives)
             ratio = None if volts is None else Signal(time_s[inside], volts[inside] / self.at_v)
             own = unseen[(unseen >= first) & (unseen < last)]
             yield LogSegment(commands, between, ratio, np.column_stack([time_s[own], time_s[own + 1]]))
 
-    def _between_rows(self, drive: Signal) -> Signal:
-        """Return a drive, straight from row to row where these do not show its steps: what it does in the mean.
 
-        What is left of one at random correlates with no row, and errors of that kind bias no linear fit (J. Berkson,
-        Are there two regressions?, Journal of the American Statistical Association 45, 1950).
-        """
-        return drive.straight() if self.row_s >= SHOWN_S and _moves(drive.value) else drive
-
-
-def _moves(command: Array) -> bool:
+def moves(command: Array) -> bool:
+    """Return whether a command (n,) changes in most rows in which it drives a motor."""
     on = (command[1:] > 0) & (command[:-1] > 0)
     changed = np.diff(command)[on] != 0
     return bool(len(changed) and np.mean(changed) > _OWN_STEPS)

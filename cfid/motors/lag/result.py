@@ -12,10 +12,10 @@ from cfid.errors import CfidError, FitError
 from cfid.estimate.held_readings import Readings
 from cfid.findings import Finding, note, rejection, warning
 from cfid.motors.delays import delay_text, negative_delay
-from cfid.motors.lag.between_rows import between_rows_finding, mixed_share, unsure_between_rows
+from cfid.motors.lag.between_rows import between_rows_finding, fit_rows, mixed_share, unsure_between_rows
 from cfid.motors.lag.checks import Kind
 from cfid.motors.lag.data import RotorLog
-from cfid.motors.lag.estimation import LagFit, fit_lag, joined, unsure_of_sag
+from cfid.motors.lag.estimation import LagFit, joined, unsure_of_sag
 from cfid.motors.lag.gaps import Gaps
 from cfid.motors.lag.part import LogPart
 from cfid.motors.lag.values import (
@@ -156,7 +156,7 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
             kind: Kind = "speed" if motor else "thrust"
             pieces = part.of_speed(motor) if motor else part.of_thrust()
             try:
-                fit = fit_lag(pieces, kind=kind, row_s=part.row_s, moving=part.moving(motor), age_s=readings.age_s)
+                fit = fit_rows(pieces, kind=kind, row_s=part.row_s, moving=part.moving(motor), age_s=readings.age_s)
             except FitError as error:
                 failed[name] = error
                 continue
@@ -196,7 +196,7 @@ def _other_command(part: LogPart, motor: int) -> tuple[Finding, ...]:
         if other == motor:
             continue
         try:
-            fit = fit_lag(part.of_speed(motor, by=other), kind="speed", row_s=part.row_s, moving=part.moving(other))
+            fit = fit_rows(part.of_speed(motor, by=other), kind="speed", row_s=part.row_s, moving=part.moving(other))
         except FitError:
             continue
         if fit.accepted and fit.explained > explained:
