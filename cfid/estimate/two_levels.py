@@ -6,6 +6,7 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 _FAR = 6.0  # times what half of the readings are within: four deviations of noise, and beyond any vibration's crest
+_MOVED = 0.005  # of the level, by which the mean is off the middle: less is what gusts and skewed noise do
 _MOST_SHARE = 0.02  # of the readings, that may be far on one side more than on the other, or repeat one value
 _OFTEN, _FEWEST_VALUES = 4.0, 10  # times as often as any other of so many values, as no noise has one
 _FEWEST_TIMES = 3  # that another level comes back: what settles, or stands still, reaches it once
@@ -15,8 +16,8 @@ def other_level(value: Array, *, finest: float = 0.0) -> str:
     """Return how many of the readings (n,) of a steady level show another one, and which, "" where they do not.
 
     Again and again, they lie far from the others on one side: what is far on both sides alike, as a vibration that
-    comes and goes, leaves the mean right. Or they repeat one value between others, within a vibration too. Steps of a
-    coarse scale, and what is smaller than `finest`, are not far.
+    comes and goes, leaves the mean right, and so does what is not far enough, as of gusts. Or they repeat one value
+    between others, within a vibration too. Steps of a coarse scale, and what is smaller than `finest`, are not far.
     """
     if not len(value):
         return ""
@@ -32,7 +33,8 @@ def _far(value: Array, finest: float) -> str:
     above, below = off > limit, off < -limit
     high, low = int(np.count_nonzero(above)), int(np.count_nonzero(below))
     far = above if high > low else below
-    if abs(high - low) <= _MOST_SHARE * len(value) or not _comes_back(far):
+    moved = abs(float(np.mean(value)) - middle) > _MOVED * abs(middle)
+    if not moved or abs(high - low) <= _MOST_SHARE * len(value) or not _comes_back(far):
         return ""
     other = float(np.median(value[far]))
     return f"{_share(high + low, value)} lie far from the others, at about {other:.3g} where those show {middle:.3g}"
