@@ -12,7 +12,7 @@ from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.text import has_decimal_comma, short
 
 _POINT = re.compile(r"[1-9]\d{0,2}\.\d{3}", re.ASCII)
-_NO_ROTOR_RAD_S = 10.0  # 100 turns per minute: no rotor is driven as slowly
+_NO_ROTOR_RAD_S = 0.4, 10.0  # 4 to 100 turns per minute: no rotor is driven as slowly, one at rest shows less by noise
 
 
 def check_thousands(table: CsvTable, values: Mapping[str, Array]) -> None:
@@ -56,4 +56,5 @@ def _decimal_comma(table: CsvTable, names: Sequence[str]) -> str:
 def _is_no_rotor(name: str, value: Array) -> bool:
     """Return whether a column (n,) is a speed below that of any rotor that is driven."""
     heads = heads_of([name]).get("speeds_rad_s", ())
-    return any(head.factor * np.nanmax(value, initial=0.0) < _NO_ROTOR_RAD_S for head, _ in heads)
+    low, high = _NO_ROTOR_RAD_S
+    return any(low < head.factor * np.nanmax(value, initial=0.0) < high for head, _ in heads)
