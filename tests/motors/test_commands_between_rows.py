@@ -54,8 +54,8 @@ def controlled(folder: Path, *, every_s: float, correlated_s: float, row_s: floa
         rng = np.random.default_rng(motor)
         pushes = rng.normal(0, np.sqrt(1 - kept**2), len(change_s))
         each = np.array(list(accumulate(pushes, lambda now, new: kept * now + new)))
-        jitter = noise * rng.normal(size=len(change_s)) if noise else 0.0
-        command = np.round(np.clip(35000 + 8000 * each + jitter, 10000, 60000))
+        jitter = noise * rng.normal(size=len(change_s)) if noise else np.zeros(len(change_s))
+        command = np.asarray(np.clip(35000 + 8000 * each + jitter, 10000, 60000).round(), np.float64)
         speed = following(np.append(0, change_s[1:] + 0.006), 400 + 0.033 * command, time_s)
         speed += rng.normal(0, 8, len(time_s))
         columns[f"motor.m{motor}"] = command[np.searchsorted(change_s, time_s + 1e-9, side="right") - 1]
