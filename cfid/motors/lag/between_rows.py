@@ -106,8 +106,8 @@ def between_rows_finding(row_s: float, share: float) -> Finding:
     text = (
         f"the command is known every {1e3 * row_s:.3g} ms, changes in most rows, and is taken as straight in between. "
         "Where it is held, the delay is too long by up to half of that: its standard uncertainty contains "
-        f"{1e3 * row_s / 3**0.5:.2g} ms for what rows do not show. Time constants may be too long by what noise in the "
-        f"commands does, and lie nearer to each other by {100 * share:.2g} % of their difference each, which their "
-        "standard uncertainties contain."
+        f"{1e3 * row_s / 3**0.5:.2g} ms for what rows do not show. Noise in the commands may make time constants too "
+        f"long, and what rows do not show may bring them nearer to each other by about {100 * share:.2g} % of their "
+        "difference: their standard uncertainties contain both. Log at the rate of the controller."
     )
     return note("lag-command-between-rows", text, "dynamics.rising", "dynamics.falling", "dynamics.delay_s")
