@@ -12,7 +12,13 @@ from cfid.errors import CfidError, FitError
 from cfid.estimate.held_readings import Readings
 from cfid.findings import Finding, note, rejection, warning
 from cfid.motors.delays import delay_text, negative_delay
-from cfid.motors.lag.between_rows import between_rows_finding, fit_rows, mixed_share, unsure_between_rows
+from cfid.motors.lag.between_rows import (
+    between_rows_finding,
+    fit_rows,
+    mixed_share,
+    mixed_share_of_thrust,
+    unsure_between_rows,
+)
 from cfid.motors.lag.checks import Kind
 from cfid.motors.lag.data import RotorLog
 from cfid.motors.lag.estimation import LagFit, joined, unsure_of_sag
@@ -145,7 +151,8 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
             driven = [part.commands[motor]] if motor else list(part.commands.values())
             on = np.concatenate([value[value > 0] for _, value in driven])
             if part.moving(motor):
-                mixed[name] = max(mixed.get(name, 0.0), *map(mixed_share, driven))
+                share = mixed_share(driven[0]) if motor else mixed_share_of_thrust(driven)
+                mixed[name] = max(mixed.get(name, 0.0), share)
             driven_v = part.driven_volts(motor) if motor else np.zeros(0)
             volts, rows = volts + float(driven_v.sum()), rows + len(driven_v)
             readings = part.readings[motor]
