@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.motors.lag.between_rows import mixed_share_of_thrust
+from cfid.motors.lag.between_rows import mixed_share, mixed_share_of_thrust
 from cfid.motors.lag.model import Signal
 from cfid.records.result import Result
 from tests.motors.rotor_logs import RISING_S, RPM, fit_of, following, off
@@ -89,6 +89,12 @@ def test_the_thrust_of_four_rotors_states_that_its_time_constants_lie_nearer_to_
     )
     assert 0.2 < mixed_share_of_thrust([quick] * 4) < 0.3
     assert mixed_share_of_thrust([steady] * 4) == 0
+
+
+def test_commands_that_alternate_from_row_to_row_have_a_finite_share() -> None:
+    """Their mean squared change is four times their variance, the most that there is."""
+    command = Signal(np.arange(0, 20, 0.01), np.tile([0.4, 0.6], 1000))
+    assert 1 < mixed_share(command) < 3
 
 
 @pytest.mark.parametrize("row_s", [0.01, pytest.param(0.02, marks=pytest.mark.slow)])

@@ -37,6 +37,7 @@ _LONG = 0.1
 # ones of 50 ms less.
 _TIMES = 1.5
 _OF_THRUST = 0.25  # the least share of a sum of rotors, of which some rise while others fall
+_MOST = 0.4  # at a half, nothing is left of the difference
 _WITHIN_S = 1.0  # some time constants, over which a command varies
 
 
@@ -97,7 +98,7 @@ def mixed_share(command: Signal) -> float:
     driven = value[on][: np.count_nonzero(on) // length * length].reshape(-1, length)
     variance = float(np.mean(np.var(driven, axis=1))) if len(driven) else 0.0
     changes = np.diff(value)[on[1:] & on[:-1]]
-    share = _TIMES * float(np.mean(changes**2)) / (12 * variance) if variance else 0.0
+    share = min(_TIMES * float(np.mean(changes**2)) / (12 * variance), _MOST) if variance else 0.0
     return share / (1 - 2 * share)  # of the difference that is left
 
 
