@@ -3,6 +3,7 @@
 import contextlib
 import io
 import logging
+import os
 import queue
 import socket
 from pathlib import Path
@@ -33,6 +34,7 @@ class RepeatingUdp(UdpDriver):  # type: ignore[misc]
             return
         with contextlib.suppress(OSError):
             self.socket.shutdown(socket.SHUT_RDWR)
+            os.set_blocking(self.socket.fileno(), True)  # else what receives finds nothing, at once, for a second
         super().close()
         queue.Queue.put(self.in_queue, None)
 

@@ -3,6 +3,7 @@
 import select
 import socket
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 from cflib.crazyflie import Crazyflie
 from cflib.crtp.crtpstack import CRTPPacket
 
+from cfid.rig.cflib_drivers import RepeatingUdp
 from cfid.rig.crazyflie import Link
 from cfid.wire.app import AppPorts
 from tests.flying_in_a_folder import Bench, bench_in
@@ -125,3 +127,15 @@ def test_a_packet_that_cflib_is_sending_when_the_link_closes_is_sent_or_left_out
 
     assert not faults
     assert driver.sent == [packet]
+
+
+def test_a_link_that_closes_keeps_no_processor_busy() -> None:
+    with socket.socket(type=socket.SOCK_DGRAM) as vehicle:
+        vehicle.bind(("127.0.0.1", 0))
+        driver = RepeatingUdp()
+        driver.connect(f"udp://127.0.0.1:{vehicle.getsockname()[1]}", None, None)
+        time.sleep(0.1)  # until it receives
+        began_s = time.process_time()
+        driver.close()
+        assert time.process_time() - began_s < 0.1
+        assert not driver._thread.is_alive()
