@@ -13,14 +13,16 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import median_filter
-from scipy.signal import find_peaks
 
 from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.estimate.blocks import block_means
 from cfid.estimate.signals import SMOOTHED_S, Runs, Slow, find_spikes, slowed
 from cfid.large import PART_ROWS, differences, empty, stored
+from cfid.lazy import later
 from cfid.wire.rdt_status import Family, read_status
+
+_find_peaks = later("scipy.signal", "find_peaks")  # where no commands are known; takes long to import
 
 Array = npt.NDArray[np.float64]
 Words = npt.NDArray[np.uint32]
@@ -200,7 +202,7 @@ def changes_seen(slow: Slow) -> list[Interval]:
     before, after = mean[: -width - 2 * gap], mean[width + 2 * gap :]
     change, noise, span = np.abs(after - before), _noise(slow, width, 2 * gap - 1), np.ptp(before)
     least = np.maximum(_OF_LEVEL * np.abs(before - before[0]), max(_SURE * noise, _OF_RANGE * span))
-    peaks, shape = find_peaks(change, height=least, prominence=_SURE * noise, distance=width)
+    peaks, shape = _find_peaks(change, height=least, prominence=_SURE * noise, distance=width)
     peaks = peaks[shape["prominences"] > _OWN_PEAK * change[peaks]]
     times = [float(slow.time_s[0]), *slow.time_s[peaks + width + gap].tolist(), float(slow.time_s[-1])]
     levels = [level(slow, begin, end) for begin, end in pairwise(times)]

@@ -6,7 +6,8 @@ from dataclasses import replace
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.guide.plan import Assignment, Words
-from cfid.motors.plan import FEWEST_COMMANDS, missing
+from cfid.motors.missing_steps import missing
+from cfid.motors.plan import FEWEST_COMMANDS
 from cfid.records.resumed import with_completed
 from cfid.records.run import Run
 from cfid.records.steps import recorded_steps

@@ -255,6 +255,8 @@ def _scales_of(resume: ResumeOptions, campaign: "Campaign") -> Mapping[str, Any]
 
 def _left(kind: str, wanted: "StaircasePlan", resume: ResumeOptions, campaign: "Campaign") -> "StaircasePlan":
     """Return the staircase or, with --resume, what an interrupted run lacks of its own."""
-    from cfid.motors.plan import missing
+    if resume.word is None:
+        return wanted
+    from cfid.motors.missing_steps import missing
 
-    return wanted if resume.word is None else missing(interrupted(resume.word, campaign, kind=kind), kind=kind)
+    return missing(interrupted(resume.word, campaign, kind=kind), kind=kind)

@@ -15,7 +15,7 @@ import pytest
 
 from cfid.drag.wind.command import SweepOptions, WindOptions
 from cfid.errors import ConfigError
-from cfid.motors.plan import missing
+from cfid.motors.missing_steps import missing
 from cfid.records.rig_file import RIG_FILE, new_rig_text
 from cfid.records.run import list_runs, read_run
 from cfid.sim.loadcell import LoadCellTruth

@@ -12,7 +12,7 @@ import pytest
 from cfid.console.verdicts import judged, verdict_line
 from cfid.errors import FitError
 from cfid.motors.maps.verdict import of_readings
-from cfid.motors.plan import missing
+from cfid.motors.missing_steps import missing
 from cfid.records.rig_file import RIG_FILE, new_rig_text
 from cfid.records.run import DeviceRecord, Label, Run, Verdict, amend_run, read_run, write_header
 from cfid.records.run_writer import create_run

@@ -191,12 +191,12 @@ def _speeds(text: str) -> tuple[float, float]:
 
 def _requested(options: WindOptions, sweep: SweepOptions, resume: Path | None) -> "tuple[WindSetting, StaircasePlan]":
     """Return wind setting and staircase: by the options, or those that are missing in an interrupted run."""
-    from cfid.drag.wind.plan import KIND, setting_of
-    from cfid.motors.plan import missing
-    from cfid.records.run import read_run
-
     if resume is None:
         return options.setting(), sweep.staircase()
+    from cfid.drag.wind.plan import KIND, setting_of
+    from cfid.motors.missing_steps import missing
+    from cfid.records.run import read_run
+
     options.refuse(resume)
     return setting_of(read_run(resume)), missing(resume, kind=KIND)
 
