@@ -11,8 +11,9 @@ from rich.text import Text
 from cfid.console.messages import echo, fitted, printable
 from cfid.records.parameters import Parameter
 
+UNLIMITED = 10_000  # columns: more than any table takes
+
 _NARROW = 60  # columns, below which a table may have to break words
-_UNLIMITED = 10_000  # columns: more than any table takes
 _DIGITS = 7  # of a value whose uncertainty is unknown; the thesis prints as many
 
 
@@ -32,11 +33,11 @@ def print_parameters(parameters: Mapping[str, Parameter], *, title: str) -> None
         print_table(table)
 
 
-def print_table(table: Table) -> None:
-    """Print a table, or on a terminal too narrow for its words each row as lines with the headings."""
+def print_table(table: Table, *, narrow: int = _NARROW) -> None:
+    """Print a table, or on a terminal of fewer columns than `narrow` that breaks its words, each row as lines."""
     console = Console()
-    unlimited = console.options.update(max_width=_UNLIMITED)
-    if console.width >= _NARROW or console.measure(table, options=unlimited).minimum <= console.width:
+    unlimited = console.options.update(max_width=UNLIMITED)
+    if console.width >= narrow or console.measure(table, options=unlimited).minimum <= console.width:
         console.print(table)
         return
     if table.title:

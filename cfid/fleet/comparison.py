@@ -23,8 +23,9 @@ _OF_NORMAL = 1.4826  # median absolute deviation to standard deviation
 class ComparedNumber:
     """One number in all campaigns: its value in each, None where it is missing, and how the accepted ones agree.
 
-    `expected_scatter` is the standard deviation that the stated uncertainties alone would give, None where one of them
-    is missing. `outliers` are the campaigns that lie apart from the others, `rejected` those whose number was rejected.
+    `expected_scatter` is the standard deviation that the stated uncertainties alone would give, None where none is
+    stated. `outliers` are the campaigns that lie apart from the others, `rejected` those whose number was rejected,
+    `unstated` those whose number has no uncertainty where two others have: it does not count.
     """
 
     name: str
@@ -34,11 +35,12 @@ class ComparedNumber:
     expected_scatter: float | None
     outliers: tuple[str, ...]
     rejected: tuple[str, ...]
+    unstated: tuple[str, ...]
 
     @property
     def used(self) -> int:
         """How many values count."""
-        return sum(known is not None and known.accepted for known in self.values)
+        return sum(known is not None and known.accepted for known in self.values) - len(self.unstated)
 
     @property
     def drifts(self) -> bool:
@@ -65,20 +67,22 @@ def compare(summaries: Sequence[Summary]) -> list[ComparedNumber]:
 def _compared(name: str, values: Sequence[KnownValue | None], campaigns: Sequence[str]) -> ComparedNumber:
     accepted = [(place, known) for place, known in zip(campaigns, values, strict=True) if known and known.accepted]
     value = np.array([known.value for _, known in accepted])
-    std = np.array([np.nan if known.std is None else known.std for _, known in accepted])
-    found = None
-    if len(accepted) > 1:
-        found = repeats(time_s=np.array([known.recorded.timestamp() for _, known in accepted]), value=value, std=std)
+    std = np.array([known.std or np.nan for _, known in accepted], dtype=float)
+    stated = np.isfinite(std)
+    counts = stated if stated.sum() > 1 else np.full(len(std), fill_value=True)
+    time_s = np.array([known.recorded.timestamp() for _, known in accepted])
+    found = repeats(time_s=time_s[counts], value=value[counts], std=std[counts]) if counts.sum() > 1 else None
     return ComparedNumber(
         name=name,
         unit=next(known.unit for known in values if known is not None),
         values=tuple(values),
         repeats=found,
-        expected_scatter=None if found is None or np.isnan(std).any() else float(np.sqrt(np.mean(std**2))),
+        expected_scatter=float(np.sqrt(np.mean(std[stated] ** 2))) if stated.sum() > 1 else None,
         outliers=tuple(accepted[place][0] for place in outliers(value, std)),
         rejected=tuple(
             place for place, known in zip(campaigns, values, strict=True) if known is not None and not known.accepted
         ),
+        unstated=tuple(place for (place, _), one in zip(accepted, counts, strict=True) if not one),
     )
 
 

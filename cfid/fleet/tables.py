@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from cfid.console.messages import printable
-from cfid.console.tables import value_and_deviation
+from cfid.console.tables import UNLIMITED, print_table, value_and_deviation
 from cfid.counted import counted
 from cfid.errors import ConfigError
 from cfid.fleet.comparison import ComparedNumber
@@ -23,7 +23,8 @@ from cfid.records.files import write_new
 
 SUFFIXES = (".csv", ".parquet", ".html")
 
-_NUMBER_WIDE, _NAME_WIDE = 29, 11  # of most numbers, and of a campaign, where the terminal is narrow
+_NUMBER_WIDE = 29  # of most numbers' names: on a narrower terminal they are folded before outliers are
+_NARROW = 80  # columns, below which a table may not fit
 _NUMBERS = {
     "mean", "mean_std", "scatter", "expected_scatter", "probability", "drift_per_day", "drift_std_per_day", "std",
 }  # fmt: skip
@@ -51,13 +52,17 @@ def print_comparisons(comparisons: Sequence[ComparedNumber], summaries: Sequence
         highlight=False,
     )
     table = Table(box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("number", overflow="fold", min_width=_NUMBER_WIDE)
+    table.add_column("number", overflow="fold")
     for heading in ("mean", "scatter", "expected"):
         table.add_column(heading, no_wrap=True)
-    table.add_column("outliers", overflow="fold", min_width=_NAME_WIDE)
+    table.add_column("outliers", overflow="fold")
     for one in comparisons:
         table.add_row(*map(_cell, (one.name, *_figures(one), "; ".join(_remarks(one, of=len(summaries))))))
-    console.print(table)
+    # rich would fold outliers as well, and cut off what its choice left no room for
+    longest = max((len(one.name) for one in comparisons), default=0)
+    excess = console.measure(table, options=console.options.update(max_width=UNLIMITED)).maximum - console.width
+    table.columns[0].width = min(longest, max(longest - excess, _NUMBER_WIDE))
+    print_table(table, narrow=_NARROW)
     apart = [one.name for one in comparisons if one.repeats is not None and not one.repeats.agree]
     if apart:
         console.print(
@@ -133,6 +138,7 @@ def comparison_rows(comparisons: Sequence[ComparedNumber]) -> list[dict[str, Any
             "probability": found.probability if found else None,
             "outliers": "; ".join(one.outliers),
             "rejected": "; ".join(one.rejected),
+            "without_std": "; ".join(one.unstated),
             "drift_per_day": found.drift_per_day if found else None,
             "drift_std_per_day": found.drift_std_per_day if found else None,
         }
@@ -184,6 +190,8 @@ def _remarks(one: ComparedNumber, *, of: int) -> list[str]:
         remarks.append(f"in {one.used}")
     if one.rejected:
         remarks.append(f"{len(one.rejected)} rejected")
+    if one.unstated:
+        remarks.append(f"{len(one.unstated)} without std")
     if one.outliers:
         more = len(one.outliers) - _MOST_NAMES
         remarks.append(", ".join([*one.outliers[:_MOST_NAMES], *([f"{more} more"] if more > 0 else [])]))
