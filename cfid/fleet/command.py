@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cfid.console.messages import echo, note
+from cfid.console.messages import echo, note, printable
 from cfid.counted import counted
 
 if TYPE_CHECKING:
@@ -59,7 +59,12 @@ def fleet(
     if faults:
         count = len(summaries) + len(faults)
         raise DataError(
-            "\n  ".join([f"{len(faults)} of {counted(count, 'campaign')} cannot be read:", *map(str, faults)])
+            "\n  ".join(
+                [
+                    f"{len(faults)} of {counted(count, 'campaign')} cannot be read:",
+                    *(printable(str(one)) for one in faults),
+                ]
+            )
         )
 
 
@@ -74,7 +79,7 @@ def _summaries(places: Sequence[str], *, jobs: int, scheduler: str | None) -> "t
     """Return the summaries of campaigns in their order, named apart, and the errors of those that cannot be read."""
     from dataclasses import replace
 
-    from cfid.fleet.summary import Summary, summarise
+    from cfid.fleet.summary import Summary, summarise, with_shared
     from cfid.fleet.workers import on_cluster, on_processes
 
     number = min(jobs or processors(), -(-len(places) // _FOLDERS_FOR_A_PROCESS))
@@ -88,7 +93,7 @@ def _summaries(places: Sequence[str], *, jobs: int, scheduler: str | None) -> "t
     summaries = [one for one in read if isinstance(one, Summary)]
     names = Counter(one.name for one in summaries)
     apart = [one if names[one.name] == 1 else replace(one, name=str(one.folder)) for one in summaries]
-    return apart, [one for one in read if not isinstance(one, Summary)]
+    return with_shared(apart), [one for one in read if not isinstance(one, Summary)]
 
 
 def _hand_out(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from cfid.console.messages import clock, echo, note, printable
+from cfid.counted import counted
 from cfid.fleet.command import Index, Jobs, Scheduler, processors
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ def fleet_fit(
 
     Example: [bold]cfid fleet fit vehicles/* --out refitted --set peaks=12[/bold]
     """
-    from cfid.errors import DataError, FitError
+    from cfid.errors import ConfigError, DataError, FitError
     from cfid.fleet.places import campaigns
     from cfid.fleet.recipes import changes_of
     from cfid.fleet.refit import refit
@@ -56,10 +57,13 @@ def fleet_fit(
     from cfid.fleet.workers import on_cluster, on_processes
 
     every = [one for one in campaigns(places or [], index) if one != os.path.realpath(out)]  # which a glob matches too
+    if inside := [one for one in every if Path(os.path.realpath(out)).is_relative_to(one)]:
+        raise ConfigError(f"{out}: lies in {inside[0]}, of which nothing is changed: name a folder beside it.")
     changes = changes_of(changed or [], method)
     work = partial(refit, changes=changes)
     with results_in(out, changes=changes) as results:
         left = [one for one in every if one not in results.done]
+        results.name(left)
         answers = (
             on_processes(work, left, number=jobs or processors())
             if scheduler is None
@@ -69,9 +73,10 @@ def fleet_fit(
         rows = [results.done[one] for one in every if one in results.done]
     (_print_json if json else _print_summary)(rows, faults)
     failed = [text for row in rows for text in _failures(row)]
-    missing = [f"{len(failed)} fits of {out} were not made:", *_shortened(failed)] if failed else []
+    how_many = f"{counted(len(failed), 'fit')} of {out} {'was' if len(failed) == 1 else 'were'} not made:"
+    missing = [how_many, *_shortened(failed)] if failed else []
     if faults:
-        unread = [f"{len(faults)} of {len(every)} campaigns were not refitted:", *faults]
+        unread = [f"{len(faults)} of {len(every)} campaigns were not refitted:", *map(printable, faults)]
         raise DataError("\n".join("\n  ".join(texts) for texts in (unread, missing) if texts))
     if missing:
         raise FitError("\n  ".join(missing))
@@ -89,6 +94,9 @@ def _keep(results: "Results", answers: "Iterator[tuple[str, Refitted | DataError
     began_s, before = time.monotonic(), done()
     if before:
         note(f"{before} of {len(every)} campaigns are done already, and stay as they are.")
+    if changed := results.changed(every):
+        which = ", ".join(_shortened(changed))
+        note(f"{counted(len(changed), 'campaign')} changed since: {which}. A new folder refits them as they are now.")
     try:
         for campaign, answer in answers:
             if isinstance(answer, DataError):
@@ -115,9 +123,8 @@ def _print_progress(done: int, total: int, before: int, seconds: float) -> None:
 
 
 def _failures(row: Mapping[str, Any]) -> list[str]:
-    return [
-        ": ".join(filter(None, (row["folder"], fit["name"], fit["text"]))) for fit in row["fits"] if not fit["done"]
-    ]
+    failed = [fit for fit in row["fits"] if not fit["done"]]
+    return [printable(": ".join(filter(None, (row["folder"], fit["name"], fit["text"])))) for fit in failed]
 
 
 def _shortened(texts: Sequence[str]) -> list[str]:

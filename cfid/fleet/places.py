@@ -256,6 +256,8 @@ def _faults(place: str) -> Iterator[None]:
         raise
     except Exception as error:
         reason = str(error) or type(error).__name__
+        if isinstance(error, FileNotFoundError) and str(error) in place:  # as aiohttp's, of an address
+            reason = "no such file or folder is there"
         if isinstance(error, TimeoutError) and not str(error):  # as fsspec's have no words
             reason = f"it did not answer within {_LISTED_S:.0f} s"
         raise DataError(f"{place}: cannot be read: {reason.splitlines()[0].rstrip('.')}.") from None

@@ -4,20 +4,25 @@ Each campaign is a folder that commands take like any other. It gets its name wh
 states it, so that a crash leaves no half of one. Nothing is replaced.
 """
 
+import hashlib
 import json
 import os
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 from typing import Any, BinaryIO
 
 from cfid import __version__
 from cfid.errors import ConfigError, DataError
+from cfid.fleet.places import is_address
 from cfid.fleet.refit import Refitted
-from cfid.records.files import check_regular, write_new
+from cfid.records.campaign import FITS_FOLDER, RUNS_FOLDER
+from cfid.records.files import check_regular, read_small, write_new
+from cfid.records.rig_file import RIG_FILE
+from cfid.records.run import RUN_FILE
 
 MANIFEST = "manifest.jsonl"
 _HALF = ".half-"  # begins the name of a folder that is not complete
@@ -32,14 +37,28 @@ class Results:
     def __init__(self, folder: Path, done: Mapping[str, Mapping[str, Any]], taken: set[str]) -> None:
         """Go on with a folder in which some campaigns are done, and names are taken."""
         self.folder, self.done = folder, dict(done)
-        self._taken = taken
+        self._taken, self._names, self._states = taken, dict[str, str](), dict[str, str]()
+
+    def name(self, campaigns: Sequence[str]) -> None:
+        """Name the folders of campaigns that are not done, in their order: they may end in any other."""
+        for campaign in campaigns:
+            if campaign not in self.done:
+                self._names[campaign] = self._free_name(campaign)
+                self._taken.add(self._names[campaign])
+                self._states[campaign] = _state(campaign)
+
+    def changed(self, campaigns: Iterable[str]) -> list[str]:
+        """Return the campaigns that are done, and whose rig.toml, fits or labels of runs are others by now."""
+        done = [(one, self.done[one].get("state")) for one in campaigns if one in self.done]
+        return [one for one, state in done if state and state != _state(one)]
 
     def keep(self, campaign: str, refitted: Refitted) -> Mapping[str, Any]:
-        """Write a campaign, and its row to the manifest; return the row. Raises ConfigError."""
-        name = self._free_name(campaign)
+        """Write a campaign that has a name, and its row to the manifest; return the row. Raises ConfigError."""
+        name = self._names[campaign]
         row = {
             "campaign": campaign,
             "folder": name,
+            "state": self._states[campaign],
             "processor_s": round(refitted.processor_s, 3),
             "fits": [
                 {
@@ -62,7 +81,6 @@ class Results:
             self._append(row)
             half.rename(self.folder / name)
         self.done[campaign] = row
-        self._taken.add(name)
         return row
 
     def _append(self, row: Mapping[str, Any]) -> None:
@@ -77,6 +95,20 @@ class Results:
         while (name := f"{stem}-{number}" if number > 1 else stem) in self._taken:
             number += 1
         return name
+
+
+def _state(campaign: str) -> str:
+    """Return a hash of what a campaign of this computer is refitted by, beside its recordings; "" of an address."""
+    if is_address(campaign):
+        return ""
+    found = hashlib.sha256()
+    folder = Path(campaign)
+    for pattern in (RIG_FILE, f"{FITS_FOLDER}/*", f"{RUNS_FOLDER}/*/{RUN_FILE}"):
+        with suppress(OSError):  # what cannot be read is named where it is refitted
+            for path in sorted(folder.glob(pattern)):
+                found.update(path.relative_to(folder).as_posix().encode("utf-8", "surrogateescape"))
+                found.update(hashlib.sha256(read_small(path)).digest())
+    return found.hexdigest()
 
 
 @contextmanager

@@ -4,7 +4,7 @@ A summary can be made in another process, or on another computer that can read t
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path, PurePath
 from typing import NamedTuple
@@ -49,6 +49,7 @@ class Summary:
     known: tuple[KnownValue, ...]
     lab_book: dict[str, dict[str, int]]
     findings: tuple[Finding, ...]
+    recordings: frozenset[str]  # hashes of those that its numbers rest on
 
 
 def summarise(place: str) -> Summary | CfidError:
@@ -86,7 +87,20 @@ def summarise(place: str) -> Summary | CfidError:
             *(_not_compared(one) for one in known if not _is_measured(one)),
             *filter(None, (_source_finding(folder, source) for source in sorted(sources, key=lambda own: own.path))),
         ),
+        recordings=frozenset(source.sha256 for source in sources),
     )
+
+
+def with_shared(summaries: Sequence[Summary]) -> list[Summary]:
+    """Return summaries with a finding for each that rests on recordings of an earlier one: a copy, or one refitted."""
+    first, found = dict[str, str](), []
+    for one in summaries:
+        known = [first[each] for each in sorted(one.recordings) if each in first]
+        first |= dict.fromkeys(one.recordings - first.keys(), one.name)
+        text = f"rests on recordings of {known[0]}, and both count: name one of them alone." if known else ""
+        shared = (warning("recordings-shared", text),) if known else ()
+        found.append(replace(one, findings=(*one.findings, *shared)))
+    return found
 
 
 def _recorded(section: Section, runs: Sequence[Run]) -> datetime:

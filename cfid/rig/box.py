@@ -44,7 +44,7 @@ def read_settings(box: LoadCellBox) -> netft.Settings:
         return netft.read_settings(_page(box, netft.configuration_query(index)))
     except ValueError as error:
         raise DeviceError(
-            f"http://{box.address}{netft.CONFIGURATION_PATH}: {error}. Is {box.address} a Net F/T? "
+            f"http://{box.address}:{box.http_port}{netft.CONFIGURATION_PATH}: {error}. Is {box.address} a Net F/T? "
             "Open its web page to see."
         ) from None
 
@@ -129,10 +129,11 @@ def _page(box: LoadCellBox, path: str) -> str:
             ending.cancel()
             ending.join()
     except (OSError, http.client.HTTPException) as error:
-        reason = f"its page was not complete after {_LONGEST_S:g} s" if late.is_set() else _reason(error)
-        raise DeviceError(
-            f"{where}: {reason}. Is the box powered, and this computer in its network? See `cfid rig check`."
-        ) from None
+        if not late.is_set():
+            raise DeviceError(
+                f"{where}: {_reason(error)}. Is the box powered, and this computer in its network? "
+                "See `cfid rig check`."
+            ) from None
     finally:
         connection.close()
     if late.is_set():
