@@ -3,7 +3,7 @@
 import io
 import re
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from cfid import __version__
 from cfid.drawing.style import styled
 from cfid.errors import ConfigError
 from cfid.records.files import check_regular, write_whole
+from cfid.records.kept import refuse_kept
 
 PNG_DPI = 150
 
@@ -34,8 +35,8 @@ def save_figure(figure: Figure, stem: Path, *, force: bool = False) -> list[Path
 
     Earlier figures of cfid are replaced. Both files are rendered and checked before one is written.
 
-    Raises ConfigError when a file of that name is not cfid's and `force` is not set, or when the folder cannot be
-    written.
+    Raises ConfigError when a file of that name is not cfid's and `force` is not set, when it is a run's, or when the
+    folder cannot be written.
     """
     maker = f"{_MAKER} {__version__}"
     with _laid_out(figure):
@@ -45,8 +46,7 @@ def save_figure(figure: Figure, stem: Path, *, force: bool = False) -> list[Path
         }
     try:
         stem.parent.mkdir(parents=True, exist_ok=True)
-        if not force:
-            _refuse_foreign(list(contents))
+        _refuse_foreign(contents, force=force)
         for path, content in contents.items():
             write_whole(path, content)
     except OSError as error:
@@ -76,9 +76,12 @@ def _rendered(figure: Figure, kind: str, metadata: dict[str, str | None]) -> byt
     return content.getvalue()
 
 
-def _refuse_foreign(paths: list[Path]) -> None:
+def _refuse_foreign(paths: Iterable[Path], *, force: bool) -> None:
     for path in paths:
-        if path.exists() and not _made_by_cfid(path):
+        if not path.exists() or _made_by_cfid(path):
+            continue
+        refuse_kept(path)
+        if not force:
             raise ConfigError(
                 f"{path}: exists already and cfid did not draw it. "
                 "Use `force` to replace it, or `out` to write elsewhere."

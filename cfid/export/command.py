@@ -131,6 +131,7 @@ def _known(campaign: "Campaign") -> ExportInput:
 def _write(text: str, out: str, *, force: bool) -> None:
     from cfid.errors import ConfigError
     from cfid.records.files import write_whole
+    from cfid.records.kept import refuse_kept
 
     if out == "-":
         echo(text, nl=False)
@@ -141,6 +142,7 @@ def _write(text: str, out: str, *, force: bool) -> None:
             raise ConfigError(
                 f"{path} exists already: nothing was changed. --force overwrites it, --out names another."
             )
+        refuse_kept(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, text.encode())
     except OSError as error:

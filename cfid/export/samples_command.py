@@ -240,9 +240,12 @@ def _tables(joint: "Joint", drawn: Drawn, seed: int, comments: list[str]) -> dic
 def _write(folder: Path, files: dict[str, bytes]) -> None:
     from cfid.errors import ConfigError
     from cfid.records.files import write_whole
+    from cfid.records.kept import refuse_kept
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        for name in files:
+            refuse_kept(folder / name)
         for name, content in files.items():
             write_whole(folder / name, content)
     except OSError as error:

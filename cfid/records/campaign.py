@@ -24,9 +24,7 @@ from cfid.records.run_notes import run_at
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-RUNS_FOLDER = "runs"
-
-
+RUNS_FOLDER, FITS_FOLDER, PARAMETERS_FILE = "runs", "fits", "parameters.toml"
 LAST = "last"
 
 
@@ -46,12 +44,12 @@ class Campaign(BaseModel):
     @property
     def parameters_file(self) -> Path:
         """The file of the estimated parameters."""
-        return self.folder / "parameters.toml"
+        return self.folder / PARAMETERS_FILE
 
     @property
     def fits_folder(self) -> Path:
         """The folder that keeps every fit."""
-        return self.folder / "fits"
+        return self.folder / FITS_FOLDER
 
     def runs(self, *, kind: str | None = None, complete: bool = True) -> list[Run]:
         """Return the readable runs, oldest first, by default only complete ones that are not excluded.

@@ -1,7 +1,7 @@
 """`cfid report`: write a campaign's results to one file."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 import typer
 
@@ -16,7 +16,10 @@ def report(
     *,
     campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Default: report.html in the campaign.")] = None,
-    form: Annotated[Format, typer.Option("--format", help="Format of the file; tex has the tables alone.")] = "html",
+    form: Annotated[
+        Format | None,
+        typer.Option("--format", help="Format of the file; tex has the tables alone. Default: by --out, else html."),
+    ] = None,
     kind: Kind = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that cfid did not write.")] = False,
 ) -> None:
@@ -34,9 +37,11 @@ def report(
     from cfid.report.formats.sealed import write_report
 
     found = here(campaign)
-    path = out or found.folder / f"report.{form}"
+    named: Format = next((one for one in get_args(Format) if out is not None and out.suffix == f".{one}"), "html")
+    chosen = form or named
+    path = out or found.folder / f"report.{chosen}"
     content = gather(found, now=datetime.now(UTC), kind=kind)
-    write_report(path, rendered(content, form, found.folder), force=force)
+    write_report(path, rendered(content, chosen, found.folder), force=force)
     disagreements = [finding.text for one in content.agreements for finding in one.findings]
     for sentence in (*content.unreadable, *disagreements):
         note(sentence)

@@ -61,6 +61,17 @@ def test_a_file_that_is_there_is_overwritten_by_force_alone(cfid: Cfid, campaign
     assert "CF_MASS" in (campaign / "mine.h").read_text()
 
 
+@pytest.mark.parametrize("name", ["rig.toml", "parameters.toml", "a-link"])
+def test_what_a_campaign_keeps_is_overwritten_by_no_force(cfid: Cfid, campaign: Path, name: str) -> None:
+    (campaign / "a-link").symlink_to("rig.toml")
+    before = (campaign / name).read_bytes()
+    ended = cfid("export", "firmware", "--out", name, "--force")
+
+    assert ended.returncode == 2
+    assert "nothing replaces what a campaign keeps" in ended.stderr
+    assert (campaign / name).read_bytes() == before
+
+
 def test_what_is_missing_is_a_sentence_with_the_fit_and_no_file(cfid: Cfid, tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(new_rig_text())
     ended = cfid("export", "rotorpy")

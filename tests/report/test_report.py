@@ -38,6 +38,30 @@ def test_a_file_that_cfid_did_not_make_stays_unless_force_is_said(cfid: Cfid, ca
     assert "16.57" in (campaign / "report.md").read_text()
 
 
+def test_the_name_of_the_file_tells_its_format(cfid: Cfid, campaign: Path) -> None:
+    for name, begin in (("sheet.tex", "%"), ("of.json", "{"), ("page.html", "<!DOCTYPE html>"), ("page", "<!DOCTYPE")):
+        assert cfid("report", "--out", name).returncode == 0
+        assert (campaign / name).read_text().startswith(begin)
+    assert cfid("report", "--out", "also.tex", "--format", "json").returncode == 0
+    assert (campaign / "also.tex").read_text().startswith("{")
+
+
+@pytest.mark.parametrize("name", ["rig.toml", "link", "parameters.toml", "fits/a.json", "runs/one/encoder.csv"])
+def test_nothing_that_a_campaign_keeps_is_replaced_whatever_is_forced(cfid: Cfid, campaign: Path, name: str) -> None:
+    """With --force a recording became a report, and by a link rig.toml did."""
+    for folder in ("fits", "runs/one"):
+        (campaign / folder).mkdir(parents=True, exist_ok=True)
+    for file in ("fits/a.json", "runs/one/encoder.csv", "runs/one/run.toml"):
+        (campaign / file).write_text("measured")
+    (campaign / "link").symlink_to("rig.toml")
+    before = (campaign / name).read_bytes()
+    ended = cfid("report", "--out", name, "--force")
+
+    assert ended.returncode == 2
+    assert "nothing replaces what a campaign keeps" in " ".join(ended.stderr.split())
+    assert (campaign / name).read_bytes() == before
+
+
 def test_json_goes_where_it_is_told(cfid: Cfid, campaign: Path, tmp_path: Path) -> None:
     out = tmp_path / "elsewhere" / "of-today.json"
     assert cfid("report", "--format", "json", "--out", out, "--campaign", campaign).returncode == 0

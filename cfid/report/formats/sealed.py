@@ -11,6 +11,7 @@ from pathlib import Path
 from cfid import __version__
 from cfid.errors import ConfigError
 from cfid.records.files import check_regular, write_whole
+from cfid.records.kept import refuse_kept
 
 _LARGEST = 1 << 28  # bytes; no report is so large
 _ZEROS = "0" * 64
@@ -35,6 +36,7 @@ def write_report(path: Path, text: str, *, force: bool = False) -> None:
                     f"{path}: exists already, and is not an unchanged report of cfid. Use `force` to replace it, or "
                     "`out` to write elsewhere."
                 )
+        refuse_kept(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, content)
     except OSError as error:
