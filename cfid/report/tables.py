@@ -9,6 +9,7 @@ from cfid.quantities.values import ENTRIES, is_matrix, is_rows
 from cfid.records.parameters import Parameter, plain
 
 _CAUSES = "common_causes"
+_LARGEST = 1e100  # of standard uncertainties: the square of a larger one may be no number
 _MOST_PARTS = 3  # of a variance that are named
 
 _TITLES = {
@@ -91,7 +92,11 @@ def _is_budget(content: Any) -> bool:
         return False
     each = [[list(_leaves(value)) for value in one.values()] for one in content.values()]
     alike = all(len({len(leaves) for leaves in one}) == 1 for one in each)
-    return alike and all(type(leaf) in (int, float, type(None)) for one in each for leaves in one for leaf in leaves)
+    return alike and all(leaf is None or _has_square(leaf) for one in each for leaves in one for leaf in leaves)
+
+
+def _has_square(value: Any) -> bool:
+    return type(value) in (int, float) and abs(value) < _LARGEST
 
 
 def _leaves(value: Any) -> Iterator[Any]:
