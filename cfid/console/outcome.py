@@ -57,7 +57,7 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
         reasons = joined(texts(result.findings, "rejection"))
         raise RejectedError(f"rejected: {reasons}{still} Use --force to get the numbers anyway.")
     if undrawn is not None:
-        raise ConfigError(f"{undrawn} Nothing is kept of this fit.")
+        raise ConfigError(f"{undrawn} Nothing is kept of this fit.") if campaign is not None else undrawn
 
 
 def _with_names(result: Result, runs_folder: Path) -> Result:

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 
 from cfid.console.messages import note
 from cfid.errors import CfidError, DataError
+from cfid.rig.stalls import STOOD
 
 if TYPE_CHECKING:
-    from cfid.records.run import Run
+    from cfid.records.run import DeviceRecord, Run
 
 _LARGEST_BYTES = 400_000_000  # of a run: 13 minutes of a load cell at 7 kHz, read in half a minute within 1.5 GB
 _FEW_LOST = 0.01  # of a device's samples
@@ -58,9 +59,18 @@ def _losses(run: "Run") -> str:
         if record.lost > _FEW_LOST * taken:
             text = f"{record.lost} of {taken} samples of {name} are lost: see to its cable, and to other programs."
             sentences.append(f" {text}")
-        if skipped > _MANY_SKIPPED * (taken + skipped):
+        stood_s = _stood_s(record)
+        if stood_s * (record.rate_hz or 0) > skipped / 2:
+            sentences.append(f" {STOOD} for {stood_s:.1f} s: {name} has no rows of them.")
+        elif skipped > _MANY_SKIPPED * (taken + skipped):
             sentences.append(f" {name} was read at {record.achieved}: end other programs.")
     return "".join(sentences)
+
+
+def _stood_s(record: "DeviceRecord") -> float:
+    """Return for how many seconds a device was not read because this program did not run."""
+    gaps = (record.model_extra or {}).get("gaps", ())
+    return float(sum(one["to_s"] - one["from_s"] for one in gaps if one["reason"].startswith(STOOD)))
 
 
 def verdict_line(run: "Run") -> str:

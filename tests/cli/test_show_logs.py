@@ -41,6 +41,14 @@ def test_every_series_of_a_log_has_a_view(cfid: Cfid, tmp_path: Path) -> None:
     assert numbers["recording.estPosition.range.count"]["value"] == [0, 19]
 
 
+def test_a_figure_that_has_no_place_is_no_fault_of_a_fit(cfid: Cfid, tmp_path: Path) -> None:
+    path = written(tmp_path, single(1000))
+    ended = cfid("show", path, "--out", path)
+    assert ended.returncode == 2
+    assert "no figure can be written" in ended.stderr
+    assert "of this fit" not in ended.stderr
+
+
 @pytest.mark.parametrize("records", [1, 2])
 def test_events_without_variables_are_shown_by_their_times_in_a_log_and_in_the_run_made_of_it(
     cfid: Cfid, tmp_path: Path, records: int

@@ -5,6 +5,7 @@ import os
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +20,7 @@ from cfid.errors import ConfigError
 from cfid.motors.missing_steps import missing
 from cfid.records.run import DeviceRecord, Label, Run, Verdict, amend_run, list_runs, read_run, write_header
 from cfid.records.run_writer import create_run
+from cfid.rig.stalls import STOOD
 from tests.campaigns import Cfid
 from tests.records.test_sampled_runs import recorded
 from tests.rig_in_a_folder import Command, Lab, lab_in
@@ -120,7 +122,7 @@ def test_a_clock_in_milliseconds_is_named_beside_why_a_swing_of_bunched_lines_is
     assert "device_us is no steady clock in microseconds" in line
 
 
-def counting(run: Run, **counts: float) -> Run:
+def counting(run: Run, **counts: Any) -> Run:
     """Return a run whose device has other counts of its samples."""
     (name, record), *_ = run.header.devices.items()
     devices = {name: record.model_copy(update={"rows": 1000, "lost": 0, **counts})}
@@ -144,6 +146,18 @@ def test_half_of_the_samples_never_taken_stand_beside_what_a_recording_is_good_f
     assert verdict_line(judged(many, lambda _: "fine.")).endswith(
         "fine. encoder was read at 500 of 1000 Hz: end other programs."
     )
+
+
+def test_what_was_missed_while_the_program_was_suspended_is_laid_to_no_other_program(bodies: Path) -> None:
+    stood = [{"from_s": 100.0, "to_s": 114.0, "reason": STOOD}]
+    late = [{"from_s": 100.0, "to_s": 100.4, "reason": STOOD}, {"from_s": 101.0, "to_s": 114.0, "reason": "no reply"}]
+    run = runs_of(bodies, "swing")[0]
+    suspended, slow = (counting(run, rate_hz=1000.0, skipped=14000, gaps=gaps) for gaps in (stood, late))
+
+    assert verdict_line(judged(suspended, lambda _: "fine.")).endswith(
+        "fine. cfid itself was suspended or kept waiting for 14.0 s: encoder has no rows of them."
+    )
+    assert verdict_line(judged(slow, lambda _: "fine.")).endswith("of 1000 Hz: end other programs.")
 
 
 def test_losses_stand_beside_why_a_recording_is_of_no_use(bodies: Path) -> None:
