@@ -1,7 +1,10 @@
 """Many campaigns side by side: the same numbers by one process, by several, and on a cluster."""
 
+import hashlib
 import importlib.util
 import json
+import re
+import shutil
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -32,8 +35,6 @@ def campaign(folder: Path, day: int, mass_kg: float, *, std: float | None = 1e-5
         cfid_version="0",
     )
     writer.close("complete")
-    import hashlib
-
     file = writer.folder / "encoder.csv"
     source = Source(str(file.relative_to(folder)), hashlib.sha256(file.read_bytes()).hexdigest())
     section = Section(
@@ -167,6 +168,64 @@ def test_a_table_of_many_campaigns_has_one_row_a_number(cfid: Cfid, tmp_path: Pa
     row = next(line for line in printed.splitlines() if "thing.mass_kg" in line)
     assert "heavy" in row
     assert "c1" not in row
+
+
+@pytest.mark.parametrize("columns", [40, 60, 80, 120])
+def test_every_digit_of_a_table_has_its_place_however_narrow_the_terminal_is(
+    cfid: Cfid, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, columns: int
+) -> None:
+    """On 80 columns `3e-09` read `3e-0`; on 40 most columns were gone."""
+    monkeypatch.setenv("COLUMNS", str(columns))
+    for day in range(6):
+        folder = campaign(tmp_path / f"c{day}", day, 0.028 + 2e-5 * day)
+        noted(folder, "friction", "friction.a_long_name_of_a_number.setup_inertia_kg_m2", 1.007e-5 + 1e-8 * day, "kg")
+    printed = cfid("fleet", tmp_path / "c*").stdout
+
+    if columns >= 60:  # the longest name's
+        assert max(map(len, printed.splitlines())) <= columns
+    words = printed.split()
+    found = compared(cfid, tmp_path / "c*")["parameters"]["thing.mass_kg"]["repeats"]
+    for figure in (f"{found['scatter']:.2g}", "1e-05", f"{found['drift_per_day']:+.2g}", "day"):
+        assert figure in words
+
+
+@pytest.mark.parametrize("std", [None, float("nan"), 0.0])
+def test_a_value_without_uncertainty_takes_no_weight_and_no_others_agreement(
+    cfid: Cfid, tmp_path: Path, std: float | None
+) -> None:
+    """One value that came to a bound took the weights of 60 campaigns: the mean was fifty times too large."""
+    stated = [campaign(tmp_path / f"c{day}", day, 0.028 + 2e-5 * day) for day in range(4)]
+    unsure = campaign(tmp_path / "unsure", 5, 0.9, std=0.5)
+    bound = campaign(tmp_path / "bound", 6, 0.028, std=std)
+    found = compared(cfid, *stated, unsure)["parameters"]["thing.mass_kg"]["repeats"]
+    beside = cfid("fleet", *stated, unsure, bound)
+
+    assert compared(cfid, *stated, unsure, bound)["parameters"]["thing.mass_kg"]["repeats"] == found
+    assert found["mean"] == pytest.approx(0.02803, abs=1e-7)
+    assert "in 5; 1 without std" in " ".join(beside.stdout.split())
+    assert "1 of 1 numbers differ by more than their uncertainties" in " ".join(beside.stdout.split())
+
+
+def test_a_copy_of_a_campaign_is_named(cfid: Cfid, tmp_path: Path) -> None:
+    one, other = campaign(tmp_path / "one", 0, 0.028), campaign(tmp_path / "other", 1, 0.028)
+    for folder in (one, other):
+        next(folder.glob("runs/*/encoder.csv")).write_text(f"t,phi\n1,{len(folder.name)}\n")
+        sections = folder / "parameters.toml"
+        digest = hashlib.sha256(next(folder.glob("runs/*/encoder.csv")).read_bytes()).hexdigest()
+        sections.write_text(re.sub('sha256 = "[0-9a-f]*"', f'sha256 = "{digest}"', sections.read_text()))
+    copy = shutil.copytree(one, tmp_path / "one-backup")
+
+    assert "recordings of" not in cfid("fleet", one, other).stderr
+    ended = cfid("fleet", one, other, copy)
+    assert "note: one-backup: rests on recordings of one, and both count" in " ".join(ended.stderr.split())
+
+
+def test_the_name_of_a_folder_makes_no_line_of_its_own(cfid: Cfid, tmp_path: Path) -> None:
+    (tmp_path / "a\n  b: cannot").mkdir()
+    ended = cfid("fleet", tmp_path / "a*")
+
+    assert ended.returncode == 4
+    assert not any(line.lstrip().startswith("b:") for line in ended.stderr.splitlines())
 
 
 def test_normal_scatter_names_an_outlier_in_one_table_of_a_hundred() -> None:

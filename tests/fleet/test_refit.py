@@ -376,6 +376,44 @@ def test_a_fleet_goes_on_where_it_was_interrupted(campaigns: Path, tmp_path: Pat
     assert (out / "c1" / "parameters.toml").stat().st_mtime_ns == kept
 
 
+def test_campaigns_of_one_name_have_folders_in_their_order_whichever_ends_first(tmp_path: Path) -> None:
+    """With two processes the folders of two vehicles were exchanged."""
+    labs = [str(tmp_path / lab / "vehicle") for lab in ("a", "b", "c")]
+    with results_in(tmp_path / "out", changes={}) as kept:
+        kept.name(labs[:2])
+        rows = [kept.keep(one, Refitted(files={}, fits=(), processor_s=0.0)) for one in reversed(labs[:2])]
+    with results_in(tmp_path / "out", changes={}) as kept:
+        kept.name(labs)
+        rows.append(kept.keep(labs[2], Refitted(files={}, fits=(), processor_s=0.0)))
+
+    assert [(row["campaign"], row["folder"]) for row in rows] == [
+        (labs[1], "vehicle-2"), (labs[0], "vehicle"), (labs[2], "vehicle-3"),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("file", ["rig.toml", "run.toml", "fit"])
+def test_a_campaign_that_changed_since_it_was_refitted_is_named(cfid: Cfid, three: Path, file: str) -> None:
+    assert cfid("fleet", "fit", three / "c3", "--out", "out", "--jobs", 1).returncode == 0
+    again = cfid("fleet", "fit", three / "c3", "--out", "out")
+    of = {"rig.toml": "rig.toml", "run.toml": "runs/*/run.toml", "fit": "fits/*"}[file]
+    path = next((three / "c3").glob(of))
+    path.write_bytes(path.read_bytes() + b"\n")
+    after = cfid("fleet", "fit", three / "c3", "--out", "out")
+
+    assert "changed since" not in again.stderr
+    assert after.returncode == 0
+    assert "1 campaign changed since: " in after.stderr
+    assert "A new folder refits them" in after.stderr
+
+
+def test_results_are_not_put_into_a_campaign(cfid: Cfid, three: Path) -> None:
+    ended = cfid("fleet", "fit", three / "c3", "--out", three / "c3" / "refitted")
+
+    assert ended.returncode == 2
+    assert "name a folder beside it" in " ".join(ended.stderr.split())
+    assert not (three / "c3" / "refitted").exists()
+
+
 def test_a_manifest_that_a_crash_cut_is_gone_on_with(cfid: Cfid, campaigns: Path, results: Path) -> None:
     with (results / "manifest.jsonl").open("ab") as file:
         file.write(b'{"campaign": "half a ro')
@@ -591,7 +629,7 @@ def test_a_fit_that_cannot_be_repeated_is_named(cfid: Cfid, three: Path, tmp_pat
     content = json.loads(kept.read_text())
     content["section"]["sources"][0]["path"] = "/elsewhere/drop.csv"
     kept.write_text(json.dumps(content))
-    fault = "1 fits of out were not made:\n  c1: friction: was made from /elsewhere/drop.csv, which is no run of the"
+    fault = "1 fit of out was not made:\n  c1: friction: was made from /elsewhere/drop.csv, which is no run of the"
     (tmp_path / "unread").mkdir()
     beside = cfid("fleet", "fit", three / "c1", "unread", "--out", "out", "--jobs", 1)
     ended = cfid("fleet", "fit", three / "c1", "--out", "out")
@@ -713,7 +751,9 @@ def test_a_number_that_moved_beyond_comparison_is_noted_and_stops_nothing(
 def test_a_campaign_whose_name_is_too_long_for_a_folder_is_kept_under_its_beginning(tmp_path: Path) -> None:
     made = Refitted(files={"rig.toml": b""}, fits=(), processor_s=0.0)
     with results_in(tmp_path / "out", changes={}) as results:
-        rows = [results.keep(f"https://lab.example/{'x' * 300}{i}", made) for i in range(2)]
+        places = [f"https://lab.example/{'x' * 300}{i}" for i in range(2)]
+        results.name(places)
+        rows = [results.keep(place, made) for place in places]
 
     assert [row["folder"] for row in rows] == ["x" * 200, f"{'x' * 200}-2"]
     assert all((tmp_path / "out" / row["folder"] / "rig.toml").exists() for row in rows)
