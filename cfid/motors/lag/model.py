@@ -5,11 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg.lapack import dtbtrs
 
 Array = npt.NDArray[np.float64]
 
 _STRAIGHT_STEPS = 4  # by which a drive goes from row to row
-_AT_ONCE = 10_000  # steps whose numbers are objects at a time
+_ROUNDING = 1e-15  # of the largest target: where it is reached, rounding decides what rises
 
 
 class Signal(NamedTuple):
@@ -45,20 +46,30 @@ class InputLag(NamedTuple):
     def follow(self, target: Signal, time_s: Array) -> Array:
         """Return what follows a target from its first value on, at times (n,): exact, whatever the two clocks."""
         begin_s = target.time_s + self.delay_s
-        every_s = np.concatenate([begin_s, time_s])
-        order = np.argsort(every_s, kind="stable")
-        at_s = every_s[order]
-        held = target.value[np.maximum(np.cumsum(order < len(begin_s))[:-1] - 1, 0)]
-        step_s = np.diff(at_s)
+        late = self._at_changes(target)
+        place = np.maximum(np.searchsorted(begin_s, time_s, side="right") - 1, 0)
+        to, since_s = target.value[place], np.maximum(time_s - begin_s[place], 0.0)
+        left = late[place] - to
+        return np.asarray(to + left * np.exp(-since_s / np.where(left < 0, self.rising_s, self.falling_s)))
+
+    def _at_changes(self, target: Signal) -> Array:
+        """Return what follows a target (n,) where it changes: linear equations once it is known where that rises.
+
+        Each solution shows where the next one rises. The first that is right to a place is right one place further
+        after the next look, and rises and falls forget each other within a few time constants: it takes a few looks.
+        """
+        to, step_s = target.value, np.diff(target.time_s)
         rising, falling = np.exp(-step_s / self.rising_s), np.exp(-step_s / self.falling_s)
-        now = float(target.value[0])
-        course = [now]
-        for begin in range(0, len(held), _AT_ONCE):
-            each = (values[begin : begin + _AT_ONCE].tolist() for values in (held, rising, falling))
-            for to, left_rising, left_falling in zip(*each, strict=True):
-                now = to + (now - to) * (left_rising if to > now else left_falling)
-                course.append(now)
-        return np.array(course)[order >= len(begin_s)]
+        rises = np.append(False, np.diff(to) > 0)[:-1]
+        band, late = np.ones((2, len(to)), order="F"), np.full(len(to), np.inf)
+        while True:
+            before, left = late, np.where(rises, rising, falling)
+            band[1, :-1] = -left
+            late = dtbtrs(band, np.append(to[0], (1 - left) * to[:-1])[:, np.newaxis], uplo="L", diag="U")[0][:, 0]
+            seen = to[:-1] > late[:-1]
+            if np.array_equal(seen, rises) or np.abs(late - before).max() <= _ROUNDING * np.abs(to).max():
+                return np.asarray(late)
+            rises = seen
 
 
 class Supply(NamedTuple):
