@@ -123,7 +123,7 @@ def coverage(*, count: int, stated: float | None, robust: bool = False, wild: bo
 
 
 @pytest.mark.parametrize("robust", [False, True])
-@pytest.mark.parametrize("stated", [None, 1.0, 0.5])
+@pytest.mark.parametrize("stated", [None, pytest.param(1.0, marks=pytest.mark.slow), 0.5])
 def test_bands_hold_curve_and_points_93_to_97_times_in_100(stated: float | None, robust: bool) -> None:
     curve, points = coverage(count=31, stated=stated, robust=robust)
     print(f"deviations {stated}, robust {robust}: curve {curve:.3f}, another point {points:.3f}")

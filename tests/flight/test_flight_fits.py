@@ -599,7 +599,7 @@ def recorded(log: FlightLog, kind: str) -> FlightLog:
 
 
 @pytest.mark.parametrize(
-    "kind", ["held", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("apart", "smoothed")), "late"]
+    "kind", ["held", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("apart", "smoothed", "late"))]
 )
 def test_a_voltage_that_is_recorded_rarely_or_smoothed_costs_no_moments(kind: str) -> None:
     """Moments came out 4 to 10 % small at a stated 0.6 %: the sag under load was not in the drives."""

@@ -283,7 +283,7 @@ PROPS_OUT = {
 }
 
 
-@pytest.mark.parametrize("kind", PROPS_OUT)
+@pytest.mark.parametrize("kind", ["ulog", pytest.param("blackbox", marks=pytest.mark.slow)])
 def test_rotors_that_turn_the_other_way_by_the_log_do_so_in_every_copy_of_it(
     tmp_path: Path, cfid: Cfid, flown: Flown, kind: str
 ) -> None:

@@ -102,7 +102,7 @@ def test_a_signalling_nan_of_a_damaged_ulog_file_is_a_missing_value_without_a_wa
     assert sum(int(np.isnan(block).sum()) for block in rates.blocks()) == 1
 
 
-@pytest.mark.parametrize("damaged", [False, True])
+@pytest.mark.parametrize("damaged", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_ulog_file_that_is_read_in_parts_keeps_every_row(tmp_path: Path, damaged: bool) -> None:
     pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
     wide, rows = 2000, 3 * PART_BYTES // 8000

@@ -66,7 +66,12 @@ def controlled(folder: Path, *, every_s: float, correlated_s: float, row_s: floa
 
 
 @pytest.mark.parametrize(
-    ("every_s", "correlated_s", "row_s"), [(0.002, 0.02, 0.01), (0.002, 0.05, 0.01), (0.004, 0.05, 0.02)]
+    ("every_s", "correlated_s", "row_s"),
+    [
+        pytest.param(0.002, 0.02, 0.01, marks=pytest.mark.slow),
+        pytest.param(0.002, 0.05, 0.01, marks=pytest.mark.slow),
+        (0.004, 0.05, 0.02),
+    ],
 )
 def test_commands_that_change_in_all_rows_and_between_them_leave_the_lag_within_its_uncertainty(
     tmp_path: Path, every_s: float, correlated_s: float, row_s: float

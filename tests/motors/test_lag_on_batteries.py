@@ -86,7 +86,11 @@ def off(result: Result) -> Iterator[float]:
 
 @pytest.mark.parametrize(
     ("power", "command_s", "speed_s"),
-    [(0.5, 0.016, 0.0), pytest.param(1.0, 0.016, 0.0, marks=pytest.mark.slow), (1.0, 0.0, 0.016)],
+    [
+        (0.5, 0.016, 0.0),
+        pytest.param(1.0, 0.016, 0.0, marks=pytest.mark.slow),
+        pytest.param(1.0, 0.0, 0.016, marks=pytest.mark.slow),
+    ],
 )
 def test_a_delay_on_a_battery_that_sags_moves_no_time_constant_beyond_its_uncertainty(
     tmp_path: Path, power: float, command_s: float, speed_s: float
@@ -151,7 +155,7 @@ def test_intervals_on_a_battery_that_sags_hold_the_truth(
     assert np.abs(found).max() < 4
 
 
-@pytest.mark.parametrize("voltage", ["none", "of something else"])
+@pytest.mark.parametrize("voltage", ["none", pytest.param("of something else", marks=pytest.mark.slow)])
 def test_a_sag_that_no_voltage_shows_is_in_the_uncertainty(tmp_path: Path, voltage: str) -> None:
     """Time constants came out 2 % short at a stated 0.4 %."""
     path = tmp_path / "log.csv"

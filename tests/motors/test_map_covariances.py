@@ -129,7 +129,7 @@ def correlations(covariance: Array) -> Array:
     ("staircase", "count"),
     [
         pytest.param(stated, STAIRCASES, marks=pytest.mark.slow),
-        (unstated, 150),
+        pytest.param(unstated, 150, marks=pytest.mark.slow),
         pytest.param(unstated, STAIRCASES, marks=pytest.mark.slow),
         pytest.param(gusty, STAIRCASES, marks=pytest.mark.slow),
         (all_but_square, 150),
@@ -167,7 +167,13 @@ def brushless(rng: np.random.Generator) -> MotorPoints:
     return MotorPoints(command=COMMAND, thrust_n=2e-8 * speed**2 + noise, speed_rad_s=read)
 
 
-@pytest.mark.parametrize("points", [brushless, lambda rng: apart(brushless(rng))], ids=["one run", "two runs"])
+@pytest.mark.parametrize(
+    "points",
+    [
+        pytest.param(brushless, id="one run", marks=pytest.mark.slow),
+        pytest.param(lambda rng: apart(brushless(rng)), id="two runs"),
+    ],
+)
 def test_speed_over_command_and_thrust_over_speed_covary_by_the_speeds_error(points: Staircase) -> None:
     rng = np.random.default_rng(2)
     level, square, correlation = [], [], []

@@ -56,7 +56,7 @@ def rows(part: float, campaigns: int, *, both_ways: bool, seed: int) -> list[Row
     ]
 
 
-@pytest.mark.parametrize("part", [0.005, 0.02])
+@pytest.mark.parametrize("part", [0.005, pytest.param(0.02, marks=pytest.mark.slow)])
 def test_maps_lie_within_their_intervals_where_steps_scatter_in_proportion(part: float) -> None:
     for row in rows(part, 40, both_ways=True, seed=1):
         print(row)

@@ -109,7 +109,9 @@ MAPS: dict[str, tuple[Callable[[MotorPoints], MotorMap], Array, tuple[float, ...
 }
 
 
-@pytest.mark.parametrize("quantity", ["thrust", "torque", pytest.param("speed", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "quantity", ["thrust", *(pytest.param(one, marks=pytest.mark.slow) for one in ("speed", "torque"))]
+)
 def test_the_95_percent_band_holds_the_true_map_in_93_to_97_of_100_noisy_staircases(quantity: str) -> None:
     fit, x, equation = MAPS[quantity]
     maps = [fit(running(noisy(seed))).fit for seed in range(400)]

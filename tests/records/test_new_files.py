@@ -27,7 +27,7 @@ def run(folder: Path, *words: str, full: bool) -> "subprocess.CompletedProcess[s
     [
         (("new", "sub"), "sub/rig.toml"),
         (("fleet", ".", "--out", "x.csv"), "x.csv"),
-        (("fleet", ".", "--out", "x.html"), "x.html"),
+        pytest.param(("fleet", ".", "--out", "x.html"), "x.html", marks=pytest.mark.slow),
         (("fleet", "fit", ".", "--out", "out", "--jobs", "1"), "out/manifest.jsonl"),
     ],
 )

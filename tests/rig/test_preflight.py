@@ -127,7 +127,7 @@ def test_propellers_are_judged_once_the_operator_agrees_and_the_bad_one_is_named
 @pytest.mark.parametrize(
     "numbers",
     [
-        pytest.param((signal.SIGINT,), id="Ctrl-C"),
+        pytest.param((signal.SIGINT,), id="Ctrl-C", marks=pytest.mark.slow),
         pytest.param((signal.SIGINT, signal.SIGINT), id="Ctrl-C twice", marks=pytest.mark.slow),
         pytest.param((signal.SIGHUP,), id="the terminal hangs up"),
         pytest.param((signal.SIGTERM,), id="a plain kill", marks=pytest.mark.slow),

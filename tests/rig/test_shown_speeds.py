@@ -66,7 +66,7 @@ def rpm(motors: Four) -> float:
     return speed * 60 / math.tau
 
 
-@pytest.mark.parametrize("markers", [1, 2])
+@pytest.mark.parametrize("markers", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_a_speed_map_is_fitted_to_what_a_tachometer_sent_as_lines_by_its_own_markers(
     tmp_path: Path, markers: int
 ) -> None:

@@ -453,7 +453,7 @@ def test_an_interrupted_staircase_is_resumed_where_it_ended(bench: Bench) -> Non
     assert "is complete" in nothing.err
 
 
-@pytest.mark.parametrize("silent", [False, True])
+@pytest.mark.parametrize("silent", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_staircase_that_ends_in_the_pause_after_its_last_step_is_complete(bench: Bench, silent: bool) -> None:
     words = ("--from", 20000, "--to", 30000, "--step", 10000, "--hold", 1, "--rest", 3, "--yes", "--no-preflight")
     pilot = bench.start("log", "thrust", *words)

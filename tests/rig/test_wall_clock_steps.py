@@ -44,7 +44,7 @@ def stepping(tmp_path: Path) -> Environment:
     }
 
 
-@pytest.mark.parametrize("step_s", [3600, -3600])
+@pytest.mark.parametrize("step_s", [pytest.param(3600, marks=pytest.mark.slow), -3600])
 def test_a_run_during_which_the_clock_is_set_is_smooth_and_complete(
     tmp_path: Path, stepping: Environment, step_s: int
 ) -> None:
@@ -130,7 +130,7 @@ def test_what_a_paused_process_reads_late_came_when_it_was_sent() -> None:
     assert np.all(arrivals_s < np.array(after_s) + 1e-3)
 
 
-@pytest.mark.parametrize("step_s", [3600, -3600])
+@pytest.mark.parametrize("step_s", [pytest.param(3600, marks=pytest.mark.slow), -3600])
 def test_stamps_of_another_clock_are_not_believed(tmp_path: Path, stepping: Environment, step_s: int) -> None:
     body = f"""
 import socket, time
