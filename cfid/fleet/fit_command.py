@@ -49,7 +49,7 @@ def fleet_fit(
 
     Example: [bold]cfid fleet fit vehicles/* --out refitted --set peaks=12[/bold]
     """
-    from cfid.errors import ConfigError, DataError, FitError
+    from cfid.errors import DataError, FitError
     from cfid.fleet.places import campaigns
     from cfid.fleet.recipes import changes_of
     from cfid.fleet.refit import refit
@@ -57,8 +57,6 @@ def fleet_fit(
     from cfid.fleet.workers import on_cluster, on_processes
 
     every = [one for one in campaigns(places or [], index) if one != os.path.realpath(out)]  # which a glob matches too
-    if inside := [one for one in every if Path(os.path.realpath(out)).is_relative_to(one)]:
-        raise ConfigError(f"{out}: lies in {inside[0]}, of which nothing is changed: name a folder beside it.")
     changes = changes_of(changed or [], method)
     work = partial(refit, changes=changes)
     with results_in(out, changes=changes) as results:

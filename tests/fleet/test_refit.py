@@ -406,14 +406,6 @@ def test_a_campaign_that_changed_since_it_was_refitted_is_named(cfid: Cfid, thre
     assert "A new folder refits them" in after.stderr
 
 
-def test_results_are_not_put_into_a_campaign(cfid: Cfid, three: Path) -> None:
-    ended = cfid("fleet", "fit", three / "c3", "--out", three / "c3" / "refitted")
-
-    assert ended.returncode == 2
-    assert "name a folder beside it" in " ".join(ended.stderr.split())
-    assert not (three / "c3" / "refitted").exists()
-
-
 def test_a_manifest_that_a_crash_cut_is_gone_on_with(cfid: Cfid, campaigns: Path, results: Path) -> None:
     with (results / "manifest.jsonl").open("ab") as file:
         file.write(b'{"campaign": "half a ro')
