@@ -58,14 +58,8 @@ def fleet(
         _print_findings(summaries, details=details)
     if faults:
         count = len(summaries) + len(faults)
-        raise DataError(
-            "\n  ".join(
-                [
-                    f"{len(faults)} of {counted(count, 'campaign')} cannot be read:",
-                    *(printable(str(one)) for one in faults),
-                ]
-            )
-        )
+        head = f"{len(faults)} of {counted(count, 'campaign')} cannot be read:"
+        raise DataError("\n  ".join([head, *(printable(str(one)) for one in faults)]))
 
 
 def processors() -> int:

@@ -6,7 +6,7 @@ import struct
 import tomllib
 import zlib
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -15,15 +15,18 @@ import numpy as np
 from scipy.io import savemat
 
 from cfid.drag.wind.index import read_wind_index
-from cfid.errors import CfidError
+from cfid.errors import CfidError, DataError
+from cfid.records.campaign import FITS_FOLDER, open_campaign
 from cfid.records.fits import keep_fit, list_fits
 from cfid.records.logs.any_kind import read_log
 from cfid.records.logs.log import FlightLog
 from cfid.records.parameters import Section, load_sections, store_section
-from cfid.records.rig_file import load_rig, new_rig_text
+from cfid.records.rig_file import RIG_FILE, load_rig, new_rig_text
 from cfid.records.run import RUN_FILE, read_run
 from cfid.records.tables.any_kind import read_table
 from cfid.records.tables.blocks import open_table
+from cfid.report.content import gather
+from cfid.report.formats.render import rendered
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
 from cfid.sim.netft import NetFTBox
 from cfid.sim.truth_file import load_truth
@@ -32,6 +35,7 @@ from tests.logs.autopilot_bytes import blackbox, ulog
 from tests.logs.usd_bytes import single
 from tests.records.test_fits import FIT
 from tests.records.test_thrust_stand_files import text_of
+from tests.report.fits_by_hand import NOON
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,6 +197,29 @@ def _all_fits(path: Path) -> Any:
     return found
 
 
+QUALITY = {
+    "rms": 0.5,
+    "common_causes": {"drag.complex.k1": {"fit": [1e-9, 2e-9], "tachometer": [3e-9, None]}},
+    "budget_kg_m2": {"mass": np.eye(3).tolist()},
+    "models": {"simple": {"rms": 1.0}},
+    "swings": [{"run": "a", "window_s": [0.0, 9.0], "verdict": "good"}],
+    "series": [{"clock_skew": 1e-6}],
+    "verification_gain": 1.0,
+    "verification_gain_std": 0.1,
+}
+
+
+def _reported(path: Path) -> Any:
+    folder = path.parent
+    (folder / FITS_FOLDER).mkdir(exist_ok=True)
+    (folder / RIG_FILE).write_text(new_rig_text())
+    (folder / FITS_FOLDER / "fit.json").write_bytes(path.read_bytes())
+    report = gather(open_campaign(folder), now=NOON)
+    if report.unreadable:
+        raise DataError(" ".join(report.unreadable))
+    return [rendered(report, form, folder) for form in ("html", "md", "tex", "json")]
+
+
 def _not_as_sent(content: bytes, found: rdt.Records) -> str:
     return "" if rdt.encode_records(found) == content else "records are not those of the bytes"
 
@@ -242,6 +269,11 @@ READERS = (
         fault=_number_not_in_file,
     ),
     Reader(name="fit", contents=(_written(lambda folder: keep_fit(folder, FIT)),), read=_all_fits, file="fit.json"),
+    Reader(
+        name="report of a fit",
+        contents=(_written(lambda folder: keep_fit(folder, replace(FIT, quality=QUALITY))),),
+        read=_reported,
+    ),
     Reader(name="truth file", contents=(b'[battery]\nkind = "lipo"\n[radio]\nloss = 0.01\n',), read=load_truth),
     _packet("page of the box", [_page()], lambda data: netft.read_settings(data.decode(errors="replace")), ValueError),
     _packet(

@@ -55,8 +55,8 @@ class InputLag(NamedTuple):
     def _at_changes(self, target: Signal) -> Array:
         """Return what follows a target (n,) where it changes: linear equations once it is known where that rises.
 
-        Each solution shows where the next one rises. The first that is right to a place is right one place further
-        after the next look, and rises and falls forget each other within a few time constants: it takes a few looks.
+        Each solution shows where the next one rises. One that is right up to a place makes the next one right at least
+        one place further, and in fact far more: what was wrong before is forgotten within a few time constants.
         """
         to, step_s = target.value, np.diff(target.time_s)
         rising, falling = np.exp(-step_s / self.rising_s), np.exp(-step_s / self.falling_s)

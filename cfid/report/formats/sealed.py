@@ -29,14 +29,13 @@ def write_report(path: Path, text: str, *, force: bool = False) -> None:
     try:
         if path.is_symlink() and not path.exists() and not force:
             raise ConfigError(f"{path}: is a link to a file that does not exist. Use `force` to make that file.")
-        if path.exists() and not force:
-            check_regular(path)
-            if path.stat().st_size > _LARGEST or not _is_ours(path.read_bytes()):
+        if path.exists() and not _is_ours(path):
+            refuse_kept(path)
+            if not force:
                 raise ConfigError(
                     f"{path}: exists already, and is not an unchanged report of cfid. Use `force` to replace it, or "
                     "`out` to write elsewhere."
                 )
-        refuse_kept(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, content)
     except OSError as error:
@@ -48,7 +47,10 @@ def _sealed(content: bytes) -> bytes:
     return _MARK.sub(lambda mark: mark[1] + found.encode(), content, count=1)
 
 
-def _is_ours(content: bytes) -> bool:
+def _is_ours(path: Path) -> bool:
+    """Return whether a file is an unchanged report. Raises OSError, also for a pipe or a device."""
+    check_regular(path)
+    content = path.read_bytes() if path.stat().st_size <= _LARGEST else b""
     mark = _MARK.search(content)
     if mark is None:
         return False
