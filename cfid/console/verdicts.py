@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 from cfid.console.messages import note
 from cfid.errors import CfidError, DataError
-from cfid.rig.stalls import STOOD
 
 if TYPE_CHECKING:
     from cfid.records.run import DeviceRecord, Run
@@ -53,13 +52,15 @@ def _with_verdict(run: "Run", text: str, *, usable: bool) -> "Run":
 
 def _losses(run: "Run") -> str:
     """Return a sentence for each device that lost more than a hundredth of its samples, or skipped a tenth."""
+    from cfid.rig.stalls import STOOD
+
     sentences = []
     for name, record in run.header.devices.items():
         taken, skipped = record.lost + (record.rows or 0), record.skipped or 0
         if record.lost > _FEW_LOST * taken:
             text = f"{record.lost} of {taken} samples of {name} are lost: see to its cable, and to other programs."
             sentences.append(f" {text}")
-        stood_s = _stood_s(record)
+        stood_s = _missed_s(record, reason=STOOD)
         if stood_s * (record.rate_hz or 0) > skipped / 2:
             sentences.append(f" {STOOD} for {stood_s:.1f} s: {name} has no rows of them.")
         elif skipped > _MANY_SKIPPED * (taken + skipped):
@@ -67,10 +68,10 @@ def _losses(run: "Run") -> str:
     return "".join(sentences)
 
 
-def _stood_s(record: "DeviceRecord") -> float:
-    """Return for how many seconds a device was not read because this program did not run."""
+def _missed_s(record: "DeviceRecord", *, reason: str) -> float:
+    """Return for how many seconds a device has no rows for a reason, as its gaps state it."""
     gaps = (record.model_extra or {}).get("gaps", ())
-    return float(sum(one["to_s"] - one["from_s"] for one in gaps if one["reason"].startswith(STOOD)))
+    return float(sum(one["to_s"] - one["from_s"] for one in gaps if one["reason"].startswith(reason)))
 
 
 def verdict_line(run: "Run") -> str:
