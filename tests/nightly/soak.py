@@ -2,7 +2,7 @@
 
     python -m tests.nightly.soak --virtual 3600 --real 600
 
-Printed are rows and losses, and for real time what the recorder's process grew by, in memory and in open files.
+Printed are rows, losses and gaps, and for real time what the recorder's process grew by, in memory and in open files.
 """
 
 import argparse
@@ -76,6 +76,8 @@ def _print(what: str, run: Run, device: str) -> None:
     print(f"{what}, lost {record.lost}  (goal: 0)")
     asked = (record.rows or 0) + record.lost + (record.skipped or 0)
     print(f"{what}, skipped {1e4 * (record.skipped or 0) / asked:.2f} in 10 000  (goal: at most 1)")
+    for gap in (record.model_extra or {}).get("gaps", ()):
+        print(f"{what}, a gap of {gap['to_s'] - gap['from_s']:.2f} s after {gap['from_s']:.0f}: {gap['reason']}")
 
 
 def _used(process: int) -> tuple[float, float]:
