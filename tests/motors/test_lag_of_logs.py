@@ -20,6 +20,7 @@ from cfid.records.result import Result
 from cfid.records.tables.stand import read_stand_table
 from tests.campaigns import Cfid
 from tests.logs.usd_bytes import Event, bytes_of, written
+from tests.motors.rotor_logs import following
 from tests.motors.test_lag_coverage import DELAY_S, FALLING_S, RATE_HZ, RISING_S, flown
 from tests.places import DATA
 
@@ -295,6 +296,24 @@ def test_a_command_that_hardly_moves_is_refused(tmp_path: Path) -> None:
         result = fit(read(logged(tmp_path / name, (MOTORS[0], SPEEDS[0]), command, speed)))
         assert not result.accepted
         assert any(one.code == "lag-not-excited" for one in result.findings)
+
+
+@pytest.mark.parametrize("levels", [2, 3])
+def test_a_command_of_two_levels_is_asked_for_a_third(tmp_path: Path, levels: int) -> None:
+    """A clean square wave on a battery was told to excite the rotor more, and that its speed map does not rise."""
+    draw, change_s, time_s = np.random.default_rng(3), np.arange(0.0, 15.0, 0.5), np.arange(1500) / 100
+    command = np.array([30000.0, 38000.0, 46000.0])[np.arange(len(change_s)) % levels]
+    held = command[np.searchsorted(change_s, time_s + 1e-9, side="right") - 1]
+    speed = following(change_s, 0.03 * command + 430, time_s) + draw.normal(0, 3.0, len(time_s))
+    volts = np.full(len(time_s), 3.9)
+    result = fit(read(logged(tmp_path, (MOTORS[0], SPEEDS[0], "pm.vbat(f)"), held, NEXT * speed, volts)))
+
+    texts = " ".join(one.text for one in result.findings)
+    if not result.accepted:
+        assert levels == 2
+        assert "two levels alone" in texts
+    assert "excite the rotor more" not in texts
+    assert "does not rise" not in texts
 
 
 def test_a_record_that_is_too_short_or_shows_nothing_is_an_error(tmp_path: Path, four: RotorLog) -> None:

@@ -18,9 +18,20 @@ _COARSE = 0.5  # of a time constant: the largest interval of a command that show
 
 
 def rejections(
-    kind: Kind, lag: InputLag, std_s: Array, explained: float, *, singular: bool, unseen_s: float, moves: bool
+    kind: Kind,
+    lag: InputLag,
+    std_s: Array,
+    explained: float,
+    *,
+    singular: bool,
+    unseen_s: float,
+    moves: bool,
+    levels: int,
 ) -> tuple[Finding, ...]:
-    """Return why a lag is rejected: where a command `moves` that no lag follows, more of it would show no more."""
+    """Return why a lag is rejected: where a command `moves` that no lag follows, more of it would show no more.
+
+    `levels` are the values that it has: a map of second order lies through any two in many ways.
+    """
     keys = ("dynamics.rising", "dynamics.falling", "dynamics.delay_s")
     unexplained = explained < EXPLAINED[kind]
     if unexplained and moves:
@@ -30,7 +41,11 @@ def rejections(
         )
         return (rejection("lag-misfit", text, *keys),)
     if singular:
-        text = "the command does not move enough to show a time constant: excite the rotor more."
+        text = (
+            "the command has two levels alone, and the map from commands takes three: add a third level."
+            if levels == 2
+            else "the command does not move enough to show a time constant: excite the rotor more."
+        )
         return (rejection("lag-not-excited", text, *keys),)
     found = []
     share, way, tau_s = max(

@@ -188,6 +188,7 @@ def _lag_fit(search: Search, plain: OptimizeResult, *, row_s: float, moving: boo
             singular=singular,
             unseen_s=moving * row_s,
             moves=any(moves(drive, piece.measured.time_s) for piece in pieces for drive in piece.drives),
+            levels=len(np.unique(np.concatenate([drive.value for piece in pieces for drive in piece.drives]))),
         ),
     )
 

@@ -58,7 +58,7 @@ def joint_parameters(
 
 def speed_map_findings(
     found: Mapping[str, Parameter],
-    fits: Iterable[str],
+    fits: Mapping[str, LagFit],
     commands: Mapping[str, tuple[float, float]],
     *,
     volts: float | None,
@@ -77,7 +77,11 @@ def speed_map_findings(
         return (rejection("commands-of-another-scale", text, SPEED_POLY),)
     slope = np.polyval(np.polyder(np.array(found[SPEED_POLY].value)), [low, high])
     if not np.all(slope > 0):
-        text = f"the speed map does not rise from command {low:.0f} to {high:.0f}: one speed belongs to two commands."
+        text = (
+            "the log does not show the speed map: see the warnings."
+            if all(np.isnan(fit.covariance).any() for fit in fits.values())
+            else f"the speed map does not rise from command {low:.0f} to {high:.0f}: one speed belongs to two commands."
+        )
         return (rejection("map-not-monotone", text, SPEED_POLY),)
     at = (
         "the log has no battery voltage: motor.speed_poly holds in its middle"
