@@ -25,7 +25,7 @@ class ComparedNumber:
 
     `expected_scatter` is the standard deviation that the stated uncertainties alone would give, None where none is
     stated. `outliers` are the campaigns that lie apart from the others, `rejected` those whose number was rejected,
-    `unstated` those whose number has no uncertainty where two others have: it does not count.
+    `unstated` those whose number has no uncertainty; where two others have one, it does not count.
     """
 
     name: str
@@ -40,7 +40,8 @@ class ComparedNumber:
     @property
     def used(self) -> int:
         """How many values count."""
-        return sum(known is not None and known.accepted for known in self.values) - len(self.unstated)
+        accepted = sum(known is not None and known.accepted for known in self.values)
+        return accepted if self.expected_scatter is None else accepted - len(self.unstated)
 
     @property
     def drifts(self) -> bool:
@@ -82,7 +83,7 @@ def _compared(name: str, values: Sequence[KnownValue | None], campaigns: Sequenc
         rejected=tuple(
             place for place, known in zip(campaigns, values, strict=True) if known is not None and not known.accepted
         ),
-        unstated=tuple(place for (place, _), one in zip(accepted, counts, strict=True) if not one),
+        unstated=tuple(place for (place, _), one in zip(accepted, stated, strict=True) if not one),
     )
 
 

@@ -148,6 +148,8 @@ def _print_summary(rows: "Sequence[Mapping[str, Any]]", _: Sequence[str]) -> Non
     for row in rows:
         for fit in row["fits"]:
             fits[fit["name"]].append((row["folder"], fit))
+    if not fits:
+        return
     table = Table(box=SIMPLE, pad_edge=False)
     for heading in ("fit", "made", "not made", f"moved by {_MOVED:g} std or more", "most moved", "of", "in"):
         table.add_column(heading, overflow="fold")

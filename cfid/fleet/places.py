@@ -56,13 +56,22 @@ def is_address(word: str) -> bool:
 def campaigns(words: Sequence[str], index: str | None = None) -> list[str]:
     """Return the campaigns of folders, globs and addresses, and of an index, each once.
 
-    An index is a text file or its address, with a folder, glob or address on each line, relative to it. Raises
-    ConfigError for a glob that matches nothing, and where there is no campaign at all.
+    An index is a text file or its address, with a folder, glob or address on each line, relative to it. A glob that
+    matches nothing is a campaign that cannot be read. Raises ConfigError where there is no campaign at all.
     """
-    every = [place for word in (*words, *([] if index is None else _listed(index))) for place in _matching(word)]
-    if not every:
+    given = [*words, *([] if index is None else _listed(index))]
+    if not given:
         raise ConfigError("no campaign is given: name folders, globs or addresses, or an index with `index`.")
-    return list(dict.fromkeys(every))
+    found = {word: _matching(word) for word in given}
+    if not any(found.values()):
+        raise ConfigError(f"{given[0]}: no folder matches.")
+    return list(dict.fromkeys(place for word in given for place in found[word] or [word]))
+
+
+def refuse_unmatched(campaign: str) -> None:
+    """Raise DataError for what `campaigns` returned of a glob that matches nothing."""
+    if is_glob(campaign) and not os.path.lexists(campaign):
+        raise DataError(f"{campaign}: no folder matches.")
 
 
 @contextmanager
@@ -72,6 +81,7 @@ def at_hand(campaign: str) -> Iterator[Place]:
     Raises DataError when it cannot be read.
     """
     if not is_address(campaign):
+        refuse_unmatched(campaign)
         yield Place(folder=Path(campaign), address="", bring_run=lambda _: None)
         return
     with _faults(campaign):
@@ -101,28 +111,21 @@ def at_hand(campaign: str) -> Iterator[Place]:
 
 
 def _matching(word: str) -> list[str]:
-    """Return the campaigns that a word names; a glob matches folders alone, and links that lead nowhere.
-
-    Raises ConfigError where it has none.
-    """
+    """Return the campaigns that a word names; a glob matches folders alone, and links that lead nowhere."""
     if is_address(word):
         if not is_glob(word):
             return [word.rstrip("/")]
         with _faults(word):
             files, root = _files_at(word)
             found = [files.unstrip_protocol(one) for one in sorted(files.glob(root, **_patience(files)))]
-            found = [one for one in found if files.isdir(one, **_patience(files))]
-    else:
-        try:
-            if not is_glob(word) or Path(word).exists():
-                return [os.path.realpath(word)]  # which a loop of links does not stop
-            matches = sorted(glob.glob(word))  # noqa: PTH207 - Path.glob takes no absolute pattern
-            found = [os.path.realpath(one) for one in matches if Path(one).is_dir() or not Path(one).exists()]
-        except (OSError, ValueError) as error:  # a name too long, a zero byte
-            raise ConfigError(f"{word[:_SHOWN]}: is no folder: {error}.") from None
-    if not found:
-        raise ConfigError(f"{word}: no folder matches.")
-    return found
+            return [one for one in found if files.isdir(one, **_patience(files))]
+    try:
+        if not is_glob(word) or Path(word).exists():
+            return [os.path.realpath(word)]  # which a loop of links does not stop
+        matches = sorted(glob.glob(word))  # noqa: PTH207 - Path.glob takes no absolute pattern
+        return [os.path.realpath(one) for one in matches if Path(one).is_dir() or not Path(one).exists()]
+    except (OSError, ValueError) as error:  # a name too long, a zero byte
+        raise ConfigError(f"{word[:_SHOWN]}: is no folder: {error}.") from None
 
 
 def _listed(index: str) -> list[str]:

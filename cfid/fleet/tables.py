@@ -51,6 +51,9 @@ def print_comparisons(comparisons: Sequence[ComparedNumber], summaries: Sequence
         f"{counted(len(summaries), 'campaign')}, {counted(runs, 'complete run')}, {others} not complete",
         highlight=False,
     )
+    if not comparisons:
+        console.print("No number is fitted in these campaigns, or none has the name asked for.", highlight=False)
+        return
     table = Table(box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("number", overflow="fold")
     for heading in ("mean", "scatter", "expected"):

@@ -206,6 +206,18 @@ def test_a_value_without_uncertainty_takes_no_weight_and_no_others_agreement(
     assert "1 of 1 numbers differ by more than their uncertainties" in " ".join(beside.stdout.split())
 
 
+@pytest.mark.parametrize("certain", [0, 1])
+def test_how_many_values_have_no_uncertainty_is_stated_where_no_two_have_one(
+    cfid: Cfid, tmp_path: Path, certain: int
+) -> None:
+    folders = [campaign(tmp_path / f"c{day}", day, 0.028, std=1e-5 if day < certain else None) for day in range(4)]
+    printed = cfid("fleet", *folders).stdout
+    cfid("fleet", *folders, "--out", tmp_path / "table.csv")
+
+    assert f"{4 - certain} without std" in printed
+    assert pd.read_csv(tmp_path / "table.csv")["without_std"][0].count("c") == 4 - certain
+
+
 def test_a_copy_of_a_campaign_is_named(cfid: Cfid, tmp_path: Path) -> None:
     one, other = campaign(tmp_path / "one", 0, 0.028), campaign(tmp_path / "other", 1, 0.028)
     for folder in (one, other):
@@ -288,6 +300,23 @@ def test_globs_and_an_index_name_campaigns(cfid: Cfid, tmp_path: Path) -> None:
 
     assert listed == compared(cfid, tmp_path / "c*") == compared(cfid, *folders)
     assert cfid("fleet", tmp_path / "d*").returncode == 2
+
+
+def test_a_glob_that_matches_nothing_hides_no_other_campaign(cfid: Cfid, tmp_path: Path) -> None:
+    folder = campaign(tmp_path / "c0", 0, 0.028)
+    ended = cfid("fleet", folder, tmp_path / "d*")
+
+    assert ended.returncode == 4
+    assert "thing.mass_kg" in ended.stdout
+    assert "1 of 2 campaigns cannot be read:" in ended.stderr
+    assert "d*: no folder matches" in ended.stderr
+
+
+def test_campaigns_without_a_number_have_a_sentence_in_place_of_a_table(cfid: Cfid, tmp_path: Path) -> None:
+    ended = cfid("fleet", campaign(tmp_path / "c0", 0, 0.028), "--only", "inertia")
+
+    assert "none has the name asked for" in ended.stdout
+    assert "scatter" not in ended.stdout
 
 
 def test_campaigns_of_one_name_are_told_apart_by_their_paths(cfid: Cfid, tmp_path: Path) -> None:
