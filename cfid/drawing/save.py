@@ -78,10 +78,10 @@ def _rendered(figure: Figure, kind: str, metadata: dict[str, str | None]) -> byt
 
 def _refuse_foreign(paths: Iterable[Path], *, force: bool) -> None:
     for path in paths:
-        if not path.exists() or _made_by_cfid(path):
+        if path.exists() and _made_by_cfid(path):
             continue
         refuse_kept(path)
-        if not force:
+        if path.exists() and not force:
             raise ConfigError(
                 f"{path}: exists already and cfid did not draw it. "
                 "Use `force` to replace it, or `out` to write elsewhere."

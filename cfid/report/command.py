@@ -32,13 +32,16 @@ def report(
     """
     from datetime import UTC, datetime
 
+    from cfid.errors import ConfigError
     from cfid.report.content import gather
     from cfid.report.formats.render import rendered
     from cfid.report.formats.sealed import write_report
 
     found = here(campaign)
-    named: Format = next((one for one in get_args(Format) if out is not None and out.suffix == f".{one}"), "html")
-    chosen = form or named
+    formats: dict[str, Format] = {"": "html", **{f".{one}": one for one in get_args(Format)}}
+    chosen = form or formats.get("" if out is None else out.suffix)
+    if chosen is None:
+        raise ConfigError(f"--out {out}: should end in {', '.join(filter(None, formats))}, or --format name one.")
     path = out or found.folder / f"report.{chosen}"
     content = gather(found, now=datetime.now(UTC), kind=kind)
     write_report(path, rendered(content, chosen, found.folder), force=force)

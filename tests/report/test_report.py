@@ -44,6 +44,18 @@ def test_the_name_of_the_file_tells_its_format(cfid: Cfid, campaign: Path) -> No
         assert (campaign / name).read_text().startswith(begin)
     assert cfid("report", "--out", "also.tex", "--format", "json").returncode == 0
     assert (campaign / "also.tex").read_text().startswith("{")
+    other = cfid("report", "--out", "report.pdf")
+    assert (other.returncode, "should end in .html, .md, .json, .tex" in other.stderr) == (2, True)
+    assert not (campaign / "report.pdf").exists()
+
+
+def test_no_report_lies_among_fits(cfid: Cfid, campaign: Path) -> None:
+    """It was a fit to delete, as `cfid status` had it."""
+    (campaign / "fits").mkdir(exist_ok=True)
+    ended = cfid("report", "--out", "fits/report.json")
+
+    assert (ended.returncode, "takes the campaign's fits alone" in ended.stderr) == (2, True)
+    assert not (campaign / "fits" / "report.json").exists()
 
 
 @pytest.mark.parametrize("name", ["rig.toml", "link", "parameters.toml", "fits/a.json", "runs/one/encoder.csv"])
@@ -55,7 +67,7 @@ def test_nothing_that_a_campaign_keeps_is_replaced_whatever_is_forced(cfid: Cfid
         (campaign / file).write_text("measured")
     (campaign / "link").symlink_to("rig.toml")
     before = (campaign / name).read_bytes()
-    ended = cfid("report", "--out", name, "--force")
+    ended = cfid("report", "--format", "md", "--out", name, "--force")
 
     assert ended.returncode == 2
     assert "nothing replaces what a campaign keeps" in " ".join(ended.stderr.split())

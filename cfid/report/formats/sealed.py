@@ -29,13 +29,14 @@ def write_report(path: Path, text: str, *, force: bool = False) -> None:
     try:
         if path.is_symlink() and not path.exists() and not force:
             raise ConfigError(f"{path}: is a link to a file that does not exist. Use `force` to make that file.")
-        if path.exists() and not _is_ours(path):
+        ours = path.exists() and _is_ours(path)
+        if not ours:
             refuse_kept(path)
-            if not force:
-                raise ConfigError(
-                    f"{path}: exists already, and is not an unchanged report of cfid. Use `force` to replace it, or "
-                    "`out` to write elsewhere."
-                )
+        if path.exists() and not ours and not force:
+            raise ConfigError(
+                f"{path}: exists already, and is not an unchanged report of cfid. Use `force` to replace it, or "
+                "`out` to write elsewhere."
+            )
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, content)
     except OSError as error:
