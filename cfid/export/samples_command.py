@@ -47,8 +47,7 @@ def write_samples(known: "ExportInput", folder: Path, *, count: int, seed: int, 
 
     targets = [target for target in (ROTORPY, CRAZYFLOW) if not missing(target, known.vehicle)]
     paths = [folder / name for name in ("samples.csv", "samples.npz", *(FILES[target.name] for target in targets))]
-    if not force:
-        _refuse_to_replace(folder, paths)
+    _refuse_to_replace(folder, paths, force=force)
     everything = _everything(known)
     refuse(everything, known, force=force)
     joint = _joint(known)
@@ -71,11 +70,13 @@ def write_samples(known: "ExportInput", folder: Path, *, count: int, seed: int, 
             note(f"no list for {target.name}, which needs what is not measured yet: {needs}.")
 
 
-def _refuse_to_replace(folder: Path, paths: "Sequence[Path]") -> None:
+def _refuse_to_replace(folder: Path, paths: "Sequence[Path]", *, force: bool) -> None:
     from cfid.errors import ConfigError
 
     try:
-        there = [path for path in paths if path.exists()]
+        if folder.exists() and not folder.is_dir():
+            raise ConfigError(f"{folder}: is a file, where samples are several: name a folder with --out.")
+        there = [] if force else [path for path in paths if path.exists()]
     except OSError as error:
         raise ConfigError(f"{folder}: cannot be written: {error.strerror}.") from None
     if there:

@@ -283,6 +283,10 @@ def test_samples_need_a_folder_and_uncertainties_that_are_sizes(cfid: Cfid, camp
     said = cfid("export", "samples", "--n", "5", "--out", "-")
     assert (said.returncode, "--out must name a folder" in said.stderr) == (2, True)
     assert not (campaign / "-").exists()
+    (campaign / "notes").write_text("by hand")
+    for force in ([], ["--force"]):
+        said = cfid("export", "samples", "--n", "5", "--out", "notes", *force)
+        assert (said.returncode, "name a folder with --out" in said.stderr) == (2, True)
 
     path = campaign / "parameters.toml"
     path.write_text(path.read_text().replace("std = 0.0001\n", "std = -0.05\n"))
