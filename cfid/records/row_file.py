@@ -14,7 +14,7 @@ import numpy as np
 from cfid.counted import counted
 from cfid.errors import DataError
 
-_LOSSES = (errno.EIO, errno.ENOSPC, errno.EDQUOT)  # other errors of a flush: the file system has none
+_LOSSES = (errno.EIO, errno.ENOSPC, errno.EDQUOT, errno.EROFS)  # other errors of a flush: the file system has none
 
 
 class RowFile:
@@ -55,8 +55,10 @@ class RowFile:
         try:
             self._write(_lines(columns, all_digits=self._all_digits))
         except OSError as error:
+            # a file system that an error made read-only drops what was written and not flushed
+            kept = "of which the disk may lack the last" if self._flush_fault() else "which are kept"
             raise DataError(
-                f"{self.path}: {error.strerror} after {self.rows} rows, which are kept: the recording ends there."
+                f"{self.path}: {error.strerror} after {self.rows} rows, {kept}: the recording ends there."
             ) from None
 
     def _gone(self) -> str:
@@ -79,16 +81,20 @@ class RowFile:
 
     def close(self) -> str:
         """Flush the rows to the disk and close the file; return the reason where the disk lost some, else ""."""
-        reason = ""
-        if not self._raw.closed:
-            try:
-                os.fsync(self._raw.fileno())
-            except OSError as error:
-                if error.errno in _LOSSES:
-                    reason = f"{self.path}: {error.strerror} when its rows were flushed to the disk: compare its end."
-            with contextlib.suppress(OSError):
-                self._raw.close()
-        return reason
+        if self._raw.closed:
+            return ""
+        fault = self._flush_fault()
+        with contextlib.suppress(OSError):
+            self._raw.close()
+        return fault and f"{self.path}: {fault} when its rows were flushed to the disk: compare its end."
+
+    def _flush_fault(self) -> str:
+        """Flush the rows to the disk, and return why it lost some, "" where it has them all."""
+        try:
+            os.fsync(self._raw.fileno())
+        except OSError as error:
+            return os.strerror(error.errno) if error.errno in _LOSSES else ""
+        return ""
 
     def _write(self, block: bytes) -> None:
         """Write lines; when writing fails, the file ends with the last whole line."""

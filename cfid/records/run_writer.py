@@ -102,10 +102,8 @@ class RunWriter:
                 final = self._amended(final)
                 write_header(self.folder, final)
         except OSError as error:
-            path = self.folder / RUN_FILE
-            raise DataError(
-                f"{path}: cannot be written: {error.strerror}. The run counts as cut; its rows are kept."
-            ) from None
+            path, rows = self.folder / RUN_FILE, self._fault or "Its rows are kept."
+            raise DataError(f"{path}: cannot be written: {error.strerror}. The run counts as cut. {rows}") from None
         finally:
             self._held.close()
         with contextlib.suppress(OSError):  # it is harmless

@@ -77,7 +77,7 @@ ssize_t sendfile(int to, int from, off_t *offset, size_t count)
 int fsync(int file)
 {
   REAL(fsync);
-  return file >= 0 && file < FILES && inside[file] && !part && !stays && fails() ? -1 : real(file);
+  return file >= 0 && file < FILES && inside[file] && !part && (!stays || fault == EROFS) && fails() ? -1 : real(file);
 }
 
 int rename(const char *from, const char *to)

@@ -35,7 +35,8 @@ NOON = datetime(2026, 11, 21, 12, tzinfo=UTC)
 Job = Callable[[Campaign], None]
 ROWS, BLOCKS = 400, 3
 OLD, NEW = f"<!-- {MARK} -->\nold\n", f"<!-- {MARK} -->\n{'new ' * 5000}\n"
-# Error, half a write, all later calls too: an error once, a write that takes a part, a disk that is full from then on.
+# Error, half a write, all later calls too: an error once, a write that takes a part, a disk that is full from then on,
+# or one that an error made read-only, which flushes nothing any more.
 KINDS = {
     "ENOSPC": (errno.ENOSPC, 0, 0), "EIO": (errno.EIO, 0, 0), "EMFILE": (errno.EMFILE, 0, 0),
     "EROFS": (errno.EROFS, 0, 1),
@@ -231,6 +232,8 @@ def main() -> None:
                 if ended.calls < which:
                     break
                 tries[job.__name__] = tries.get(job.__name__, 0) + 1
+                if kind == "EROFS" and "which are kept" in ended.message:
+                    wrong.append(f"{job.__name__}, call {which}, {kind}: no flush succeeded, and {ended.message}")
                 wrong += [
                     f"{job.__name__}, call {which}, {kind}: {fault}"
                     for fault in faults(job, ended, before, done, campaign)

@@ -428,7 +428,7 @@ def test_a_run_toml_that_cannot_be_written_at_the_end_is_named_with_how_the_moto
 
     assert pilot.end() == (3 if fault else 4), pilot.err
     assert re.search(r"motors stopped, confirmed in \d+ ms\.", pilot.err)
-    assert pilot.err.count("The run counts as cut; its rows are kept.") == 1
+    assert pilot.err.count("The run counts as cut. Its rows are kept.") == 1
     assert f"{header} cannot be written either" in pilot.err or f"{header}: cannot be written" in pilot.err
     assert "None rows" not in pilot.out
     assert not any(bench.motors)
