@@ -531,19 +531,20 @@ def test_commands_on_another_scale_give_the_lag_and_no_map(
     assert second.value[0] == pytest.approx(first.value[0], abs=0.5 * first.std[0])
 
 
-@pytest.mark.slow
-def test_the_thrust_of_a_real_flight_lags_as_its_authors_found() -> None:
+def test_the_thrust_of_a_real_flight_leaves_its_lags_open_about_what_its_authors_found() -> None:
+    """Fitted without whitening, its falling thrust lags by 45 ms: air and vibration are in no model of either."""
     path = DATA / "flights" / "eschmann_log10.usd"
     if not path.is_file():
         pytest.skip("the flight log is not here (CFID_DATA)")
     result = fit(read(path).between(8.77, 39.13))  # 35 to 65 s by its slow clock, as the authors took
-    rising_s, falling_s = (seconds(result, f"dynamics.{way}") for way in ("rising", "falling"))
-    assert result.accepted
-    assert 0.04 < falling_s < 0.1  # the authors found 0.072 to 0.074 s for both ways, without a delay
-    assert 0.04 < rising_s < 0.1
-    given = result.without_rejected().quantities
-    assert "dynamics.time_constant_s" in given
-    assert not {"dynamics.rising", "dynamics.falling"} & set(given)  # which exports would take
+    for way in ("rising", "falling"):
+        rate = result.quantities[f"dynamics.{way}"]
+        assert abs(1 / rate.value[0] - 0.073) < 2 * rate.std[0] / rate.value[0] ** 2  # theirs, both ways, without delay
+        assert 0.04 < 1 / rate.value[0] < 0.1
+
+    (open_one,) = (finding for finding in result.findings if finding.code == "lag-not-excited")
+    assert "falling speed, 73 ms, is open by 40 %" in open_one.sentence
+    assert not {"dynamics.rising", "dynamics.falling"} & set(result.without_rejected().quantities)
 
 
 def campaign(folder: Path, cfid: Cfid) -> Path:
