@@ -20,6 +20,7 @@ from tests.logs.autopilot_bytes import BLACKBOX_END, blackbox_head, blackbox_row
 Array = npt.NDArray[np.float64]
 
 LIMIT_MB, SIZE_MB = 500, 400
+THRUST_MPS2 = 7e-9  # per square of a rotor's speed in rpm, for a vehicle of 30 g
 COLUMNS = {
     **dict.fromkeys(("acc.x", "acc.y", "acc.z", "gyro.x", "gyro.y", "gyro.z", "pm.vbat"), "f"),
     **{f"{name}.m{motor}": "H" for name in ("motor", "rpm") for motor in (1, 2, 3, 4)},
@@ -77,9 +78,10 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
             rows = np.zeros(count, record)
             rows["id"], rows["stamp"] = 65535, 1000 * (block * count + np.arange(count))
             rows["pm.vbat"] = 4 + 0.01 * draw.standard_normal(count)
-            rows["acc.z"] = 1 + 0.1 * draw.standard_normal(count)
+            rows["acc.z"] = 0.1 * draw.standard_normal(count)
             for motor, (command, speed) in enumerate(rotors.rows(count), start=1):
                 rows[f"motor.m{motor}"], rows[f"rpm.m{motor}"] = command, speed
+                rows["acc.z"] += THRUST_MPS2 / 9.81 * speed**2
             content = rows.tobytes()
             crc = zlib.crc32(content, crc)
             file.write(content)
@@ -118,9 +120,10 @@ def ulog(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
                 one["size"], one["type"], one["id"] = one.itemsize - 3, b"D", at
                 one["stamp"] = 1000 * (1 + block * count + np.arange(count))
             rows["0"]["x"], rows["4"]["x"] = draw.normal(0, 0.1, (count, 3)), 16 + draw.normal(0, 0.01, (count, 1))
-            rows["1"]["x"][:, 2] = draw.normal(-9.81, 0.1, count)
+            rows["1"]["x"][:, 2] = draw.normal(0, 0.1, count)
             for at, (command, speed) in enumerate(rotors.rows(count)):
                 rows["2"]["x"][:, at], rows["3"]["x"][:, at] = command / 65535, speed
+                rows["1"]["x"][:, 2] -= THRUST_MPS2 * speed**2
             file.write(rows.tobytes())
     yield path
     path.unlink()
