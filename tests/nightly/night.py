@@ -5,9 +5,9 @@
     bash .ci/nightly night-1 --stage fuzz
     bash .ci/nightly night-1 --page     # no measurement: writes its figures into the evidence page
 
-The folder gets a log of each command, and results.jsonl: command, figure, value, date, and the machine's load at the
-command's start. A night that was ended is continued by the same words: what is in results.jsonl is not repeated, nor
-is what a command keeps by itself. A stage begins nothing after its share of the time.
+The folder gets a log of each command, and results.jsonl: command, figure, value, date, the machine's load at the
+command's start, and how long it took. A night that was ended is continued by the same words: what is in results.jsonl
+is not repeated, nor is what a command keeps by itself. A stage begins nothing after its share of the time.
 """
 
 import argparse
@@ -118,7 +118,7 @@ class Started:
             environment[name] = value
         programs = {"python": [sys.executable], "pytest": [sys.executable, "-m", "pytest"]}
         words[:1] = programs.get(words[0], words[:1])
-        self._load = round(os.getloadavg()[0], 1)
+        self._load, self._began_s = round(os.getloadavg()[0], 1), time.monotonic()
         self._log = folder / f"{re.sub(r'[^A-Za-z0-9]+', '-', command)[:120]}.log"
         with self._log.open("w", encoding="utf-8") as file:
             self._process = subprocess.Popen(
@@ -141,7 +141,8 @@ class Started:
     def lines(self, code: str) -> list[Line]:
         """Return its figures, and how it ended."""
         found = [*figures(self._log.read_text(encoding="utf-8", errors="replace")), (ENDED, code)]
-        facts = {"date": f"{datetime.now(UTC):%Y-%m-%d}", "load": self._load}
+        took_s = round(time.monotonic() - self._began_s)
+        facts = {"date": f"{datetime.now(UTC):%Y-%m-%d}", "load": self._load, "took_s": took_s}
         return [{"command": self.command, "figure": name, "value": value, **facts} for name, value in found]
 
 
@@ -177,15 +178,17 @@ def run_stage(name: str, folder: Path, *, small: bool) -> None:
 def section(lines: list[dict[str, Any]]) -> str:
     """Return the section of the page: every figure with its command, its date and the load at its start."""
     rows = [
-        f"| `{line['command']}` | {line['figure']} | {line['value']} | {line['date']} | {line['load']:g} |"
+        f"| `{line['command']}` | {line['figure']} | {line['value']} | {line['date']} | {line['load']:g} "
+        f"| {line.get('took_s', '')} |"
         for line in lines
         if line["figure"] != ENDED or line["value"] != "0"
     ]
     text = (
         "The commands wrote these figures themselves (`results.jsonl` beside this page); a test compares the table\n"
-        "with them. Load is the machine's at the start of the command; ratios are taken within one run.\n"
+        "with them. Load is the machine's at the start of the command, s the seconds that it took; ratios are taken\n"
+        "within one run.\n"
     )
-    head = "| command | figure | value | date | load |\n|---|---|---|---|---|\n"
+    head = "| command | figure | value | date | load | s |\n|---|---|---|---|---|---|\n"
     return "\n".join([HEADING, text, head + "\n".join(rows)]) + "\n"
 
 

@@ -50,6 +50,7 @@ def test_a_night_that_goes_on_repeats_nothing_and_keeps_failures(
 
     assert (tmp_path / "ran").read_text() == "run\n"
     assert found == [("ratio", "3"), ("exit code", "4"), ("exit code", "0")]
+    assert all(0 <= line["took_s"] < 60 for line in lines_of(tmp_path / "results.jsonl"))
 
 
 def test_a_result_is_kept_while_a_command_that_was_begun_before_still_runs(
