@@ -175,13 +175,29 @@ def _at_edges(counts: Array, per_turn: float) -> tuple[Array, Rows] | None:
     """
     if np.mean(np.diff(counts[:_POLLED_ROWS]) == 0) > _FEW_REPEATED:
         return None
-    steps = (np.diff(counts, prepend=2 * counts[0] - counts[1]) + per_turn / 2) % per_turn - per_turn / 2
-    rows = np.flatnonzero(steps)
-    moved = steps[rows]
-    one_way = not len(rows) or np.all(moved > 0) or np.all(moved < 0)
-    if one_way or len(rows) < (1 - _FEW_REPEATED) * len(steps) or np.mean(np.abs(moved) == 1) < _EDGES_SHARE:
+    up = down = by_one = 0
+    for part in parts(len(counts)):
+        steps = _steps(counts, part, per_turn)
+        up += int(np.count_nonzero(steps > 0))
+        down += int(np.count_nonzero(steps < 0))
+        by_one += int(np.count_nonzero(np.abs(steps) == 1))
+    moved = up + down
+    if not (up and down) or moved < (1 - _FEW_REPEATED) * len(counts) or by_one < _EDGES_SHARE * moved:
         return None
-    return counts[rows] - 0.5 * np.sign(moved), rows
+    rows = np.concatenate([part.start + np.flatnonzero(_steps(counts, part, per_turn)) for part in parts(len(counts))])
+    return joined(_edges(counts, part, per_turn) for part in parts(len(counts))), rows
+
+
+def _edges(counts: Array, part: slice, per_turn: float) -> Array:
+    steps = _steps(counts, part, per_turn)
+    moved = steps != 0
+    return np.asarray(counts[part][moved] - 0.5 * np.sign(steps[moved]))
+
+
+def _steps(counts: Array, part: slice, per_turn: float) -> Array:
+    """Return by how many counts each row of a part (m,) went on from the one before, the shorter way."""
+    before = counts[part.start - 1] if part.start else 2 * counts[0] - counts[1]
+    return np.asarray((np.diff(counts[part], prepend=before) + per_turn / 2) % per_turn - per_turn / 2)
 
 
 def _guessed(table: CsvTable, low: int, high: int, valid: npt.NDArray[np.bool_]) -> CountsPerTurn:
