@@ -156,7 +156,13 @@ def angles(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Write hours at 1 kHz in which a pendulum of 1.6 Hz is held, let go at 300 s, and rests."""
     path, count, size = tmp_path_factory.mktemp("large") / "angle.csv", 200_000, 0
     found = solve_ivp(
-        lambda _, y: (y[1], -101.0 * np.sin(y[0]) - 0.08 * y[1]), (0, 200), (0.6, 0.0), dense_output=True, rtol=1e-9
+        lambda _, y: (y[1], -101.0 * np.sin(y[0]) - 0.08 * y[1]),
+        (0, 200),
+        (0.6, 0.0),
+        "DOP853",
+        dense_output=True,
+        rtol=1e-11,
+        atol=1e-12,
     )
     draw = np.random.default_rng(5)
     with path.open("w") as file:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from cfid.counted import counted
-from cfid.large import differences, usual_step
+from cfid.large import differences, parts, usual_step
 from cfid.records.tables.lone import MOST_SHARE, Rows, lone_readings
 from cfid.records.tables.table import Array, CsvTable
 
@@ -38,12 +38,14 @@ def wraps(time: Array) -> tuple[Rows, int]:
 
 def unwrapped(table: CsvTable, time: Array) -> tuple[str, ...]:
     """Let times (n,) go on where their counter begins anew, and return a note."""
-    known = np.flatnonzero(np.isfinite(time))
-    found, bits = wraps(time[known])
+    finite = _finite(time)
+    some = time[finite]
+    found, bits = wraps(some)
     if not len(found):
         return ()
-    before, after = time[known[found - 1]], time[known[found]]
-    longest = float((after - before + 2.0**bits).max()) / usual_step(time[known])
+    known = np.arange(len(time))[finite]
+    before, after = some[found - 1], some[found]
+    longest = float((after - before + 2.0**bits).max()) / usual_step(some)
     lost = f", over as many as {longest:.0f} usual intervals: rows were lost" if longest > _WRONG_TIME else ""
     text = (
         f"the clock of {bits} bits begins anew in line {table.line_of_row(int(known[found[0]]))}, from {before[0]:.0f} "
@@ -52,6 +54,13 @@ def unwrapped(table: CsvTable, time: Array) -> tuple[str, ...]:
     for place in known[found]:
         time[place:] += 2.0**bits
     return (text,)
+
+
+def _finite(time: Array) -> Rows | slice:
+    """Return the places of the finite ones of times (n,): where all are, a slice, by which nothing is copied."""
+    if all(np.isfinite(time[part]).all() for part in parts(len(time))):
+        return slice(None)
+    return np.flatnonzero(np.isfinite(time))
 
 
 def wrong_times(time: Array) -> Rows:
@@ -71,6 +80,8 @@ def late_rows(time: Array) -> Rows:
 
 def _is_few(places: Rows, time: Array) -> bool:
     """Return whether few of all times (n,) stand at some places, and the others do not go back."""
+    if not len(places):
+        return True
     others = np.delete(time, places)
     return len(places) <= max(MOST_SHARE * len(time), 1) and bool(np.all(others[1:] >= others[:-1]))
 
