@@ -15,7 +15,7 @@ from cfid.records.tables.stand_scales import check_scale
 from cfid.records.tables.stand_sides import of_one_side
 from cfid.records.tables.stand_thousands import check_thousands
 from cfid.records.tables.table import Array, CsvTable
-from cfid.records.tables.wrong_times import unwrapped, wrong_times, wrong_times_note
+from cfid.records.tables.wrong_times import finite_places, unwrapped, wrong_times, wrong_times_note
 from cfid.units import FULL_COMMAND
 
 _LONGEST_PULSE_US = 5000.0  # beyond all that controllers take, of which few reach 2500
@@ -237,9 +237,10 @@ def _wrong_times(table: CsvTable, found: Found) -> list[str]:
         return []
     time = found["time_s"].raw[:, 0]
     notes = [*unwrapped(table, time)]
-    known = np.flatnonzero(np.isfinite(time))
-    wrong = known[wrong_times(time[known])]
+    finite = finite_places(time)
+    wrong = wrong_times(time[finite])
     if len(wrong):
+        wrong = np.arange(len(time))[finite][wrong]
         notes.append(wrong_times_note(table, time, wrong))
         time[wrong] = np.nan
     return notes

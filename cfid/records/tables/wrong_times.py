@@ -38,7 +38,7 @@ def wraps(time: Array) -> tuple[Rows, int]:
 
 def unwrapped(table: CsvTable, time: Array) -> tuple[str, ...]:
     """Let times (n,) go on where their counter begins anew, and return a note."""
-    finite = _finite(time)
+    finite = finite_places(time)
     some = time[finite]
     found, bits = wraps(some)
     if not len(found):
@@ -56,7 +56,7 @@ def unwrapped(table: CsvTable, time: Array) -> tuple[str, ...]:
     return (text,)
 
 
-def _finite(time: Array) -> Rows | slice:
+def finite_places(time: Array) -> Rows | slice:
     """Return the places of the finite ones of times (n,): where all are, a slice, by which nothing is copied."""
     if all(np.isfinite(time[part]).all() for part in parts(len(time))):
         return slice(None)
