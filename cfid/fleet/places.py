@@ -14,7 +14,7 @@ from typing import Any
 from urllib.parse import unquote
 
 from cfid.console.selection import is_glob
-from cfid.errors import ConfigError, DataError
+from cfid.errors import CfidError, ConfigError, DataError
 from cfid.records.campaign import RUNS_FOLDER
 from cfid.records.files import check_regular
 from cfid.records.rig_file import RIG_FILE
@@ -57,20 +57,27 @@ def campaigns(words: Sequence[str], index: str | None = None) -> list[str]:
     """Return the campaigns of folders, globs and addresses, and of an index, each once.
 
     An index is a text file or its address, with a folder, glob or address on each line, relative to it. A glob that
-    matches nothing is a campaign that cannot be read. Raises ConfigError where there is no campaign at all.
+    matches nothing, or cannot be followed, is a campaign that cannot be read. Raises CfidError where there is no
+    campaign at all.
     """
     given = [*words, *([] if index is None else _listed(index))]
     if not given:
         raise ConfigError("no campaign is given: name folders, globs or addresses, or an index with `index`.")
-    found = {word: _matching(word) for word in given}
+    found, faults = dict[str, list[str]](), list[CfidError]()
+    for word in given:
+        try:
+            found[word] = _matching(word)
+        except CfidError as error:
+            found[word] = []
+            faults.append(error)
     if not any(found.values()):
-        raise ConfigError(f"{given[0]}: no folder matches.")
+        raise faults[0] if faults else ConfigError(f"{given[0]}: no folder matches.")
     return list(dict.fromkeys(place for word in given for place in found[word] or [word]))
 
 
 def refuse_unmatched(campaign: str) -> None:
-    """Raise DataError for what `campaigns` returned of a glob that matches nothing."""
-    if is_glob(campaign) and not os.path.lexists(campaign):
+    """Raise CfidError for what `campaigns` returned of a glob that matches nothing or cannot be followed."""
+    if is_glob(campaign) and not os.path.lexists(campaign) and not _matching(campaign):
         raise DataError(f"{campaign}: no folder matches.")
 
 
@@ -80,8 +87,8 @@ def at_hand(campaign: str) -> Iterator[Place]:
 
     Raises DataError when it cannot be read.
     """
+    refuse_unmatched(campaign)
     if not is_address(campaign):
-        refuse_unmatched(campaign)
         yield Place(folder=Path(campaign), address="", bring_run=lambda _: None)
         return
     with _faults(campaign):

@@ -20,6 +20,7 @@ from cfid.fleet.comparison import ComparedNumber
 from cfid.fleet.summary import Summary
 from cfid.records import lab_book
 from cfid.records.files import write_new
+from cfid.records.kept import refuse_kept
 
 SUFFIXES = (".csv", ".parquet", ".html")
 
@@ -119,6 +120,7 @@ def write_table(path: Path, rows: Sequence[Mapping[str, Any]], *, title: str) ->
         except ImportError:
             raise ConfigError(f"{path}: Parquet needs pyarrow: pip install 'cfid[parquet]'.") from None
     try:
+        refuse_kept(path)
         write_new(path, content.getvalue())
     except FileExistsError:
         raise ConfigError(f"{path} exists already: nothing was changed. Name another file.") from None

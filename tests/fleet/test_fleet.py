@@ -312,6 +312,15 @@ def test_a_glob_that_matches_nothing_hides_no_other_campaign(cfid: Cfid, tmp_pat
     assert "d*: no folder matches" in ended.stderr
 
 
+@pytest.mark.parametrize("glob", ["nowhere://lab/*", "x" * 5000 + "*"])
+def test_a_glob_that_cannot_be_followed_hides_no_other_campaign(cfid: Cfid, tmp_path: Path, glob: str) -> None:
+    ended = cfid("fleet", campaign(tmp_path / "c0", 0, 0.028), glob)
+
+    assert ended.returncode == 4
+    assert "thing.mass_kg" in ended.stdout
+    assert "1 of 2 campaigns cannot be read:" in ended.stderr
+
+
 def test_campaigns_without_a_number_have_a_sentence_in_place_of_a_table(cfid: Cfid, tmp_path: Path) -> None:
     ended = cfid("fleet", campaign(tmp_path / "c0", 0, 0.028), "--only", "inertia")
 
