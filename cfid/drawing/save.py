@@ -45,8 +45,8 @@ def save_figure(figure: Figure, stem: Path, *, force: bool = False) -> list[Path
             stem.with_name(stem.name + ".svg"): _rendered(figure, "svg", {"Creator": maker, "Date": None}),
         }
     try:
-        stem.parent.mkdir(parents=True, exist_ok=True)
         _refuse_foreign(contents, force=force)
+        stem.parent.mkdir(parents=True, exist_ok=True)
         for path, content in contents.items():
             write_whole(path, content)
     except OSError as error:

@@ -244,13 +244,13 @@ def _write(folder: Path, files: dict[str, bytes]) -> None:
     from cfid.records.kept import refuse_kept
 
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         for name in files:
             refuse_kept(folder / name)
+        folder.mkdir(parents=True, exist_ok=True)
         for name, content in files.items():
             write_whole(folder / name, content)
     except OSError as error:
-        raise ConfigError(f"{folder}: cannot be written: {error.strerror}.") from None
+        raise ConfigError(f"{folder}: cannot be written: {error.strerror}. --out names another folder.") from None
 
 
 def _report(joint: "Joint", drawn: Drawn, count: int) -> None:

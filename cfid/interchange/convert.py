@@ -10,6 +10,7 @@ from typing import Literal
 from cfid.errors import ConfigError
 from cfid.interchange.recording import Recording
 from cfid.interchange.writers import write_csv, write_mat, write_mcap, write_parquet
+from cfid.records.kept import refuse_kept
 from cfid.records.logs.log import Series
 
 Format = Literal["csv", "parquet", "mat", "mcap"]
@@ -33,6 +34,7 @@ def convert(recording: Recording, to: Format, out: Path | None) -> list[Path]:
         return [_written(path, partial(write, recording.series[0], recording))]
     folder = out or Path(f"{recording.name}-{to}")
     try:
+        refuse_kept(folder)
         folder.mkdir()
     except FileExistsError:
         raise ConfigError(f"{folder}: exists already, and is left as it is: give another `out`.") from None
@@ -56,6 +58,7 @@ def _written(path: Path, write: Callable[[Path], None]) -> Path:
     if path.exists() or path.is_symlink():
         raise ConfigError(f"{path}: exists already, and is left as it is: give another `out`.")
     try:
+        refuse_kept(path)
         write(path)
     except OSError as error:
         path.unlink(missing_ok=True)

@@ -1,5 +1,6 @@
 """Which files of a campaign no result replaces: what was recorded, typed or fitted, and cannot be made again."""
 
+import os
 from pathlib import Path
 
 from cfid.errors import ConfigError
@@ -13,10 +14,11 @@ def refuse_kept(path: Path) -> None:
 
     Links are followed, as where a file is written. Raises OSError where one cannot be followed.
     """
-    target = path.resolve()
-    folder = target.parent
-    of_fits = folder.name == FITS_FOLDER and (folder.parent / RIG_FILE).exists()
-    if target.exists() and (of_fits or target.name in (RIG_FILE, PARAMETERS_FILE) or (folder / RUN_FILE).exists()):
+    target, named = path.resolve(), Path(os.path.normpath(path.absolute()))
+    folders = {folder for place in (target, named) for folder in place.parents}
+    of_fits = any(folder.name == FITS_FOLDER and (folder.parent / RIG_FILE).exists() for folder in folders)
+    of_run = target.name in (RIG_FILE, PARAMETERS_FILE) or (target.parent / RUN_FILE).exists()
+    if target.exists() and (of_fits or of_run):
         raise ConfigError(f"{path}: nothing replaces what a campaign keeps of its runs and fits. Name another file.")
     if of_fits:
         raise ConfigError(f"{path}: that folder takes the campaign's fits alone. Name another.")

@@ -40,6 +40,8 @@ def report(
     found = here(campaign)
     formats: dict[str, Format] = {"": "html", **{f".{one}": one for one in get_args(Format)}}
     chosen = form or formats.get("" if out is None else out.suffix)
+    if out == Path("-"):
+        raise ConfigError("a report is a file: --out must name one, not -.")
     if chosen is None:
         raise ConfigError(f"--out {out}: should end in {', '.join(filter(None, formats))}, or --format name one.")
     path = out or found.folder / f"report.{chosen}"

@@ -49,13 +49,38 @@ def test_the_name_of_the_file_tells_its_format(cfid: Cfid, campaign: Path) -> No
     assert not (campaign / "report.pdf").exists()
 
 
-def test_no_report_lies_among_fits(cfid: Cfid, campaign: Path) -> None:
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("report", "--out", "fits/report.json"),
+        ("report", "--out", "fits/deeper/report.json"),
+        ("report", "--out", "other/../linked/report.json"),
+        ("export", "json", "--out", "fits/vehicle.json", "--force"),
+        ("export", "samples", "--out", "fits/deeper", "--force"),
+        ("fleet", ".", "--out", "fits/table.csv"),
+        ("convert", "a.csv", "--to", "mat", "--out", "fits/a.mat"),
+    ],
+)
+def test_nothing_else_lies_among_fits(cfid: Cfid, campaign: Path, words: tuple[str, ...]) -> None:
     """It was a fit to delete, as `cfid status` had it."""
-    (campaign / "fits").mkdir(exist_ok=True)
-    ended = cfid("report", "--out", "fits/report.json")
+    for name in ("fits", "other"):
+        (campaign / name).mkdir(exist_ok=True)
+    (campaign / "linked").symlink_to("fits")
+    (campaign / "a.csv").write_text("t,phi_deg\n0,1\n0.1,2\n0.2,1\n")
+    before = sorted((campaign / "fits").rglob("*"))
+    ended = cfid(*words)
 
-    assert (ended.returncode, "takes the campaign's fits alone" in ended.stderr) == (2, True)
-    assert not (campaign / "fits" / "report.json").exists()
+    assert (ended.returncode, "takes the campaign's fits alone" in " ".join(ended.stderr.split())) == (2, True)
+    assert sorted((campaign / "fits").rglob("*")) == before
+
+
+def test_fits_that_lie_elsewhere_stay_apart_too(cfid: Cfid, campaign: Path, tmp_path: Path) -> None:
+    (campaign / "fits").rename(tmp_path / "disk")
+    (campaign / "fits").symlink_to(tmp_path / "disk")
+    before = sorted((tmp_path / "disk").iterdir())
+
+    assert cfid("report", "--out", "fits/report.html").returncode == 2
+    assert sorted((tmp_path / "disk").iterdir()) == before
 
 
 @pytest.mark.parametrize("name", ["rig.toml", "link", "parameters.toml", "fits/a.json", "runs/one/encoder.csv"])

@@ -40,7 +40,9 @@ def write_report(path: Path, text: str, *, force: bool = False) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, content)
     except OSError as error:
-        raise ConfigError(f"{path}: no report can be written there: {error.strerror}.") from None
+        raise ConfigError(
+            f"{path}: no report can be written there: {error.strerror}. Use `out` for another file."
+        ) from None
 
 
 def _sealed(content: bytes) -> bytes:
