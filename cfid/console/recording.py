@@ -190,7 +190,7 @@ def attempt(plan: "Plan", devices: "Sequence[Device]", live: LiveLine) -> "tuple
         if run is None and stops_s:
             live.say(stop_line(stops_s[0]))
         if run is None and folders and str(folders[0]) not in str(error):
-            live.say(f"{folders[0] / RUN_FILE} cannot be written either. The run counts as cut; its rows are kept.")
+            live.say(f"{folders[0] / RUN_FILE} cannot be written either. The run counts as cut. Its rows are kept.")
         return run, error
     finally:
         live.end()
