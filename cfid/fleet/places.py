@@ -85,7 +85,7 @@ def refuse_unmatched(campaign: str) -> None:
 def at_hand(campaign: str) -> Iterator[Place]:
     """Make a campaign readable here: one of another computer in a temporary folder, without its runs.
 
-    Raises DataError when it cannot be read.
+    Raises CfidError when it cannot be read.
     """
     refuse_unmatched(campaign)
     if not is_address(campaign):

@@ -29,10 +29,7 @@ def write_whole(path: Path, content: bytes) -> None:
     foretold, so that nobody plants a link there. An existing file keeps its permissions, and a symbolic link stays a
     link. Raises OSError, also for a pipe or a device, which a file would replace.
     """
-    try:
-        path = path.resolve()
-    except RuntimeError:  # a loop of links, to Python 3.12
-        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP)) from None
+    path = resolved(path)
     with contextlib.suppress(FileNotFoundError):
         check_regular(path)
     if path.is_dir():  # the root has no name of which a temporary one could be made
@@ -51,6 +48,14 @@ def write_whole(path: Path, content: bytes) -> None:
             temporary.unlink(missing_ok=True)
         raise
     _sync_folder(path.parent)
+
+
+def resolved(path: Path) -> Path:
+    """Return a path without links. Raises OSError for a loop of them, also before Python 3.13."""
+    try:
+        return path.resolve()
+    except RuntimeError:
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP)) from None
 
 
 def write_new(path: Path, content: bytes) -> None:

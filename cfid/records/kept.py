@@ -1,11 +1,11 @@
 """Which files of a campaign no result replaces: what was recorded, typed or fitted, and cannot be made again."""
 
-import errno
 import os
 from pathlib import Path
 
 from cfid.errors import ConfigError
 from cfid.records.campaign import FITS_FOLDER, PARAMETERS_FILE
+from cfid.records.files import resolved
 from cfid.records.rig_file import RIG_FILE
 from cfid.records.run import RUN_FILE
 
@@ -15,10 +15,7 @@ def refuse_kept(path: Path) -> None:
 
     Links are followed, as where a file is written. Raises OSError where one cannot be followed.
     """
-    try:
-        target, named = path.resolve(), Path(os.path.normpath(path.absolute()))
-    except RuntimeError:  # a loop of links, to Python 3.12
-        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP)) from None
+    target, named = resolved(path), Path(os.path.normpath(path.absolute()))
     folders = {folder for place in (target, named) for folder in place.parents}
     of_fits = any(folder.name == FITS_FOLDER and (folder.parent / RIG_FILE).exists() for folder in folders)
     of_run = target.name in (RIG_FILE, PARAMETERS_FILE) or (target.parent / RUN_FILE).exists()
