@@ -7,11 +7,13 @@
 
 The folder gets a log of each command, and results.jsonl: command, figure, value, date, the machine's load at the
 command's start, and how long it took. A night that was ended is continued by the same words: what is in results.jsonl
-is not repeated, nor is what a command keeps by itself. A stage begins nothing after its share of the time.
+is not repeated, nor is what a command keeps by itself. A stage begins nothing after its share of the time; what still
+runs then is ended, and begun anew by the next start. What took longest in the last results begins first.
 """
 
 import argparse
 import json
+import math
 import os
 import re
 import shlex
@@ -31,6 +33,7 @@ from tests.places import ROOT
 PAGE, RESULTS = ROOT / "docs/reference/evidence.md", ROOT / "docs/reference/results.jsonl"
 HEADING = "## The last night (`bash .ci/nightly`)\n"
 ENDED = "exit code"
+TIME_LIMIT = "none: ended at its time limit"
 FUZZ_CASES = 100_000  # of all readers
 # Their tests wait for motors and swings more than they compute: 2900 stops take three hours one after another.
 WORKERS = {"test_motors_stop.py": 6, "test_guided_campaign.py": 2}
@@ -133,7 +136,7 @@ class Started:
         code = self._process.poll()
         if code is None and time.monotonic() > end_s:
             self.end()
-            return "none: ended at its time limit"
+            return TIME_LIMIT
         return "" if code is None else str(code)
 
     def end(self) -> None:
@@ -154,7 +157,9 @@ def run_stage(name: str, folder: Path, *, small: bool) -> None:
     stage, results = STAGES[name], folder / "results.jsonl"
     size = stage.small if small else stage.size
     done = {line["command"] for line in lines_of(results) if line["figure"] == ENDED}
+    took_s = {line["command"]: line.get("took_s") for line in lines_of(RESULTS)}
     lacking = [one for one in (text.replace("{size}", size) for text in stage.commands) if one not in done]
+    lacking.sort(key=lambda one: -(took_s.get(one) or math.inf))  # a long one begun last would run alone
     end_s = time.monotonic() + 60 * stage.minutes
     running: list[Started] = []
     with results.open("a", encoding="utf-8") as file:
@@ -168,7 +173,8 @@ def run_stage(name: str, folder: Path, *, small: bool) -> None:
                 for one in list(running):
                     if code := one.code(end_s):
                         running.remove(one)
-                        file.writelines(json.dumps(line, ensure_ascii=False) + "\n" for line in one.lines(code))
+                        lines = one.lines(code) if code != TIME_LIMIT else []
+                        file.writelines(json.dumps(line, ensure_ascii=False) + "\n" for line in lines)
                         file.flush()
                         print(f"{name}: {one.command}: {code}", flush=True)
         finally:

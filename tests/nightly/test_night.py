@@ -1,5 +1,6 @@
 """The night's own machinery: what counts as a figure, what is not repeated, and that the page has the last results."""
 
+import json
 import os
 import subprocess
 import sys
@@ -51,6 +52,33 @@ def test_a_night_that_goes_on_repeats_nothing_and_keeps_failures(
     assert (tmp_path / "ran").read_text() == "run\n"
     assert found == [("ratio", "3"), ("exit code", "4"), ("exit code", "0")]
     assert all(0 <= line["took_s"] < 60 for line in lines_of(tmp_path / "results.jsonl"))
+
+
+def test_what_runs_at_the_end_of_its_stage_is_ended_and_begun_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command = "bash -c 'echo ratio 3; [ -e {folder}/begun ] || { touch {folder}/begun; exec sleep 600; }'"
+    monkeypatch.setitem(night.STAGES, "one", Stage((command,), "", "", 1 / 60))
+
+    run_stage("one", tmp_path, small=True)
+    after_the_first = lines_of(tmp_path / "results.jsonl")
+    run_stage("one", tmp_path, small=True)
+
+    assert after_the_first == []
+    assert [line["value"] for line in lines_of(tmp_path / "results.jsonl")] == ["3", "0"]
+
+
+def test_what_took_longest_in_the_last_results_begins_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ("short", "long", "unknown")
+    last = [{"command": f"echo ratio {name}", "took_s": took} for name, took in (("short", 2), ("long", 900))]
+    (tmp_path / "last.jsonl").write_text("".join(json.dumps(line) + "\n" for line in last))
+    monkeypatch.setattr(night, "RESULTS", tmp_path / "last.jsonl")
+    monkeypatch.setitem(night.STAGES, "three", Stage(tuple(f"echo ratio {name}" for name in names), "", "", 1.0))
+
+    run_stage("three", tmp_path, small=True)
+
+    begun = [line["command"].split()[-1] for line in lines_of(tmp_path / "results.jsonl")]
+    assert begun == ["unknown", "long", "short"]
 
 
 def test_a_result_is_kept_while_a_command_that_was_begun_before_still_runs(
