@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 _MOVED = 0.1  # standard uncertainties, from where a number counts as another one
 _LINES = 20  # of progress
 _MOST_LISTED = 10  # in a message
+# By every process. Not pandas: what it imports may begin threads, beside which nothing should be forked.
+_NEEDED = ("cfid.fleet.refit", "scipy.optimize", "scipy.signal")
 
 
 def fleet_fit(
@@ -63,7 +65,7 @@ def fleet_fit(
         left = [one for one in every if one not in results.done]
         results.name(left)
         answers = (
-            on_processes(work, left, number=jobs or processors())
+            on_processes(work, left, number=jobs or processors(), imports=_NEEDED)
             if scheduler is None
             else on_cluster(work, left, scheduler)
         )

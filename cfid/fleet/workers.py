@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
-from multiprocessing.context import SpawnProcess
+from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
 
 from cfid.errors import ConfigError, DataError
@@ -31,7 +31,7 @@ _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THR
 class _Worker:
     """A process, the end of the pipe to it, and what it is doing."""
 
-    process: SpawnProcess
+    process: BaseProcess
     pipe: Connection
     task: str = ""
 
@@ -44,10 +44,13 @@ class _Worker:
             return
 
 
-def on_processes(work: Work[Answer], tasks: Sequence[str], *, number: int) -> Iterator[tuple[str, Answer | DataError]]:
+def on_processes(
+    work: Work[Answer], tasks: Sequence[str], *, number: int, imports: Sequence[str] = ()
+) -> Iterator[tuple[str, Answer | DataError]]:
     """Yield each task with its answer, as they end; with an error where its process died for the third time.
 
     Processes are new ones, so that an answer does not depend on what this one did before. They end with the iterator.
+    `imports` are modules that the work needs, which are imported once for all processes where systems can.
     """
     left, tries = deque(tasks), Counter[str]()
     workers: dict[Connection, _Worker] = {}
@@ -61,7 +64,7 @@ def on_processes(work: Work[Answer], tasks: Sequence[str], *, number: int) -> It
 
     try:
         for _ in range(min(max(number, 1), len(tasks))):
-            employ(_start(work))
+            employ(_start(work, imports))
         while workers:
             for pipe in wait(list(workers)):
                 worker = workers.pop(pipe)  # type: ignore[call-overload]
@@ -79,7 +82,7 @@ def on_processes(work: Work[Answer], tasks: Sequence[str], *, number: int) -> It
                             DataError(f"{task}: {TRIES} processes died of it ({_end(worker.process.exitcode)})."),
                         )
                     if left:
-                        employ(_start(work))
+                        employ(_start(work, imports))
                 else:
                     employ(worker)
                     yield task, answer
@@ -121,14 +124,23 @@ def _client(address: str) -> Iterator[Any]:
         yield client
 
 
-def _start(work: Work[Any]) -> _Worker:
-    context = multiprocessing.get_context("spawn")
+def _start(work: Work[Any], imports: Sequence[str]) -> _Worker:
+    context = _context(imports)
     ours, its = context.Pipe()
     process = context.Process(target=_serve, args=(its, work), daemon=True)
     with _environment(_ONE_THREAD):
         process.start()
     its.close()
     return _Worker(process=process, pipe=ours)
+
+
+def _context(imports: Sequence[str]) -> Any:
+    """Return how processes start: forked from one that imports modules and does nothing else, where systems can."""
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([*imports])
+    return context
 
 
 @contextmanager
