@@ -6,12 +6,14 @@ A process that dies, by a lack of memory say, takes nothing with it: another rep
 import multiprocessing
 import os
 import pickle
+import shutil
 import signal
 import sys
+import tempfile
 import warnings
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -29,10 +31,11 @@ _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THR
 
 @dataclass(kw_only=True)
 class _Worker:
-    """A process, the end of the pipe to it, and what it is doing."""
+    """A process, the end of the pipe to it, the folder of its temporary ones, and what it is doing."""
 
     process: BaseProcess
     pipe: Connection
+    room: "tempfile.TemporaryDirectory[str]"
     task: str = ""
 
     def do(self, task: str) -> None:
@@ -61,6 +64,7 @@ def on_processes(
             workers[worker.pipe] = worker
         else:
             worker.pipe.close()  # upon which it ends
+            worker.room.cleanup()
 
     try:
         for _ in range(min(max(number, 1), len(tasks))):
@@ -73,6 +77,7 @@ def on_processes(
                     answer = worker.pipe.recv()
                 except (EOFError, OSError, pickle.UnpicklingError):
                     worker.process.join()
+                    worker.room.cleanup()  # of what it could not
                     tries[task] += 1
                     if tries[task] < TRIES:
                         left.appendleft(task)
@@ -91,6 +96,7 @@ def on_processes(
             worker.pipe.close()  # upon which also one ends in which a library's callback swallowed the signal
             worker.process.terminate()
             worker.process.join()
+            worker.room.cleanup()
 
 
 def on_cluster(work: Work[Answer], tasks: Sequence[str], address: str) -> Iterator[tuple[str, Answer | DataError]]:
@@ -125,22 +131,26 @@ def _client(address: str) -> Iterator[Any]:
 
 
 def _start(work: Work[Any], imports: Sequence[str]) -> _Worker:
-    context = _context(imports)
-    ours, its = context.Pipe()
-    process = context.Process(target=_serve, args=(its, work), daemon=True)
+    ours, its = multiprocessing.Pipe()
+    room = tempfile.TemporaryDirectory(prefix="cfid-fleet-", ignore_cleanup_errors=True)
     with _environment(_ONE_THREAD):
-        process.start()
+        process = _begun(its, work, room.name, imports=imports)
     its.close()
-    return _Worker(process=process, pipe=ours)
+    return _Worker(process=process, pipe=ours, room=room)
 
 
-def _context(imports: Sequence[str]) -> Any:
-    """Return how processes start: forked from one that imports modules and does nothing else, where systems can."""
-    if "forkserver" not in multiprocessing.get_all_start_methods():
-        return multiprocessing.get_context("spawn")
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([*imports])
-    return context
+def _begun(*given: Any, imports: Sequence[str]) -> BaseProcess:
+    """Begin a process that serves: forked from one that imports modules and does nothing else, where systems can."""
+    if "forkserver" in multiprocessing.get_all_start_methods():
+        forking = multiprocessing.get_context("forkserver")
+        forking.set_forkserver_preload([*imports])
+        forked = forking.Process(target=_serve, args=given, daemon=True)
+        with suppress(OSError):  # it has a socket among temporary files, whose folder's name may be too long for one
+            forked.start()
+            return forked
+    spawned = multiprocessing.get_context("spawn").Process(target=_serve, args=given, daemon=True)
+    spawned.start()
+    return spawned
 
 
 @contextmanager
@@ -158,12 +168,16 @@ def _environment(added: Mapping[str, str]) -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _serve(pipe: Connection, work: Work[Any]) -> None:
+def _serve(pipe: Connection, work: Work[Any], room: str) -> None:
     """Work in a process of its own, until the pipe is closed or the command ends it."""
+    tempfile.tempdir = room
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the command too, which ends this
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())  # so that its temporary folders go
     warnings.simplefilter("ignore")  # of libraries: nobody could tell of which campaign
-    _do_each(pipe, work)
+    try:
+        _do_each(pipe, work)
+    finally:
+        shutil.rmtree(room, ignore_errors=True)  # of a command that was killed
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # nothing of its own is left, and libraries close what is theirs
 
 

@@ -365,7 +365,7 @@ def test_a_fleet_goes_on_where_it_was_interrupted(campaigns: Path, tmp_path: Pat
             return code, (tmp_path / "said").read_text()
 
     code, said = run(interrupt=True)
-    assert code == 130
+    assert code == 130, said
     assert not list(temporary.iterdir())
     assert "of 3 campaigns are done; the same command goes on" in said
     kept = (out / "c1" / "parameters.toml").stat().st_mtime_ns

@@ -1,5 +1,8 @@
 """Work on many campaigns in processes and on a cluster: what a worker that dies had is done by another."""
 
+import os
+import subprocess
+import sys
 import threading
 from collections.abc import Generator
 from pathlib import Path
@@ -8,7 +11,8 @@ import pytest
 
 from cfid.errors import DataError
 from cfid.fleet.workers import TRIES, on_cluster, on_processes
-from tests.fleet.work import die_of_bad, die_once, fail, length, swallow, threads
+from tests.fleet.work import die_of_bad, die_once, fail, leave_and_die, length, swallow, threads
+from tests.places import ROOT
 
 pytestmark = pytest.mark.usefixtures("in_time")
 
@@ -27,6 +31,22 @@ def test_what_a_process_that_died_had_is_done_by_another(tmp_path: Path) -> None
     assert dict(on_processes(die_once, tasks, number=2)) == dict(zip(tasks, ("a", "b", "c"), strict=True))
 
 
+def test_processes_begin_also_where_a_temporary_file_has_no_room_for_a_sockets_name(tmp_path: Path) -> None:
+    (long := tmp_path / ("long" * 30)).mkdir()
+    script = (
+        "from tests.fleet.work import length; from cfid.fleet.workers import on_processes\n"
+        "if __name__ == '__main__': print(list(on_processes(length, ['bb'], number=1)))"
+    )
+    environment = os.environ | {"TMPDIR": str(long), "PYTHONPATH": str(ROOT)}
+    (tmp_path / "script.py").write_text(script)
+    ended = subprocess.run(
+        [sys.executable, tmp_path / "script.py"], env=environment, capture_output=True, text=True, check=False
+    )
+
+    assert ended.stdout == "[('bb', 2)]\n", ended.stderr
+    assert not list(long.iterdir())
+
+
 def test_a_task_of_which_processes_die_is_given_up_and_the_others_are_done() -> None:
     found = dict(on_processes(die_of_bad, ["good", "bad", "fine"], number=1))
 
@@ -34,6 +54,13 @@ def test_a_task_of_which_processes_die_is_given_up_and_the_others_are_done() -> 
     assert found["fine"] == "fine"
     assert isinstance(found["bad"], DataError)
     assert str(found["bad"]) == f"bad: {TRIES} processes died of it (SIGKILL)."
+
+
+def test_what_a_process_that_died_had_made_for_itself_is_removed(tmp_path: Path) -> None:
+    task = tmp_path / "made"
+
+    assert isinstance(dict(on_processes(leave_and_die, [str(task)], number=1))[str(task)], DataError)
+    assert not Path(task.read_text()).exists()
 
 
 def test_a_bug_is_the_answer_to_its_task_alone() -> None:

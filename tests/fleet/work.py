@@ -3,6 +3,7 @@
 import contextlib
 import os
 import signal
+import tempfile
 import time
 from pathlib import Path
 
@@ -26,6 +27,12 @@ def die_of_bad(task: str) -> str:
     if Path(task).name == "bad":
         os.kill(os.getpid(), signal.SIGKILL)
     return Path(task).name
+
+
+def leave_and_die(task: str) -> None:
+    """Make a temporary folder, and die in it; `task` is a file that gets its name."""
+    Path(task).write_text(tempfile.mkdtemp())
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def fail(task: str) -> str:
