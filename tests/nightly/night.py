@@ -71,12 +71,12 @@ STAGES = {
     "soak": Stage(("python -m tests.nightly.soak --virtual {size}",), "3600 --real 600", "60 --real 20", 15),
     "fuzz": Stage(
         tuple(f"python -m tests.nightly.fuzz --reader {shlex.quote(one.name)} --cases {{size}}" for one in READERS),
-        str(FUZZ_CASES // len(READERS)), "100", 40, at_once=2,
+        str(FUZZ_CASES // len(READERS)), "100", 25, at_once=2,
     ),
     "consumers": Stage(("bash .ci/consumers",), "", "", 5),
-    "slow": Stage(_slow_tests(), "", "--collect-only ", 120, at_once=2),
+    "slow": Stage(_slow_tests(), "", "--collect-only ", 150, at_once=3),
     "coverage": Stage(
-        ("python -m tests.nightly.coverage {size} --jobs 2 --out {folder}/coverage.jsonl",), "--minutes 30", "--n 1", 32
+        ("python -m tests.nightly.coverage {size} --jobs 2 --out {folder}/coverage.jsonl",), "--minutes 15", "--n 1", 17
     ),
 }  # fmt: skip
 
