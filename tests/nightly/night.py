@@ -86,6 +86,8 @@ _PATTERNS = tuple(
         (
             r"\s*(?P<figure>\S.*?)[ :]+(?P<value>-?\d[\d.]*(?: in 10 000| %| MB| ms| s| times)?)\s*"
             r"\(goal: (?P<goal>[^)]*)\)",
+            r"(?P<figure>\S.*?)(?:\s+n +(?P<n>\d+)\s+bias|: bias).*?"
+            r"(?P<value>ratio +[\d.]+,? +cover +[^(]*\([^)]*\)).*",
             r"\s*(?P<figure>(?:\S.*)?\bratio\b.*?)[ :]+(?P<value>\d[\d.]*)",
             r"(?P<figure>[^:|]+): (?P<value>\d+ cases, .*)",
             r"=*\s*(?P<value>\d+ (?:passed|failed|skipped)\b.*) in [\d.]+s.*",
@@ -98,11 +100,17 @@ _PATTERNS = tuple(
 def figures(output: str) -> Iterator[tuple[str, str]]:
     """Yield name and value of each figure in a command's output, a goal behind its value."""
     for line in output.splitlines():
-        found = next(filter(None, (pattern.fullmatch(line) for pattern in _PATTERNS)), None)
+        shown = line.lstrip(".")  # of the tests that passed before
+        found = next(filter(None, (pattern.fullmatch(shown) for pattern in _PATTERNS)), None)
         if found is not None:
-            got: dict[str, str] = {"figure": "tests", "goal": "", **found.groupdict()}
-            name = f"{got['row']}, {got['number']}, n = {got['n']}" if "row" in got else got["figure"]
-            yield name, f"{got['value']} (goal: {got['goal']})" if got["goal"] else got["value"]
+            got: dict[str, str] = {"figure": "tests", "goal": "", "n": ""}
+            got |= {name: text for name, text in found.groupdict().items() if text is not None}
+            name = f"{got['row']}, {got['number']}" if "row" in got else got["figure"]
+            value = " ".join(got["value"].split())
+            yield (
+                f"{name}, n = {got['n']}" if got["n"] else name,
+                f"{value} (goal: {got['goal']})" if got["goal"] else value,
+            )
 
 
 def lines_of(path: Path) -> list[dict[str, Any]]:

@@ -23,6 +23,8 @@ of 600 places missed beside 4 busy programs: 0.50 in 10 000  (goal: at most 1)
 buffered, ratio to the peer, core: 0.22
 run.toml: 1000 cases, nothing found
 | speed map: ideal | slope | 200 | -0.002 % | 0.65 | 100 % (98 to 100) | 0 % | 0 % | 0 % |
+.transfer: gain, 1 % lost                n   200  bias -0.009 %  ratio  0.92  cover  97.0 % (93.6 to 98.9)  rejected 0
+sound: bias +0.0000 %, rms 0.0001 %, ratio 0.84, cover 0.990 (0.964 to 0.999), rejected 0
 12 passed, 3 deselected in 34.56s
 """
 
@@ -35,6 +37,8 @@ def test_figures_are_read_from_what_commands_print() -> None:
         ("buffered, ratio to the peer, core", "0.22"),
         ("run.toml", "1000 cases, nothing found"),
         ("speed map: ideal, slope, n = 200", "100 % (98 to 100)"),
+        ("transfer: gain, 1 % lost, n = 200", "ratio 0.92 cover 97.0 % (93.6 to 98.9)"),
+        ("sound", "ratio 0.84, cover 0.990 (0.964 to 0.999)"),
         ("tests", "12 passed, 3 deselected"),
     ]
 
