@@ -1,5 +1,6 @@
 """Linear estimates and their covariances: least squares, means, correlated residuals, and the step to other values."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -87,10 +88,22 @@ def sandwich(jacobian: Array, residual: Array, *, longest: int) -> Array:
     than white noise would.
     """
     influence = gain_of(jacobian).T * residual[:, np.newaxis]
-    freedom = len(residual) / max(len(residual) - jacobian.shape[1], 1)
-    inflation = [correlation_inflation(column, longest=longest) for column in influence.T]
-    widening = np.sqrt(np.array(inflation) * freedom)
+    widening = np.array([_widening(column, jacobian.shape[1], longest=longest) for column in influence.T])
     return np.asarray(influence.T @ influence * np.outer(widening, widening))
+
+
+def sandwich_std(gain: Array, residual: Array, place: int, *, longest: int) -> float:
+    """Return the standard uncertainty of one of the estimates of a sandwich, for less than that of all, by their gain.
+
+    `gain` (p, n) takes data to estimates, residuals are (n,).
+    """
+    influence = gain[place] * residual
+    return float(np.linalg.norm(influence)) * _widening(influence, len(gain), longest=longest)
+
+
+def _widening(influence: Array, estimates: int, *, longest: int) -> float:
+    freedom = len(influence) / max(len(influence) - estimates, 1)
+    return math.sqrt(correlation_inflation(influence, longest=longest) * freedom)
 
 
 def slopes(function: Callable[[Array], Array], values: Array) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc
 
-from cfid.estimate.linear import sandwich, std_of
+from cfid.estimate.linear import gain_of, sandwich, sandwich_std, std_of
 from cfid.estimate.signals import correlation_inflation
 from cfid.swing.free_swing import FreeSwing
 from cfid.swing.model import ECCENTRICITY, PROBES, SPRING, TERMS, OutputError, first_guess, fit_output_error, probed
@@ -183,9 +183,9 @@ def _beside(fit: OutputError, own: Array, probe: Array) -> tuple[Array, float]:
     """Return by how much estimates (p,) and a probe's size change where it is fitted too, and that size's std."""
     jacobian = np.column_stack([own, probe])
     size = np.linalg.norm(jacobian, axis=0)
-    change = np.linalg.lstsq(jacobian / size, fit.residual_rad, rcond=1e-10)[0] / size
-    left = fit.residual_rad - jacobian @ change
-    return change, float(std_of(sandwich(jacobian, left, longest=_samples_a_period(fit)))[-1])
+    gain = np.linalg.pinv(jacobian / size, rcond=1e-10) / size[:, np.newaxis]
+    change = gain @ fit.residual_rad
+    return change, sandwich_std(gain, fit.residual_rad - jacobian @ change, -1, longest=_samples_a_period(fit))
 
 
 def _windows(swing: FreeSwing, fit: OutputError, count: int) -> tuple[Array, Array]:
@@ -210,7 +210,8 @@ def _windows(swing: FreeSwing, fit: OutputError, count: int) -> tuple[Array, Arr
             eccentricity=fit.eccentricity, setup=fit.setup,
         )  # fmt: skip
         values.append(one.coefficients.natural_frequency_squared_s2)
-        variances.append(standard_uncertainties(one)[0] ** 2)
+        gain = gain_of(one.jacobian)
+        variances.append(sandwich_std(gain, one.residual_rad, 0, longest=_samples_a_period(one)) ** 2)
     return np.array(values), np.array(variances)
 
 
