@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import butter, lfilter
 
+from cfid.estimate.held_lag import follow_held
 from cfid.flight.rows import AXES, ROW_S, ROW_STEPS, STEP_S, Flight, delayed, segments, with_ends
 
 Array = npt.NDArray[np.float64]
@@ -39,15 +40,8 @@ class ThrustLag(NamedTuple):
 
     def follow(self, drive: Array) -> Array:
         """Return what follows drives (n, 4), each held for a step, at the begin of each step; it starts settled."""
-        rising, falling = (1 - math.exp(-STEP_S / tau_s) for tau_s in self)
-        late = np.empty_like(drive)
-        for motor, column in enumerate(drive.T):
-            now = float(column[0])
-            late[0, motor] = now
-            late[1:, motor] = [
-                now := now + (to - now) * (rising if to > now else falling) for to in column[:-1].tolist()
-            ]
-        return late
+        rising, falling = (math.exp(-STEP_S / tau_s) for tau_s in self)
+        return follow_held(drive.T, rising, falling).T
 
 
 class FlightEquation(NamedTuple):

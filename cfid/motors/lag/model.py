@@ -5,12 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg.lapack import dtbtrs
+
+from cfid.estimate.held_lag import follow_held
 
 Array = npt.NDArray[np.float64]
 
 _STRAIGHT_STEPS = 4  # by which a drive goes from row to row
-_ROUNDING = 1e-15  # of the largest target: where it is reached, rounding decides what rises
 
 
 class Signal(NamedTuple):
@@ -46,30 +46,14 @@ class InputLag(NamedTuple):
     def follow(self, target: Signal, time_s: Array) -> Array:
         """Return what follows a target from its first value on, at times (n,): exact, whatever the two clocks."""
         begin_s = target.time_s + self.delay_s
-        late = self._at_changes(target)
+        step_s = np.diff(target.time_s)
+        (late,) = follow_held(
+            target.value[np.newaxis], np.exp(-step_s / self.rising_s), np.exp(-step_s / self.falling_s)
+        )
         place = np.maximum(np.searchsorted(begin_s, time_s, side="right") - 1, 0)
         to, since_s = target.value[place], np.maximum(time_s - begin_s[place], 0.0)
         left = late[place] - to
         return np.asarray(to + left * np.exp(-since_s / np.where(left < 0, self.rising_s, self.falling_s)))
-
-    def _at_changes(self, target: Signal) -> Array:
-        """Return what follows a target (n,) where it changes: linear equations once it is known where that rises.
-
-        Each solution shows where the next one rises. One that is right up to a place makes the next one right at least
-        one place further, and in fact far more: what was wrong before is forgotten within a few time constants.
-        """
-        to, step_s = target.value, np.diff(target.time_s)
-        rising, falling = np.exp(-step_s / self.rising_s), np.exp(-step_s / self.falling_s)
-        rises = np.append(False, np.diff(to) > 0)[:-1]
-        band, late = np.ones((2, len(to)), order="F"), np.full(len(to), np.inf)
-        while True:
-            before, left = late, np.where(rises, rising, falling)
-            band[1, :-1] = -left
-            late = dtbtrs(band, np.append(to[0], (1 - left) * to[:-1])[:, np.newaxis], uplo="L", diag="U")[0][:, 0]
-            seen = to[:-1] > late[:-1]
-            if np.array_equal(seen, rises) or np.abs(late - before).max() <= _ROUNDING * np.abs(to).max():
-                return np.asarray(late)
-            rises = seen
 
 
 class Supply(NamedTuple):

@@ -1,0 +1,36 @@
+"""What follows held values, beside the recursion that steps through them."""
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.estimate.held_lag import follow_held
+
+Array = npt.NDArray[np.float64]
+
+
+def stepped(to: Array, rising: Array, falling: Array) -> Array:
+    late = [to[0]]
+    for value, up, down in zip(to[:-1], rising, falling, strict=True):
+        late.append(value + (late[-1] - value) * (up if value > late[-1] else down))
+    return np.array(late)
+
+
+@pytest.mark.parametrize("held", [1, 4, 30])
+def test_what_follows_several_held_values_is_what_each_one_s_steps_add_up_to(held: int) -> None:
+    rng = np.random.default_rng(held)
+    to = np.repeat(rng.uniform(0.2, 0.8, (4, 600)), held, axis=1)
+    to[3] = 0.5  # one that never changes
+    rising, falling = rng.uniform(0.9, 0.99, (2, to.shape[1] - 1))
+
+    late = follow_held(to, rising, falling)
+
+    assert np.abs(late - [stepped(row, rising, falling) for row in to]).max() < 1e-14
+
+
+def test_time_constants_alike_for_all_steps_follow_from_a_settled_start() -> None:
+    to = np.array([[1.0, 1.0, 2.0, 2.0, 0.0, 0.0]])
+
+    (late,) = follow_held(to, 0.5, 0.25)
+
+    assert late == pytest.approx([1.0, 1.0, 1.0, 1.5, 1.75, 0.4375])
