@@ -76,7 +76,7 @@ def fleet_fit(
     how_many = f"{counted(len(failed), 'fit')} of {out} {'was' if len(failed) == 1 else 'were'} not made:"
     missing = [how_many, *_shortened(failed)] if failed else []
     if faults:
-        unread = [f"{len(faults)} of {len(every)} campaigns were not refitted:", *map(printable, faults)]
+        unread = [f"{len(faults)} of {counted(len(every), 'campaign')} not refitted:", *map(printable, faults)]
         raise DataError("\n".join("\n  ".join(texts) for texts in (unread, missing) if texts))
     if missing:
         raise FitError("\n  ".join(missing))
@@ -93,7 +93,7 @@ def _keep(results: "Results", answers: "Iterator[tuple[str, Refitted | DataError
     faults = []
     began_s, before = time.monotonic(), done()
     if before:
-        note(f"{before} of {len(every)} campaigns are done already, and stay as they are.")
+        note(f"done already, and kept: {before} of {counted(len(every), 'campaign')}.")
     if changed := results.changed(every):
         which = ", ".join(_shortened(changed))
         note(f"{counted(len(changed), 'campaign')} changed since: {which}. A new folder refits them as they are now.")
@@ -109,7 +109,7 @@ def _keep(results: "Results", answers: "Iterator[tuple[str, Refitted | DataError
                 results.keep(campaign, answer)
             _print_progress(done() + len(faults), len(every), before, time.monotonic() - began_s)
     except KeyboardInterrupt:
-        note(f"{done()} of {len(every)} campaigns are done; the same command goes on with the others.")
+        note(f"{done()} of {counted(len(every), 'campaign')} done; the same command goes on with the others.")
         raise
     return faults
 
@@ -119,7 +119,7 @@ def _print_progress(done: int, total: int, before: int, seconds: float) -> None:
     if done == total or done % -(-total // _LINES) == 0:
         rest_s = seconds / (done - before) * (total - done)
         ahead = "" if done == total else f", {clock(rest_s)} to go"
-        echo(f"{done} of {total} campaigns in {clock(seconds)}{ahead}", err=True)
+        echo(f"{done} of {counted(total, 'campaign')} in {clock(seconds)}{ahead}", err=True)
 
 
 def _failures(row: Mapping[str, Any]) -> list[str]:

@@ -39,7 +39,8 @@ def report(
 
     found = here(campaign)
     formats: dict[str, Format] = {"": "html", **{f".{one}": one for one in get_args(Format)}}
-    chosen = form or formats.get("" if out is None else out.suffix)
+    # a name that is a suffix alone, as .md, has it too
+    chosen = form or formats.get("" if out is None else Path(f"_{out.name}").suffix)
     if out == Path("-"):
         raise ConfigError("a report is a file: --out must name one, not -.")
     if chosen is None:

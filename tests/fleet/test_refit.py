@@ -205,8 +205,8 @@ def test_campaigns_that_the_folder_holds_beside_those_asked_for_are_not_counted(
     for name in ("c1", "c3"):
         ended = cfid("fleet", "fit", campaigns / name, "--out", results, "--jobs", 1)
         assert ended.returncode == 0, ended.stderr
-        assert not re.search("[2-9] of 1 campaigns", ended.stderr)
-    assert "1 of 1 campaigns are done already" in ended.stderr
+        assert not re.search("[2-9] of 1 campaign", ended.stderr)
+    assert "done already, and kept: 1 of 1 campaign." in ended.stderr
 
 
 @pytest.mark.parametrize(
@@ -367,7 +367,7 @@ def test_a_fleet_goes_on_where_it_was_interrupted(campaigns: Path, tmp_path: Pat
     code, said = run(interrupt=True)
     assert code == 130, said
     assert not list(temporary.iterdir())
-    assert "of 3 campaigns are done; the same command goes on" in said
+    assert "of 3 campaigns done; the same command goes on" in said
     kept = (out / "c1" / "parameters.toml").stat().st_mtime_ns
     code, said = run(interrupt=False)
     assert code == 0, said
@@ -570,7 +570,7 @@ def test_campaigns_that_cannot_be_read_do_not_stop_the_others(cfid: Cfid, three:
     ended = cfid("fleet", "fit", three / "c*", "--out", tmp_path / "out", "--jobs", 1)
 
     assert ended.returncode == 4
-    assert "2 of 3 campaigns were not refitted" in ended.stderr
+    assert "2 of 3 campaigns not refitted" in ended.stderr
     assert "holds no fit that could be repeated" in ended.stderr
     assert "were not made" not in ended.stderr
     assert list(found_in(tmp_path / "out")) == ["c3"]
@@ -627,7 +627,7 @@ def test_a_fit_that_cannot_be_repeated_is_named(cfid: Cfid, three: Path, tmp_pat
     ended = cfid("fleet", "fit", three / "c1", "--out", "out")
 
     assert beside.returncode == 4
-    assert "1 of 2 campaigns were not refitted" in beside.stderr
+    assert "1 of 2 campaigns not refitted" in beside.stderr
     assert fault in " ".join(beside.stderr.split(" "))
     assert ended.returncode == 5
     assert fault in ended.stderr

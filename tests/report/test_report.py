@@ -39,7 +39,8 @@ def test_a_file_that_cfid_did_not_make_stays_unless_force_is_said(cfid: Cfid, ca
 
 
 def test_the_name_of_the_file_tells_its_format(cfid: Cfid, campaign: Path) -> None:
-    for name, begin in (("sheet.tex", "%"), ("of.json", "{"), ("page.html", "<!DOCTYPE html>"), ("page", "<!DOCTYPE")):
+    begins = {"sheet.tex": "%", "of.json": "{", ".json": "{", "page.html": "<!DOCTYPE html>", "page": "<!DOCTYPE"}
+    for name, begin in begins.items():
         assert cfid("report", "--out", name).returncode == 0
         assert (campaign / name).read_text().startswith(begin)
     assert cfid("report", "--out", "also.tex", "--format", "json").returncode == 0
