@@ -1,7 +1,12 @@
 """Readings that repeat the one before for longer than readings usually do: their sensor hung, or was not read."""
 
+import math
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
+
+from cfid.large import differences
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -17,22 +22,33 @@ def repeated(time_s: Array, value: Array) -> Mask:
     Where readings change by one step at a time or not at all, they stay what they are without a fault: what is measured
     barely moves there, and goes on from the same value.
     """
-    change = np.abs(np.diff(value))
-    begins = np.concatenate([np.zeros(1, np.intp), np.flatnonzero(change != 0) + 1])
-    rows = np.diff(begins, append=len(value))
+    begins, step = _changes(value)
+    rows = np.diff(begins, append=begins.dtype.type(len(value)))
+    found = np.zeros(len(value), bool)
     if rows.max() < _ROWS:
-        return np.zeros(len(value), bool)
-    lasts_s = time_s[begins + rows - 1] - time_s[begins]
+        return found
     least = max(_ROWS * float(np.median(rows)), _TIMES * float(np.quantile(rows, _RARELY)))
-    long = (rows >= least) & (lasts_s >= _LONG_S)
-    for place in np.flatnonzero(long):
-        long[place] = not _rests(change, int(begins[place]), int(begins[place] + rows[place]))
-    return np.repeat(long, rows)
+    for place in np.flatnonzero(rows >= least):
+        begin, end = int(begins[place]), int(begins[place]) + int(rows[place])
+        if time_s[end - 1] - time_s[begin] >= _LONG_S and not _rests(value, begin, end, step=step):
+            found[begin:end] = True
+    return found
 
 
-def _rests(change: Array, begin: int, end: int) -> bool:
-    """Return whether readings between two rows repeat one value since they barely change, by the changes (n - 1,)."""
-    step = float(change[change != 0].min())
-    around = np.concatenate([change[max(begin - _AROUND, 0) : max(begin - 1, 0)], change[end : end + _AROUND]])
-    ends = np.concatenate([change[max(begin - 1, 0) : begin], change[end - 1 : end]])
+def _changes(value: Array) -> tuple[npt.NDArray[np.signedinteger[Any]], float]:
+    """Return the rows (k,) from which on readings (n,) have a value, and the smallest change of all, inf of none."""
+    of_row = np.int32 if len(value) <= np.iinfo(np.int32).max else np.int64
+    begins, smallest = [np.zeros(1, of_row)], [math.inf]
+    for at, step in differences(value):
+        changed = np.flatnonzero(step)
+        begins.append((at + 1 + changed).astype(of_row))
+        smallest.append(np.abs(step[changed]).min(initial=math.inf))
+    return np.concatenate(begins), float(np.min(smallest))
+
+
+def _rests(value: Array, begin: int, end: int, *, step: float) -> bool:
+    """Return whether readings (n,) between two rows repeat one value since they barely change, by steps."""
+    before, after = value[max(begin - _AROUND, 0) : begin], value[end : end + _AROUND + 1]
+    around = np.abs(np.concatenate([np.diff(before), np.diff(after)]))
+    ends = np.abs(np.concatenate([np.diff(value[max(begin - 1, 0) : begin + 1]), np.diff(value[end - 1 : end + 1])]))
     return bool(np.median(around) < _RESTS * step and ends.max() < _GOES_ON * step) if len(around) else False
