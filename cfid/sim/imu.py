@@ -61,15 +61,20 @@ class Imu:
 
     def __init__(self, truth: ImuTruth, hanging: Hanging, turning: Turning, rng: np.random.Generator) -> None:
         """Take how the body hangs and turns."""
-        self._truth, self._turning, self._rng = truth, turning, rng
-        axis, sensor_m = hanging.axis, hanging.sensor_m
-        self._gravity_mps2 = hanging.gravity_mps2
+        self._turning, self._rng = turning, rng
+        axis, sensor_m, g = hanging.axis, hanging.sensor_m, hanging.gravity_mps2
         to_sensor = turned(np.eye(3), np.radians(truth.misalignment_deg))  # rows: the sensor's axes
         along = (hanging.down @ axis) * axis
         lever = np.cross(axis, sensor_m)
-        rows = (axis, lever, np.cross(axis, lever), along, hanging.down - along, np.cross(axis, hanging.down))
-        self._axis, self._lever, self._inward, self._along, self._across, self._aside = (to_sensor @ r for r in rows)
-        self._gains = 1 + np.array(truth.gyro_scale), 1 + np.array(truth.acc_scale)
+        # by angular acceleration, the square of speed, the cosine and the sine of the angle
+        felt = np.stack([lever / g, np.cross(axis, lever) / g, along - hanging.down, np.cross(axis, hanging.down)])
+        acc_gain, gyro_gain = 1 + np.array(truth.acc_scale), 1 + np.array(truth.gyro_scale)
+        self._of_motion = np.zeros((6, 5))  # gyro and accelerometer, by speed and by those
+        self._of_motion[:3, 0] = gyro_gain * (to_sensor @ axis)
+        self._of_motion[3:, 1:] = acc_gain[:, np.newaxis] * (to_sensor @ felt.T)
+        self._at_rest = np.array([*truth.gyro_bias_dps, *(np.array(truth.acc_bias_g) - acc_gain * (to_sensor @ along))])
+        self._noise = np.repeat([truth.gyro_noise_dps, truth.acc_noise_g], 3)
+        self._steps = np.repeat([truth.gyro_range_dps / _WORD, truth.acc_range_g / _WORD], 3).tolist()
         self._last: tuple[float, ImuSample] | None = None
 
     def at(self, time_s: float) -> ImuSample:
@@ -79,23 +84,17 @@ class Imu:
         return self._last[1]
 
     def _sampled(self, angle_rad: float, speed_rad_per_s: float, acceleration: float) -> ImuSample:
-        truth, (gyro_gain, acc_gain) = self._truth, self._gains
-        down = self._along + math.cos(angle_rad) * self._across - math.sin(angle_rad) * self._aside
-        felt = (acceleration * self._lever + speed_rad_per_s**2 * self._inward) / self._gravity_mps2 - down
-        noise = self._rng.standard_normal(6)
-        gyro = math.degrees(speed_rad_per_s) * self._axis * gyro_gain + truth.gyro_bias_dps
-        acc = felt * acc_gain + truth.acc_bias_g
-        return ImuSample(
-            _words(gyro + truth.gyro_noise_dps * noise[:3], truth.gyro_range_dps),
-            _words(acc + truth.acc_noise_g * noise[3:], truth.acc_range_g),
-        )
+        motion = np.array([
+            math.degrees(speed_rad_per_s), acceleration, speed_rad_per_s**2, math.cos(angle_rad), math.sin(angle_rad)
+        ])  # fmt: skip
+        shown = self._of_motion @ motion + self._at_rest + self._noise * self._rng.standard_normal(6)
+        x, y, z, a, b, c = map(_word, shown.tolist(), self._steps)
+        return ImuSample((x, y, z), (a, b, c))
 
 
-def _words(values: Array, largest: float) -> tuple[float, float, float]:
-    """Return values (3,) in steps of 16 bits over the range, at whose ends they stay."""
-    step = largest / _WORD
-    x, y, z = (np.clip(np.round(values / step), -_WORD, _WORD - 1) * step).tolist()
-    return x, y, z
+def _word(value: float, step: float) -> float:
+    """Return a value in steps of 16 bits, at whose ends it stays."""
+    return min(max(round(value / step), -_WORD), _WORD - 1) * step
 
 
 def turned(vectors: Array, by_rad: Array) -> Array:

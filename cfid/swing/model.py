@@ -250,7 +250,8 @@ def _read(seen: Array, offsets: Array) -> Array:
 def _read_derivatives(seen: Array, columns: Array, offsets: Array, *, free: bool) -> Array:
     """Return what the columns (n, 1 + p + 2) of an angle or a rate are in its readings, with those of free offsets."""
     if len(offsets) == 1:
-        return np.insert(columns, -2, 1.0, axis=1) if free else columns
+        bias = np.ones((len(columns), 1))
+        return np.concatenate([columns[:, :-2], bias, columns[:, -2:]], axis=1) if free else columns
     if not (free or offsets.any()):
         return columns
     sine, cosine = np.sin(seen), np.cos(seen)
