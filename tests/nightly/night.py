@@ -74,7 +74,7 @@ STAGES = {
         str(FUZZ_CASES // len(READERS)), "100", 25, at_once=2,
     ),
     "consumers": Stage(("bash .ci/consumers",), "", "", 5),
-    "slow": Stage(_slow_tests(), "", "--collect-only ", 150, at_once=3),
+    "slow": Stage(_slow_tests(), "", "--collect-only ", 150, at_once=4),  # some wait for motors
     "coverage": Stage(
         ("python -m tests.nightly.coverage {size} --jobs 2 --out {folder}/coverage.jsonl",), "--minutes 15", "--n 1", 17
     ),
