@@ -127,6 +127,7 @@ class Started:
         self.command = command
         words = [word.replace("{folder}", str(folder)) for word in shlex.split(command)]
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+        environment.pop("PYTHONDONTWRITEBYTECODE", None)  # which would time how modules are compiled, at each start
         while "=" in words[0]:
             name, _, value = words.pop(0).partition("=")
             environment[name] = value

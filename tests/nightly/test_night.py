@@ -43,6 +43,18 @@ def test_figures_are_read_from_what_commands_print() -> None:
     ]
 
 
+def test_a_night_loads_compiled_modules_whatever_it_is_started_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
+    words = "python -c 'import sys; print(f\"ratio {int(sys.dont_write_bytecode)}\")'"
+    monkeypatch.setitem(night.STAGES, "one", Stage((words,), "", "", 1.0))
+
+    run_stage("one", tmp_path, small=True)
+
+    assert ("ratio", "0") in [(line["figure"], line["value"]) for line in lines_of(tmp_path / "results.jsonl")]
+
+
 def test_a_night_that_goes_on_repeats_nothing_and_keeps_failures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
