@@ -10,6 +10,7 @@ from cfid.estimate.linear import (
     mean_of,
     propagated,
     sandwich,
+    sandwich_std,
     slopes,
     std_of,
     weighted_mean,
@@ -106,3 +107,13 @@ def test_propagation_takes_the_correlation_of_the_inputs_along() -> None:
 def test_slopes_are_central_differences_also_about_zero() -> None:
     found = slopes(lambda v: np.array([v[0] ** 2, np.sin(v[1])]), np.array([3.0, 0.0]))
     assert found == pytest.approx(np.array([[6.0, 0.0], [0.0, 1.0]]), abs=1e-6)
+
+
+@pytest.mark.parametrize("place", [0, 1, -1])
+def test_one_estimate_of_a_sandwich_is_as_uncertain_as_beside_all_others(place: int) -> None:
+    rng = np.random.default_rng(3)
+    rows, residual = rng.normal(size=(500, 3)), np.convolve(rng.normal(size=504), np.ones(5), mode="valid")
+
+    alone = sandwich_std(gain_of(rows), residual, place, longest=20)
+
+    assert alone == pytest.approx(std_of(sandwich(rows, residual, longest=20))[place], rel=1e-12)
