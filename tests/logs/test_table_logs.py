@@ -340,3 +340,11 @@ def test_a_client_s_times_in_nanoseconds_are_named_as_that(tmp_path: Path) -> No
     path.write_text("Timestamp,motor.m1,rpm.m1\n" + "".join(f"{stamp},30000,9000\n" for stamp in stamps))
     with pytest.raises(DataError, match=r"starts at 1760000000000000000, a date \(Unix time\) in ns"):
         read_log(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"), [("/dev/null", "a pipe or a device"), ("missing.csv", "no such file"), (".", "a folder")]
+)
+def test_what_is_no_file_of_a_log_is_named_as_what_it_is(name: str, text: str) -> None:
+    with pytest.raises(DataError, match=text):
+        read_log(Path(name))

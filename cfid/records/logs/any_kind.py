@@ -36,8 +36,14 @@ def read_log(path: Path, reading: Foreign = NO_OPTIONS) -> FlightLog:
 
     Raises DataError or ConfigError as the reader of its kind.
     """
-    if not path.is_file():
-        raise DataError(f"{path}: no such file." if not path.is_dir() else f"{path}: a folder, not a file.")
+    try:
+        check_regular(path)
+    except (FileNotFoundError, ValueError):  # a name with a zero byte
+        raise DataError(f"{path}: no such file.") from None
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror}.") from None
+    if path.is_dir():
+        raise DataError(f"{path}: a folder, not a file.")
     source = Source(str(path), sha256_of(path))
     reader = _binary_reader(path)
     stated = next((key for key in ("time_unit", "rate_hz", "skip_lines", "columns") if getattr(reading, key)), None)
