@@ -51,12 +51,13 @@ def fleet(
 
     if out is not None and out.suffix not in SUFFIXES:
         raise ConfigError(f"--out {out}: should end in {', '.join(SUFFIXES)}.")
-    summaries, faults = _summaries(campaigns(folders or [], index), jobs=jobs, scheduler=scheduler)
+    places, faults = campaigns(folders or [], index, addresses=False)
+    summaries, unreadable = _summaries(places, jobs=jobs, scheduler=scheduler)
     comparisons = [one for one in compare(summaries) if only in one.name]
     if summaries:
         _hand_out(comparisons, summaries, details=details, out=out, json=json)
         _print_findings(summaries, details=details)
-    if faults:
+    if faults := [*faults, *unreadable]:
         count = len(summaries) + len(faults)
         head = f"{len(faults)} of {counted(count, 'campaign')} cannot be read:"
         raise DataError("\n  ".join([head, *(printable(str(one)) for one in faults)]))

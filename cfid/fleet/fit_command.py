@@ -58,7 +58,8 @@ def fleet_fit(
     from cfid.fleet.results import results_in
     from cfid.fleet.workers import on_cluster, on_processes
 
-    every = [one for one in campaigns(places or [], index) if one != os.path.realpath(out)]  # which a glob matches too
+    found, unmatched = campaigns(places or [], index)
+    every = [one for one in found if one != os.path.realpath(out)]  # which a glob matches too
     changes = changes_of(changed or [], method)
     work = partial(refit, changes=changes)
     with results_in(out, changes=changes) as results:
@@ -69,14 +70,15 @@ def fleet_fit(
             if scheduler is None
             else on_cluster(work, left, scheduler)
         )
-        faults = _keep(results, answers, every)
+        faults = [*map(str, unmatched), *_keep(results, answers, every)]
         rows = [results.done[one] for one in every if one in results.done]
     (_print_json if json else _print_summary)(rows, faults)
     failed = [text for row in rows for text in _failures(row)]
     how_many = f"{counted(len(failed), 'fit')} of {out} {'was' if len(failed) == 1 else 'were'} not made:"
     missing = [how_many, *_shortened(failed)] if failed else []
     if faults:
-        unread = [f"{len(faults)} of {counted(len(every), 'campaign')} not refitted:", *map(printable, faults)]
+        total = len(every) + len(unmatched)
+        unread = [f"{len(faults)} of {counted(total, 'campaign')} not refitted:", *map(printable, faults)]
         raise DataError("\n".join("\n  ".join(texts) for texts in (unread, missing) if texts))
     if missing:
         raise FitError("\n  ".join(missing))

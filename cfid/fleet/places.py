@@ -53,32 +53,30 @@ def is_address(word: str) -> bool:
     return _ADDRESS.match(word) is not None
 
 
-def campaigns(words: Sequence[str], index: str | None = None) -> list[str]:
-    """Return the campaigns of folders, globs and addresses, and of an index, each once.
+def campaigns(
+    words: Sequence[str], index: str | None = None, *, addresses: bool = True
+) -> tuple[list[str], list[CfidError]]:
+    """Return the campaigns of folders, globs and addresses, and of an index, each once, and what is none.
 
-    An index is a text file or its address, with a folder, glob or address on each line, relative to it. A glob that
-    matches nothing, or cannot be followed, is a campaign that cannot be read. Raises CfidError where there is no
-    campaign at all.
+    An index is a text file or its address, with a folder, glob or address on each line, relative to it. Without
+    `addresses` each one is a fault, and no server is asked. Raises CfidError where there is no campaign at all.
     """
     given = [*words, *([] if index is None else _listed(index))]
     if not given:
         raise ConfigError("no campaign is given: name folders, globs or addresses, or an index with `index`.")
-    found, faults = dict[str, list[str]](), list[CfidError]()
-    for word in given:
+    found, faults = dict[str, None](), list[CfidError]()
+    for word in dict.fromkeys(given):
         try:
-            found[word] = _matching(word)
+            if is_address(word) and not addresses:
+                raise DataError(
+                    f"{word}: only `cfid fleet fit` takes addresses: refit the campaign, and compare the results here."
+                )
+            found |= dict.fromkeys(_matching(word))
         except CfidError as error:
-            found[word] = []
             faults.append(error)
-    if not any(found.values()):
-        raise faults[0] if faults else ConfigError(f"{given[0]}: no folder matches.")
-    return list(dict.fromkeys(place for word in given for place in found[word] or [word]))
-
-
-def refuse_unmatched(campaign: str) -> None:
-    """Raise CfidError for what `campaigns` returned of a glob that matches nothing or cannot be followed."""
-    if is_glob(campaign) and not os.path.lexists(campaign) and not _matching(campaign):
-        raise DataError(f"{campaign}: no folder matches.")
+    if not found:
+        raise faults[0]
+    return list(found), faults
 
 
 @contextmanager
@@ -87,7 +85,6 @@ def at_hand(campaign: str) -> Iterator[Place]:
 
     Raises CfidError when it cannot be read.
     """
-    refuse_unmatched(campaign)
     if not is_address(campaign):
         yield Place(folder=Path(campaign), address="", bring_run=lambda _: None)
         return
@@ -118,14 +115,17 @@ def at_hand(campaign: str) -> Iterator[Place]:
 
 
 def _matching(word: str) -> list[str]:
-    """Return the campaigns that a word names; a glob matches folders alone, and links that lead nowhere."""
-    if is_address(word):
-        if not is_glob(word):
-            return [word.rstrip("/")]
-        with _faults(word):
-            files, root = _files_at(word)
-            found = [files.unstrip_protocol(one) for one in sorted(files.glob(root, **_patience(files)))]
-            return [one for one in found if files.isdir(one, **_patience(files))]
+    """Return the campaigns that a word names; a glob matches folders alone, and links that lead nowhere.
+
+    Raises CfidError for a glob that matches nothing, or cannot be followed.
+    """
+    found = _addresses(word) if is_address(word) else _folders(word)
+    if not found:
+        raise ConfigError(f"{word}: no folder matches.")
+    return found
+
+
+def _folders(word: str) -> list[str]:
     try:
         if not is_glob(word) or Path(word).exists():
             return [os.path.realpath(word)]  # which a loop of links does not stop
@@ -133,6 +133,15 @@ def _matching(word: str) -> list[str]:
         return [os.path.realpath(one) for one in matches if Path(one).is_dir() or not Path(one).exists()]
     except (OSError, ValueError) as error:  # a name too long, a zero byte
         raise ConfigError(f"{word[:_SHOWN]}: is no folder: {error}.") from None
+
+
+def _addresses(word: str) -> list[str]:
+    if not is_glob(word):
+        return [word.rstrip("/")]
+    with _faults(word):
+        files, root = _files_at(word)
+        found = [files.unstrip_protocol(one) for one in sorted(files.glob(root, **_patience(files)))]
+        return [one for one in found if files.isdir(one, **_patience(files))]
 
 
 def _listed(index: str) -> list[str]:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from cfid.errors import CfidError, ConfigError, DataError
 from cfid.findings import Finding, warning
-from cfid.fleet.places import is_address, refuse_unmatched
+from cfid.fleet.places import is_address
 from cfid.records import lab_book
 from cfid.records.campaign import find_campaign
 from cfid.records.files import sha256_of
@@ -56,11 +56,6 @@ def summarise(place: str) -> Summary | CfidError:
     """Return a campaign's summary, or its error, so that one faulty campaign does not hide the others."""
     folder = Path(place)
     try:
-        if is_address(place):
-            raise ConfigError(
-                f"{place}: only `cfid fleet fit` takes addresses: refit the campaign, and compare the results here."
-            )
-        refuse_unmatched(place)
         campaign = find_campaign(folder, start=folder)
         if campaign is None:
             raise ConfigError(f"{folder}: not a campaign: it has no {RIG_FILE}.")

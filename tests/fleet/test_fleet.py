@@ -5,6 +5,7 @@ import importlib.util
 import json
 import re
 import shutil
+import socket
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -398,5 +399,17 @@ def test_a_cluster_that_is_not_there_is_told(cfid: Cfid, tmp_path: Path) -> None
 
 def test_a_fleet_is_told_that_addresses_are_for_refits(cfid: Cfid) -> None:
     ended = cfid("fleet", "memory://c1")
+    assert ended.returncode == 4
+    assert "only `cfid fleet fit` takes addresses" in ended.stderr
+
+
+def test_a_fleet_asks_no_server_whose_address_it_refuses(cfid: Cfid, tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.setblocking(False)
+        address = f"http://127.0.0.1:{server.getsockname()[1]}/*"
+        ended = cfid("fleet", campaign(tmp_path / "c0", 0, 0.028), address)
+        with pytest.raises(BlockingIOError):
+            server.accept()
+
     assert ended.returncode == 4
     assert "only `cfid fleet fit` takes addresses" in ended.stderr

@@ -20,6 +20,7 @@ import pandas as pd
 import pytest
 
 from cfid.fleet.places import Arriving
+from cfid.fleet.places import campaigns as campaigns_of
 from cfid.fleet.refit import Refitted, refit
 from cfid.fleet.results import results_in
 from cfid.records.campaign import open_campaign
@@ -165,6 +166,9 @@ def test_a_campaign_in_memory_is_fitted_to_the_same(campaigns: Path, tmp_path: P
     sources = load_sections(tmp_path / "memory" / "parameters.toml")["friction"].sources
     assert all(source.path.startswith("memory://lab/c1/runs/") for source in sources)
     assert refit("memory://lab/c9").fault.startswith("memory://lab/c9/: cannot be read:")
+    found, unmatched = campaigns_of(["memory://lab/c*", "memory://lab/d*"])
+    assert found == ["memory:///lab/c1"]
+    assert list(map(str, unmatched)) == ["memory://lab/d*: no folder matches."]
 
 
 class _Quiet(http.server.SimpleHTTPRequestHandler):
