@@ -109,6 +109,21 @@ def test_a_result_is_kept_while_a_command_that_was_begun_before_still_runs(
     assert found == [("second ratio", "3"), ("exit code", "0"), ("exit code", "0")]
 
 
+def test_of_what_runs_against_a_clock_one_runs_at_a_time_ahead_of_what_computes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    alone = "bash -c 'set -e; mkdir {folder}/alone; sleep 0.5; rmdir {folder}/alone; cat /proc/$$/autogroup' test_%s.py"
+    beside = "bash -c 'until [ -e {folder}/alone ]; do sleep 0.02; done; cat /proc/$$/autogroup'"
+    commands = (alone % "preflight", alone % "motors_stop", beside)
+    monkeypatch.setitem(night.STAGES, "three", Stage(commands, "", "", 1.0, at_once=3))
+
+    run_stage("three", tmp_path, small=True)
+
+    assert [line["value"] for line in lines_of(tmp_path / "results.jsonl")] == ["0", "0", "0"]
+    said = [path.read_text().rpartition("nice ")[2].strip() for path in sorted(tmp_path.glob("*.log"))]
+    assert sorted(said) == (["-10", "-10", "0"] if os.geteuid() == 0 else ["0", "0", "0"])
+
+
 def test_a_night_that_is_killed_ends_what_it_runs_and_goes_on_from_there(tmp_path: Path) -> None:
     first = "bash -c 'echo first >> {folder}/ran'"
     second = "bash -c 'echo second $$ >> {folder}/ran; [ -e {folder}/quick ] || exec sleep 600'"
