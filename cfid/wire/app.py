@@ -1,8 +1,8 @@
-"""Encodes and decodes the services thrust, sine and ping of the thesis (C.2.1, C.2.4, C.2.6) and cfid's app.
+"""Encodes and decodes the thrust, sine and ping services of the thesis (C.2.1, C.2.4, C.2.6) and of cfid's app.
 
 The thesis' fields come first in every payload, so that its modules of 2015 can read each request and cfid can read
-theirs; the app's additions follow them or have a channel of their own. A decoder returns None for a payload of the
-wrong length. Microseconds count on the vehicle's clock and wrap.
+their payloads; the app's additions follow these fields or have a channel of their own. A decoder returns None for a
+payload of the wrong length. The vehicle's clock counts the microseconds, which wrap.
 """
 
 import math
@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 MIDDLE = 30000  # B of eq. 3.6
 LARGEST_COMMAND = 65535
-ALL_MOTORS_THRUST = 4  # as motor of a thrust request; single ones are 0 to 3
-ALL_MOTORS_SINE = 0  # as motor of a sine request; single ones are 1 to 4
+ALL_MOTORS_THRUST = 4  # the motor of a thrust request to all motors; single ones are 0 to 3
+ALL_MOTORS_SINE = 0  # the motor of a sine request to all motors; single ones are 1 to 4
 SAMPLES_PER_S = 500
-KEEP_ALIVE_S = 0.5  # after the last one the app stops the motors
-PROTOCOLS = (1, 2)  # from 2 on requests and keep-alives carry their owner
+KEEP_ALIVE_S = 0.5  # the app stops the motors this long after the last keep-alive
+PROTOCOLS = (1, 2)  # from 2 on, requests and keep-alives carry their owner's number
 NO_OWNER = 0
 
 _THRUST = struct.Struct("<Hi")
@@ -98,7 +98,7 @@ class Flags(IntFlag):
     MOTORS_ALLOWED = 1
     KEEP_ALIVE_FRESH = 2
     SINE_RUNNING = 4
-    NOT_OWNER = 8  # the keep-alive that this answers is not the owner's and had no effect
+    NOT_OWNER = 8  # the keep-alive that this state answers was not the owner's and had no effect
 
 
 class ThrustRequest(NamedTuple):
@@ -109,7 +109,7 @@ class ThrustRequest(NamedTuple):
 
 
 class ThrustAnswer(NamedTuple):
-    """The request as understood, the verdict, and the commands in force then."""
+    """The request as the app read it, the verdict, and the commands in force at that moment."""
 
     command: int
     motor: int
@@ -128,7 +128,7 @@ class SineRequest(NamedTuple):
 
 
 class SineAnswer(NamedTuple):
-    """The request as understood, the verdict, whether the sine is clipped, and l as recovered from omega."""
+    """The request as the app read it, the verdict, whether the sine is clipped, and l as computed from omega."""
 
     motor: int
     amplitude: int
@@ -140,16 +140,16 @@ class SineAnswer(NamedTuple):
 
 
 class Crossing(NamedTuple):
-    """A crossing of the middle: the command then, and from the app the sample's index, its time, and which report."""
+    """A crossing of the middle: its command, and from the app the sample's index, its time, and the report's number."""
 
     command: int
     sample: int | None = None
     microseconds: int | None = None
-    number: int | None = None  # the last one has command 0 and the number of samples: the motors are off
+    number: int | None = None  # the last report has command 0 and the number of samples: the motors are off
 
 
 class Done(NamedTuple):
-    """The end of a sine, reported a second after its motors stopped; the module of 2015 sends no further field."""
+    """The end of a sine, reported a second after its motors stopped; the module of 2015 sends none of these fields."""
 
     outcome: int | None = None
     samples: int | None = None
@@ -175,7 +175,7 @@ class AppState(NamedTuple):
 
 
 def encode_thrust(request: ThrustRequest, owner: int = NO_OWNER) -> bytes:
-    """Return `<Hi`, the thesis' struct of C.2.1, and the owner's number where there is one."""
+    """Return `<Hi`, the thesis' struct of C.2.1, followed by the owner's number where there is one."""
     return _THRUST.pack(*request) + _owned(owner)
 
 
@@ -193,7 +193,7 @@ def decode_thrust_answer(payload: bytes) -> ThrustAnswer | None:
 
 
 def encode_sine(request: SineRequest, owner: int = NO_OWNER) -> bytes:
-    """Return `<HHfI`, the thesis' struct of C.2.4, and the owner's number; omega becomes a float32 there."""
+    """Return `<HHfI`, the thesis' struct of C.2.4, and the owner's number if there is one; omega becomes a float32."""
     return _SINE.pack(*request) + _owned(owner)
 
 
@@ -211,14 +211,14 @@ def decode_sine_answer(payload: bytes) -> SineAnswer | None:
 
 
 def encode_crossing(crossing: Crossing) -> bytes:
-    """Return a report, of the thesis' length where it has no index."""
+    """Return a report's bytes, of the thesis' length where the crossing has no sample index."""
     if crossing.sample is None:
         return _OLD_CROSSING.pack(crossing.command)
     return _CROSSING.pack(*crossing)
 
 
 def decode_crossing(payload: bytes) -> Crossing | None:
-    """Return a report of the app or of the module of 2015."""
+    """Return the crossing in a report of the app or of the module of 2015."""
     if len(payload) == _OLD_CROSSING.size:
         return Crossing(*_OLD_CROSSING.unpack(payload))
     return Crossing._make(_CROSSING.unpack(payload)) if len(payload) == _CROSSING.size else None
@@ -241,14 +241,14 @@ def decode_done(payload: bytes) -> Done | None:
 
 
 def decode_hello(payload: bytes) -> Hello | None:
-    """Return the app's answer to a hello; None for the empty one of the module of 2015 too."""
+    """Return the app's answer to a hello; None also for the empty answer of the module of 2015."""
     if len(payload) != _HELLO.size or payload[:4] != _MAGIC:
         return None
     return Hello._make(_HELLO.unpack(payload)[1:])
 
 
 def encode_alive(number: int, owner: int = NO_OWNER) -> bytes:
-    """Return a keep-alive or a stop, whose number comes back with the state; a stop needs no owner."""
+    """Return a keep-alive or a stop, whose number the answering state repeats; a stop needs no owner."""
     return _ALIVE.pack(number) + _owned(owner)
 
 
@@ -266,7 +266,7 @@ def decode_state(payload: bytes) -> AppState | None:
 
 
 def encode_ping_answer(request: bytes, microseconds: int) -> bytes:
-    """Return the answer to a ping: nothing to an empty one, as in 2015; else its bytes, at most 22, and the time."""
+    """Return the answer to a ping: empty for an empty ping, as in 2015; else its bytes, at most 22, and the time."""
     return request + _MICROSECONDS.pack(microseconds) if request else b""
 
 

@@ -40,7 +40,7 @@ class LogCommand(IntEnum):
     DELETE = 2
     STOP = 4
     CREATE = 6
-    START_MS = 8  # cflib knows only an older one, in tens of milliseconds
+    START_MS = 8  # cflib knows only an older command, in tens of milliseconds
 
 
 class Variable(NamedTuple):
@@ -72,14 +72,14 @@ def encode_packet(packet: Packet) -> bytes:
 
 
 def decode_packet(datagram: bytes) -> Packet | None:
-    """Return the packet of a datagram, None when it is not one; the two reserved bits may have any value."""
+    """Return the packet in a datagram, or None when it is not one; the two reserved bits may have any value."""
     if not 1 <= len(datagram) <= 1 + LONGEST_PAYLOAD:
         return None
     return Packet(datagram[0] >> 4, datagram[0] & 3, bytes(datagram[1:]))
 
 
 def encode_echo(number: int) -> bytes:
-    """Return a payload for the link's echo channel; unlike cflib's own, and identified by its number."""
+    """Return a payload for the link's echo channel; it carries a number and differs from those of cflib."""
     return _ECHO.pack(_ECHO_MARK, number)
 
 
@@ -102,7 +102,7 @@ def encode_write_parameter(parameter: Variable, value: float) -> bytes:
 
 
 def decode_read_parameter(parameter: Variable, payload: bytes) -> float | None:
-    """Return the value from the answer to a read of this parameter: number, a zero, the value."""
+    """Return the value from the answer to a read of this parameter: its number, a zero, the value."""
     layout = struct.Struct(f"<HB{parameter.kind}")
     if len(payload) != layout.size:
         return None
@@ -111,7 +111,7 @@ def decode_read_parameter(parameter: Variable, payload: bytes) -> float | None:
 
 
 def decode_write_parameter(parameter: Variable, payload: bytes) -> float | None:
-    """Return the value from the answer to a write of this parameter: number, the value now in force."""
+    """Return the value from the answer to a write of this parameter: its number, then the value now in force."""
     layout = struct.Struct(f"<H{parameter.kind}")
     if len(payload) != layout.size:
         return None
@@ -120,12 +120,12 @@ def decode_write_parameter(parameter: Variable, payload: bytes) -> float | None:
 
 
 def encode_set_by_name(name: str, kind: str, value: float) -> bytes:
-    """Return the request to set a parameter by its name, as `motorPowerSet.m1`, for which no table is needed."""
+    """Return the request to set a parameter by its name, such as `motorPowerSet.m1`, which needs no table."""
     return _by_name(name) + struct.pack(f"<B{kind}", _PARAMETER_TYPES[kind], value)
 
 
 def decode_set_by_name(name: str, payload: bytes) -> int | None:
-    """Return the error number from the answer to setting this parameter by name, 0 for none, ENOENT without it."""
+    """Return the error number that answers a set by name: 0 for success, ENOENT where the parameter does not exist."""
     begin = _by_name(name)
     return payload[-1] if payload.startswith(begin) and len(payload) == len(begin) + 1 else None
 
@@ -135,14 +135,14 @@ def _by_name(name: str) -> bytes:
 
 
 def encode_create_log(block: int, variables: Sequence[Variable]) -> bytes:
-    """Return the request for a log block, at most nine variables and 26 bytes of values."""
+    """Return the request to create a log block of at most nine variables and 26 bytes of values."""
     types = [_LOG_TYPES[variable.kind] for variable in variables]
     entries = [struct.pack("<BH", kind | kind << 4, v.number) for kind, v in zip(types, variables, strict=True)]
     return bytes([LogCommand.CREATE, block]) + b"".join(entries)
 
 
 def encode_start_log(block: int, period_ms: int) -> bytes:
-    """Return the request to send a block every so many milliseconds."""
+    """Return the request to send a block every `period_ms` milliseconds."""
     return struct.pack("<BBH", LogCommand.START_MS, block, period_ms)
 
 
@@ -162,7 +162,7 @@ def decode_log_answer(payload: bytes) -> LogAnswer | None:
 
 
 def decode_log_row(block: int, variables: Sequence[Variable], payload: bytes) -> tuple[int, tuple[float, ...]] | None:
-    """Return the vehicle's milliseconds (24 bits, they wrap) and the values of a row of this block."""
+    """Return the vehicle's milliseconds (24 bits, wrapping) and the values in a row of this block."""
     layout = struct.Struct("<" + "".join(variable.kind for variable in variables))
     if len(payload) != 4 + layout.size or payload[0] != block:
         return None

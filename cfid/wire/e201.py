@@ -28,7 +28,7 @@ WIDEST_WORD = 32  # bits
 STAMP_BITS = 32  # microseconds, so that a stamp wraps after 71.6 minutes (inferred; no manual states it)
 
 _END = b"\r"
-_LONGEST = 64  # of a reply; the longest that is known, the version, has less than half of it
+_LONGEST = 64  # bytes of a reply; the longest known reply, the version, has less than half of that
 _POSITION = re.compile(rb"(\d{1,10})(?:[: ](\d{1,10}))?")
 _WIDTH = re.compile(rb"\D*(\d{1,2})\D*")
 
@@ -77,7 +77,7 @@ class ReplyReader:
                 self._skipping = False
             else:
                 replies.append(reply.removeprefix(b"\n"))
-        if len(self._begun) > _LONGEST:  # it will be rejected: only that must be remembered
+        if len(self._begun) > _LONGEST:  # it will be rejected: nothing else need be remembered
             self._begun, self._skipping = b"", True
         return replies
 
@@ -90,8 +90,8 @@ class ReplyReader:
 class PositionReader:
     """Reads positions, and counts everything else.
 
-    `rejected` counts replies without a position, `errors` those of them in which the device reports Error, `names`
-    answers to `v`.
+    `rejected` counts replies without a position, `errors` those among them in which the device reports Error, and
+    `names` the answers to `v`.
 
     Where it is unknown whether replies carry a stamp, the first two in a row of the same kind decide, and replies of
     the other kind are then rejected. A single reply cannot decide: a stamped reply that lost its beginning looks like
@@ -109,7 +109,7 @@ class PositionReader:
 
     @property
     def rejected(self) -> int:
-        """How many replies had no position."""
+        """The number of replies without a position."""
         return self._unread + self._replies.rejected
 
     def feed(self, data: bytes) -> list[EncoderReading]:

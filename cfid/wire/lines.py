@@ -1,15 +1,15 @@
 """Reads lines of text in which a microcontroller or an instrument sends numbers unprompted; sends no command.
 
 A line ends in CR, LF or both. Without a pattern its values are separated by commas, semicolons, tabs or spaces, and may
-stand in quotation marks; a pattern (a regular expression over the whole line) has a group for each value. A comma is a
-decimal comma within a group, and in lines that have semicolons or tabs; where it could be either, between digits of a
-line in which spaces separate numbers, the line counts as one that does not match. A line that ends in `*` and two
-hexadecimal digits, as in NMEA 0183, counts only if they are the exclusive or of the bytes before the `*`; after one
-such line all need it.
+be in quotation marks; a pattern (a regular expression over the whole line) has a group for each value. A comma is a
+decimal comma within a group, and in lines that have semicolons or tabs. Where a comma could be either, between digits
+of a line in which spaces separate numbers, the line does not match. A line that ends in `*` and two hexadecimal
+digits, as in NMEA 0183, counts only if these are the exclusive or of the bytes before the `*`; after one such line,
+every line needs this checksum.
 
 A line that lost its beginning would read as another number. So everything up to the first end of line is dropped.
-Without a checksum, a lost or flipped byte that leaves a number, and a lost end of line that leaves a number of values
-that is right, cannot be detected.
+Without a checksum, a lost or flipped byte that leaves a valid number cannot be detected, nor can a lost end of line
+that leaves the right number of values.
 """
 
 import math
@@ -23,7 +23,7 @@ LONGEST_LINE = 200  # bytes; a longer one is dropped
 
 _ENDS = re.compile(rb"[\r\n]")
 _COMMAS = re.compile(r"\s*,\s*|\s+", re.ASCII)
-_SEMICOLONS = re.compile(r"\s*;\s*|\s+", re.ASCII)  # beside which a comma is a decimal one
+_SEMICOLONS = re.compile(r"\s*;\s*|\s+", re.ASCII)  # with these separators, a comma is a decimal comma
 _QUOTED = re.compile(r'^"([^"]*)"$')
 _EITHER = re.compile(r"(?=.*\d,\d).*\d\s+[+-]?\d", re.ASCII)
 _NUMBER = re.compile(r"[+-]? *(?:\d{1,20}(?:[.,]\d{0,20})?|[.,]\d{1,20})(?:[eE][+-]?\d{1,3})?", re.ASCII)
@@ -42,7 +42,7 @@ class LineReader:
     """Reads the values of lines; `rejected` counts lines that do not match, `last_rejected` is the latest of them."""
 
     def __init__(self, values: Sequence[Value], *, pattern: str = "") -> None:
-        """Take what the values of a line are, in order; a `pattern` has as many groups."""
+        """Take the kind of each value of a line, in order; a `pattern` has as many groups."""
         self.rejected = 0
         self.last_rejected = b""
         self._values = tuple(values)
@@ -51,13 +51,13 @@ class LineReader:
         self._aligned = self._checked = False
 
     def forget(self) -> None:
-        """Expect to start anywhere in a line: the device was unplugged."""
+        """Expect the next bytes to begin anywhere in a line: the device was unplugged."""
         self._begun, self._aligned = b"", False
 
     def feed(self, data: bytes) -> list[tuple[float, ...]]:
-        """Return the numbers of the lines that `data` completes, those of used values."""
+        """Return the numbers in each line that `data` completes, without values that are not used."""
         *lines, begun = _ENDS.split(self._begun + data)
-        self._begun = begun[: LONGEST_LINE + 1]  # of a line too long only that must be remembered
+        self._begun = begun[: LONGEST_LINE + 1]  # of an overlong line, only its excess length matters
         if not self._aligned:
             self._aligned = bool(lines)
             lines = lines[1:]
@@ -83,7 +83,7 @@ class LineReader:
         return numbers if all(map(math.isfinite, numbers)) else None
 
     def _verified(self, line: bytes) -> bytes | None:
-        """Return a line without its checksum, None where that is wrong or missing."""
+        """Return a line without its checksum, or None where the checksum is wrong, or missing although required."""
         found = _CHECKED.fullmatch(line.strip())
         if found is None:
             return None if self._checked else line
@@ -103,7 +103,7 @@ class LineReader:
 
 
 def _decoded(line: bytes) -> str:
-    """Return a line as text: degree signs and the like come as UTF-8, or as one byte."""
+    """Return a line as text: a degree sign, for example, comes as UTF-8 or as a single byte."""
     try:
         return line.decode("utf-8")
     except UnicodeDecodeError:

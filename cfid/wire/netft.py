@@ -24,7 +24,7 @@ NEWTON_METRES: Mapping[str, float] = {
     "kgfcm": 0.0980665,
 }
 
-_FEWEST_COUNTS, _MOST_COUNTS = 1e-3, 1e12  # of a newton or newton metre: boxes have 200 to 1e8
+_FEWEST_COUNTS, _MOST_COUNTS = 1e-3, 1e12  # per newton or newton metre: boxes have 200 to 1e8
 
 _LONGEST_TEXT = 80  # of a tag
 _TAG = re.compile(r"<([A-Za-z]\w*)>([^<>]*)</\1>")
@@ -59,12 +59,12 @@ class Settings(NamedTuple):
 
     @property
     def counts_per_n(self) -> float:
-        """Counts of one newton."""
+        """Counts per newton."""
         return self.counts_per_force / NEWTONS[self.force_unit]
 
     @property
     def counts_per_nm(self) -> float:
-        """Counts of one newton metre."""
+        """Counts per newton metre."""
         return self.counts_per_torque / NEWTON_METRES[_torque_unit(self.torque_unit)]
 
 
@@ -135,7 +135,7 @@ def encode_reading(reading: LoadReading) -> bytes:
 def _tags(xml: str) -> dict[str, str]:
     """Return the page's plain tags; the page is flat, and everything else in it is ignored.
 
-    No text that a box means is as long as what is cut off.
+    Texts are cut at a length that no meaningful text of a box reaches.
     """
     return {name: unescape(text).strip()[:_LONGEST_TEXT] for name, text in _TAG.findall(xml)}
 
@@ -169,7 +169,7 @@ def _whole(tags: Mapping[str, str], name: str, *, least: int) -> int:
 
 
 def _six(tags: Mapping[str, str], name: str) -> tuple[float, ...]:
-    """Return six finite numbers, none for a page without them: that is no reason to reject a box."""
+    """Return six finite numbers, or none for a page without them, which is no reason to reject a box."""
     texts = re.split(r"[;,\s]+", tags.get(name, "").strip())
     try:
         numbers = tuple(float(text) for text in texts)

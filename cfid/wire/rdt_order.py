@@ -10,20 +10,20 @@ from cfid.wire.rdt import LONGEST_BUFFER, Records
 
 _WRAP = 1 << 32
 _HALF = 1 << 31
-_KNOWN_GAPS = 4096  # remembered; what is older and arrives after all is taken for a duplicate
+_KNOWN_GAPS = 4096  # remembered; a record of an older gap that arrives after all counts as a duplicate
 _LONGEST_STEP = 1 << 16
-_LOOKED_AT = LONGEST_BUFFER  # records, to find the stream that they belong to
-_AGREEING_PAIRS = 3  # of three records: two always lie on some line, garbled or not
+_LOOKED_AT = LONGEST_BUFFER  # latest records, in which a stream is sought
+_AGREEING_PAIRS = 3  # of three records: two records always lie on some line, garbled or not
 
 
 @dataclass
 class Arrivals:
     """How records came in.
 
-    `lost` never came, or too late to be written; `late` of them came after all. `reordered` came after a
-    later one but could be put back in place. `rejected` had sequence numbers that contradict the stream's, or
-    are still held back because the stream is not known yet: every record that was not taken is counted in
-    one of `late`, `duplicates` and `rejected`.
+    `lost` records never came, or came too late to be written; `late` of these came after all. `reordered` ones
+    came after a later one but could be put back in place. `rejected` ones had sequence numbers that contradict the
+    stream's, or are still held back because the stream is not known yet. Every record that was not taken is counted
+    in one of `late`, `duplicates` and `rejected`.
     """
 
     lost: int = 0
@@ -44,20 +44,20 @@ class RecordOrder:
     """The order of one box' records over any number of requests.
 
     Each request numbers its records from 1, and the box also counts its own samples: the two numbers
-    advance in step. A record in which they do not, be it garbled or left over from the request before, is
-    rejected, so that a flipped bit in either number never looks like a loss.
+    advance in step. A record whose two numbers do not, because it is garbled or left over from the previous
+    request, is rejected, so that a flipped bit in either number never looks like a loss.
 
-    The first three records that agree establish how the two numbers are related. Three others that agree, with none
-    between them that fits, begin another stream, for example the answer to a repeated request.
+    The first three records that agree establish how the two numbers are related. Three others that agree with each
+    other, with no record between them that fits, begin another stream, for example the answer to a repeated request.
     """
 
     def __init__(self) -> None:
         """Start with nothing known of the box."""
         self.arrivals = Arrivals()
-        self.step: int | None = None  # of ft_sequence from one record to the next, once known for this request
+        self.step: int | None = None  # of ft_sequence from one record to the next; None until known for this request
         self._line: _Line | None = None
         self._earlier: tuple[_Line, int] | None = None
-        self._held: Records | None = None  # those that fit nothing known, since the last that did
+        self._held: Records | None = None  # records that fit no known stream, since the last that fitted
         self._next = 1
         self._gaps: list[tuple[int, int]] = []
 
@@ -92,7 +92,7 @@ class RecordOrder:
         return _lie_on(records, self._line, near=self._next)
 
     def _hold(self, records: Records, fits: npt.NDArray[np.bool_]) -> Records:
-        """Return all records that came since the last that fitted, and hold the last few of them."""
+        """Return all records since the last that fitted, and hold the last few of them."""
         if fits.any():
             self._held = None
             records = _chosen(records, slice(int(np.flatnonzero(fits)[-1]) + 1, None))
@@ -104,7 +104,7 @@ class RecordOrder:
         return held
 
     def _follow(self, line: _Line, held: Records) -> None:
-        """Take a line for the stream's: one that goes on from where the other was, or a new one from 1."""
+        """Adopt a line as the stream's: it continues where the previous line ended, or starts anew from 1."""
         self._line, self.step, self._held = line, line.step, None
         first = held.rdt_sequence[_lie_on(held, line, near=1)].min()
         if first < self._next:
@@ -155,16 +155,17 @@ def _apart(numbers: npt.NDArray[np.uint32], origin: int) -> npt.NDArray[np.int64
 
 
 def _lie_on(records: Records, line: _Line, *, near: int) -> npt.NDArray[np.bool_]:
-    """Return which records lie on a line, not counting whole turns of either number.
+    """Return which records lie on a line, up to whole wraps of either number.
 
-    Modulo 2^32 alone, an even step would hide a flipped high bit of rdt_sequence.
+    The distances from `near` must agree, not only their remainders modulo 2^32: there, an even step would hide a
+    flipped high bit of rdt_sequence.
     """
     along = _apart(records.ft_sequence, line.offset + line.step * near)
     return np.asarray(along == line.step * _apart(records.rdt_sequence, near))
 
 
 def _common_line(records: Records) -> _Line | None:
-    """Return the line on which most of the last few records lie, and three of different number at least."""
+    """Return the line on which most of the last few records lie, at least three with different numbers, or None."""
     few = _chosen(records, slice(-_LOOKED_AT, None))
     rdt, ft = np.unique(np.stack((few.rdt_sequence, few.ft_sequence)).astype(np.int64), axis=1)
     one, other = np.triu_indices(len(rdt), 1)

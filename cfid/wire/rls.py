@@ -1,4 +1,4 @@
-"""Encodes and decodes the encoder's 22-bit words, in which a 13-bit position stands.
+"""Encodes and decodes the encoder's 22-bit words, each of which holds a 13-bit position.
 
 The thesis scaled by its largest reading, 4194047 = 0x3FFEFF (section 2.4.4). That number is not a resolution but a
 pattern: a position p of 13 bits, read as a 22-bit word that repeats itself after a zero bit,
@@ -30,7 +30,7 @@ class Positions(NamedTuple):
 
 
 def encode_positions(position: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """Return the 22-bit words of positions 0..8191, any shape; any other number becomes no valid word."""
+    """Return the 22-bit words of positions 0..8191, any shape; any other number yields an invalid word."""
     return (position << _SHIFT) | (position >> (POSITION_BITS - REPEATED_BITS))
 
 
@@ -38,8 +38,8 @@ def decode_words(word: npt.NDArray[np.int64]) -> Positions:
     """Decode 22-bit words of any shape.
 
     A word is valid when it fits 22 bits, its gap bit is zero and its low byte repeats the top of the
-    position: nine redundant bits, so that a random word passes once in 512. Any one flipped bit is caught in
-    bits 0 to 8 and 14 to 21. Bits 9 to 13, the low five of the position, have no copy: flips there pass as
+    position: nine redundant bits, so that a random word passes once in 512. Any single flipped bit among bits
+    0 to 8 and 14 to 21 is caught. Bits 9 to 13, the low five of the position, have no copy: flips there pass as
     a position that is up to 31 steps (1.4 degrees) off.
     """
     gap_is_zero = (word & _GAP_BIT) == 0

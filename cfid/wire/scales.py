@@ -8,10 +8,10 @@ It reads three forms, each with a number, its unit, and spaces between them:
 
 Anything else is counted and left out: overload (OL, "S +"), a tare (TR), pieces, another unit, or none.
 
-A line that lost its beginning would read as another number. So the first line counts only with a head, and after a
-line with a head, lines without one are rejected. There is no checksum: a flipped bit can turn one digit into another,
-a last 0 into a space, a space there into a 0, and a minus in a line without a head into an end of line; all other
-flips are found.
+A line that lost its beginning would read as another number. So the first line counts only with a head (the letters
+before the number), and after a line with a head, lines without one are rejected. There is no checksum: a flipped bit
+can turn one digit into another, a last 0 into a space, a space there into a 0, and a minus in a line without a head
+into an end of line; all other flips are found.
 """
 
 import re
@@ -21,12 +21,12 @@ GRAMS = {
     "g": 1.0,
     "kg": 1e3,
     "mg": 1e-3,
-    "lb": 453.59237,  # by the international agreement of 1959, as the ounce, its sixteenth
+    "lb": 453.59237,  # by the international agreement of 1959, as is the ounce, its sixteenth
     "oz": 453.59237 / 16,
 }
 
 _ENDS = re.compile(rb"[\r\n]")
-_LONGEST = 64  # of a line; the longest known has 24
+_LONGEST = 64  # bytes of a line; the longest known has 24
 _LINE = re.compile(
     rb"\s*(?:(?P<head>ST|US),(?:\s*(?:GS|NT),)?|S (?P<sics>[SD]) )?"
     rb"\s*(?P<sign>[+-]?)\s*(?P<number>\d{1,9}(?:\.\d{0,9})?|\.\d{1,9})\s*,?\s*(?P<unit>kg|g|mg|lb|oz)\s*",
@@ -43,7 +43,7 @@ class Weight(NamedTuple):
 
 
 def read_weight(line: bytes) -> Weight | None:
-    """Return the weight in one line, given without its end, or None when it has none of the forms."""
+    """Return the weight in one line, given without its line end, or None when the line has none of the forms."""
     match = _LINE.fullmatch(line)
     if match is None:
         return None
@@ -64,7 +64,7 @@ class ScalesReader:
     def feed(self, data: bytes) -> list[Weight]:
         """Return the weights that `data` completes."""
         *lines, begun = _ENDS.split(self._begun + data)
-        self._begun = begun[: _LONGEST + 1]  # of a line too long only that must be remembered
+        self._begun = begun[: _LONGEST + 1]  # of an overlong line, only its excess length matters
         weights = []
         for line in lines:
             weight = self._read(line)

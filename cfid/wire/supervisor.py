@@ -19,7 +19,7 @@ _ANSWER = 0x80
 _ARM, _WORD = 0x01, 0x0C
 _ARM_BY_PLATFORM = 0x01
 
-# Releases a setpoint that some client left behind. Firmware fails an assertion at any other length.
+# Releases a setpoint that some client left behind. Firmware fails an assertion at any other payload length.
 RELAX_SETPOINT = Packet(SETPOINT_PORT, META_CHANNEL, bytes(5))
 ASK_STATE = Packet(SUPERVISOR_PORT, INFO_CHANNEL, bytes([_WORD]))
 
@@ -60,22 +60,22 @@ class VehicleState(NamedTuple):
 
     @property
     def armed(self) -> bool:
-        """Whether it is armed: a vehicle with idle thrust then turns its rotors."""
+        """Whether the vehicle is armed: one with idle thrust then turns its rotors."""
         return Bits.ARMED in self.bits
 
     @property
     def arms_itself(self) -> bool:
-        """Whether it needs no client to arm it: brushed vehicles."""
+        """Whether the vehicle arms itself without a client, as brushed vehicles do."""
         return Bits.ARMS_ITSELF in self.bits
 
     @property
     def is_passing(self) -> bool:
-        """Whether it is between two states, and in another one within 0.2 s."""
+        """Whether the vehicle is between two states, and will be in another one within 0.2 s."""
         return self.name == "not ready"
 
     @property
     def remedy(self) -> str:
-        """Return what the operator has to do before motors may run, empty where nothing has to be done."""
+        """Return what the operator has to do before motors may run; empty where nothing has to be done."""
         return _REMEDIES.get(self.name, "")
 
 
@@ -99,7 +99,7 @@ _REMEDIES = {
 
 
 def decode_state(payload: bytes) -> VehicleState | None:
-    """Return the state from the answer to `ASK_STATE`, None for any other payload."""
+    """Return the state from the answer to `ASK_STATE`, or None for any other payload."""
     if len(payload) != 3 or payload[0] != _ANSWER | _WORD:
         return None
     return VehicleState.of(int.from_bytes(payload[1:], "little"))
@@ -113,7 +113,7 @@ def encode_arming(*, arm: bool, protocol: int) -> Packet:
 
 
 def decode_arming(payload: bytes, *, protocol: int) -> bool | None:
-    """Return whether a request to arm or disarm was granted, None for any other payload.
+    """Return whether a request to arm or disarm was granted, or None for any payload that answers no such request.
 
     A further byte states whether the vehicle is armed; firmware before protocol 12 omits it.
     """

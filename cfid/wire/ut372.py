@@ -1,4 +1,4 @@
-"""Reads packets of UNI-T's UT372 tachometer and reports of the USB bridge in it; no port and no clock.
+"""Reads packets of UNI-T's UT372 tachometer and reports of its USB bridge; no port and no clock.
 
 The tachometer sends what its display shows, unprompted: 27 bytes that end in CR LF. After a first character, whose
 meaning is unknown, every two characters make a byte, four bits each as '0' (0x30) to '?' (0x3F): five cells of the
@@ -23,7 +23,7 @@ SET_BAUD = b"\0" + BAUD.to_bytes(2, "little") + b"\0\0\x03"  # feature report 0:
 
 _END = b"\n"
 _LINE_BYTES = 26  # without the LF
-_CHARACTERS = re.compile(rb"[0-?]{24}\r")  # behind the first
+_CHARACTERS = re.compile(rb"[0-?]{24}\r")  # after the first
 _CELLS = 5
 
 _POINT = 0x80
@@ -44,7 +44,7 @@ _NUMBER = re.compile(r" *\d+\.?\d*")
 _TIME = re.compile(r"[ \d.]+")
 
 _HOLD = 0x04  # of the first byte of signs
-_RPM, _COUNT = 0x01, 0x02  # of the second, as all below
+_RPM, _COUNT = 0x01, 0x02  # of the second byte, as are all below
 _STATISTIC = 0x10 | 0x20 | 0x40  # MAX, MIN, AVE
 
 
@@ -64,7 +64,8 @@ class TachometerReading(NamedTuple):
 def unpack_report(report: bytes) -> bytes | None:
     """Return the serial bytes in one input report of the bridge, 0 to 7, or None when it is not such a report.
 
-    Its first byte is 0xF0 plus their number. The bridge sends one every few milliseconds, mostly without any.
+    A report's first byte is 0xF0 plus the number of serial bytes. The bridge sends a report every few milliseconds,
+    mostly without any serial bytes.
     """
     if len(report) != REPORT_BYTES or not 0xF0 <= report[0] < 0xF0 + REPORT_BYTES:
         return None
@@ -85,7 +86,7 @@ class Ut372Reader:
     def feed(self, data: bytes) -> list[TachometerReading]:
         """Return the readings that `data` completes."""
         *lines, begun = (self._begun + data).split(_END)
-        self._begun = begun[: _LINE_BYTES + 1]  # of a line too long only that must be remembered
+        self._begun = begun[: _LINE_BYTES + 1]  # of an overlong line, only its excess length matters
         readings = [_read(line) for line in lines]
         self.rejected += readings.count(None)
         return [reading for reading in readings if reading is not None]
