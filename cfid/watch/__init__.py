@@ -1,1 +1,1 @@
-"""`cfid watch`: a run in the browser while it is recorded, read from its folder by a process of its own."""
+"""`cfid watch` shows a run in the browser while it is recorded; its own process reads the run's folder."""

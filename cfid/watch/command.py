@@ -1,4 +1,4 @@
-"""`cfid watch`: a run in the browser while it is recorded."""
+"""`cfid watch` shows a run in the browser while it is recorded."""
 
 from pathlib import Path
 from typing import Annotated
@@ -52,5 +52,5 @@ def _announce(address: str, opened: bool) -> None:
         import threading
         import webbrowser
 
-        # One that takes the terminal returns when it is closed: the page is served meanwhile.
+        # A browser in the terminal returns only when it is closed: the thread lets the page be served meanwhile.
         threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()

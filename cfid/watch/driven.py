@@ -1,4 +1,4 @@
-"""The vehicles that runs being recorded drive, by the addresses that their devices state in run.toml."""
+"""Finds the vehicles that runs being recorded drive, by the addresses that their devices state in run.toml."""
 
 from functools import lru_cache
 from pathlib import Path
@@ -12,13 +12,13 @@ _MOST_RUNS = 4096  # whose run.toml is remembered
 
 
 def vehicles_of(header: RunHeader) -> tuple[str, ...]:
-    """Return the addresses of the vehicles among a run's devices: what drives, logs or watches one states its own."""
+    """Return the addresses of the vehicles among a run's devices: each device that uses one states it."""
     stated = [(device.model_extra or {}).get("uri") for device in header.devices.values()]
     return tuple(dict.fromkeys(uri for uri in stated if isinstance(uri, str)))
 
 
 def vehicles_recorded(runs_folder: Path, *, besides: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the vehicles `besides` others that a program holds on this computer for a run of a folder.
+    """Return the vehicles that a program on this computer holds for a run of a folder, except those in `besides`.
 
     A recorder that hangs holds its vehicle too; a run that was cut a week ago states "recording" and holds none.
     """
@@ -32,10 +32,10 @@ def vehicles_recorded(runs_folder: Path, *, besides: tuple[str, ...]) -> tuple[s
 
 
 def _recorded(path: Path) -> tuple[str, ...]:
-    """Return the vehicles of the run of a run.toml if it is being recorded."""
+    """Return the vehicles of the run that a run.toml describes, if that run is being recorded."""
     try:
         return _recorded_as(path, path.stat().st_mtime_ns)
-    except (OSError, DataError):  # it is read again when it was replaced
+    except (OSError, DataError):  # it is read again on the next call
         return ()
 
 

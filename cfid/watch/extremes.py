@@ -1,4 +1,4 @@
-"""The extremes of signals over time at ever coarser resolution: pictures of any span in bounded memory."""
+"""Keeps the extremes of signals over time at ever coarser resolutions: pictures of any span in bounded memory."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ BINS = 8192  # of each level: more than a screen has columns, and more than a se
 
 
 class Envelope(NamedTuple):
-    """The begin (b,) of each bin, and the least and largest values (b, c) within it."""
+    """The start (b,) of each bin, and the smallest and largest values (b, c) within it."""
 
     time_s: Array
     low: Array
@@ -35,13 +35,13 @@ class Extremes:
         self._levels: list[_Level] = []
 
     def add(self, time_s: Array, values: Array) -> None:
-        """Add samples (n,), (n, channels) after those before. A value that is no number is left out of its bin."""
+        """Add samples (n,), (n, channels) after the previous ones. A NaN is left out of its bin."""
         for begin in range(0, len(time_s), self._bins):
             part = slice(begin, begin + self._bins)
             self._add(0, Envelope(time_s[part], values[part], values[part]))
 
     def view(self, begin_s: float, end_s: float, most: int) -> Envelope:
-        """Return at most `most` bins, and one beside each end, of the finest level that covers the span."""
+        """Return at most `most` bins, and one beyond each end, of the finest level that covers the span."""
         empty = np.empty((0, self._channels))
         if not self._levels:
             return Envelope(np.empty(0), empty, empty)
@@ -56,7 +56,7 @@ class Extremes:
         return Envelope(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
     def newest(self, count: int) -> tuple[Array, Array]:
-        """Return the newest samples, `BINS` of them or more where there are so many: times (n,), values (n, c)."""
+        """Return up to `count` newest samples, at least `BINS` of which are kept: times (n,), values (n, c)."""
         if not self._levels:
             return np.empty(0), np.empty((0, self._channels))
         kept = self._levels[0].kept
@@ -72,7 +72,7 @@ class Extremes:
 
 
 class _Level:
-    """The newest bins of one resolution; `carry` is the last one as long as it has no partner."""
+    """The newest bins of one resolution; `carry` is the last bin as long as it has no partner."""
 
     def __init__(self, bins: int, channels: int) -> None:
         self._bins, self._fill, self._dropped = bins, 0, False

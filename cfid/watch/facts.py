@@ -8,14 +8,14 @@ from cfid.counted import counted
 from cfid.records.logs.log import printable
 from cfid.watch.live_run import DeviceProgress, LiveRun
 
-_CATCHING_UP = 0.05  # of the files that is not read yet
+_CATCHING_UP = 0.05  # fraction of the files not yet read, above which the page reports it
 _LOW_V = 3.2
 _SLOWEST_HZ = 2.0  # rows that come more slowly are events
 _LONGEST = 300
 
 
 def facts_html(run: LiveRun | None, *, refused: int) -> str:
-    """Return a table of facts; texts of the run's files are escaped, and have no control characters."""
+    """Return a table of facts; texts from the run's files are escaped and contain no control characters."""
     if run is None:
         return "<p>No run yet. The page shows the first one as soon as it begins.</p>"
     rows = [*_of_run(run), *(_of_device(name, device, run) for name, device in run.devices.items())]
@@ -40,7 +40,7 @@ def _of_run(run: LiveRun) -> Iterator[tuple[str, str, bool]]:
     recording = "recording, but" if run.recording_now else "cut,"
     state = f"{recording} no row for {run.quiet_s:.0f} s" if run.silent else header.state
     yield "state", ": ".join(filter(None, [state, header.reason])), run.silent or header.state == "failed"
-    if header.verdict is not None and header.state != "failed":  # of a failed run it is the reason
+    if header.verdict is not None and header.state != "failed":  # a failed run's verdict is its reason, shown above
         usable = header.verdict.usable
         yield "verdict", header.verdict.text if usable else f"not usable: {header.verdict.text}", not usable
     if driven := run.driven:

@@ -1,4 +1,4 @@
-"""Admits requests of this server's own page alone: Host and Origin of every request, a token for the stop."""
+"""Admits only this server's own page: checks Host and Origin of every request, and a token for the stop."""
 
 import hmac
 import secrets
@@ -10,7 +10,7 @@ LOOPBACK = "127.0.0.1"
 class Gate:
     """Knows this server's names and its token; `refused` counts the requests that it turned away.
 
-    A name of another site that leads here (DNS rebinding) shows in Host, a request by a page of another site in Origin.
+    Host reveals the name of another site that leads here (DNS rebinding), Origin a request from another site's page.
     """
 
     def __init__(self, port: int) -> None:
@@ -25,12 +25,12 @@ class Gate:
         return sorted(self._hosts)
 
     def admits(self, headers: Mapping[str, str]) -> bool:
-        """Return whether a request is one of this computer's own browser to this server's own page; count others."""
+        """Return whether a request comes from a browser of this computer for this server's own page; count others."""
         origin = headers.get("Origin")
         return self._counted(headers.get("Host") in self._hosts and (origin is None or self._is_own(origin)))
 
     def admits_stop(self, headers: Mapping[str, str], token: str) -> bool:
-        """Return whether a request, let in already, was made by a button of the page; count others.
+        """Return whether a request that `admits` let in was made by a button of the page; count others.
 
         A browser states the origin of every such request.
         """

@@ -24,7 +24,7 @@ from cfid.wire.supervisor import VehicleState
 Array = npt.NDArray[np.float64]
 
 _RATE_S = 2.0  # over which a rate is averaged
-_QUIET_S = 2.0  # without a row of any device
+_QUIET_S = 2.0  # without a row of any device, after which a run is silent
 _SEQUENCE, _VEHICLE_MS = "rdt_sequence", "vehicle_ms"
 _WRAPS = {_SEQUENCE: 2**32, _VEHICLE_MS: 2**24}  # columns in which the source numbers or dates its rows
 _FEWEST_STEPS = 8  # of the vehicle's time, whose median is the period of its log
@@ -32,7 +32,7 @@ _FEWEST_STEPS = 8  # of the vehicle's time, whose median is the period of its lo
 
 @dataclass(kw_only=True)
 class DeviceProgress:
-    """A device's rows so far, its rate in Hz, and the samples known to be missing (None where the rows do not show)."""
+    """A device's rows so far, its rate in Hz, and the samples known to be missing (None where rows do not show it)."""
 
     record: DeviceRecord
     tail: Tail
@@ -54,13 +54,13 @@ class DeviceProgress:
         return (after - before) / (end_s - begin_s) if end_s > begin_s else 0.0
 
     def take(self, zero_s: float | None) -> float | None:
-        """Read the next rows; return the Unix time that is zero of the run's picture, as soon as that is known."""
+        """Read the next rows; return the Unix time at the zero of the run's picture, None until it is known."""
         rows = self.tail.rows()
         if not len(rows):
             return zero_s
         zero_s = float(rows[0, 0]) if zero_s is None else zero_s
         if not self._marks:
-            self._marks.append((float(rows[0, 0]), 1))  # a short file is read at once, and has a rate too
+            self._marks.append((float(rows[0, 0]), 1))  # so that a short file, read at once, has a rate too
         self._count_missing(rows)
         for signal in self.signals:
             signal.add(rows[:, 0] - zero_s, rows)
@@ -72,7 +72,7 @@ class DeviceProgress:
         return zero_s
 
     def _count_missing(self, rows: Array) -> None:
-        """Count what is missing before each of the rows (n, columns), where a column numbers or dates them."""
+        """Count the samples missing before each of the rows (n, columns), if a column numbers or dates the rows."""
         column = next((name for name in _WRAPS if name in self.record.columns), None)
         if column is None:
             return
@@ -99,7 +99,7 @@ class LiveRun:
             name: DeviceProgress(
                 record=record,
                 tail=Tail(folder / record.file, len(record.columns)),
-                signals=signals_of(name, record, rests=self.header.kind != LOADCELL),  # that kind may be loaded first
+                signals=signals_of(name, record, rests=self.header.kind != LOADCELL),  # that kind may begin loaded
             )
             for name, record in self.header.devices.items()
         }
@@ -107,14 +107,14 @@ class LiveRun:
 
     @property
     def recording(self) -> bool:
-        """Whether run.toml states that it is being recorded; a run that was cut states so for ever."""
+        """Whether run.toml states that the run is being recorded; the file of a run that was cut does so forever."""
         return self.header.state == "recording"
 
     @property
     def driven(self) -> tuple[str, ...]:
-        """The addresses of the vehicles that it drives, or drove when it was cut, and then of those beside it.
+        """The addresses of the vehicles that this run drives, or drove when it was cut, then those of its neighbours.
 
-        Beside it are the other runs of its folder that are being recorded now.
+        The neighbours are the other runs in the same folder that are being recorded now.
         """
         own = vehicles_of(self.header) if self.recording else ()
         return own + vehicles_recorded(self.folder.resolve().parent, besides=own)
@@ -132,7 +132,7 @@ class LiveRun:
 
     @property
     def behind(self) -> float:
-        """How much of the files is not read yet, from 0 to 1."""
+        """The fraction of the files that is not read yet, from 0 to 1."""
         behind = sum(device.tail.behind_bytes for device in self.devices.values())
         whole = sum(_size(self.folder / device.record.file) for device in self.devices.values())
         return behind / whole if whole else 0.0
@@ -144,12 +144,12 @@ class LiveRun:
 
     @property
     def recording_now(self) -> bool:
-        """Whether a process records it, with rows or without."""
+        """Whether a process is recording the run, with rows or without."""
         return self.recording and is_written(self.folder)
 
     @property
     def left_s(self) -> float | None:
-        """How long the recording goes on, None where it has no planned end."""
+        """How much longer the recording will last, None where it has no planned end."""
         lasts_s = planned_s(Run(folder=self.folder, header=self.header))
         return None if lasts_s is None or not self.recording_now else max(lasts_s - self.now_s, 0.0)
 
@@ -161,7 +161,7 @@ class LiveRun:
 
     @property
     def battery_v(self) -> float | None:
-        """The vehicle's last voltage that was logged."""
+        """The vehicle's last logged voltage."""
         device = self.devices.get(VEHICLE_LOG)
         if device is None or not device.latest or BATTERY not in device.record.columns:
             return None
@@ -175,16 +175,16 @@ class LiveRun:
 
     @property
     def silent(self) -> bool:
-        """Whether a run that nothing closed has had no row for some seconds, by this computer's clock."""
+        """Whether a run that was not closed has had no row for some seconds, by this computer's clock."""
         return self.recording and not self.behind and self.quiet_s > _QUIET_S
 
     def rate_hz(self, device: DeviceProgress) -> float:
-        """Return a device's rows per second, 0 where it had none in the last seconds in which others had some."""
+        """Return a device's rows per second, 0 if it had none in the last seconds while others had some."""
         silent_s = self.now_s + (self.zero_s or 0.0) - device.latest_s
         return 0.0 if silent_s > _RATE_S or (self.silent and self.recording_now) else device.rate_hz
 
     def read(self, within_s: float) -> bool:
-        """Read what was added, for about so long at most; return whether anything was."""
+        """Read what was added, for at most about `within_s`; return whether anything was added."""
         begun_s, before = time.monotonic(), sum(device.rows for device in self.devices.values())
         more = True
         while more and time.monotonic() - begun_s < within_s:
@@ -196,7 +196,7 @@ class LiveRun:
         return self._read_header() or sum(device.rows for device in self.devices.values()) > before
 
     def _read_header(self) -> bool:
-        """Read run.toml again when it was replaced."""
+        """Read run.toml again if it was replaced."""
         stamp = self._stamp()
         if stamp == self._changed:
             return False
@@ -213,9 +213,9 @@ class LiveRun:
 
 
 def planned_s(run: Run) -> float | None:
-    """Return how long a run was to last, as its request states it; None where that has no end, or is no known one.
+    """Return how long a run was to last by its request; None for a request without an end, or of an unknown kind.
 
-    Nobody knows how long typing takes.
+    A run with typed readings has no planned end: nobody knows how long typing takes.
     """
     requested = run.header.requested
     if READINGS in run.header.devices:
@@ -237,7 +237,7 @@ def newest_run(runs_folder: Path) -> Path | None:
 
 
 def _grows(folder: Path) -> bool:
-    """Return whether a run is being recorded; one that no process writes is not read for that."""
+    """Return whether a run is being recorded, without reading a run that no process writes."""
     try:
         return is_written(folder) and read_run(folder).cut
     except DataError:

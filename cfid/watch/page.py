@@ -1,4 +1,4 @@
-"""The page around the plots: one file without an inline script, so that its policy forbids all others."""
+"""The page around the plots: it has no inline script, so that its policy can forbid all of them."""
 
 from html import escape
 

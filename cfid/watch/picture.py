@@ -12,9 +12,9 @@ from cfid.watch.live_run import LiveRun
 from cfid.watch.plots import Colours, SignalPlot, SpectrumPlot
 from cfid.watch.watched import Watched
 
-EVERY_MS = 90  # ten pictures a second, with what each of them takes
-# The page's script knows these: the common axis of time has the number of the last picture sent in its tags, and the
-# script answers there with the number of the last one drawn.
+EVERY_MS = 90  # ten pictures a second, with the time that each takes
+# The page's script knows these: the tags of the common time axis hold the number of the last picture sent, and the
+# script answers there with the number of the last picture drawn.
 TIME, SENT = "time", "sent"
 
 _SPANS = {"10 s": 10.0, "60 s": 60.0, "all": math.inf}
@@ -27,7 +27,7 @@ class Picture:
     """What one viewer sees; it follows the recording until it is paused or zoomed."""
 
     def __init__(self, document: Document, watched: Watched, *, dark: bool) -> None:
-        """Draw into a document as long as that has a viewer."""
+        """Draw into a document as long as it has a viewer."""
         self._watched, self._colours = watched, Colours(dark=dark)
         self._run: LiveRun | None = None
         self._plots: list[SignalPlot] = []
@@ -51,14 +51,14 @@ class Picture:
         self.draw()
 
     def draw(self) -> None:
-        """Draw what is there by now, if it is anything new and the browser has drawn the last picture.
+        """Draw what has been read so far, if anything is new and the browser has drawn the last picture.
 
-        A browser that is slower, or shows another tab, gets fewer pictures: never late ones.
+        A browser that is slower, or shows another tab, gets fewer pictures, but never late ones.
         """
         if self._sent - self._drawn_there > _AHEAD:
             return
         if self._watched.run is not self._run and self._run is not None and self._pause.active:
-            self._pause.label = _NEXT_BEGAN  # who paused looks at something: the next run waits
+            self._pause.label = _NEXT_BEGAN  # a viewer who paused is looking at something: the next run waits
         elif self._watched.run is not self._run:
             self._begin(self._watched.run)
         if self._run is None:
@@ -98,7 +98,7 @@ class Picture:
         self._time.update(start=span_s[0], end=span_s[1])
 
     def _zoomed(self, end: str, _old: float, new: float) -> None:
-        """Stay where the viewer zoomed or moved to; what `_move_to` did is nothing new."""
+        """Stay where the viewer zoomed or moved to; ignore changes that `_move_to` made."""
         place = ("start", "end").index(end)
         if new != self._placed[place]:
             self._overtaken = self._overtaken or not self._pause.active
@@ -110,7 +110,7 @@ class Picture:
             self._drawn_there = int(str(new[1]))
 
     def _spanned(self, _name: str, _old: int, _new: int) -> None:
-        """Follow the newest rows over another span, also where the picture was paused."""
+        """Follow the newest rows over another span, even if the picture was paused."""
         self._pause.active = False
 
     def _follow(self, _event: Any) -> None:

@@ -13,8 +13,8 @@ from cfid.watch.spectrum import HIGHEST_HZ, RotorLines
 BINS = 400  # of a signal in a picture: a plot is some 400 pixels wide
 
 _WIDTH_PX, _HEIGHT_PX = 320, 230
-_LABEL_ROOM = 0.25  # of the highest line, above it
-_MARKED = 40  # points at most in a picture, below which each is marked: of typed readings a line alone shows nothing
+_LABEL_ROOM = 0.25  # above the highest line, as a fraction of its height
+_MARKED = 40  # each point of a picture with at most this many is marked: a line alone hides typed readings
 _TOOLS = "xpan,xwheel_zoom,xbox_zoom,reset"
 
 
@@ -22,7 +22,7 @@ class Colours:
     """The colours of a page, light or dark."""
 
     def __init__(self, *, dark: bool) -> None:
-        """Choose them; text and lines have a contrast of 4.5 and more to the page."""
+        """Choose the colours; text and lines have a contrast of at least 4.5 to the page."""
         self.text, self.grid = ("#d8dce1", "#353b43") if dark else ("#1f2328", "#d9dde2")
         self.lines = (
             ("#6cb2ff", "#ff9a62", "#5fd08c", "#c79bff", "#e3c34a", "#9aa4af")
@@ -39,7 +39,7 @@ class SignalPlot:
     """Curves of a signal over time."""
 
     def __init__(self, signal: Trace, time_range: Range1d, colours: Colours) -> None:
-        """Make the plot; its axis of time is common to all."""
+        """Make the plot; all plots share its time axis."""
         self._signal = signal
         self._source, self._marks = (
             ColumnDataSource({"t": [], **{name: [] for name in signal.names}}) for _ in range(2)
@@ -54,7 +54,7 @@ class SignalPlot:
         self.block = _block(self.figure, signal.title, signal.unit, signal.names, colours)
 
     def draw(self, begin_s: float, end_s: float, now_s: float) -> None:
-        """Draw a span of time; steps last until now."""
+        """Draw a span of time; the last of `steps` extends to `now_s`."""
         seen = self._signal.extremes.view(begin_s, end_s, BINS)
         time_s, values = (seen.time_s, seen.low) if self._signal.steps else seen.zigzag()
         if self._signal.steps and len(time_s):
@@ -118,7 +118,7 @@ def _figure(x_unit: str, colours: Colours, **more: object) -> figure:
 
 
 def _finish(plot: figure, colours: Colours) -> None:
-    """Colour what exists only once the curves do, and show values under the pointer."""
+    """Colour what exists only once the curves exist, and show values under the pointer."""
     plot.axis.axis_label_text_color = plot.axis.major_label_text_color = colours.text
     plot.axis.axis_line_color = plot.axis.major_tick_line_color = plot.axis.minor_tick_line_color = colours.text
     plot.grid.grid_line_color = colours.grid
@@ -128,7 +128,7 @@ def _finish(plot: figure, colours: Colours) -> None:
 def _block(plot: figure, title: str, unit: str, names: tuple[str, ...], colours: Colours) -> Column:
     """Return a plot below its title and the names of its curves.
 
-    A legend of Bokeh's is drawn anew with all data, which takes a quarter of a picture's time.
+    Bokeh redraws its own legend with every update of the data, which takes a quarter of a picture's time.
     """
     curves = "".join(
         f' <span style="color: {colours.line(k)}">{escape(name)}</span>'

@@ -1,4 +1,4 @@
-"""The server of the page on this computer's loopback: Bokeh's, behind the gate, with the page and the stop."""
+"""Serves the page on this computer's loopback: Bokeh's server behind the gate, with the page and the stop."""
 
 import asyncio
 import logging
@@ -33,8 +33,8 @@ _PLOTS = "/plots"
 def serve(watched: Watched, *, campaign: Path | None, port: int, ready: Callable[[str], None]) -> None:
     """Serve the page until Ctrl-C; `ready` gets its address. Port 0 is any free one.
 
-    The button stops the vehicles that the shown run and those recorded beside it drive, else that of `campaign`, a
-    folder. Raises ConfigError when the port cannot be taken.
+    The button stops the vehicles of the shown run and of those recorded beside it; where no run drives one, the
+    vehicle of the folder `campaign`. Raises ConfigError when the port cannot be taken.
     """
     try:
         sockets = bind_sockets(port, LOOPBACK)
@@ -144,7 +144,7 @@ class _Stop(RequestHandler):
             self.set_status(403)
             self.finish("Not stopped: no button of the page sent this request.\n")
             return
-        self._watched.look_for_newer()  # which nothing has done where the plots were not loaded
+        self._watched.look_for_newer()  # nothing has looked where the plots were not loaded
         report = await self._stop.press(self._watched.run)
         self.finish({"stopped": report.stopped, "text": report.text})
 

@@ -1,4 +1,4 @@
-"""The signals of a run's devices: which columns are drawn together, in which unit, from a device's raw rows."""
+"""Defines the signals of a run's devices: which columns are drawn together, and in which unit, from raw rows."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -20,7 +20,7 @@ Convert = Callable[[Array], Array]
 
 SCALE_MN = 1e3  # forces are drawn in mN, torques in mN m
 
-_START_S = 0.3  # at rest in every recording with motors
+_START_S = 0.3  # motors are off for at least this long at the start of every recording with motors
 
 _STAMPS = {"t", "vehicle_ms", "vehicle_us", "device_us", "sample", "report", "status", "stable"}
 _UNITS = {"pm": "V", "gyro": "degrees/s", "acc": "g", "rpm": "rpm", "rtt_s": "s", "grams": "g"}
@@ -32,14 +32,14 @@ _TITLES = {
     "grams": "weight on the scales",
     "thrust_rec": "command, as the vehicle reports it",
 }
-_BESIDE = {READINGS: {"command", "withdrawn"}}  # columns of a device that say what a value is of
+_BESIDE = {READINGS: {"command", "withdrawn"}}  # columns of a device that state what a value belongs to
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trace:
-    """Curves drawn together: `convert` makes their values (n, c) of a device's rows (n, columns).
+    """Curves drawn together: `convert` makes their values (n, c) from a device's rows (n, columns).
 
-    `steps` hold their value until the next row.
+    Curves that are `steps` hold their value until the next row.
     """
 
     device: str
@@ -60,9 +60,9 @@ class Trace:
 
 
 def signals_of(device: str, record: DeviceRecord, *, rests: bool) -> list[Trace]:
-    """Return the signals of a device, of any kind: what is not known is drawn in its own unit.
+    """Return the signals of a device of any kind: an unknown column is drawn in its own unit.
 
-    A load cell that `rests` first is drawn without its bias.
+    A load cell that `rests` at first, unloaded, is drawn without its bias.
     """
     facts = record.model_extra or {}
     if device == ENCODER and "phi" in record.columns:
@@ -86,13 +86,13 @@ def signals_of(device: str, record: DeviceRecord, *, rests: bool) -> list[Trace]
             )
             for title, unit, axes, convert in kinds
         ]
-    if device == SUPERVISOR:  # its states are words
+    if device == SUPERVISOR:  # its states are words, not values to draw
         return []
     return list(_groups(device, record))
 
 
 def _groups(device: str, record: DeviceRecord) -> Iterator[Trace]:
-    """Yield a signal for each group of a vehicle's variables, as `gyro.x` and `gyro.y`; for others one of all."""
+    """Yield a signal for each group of a vehicle's variables (`gyro.x`, `gyro.y`), else one for all columns."""
     names = [name for name in record.columns if name not in _STAMPS | _BESIDE.get(device, set())]
     if device == VEHICLE_LOG:
         groups = [(group, tuple(members)) for group, members in groupby(names, lambda name: name.partition(".")[0])]
@@ -136,7 +136,7 @@ class _SinceStart:
 
 
 class _Angle:
-    """Counts to a continuous angle in degrees; words that fail their check are left out."""
+    """Converts counts to a continuous angle in degrees; words that fail their check are left out."""
 
     def __init__(self, record: DeviceRecord, *, place: int) -> None:
         self._place, self._scale = place, record.counts_per_turn

@@ -1,4 +1,4 @@
-"""The spectrum of a load cell's newest samples, and the lines in it that move with the rotors."""
+"""Computes the spectrum of a load cell's newest samples, and finds the lines in it that move with the rotors."""
 
 import math
 from typing import NamedTuple
@@ -40,7 +40,7 @@ class RotorLines(NamedTuple):
 def spectrum_of(time_s: Array, force_n: Array) -> RotorLines | None:
     """Return the spectrum of samples (n,), (n, 3) and the rotors' lines; None where they are too few or uneven.
 
-    Rotors are looked for one after the other: the most evident one's lines are taken away before the next.
+    Rotors are found one after another: the lines of the most evident rotor are removed before the next is sought.
     """
     if len(time_s) < _FEWEST or not np.isfinite(force_n).all():
         return None
@@ -55,7 +55,7 @@ def spectrum_of(time_s: Array, force_n: Array) -> RotorLines | None:
 
 def _rotor_lines(seen: Spectrum, height: Array) -> list[Line]:
     if aliased(0.5 / float(seen.frequency_hz[-1]), _BLADES, PLAUSIBLE_RAD_PER_S[1]):
-        return []  # blade pass may be folded to any place
+        return []  # blade pass may be folded to any frequency
     comb, found = rotor_comb(_BLADES), list[Line]()
     try:
         grid = comb.candidates(seen, PLAUSIBLE_RAD_PER_S)
@@ -81,7 +81,7 @@ def _label(harmonic: int) -> str:
 
 
 def _without(seen: Spectrum, lines_hz: list[float]) -> Spectrum:
-    """Return a spectrum that has noise alone at some lines."""
+    """Return a spectrum with only noise at some lines."""
     amplitude = seen.amplitude.copy()
     for line_hz in lines_hz:
         near = np.abs(seen.frequency_hz - line_hz) < _LOBE / seen.length_s

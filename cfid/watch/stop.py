@@ -1,4 +1,4 @@
-"""Runs `cfid motors stop` in a process of its own: it needs neither the recorder nor this one."""
+"""Runs `cfid motors stop` in its own process, which needs neither the recorder nor this process."""
 
 import asyncio
 import sys
@@ -21,7 +21,7 @@ class StopReport(NamedTuple):
 
 
 class MotorStop:
-    """The stop of the vehicles that a page is about. Presses of a button while one runs get its result."""
+    """The stop of the vehicles that a page is about. A press of the button while a stop runs gets its result."""
 
     def __init__(self, campaign: Path | None) -> None:
         """Take the folder of the page's campaign, None where there is none."""
@@ -31,7 +31,8 @@ class MotorStop:
     async def press(self, run: LiveRun | None) -> StopReport:
         """Stop all motors of every vehicle that a shown run and those recorded beside it drive, all at once.
 
-        Where none drives one, it is the vehicle of the run's campaign or the page's. Returns whether each confirmed it.
+        Where no run drives one, stop the vehicle of the run's campaign, or of the page's. Return whether every vehicle
+        confirmed the stop.
         """
         if self._running is None or self._running.done():
             self._running = asyncio.create_task(self._stopped(run))
@@ -49,7 +50,7 @@ class MotorStop:
 
 
 async def _stop(words: list[str], *, failed: str) -> StopReport:
-    """Run `cfid motors stop` with these options; `failed` begins the text where it states no danger itself."""
+    """Run `cfid motors stop` with these options; `failed` begins the text of a failure that states no danger itself."""
     try:
         process = await asyncio.create_subprocess_exec(
             *[sys.executable, "-m", "cfid.cli.main", "motors", "stop", *words],
@@ -72,7 +73,7 @@ async def _stop(words: list[str], *, failed: str) -> StopReport:
 
 
 def _asks_for_one_of(line: str, driven: tuple[str, ...]) -> bool:
-    """Return whether a line advises to stop one of the vehicles too: each is stopped by a process of its own."""
+    """Return whether a line advises stopping one of these vehicles, each of which has its own stopping process."""
     return any(line.endswith(f"cfid motors stop --uri {resolved(uri)}") for uri in driven)
 
 

@@ -1,4 +1,4 @@
-"""Read the rows that were added to a growing CSV file: by byte offset, without a lock, and without writing."""
+"""Reads the rows that were added to a growing CSV file: by byte offset, without a lock, and without writing."""
 
 import io
 from pathlib import Path
@@ -9,7 +9,7 @@ import pandas as pd
 
 Array = npt.NDArray[np.float64]
 
-CHUNK_BYTES = 1 << 20  # 14 000 rows of a load cell: two seconds at 7 kHz, parsed within some 20 ms
+CHUNK_BYTES = 1 << 20  # 14 000 rows of a load cell: two seconds at 7 kHz, parsed within about 20 ms
 
 
 class Tail:
@@ -24,7 +24,7 @@ class Tail:
 
     @property
     def behind_bytes(self) -> int:
-        """How much of the file is not read yet."""
+        """How many bytes of the file are not read yet."""
         try:
             return max(self._path.stat().st_size - self._offset, 0)
         except OSError:

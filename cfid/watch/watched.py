@@ -9,8 +9,8 @@ from cfid.watch.live_run import LiveRun, newest_run
 from cfid.watch.signals import SCALE_MN
 from cfid.watch.spectrum import LENGTH_S, RotorLines, spectrum_of
 
-_READ_S = 0.05  # of each picture's tenth of a second, while a long file is caught up with
-_LOOK_S = 1.0  # for a newer run
+_READ_S = 0.05  # of each picture's tenth of a second, while the page catches up with a long file
+_LOOK_S = 1.0  # from one look for a newer run to the next
 _SPECTRUM_S = 0.5
 
 
@@ -44,13 +44,13 @@ class Watched:
         self._compute(now_s)
 
     def look_for_newer(self) -> None:
-        """Turn to a newer run of the campaign's, unless one that is recorded is shown."""
+        """Turn to a newer run of the campaign, unless the shown run is being recorded."""
         found = None if self._runs_folder is None else newest_run(self._runs_folder)
         if found is None or (self.run is not None and (self.run.folder == found or self.run.recording_now)):
             return
         try:
             self.run, self.lines = LiveRun(found), None
-        except DataError:  # it is looked at again
+        except DataError:  # the next call tries again
             return
         self.revision += 1
 
@@ -59,7 +59,7 @@ class Watched:
         self._computer.shutdown(cancel_futures=True)
 
     def _compute(self, now_s: float) -> None:
-        """Take over a spectrum that is ready, and begin the next one."""
+        """Take a spectrum that is ready, and begin the next one."""
         if self._computing is not None and self._computing.done():
             self.lines, self._computing = self._computing.result(), None
         device = None if self.run is None else self.run.loadcell
