@@ -1,6 +1,6 @@
 """Real devices: opens ports, records what they send into runs, and reports what is wrong with them.
 
-Raises DeviceError on import where the system lacks what a port, a lock or a keyboard is opened with.
+Raises DeviceError on import where the system lacks the modules that open ports, locks and keyboards.
 """
 
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""Drives motors through cfid's app on the vehicle, which stops them itself when keep-alives stay away."""
+"""Drives motors through cfid's app on the vehicle, which stops them itself when keep-alives stop arriving."""
 
 import secrets
 from collections.abc import Awaitable, Callable, Mapping
@@ -16,7 +16,7 @@ from cfid.wire.app import AppState, AppVerdict, Flags, PingChannel, SineChannel,
 from cfid.wire.crtp import Packet
 
 _EVERY_S = 0.1  # five keep-alives in the time that the app waits for one
-_UNANSWERED_S = 0.4  # without an answer to any of them
+_UNANSWERED_S = 0.4  # without an answer to any keep-alive
 _STOP_S = 0.1
 _STOPS = 10
 _ALLOWED_S = 0.7  # for a brushed vehicle to arm itself again, which takes it 0.16 s
@@ -48,12 +48,12 @@ class AppMotors:
         self._supervisor = supervisor
         self._owner = secrets.randbits(32) | 1 if firmware.knows_owners else app.NO_OWNER
         self._first = self._number = secrets.randbits(31)  # other programs' answers have other numbers
-        self._commands: Four | None = None  # as the app confirmed them; None: not known, or the sine's own
-        self._settled_at = self._first  # the number of the last keep-alive that was sent before that
+        self._commands: Four | None = None  # as the app confirmed them; None: unknown, or those of a sine
+        self._settled_at = self._first  # the number of the last keep-alive sent before that confirmation
         self._answered_s = 0.0
         self._owns_motors = self._kept_out = self._stopped = self.playing = False
         self._fault = ""
-        self._taken_back: tuple[AppState, float] | None = None  # the first state in which the app drove something else
+        self._taken_back: tuple[AppState, float] | None = None  # the first state with other commands, and its arrival
         self._next: DelayedCall | None = None
         vehicle.listen(self._ports.ping, PingChannel.ALIVE, self._take_state)
 
@@ -64,7 +64,7 @@ class AppMotors:
         self._keep_alive()
 
     async def set(self, commands: Four) -> float:
-        """Set the motors whose commands differ; a resting vehicle that needs arming is armed first."""
+        """Set the motors whose commands differ; first arm a vehicle that needs it, if all its motors are off."""
         self._limits.check_four(commands)
         before, self._commands = self._commands, None
         await self._own_motors()
@@ -122,7 +122,7 @@ class AppMotors:
     async def stop(self) -> float | None:
         """End the keep-alives, and wait until the app reports that all commands are zero.
 
-        Then make sure that nothing overrides it, and that a vehicle with idle thrust is disarmed.
+        Then make sure that nothing overrides the app, and that a vehicle with idle thrust is disarmed.
         """
         self._stopped = True
         began_s = self._vehicle.loop.seconds()
@@ -197,7 +197,7 @@ class AppMotors:
     ) -> float:
         """Attempt something until it is accepted, and return the time at which that attempt began.
 
-        The supervisor disarms a resting vehicle after some seconds; a brushed one is ready again in a moment.
+        The supervisor disarms a vehicle whose motors have been off for some seconds; a brushed one is soon ready again.
         """
         end_s = self._vehicle.loop.seconds() + _ALLOWED_S
         while True:
@@ -230,7 +230,7 @@ class AppMotors:
             await sleep(self._vehicle.loop, _AGAIN_S)
 
     async def _own_motors(self) -> None:
-        """Wait once until the app accepts a keep-alive of this program: before that it refuses every command."""
+        """Wait until the app has once accepted a keep-alive of this program: before that it refuses every command."""
         end_s = self._vehicle.loop.seconds() + _OTHERS_S
         while not self._owns_motors:
             if Flags.NOT_OWNER not in (await self._state()).flags:
@@ -268,9 +268,9 @@ class AppMotors:
             self._fault = str(error)
 
     def _take_state(self, payload: bytes, arrived_s: float) -> None:
-        """Compare the commands that the app drives with those it was sent, unless those were still on their way.
+        """Compare the commands that the app drives with those it was sent, unless the latter may still be on their way.
 
-        A vehicle that two programs talk to sends the answers to either.
+        A vehicle to which two programs talk sends an answer to either of them.
         """
         state = app.decode_state(payload)
         if state is None or not self._first < state.number <= self._number:

@@ -29,7 +29,7 @@ from cfid.wire.supervisor import (
 
 Answer = TypeVar("Answer")
 
-APPLIED = tuple(f"motor.m{motor}" for motor in MOTORS)  # the commands that motors get in the end
+APPLIED = tuple(f"motor.m{motor}" for motor in MOTORS)  # the commands that finally reach the motors
 
 _BLOCK = 199
 _PERIOD_MS = 20
@@ -74,7 +74,7 @@ def logged(link: Link, name: str) -> float | None:
 
 
 def parameter_of(link: Link, name: str) -> float | None:
-    """Return a parameter's value, None where there is none of that name. Raises DeviceError when the link is gone."""
+    """Return a parameter's value, None where it does not exist. Raises DeviceError when the link is gone."""
     parameter = link.parameter(name)
     if parameter is None:
         return None

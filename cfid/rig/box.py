@@ -11,7 +11,7 @@ from cfid.records.devices import LoadCellBox
 from cfid.wire import netft, rdt
 
 _TIME_OUT_S = 3.0  # without a byte
-_LONGEST_S = 6.0  # for a page: one that drips would hold a recording for ever
+_LONGEST_S = 6.0  # for a page: one that trickles in would block a recording forever
 _LONGEST_PAGE = 1 << 18
 _BIAS_TRIES, _BIAS_TAKES_S = 3, 0.1
 _BUFFERED_S = 0.02  # how long a box may keep records back to fill a datagram
@@ -20,7 +20,7 @@ _BUFFERED_S = 0.02  # how long a box may keep records back to fill a datagram
 def resolved(box: LoadCellBox) -> LoadCellBox:
     """Return the box with its numeric address, which is the source of its datagrams.
 
-    Raises DeviceError when there is no such address.
+    Raises DeviceError when the address does not exist.
     """
     try:
         number = socket.gethostbyname(box.address) if box.address else ""
@@ -52,7 +52,7 @@ def read_settings(box: LoadCellBox) -> netft.Settings:
 def set_rate(box: LoadCellBox, *, buffered: bool) -> netft.Settings:
     """Set the box' rate and its records per datagram; return its settings as read back.
 
-    Raises DeviceError when the box keeps others.
+    Raises DeviceError when the box keeps other settings.
     """
     size = buffer_size(box.rate_hz) if buffered else 1
     before = read_settings(box)
@@ -74,7 +74,7 @@ def set_rate(box: LoadCellBox, *, buffered: bool) -> netft.Settings:
 def take_bias(box: LoadCellBox) -> bool:
     """Bias the box to the present load; return whether its settings then show another bias than before.
 
-    The box does not answer this request, and it ends the stream: only the holder of the box may send it. Raises
+    The box does not answer this request, which ends the stream: only the holder of the box may send it. Raises
     DeviceError when the box is out of reach.
     """
     before = read_settings(box).bias
@@ -92,7 +92,7 @@ def take_bias(box: LoadCellBox) -> bool:
 
 
 def buffer_size(rate_hz: float) -> int:
-    """Return how many records a datagram shall hold, so that none waits long in the box."""
+    """Return how many records a datagram should hold, so that none waits long in the box."""
     return max(1, min(40, round(rate_hz * _BUFFERED_S)))
 
 
@@ -147,7 +147,7 @@ def _page(box: LoadCellBox, path: str) -> str:
 
 
 def _hang_up(connection: socket.socket, late: threading.Event) -> None:
-    """End a connection on which bytes still come, each in time."""
+    """End a connection on which bytes keep arriving, each before its time-out."""
     late.set()
     with contextlib.suppress(OSError):
         connection.shutdown(socket.SHUT_RDWR)

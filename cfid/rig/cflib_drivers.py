@@ -34,7 +34,7 @@ class RepeatingUdp(UdpDriver):  # type: ignore[misc]
             return
         with contextlib.suppress(OSError):
             self.socket.shutdown(socket.SHUT_RDWR)
-            os.set_blocking(self.socket.fileno(), True)  # else what receives finds nothing, at once, for a second
+            os.set_blocking(self.socket.fileno(), True)  # else the receiving thread polls in vain for a second
         super().close()
         queue.Queue.put(self.in_queue, None)
 
@@ -60,7 +60,7 @@ def find_vehicle() -> str:
 
 
 def prepare_cflib() -> None:
-    """Load cflib's drivers once, and keep its log from stderr, which is for cfid's messages."""
+    """Load cflib's drivers once, and keep its log off stderr, which is for cfid's messages."""
     logging.getLogger("cflib").setLevel(logging.CRITICAL)
     if not cflib.crtp.CLASSES:
         cflib.crtp.init_drivers()

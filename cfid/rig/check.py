@@ -20,14 +20,14 @@ from cfid.wire.rls import RLS_13BIT_IN_22, decode_words
 
 _STREAM_S = 0.3
 _WAIT_S = 1.0
-_MOST_PASS = 0.5  # of the words, where their width is right
+_MOST_PASS = 0.5  # fraction of words; more pass where the width is right
 _REACH = "check power, cable, and devices.loadcell.address in rig.toml"
 
 State = Literal["ok", "warning", "fault"]
 
 
 class DeviceAnswer(NamedTuple):
-    """A question to a device, its answer, what to do where that is not as it should be, and the limit, if any."""
+    """A question to a device, its answer, what to do where the answer is not as it should be, and any limit."""
 
     asked: str
     state: State
@@ -56,7 +56,7 @@ def check_encoder(setting: EncoderPort, *, counts_per_turn: float | str) -> list
         advice = f"rig.toml's counts_per_turn needs {expected_bits} bits: `cfid log encoder` sets them"
         return [named, DeviceAnswer("word", "warning", bits, advice)]
     stamped = "with the device's own stamps" if found.stamped else "without stamps"
-    # A word of another kind may pass by chance, and a noisy line spoil one.
+    # A word of another kind may pass by chance, and a noisy line may spoil a valid one.
     if counts_per_turn == RLS_13BIT_IN_22 and not decode_words(np.array(found.positions)).valid.mean() > _MOST_PASS:
         advice = "no 13-bit position in 22 bits: set encoder.counts_per_turn in rig.toml to its counts per turn"
         return [named, DeviceAnswer("word", "fault", f"{bits}, position {found.positions[0]}", advice)]
@@ -184,5 +184,5 @@ def _streamed(line: socket.socket, box: tuple[str, int], records: int) -> tuple[
 def _stop(line: socket.socket, box: tuple[str, int]) -> None:
     try:
         line.sendto(rdt.encode_request(rdt.Request(rdt.Command.STOP)), box)
-    except OSError:  # no request left either, then
+    except OSError:  # then the request for records was not sent either
         return

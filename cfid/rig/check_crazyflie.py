@@ -22,7 +22,7 @@ _FOUND = {
 def check_vehicle(setting: CrazyflieLink) -> list[DeviceAnswer]:
     """Connect to the vehicle and check it; one that another cfid holds is left alone.
 
-    A vehicle that rig.toml does not name and no radio finds is not a fault: not every experiment needs one.
+    It is not a fault if rig.toml names no vehicle and none is found: not every experiment needs one.
     """
     if setting.uri and (holder := holder_of(setting.uri)):
         return [DeviceAnswer("link", "ok", f"held by {holder}", "skipped: a vehicle has one client")]

@@ -20,14 +20,14 @@ _FIRST_S = 4.0  # until the first line: a board that restarts when its port is o
 _LOOK_S = 1.0
 _FEWEST_PERIODS = 10
 _LONGEST_LOOK_S = 5.0
-_OFF = 0.1  # of the rate that rig.toml states
-_ALONE = 20.0  # of what three readings in a row usually differ by: no motion brings one alone so far
+_OFF = 0.1  # tolerance, as a fraction of the rate that rig.toml states
+_ALONE = 20.0  # times the usual difference of neighbouring readings: no motion moves a single one so far
 _WRAP = 1 << 32  # of a clock in microseconds
-_TORN = 0.01  # of the lines that may not match
+_TORN = 0.01  # fraction of the lines that may fail to match
 
 
 def check_lines(name: str, setting: LineDevice) -> list[DeviceAnswer]:
-    """Listen to a device for a second or more. One that a recording holds is left alone: its lines would be shared."""
+    """Listen to a device for a second or more; skip one that a recording holds, as the recording would lose lines."""
     port = setting.port
     try:
         if holder := holder_of(lock_name(port)):
@@ -64,7 +64,7 @@ def _rate(setting: LineDevice, count: int, rejected: int, for_s: float) -> Devic
 
 
 def _clock(setting: LineDevice, readings: Sequence[tuple[float, ...]], for_s: float) -> list[DeviceAnswer]:
-    """Judge how the device's own clock goes, where it sends one."""
+    """Judge the rate of the device's own clock, if it sends one."""
     stamp = setting.stamp
     if stamp is None:
         return []
@@ -105,7 +105,7 @@ def _outliers(shown: npt.NDArray[np.float64]) -> int:
 
 
 def _readings(setting: LineDevice, reader: LineReader) -> tuple[list[tuple[float, ...]], float, int]:
-    """Return the lines after the first one, in which time they came, and how many bytes came at all."""
+    """Return the readings of the lines after the first, the time they took, and the number of bytes in all."""
     found: list[tuple[float, ...]] = []
     received, begun_s = 0, 0.0
     end_s = time.monotonic() + _FIRST_S

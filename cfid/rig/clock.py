@@ -11,8 +11,8 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 _WRAP = 1 << 32
-REMEMBERED_BLOCKS = 40  # two seconds of them: several quick arrivals, and hardly any drift
-_FASTEST_CORRECTION = 5e-4  # of the time that passed: 0.07 microseconds from one sample to the next at 7 kHz
+REMEMBERED_BLOCKS = 40  # two seconds' worth: several quick arrivals, and hardly any drift
+_FASTEST_CORRECTION = 5e-4  # fraction of the time passed: 0.07 microseconds from one sample to the next at 7 kHz
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class HostClock:
 
     @classmethod
     def now(cls) -> Self:
-        """Measure the offset; of a few attempts the least interrupted one counts."""
+        """Measure the offset; the least interrupted of a few attempts counts."""
         tries = [(time.monotonic(), time.time(), time.monotonic()) for _ in range(5)]
         before, unix, after = min(tries, key=lambda read: read[2] - read[0])
         return cls(unix - (before + after) / 2)
@@ -36,7 +36,7 @@ class HostClock:
 def suspended_s() -> float:
     """Return how long the computer has been suspended since its start, which the monotonic clock leaves out.
 
-    0 where the system does not tell.
+    Return 0 where the system does not report it.
     """
     if not hasattr(time, "CLOCK_BOOTTIME"):
         return 0.0
@@ -77,7 +77,7 @@ class SampleClock:
         """Return the instants of samples with the counts `ticks` (n,), which wrap at 2^32.
 
         `arrived` (m,) are the samples that ended a datagram, `arrival_s` (m,) the times at which it arrived. `read_s`
-        is when the samples were read: it stands for the last arrival as long as none is known.
+        is when the samples were read: it replaces the last arrival as long as none is known.
         """
         counts = self._unwrapped(ticks)
         self._last_ticks = int(counts[-1])

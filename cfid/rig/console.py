@@ -24,7 +24,7 @@ STEP = 500  # of the arrow keys
 _STOPS = {"", "s", "p", "stop"}
 _QUITS = {"q", "quit", "exit"}
 _ALL = {"a", "all"}
-_STOP_KEYS = {"s", "p", "q", ESCAPE}  # at once, whatever is typed so far
+_STOP_KEYS = {"s", "p", "q", ESCAPE}  # at once, whatever has been typed so far
 _LETTERS = set("0123456789 ,alAL")  # of an order
 
 
@@ -80,7 +80,7 @@ class Console:
     """Executes what the keyboard orders. A stop overtakes every order that is still waiting."""
 
     def __init__(self, commands: MotorCommands, limits: Limits, *, loop: Any, tell: Say, say: Say) -> None:
-        """Take motors that stand; `tell` shows their commands and the typed text, `say` prints a message."""
+        """Take motors that are off; `tell` shows their commands and the typed text, `say` prints a message."""
         self._commands, self._limits, self._tell, self._say = commands, limits, tell, say
         self._keyboard = Keyboard(self._take, loop=loop, keys=True)
         self._waiting: deque[str | None] = deque()  # lines, arrows and stops; None for the end of the input
@@ -94,7 +94,7 @@ class Console:
 
         At a terminal an invalid order stops the motors and prints a message; in a script it raises ConfigError.
         """
-        self._keyboard.open()  # discards what was typed before: the operator had not read yet what the keys do
+        self._keyboard.open()  # discards what was typed before: the operator had not yet read what the keys do
         self._say(HELP)
         try:
             while not self._now.quit:
@@ -124,7 +124,7 @@ class Console:
         self._show()
 
     def _stops(self, key: str) -> bool:
-        """Return whether a key stops at once, whatever is half typed; a single space separates numbers."""
+        """Return whether a key stops at once, even in a half-typed order; a single space separates numbers."""
         return key.lower() in _STOP_KEYS or (key == " " and (not self._typed or self._typed.endswith(" ")))
 
     def _stop(self, key: str) -> None:

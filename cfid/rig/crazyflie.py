@@ -1,4 +1,4 @@
-"""Opens the link to a vehicle: the module that handles cflib and its threads, and adds the time-outs that it lacks.
+"""Opens the link to a vehicle: handles cflib and its threads, and adds the time-outs that cflib lacks.
 
 Packets arrive on cflib's thread and get their times there. Before a loop is attached, `ask` waits for them one by one.
 """
@@ -23,15 +23,15 @@ Arrived = tuple[Packet, float]
 OLDEST_PROTOCOL = 4  # from 2018 on: the first with 16-bit tables
 
 _SILENT_S = 2.0  # without any packet
-_STUCK_S = 0.7  # without a further one while the tables are read: one was lost, and nothing repeats it
+_STUCK_S = 0.7  # without a further packet while the tables are read: one was lost, and nothing repeats it
 _CONNECT_S = 30.0  # tables of a real vehicle come in a second, and in twenty where one packet in ten is lost
 _FOREIGN_TRIES = 5  # connections in which something answered, but never as a Crazyflie does
 _ECHO = Packet(ECHO_PORT, ECHO_CHANNEL, encode_echo(0))
-_NAME = Packet(15, 1, b"Bitcraze Crazyflie")  # the beginning of its answer to cflib's first request
+_NAME = Packet(15, 1, b"Bitcraze Crazyflie")  # the beginning of a vehicle's answer to cflib's first request
 _CLOSE_S = 2.5
-_SEND_S = 0.5  # in which cflib hands a packet to a driver that takes packets
-# cflib's steps of a connection, each taken when the answer to the one before is there. An answer that came twice, as
-# datagrams may, would begin them anew: a reset of the vehicle's log among them, when cfid has begun its own.
+_SEND_S = 0.5  # in which cflib hands a packet to a driver that accepts it
+# The steps in which cflib connects, each taken when the previous one has been answered. An answer that arrives twice,
+# as datagrams may, would repeat them, among them a reset of the vehicle's log, after cfid has begun its own log.
 _STEPS = ("_platform_info_fetched", "_log_toc_updated_cb", "_mems_updated_cb", "_param_toc_updated_cb")
 _CHECK_EVERY_S = 0.02
 _ECHO_EVERY_S = 0.1
@@ -51,7 +51,7 @@ class Link:
     """An open link to a vehicle, whose tables have been read. Made by `connect`."""
 
     def __init__(self, uri: str, cf: Crazyflie) -> None:
-        """Take a Crazyflie of cflib's that opens its link now."""
+        """Take a Crazyflie of cflib that is about to open its link."""
         self.uri = uri
         self.fault = ""
         self.received_s = 0.0
@@ -65,8 +65,8 @@ class Link:
     def connect(cls, uri: str) -> Self:
         """Open the link and read the vehicle's tables.
 
-        An attempt that a lost packet stopped is repeated while there is time. Raises DeviceError naming how far it
-        got: no such address, no radio, no answer, not a Crazyflie, too old, a link that loses packets.
+        An attempt that a lost packet stopped is repeated while time remains. Raises DeviceError naming how far the
+        attempts got: no such address, no radio, no answer, not a Crazyflie, too old, a link that loses packets.
         """
         prepare_cflib()
         begun_s, answered, named, foreign = time.monotonic(), False, False, 0
@@ -94,18 +94,18 @@ class Link:
         return int(self._cf.platform.get_protocol_version())
 
     def variable(self, name: str) -> Variable | None:
-        """Return a log variable by its name, as `pm.vbat`."""
+        """Return a log variable by its name, such as `pm.vbat`."""
         return _entry(self._cf.log.toc, name)
 
     def parameter(self, name: str) -> Variable | None:
-        """Return a parameter by its name, as `motorPowerSet.enable`."""
+        """Return a parameter by its name, such as `motorPowerSet.enable`."""
         return _entry(self._cf.param.toc, name)
 
     def send(self, packet: Packet) -> QueuedPacket:
         """Queue a packet for the sending thread; the returned object gets the time at which it left.
 
-        cflib would block the caller where a radio takes no more packets, and hold a lock while it reports that. When
-        the link is gone, this raises DeviceError, where cflib would ignore the packet.
+        cflib would block the caller when a radio takes no more packets, and hold a lock while it reports that. When
+        the link is gone, this method raises DeviceError, where cflib would ignore the packet.
         """
         if self.fault or self._cf.link is None:
             raise DeviceError(self.fault or f"{self.uri}: the link is closed.")
@@ -120,9 +120,9 @@ class Link:
     def ask(
         self, packet: Packet, read: Callable[[Packet], Answer | None], *, within_s: float = 0.2, tries: int = 3
     ) -> Answer | None:
-        """Send a packet until `read` returns something for a packet that arrives; None when it never does.
+        """Send a packet repeatedly until `read` returns an answer from an arriving packet; None when it never does.
 
-        Only before a loop is attached: from then on the loop takes the packets.
+        Call this only before a loop is attached: from then on the loop takes the packets.
         """
         for _ in range(tries):
             self.send(packet)
@@ -137,7 +137,7 @@ class Link:
         return None
 
     def attach(self, wake: Callable[[], None]) -> None:
-        """Call `wake`, on cflib's thread, whenever a packet has arrived: it makes a loop call `arrived`."""
+        """Call `wake`, on cflib's thread, whenever a packet has arrived: `wake` makes a loop call `arrived`."""
         self._wake = wake
         wake()
 
@@ -162,10 +162,10 @@ class Link:
     def _close(self) -> None:
         """Close the driver first, so that cflib, when it closes its own part, cannot send a last setpoint.
 
-        That setpoint would grow old, and lock a vehicle whose motors ran within the last two seconds.
+        That setpoint would go stale, and lock a vehicle whose motors ran within the last two seconds.
         """
-        # cflib repeats requests from timers, which look twice at the link that they send on. One that holds its lock
-        # for longer waits for the driver, and looks no more.
+        # cflib repeats requests from timers, which look up the link twice as they send. A timer that holds the lock for
+        # longer is waiting for the driver, and does not look it up again.
         held = self._cf._send_lock.acquire(timeout=_SEND_S)
         driver, self._cf.link = self._cf.link, None
         if held:
@@ -174,7 +174,7 @@ class Link:
             driver.close()
         updater = self._cf.param.param_updater
         self._cf.close_link()
-        if updater is not None:  # cflib wakes it before it has it end, and so it may wait once more, for good
+        if updater is not None:  # cflib wakes it before asking it to end, and so it may wait again, forever
             updater.request_queue.put(None)
             updater.join(_CLOSE_S)
 
@@ -196,7 +196,7 @@ class Link:
             )
 
     def _opened(self, end_s: float) -> bool:
-        """Open and wait until the tables are there; False when a lost packet stopped that."""
+        """Open the link and wait for the tables; return False when a lost packet stopped that."""
         connected = threading.Event()
         cf = self._cf
         cf.connected.add_callback(lambda uri: connected.set())
@@ -281,7 +281,7 @@ class Link:
 
 
 def _once(step: Callable[[], None]) -> Callable[[], None]:
-    """Return a step that is taken the first time and never again."""
+    """Return a step that is taken at the first call and never again."""
     left = [step]
 
     def take() -> None:

@@ -20,7 +20,7 @@ _BLOCK = 200  # cflib numbers its own blocks from 1
 _WRAP_MS = 1 << 24
 _EXISTS = 17
 _SILENT_S, _SILENT_PERIODS = 0.5, 5  # without a row
-_ABSENT_S = 3.0  # without a row of a log that monitors nothing, as of an encoder
+_ABSENT_S = 3.0  # without a row of a log without battery, as for an encoder
 _LOW_FOR_S = 0.5  # a start of the motors pulls the voltage down for a moment
 
 
@@ -48,7 +48,7 @@ class CrazyflieLog:
         self._rows: list[tuple[float, int, tuple[float, ...]]] = []
         self._last_ms: int | None = None
         self._low_since_s: float | None = None
-        self._low = ""  # what was reported: the rows that follow until the end say it no more
+        self._low = ""  # the fault as reported: later rows do not change it
         self._newest_ms: int | None = None
         self._rejected = self._duplicates = 0
         self._streaming, self._received_s = False, 0.0
@@ -85,7 +85,7 @@ class CrazyflieLog:
         """Do nothing: the code that opened the link closes it."""
 
     def facts(self) -> Mapping[str, Any]:
-        """Return how many rows were invalid, and how many had come before."""
+        """Return how many rows were invalid, and how many were duplicates."""
         return {"losses": {"rejected": self._rejected, "duplicates": self._duplicates}}
 
     async def _begin(self) -> None:
@@ -135,7 +135,7 @@ class CrazyflieLog:
         return sum(max(step - 1, 0) for step in steps)
 
     def _watch(self) -> None:
-        """Raise DeviceError when rows stop arriving, the voltage with them: another client may have reset the log."""
+        """Raise DeviceError when rows, and the voltage in them, stop coming: another client may have reset the log."""
         silent_s = self._vehicle.silent_s(self._received_s)
         monitored = BATTERY in self._names
         longest_s = max(_SILENT_S if monitored else _ABSENT_S, _SILENT_PERIODS * self._period_ms / 1000)

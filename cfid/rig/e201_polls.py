@@ -9,9 +9,9 @@ from twisted.internet.base import DelayedCall
 from cfid.rig.e201_port import SLOWEST_REPLY_S
 from cfid.wire import e201
 
-_LATEST_S = 0.01  # delay of a poll by a busy computer, or by the system's queue in front of a port
+_LATEST_S = 0.01  # largest delay of a poll by a busy computer, or by the system's queue before a port
 _NAME_S = 0.05  # without a name, after which it is requested again
-_LAST_NAME_S = 0.1  # after a name, in which one that was requested later would have arrived too
+_LAST_NAME_S = 0.1  # after a name: one that was requested later would have arrived by then
 _SETTLE_S = 0.005  # after the last name, in case it has a second line
 
 
@@ -23,8 +23,8 @@ class Polls:
     its way.
 
     A grid point that is more than ten milliseconds, and a whole period, in the past is skipped; a poll that is less
-    late is caught up. `sent` and `answered` count polls, `skipped` grid points, `late` answers to polls that were
-    given up, `unasked` answers without a poll.
+    late is made up for. `sent` and `answered` count polls, `skipped` grid points, `late` answers to polls that were
+    given up, and `unasked` answers without a poll.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Polls:
 
     @property
     def unanswered(self) -> int:
-        """How many polls got no position, without the one that may still get it."""
+        """How many polls got no position, not counting one that may still get it."""
         return self.sent - self.answered - (self._waiting and not self._ended)
 
     def begin(self) -> None:
@@ -134,7 +134,7 @@ class Polls:
         self._wait_for_next(self._period_s)
 
     def _later(self, delay_s: float, act: Callable[[], None]) -> None:
-        """Schedule an action, in place of the one scheduled before."""
+        """Schedule an action in place of the previous one."""
         self._cancel()
         if not self._ended:
             self._timer = self._loop.callLater(delay_s, act)

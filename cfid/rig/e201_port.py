@@ -21,14 +21,14 @@ SLOWEST_REPLY_S = 0.05  # to a poll; one or two milliseconds are usual
 PORT_ERRORS = (
     OSError,
     termios.error,
-)  # pyserial's own error is an OSError; the one of a plug pulled while it opens is not
+)  # pyserial's own error is an OSError; the error of a plug pulled while the port opens is not
 
 _ANSWER_S = 0.5
 _DRAIN_S = 0.02
 _LONGEST_DRAIN_S = 0.3
 _LONGEST_S = 4.0  # for all questions to all ports: a recording that ends has to wait for them
 _TRIES = 3
-_BAUD = 115200  # of no meaning on USB
+_BAUD = 115200  # meaningless on USB
 
 
 class FoundPort(NamedTuple):
@@ -153,7 +153,7 @@ class _Interview:
         self._port, self._line, self._end_s = port, line, end_s
 
     def introduced(self) -> bytes:
-        """Return its version text; first switch off a continuous output that a killed recording left on."""
+        """Return the device's version text; first switch off a continuous output that a killed recording left on."""
         self._line.write(e201.STOP_CONTINUOUS)
         version = self.ask(e201.VERSION)
         if not e201.names_e201(version):
@@ -162,7 +162,7 @@ class _Interview:
         return version
 
     def width(self, expected: int | None) -> int | None:
-        """Return its word's width in bits, after setting it to `expected`, if given; None when it does not state it."""
+        """Return the word's width in bits, first set to `expected` if given; None when the device does not state it."""
         found = e201.word_width(self.ask(e201.WORD_WIDTH))
         if expected in (None, found):
             return found
@@ -176,7 +176,7 @@ class _Interview:
         return found
 
     def position(self, bits: int) -> tuple[bytes, e201.EncoderReading]:
-        """Return a position, and the command that it answers: the one with stamps where the device has it."""
+        """Return a position, and the command that it answers: with stamps where the device sends them."""
         for command in (e201.STAMPED_POSITION, e201.POSITION):
             if readings := _readings(self.ask(command), bits):
                 return command, readings[0]

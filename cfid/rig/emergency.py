@@ -22,7 +22,7 @@ _LETS_GO_S = 0.3
 _CLOSES_S = 3.0  # a radio: a holder releases it up to 2.5 s after the motors stopped
 _WAKES_S = 0.5
 _DIES_S = 1.0
-_WRITES_S = 10.0  # a recorder that was requested to end has closed its run within 2 s, on a busy computer
+_WRITES_S = 10.0  # a recorder that is requested to end closes its run within 2 s, even on a busy computer
 
 
 class Stopped(NamedTuple):
@@ -74,7 +74,7 @@ def _end_holder(uri: str) -> Holder | None:
 def _second_line(holder: Holder | None, uri: str, opened: Open, say: Say) -> VehicleLine | None:
     """Open a second link besides the holder's. A radio or a cable has one user: the holder has to give it up.
 
-    Return None where none can be opened though there is no holder; connecting in full then reports the reason.
+    Return None where no link can be opened although nothing holds the vehicle; connecting in full then reports why.
     """
     try:
         return opened(uri)
@@ -89,7 +89,7 @@ def _second_line(holder: Holder | None, uri: str, opened: Open, say: Say) -> Veh
 
 
 def _freed(holder: Holder, say: Say) -> bool:
-    """Return whether a holder gave up its radio, on a signal or killed."""
+    """Return whether a holder gave up its radio, after a signal or because it was killed."""
     patience_s = _WAKES_S if holder.is_suspended else _CLOSES_S
     holder.send(signal.SIGCONT)  # one that was suspended has a SIGTERM waiting
     if holder.wait_until_it_lets_go(patience_s):

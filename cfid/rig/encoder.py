@@ -1,4 +1,4 @@
-"""Records the encoder: polls its interface or takes its continuous output, and finds it again after a pulled plug."""
+"""Records the encoder: polls its interface or takes its continuous output, and finds it after its plug was pulled."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
@@ -24,7 +24,7 @@ _ABSENT_S = 3.0
 _PAUSE_S = 0.25  # without a position, which is a gap
 _PERIODS = 3  # of a slow rate: a shorter silence is neither absence nor gap
 _SEARCH_S = 0.5
-_FORMAT_SAMPLES = 50  # after which words of which most fail their check have another format
+_FORMAT_SAMPLES = 50  # after which the words have another format if most fail their check
 
 
 class SerialLine(Protocol):
@@ -38,13 +38,13 @@ class SerialLine(Protocol):
 
 
 class Receiver(Protocol):
-    """What takes the data of an open port."""
+    """Takes the data of an open port."""
 
     def received(self, data: bytes) -> None:
         """Take received bytes."""
 
     def disconnected(self) -> None:
-        """The port is gone."""
+        """Note that the port is gone."""
 
 
 OpenLine = Callable[[str, Receiver], SerialLine]
@@ -85,9 +85,9 @@ class Encoder:
         self._times: list[float] = []
         self._readings: list[e201.EncoderReading] = []
         self._received_s = 0.0
-        self._unanswered = self._skipped = 0  # polls and grid points, when the last position arrived
+        self._unanswered = self._skipped = 0  # the polls' counts when the last position arrived
         self._stalls = Stalls(loop)
-        self._silent_places = 0  # grid points that no poll had for the encoder's silence: lost, not skipped
+        self._silent_places = 0  # grid points without a poll since the encoder was silent: lost, not skipped
         self._gone_s: float | None = None
         self._gaps: list[dict[str, float | str]] = []
         self._missing = self._late = self._failed_check = self._taken = self._counted = 0
@@ -95,7 +95,7 @@ class Encoder:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Time and counts; the device's own stamps, unwrapped, if it gives any."""
+        """Time and counts, and the device's own stamps, unwrapped, if it sends any."""
         return ("t", "phi") if self._stamps is None else ("t", "phi", "device_us")
 
     def start(self) -> None:
@@ -126,7 +126,7 @@ class Encoder:
         self._search()
 
     def take(self) -> Block:
-        """Return the new rows. Raises DeviceError when a plugged encoder is silent."""
+        """Return the new rows. Raises DeviceError when a plugged-in encoder is silent."""
         self._stalls.note()
         if not self._readings:
             self._watch()
@@ -149,7 +149,7 @@ class Encoder:
         return Block([column[kept] for column in columns], self._newly_lost(), self._wrong_format())
 
     async def stop(self) -> None:
-        """End the polling, or the continuous output and make sure that it ended; take what is under way."""
+        """End the polling, or the continuous output and make sure that it ended; take what is on its way."""
         self._stopped = True
         if self._polls is not None:
             await self._last_answer(self._polls)
@@ -173,7 +173,7 @@ class Encoder:
             line.close()
 
     def facts(self) -> Mapping[str, Any]:
-        """Return polls, skipped ones, losses by kind, and gaps."""
+        """Return the numbers of polls and of skipped ones, losses by kind, and gaps."""
         polls = self._polls
         losses = {
             "missing_in_gaps": self._missing,
@@ -238,9 +238,9 @@ class Encoder:
             self._unanswered, self._skipped = self._polls.unanswered, self._polls.skipped
 
     def _note_gap(self, end_s: float, reason: str) -> None:
-        """Note a span without positions: what the rate implies there is lost, or was skipped where this program stood.
+        """Note a span without positions: samples implied by the rate are lost, or skipped if this program stood still.
 
-        A sample counts once, whichever of them it is.
+        Each sample counts only once, as the one or the other.
         """
         stood = self._stalls.since(self._received_s) > (end_s - self._received_s) / 2
         begin_s, to_s = self._clock.unix_s(np.array([self._received_s, end_s])).tolist()
@@ -269,7 +269,7 @@ class Encoder:
             )
 
     def _newly_lost(self) -> int:
-        """Count samples lost since the last block; of a continuous output only garbled ones are known."""
+        """Count samples lost since the last block; in continuous output only garbled ones are known."""
         unread = self._reader.rejected if self._polls is None else self._polls.unanswered
         lost = unread + self._missing + self._late + self._failed_check
         newly, self._counted = lost - self._counted, lost

@@ -38,8 +38,8 @@ class _Rows:
 class Readings:
     """Readings that the operator types at a motor command; `t` is when a reading was typed.
 
-    A row with `withdrawn` 1 repeats the row that it takes back: that one is on disk already. `whole` is set where all
-    that was asked for is there, and the run may end.
+    A row with `withdrawn` 1 repeats the row that it withdraws, which is already on disk. `whole` is set once all
+    requested readings are there, and the run may end.
     """
 
     def __init__(self, name: str, value_name: str, *, loop: Any, clock: HostClock) -> None:
@@ -59,7 +59,7 @@ class Readings:
 
     @property
     def values(self) -> list[float]:
-        """The readings that were not taken back, the last one last."""
+        """The readings that were not withdrawn, in order."""
         return [value for _, value in self._kept]
 
     @property
@@ -68,7 +68,7 @@ class Readings:
         return [command for command, _ in self._kept]
 
     def withdraw(self) -> tuple[int, float] | None:
-        """Take the last reading back; return its command and its value, None where there is none."""
+        """Withdraw the last reading; return its command and its value, None where there is none."""
         if not self._kept:
             return None
         command, value = self._kept.pop()
@@ -101,13 +101,13 @@ class RowParser(Protocol):
 
     @property
     def rejected(self) -> int:
-        """How many packets or lines were no reading."""
+        """How many packets or lines held no reading."""
 
     def read(self, data: bytes) -> Iterable[tuple[float, ...]]:
         """Take bytes, and return the values of rows without their time."""
 
     def explain(self) -> str:
-        """Return the likely cause when bytes arrive but no row."""
+        """Return the likely cause when bytes arrive but no row does."""
 
     def facts(self) -> Mapping[str, Any]:
         """Return what goes into run.toml at the end."""
@@ -235,7 +235,7 @@ class HandHeld:
             port.close()
 
     def facts(self) -> Mapping[str, Any]:
-        """Return how many packets or lines were no reading."""
+        """Return how many packets or lines held no reading."""
         return self._parser.facts()
 
     def _watch(self) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 _PROCESSES = Path("/proc")
 _CREDENTIALS = struct.Struct("3i")  # process, user and group of a peer
-_START_FIELD = 19  # of /proc/PID/stat, counted from the state behind the name
+_START_FIELD = 19  # of /proc/PID/stat, counted from the state after the name
 _SHOWN_CHARACTERS = 40
 _POLL_S = 0.01
 
@@ -33,7 +33,7 @@ class Holder:
     is_ours: bool = False
 
     def __str__(self) -> str:
-        """Return its number, its program and, where it is not this user's, its owner."""
+        """Return the process's number, its program and, where it is another user's, its owner."""
         if not self.process:
             return "another user's process"
         whose = "" if self.user == os.geteuid() else f" of {_user_name(self.user)}"
@@ -41,7 +41,7 @@ class Holder:
 
     @property
     def is_suspended(self) -> bool:
-        """Whether it was stopped, by SIGSTOP or Ctrl-Z, and cannot react."""
+        """Whether the process was stopped, by SIGSTOP or Ctrl-Z, and cannot react."""
         return (_stat(self.process) or ["X"])[0] in ("T", "t")
 
     @property
@@ -53,8 +53,8 @@ class Holder:
     def send(self, *numbers: signal.Signals) -> bool:
         """Send signals to the process if it is ours and still holds the lock, never to one that reuses its number.
 
-        Return whether they were sent. The check comes after the handle was opened: it is about the process behind the
-        handle, unless that one is dead, and then the signal reaches none.
+        Return whether they were sent. The check follows the opening of the handle, so that it concerns the process
+        behind the handle; if that process is dead, the signal reaches none.
         """
         if not self.is_ours:
             return False
@@ -74,7 +74,7 @@ class Holder:
         return True
 
     def wait_until_it_lets_go(self, within_s: float) -> bool:
-        """Wait until it has released the lock; return False when it still holds it after `within_s`."""
+        """Wait until the process has released the lock; return False when it still holds the lock after `within_s`."""
         end_s = time.monotonic() + within_s
         while self.holds:
             if time.monotonic() > end_s:
@@ -87,7 +87,8 @@ def found_holder(name: str, inode: int) -> Holder | None:
     """Return the process that holds the abstract socket of this name; None if none does.
 
     `inode` is the socket's number in /proc/net/unix, 0 where that is uncertain: the names of other sockets may contain
-    lines that look like it. A connection identifies the process that listens; its open files show that it still does.
+    lines that look like its own. A connection identifies the listening process, whose open files show that it still
+    listens.
     """
     if inode and _has_open(os.getpid(), inode):
         return _described(os.getpid(), inode)
@@ -131,7 +132,7 @@ def _own_processes() -> Iterator[int]:
 
 
 def _has_open(process: int, inode: int) -> bool:
-    """Return whether a process has the socket with this inode open, as far as this user may see that; none has 0."""
+    """Return whether a process has the socket with this inode open, as far as this user may see; none has inode 0."""
     if not inode:
         return False
     target = f"socket:[{inode}]"
@@ -143,7 +144,7 @@ def _has_open(process: int, inode: int) -> bool:
 
 
 def _stat(process: int) -> list[str] | None:
-    """Return the fields of /proc/PID/stat from the state on, which follow the name; None without such a process."""
+    """Return the fields of /proc/PID/stat after the name, from the state on; None without such a process."""
     try:
         return (_PROCESSES / str(process) / "stat").read_text(errors="replace").rpartition(")")[2].split()
     except OSError:

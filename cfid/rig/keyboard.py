@@ -18,7 +18,7 @@ _BACKSPACE = ("\x7f", "\b")
 _CTRL_D = "\x04"  # a terminal that passes single keys passes this one too
 _ARROWS = {"A": UP, "B": DOWN}
 _SEQUENCE = re.compile(r"\x1b[\[O][0-9;]*([A-Za-z~])")  # of a key that is no letter
-_REST = re.compile(r"^[\[O][0-9;]*([A-Za-z~])")  # the rest of it when the escape came alone
+_REST = re.compile(r"^[\[O][0-9;]*([A-Za-z~])")  # the rest of such a sequence when the escape came alone
 
 
 class Keyboard:
@@ -38,10 +38,10 @@ class Keyboard:
         self._rest = ""
         self._escaped = False  # the input ended with an escape, perhaps the beginning of an arrow
         self._open = False
-        self.hung_up = False  # a terminal that was closed, rather than Ctrl-D
+        self.hung_up = False  # the terminal was closed, rather than Ctrl-D typed
 
     def open(self) -> None:
-        """Begin to listen; a terminal that refuses the setting, as from a background job, counts as ended input."""
+        """Begin to listen; a terminal that refuses the setting, as in a background job, counts as ended input."""
         self._open = True
         if self.keys:
             try:
@@ -59,11 +59,11 @@ class Keyboard:
             self._restore()
 
     def fileno(self) -> int:
-        """Return what the loop waits for."""
+        """Return the file descriptor that the loop waits for."""
         return sys.stdin.fileno()
 
     def logPrefix(self) -> str:  # noqa: N802 - Twisted's name
-        """Name it to Twisted."""
+        """Return a name for Twisted's log."""
         return "keyboard"
 
     def doRead(self) -> None:  # noqa: N802 - Twisted's name
@@ -112,7 +112,7 @@ class Keyboard:
 
 
 def edited(typed: str, key: str, *, allowed: Container[str] | None = None) -> tuple[str | None, str]:
-    """Return the line that a key completes, None while it is incomplete, and the text typed of the next line."""
+    """Return the line that a key completes, None while it is incomplete, and the text typed so far of the next."""
     if key in _ENTER:
         return typed, ""
     if key in _BACKSPACE:

@@ -1,4 +1,4 @@
-"""Judges lines by the clock of the device that sent them, and counts those that are missing between two that came."""
+"""Judges lines by the clock of the device that sent them, and counts lines that are missing between others."""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -8,15 +8,15 @@ import numpy as np
 from cfid.rig.line_summary import OFF, UNLIKE
 
 _WRAP = 1 << 32  # of a device's clock
-_MOST_FALSE = 3  # lines in a row: more show that the clock is none
+_MOST_FALSE = 3  # lines in a row: more show that the number is no clock
 _WINDOW, _FEWEST = 64, 20  # lines that show the usual interval
-_USUAL = 0.75  # of the intervals are this long at most: lines sent twice, or a device that waits, are no losses
+_USUAL = 0.75  # quantile of the intervals: lines sent twice, or a device that waits, are no losses
 
 
 class Line(NamedTuple):
-    """A line's numbers, and when it came by this computer's clock.
+    """A line's arrival by this computer's clock, and its numbers.
 
-    `step_s` is the time since the line before, by the device's clock where it sends one; None where nothing tells.
+    `step_s` is the time since the line before, by the device's clock where it sends one; None where it is unknown.
     """
 
     received_s: float
@@ -34,7 +34,7 @@ class Arrivals:
         self._last_s: float | None = None
 
     def credible(self, received_s: float, readings: Sequence[tuple[float, ...]]) -> list[Line]:
-        """Return the lines that came at a time, in order."""
+        """Return the lines that arrived at one time, in order."""
         found = []
         for numbers in readings:
             found.append(Line(received_s, numbers, None if self._last_s is None else received_s - self._last_s))
@@ -42,36 +42,36 @@ class Arrivals:
         return found
 
     def settle(self) -> list[Line]:
-        """Return no line at the end, since none was open."""
+        """Return no line at the end, since none was unconfirmed."""
         return []
 
 
 class DeviceClock:
-    """Takes lines whose clock goes on; `false` counts those that are left out since it does not.
+    """Takes lines whose clock continues that of earlier lines; `false` counts the others, which are left out.
 
-    `repeats` counts lines that are the one before again, its clock too.
+    `repeats` counts lines that repeat the line before, its clock included.
 
-    Two lines that ran into one have a number of too many digits: it goes back, or ahead of this computer's clock, for
-    one line. A line comes late, never early, so that its clock is never ahead of the quickest line's. Where the lines
-    after it go on from the new number, the device was restarted, and all of them count. The first ones count once a
-    line goes on from one of them.
+    Two lines that ran into one have a number of too many digits: the clock jumps back, or ahead of this computer's,
+    for one line. Lines come late, never early, so that a true clock is never ahead of the quickest line's. Where later
+    lines continue from the new number, the device was restarted, and all of them count. The first lines count once
+    a line continues from one of them.
     """
 
     def __init__(self, place: int, *, tick_s: float, early_s: float) -> None:
-        """Take where in a line the clock is, what a tick of it lasts, and how far ahead a line may be."""
+        """Take the clock's place in a line, how long its tick lasts, and how far ahead of time a line may be."""
         self.false = self.repeats = 0
         self._place, self._tick_s, self._early_s = place, tick_s, early_s
         self._last: Line | None = None
-        self._late_s = 0.0  # the last line, after the quickest
+        self._late_s = 0.0  # how much later than the quickest line the last one came
         self._unconfirmed: list[Line] = []
         self._is_clock = True
 
     def credible(self, received_s: float, readings: Sequence[tuple[float, ...]]) -> list[Line]:
-        """Return the lines that count, in order, of those that came together and unconfirmed ones before them."""
+        """Return, in order, the lines that count among those that came together and the unconfirmed ones before."""
         return [line for numbers in readings for line in self._judged(Line(received_s, numbers, None))]
 
     def settle(self) -> list[Line]:
-        """Count the lines that are unconfirmed at the end as false; return a single one, which no other refutes."""
+        """Count lines unconfirmed at the end as false, but return a single first one, which no other refutes."""
         if self._last is None and len(self._unconfirmed) == 1:
             return self._begun(self._unconfirmed)
         self._leave_out()
@@ -101,7 +101,7 @@ class DeviceClock:
         return self._begun(self._unconfirmed) if anew or not self._is_clock else []
 
     def _begun(self, lines: list[Line]) -> list[Line]:
-        """Go on from the last of some lines, after which the clock started anew."""
+        """Continue from the last of some lines, with which the clock started anew."""
         self._last, self._late_s, self._unconfirmed = lines[-1], 0.0, []
         return lines
 
@@ -110,28 +110,28 @@ class DeviceClock:
         return self._tick_s * ((ticks + _WRAP // 2) % _WRAP - _WRAP // 2)
 
     def _after(self, before: Line, late_s: float, line: Line) -> float | None:
-        """Return how much later than the quickest a line came; None where it does not go on from one that was late."""
+        """Return how much later than the quickest a line came; None if it does not continue `before`, `late_s` late."""
         here_s, step_s = line.received_s - before.received_s, self._step_s(before, line)
         now_late_s = late_s + here_s - step_s
         return now_late_s if step_s >= 0 and now_late_s > -self._early_s - UNLIKE * here_s else None
 
 
 class Spacing:
-    """Counts lines that are missing between those that came, by the interval that they usually have.
+    """Counts lines that are missing between those that came, by their usual interval.
 
-    Intervals shorter than a limit are not counted by: too coarse a clock, or arrivals that a computer delays. Nor is
-    one shorter than `rate_hz` implies: after a pause a device may send the lines that it owes at once.
+    A usual interval below a limit is not used: the clock is too coarse, or the computer delays arrivals too much. Nor
+    is one shorter than `rate_hz` implies: after a pause a device may send overdue lines all at once.
     """
 
     def __init__(self, rate_hz: float, *, shortest_s: float) -> None:
-        """Take the stated rate, and the shortest usual interval that can be counted by."""
+        """Take the stated rate, and the shortest usual interval by which lines can be counted."""
         self.missing = 0
         self._stated_s, self._shortest_s = 1 / rate_hz, shortest_s
         self._steps_s: list[float] = []
         self._known = self._open = 0
 
     def add(self, steps_s: Iterable[float], *, known: int) -> None:
-        """Take the intervals (n,) between lines, and how many of those missing are known to be lost."""
+        """Take the intervals (n,) between lines, and how many of the missing lines are already counted as lost."""
         self._steps_s += steps_s
         self._known += known
         if len(self._steps_s) >= _WINDOW:
@@ -144,7 +144,7 @@ class Spacing:
         self.missing, self._open = self.missing + self._open, 0
 
     def _count(self) -> None:
-        """Find what is missing since the last count; lines that are late, in this one or the next, make up for it."""
+        """Count lines missing since the last count; late lines, in this count or the next, make up for them."""
         steps_s, known = np.array(self._steps_s), self._known
         self._steps_s, self._known = [], 0
         usual_s = max(float(np.quantile(steps_s, _USUAL)), (1 - OFF) * self._stated_s)

@@ -1,10 +1,10 @@
-"""Sentences at the end of a recording of lines: a rate or a clock other than the stated one, lines that are no rows."""
+"""Sentences at the end of a recording of lines, on a rate or clock other than stated, and on lines left out."""
 
 from cfid.counted import counted
 
-OFF = 0.1  # of the rate that rig.toml states
-UNLIKE = 0.01  # of the time by this computer, by which a device's clock may go otherwise
-_TELLING_S = 2.0  # of a recording that shows a clock's rate
+OFF = 0.1  # tolerance, as a fraction of the rate that rig.toml states
+UNLIKE = 0.01  # fraction of this computer's time by which a device's clock may deviate
+_TELLING_S = 2.0  # shortest recording that shows a clock's rate
 
 
 def repeated(name: str, count: int) -> str:
@@ -16,7 +16,7 @@ def repeated(name: str, count: int) -> str:
 
 
 def rate_apart(name: str, sent_hz: float, *, stated_hz: float) -> tuple[str, ...]:
-    """Return a sentence on a rate other than rig.toml states, by which losses in gaps are counted."""
+    """Return a sentence on a rate other than that in rig.toml, by which losses in gaps are counted."""
     if abs(sent_hz - stated_hz) <= OFF * stated_hz:
         return ()
     return (
@@ -26,7 +26,7 @@ def rate_apart(name: str, sent_hz: float, *, stated_hz: float) -> tuple[str, ...
 
 
 def false_clock(name: str, count: int) -> tuple[str, ...]:
-    """Return a sentence on lines that are left out since the device's clock jumps in them."""
+    """Return a sentence on lines that are left out because the device's clock jumps in them."""
     if not count:
         return ()
     return (
@@ -36,7 +36,7 @@ def false_clock(name: str, count: int) -> tuple[str, ...]:
 
 
 def restarted(name: str) -> str:
-    """Return the sentence on a device's clock that went otherwise than this computer's in a gap."""
+    """Return the sentence on a device's clock that disagreed with this computer's across a gap."""
     return (
         f"the {name}'s clock, device_us, went otherwise than this computer's in a gap: was the device restarted? See "
         "to its supply. A swing is timed by its clock before and after."
@@ -44,7 +44,7 @@ def restarted(name: str) -> str:
 
 
 def clock_apart(name: str, *, here_s: float, there_s: float) -> tuple[str, ...]:
-    """Return a sentence on a device's clock that went otherwise than this computer's, whose times fits take."""
+    """Return a sentence on a device's clock, from which fits take times, that disagreed with this computer's."""
     if here_s < _TELLING_S or abs(there_s - here_s) <= UNLIKE * here_s:
         return ()
     return (

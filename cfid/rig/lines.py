@@ -24,16 +24,16 @@ _BROKEN_S = 0.4  # without a line while motors run, after which they are stopped
 _PAUSE_S = 0.25  # without a line, which is a gap
 _PERIODS = 4  # of a slow rate: a shorter silence is neither absence nor gap
 _SEARCH_S = 0.5
-_LATE_S = 0.3  # after a gap, in which lines still come that the computer kept
-_PROMPT, _CHUNK_S = 2, 0.02  # lines at the end of a gap that are no burst; a USB adapter passes them on in chunks
+_LATE_S = 0.3  # after a gap, in which lines that the computer held back still come
+_PROMPT, _CHUNK_S = 2, 0.02  # lines after a gap that are no burst; a USB adapter passes them on in chunks
 _WRAP = 1 << 32  # of a device's clock
 _FEWEST = 20  # lines that show a rate
-_TICKS = 4  # of a device's clock in an interval by which lines are counted
-_PROMPT_S = 0.05  # of an interval by which arrivals are: a busy computer delays lines by less
+_TICKS = 4  # fewest ticks of a device's clock in an interval by which lines are counted
+_PROMPT_S = 0.05  # shortest interval by which arrivals are counted: a busy computer delays lines by less
 
 
 class _Latest(NamedTuple):
-    """When a line came by this computer's clock, what the device's own showed, how many lines had not counted."""
+    """A line's arrival by this computer's clock, the device's clock in it, and how many lines had not counted."""
 
     received_s: float
     ticks: int
@@ -64,7 +64,7 @@ class Lines:
         self._reader = device.reader()
         self._stamps = Stamps()
         self._clocked, self._spacing = self._judges()
-        self._known = 0  # lines that did not match, or whose clock is false, of which the spacing knows
+        self._known = 0  # lines that did not match, or had a false clock, as reported to the spacing
         self._port: Port | None = None
         self._lines: list[Line] = []
         self._received_s = 0.0
@@ -75,9 +75,9 @@ class Lines:
         self._owed = 0  # lines that the last gap should have had, until those that come late are known
         self._late = 0  # lines since the end of that gap
         self._paid_s: float | None = None  # when that gap ended
-        self._latest: _Latest | None = None  # line
-        self._before: _Latest | None = None  # that gap
-        self._restarted = False  # the device's clock went otherwise than this computer's in a gap
+        self._latest: _Latest | None = None  # the latest line
+        self._before: _Latest | None = None  # the latest line before that gap
+        self._restarted = False  # the device's clock disagreed with this computer's across a gap
         self._stalls = Stalls(loop)
         self._sending_s = 0.0  # without gaps
         self._first: tuple[float, int] | None = None  # by this computer's clock, and the device's, in microseconds
@@ -85,7 +85,7 @@ class Lines:
 
     @property
     def begun(self) -> bool:
-        """Whether a line came that matches."""
+        """Whether a matching line has come."""
         return self._begun
 
     def start(self) -> None:
@@ -129,7 +129,7 @@ class Lines:
             self._loop.callLater(_SEARCH_S, self._search)
 
     def take(self) -> Block:
-        """Return the new rows. Raises DeviceError for a plugged device that is silent, and for any fault of motors."""
+        """Return the new rows. Raises DeviceError for a silent device, and for an unplugged one while motors run."""
         self._stalls.note()
         self._watch()
         self._settle(after_s=_LATE_S)
@@ -187,7 +187,7 @@ class Lines:
         return [value.name for value in self._device.in_order()]
 
     def _judges(self) -> tuple[Arrivals | DeviceClock, Spacing]:
-        """Return what judges lines and what counts those that are missing: by the device's clock, if it sends one."""
+        """Return what judges lines, and what counts missing ones, both by the device's clock if it sends one."""
         stamp = self._device.stamp
         if stamp is None:
             return Arrivals(), Spacing(self._device.rate_hz, shortest_s=_PROMPT_S)
@@ -211,7 +211,7 @@ class Lines:
         self._gone_s, self._received_s = None, now_s
 
     def _note_gap(self, end_s: float, reason: str) -> None:
-        """Note a span without lines; what the rate implies there is lost, but for lines that come late."""
+        """Note a span without lines; those that the rate implies there are lost, except lines that come late."""
         self._settle()
         stood = self._stalls.since(self._received_s) > (end_s - self._received_s) / 2
         begin_s, to_s = self._clock.unix_s(np.array([self._received_s, end_s])).tolist()
@@ -220,7 +220,7 @@ class Lines:
         self._late, self._before = 0, self._latest
 
     def _is_timely(self, lines: int, since_s: float) -> bool:
-        """Return whether lines after a gap are kept: of a burst, only a device's own clock tells when each was sent."""
+        """Return whether lines after a gap are kept: in a burst, only a device's clock shows when each was sent."""
         self._late += lines
         if self._device.stamp is None and self._late > _PROMPT + (since_s + _CHUNK_S) * self._device.rate_hz:
             return False
@@ -228,11 +228,11 @@ class Lines:
         return True
 
     def _settle(self, *, after_s: float = 0.0) -> None:
-        """Count what the last gap lost, once no line of it comes any more: so long after its end."""
+        """Count what the last gap lost, `after_s` after its end, when no more of its lines come late."""
         if self._paid_s is None or self._loop.seconds() - self._paid_s < after_s:
             return
         by_device = self._skipped_by_device()
-        # Up to the last line, of which none came after a silent end.
+        # Count up to the last line; after a silent end, none came.
         since_s = max(self._received_s - self._paid_s, 0.0)
         by_arrival = self._owed + math.floor(since_s * self._device.rate_hz)
         self._missing += max(by_arrival if by_device is None else by_device, 0)
@@ -241,10 +241,10 @@ class Lines:
             self._gaps[-1]["lost"] = max(by_device, 0)
 
     def _skipped_by_device(self) -> int | None:
-        """Return how many lines are missing since before the last gap by the device's own clock.
+        """Return how many lines are missing since the last line before the last gap, by the device's own clock.
 
-        Returns None where it tells nothing: the device sends none, no line came since, or it went otherwise than this
-        computer's, as that of a board that was restarted.
+        Return None where that clock shows nothing: the device sends none, no line came since, or the clock disagrees
+        with this computer's, as that of a restarted board does.
         """
         stamp, before, latest = self._device.stamp, self._before, self._latest
         if stamp is None or before is None or latest is None or not self._late:

@@ -91,7 +91,7 @@ def _is_bridge(node: Path) -> bool:
 
 
 def _open_hidraw(path: str) -> int:
-    """Open the bridge and set its baud rate, which it has not by default (sigrok's wiki, WCH CH9325)."""
+    """Open the bridge and set its baud rate, for which it has no default (sigrok's wiki, WCH CH9325)."""
     import fcntl
 
     try:
@@ -134,11 +134,11 @@ class HidrawPort:
         loop.addReader(self)
 
     def fileno(self) -> int:
-        """Return what the loop waits for."""
+        """Return the file descriptor that the loop waits for."""
         return self._handle
 
     def logPrefix(self) -> str:  # noqa: N802 - Twisted's name
-        """Name it to Twisted."""
+        """Return a name for Twisted's log."""
         return "hidraw"
 
     def doRead(self) -> None:  # noqa: N802 - Twisted's name

@@ -17,7 +17,7 @@ from cfid.wire.rdt_order import RecordOrder
 
 COLUMNS = ("t", "Fx", "Fy", "Fz", "Tx", "Ty", "Tz", "rdt_sequence", "ft_sequence", "status")
 
-_SILENT_S = 1.0  # without a record, and for four datagrams at least: then the stream is requested again
+_SILENT_S = 1.0  # without a record, and at least four datagrams long: then the stream is requested again
 _BROKEN_S = 0.4  # without a record while motors run, after which they are stopped
 _ABSENT_S = 3.0  # of silence at the start, after which the stream is given up
 _DEAD_S = 10.0  # of silence later on, which leaves time to plug a cable in again
@@ -110,7 +110,7 @@ class LoadCell:
         if not len(records.ft_sequence):
             self._watch(now_s)
             return Block(no_rows(len(COLUMNS)), self._newly_lost())
-        assert self._order.step is not None  # of records that were taken
+        assert self._order.step is not None  # once records were taken
         self._times.learn(self._order.step)
         arrivals = arrivals_of(records, every.ft_sequence[ends], came_s, read_s=now_s)
         if self._fresh and self._last_ft is not None:
@@ -133,7 +133,7 @@ class LoadCell:
         )
 
     async def stop(self) -> None:
-        """Ask the box to stop until it is quiet; report one that does not stop.
+        """Ask the box to stop until it is quiet; report a box that does not stop.
 
         Raises DeviceError when the box had fallen silent already: the recording has no end then.
         """
@@ -151,7 +151,7 @@ class LoadCell:
             raise DeviceError(self._silence(silent_s))
 
     async def _quieten(self) -> None:
-        """Ask the box to stop, at least twice, until it was silent for the time of two datagrams."""
+        """Ask the box to stop, at least twice, until it has been silent for the time of two datagrams."""
         needed_s = max(_QUIET_S, 2 * self._datagram_s)
         every_s = min(needed_s, _LONGEST_STOP_S / _STOPS)
         quiet_s = 0.0
@@ -201,7 +201,7 @@ class LoadCell:
         return newly
 
     def _watch(self, now_s: float) -> None:
-        """Request a stream again that broke off; give up one that stays away, or breaks off repeatedly."""
+        """Request again a stream that broke off; give up one that does not return, or that breaks off repeatedly."""
         silent_s = now_s - self._received_s
         if self._streaming and not self._patient and self._last_ft is not None and silent_s > self._broken_s:
             self._given_up = True

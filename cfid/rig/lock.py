@@ -1,4 +1,4 @@
-"""Locks devices: one process of this computer at a time holds a device, and the next one learns which.
+"""Locks devices: one process of this computer at a time holds a device, and any other learns which process that is.
 
 A lock is a socket bound to the device's name in Linux's abstract namespace. The kernel lets one process bind a name,
 whatever its user, and frees it when that process ends. No file is involved that a user could plant, link, fill or own.
@@ -18,7 +18,7 @@ from cfid.errors import DeviceError
 from cfid.rig.address import resolved
 from cfid.rig.holder import Holder, found_holder
 
-# For tests, and for rigs that are apart although they share a computer: names of locks of their own.
+# Tests, and separate rigs that share a computer, set this variable to have lock names of their own.
 _SET_VARIABLE = "CFID_LOCKS"
 _VEHICLES = ("radio://", "usb://", "udp://")
 _LONGEST = 100  # of the 107 bytes that a name may have
@@ -35,11 +35,11 @@ class DeviceLock:
 
     @classmethod
     def take(cls, device: str) -> Self:
-        """Hold a device, named by where it is, in any spelling.
+        """Hold a device, named by its address or port in any spelling.
 
         Raises DeviceError naming the holder.
         """
-        if sys.platform != "linux":  # no abstract names: no other process is kept out there
+        if sys.platform != "linux":  # which alone has abstract names: elsewhere no process is kept out
             return cls(None)
         bound = socket.socket(socket.AF_UNIX)
         try:
@@ -62,7 +62,7 @@ class DeviceLock:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Release it."""
+        """Release the device on leaving the context."""
         self.release()
 
 
@@ -87,7 +87,7 @@ def vehicles_held() -> list[str]:
 def vehicles_locked() -> list[str]:
     """Return the addresses of the vehicles that processes hold, this one too, as the kernel lists their locks.
 
-    It may be called again and again: it connects to no holder, whose queue of connections would fill.
+    It may be called repeatedly: it connects to no holder, whose queue of connections would fill up.
     """
     start = _start()
     devices = [unquote(name.removeprefix(start)) for name, _ in _held() if name.startswith(start)]

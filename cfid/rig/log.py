@@ -30,9 +30,9 @@ Procedure = Callable[[Mapping[str, Any], Loop], Coroutine[Any, Any, None]]  # of
 class Plan:
     """What to record, where to and for how long; None means until the operator ends it.
 
-    With a `procedure` the run lasts as long as that takes, and counts as interrupted when it ends before; the live
-    line counts `lasts_s` down, and shows forces above those of the first `tare_s`.
-    `notice` looks at the rows as they arrive, and what it returns is put before the operator; a procedure that `asks`
+    With a `procedure` the run lasts as long as the procedure takes, and counts as interrupted when it ends earlier; the
+    live line counts down `lasts_s`, and shows forces relative to those of the first `tare_s`.
+    `notice` examines the rows as they arrive, and what it returns is shown to the operator; a procedure that `asks`
     for readings keeps the keyboard. The rig's `facts` and what was `requested` go into run.toml unchanged.
     """
 
@@ -62,10 +62,10 @@ def record_run(
     """Record the devices into a new run until the plan's time is over or a signal arrives.
 
     `begun` gets the run's folder, `show` is called after every block, `say` gets what the plan's `notice` returned,
-    `stopped` the seconds that the motors' stop took, which run.toml has too where it can be written.
+    and `stopped` the seconds that the motors' stop took, which run.toml states too where it can be written.
     Without a procedure, a run that a signal ended is complete, and so is one whose procedure had only its last pause
-    left. Raises DeviceError or DataError with the first failure, with the run closed as failed, or as complete in that
-    pause, and all rows until then kept; KeyboardInterrupt when it was ended before the first row.
+    left. Raises DeviceError or DataError with the first failure; the run is then closed as failed, or as complete in
+    that pause, and all rows until then are kept. Raises KeyboardInterrupt when it was ended before the first row.
     """
 
     async def main(loop: Loop, ending: Ending) -> Run:
@@ -86,8 +86,8 @@ def drive(
 ) -> None:
     """Carry out a procedure without a run; `stopped` gets the seconds that the motors' stop took, `into` the rows.
 
-    The live line counts `lasts_s` down, and shows forces above those of the first `tare_s`. Raises DeviceError like
-    `record_run`; in every case the motors are stopped and checked.
+    The live line counts down `lasts_s`, and shows forces relative to those of the first `tare_s`. Raises DeviceError
+    like `record_run`; in every case the motors are stopped and checked.
     """
 
     async def main(loop: Loop, ending: Ending) -> None:
@@ -167,14 +167,14 @@ def _check_rows(run: RunWriter, sampled: Iterable[str], seconds: float) -> None:
 
 
 def _closed(run: RunWriter, plan: Plan, early: str, *, whole: bool) -> Run:
-    """Close a run as complete, or as interrupted where its procedure was ended before it was whole."""
+    """Close a run as complete, or as interrupted where its procedure was ended before it had done everything."""
     if plan.procedure is None:
         return run.close("complete", reason=early if plan.for_s else "")
     return run.close("interrupted" if early and not whole else "complete", reason="" if whole else early)
 
 
 def _is_whole(instruments: Iterable[Instrument]) -> bool:
-    """Return whether a procedure did all that was asked for, and only its last pause was left."""
+    """Return whether a procedure did all that was requested, so that only its last pause was left."""
     return any(isinstance(one, MotorCommands | Readings) and one.whole for one in instruments)
 
 
@@ -208,6 +208,6 @@ def _first_of(ending: Ending, procedure: Procedure, instruments: Sequence[Instru
 
 
 async def _lines_begun(instruments: Iterable[Instrument], loop: Loop) -> None:
-    """Wait, before motors start, for a line of each device that sends some; one that sends none ends the recording."""
+    """Before motors start, wait for a line from each device that sends lines; a silent one ends the recording."""
     while not all(one.begun for one in instruments if isinstance(one, Lines)):
         await sleep(loop, BLOCK_S)

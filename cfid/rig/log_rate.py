@@ -22,7 +22,7 @@ def fastest_period_ms(vehicle: ReadyVehicle, names: Sequence[str]) -> tuple[int,
 
 
 def shortest(loss_at: Callable[[int], float], *, uri: str) -> tuple[int, Mapping[int, float]]:
-    """Return the shortest period whose loss, as tried by `loss_at`, is small enough. Raises DeviceError for none."""
+    """Return the shortest period whose loss, as tried by `loss_at`, is small enough. Raises DeviceError if none is."""
     losses: dict[int, float] = {}
     for period_ms in PERIODS_MS:
         losses[period_ms] = loss_at(period_ms)
@@ -36,7 +36,7 @@ def shortest(loss_at: Callable[[int], float], *, uri: str) -> tuple[int, Mapping
 
 
 def _loss(vehicle: ReadyVehicle, names: Sequence[str], period_ms: int) -> float:
-    """Return which share of the rows of a trial is lost, whether on their way or never sent."""
+    """Return the fraction of a trial's rows that is lost, whether on the way or never sent."""
     device = vehicle.log(names, period_ms=period_ms)
 
     async def main(loop: Loop, ending: Ending) -> float:

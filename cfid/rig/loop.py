@@ -16,14 +16,14 @@ from twisted.python.failure import Failure
 Result = TypeVar("Result")
 
 # A program that is killed or suspended leaves motors running. So every signal that does either and can be caught
-# requests the end, except those of a processor's fault, after which no handler of Python's would run.
+# requests the end, except those of a processor fault, after which no handler of Python's would run.
 _UNCATCHABLE = {"SIGKILL", "SIGSTOP"}
 _FAULTS = {"SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL"}
 _HARMLESS = {"SIGCHLD", "SIGCLD", "SIGCONT", "SIGURG", "SIGWINCH", "SIGINFO"}
 _LEFT_ALONE = {int(getattr(signal, n)) for n in _UNCATCHABLE | _FAULTS | _HARMLESS if hasattr(signal, n)}
 ENDING_SIGNALS = tuple(sorted(set(map(int, signal.valid_signals())) - _LEFT_ALONE))
 
-_FEWEST_PROCESSORS = 2  # of a loop that goes before others
+_FEWEST_PROCESSORS = 2  # for a loop that runs ahead of other programs
 
 # A background job that touches its terminal gets these each time it tries again, until it ignores them.
 _REPEATED = {int(getattr(signal, name)) for name in ("SIGTTIN", "SIGTTOU") if hasattr(signal, name)}
@@ -38,7 +38,7 @@ class Loop(SelectReactor):
 
     def __init__(self) -> None:
         """Make a loop that does not run yet."""
-        self._using_waker = threading.RLock()  # a signal's handler may come while its own thread closes
+        self._using_waker = threading.RLock()  # a signal's handler may run while its own thread closes
         super().__init__()
 
     def seconds(self) -> float:
@@ -46,17 +46,17 @@ class Loop(SelectReactor):
         return time.monotonic()
 
     def wakeUp(self) -> None:  # noqa: N802 - Twisted's name
-        """Wake the loop from any thread; one that comes after the end does nothing.
+        """Wake the loop from any thread; a call after the end does nothing.
 
-        Without the lock, a late thread could write to a pipe that has just been closed, whose number may be that of
-        a run's file by then.
+        Without the lock, a late thread could write to a pipe that has just been closed, whose number may by then be
+        that of a run's file.
         """
         with self._using_waker:
             if self.waker is not None:
                 self.waker.wakeUp()
 
     def close(self) -> None:
-        """Give back the pipe that wakes the loop; it cannot run again."""
+        """Release the pipe that wakes the loop, which cannot run again."""
         with self._using_waker:
             waker, self.waker = self.waker, None
             waker.connectionLost(None)
@@ -99,8 +99,8 @@ class Ending:
 def until_over(ending: Ending, running: Deferred[None]) -> Deferred[None]:
     """Return a Deferred that fires when a procedure is over, or when the end is requested.
 
-    In the second case, and when the Deferred is cancelled, the procedure is cancelled first: it can do nothing after
-    the devices' stop.
+    In the second case, and when the Deferred is cancelled, the procedure is cancelled first, so that it can do nothing
+    after the devices have stopped.
     """
     requested = False
     first: Deferred[None] = Deferred(lambda _: running.cancel())
@@ -179,10 +179,10 @@ def _signals_to(loop: Loop, ending: Ending) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _ahead_of_others() -> Iterator[None]:
-    """Run before programs that compute, where the system grants it: a poll that waits for the processor is skipped.
+    """Run ahead of programs that compute, where the system grants it: a poll that waits for the processor is skipped.
 
-    The loop's threads do too, since they hold what it waits for. On a single processor a loop that hung would leave
-    `cfid motors stop` a twentieth of it, and runs among the others.
+    The loop's threads run ahead too, since they hold what the loop waits for. On a single processor a loop that hung
+    would leave `cfid motors stop` only a twentieth of it, and so it runs like other programs there.
     """
     usual = _went_ahead()
     try:
@@ -193,7 +193,7 @@ def _ahead_of_others() -> Iterator[None]:
 
 
 def _went_ahead() -> "tuple[int, os.sched_param] | None":
-    """Go before programs that compute and return how it was scheduled, None where that is not granted."""
+    """Go ahead of programs that compute; return the scheduling until then, None where going ahead is not granted."""
     try:
         usual = os.sched_getscheduler(0), os.sched_getparam(0)
         if len(os.sched_getaffinity(0)) < _FEWEST_PROCESSORS:

@@ -14,9 +14,9 @@ from cfid.units import MOTORS
 
 
 class MotorCommands:
-    """Commands of all four motors, a row for each change, timed when the request that was accepted was sent.
+    """Commands of all four motors, a row for each change, with the time at which the accepted request was sent.
 
-    `whole` is set where all that was asked for was held, and the run may end.
+    `whole` is set once all requested commands have been held, and the run may end.
     """
 
     name = "commands"

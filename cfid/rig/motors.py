@@ -1,6 +1,6 @@
 """Defines what motors do for the rig, within the limits of rig.toml, and finds out how a vehicle's are driven.
 
-A vehicle has one of three ways: cfid's app, the thesis' modules of 2015, or stock firmware.
+They are driven in one of three ways: by cfid's app, by the thesis' modules of 2015, or by stock firmware.
 """
 
 from collections.abc import Callable, Sequence
@@ -41,7 +41,7 @@ class Motors(Protocol):
     """Four motors of a vehicle."""
 
     def start(self) -> None:
-        """Begin to monitor them."""
+        """Begin to monitor the motors."""
 
     async def set(self, commands: Four) -> float:
         """Set all four commands; return when the first accepted request was sent, on the monotonic clock.
@@ -51,13 +51,13 @@ class Motors(Protocol):
         """
 
     def check(self) -> None:
-        """Raise DeviceError when the vehicle itself stopped them, or can no longer be reached."""
+        """Raise DeviceError when the vehicle itself stopped the motors, or can no longer be reached."""
 
     async def stop(self) -> float | None:
-        """Stop them for good; return after how many seconds the stop was confirmed.
+        """Stop the motors for good; return after how many seconds the stop was confirmed.
 
         Returns None when no command of this program took effect, so that motors that turn are another program's.
-        Raises StopError when it is not certain.
+        Raises StopError when the stop is not certain.
         """
 
 
@@ -66,7 +66,7 @@ class SinePlayer(Motors, Protocol):
 
     @property
     def playing(self) -> bool:
-        """Whether the vehicle's latest report states that it plays."""
+        """Whether the vehicle's latest report states that it plays a sine."""
 
     async def be_ready(self, request: SineRequest) -> None:
         """Wait for the previous sine to end. Raises ConfigError beyond the limits, DeviceError if it does not end."""
@@ -80,8 +80,8 @@ class Limits:
     """What the operator allows in rig.toml, and what the vehicle's rotors allow.
 
     A vehicle with an `idle_thrust` keeps its rotors at that command or above, and locks itself where one turns at 1 to
-    499 rpm. It arms only at 1000 rpm or more, so half the throttle of its idle thrust is the slowest command. With a
-    motor at zero, which idles then, a command has to be above idle thrust to count as flying.
+    499 rpm. It arms only at 1000 rpm or more, so half the throttle of its idle thrust is the slowest command. While a
+    motor is at zero, and so idles, a command has to be above idle thrust to count as flying.
     """
 
     largest_command: int = LARGEST_COMMAND
@@ -124,7 +124,7 @@ class Limits:
             )
 
     def check_four(self, commands: Four) -> None:
-        """Raise ConfigError for commands of the four motors beyond the limits."""
+        """Raise ConfigError when the commands of the four motors are beyond the limits."""
         self.check(max(commands), min(commands))
         turning = [motor for motor, command in zip(MOTORS, commands, strict=True) if command]
         if turning:

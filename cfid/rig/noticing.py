@@ -1,4 +1,4 @@
-"""Puts what is noticed during a recording before the operator, while the recording goes on."""
+"""Shows the operator what is noticed during a recording, while the recording goes on."""
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -17,7 +17,7 @@ class Noticing:
     """A sink that passes rows on to a run and asks the operator about each thing that `notice` returns.
 
     At a terminal n ends the recording, y or no key goes on; a script gets the sentence alone. Without `asks` the
-    keyboard is somebody else's, and the operator too gets the sentence alone.
+    keyboard belongs to a procedure, and the operator too gets the sentence alone.
     """
 
     def __init__(self, run: Sink, notice: Notice, *, ending: Ending, loop: Any, say: Say, asks: bool) -> None:
@@ -27,7 +27,7 @@ class Noticing:
         self._keyboard: Keyboard | None = None
 
     def append(self, device: str, columns: Sequence[Any]) -> None:
-        """Write one block, then look at it."""
+        """Write one block, then examine it."""
         self._run.append(device, columns)
         wrong = self._notice(device, columns)
         if wrong:

@@ -38,7 +38,7 @@ class Pings:
         self._vehicle.stalls.begin()
 
     async def ping(self) -> float | None:
-        """Send one and wait for its answer; return the round trip in seconds, None when it was lost."""
+        """Send a ping and wait for its answer; return the round trip in seconds, None when it was lost."""
         self._vehicle.check()
         self.sent += 1
         number, request = self.sent, self._request()
@@ -78,7 +78,7 @@ class Pings:
         """Do nothing: the code that opened the link closes it."""
 
     def facts(self) -> Mapping[str, Any]:
-        """Return how many were sent."""
+        """Return how many pings were sent."""
         return {"sent": self.sent}
 
     def _request(self) -> Packet:

@@ -17,7 +17,7 @@ class PowerSet:
         self.each = [self._parameter(f"m{motor}") for motor in MOTORS]
 
     async def clear(self) -> None:
-        """Disable them, set all to zero and read them back. Raises DeviceError when that is not confirmed."""
+        """Disable the parameters, set all to zero and read them back. Raises DeviceError when that is not confirmed."""
         for parameter in (self.enable, *self.each):
             await self._vehicle.write_parameter(parameter, 0, within_s=WITHIN_S, tries=TRIES)
         for parameter in (self.enable, *self.each):
@@ -25,7 +25,7 @@ class PowerSet:
                 raise DeviceError(f"{self._vehicle.uri}: a parameter of motorPowerSet was set to 0 and is not.")
 
     async def is_enabled(self) -> bool:
-        """Return whether they drive the motors. Raises DeviceError without an answer."""
+        """Return whether the parameters drive the motors. Raises DeviceError without an answer."""
         value = await self._read(self.enable)
         if value is None:
             raise DeviceError(f"{self._vehicle.uri}: the vehicle does not report motorPowerSet.enable.")

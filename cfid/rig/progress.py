@@ -12,15 +12,15 @@ if TYPE_CHECKING:
 
 _SHOWN_POINTS = 40
 _RATE_BLOCKS = 20  # over which the rate is averaged
-_SILENT_S, _USUAL_PAUSES = 0.5, 4  # without a row, and so many times as long as usual: what was read is old then
+_SILENT_S, _USUAL_PAUSES = 0.5, 4  # without a row, and this many usual pauses: the values shown are then old
 
 
 class Progress:
     """An instrument's progress: rows, rate, losses and values without their time, in bounded memory.
 
-    `first` and `latest` are the first and the last row, `mean` that of the last block, `tare` that of the rows at rest;
-    () for none. `trace` has what was read of the last blocks. `silent_s` is how long no row came, 0 where that is
-    usual.
+    `first` and `latest` are the first and the last row, `mean` is the mean of the last block, and `tare` that of the
+    rows at rest; each is () while it has no row. `trace` has the values read in the last blocks. `silent_s` is how long
+    no row has come, 0 where that is usual.
     """
 
     def __init__(self) -> None:
@@ -40,7 +40,7 @@ class Progress:
         self._pauses: deque[float] = deque(maxlen=_RATE_BLOCKS)  # between blocks with rows
 
     def add(self, block: "Block", now_s: float, *, at_rest: bool = False) -> None:
-        """Take note of a block; that of an instrument `at_rest` counts for its tare."""
+        """Take note of a block; one of an instrument `at_rest` counts towards its tare."""
         rows = len(block.columns[0])
         self.rows += rows
         self.lost += block.lost
@@ -80,11 +80,11 @@ class Progress:
 
 
 class Reading(NamedTuple):
-    """What an operator reads of an instrument: a number, and the form in which it is shown, `{:5.1f} deg`."""
+    """What an operator reads of an instrument: a number, and the form in which it is shown, as `{:5.1f} deg`."""
 
     value: Callable[[Progress], float]
     form: str
 
     def of(self, progress: Progress) -> str:
-        """Return it as text."""
+        """Return the number as text."""
         return self.form.format(self.value(progress))

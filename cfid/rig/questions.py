@@ -17,7 +17,7 @@ _UNUSED = "not used: every step is read"
 
 
 class Answer(Enum):
-    """What an operator answers instead of a number."""
+    """An operator's answer that is not a number."""
 
     UNDO = "take the last reading back"
 
@@ -46,8 +46,8 @@ class Questions:
         """Return the number typed, None for an empty line, which means no reading, UNDO for u or undo.
 
         Asks again after an invalid line, and once after a number for which `fault` returns a reason: typed again, it
-        counts. A script is told the reason, and its number counts. Raises ConfigError when the input ends, or when a
-        script's line is invalid.
+        counts. For a script, the reason is only printed, and its number counts. Raises ConfigError when the input ends,
+        or when a script's line is invalid.
         """
         await self._forget_typed(what)
         questioned: float | None = None
@@ -76,9 +76,9 @@ class Questions:
             questioned = value
 
     async def undone(self, what: str) -> bool:
-        """Return whether u or undo is typed rather than Enter; ended input is Enter.
+        """Return whether u or undo is typed rather than Enter; the end of the input counts as Enter.
 
-        Nobody waits for a script: only the lines count that it has written by now.
+        A script is not waited for: only the lines that it has already written count.
         """
         with suppress(ConfigError):
             await self._forget_typed(what)
@@ -124,7 +124,7 @@ class Questions:
 
 
 def _reading(line: str) -> float | None:
-    """Return the number of a line, with a decimal point or comma; None for no number, or a negative one."""
+    """Return the number in a line, with a decimal point or comma; None for no number, or a negative one."""
     try:
         value = float(line.replace(",", "."))
     except ValueError:

@@ -12,8 +12,8 @@ from twisted.internet.udp import Port
 
 from cfid.wire import rdt
 
-RECEIVE_BUFFER_BYTES = 4 << 20  # 1.4 s of single records at 7 kHz, where the usual one holds 37 ms
-# Wake-ups cost the most: the system collects datagrams, of which every block of a recording takes those that wait.
+RECEIVE_BUFFER_BYTES = 4 << 20  # 1.4 s of single records at 7 kHz; the usual buffer holds 37 ms
+# Wake-ups cost the most: the system collects datagrams, and every block of a recording takes those that wait.
 _PAUSE_S, _SHORT_PAUSE_S = 0.25, 0.025  # with the buffer that was requested, and with a smaller one
 _LONGEST_DRAIN_S = 0.025
 
@@ -24,7 +24,7 @@ _SO_RCVBUFFORCE = 33  # may exceed the system's limit, for those who may set tha
 _TIMESPEC = struct.Struct("@ll")
 _OVERFLOW = struct.Struct("@I")
 _LONGEST_DATAGRAM = 2048
-_CLOCK_STEP_S = 1e-3  # more than the wall clock drifts between two reads: it was set
+_CLOCK_STEP_S = 1e-3  # more than the wall clock drifts between two reads: then it was set
 
 
 class Inbox:
@@ -122,9 +122,9 @@ class RdtPort(Port):
             self.startReading()
 
     def _stamp(self, ancillary: list[tuple[int, int, bytes]], read_s: float, now_s: float) -> float:
-        """Return when the system received a datagram, on the monotonic clock; it stamps with the wall clock.
+        """Return when the system received a datagram, on the monotonic clock; its stamp is of the wall clock.
 
-        It arrived after the last read, which would have taken it otherwise: a stamp before that is rejected.
+        The datagram arrived after the last read, which would otherwise have taken it: an earlier stamp is rejected.
         """
         arrival_s = now_s
         for _, kind, value in ancillary:
@@ -137,7 +137,7 @@ class RdtPort(Port):
 
 
 def enlarge(made: socket.socket) -> int:
-    """Request a large receive buffer; return the size granted, of which Linux reports the double."""
+    """Request a large receive buffer; return the size granted, which Linux reports doubled."""
     for option in (_SO_RCVBUFFORCE, socket.SO_RCVBUF) if sys.platform == "linux" else (socket.SO_RCVBUF,):
         try:
             made.setsockopt(socket.SOL_SOCKET, option, RECEIVE_BUFFER_BYTES)

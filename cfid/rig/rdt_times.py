@@ -48,7 +48,7 @@ class RecordTimes:
             self.rate_hz = ticks_per_s / step
 
     def began_anew(self, records: rdt.Records, arrivals: TimedArrivals) -> bool:
-        """Return whether the count of the first records after a silence contradicts when they came."""
+        """Return whether the count of the first records after a silence contradicts their arrival."""
         if self._samples is None:
             return False
         record, came_s = (arrivals.record[0], arrivals.came_s[0]) if len(arrivals.record) else (-1, arrivals.read_s)
@@ -64,7 +64,7 @@ class RecordTimes:
     def instants_s(self, records: rdt.Records, arrivals: TimedArrivals) -> Array:
         """Return when records in order were sampled. The step has to be known.
 
-        Where the count jumps to what is yet to come, or back, a new count begins.
+        Where the count jumps back, or beyond the present time, a new count begins.
         """
         at = self._jump(records, arrivals.read_s)
         if at is None:
@@ -112,6 +112,6 @@ def _part(records: rdt.Records, part: slice) -> rdt.Records:
 
 
 def ticks_per_s_of(rate_hz: float, step: int) -> float:
-    """Return what ft_sequence counts in a second: a Net F/T's 7000, unless no rounding of the rate explains it."""
+    """Return the counts of ft_sequence per second: a Net F/T's 7000, unless no rounding of the rate explains that."""
     rounded = (rate_hz - 1) * step < rdt.INTERNAL_HZ < (rate_hz + 1) * step
     return float(rdt.INTERNAL_HZ if rounded else rate_hz * step)

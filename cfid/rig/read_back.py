@@ -23,7 +23,7 @@ from cfid.wire.crtp import (
 from cfid.wire.supervisor import VehicleState, encode_arming
 
 _DISARMED_S = 1.0
-_LOOK_S = 0.05  # a little longer than the supervisor takes to look
+_LOOK_S = 0.05  # a little longer than the supervisor takes to update
 
 
 class ReadBack(NamedTuple):
@@ -37,7 +37,7 @@ class ReadBack(NamedTuple):
 def confirm_stop(uri: str, ports: AppPorts, acknowledged: Acknowledged | None) -> ReadBack:
     """Read back that nothing drives the motors, and disarm a vehicle whose rotors idle.
 
-    Without an acknowledgement by then, a stop is sent over this link. Raises DeviceError for a vehicle that cannot be
+    If no stop has been acknowledged yet, one is sent over this link. Raises DeviceError for a vehicle that cannot be
     reached, StopError when something still drives its motors.
     """
     link = Link.connect(uri)
@@ -94,9 +94,9 @@ def _disarmed(link: Link) -> VehicleState | None:
 
 
 def _refuse_driven(link: Link) -> None:
-    """Raise StopError when the vehicle's log shows a motor that runs: an app on other ports drives it.
+    """Raise StopError when the vehicle's log shows a motor that still runs: an app on other ports drives it.
 
-    Disarming stops it too; a brushed vehicle is ready again in a moment.
+    Disarming, which is tried first, stops such a motor too; a brushed vehicle is ready again in a moment.
     """
     if not any(logged(link, name) for name in APPLIED):
         return
@@ -111,7 +111,7 @@ def _refuse_driven(link: Link) -> None:
 
 
 def _is_zero(link: Link, parameter: Variable) -> bool:
-    """Return whether a parameter reads zero; one that does not is written by its number first."""
+    """Return whether a parameter reads zero; one that does not is first written by its number and read again."""
     if _read(link, parameter) == 0:
         return True
 

@@ -31,7 +31,7 @@ def ready_lines(
     patient: bool = True,
     scale: Mapping[str, object] = MappingProxyType({}),
 ) -> tuple[DeviceRecord, OpenLines]:
-    """Lock a device's port; return its description in run.toml, to which `scale` belongs, and how a loop opens it.
+    """Lock a device's port; return its description in run.toml, including `scale`, and how a loop opens it.
 
     Without `patient` the run ends as soon as its lines break off. Raises DeviceError.
     """
@@ -42,7 +42,7 @@ def ready_lines(
     holding.enter_context(DeviceLock.take(names[0]))
 
     def locked(port: str) -> None:
-        """Lock the port that a link leads to now: a plug that was pulled may come back as another one."""
+        """Lock the port that a link leads to now: a plug that was pulled may come back as another port."""
         if lock_name(port) != names[-1]:
             lock = DeviceLock.take(lock_name(port))
             holding.close()
@@ -62,7 +62,7 @@ def ready_lines(
 
 
 def record_of(name: str, setting: LineDevice, *, scale: Mapping[str, object] = MappingProxyType({})) -> DeviceRecord:
-    """Return a device's description in run.toml, to which `scale` belongs."""
+    """Return a device's description in run.toml, including `scale`."""
     stated: dict[str, Any] = setting.model_dump(mode="json", exclude={"rate_hz", "kind"}, exclude_defaults=True)
     return DeviceRecord.model_validate(
         {
@@ -77,7 +77,7 @@ def record_of(name: str, setting: LineDevice, *, scale: Mapping[str, object] = M
 
 
 def angle_scale(setting: EncoderLines, counts_per_turn: float | str) -> dict[str, object]:
-    """Return what run.toml states of the angle's unit. Raises ConfigError where the counts of a turn are unknown."""
+    """Return what run.toml states about the angle's unit. Raises ConfigError where the counts per turn are unknown."""
     if not setting.counted:
         return {"angle_unit": "rad"}
     if isinstance(counts_per_turn, str):

@@ -36,7 +36,7 @@ def ready_encoder(
     holding.enter_context(DeviceLock.take(names[0]))
 
     def again() -> Any:
-        """Find it after its plug was pulled; where it then has another port, lock that one instead."""
+        """Find the encoder after its plug was pulled; if it then has another port, lock that port instead."""
         there = find_encoder(setting.port, counts_per_turn=counts_per_turn, serial_number=found.serial_number)
         name = lock_name(there.port)
         if name != names[-1]:

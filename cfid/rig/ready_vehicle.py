@@ -86,12 +86,12 @@ class ReadyVehicle:
 
     @property
     def uri(self) -> str:
-        """Where it is."""
+        """The vehicle's address."""
         return self.link.uri
 
     @property
     def reports_battery(self) -> bool:
-        """Whether its log has the battery's voltage."""
+        """Whether the vehicle's log has the battery's voltage."""
         return self.link.variable(BATTERY) is not None
 
     def vehicle(self, loop: Loop) -> Vehicle:
@@ -182,7 +182,7 @@ class ReadyVehicle:
         return self.log((BATTERY, *names), period_ms=period_ms)
 
     def inertial_log(self, period_ms: int, **facts: Any) -> Device:
-        """Return a log of gyro and accelerometer, which state in run.toml further facts about their rate.
+        """Return a log of gyro and accelerometer; `facts` about their rate go into run.toml.
 
         Raises DeviceError for a firmware that does not log them.
         """

@@ -83,10 +83,10 @@ class Nowhere:
         """Discard a block."""
 
     def count_lost(self, device: str, samples: int) -> None:
-        """Discard it."""
+        """Discard a count of missing samples."""
 
     def describe(self, device: str, facts: Mapping[str, Any]) -> None:
-        """Discard it."""
+        """Discard facts about a device."""
 
     def sync(self) -> None:
         """Do nothing."""
@@ -99,8 +99,8 @@ class Recorder:
         """Take the instruments and the sink; `show` is called after every block."""
         self.progress = {instrument.name: Progress() for instrument in instruments}
         self.began_s = loop.seconds()
-        self.for_s: float | None = None  # how long it is to last, where that is known
-        self.tare_s = 0.0  # for which everything is at rest first
+        self.for_s: float | None = None  # how long the recording is to last, where that is known
+        self.tare_s = 0.0  # how long everything is at rest at first
         self._instruments = instruments
         self._run = run
         self._loop = loop
@@ -112,7 +112,7 @@ class Recorder:
 
     @property
     def seconds(self) -> float:
-        """How long it has been recording."""
+        """How long the recording has lasted so far."""
         return float(self._loop.seconds() - self.began_s)
 
     async def record(self, begin: Callable[[], Deferred[None]]) -> None:
@@ -169,7 +169,7 @@ class Recorder:
         self._next_block = self._loop.callLater(max(later * BLOCK_S - now_s, 0), self._write_blocks, later)
 
     def _check_awake(self) -> None:
-        """Raise DeviceError after a suspend: times of samples leave it out, and motion goes on."""
+        """Raise DeviceError after a suspend, which times of samples leave out while motion goes on."""
         slept_s = suspended_s() - self._suspended_s
         if slept_s > _LONGEST_SLEEP_S:
             raise DeviceError(
@@ -217,7 +217,7 @@ class Recorder:
 
 
 def _together(failed: list[Exception]) -> Exception:
-    """Return the first failure, with the later ones in its message; that motors may still run comes first."""
+    """Return the first failure, with the others in its message; a StopError comes first, as motors may still run."""
     first, *later = sorted(failed, key=lambda error: not isinstance(error, StopError))
     others = "\n".join(str(error) for error in later if isinstance(error, CfidError) and str(error) != str(first))
     if not others:

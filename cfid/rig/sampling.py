@@ -67,9 +67,9 @@ def sample(
     stopped: Callable[[float], None] = lambda _: None,
     tare_s: float = 0.0,
 ) -> dict[str, Sampled]:
-    """Sample devices for `for_s` seconds, or until a procedure that takes as long; return each by its file's stem.
+    """Sample devices for `for_s` seconds, or until a procedure as long as that ends; return each by its file's stem.
 
-    The live line shows forces above those of the first `tare_s`.
+    The live line shows forces relative to those of the first `tare_s`.
     Raises DeviceError as a recording does, KeyboardInterrupt when a signal ended it; motors are stopped and checked.
     """
     memory, complete = Memory(), False

@@ -26,7 +26,7 @@ class _TwistedLine:
     """An open serial port."""
 
     def __init__(self, port: str, receiver: Receiver, *, loop: Any) -> None:
-        """Open it."""
+        """Open the port."""
         self._port = SerialPort(_Wire(receiver), port, loop, baudrate=115200)
 
     def write(self, data: bytes) -> None:

@@ -1,4 +1,4 @@
-"""What the live line shows of each instrument, of widths that do not change from row to row."""
+"""Defines what the live line shows of each instrument, in widths that do not change from row to row."""
 
 import math
 
@@ -9,7 +9,7 @@ from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
 
 
 def degrees(counts_per_turn: float | str) -> Reading:
-    """Return the angle of an encoder's latest row from its first, at which a pendulum hangs still, within half a turn.
+    """Return the angle of an encoder's latest row from its first, when a pendulum hangs still, within half a turn.
 
     The encoder's own zero may lie anywhere.
     """
@@ -47,10 +47,10 @@ def turning() -> Reading:
 
 
 def volts(place: int) -> Reading:
-    """Return the battery's voltage, which stands at a place of the vehicle's log."""
+    """Return the battery's voltage, which has a given place in the vehicle's log."""
     return Reading(lambda vehicle: vehicle.latest[place], "{:.2f} V")
 
 
 def _above_tare(cell: Progress, place: int) -> float:
-    """Return the mean of the last block, as a motor's vibration is larger than most loads."""
+    """Return the last block's mean less the tare: a mean, since a motor's vibration is larger than most loads."""
     return cell.mean[place] - (cell.tare[place] if cell.tare else 0.0)

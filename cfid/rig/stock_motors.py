@@ -12,8 +12,8 @@ from cfid.rig.vehicle import Vehicle
 from cfid.wire.crtp import Variable
 from cfid.wire.supervisor import RELAX_SETPOINT
 
-_EACH = 1  # as motorPowerSet.enable
-_RELAXED = 3  # times, since the vehicle does not answer that
+_EACH = 1  # value of motorPowerSet.enable
+_RELAXED = 3  # times, since the vehicle does not answer this packet
 
 
 class StockMotors:
@@ -27,7 +27,7 @@ class StockMotors:
         self._stopped = False
 
     def start(self) -> None:
-        """Begin to monitor the link: these modules report nothing."""
+        """Begin to monitor the link: these parameters report nothing by themselves."""
         self._vehicle.stalls.begin()
 
     async def set(self, commands: Four) -> float:

@@ -27,7 +27,7 @@ _SILENT_TURNS = 5  # without any answer: connecting in full then finds the reaso
 
 
 class Acknowledged(NamedTuple):
-    """What a vehicle acknowledged of a stop: that the app's commands are zero, and the parameters motorPowerSet.
+    """What a vehicle acknowledged of a stop: zero commands of the app, and zero in the motorPowerSet parameters.
 
     `after_s` counts from the first packet to the last of these answers.
     """
@@ -40,7 +40,7 @@ class Acknowledged(NamedTuple):
 def stop_over(line: VehicleLine, ports: AppPorts) -> Acknowledged:
     """Send every kind of stop until the vehicle has acknowledged those that it knows."""
     began_s = last_s = time.monotonic()
-    number = 1 << 31 | time.time_ns() & (1 << 31) - 1  # no process that counts from zero has this one
+    number = 1 << 31 | time.time_ns() & (1 << 31) - 1  # no process that counts from zero uses this number
     stop = Packet(ports.ping, PingChannel.STOP, app.encode_alive(number))
     old_stop = Packet(ports.thrust, ThrustChannel.SET, app.encode_thrust(ThrustRequest(0, app.ALL_MOTORS_THRUST)))
     unanswered = dict(OVERRIDES)

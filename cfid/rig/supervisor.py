@@ -36,11 +36,11 @@ _AGAIN_S = 0.02
 _BACK_S = 1.0  # a vehicle is ready again within 0.16 s of a timeout
 _SPIN_UP_S = 2.5  # the firmware gives rotors 2 s to reach their idle speed
 _DISARMED_S = 0.6
-_UNANSWERED = 20  # polls in turn, so that a link has to lose nearly everything for a second
+_UNANSWERED = 20  # polls in a row, so that a link has to lose nearly everything for a second
 
 
 class Supervisor:
-    """The supervisor of a vehicle in a loop, with the latest state reported, None until then."""
+    """The supervisor of a vehicle in a loop, with the latest state reported, None before the first."""
 
     def __init__(self, vehicle: Vehicle, *, protocol: int) -> None:
         """Take a vehicle and its version of the protocol."""
@@ -96,7 +96,7 @@ class Supervisor:
         return self.state
 
     async def request_arming(self, *, arm: bool = True) -> bool | None:
-        """Request to arm or disarm; return whether that was granted, None without an answer: the state then tells."""
+        """Request to arm or disarm; return whether that was granted, None without an answer: then look at the state."""
         request = encode_arming(arm=arm, protocol=self._protocol)
 
         def answered(payload: bytes) -> bool | None:
@@ -108,8 +108,8 @@ class Supervisor:
         """Bring the vehicle into a state in which motors may run; arm it where it does not arm itself.
 
         A vehicle that arms itself is disarmed first, so that its timeouts start anew: it disarms itself 30 s after it
-        got ready and 3 s after it landed, perhaps in the moment in which motors start. It arms itself on entering one
-        state only: a request that arrives just then, late or repeated, leaves it disarmed until it is armed.
+        got ready and 3 s after it landed, perhaps just as motors start. It arms itself on entering one state only: a
+        request that arrives just then, late or repeated, leaves it disarmed until it is armed.
         Raises DeviceError naming the state in which it stays.
         """
         await self.wait(lambda state: bool(state.remedy) or _settled(state), within_s=_BACK_S)

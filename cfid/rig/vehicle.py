@@ -70,7 +70,7 @@ class Vehicle:
 
     @property
     def uri(self) -> str:
-        """Where the vehicle is."""
+        """The vehicle's address."""
         return self.wire.uri
 
     def listen(self, port: int, channel: int, handle: Handler) -> None:
@@ -103,7 +103,7 @@ class Vehicle:
         within_s: float = ANSWER_S,
         tries: int = TRIES,
     ) -> Answer | None:
-        """Send a request until `read` returns something for a payload that arrives; None when it never does.
+        """Send a request repeatedly until `read` returns an answer from an arriving payload; None when it never does.
 
         The answer is expected on the request's port, on its channel unless another is given. Raises DeviceError
         when the link is gone.
