@@ -1,7 +1,7 @@
 """Gives an axis' motion at any time: of a pendulum released repeatedly, or a weight dropped repeatedly.
 
-A few experiments are integrated beforehand, all at once, and then repeat in turn: no integration is left for the time
-in which a device has to answer.
+A few experiments are integrated beforehand, all at once, and then repeat in turn, so that no integration is left to do
+while a device has to answer.
 """
 
 import math
@@ -32,7 +32,7 @@ class Axis:
     """
 
     def __init__(self, motion: Motion, *, return_s: float, offset_rad: float, eccentricity_rad: float = 0.0) -> None:
-        """Take k motions (n, k) in equal steps; encoder's zero and eccentricity are those of EncoderModel."""
+        """Take k motions (n, k) in equal steps; the encoder's zero and eccentricity are those of EncoderModel."""
         self._angles = motion.angle_rad.T.tolist()  # lists: reading single numbers from them is faster
         self._speeds = motion.speed_rad_per_s.T.tolist()
         self._step_s = float(motion.time_s[1] - motion.time_s[0])
@@ -41,7 +41,7 @@ class Axis:
         self._eccentricity_rad = eccentricity_rad
 
     def angle_at(self, time_s: float) -> float:
-        """Return the angle in rad that the encoder sees: the cubic through the two nearest steps, with its error."""
+        """Return the angle in rad that the encoder sees: the cubic through the two nearest steps, plus its error."""
         angle_rad = self._turned(time_s) + self._offset_rad
         return angle_rad + self._eccentricity_rad * math.sin(angle_rad)
 
@@ -56,7 +56,7 @@ class Axis:
         which = int(turn) % len(self._angles)
         angle_rad = _between(self._angles[which], self._speeds[which], into_s / self._step_s, self._step_s)
         if turn and into_s < self._return_s:
-            left_rad = self._angles[which - 1][-1]  # of the last one, if this is the first again
+            left_rad = self._angles[which - 1][-1]  # of the last motion, if this is the first again
             angle_rad += left_rad * _smooth(1 - into_s / self._return_s)
         return angle_rad
 
@@ -64,7 +64,7 @@ class Axis:
 def swinging(body: Pendulum | TwoThreads, *, rng: np.random.Generator, eccentricity_rad: float = 0.0) -> Axis:
     """Return the axis of a pendulum, or of a body on threads, that a hand deflects and releases every PERIOD_S.
 
-    Each time it does so differently; after RELEASES of them, some five minutes, they repeat.
+    Each release differs; after RELEASES of them, about five minutes, they repeat.
     """
     releases: Sequence[HandRelease] = [draw_release(rng) for _ in range(RELEASES)]
     settings: dict[str, Any] = {"duration_s": PERIOD_S, "step_s": _STEP_S, "store_every": 1}
@@ -90,7 +90,7 @@ def resting(*, offset_rad: float) -> Axis:
 
 
 def _between(angles: list[float], speeds: list[float], steps: float, step_s: float) -> float:
-    """The cubic Hermite polynomial between the two samples around `steps`."""
+    """Return the cubic Hermite polynomial between the two samples around `steps`."""
     i = min(int(steps), len(angles) - 2)
     x = steps - i
     rise = angles[i + 1] - angles[i]
@@ -99,5 +99,5 @@ def _between(angles: list[float], speeds: list[float], steps: float, step_s: flo
 
 
 def _smooth(x: float) -> float:
-    """From 0 to 1 with minimum jerk."""
+    """Return the path of minimum jerk from 0 to 1 at `x`."""
     return x * x * x * (10 + x * (6 * x - 15))

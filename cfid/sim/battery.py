@@ -16,8 +16,8 @@ class BatteryTruth(BaseModel):
     """A `supply` holds `volts` under any load; the other keys apply to `lipo` only.
 
     `open_circuit_v` is the voltage of the unloaded cell at equal steps of charge, from empty to full; `charge` is the
-    initial charge. The part `efficiency` of the electrical power reaches the rotors; `standby_a` is drawn in addition.
-    The currents are near those in Bitcraze's table of the Crazyflie 2.0 (2015).
+    initial charge. The fraction `efficiency` of the electrical power reaches the rotors; `standby_a` is drawn in
+    addition. The currents are near those in Bitcraze's table of the Crazyflie 2.0 (2015).
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)

@@ -41,8 +41,8 @@ _LONGEST_ECHO = LONGEST_PAYLOAD - 8  # the microseconds follow it
 _TICKS_PER_S = 1000
 _IDLE_OF_BRUSHLESS = 7000
 _RPM_PER_RAD_PER_S = 60 / math.tau
-_ATTENTIVE_TICKS = 2000  # without a motor or a request, after which it sleeps: longer than any pending event
-_CLIENT_GONE_S = 3.0  # without a packet; the vehicle then takes its client for gone and stops logging
+_ATTENTIVE_TICKS = 2000  # without a running motor or a request, after which it sleeps: longer than any pending event
+_CLIENT_GONE_S = 3.0  # without a packet; the vehicle then considers its client gone and stops logging
 _SLACK = 1e-6  # of a tick, for rounding between times and ticks
 
 
@@ -72,7 +72,7 @@ class Crazyflie:
         rtos_ms: Callable[[int], int] = lambda step: step,
         imu: Imu | None = None,
     ) -> None:
-        """Start it before `opened_s`, by the time that its truth states; without `imu` it is fastened."""
+        """Start the vehicle before `opened_s`, by `powered_for_s` of its truth; without `imu` it is fastened."""
         self.protocol = PROTOCOL
         self._truth, self._propulsion, self._on_motors = truth, propulsion, on_motors
         self._load_app = {"app": load_app, "stock": NoModules, "old": ModulesOf2015}[truth.firmware]
@@ -94,7 +94,7 @@ class Crazyflie:
 
     @property
     def inertial(self) -> ImuSample:
-        """What gyro and accelerometer show; its supervisor takes one that hangs in a swing for one that stands."""
+        """What gyro and accelerometer show; to the supervisor, a vehicle that hangs in a swing stands upright."""
         if self._imu is not None:
             return self._imu.at(self._time_s(self._ticks))
         return ImuSample((0.0, 0.0, 0.0), (math.sqrt(max(0.0, 1 - self.acc_z_g**2)), 0.0, self.acc_z_g))
@@ -114,7 +114,7 @@ class Crazyflie:
 
     @property
     def next_s(self) -> float | None:
-        """When it next does something unprompted, None while it sleeps."""
+        """When the vehicle next does something unprompted, None while it sleeps."""
         return self._time_s(self._ticks + 1) if self._awake else None
 
     def parameter_number(self, name: str) -> int:
@@ -144,7 +144,7 @@ class Crazyflie:
         return sent
 
     def turn(self, acc_z_g: float) -> None:
-        """Turn it until its z accelerometer shows `acc_z_g`: 1 upright, 0 on its side, -1 upside down."""
+        """Turn the vehicle until its z accelerometer shows `acc_z_g`: 1 upright, 0 on its side, -1 upside down."""
         self.acc_z_g = acc_z_g
         self._stay_awake()
 

@@ -25,7 +25,7 @@ Datagram = tuple[bytes, Address]
 
 @dataclass
 class CrazyflieMishaps:
-    """Counts of packets that did not pass, without those that the radio lost."""
+    """Counts of packets that did not pass, apart from those that the radio lost."""
 
     dropped: int = 0
     dropped_to_vehicle: int = 0
@@ -34,7 +34,7 @@ class CrazyflieMishaps:
 
 
 class _InFlight(NamedTuple):
-    """A packet on its way; `ping` is the ping that it carries or answers, and when its client sent that."""
+    """A packet on its way; `ping` is the ping that it carries or answers, and when the client sent that ping."""
 
     arrives_s: float
     packet: bytes
@@ -142,7 +142,7 @@ class FaultyCrazyflie:
         self._looked_s = now_s
 
     def _turns(self, after_s: float, until_s: float) -> list[float]:
-        """Return the times in between at which a fault of the vehicle begins or ends, or its port closes."""
+        """Return the times between the two at which a fault of the vehicle begins or ends, or its port closes."""
         faults = self.faults
         tumble_s, for_s = faults.tumble_after_s, faults.tumble_for_s
         begins = (

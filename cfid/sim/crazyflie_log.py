@@ -9,7 +9,7 @@ from typing import NamedTuple
 from cfid.sim.crazyflie_toc import TOC_CHANNEL, Entry, Toc
 from cfid.wire.crtp import LOG_CONTROL_CHANNEL, LONGEST_LOG_ROW
 
-_MOST_BLOCKS, _MOST_VARIABLES = 16, 128  # the second in all blocks together
+_MOST_BLOCKS, _MOST_VARIABLES = 16, 128  # the latter in all blocks together
 _DELETE, _START, _STOP, _RESET, _CREATE, _APPEND, _START_MS = 2, 3, 4, 5, 6, 7, 8
 _OF_A_BLOCK = (_DELETE, _START, _STOP, _CREATE, _APPEND, _START_MS)
 _START_UNIT_MS = 10  # of the older command
@@ -28,7 +28,7 @@ class LoggedVariable(NamedTuple):
     read: Callable[[], float]
 
 
-_MEMORY = 0xFFFF  # as number: an address in memory instead of a variable, which the firmware does not check
+_MEMORY = 0xFFFF  # as a number: an address in memory instead of a variable, which the firmware does not check
 _IN_MEMORY = LoggedVariable("memory", "I", lambda: 0)
 
 
@@ -82,7 +82,7 @@ class Log:
                 values = b"".join(_packed(kind, variable.read()) for kind, variable in block.entries)
                 rows.append(bytes([number]) + stamp + values)
                 block.next_ms += block.period_ms
-                block.period_ms = block.period_ms or None  # a period of zero is for one row
+                block.period_ms = block.period_ms or None  # a period of zero sends one row
         return rows
 
     def _execute(self, command: int, number: int, arguments: bytes, now_ms: int) -> int:

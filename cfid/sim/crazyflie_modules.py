@@ -48,8 +48,8 @@ class Seen(NamedTuple):
 class Orders(NamedTuple):
     """An app's orders until its next tick.
 
-    `commands` of the four motors, None to leave them to the stock controller; `feeds`: fresh null setpoints;
-    `idles_off`: no idle thrust; `disarms`: now.
+    `commands` are those of the four motors, None to leave them to the stock controller; `feeds` gives fresh null
+    setpoints, `idles_off` switches idle thrust off, and `disarms` disarms now.
     """
 
     commands: Four | None = None
@@ -94,7 +94,7 @@ class NoModules:
 
 
 class ModulesOf2015:
-    """Thrust, sine and ping as in C.2.1, C.2.4 and C.2.6: without watchdog, answers and supervisor."""
+    """Thrust, sine and ping as in C.2.1, C.2.4 and C.2.6: without watchdog, answers or supervisor."""
 
     def __init__(self) -> None:
         """Start with the motors off."""
@@ -103,7 +103,7 @@ class ModulesOf2015:
         self._waiting: SineRequest | None = None
         self._playing: SineRequest | None = None
         self._tick = 0
-        self._before = 0  # the previous sample, also of the previous sine
+        self._before = 0  # the previous sample, even if of the previous sine
 
     def receive(self, service: int, channel: int, payload: bytes, *, now_us: int, vehicle: Seen) -> None:
         """Execute at once; a sine that arrives while another one plays waits for its end."""
@@ -143,7 +143,7 @@ class ModulesOf2015:
         if not between and sample < sine.samples:
             self._play_sample(sine, sample)
         last_tick = sine.samples * _TICKS_A_SAMPLE
-        if self._tick == max(last_tick, 1):  # right after the last sample, too short for the motors to follow
+        if self._tick == max(last_tick, 1):  # right after the last sample, which is too short for the motors to follow
             self._commands = STILL
             self._report(0)
         if self._tick >= last_tick + _TICKS_BEFORE_DONE:

@@ -1,4 +1,4 @@
-"""How the simulated Crazyflie puts its answers into packets, and what the link itself answers."""
+"""Puts the simulated Crazyflie's answers into packets, and answers what the link itself answers."""
 
 from cfid.wire.crtp import ECHO_CHANNEL, LOG_PORT, LONGEST_PAYLOAD, PARAMETER_PORT
 
@@ -17,12 +17,12 @@ def framed(answer: bytes, *, port: int, channel: int, header: int) -> bytes:
 
 
 def new_packet(port: int, channel: int, payload: bytes) -> bytes:
-    """Return a packet that begins in the vehicle."""
+    """Return a packet that originates in the vehicle."""
     return bytes([port << 4 | channel]) + payload
 
 
 def answer_link(channel: int, payload: bytes) -> bytes | None:
-    """Return an echo, also of the empty packet that searches for vehicles, or the vehicle's name."""
+    """Return an echo, even of the empty packet that searches for vehicles, or the vehicle's name."""
     if channel == _SOURCE_CHANNEL:
         return b"Bitcraze Crazyflie".ljust(LONGEST_PAYLOAD, b"\0")
     return payload if channel == ECHO_CHANNEL or (channel == _NULL_CHANNEL and not payload) else None

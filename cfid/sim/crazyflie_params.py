@@ -108,7 +108,7 @@ class Parameters(Mapping[str, float]):
         return b"\0" if command in (_STORE, _CLEAR) else None
 
     def _set_by_name(self, payload: bytes) -> bytes | None:
-        """Set the parameter of a group and a name, each ended by zero, with the type that it has."""
+        """Set the parameter of a group and a name, each ending in a zero byte, if the type given is its own."""
         group, ends, rest = payload[1:].partition(b"\0")
         name, ends_too, rest = rest.partition(b"\0")
         if not (ends and ends_too):

@@ -30,7 +30,7 @@ _TRAJECTORY_FINISHED = 1 << 9  # of the high-level commander, which never flies 
 class SimulatedSupervisor:
     """Arms itself with brushed motors; with brushless ones a client arms it, and it monitors their rotors.
 
-    `can_fly`: the app's commands take effect. `motors_may_run`: the stabilizer drives them, at least at idle thrust.
+    `can_fly`: the app's commands take effect. `motors_may_run`: the stabilizer drives motors, at least at idle thrust.
     `flying`: until 2 s after the last thrust. `tumbled`: it lay on its side or its back at the last update.
     """
 
@@ -122,7 +122,7 @@ class SimulatedSupervisor:
         return None
 
     def _is_tumbled(self, now_ms: int, acc_z_g: float) -> bool:
-        """Return whether it lay on its side for a second or on its back for a tenth, if that check is enabled."""
+        """Return whether the vehicle lay on its side for 1 s or on its back for 0.1 s, if that check is enabled."""
         if acc_z_g >= _TILTED_G:
             self._tilted_ms = None
             return False

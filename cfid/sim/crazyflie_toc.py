@@ -28,7 +28,7 @@ class Toc:
         self._info = bytes([_INFO]) + struct.pack("<HI", len(encoded), zlib.crc32(b"".join(encoded))) + tail
 
     def answer(self, request: bytes) -> bytes | None:
-        """Return the answer to a payload on channel 0; for an entry that does not exist it has no entry."""
+        """Return the answer to a payload on channel 0; an answer about an entry that does not exist contains none."""
         if request[:1] == bytes([_INFO]):
             return self._info
         if request[:1] == bytes([_ITEM]):

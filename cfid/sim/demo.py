@@ -17,7 +17,7 @@ from cfid.wire.app import MIDDLE
 
 DEMO_TRUTH = SimTruth(radio=LATE_RADIO)
 
-# What a good lab has too: scales that are off by what rig.toml states, steps that scatter, reports that are lost.
+# Imperfections of even a good lab: scales off by what rig.toml states, steps that scatter, reports that are lost.
 GOOD_LAB = (
     imperfection("loadcell.gain_error", size=0.006),
     imperfection("rotors.arm_error", size=0.2 / 46),

@@ -97,7 +97,7 @@ def _of_stand(stand: StandRecord, truth: SimTruth, rate_hz: float) -> dict[str, 
 def shown_rpm(
     commands: Array, truth: SimTruth, rng: np.random.Generator, *, volts: Array | float | None = None
 ) -> Array:
-    """Return a tachometer's readings in rpm of rotors at commands (n,) and the voltage then; it counts every marker."""
+    """Return a tachometer's readings in rpm of rotors at commands (n,) and their voltage; it counts every marker."""
     speed = truth.rotors.steady_rad_per_s(commands, volts=truth.rotors.nominal_v if volts is None else volts)
     shown = truth.rotors.markers * speed * 60 / math.tau * (1 + truth.rotors.tachometer_gain)
     return np.round(shown * (1 + truth.rotors.tachometer_std * rng.standard_normal(len(speed))))
@@ -137,7 +137,7 @@ def sine_runs(truth: SimTruth, rng: np.random.Generator) -> list[SimulatedRun]:
     bench = Bench(rate_hz=RATE_HZ, radio=truth.radio, loadcell=truth.loadcell, vehicle_clock=truth_clock(truth))
     found = simulate_sines(truth.rotors, periods=PERIODS, samples=SAMPLES, amplitude=AMPLITUDE, rng=rng, bench=bench)
     begin_s = [float(sine.time_s[0]) for sine in found]
-    after_s = [*np.diff(begin_s).tolist(), PAUSE_S]  # on one clock, since the vehicle's runs through all runs
+    after_s = [*np.diff(begin_s).tolist(), PAUSE_S]  # on one clock, since the vehicle's continues through all runs
     return [_sine(sine, truth, float(next_s)) for sine, next_s in zip(found, after_s, strict=True)]
 
 
@@ -167,7 +167,7 @@ def _sine(sine: SimulatedSine, truth: SimTruth, next_after_s: float) -> Simulate
 
 
 def ping_run(truth: SimTruth, rng: np.random.Generator, *, count: int = PINGS) -> SimulatedRun:
-    """Send pings to the vehicle, and keep what is answered."""
+    """Send pings to the vehicle, and keep those that are answered."""
     up, down = Direction(truth.radio, rng), Direction(truth.radio, rng)
     sent_s = _PING_EVERY_S * np.arange(count)
     there_s: Array = np.array([_came(up, at_s) for at_s in sent_s])

@@ -76,7 +76,7 @@ def drop_runs(rig: Rig, truth: SimTruth, gravity_mps2: float, rng: np.random.Gen
         )
         for weight_g in WEIGHTS_G
     ]
-    motion = drop(weights, duration_s=max(_SECONDS_OF_A_FALL.values()))  # at once: as quick as one of them
+    motion = drop(weights, duration_s=max(_SECONDS_OF_A_FALL.values()))  # all at once, which is as quick as one
     runs = []
     for i, weight_g in enumerate(WEIGHTS_G):
         seen = motion.time_s <= _SECONDS_OF_A_FALL[weight_g]

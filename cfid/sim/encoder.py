@@ -51,7 +51,7 @@ def record(
     encoder: EncoderModel,
     rng: np.random.Generator,
 ) -> EncoderRecording:
-    """Poll an axis that moved by the plant's samples (each (m,), time increasing).
+    """Poll an axis that moved as the plant's samples state (each (m,), time increasing).
 
     Between them the angle is the cubic through angles and speeds: at 1 ms it misses a swing by less than
     1e-7 rad, where the direction of dry friction jumps too. A host never stamps backwards, so stamps whose

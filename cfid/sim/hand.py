@@ -11,7 +11,7 @@ from cfid.sim.stepping import Array, Indices, Time
 
 # A grip of two fingers follows at this rate: far above any swing (about 14 rad/s), far below 1/step_s.
 GRIP_RAD_PER_S = 250.0
-_KEPT = 2  # times of a step that are asked for anew
+_KEPT = 2  # times of a step that are needed again
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,19 +69,19 @@ class Hands:
         return float(np.max(self._fades + self._let_go))
 
     def select(self, which: Indices) -> "Hands":
-        """Some of the hands."""
+        """Return some of the hands."""
         return Hands(self._columns[:, which])
 
     def torque_nm(self, time_s: Time, angle_rad: Array, speed_rad_per_s: Array) -> Array:
-        """The torque on each axis."""
+        """Return the torque on each axis."""
         target, target_speed, grip = self._at(time_s)
         pull = self._stiffness * (target - angle_rad) + self._damping * (target_speed - speed_rad_per_s)
         return np.asarray(grip * pull)
 
     def _at(self, time_s: Time) -> tuple[Array, Array, Array]:
-        """Return the angles and speeds that the hands follow, and how firm their grips are, as a share.
+        """Return the angles and speeds that the hands follow, and how firm their grips are, from 0 to 1.
 
-        A step of the integration asks for its middle twice, and the next one for the end of the last.
+        A step of the integration needs its middle twice, and the next step needs the end of this one again.
         """
         if not isinstance(time_s, float):
             return self._course(time_s)
@@ -101,7 +101,7 @@ class Hands:
 
 
 def _minimum_jerk(x: Array) -> tuple[Array, Array]:
-    """The smooth way from 0 to 1 while x goes from 0 to 1, and its slope."""
+    """Return the smooth path from 0 to 1 while x goes from 0 to 1, and its slope."""
     x = np.minimum(np.maximum(x, 0), 1)  # four times as fast as clip on few axes
     slope = x * (1 - x)
     return x * x * x * (10 + x * (6 * x - 15)), 30 * slope * slope

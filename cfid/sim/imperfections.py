@@ -15,11 +15,11 @@ Distribution = Literal["normal", "around", "fixed"]
 
 
 class Imperfection(NamedTuple):
-    """A switch of the simulated rig, a key of a truth file, and how its value differs between rigs.
+    """An imperfection of the simulated rig: a key of a truth file, and how its value differs between rigs.
 
-    `normal`: mean 0 and the standard deviation `size`, drawn for each number of a list on its own. `around`: between
+    `normal`: mean 0 and the standard deviation `size`, drawn separately for each number of a list. `around`: between
     0.5 and 1.5 times `size`, all equally likely. `fixed`: `size` itself, since it is the standard deviation of what
-    differs within one rig, from one time to another.
+    varies within one rig, from one time to another.
     """
 
     key: str

@@ -38,9 +38,9 @@ class ImuTruth(BaseModel):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hanging:
-    """How a body hangs: the axis' unit vector (3,), the unit vector that points down at rest, and sensor from axis.
+    """How a body hangs: the axis' unit vector (3,), the unit vector pointing down at rest, and the sensor's position.
 
-    All are in the body frame; `down` is along the axis where that is vertical.
+    All are in the body frame; `down` is along the axis where that is vertical, `sensor_m` is from the axis.
     """
 
     axis: Array
@@ -57,7 +57,7 @@ class ImuSample(NamedTuple):
 
 
 class Imu:
-    """The sensors of a hanging body. A time that is read twice shows the same sample."""
+    """The sensors of a hanging body. Reading the same time twice returns the same sample."""
 
     def __init__(self, truth: ImuTruth, hanging: Hanging, turning: Turning, rng: np.random.Generator) -> None:
         """Take how the body hangs and turns."""
@@ -66,10 +66,10 @@ class Imu:
         to_sensor = turned(np.eye(3), np.radians(truth.misalignment_deg))  # rows: the sensor's axes
         along = (hanging.down @ axis) * axis
         lever = np.cross(axis, sensor_m)
-        # by angular acceleration, the square of speed, the cosine and the sine of the angle
+        # per angular acceleration, square of speed, cosine and sine of the angle
         felt = np.stack([lever / g, np.cross(axis, lever) / g, along - hanging.down, np.cross(axis, hanging.down)])
         acc_gain, gyro_gain = 1 + np.array(truth.acc_scale), 1 + np.array(truth.gyro_scale)
-        self._of_motion = np.zeros((6, 5))  # gyro and accelerometer, by speed and by those
+        self._of_motion = np.zeros((6, 5))  # gyro and accelerometer, per speed and per those four
         self._of_motion[:3, 0] = gyro_gain * (to_sensor @ axis)
         self._of_motion[3:, 1:] = acc_gain[:, np.newaxis] * (to_sensor @ felt.T)
         self._at_rest = np.array([*truth.gyro_bias_dps, *(np.array(truth.acc_bias_g) - acc_gain * (to_sensor @ along))])
@@ -93,7 +93,7 @@ class Imu:
 
 
 def _word(value: float, step: float) -> float:
-    """Return a value in steps of 16 bits, at whose ends it stays."""
+    """Return a value rounded to the steps of 16 bits, and clipped at their ends."""
     return min(max(round(value / step), -_WORD), _WORD - 1) * step
 
 

@@ -24,7 +24,7 @@ class LineSender:
         self._next_s = powered_s
 
     def received(self, data: bytes, now_s: float) -> list[Reply]:
-        """Return nothing: it listens to nobody."""
+        """Return nothing: the device ignores what it receives."""
         return []
 
     def due(self, now_s: float) -> list[Reply]:

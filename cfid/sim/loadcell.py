@@ -27,9 +27,9 @@ class LoadCellTruth(BaseModel):
     and Tz count downwards.
 
     Calibration errors: each axis reads too much by its `gain_error`; axis i also shows `crosstalk` [i][j] of axis j,
-    as shares of their ranges (its diagonal has no effect). While it warms up, over WARM_UP_S after the first reading,
-    it reads too little by up to `warm_up`. Its bias wanders with the standard deviation `bias_wander`, a share of the
-    ranges, correlated over BIAS_WANDER_S.
+    as fractions of their ranges (its diagonal has no effect). While the cell warms up, over WARM_UP_S after the first
+    reading, it reads too little by up to `warm_up`. Its bias wanders with the standard deviation `bias_wander`, a
+    fraction of the ranges, correlated over BIAS_WANDER_S.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -54,7 +54,7 @@ class LoadCellTruth(BaseModel):
 
     @property
     def response(self) -> Array:
-        """What the cell shows (6, row) of each component of a wrench (6, column), 1 of itself without errors."""
+        """What the cell shows (6 rows) per component of a wrench (6 columns): without errors, the identity matrix."""
         ranges = np.array(self.ranges)
         others = (1 - np.eye(6)) * np.array(self.crosstalk) * np.outer(ranges, 1 / ranges)
         return np.asarray(np.diag(1 + np.array(self.gain_error)) + others)

@@ -132,11 +132,11 @@ class NetFTBox:
         return [(data[at : at + size], stream.client) for at in range(0, len(data), size)]
 
     def page(self, index: int | None = None) -> str:
-        """Return netftapi2.xml for a configuration, without an index for the active one."""
+        """Return netftapi2.xml for a configuration, or for the active one without an index."""
         return self.settings.page(index, status=self.status)
 
     def apply(self, path_and_query: str) -> bool:
-        """Apply a setting; return whether there is such a page."""
+        """Apply a setting; return whether its page exists."""
         known = self.settings.apply(path_and_query)
         self.load_cell.set_bias(self.settings.bias_counts)
         if not self.settings.enabled:

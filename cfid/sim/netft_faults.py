@@ -88,7 +88,7 @@ class FaultyNetFT:
         return self.box.page(index)
 
     def apply(self, path_and_query: str) -> bool:
-        """Apply a setting, or only acknowledge it; return whether there is such a page."""
+        """Apply a setting, or only acknowledge it; return whether its page exists."""
         if self.faults.refuse_settings and path_and_query.startswith("/comm.cgi"):
             return True
         return self.box.apply(path_and_query)

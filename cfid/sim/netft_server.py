@@ -98,7 +98,7 @@ class NetFTServer:
     def _send(self) -> None:
         self._timer = None
         assert self._socket is not None
-        send = self._socket.sendto  # the transport's own write checks each address: half as fast
+        send = self._socket.sendto  # the transport's own write checks each address and is half as fast
         for data, client in self._box.due(self._reactor.seconds()):
             with contextlib.suppress(OSError):  # a full buffer or no route: a network loses datagrams too
                 send(data, client)
@@ -157,7 +157,7 @@ class _Conversation(Protocol):
 
 
 def _page(box: FaultyNetFT, received: bytes, now_s: float) -> _Reply:
-    """Answer one GET a connection, as in HTTP 1.0."""
+    """Answer one GET per connection, as in HTTP 1.0."""
     if _BLANK_LINE not in received:
         return _Reply(b"", received, over=len(received) > _LONGEST_HTTP_REQUEST)
     fields = received.split(b"\r\n", 1)[0].decode("latin-1").split()

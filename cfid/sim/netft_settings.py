@@ -25,7 +25,7 @@ class Configuration:
 
 
 def configurations_of(truth: LoadCellTruth) -> tuple[Configuration, Configuration]:
-    """Return one in pounds, as delivered, and one in N and Nm with the cell's true scales.
+    """Return a configuration in pounds, as delivered, and one in N and Nm with the cell's true scales.
 
     Applying the first while the second is active gives readings 4.4 times too large.
     """
@@ -75,7 +75,7 @@ class BoxSettings:
 
     @property
     def configuration(self) -> Configuration:
-        """The one in use."""
+        """The configuration in use."""
         return self.configurations[self.active]
 
     def page(self, index: int | None, *, status: int) -> str:
@@ -87,7 +87,7 @@ class BoxSettings:
         return "\n".join(('<?xml version="1.0" encoding="UTF-8"?>', "<netft>", *lines, "</netft>", ""))
 
     def apply(self, path_and_query: str) -> bool:
-        """Apply the setting in a request; return whether there is such a page."""
+        """Apply the setting in a request; return whether its page exists."""
         target = urlsplit(path_and_query)
         query = {name: values[-1] for name, values in parse_qs(target.query).items()}
         if target.path == "/comm.cgi":

@@ -47,7 +47,7 @@ class DroppingWeight:
     `drop_m` the line is slack and the axis coasts.
 
     A line of `line_diameter_m` pulls at half of that beyond the axis' radius. With `turns_per_layer` it was wound in
-    layers of so many turns, each a diameter further out, and the outermost unwinds first.
+    layers of that many turns, each a diameter further out, and the outermost unwinds first.
     """
 
     setup_inertia_kg_m2: float
@@ -144,7 +144,7 @@ class _SwingingAxes:
         return self._dry_nm(angle_rad, 0.0)
 
     def _dry_nm(self, angle_rad: Array, speed_rad_per_s: Array | float) -> Array:
-        if self._even:  # half of the integration's time
+        if self._even:  # saves half of the integration's time
             return self._coulomb
         stribeck = self._stribeck * np.exp(-((speed_rad_per_s / STRIBECK_RAD_PER_S) ** 2))
         return np.asarray(np.maximum(self._coulomb + self._ripple * np.cos(angle_rad) + stribeck, 0))

@@ -30,7 +30,7 @@ class _Change(NamedTuple):
 
 
 class Propulsion:
-    """Four rotors that obey `commands` from `begin_s` on, until others come."""
+    """Four rotors that obey `commands` from `begin_s` on, until they get other commands."""
 
     def __init__(
         self,
@@ -57,13 +57,13 @@ class Propulsion:
         self._changes: deque[_Change] = deque(maxlen=_REMEMBERED)
 
     def command(self, commands: Four, time_s: float) -> None:
-        """Apply other commands from a time on, none before that of the last call."""
+        """Apply other commands from a time on, which is not before that of the last call."""
         self.advance(time_s)
         self._commands = commands
         self._go_on(time_s)
 
     def advance(self, time_s: float) -> None:
-        """Advance the battery under the rotors' load, in steps of its own however often this is called."""
+        """Advance the battery under the rotors' load, in steps of its own, however often this is called."""
         last = int((time_s - self._begin_s) / _BATTERY_EVERY_S)
         driven = any(self._commands)
         for step in range(self._steps + 1 if driven else max(self._steps + 1, last), last + 1):

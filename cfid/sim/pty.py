@@ -51,7 +51,7 @@ class InOrder:
 
 
 class PtyPort:
-    """A device on a terminal behind the symlink `name` in a folder, so that its path outlives being unplugged."""
+    """A device on a terminal behind the symlink `name` in a folder, so that its path survives a pulled plug."""
 
     def __init__(self, device: FaultyE201, *, reactor: PosixReactorBase, folder: Path, name: str = "encoder") -> None:
         """Open nothing yet."""
@@ -74,7 +74,7 @@ class PtyPort:
         return self._path
 
     def close(self) -> None:
-        """Unplug it for good: a host that has it open sees a hang-up."""
+        """Unplug the device for good: a host that has it open sees a hang-up."""
         for timer in self._timers:
             if timer.active():
                 timer.cancel()

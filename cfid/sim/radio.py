@@ -23,9 +23,9 @@ class RadioTruth(BaseModel):
     """One packet in one direction takes `latency_s` on average.
 
     The shortest time is `jitter_s` less; the rest is exponential, with `jitter_s` as mean and standard deviation. The
-    part `loss` of all packets is lost.
+    fraction `loss` of all packets is lost.
 
-    With `jitter_shape` the rest is a gamma distribution of that shape: at 1 the exponential, above it a delay has no
+    With `jitter_shape` the rest is a gamma distribution of that shape: at 1 the exponential; above 1 a delay has no
     sharp lower edge. The shortest time wanders with the standard deviation `floor_wander_s`, correlated over
     FLOOR_WANDER_S. In times of congestion, CONGESTED_S long and CLEAR_S apart on average, a packet takes longer by an
     exponential time of mean `congestion_s`. Each direction passes `packets_per_s` at most, where that is not zero:
@@ -50,7 +50,7 @@ class RadioTruth(BaseModel):
 
     @property
     def mean_s(self) -> float:
-        """The mean time of a packet over a long time."""
+        """The long-term mean time of a packet."""
         return self.latency_s + self.congestion_s * CONGESTED_S / (CONGESTED_S + CLEAR_S)
 
 
@@ -82,7 +82,7 @@ class Direction:
         """Return when a packet arrives, None if it is lost."""
         truth = self._truth
         fate = self._rng.random()
-        late_s = self._rng.gamma(truth.jitter_shape, truth.jitter_s / truth.jitter_shape)  # of a lost one, too
+        late_s = self._rng.gamma(truth.jitter_shape, truth.jitter_s / truth.jitter_shape)  # of a lost packet, too
         if truth.packets_per_s:
             waited_s = max(self._free_s - sent_s, 0.0)
             if waited_s * truth.packets_per_s > MOST_WAITING:

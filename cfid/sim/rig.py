@@ -31,8 +31,8 @@ __all__ = [
 def pendulum(truth: Truth, mount_name: str) -> Pendulum:
     """Hang the body on one of its axes (thesis eq. 2.2 and 2.3).
 
-    The axis inertia is u'Iu + m r^2, the gravity moment m g r, with r the centre of mass' distance from the
-    axis.
+    The axis inertia is u'Iu + m r^2, the gravity moment m g r, with r the distance of the centre of mass from
+    the axis.
     """
     mount = truth.mounts[mount_name]
     distance_m = np.linalg.norm(np.cross(truth.centre_of_mass_m - mount.point_m, mount.direction))

@@ -31,16 +31,16 @@ class RotorTruth(BaseModel):
     """Motors near those of a Crazyflie 2.0 (thesis, tables of chapter 3).
 
     Above the dead zone a rotor's steady speed is `idle_rad_per_s` + `rad_per_s_per_command` * command, reached
-    with `time_constant_s`; below it the rotor stands. That holds at `nominal_v`: the command chops the supply voltage,
-    so half the voltage acts like half the command. A rotor's thrust is `thrust_ns2_per_rad2` w^2, its
+    with `time_constant_s`; below it the rotor stands still. That holds at `nominal_v`: the command chops the supply
+    voltage, so half the voltage acts like half the command. A rotor's thrust is `thrust_ns2_per_rad2` w^2, its
     torque `torque_m` times the thrust. Lines at rotor frequency (`unbalance`, a bent or dirty rotor) and at twice
-    that (`blade_pass`) act on Fx to Tz with so many N or Nm per newton of thrust; `unbalance_by_motor` multiplies a
+    that (`blade_pass`) act on Fx to Tz with that many N or Nm per newton of thrust; `unbalance_by_motor` multiplies a
     motor's own. A tachometer counts `markers` a turn.
 
-    A rotor that slows down takes `slower_fall` longer, relatively. The arm is longer than rig.toml's by `arm_error`.
-    `thrust_scatter` and `speed_wander` are relative standard deviations: of a rotor's thrust from one command that is
-    held to the next, and of its speed in time, correlated over WANDER_S. The tachometer reads too much by
-    `tachometer_gain`, with a relative noise of `tachometer_std`.
+    A rotor takes longer to slow down by the fraction `slower_fall`. The arm is longer than rig.toml's by `arm_error`.
+    `thrust_scatter` and `speed_wander` are relative standard deviations: of a rotor's thrust from one held command to
+    the next, and of its speed over time, correlated over WANDER_S. The tachometer reads too much by `tachometer_gain`,
+    with a relative noise of `tachometer_std`.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -76,7 +76,7 @@ class RotorTruth(BaseModel):
         return self.time_constant_s * np.where(ahead > 0, 1 + self.slower_fall, 1.0)
 
     def power_w(self, speed_rad_per_s: Array) -> Array:
-        """Return the mechanical power that turns rotors of such speeds in air."""
+        """Return the mechanical power that turns rotors at these speeds in air."""
         return self.torque_m * self.thrust_ns2_per_rad2 * speed_rad_per_s**3
 
 
@@ -126,8 +126,8 @@ class SimulatedRotors:
     def advance(self, time_s: Array, command: Array, *, volts: float | None = None) -> Array:
         """Return the wrench (n, 6) in N and Nm, z up, at times (n,) that do not decrease, within a call or between two.
 
-        `command` (4,) and the supply voltage, nominal by default, hold since the last time of the call before; the
-        lag is solved exactly for that.
+        `command` (4,) and the supply voltage, nominal by default, hold since the last time of the previous call, for
+        which the lag is solved exactly.
         """
         begin_s = time_s[0] if self._last_s is None else self._last_s
         return self.play(time_s, np.atleast_1d(begin_s), command[np.newaxis], volts=volts)
@@ -135,7 +135,7 @@ class SimulatedRotors:
     def play(self, time_s: Array, begin_s: Array, commands: Array, *, volts: float | None = None) -> Array:
         """Return the wrench (n, 6) of commands (m, 4), each of which holds from its beginning (m,) to the next one's.
 
-        The first begins at the last time before, and none after the last time.
+        The first command begins at the last time of the previous call, and none begins after the last of these times.
         """
         self._last_s = float(time_s[-1])
         steady = self._truth.steady_rad_per_s(commands, volts=self._truth.nominal_v if volts is None else volts)
@@ -178,7 +178,7 @@ class SimulatedRotors:
         return ahead, np.full(4, lag_s), angle, self._factor.copy()
 
     def _scatter(self, command: Array, begin_s: float) -> None:
-        """Draw the thrust factor anew of rotors whose command changes after it was held."""
+        """Draw a new thrust factor for rotors whose command changes after it was held."""
         if not self._truth.thrust_scatter or self._rng is None or not (changed := command != self._command).any():
             return
         if begin_s - self._since_s > _HELD_S:
@@ -196,13 +196,13 @@ def _into_the_cell(yaw_deg: float) -> Array:
 
 
 def _mixer(truth: RotorTruth, rng: np.random.Generator) -> Array:
-    """Return the wrench of one newton of each rotor (20, 6): steady, then cosine and sine of its angle and twice it."""
+    """Return the wrench of a newton of each rotor (20, 6): steady, then cosine and sine of its angle and twice it."""
     x_m, y_m = truth.arm_m * (1 + truth.arm_error) * _ARMS.T
     steady = np.zeros((4, 6))
     steady[:, 2] = 1
     steady[:, 3] = y_m
     steady[:, 4] = -x_m
-    steady[:, 5] = -truth.torque_m * _TURNS_LEFT  # air holds a rotor back, the rotor its motor
+    steady[:, 5] = -truth.torque_m * _TURNS_LEFT  # the air holds a rotor back, and the rotor its motor
     waves = [steady]
     for amplitude in (np.outer(truth.unbalance_by_motor, truth.unbalance), np.array(truth.blade_pass)):
         size = amplitude * rng.uniform(0.8, 1.2, (4, 1))

@@ -47,7 +47,7 @@ from cfid.wire.app import AppPorts
 
 _USB_REPLY_S = 5e-4  # half a frame of full-speed USB, on average
 _LINE_RADIUS_MM = 2.0  # where rig.toml names none
-_CONVERTED_HZ = 2000.0  # of what a converter averages: twice the blades' passing at full command
+_CONVERTED_HZ = 2000.0  # of the samples that a converter averages: twice the blade pass at full command
 _FRICTION_SCATTER = 0.03  # from one drop to the next, as the thesis' speeds scatter (table 2.1)
 
 
@@ -66,10 +66,10 @@ class Addresses(NamedTuple):
 class SimulatedRig:
     """An encoder on the axis of a swing or of a dropping weight, and a vehicle that is fastened to a load cell.
 
-    With `weight_g` a weight drops; else a vehicle swings about the mount `axis`, by default the first one, which is
-    what gyro and accelerometer of the vehicle on the link feel. The truth
-    may include a wind on the vehicle on the load cell. The rotors run at `commands` until the motors are commanded;
-    `on_motors` is called at each change. All random numbers come from `seed`. Raises ConfigError for an unknown mount.
+    With `weight_g` a weight drops; else a vehicle swings about the mount `axis`, by default the first one, and the gyro
+    and accelerometer of the vehicle on the link feel that swing. The truth may include a wind on the vehicle on the
+    load cell. The rotors run at `commands` until the motors are commanded; `on_motors` is called at each change. All
+    random numbers come from `seed`. Raises ConfigError for an unknown mount.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class SimulatedRig:
         plant_rng, motor_rng, cell_rng, fault_rng, radio_rng, imu_rng = np.random.default_rng(seed).spawn(6)
         self._address = address
         self.axis, hangs = _axis(rig, truth, axis, weight_g, rng=plant_rng)
-        self._opened_s = opened_s = reactor.seconds()  # after the integration, which takes its time
+        self._opened_s = opened_s = reactor.seconds()  # after the integration, which takes some time
         self.encoder = FaultyE201(self._encoder(rig), encoder_faults, opened_s=opened_s)
         cell = SimulatedLoadCell(truth.loadcell, cell_rng)
         box = NetFTBox(load_cell=cell, plant=self._wrench_at, powered_s=opened_s)
@@ -163,7 +163,7 @@ class SimulatedRig:
         )
 
     def _load_at(self, cell: SimulatedLoadCell, period_s: float, time_s: float) -> dict[str, float]:
-        """Return what the load cell shows, in N and N m: the mean over a period, as converters for bridges give it."""
+        """Return what the load cell shows, in N and N m: the mean over a period, as bridge converters return it."""
         count = max(round(period_s * _CONVERTED_HZ), 1)
         at = np.maximum(np.linspace(time_s - period_s, time_s, count + 1)[1:], self._opened_s)
         wrench = self._wrench_at(at).mean(axis=0, keepdims=True)
@@ -182,7 +182,7 @@ class SimulatedRig:
 
 
 def devices_at(where: Addresses, devices: Devices) -> Devices:
-    """Return a rig's devices at the addresses of the simulated ones, whose lines are of one form."""
+    """Return a rig's devices at the addresses of the simulated ones, whose lines all have one form."""
     encoder, loadcell = devices.encoder, devices.loadcell
     own_form = {"pattern": ""}
     box = {
@@ -205,7 +205,7 @@ def devices_at(where: Addresses, devices: Devices) -> Devices:
 
 
 def _of_lines(faults: LoadCellFaults) -> EncoderFaults:
-    """Return the faults that lines can have of those of a box."""
+    """Return those of a box' faults that lines can have too."""
     return EncoderFaults(
         drop_every=faults.drop_every,
         corrupt_every=faults.corrupt_every,

@@ -35,7 +35,7 @@ _PLACES_DEG = {1: -45.0, 2: -135.0, 3: 135.0, 4: 45.0}  # of the motors, to the 
 class LinearTruth:
     """Thrust of a command: K / (1 + s tau) behind a zero-order hold, `early_s` early.
 
-    `vibration_n` is the amplitude of the line at the rotor's frequency; the one at twice that has half of it.
+    `vibration_n` is the amplitude of the line at the rotor's frequency; the line at twice that has half of it.
     """
 
     static_gain_n: float
@@ -45,7 +45,7 @@ class LinearTruth:
 
     @classmethod
     def of_coefficients(cls, b0: float, a1: float, *, vibration_n: float = 0.0) -> "LinearTruth":
-        """Return b0/(1 - a1 z^-1) as eq. 3.15 means it: force at a sample already feels that sample's command."""
+        """Return b0/(1 - a1 z^-1) as in eq. 3.15, where the force at a sample already shows that sample's command."""
         lag_s = -SAMPLE_S / math.log(a1)
         return cls(static_gain_n=b0 / (1 - a1), time_constant_s=lag_s, early_s=SAMPLE_S, vibration_n=vibration_n)
 
@@ -72,7 +72,8 @@ class Bench:
 class SimulatedSine:
     """One run. Reports (m,) with the host's time, command, sample and vehicle's microseconds; counts (n, 6).
 
-    The last report has the command 0 and the number of samples played. `time_s` is the load cell's, by the host.
+    The last report has the command 0 and the number of samples played. `time_s` is the load cell's, by the
+    host's clock.
     """
 
     periods: int

@@ -40,26 +40,26 @@ class Axes(Protocol):
 
     @property
     def start_rad(self) -> Array:
-        """Their angles at time zero, at standstill."""
+        """The axes' angles at time zero, at standstill."""
 
     @property
     def quiet_after_s(self) -> float:
         """The time from which the torques no longer depend on time."""
 
     def left_alone(self) -> Self:
-        """The same axes after that time, cheaper to integrate."""
+        """Return the same axes after that time, cheaper to integrate."""
 
     def select(self, which: Indices) -> Self:
-        """Some of the axes."""
+        """Return some of the axes."""
 
     def drive_nm(self, time_s: Time, angle_rad: Array, speed_rad_per_s: Array) -> Array:
-        """The torque without friction of the bearing."""
+        """Return the torque without the bearing's friction."""
 
     def dry_nm(self, angle_rad: Array) -> Array:
-        """The level of dry friction, equal at rest and in motion."""
+        """Return the level of dry friction, equal at rest and in motion."""
 
     def acceleration(self, time_s: Time, state: PlantState) -> Array:
-        """The acceleration in rad/s^2, zero for an axis that sticks."""
+        """Return the acceleration in rad/s^2, zero for an axis that sticks."""
 
 
 def integrate(axes: Axes, *, duration_s: float, step_s: float, store_every: int) -> Motion:
@@ -115,7 +115,7 @@ def _way_out(axes: Axes, time_s: Time, angle_rad: Array) -> Array:
 def _step(axes: Axes, state: PlantState, time_s: float, step_s: float) -> PlantState:
     after = _runge_kutta(axes, state, time_s, step_s)
     back = after.speed_rad_per_s * state.direction < 0
-    if np.count_nonzero(back):  # at every step, and quicker than flatnonzero
+    if np.count_nonzero(back):  # checked at every step, and quicker than flatnonzero
         turned = np.flatnonzero(back)
         before = PlantState(*(column[turned] for column in state))
         over = _step_over_standstill(axes.select(turned), before, time_s, step_s)
@@ -136,7 +136,7 @@ def _step_over_standstill(axes: Axes, before: PlantState, time_s: float, step_s:
 
 
 def _standstill(axes: Axes, before: PlantState, time_s: float, step_s: float) -> tuple[Array, Array]:
-    """Return the time after the step's begin at which the speed is zero, by Newton's method, and the angle there."""
+    """Return the time after the step's start at which the speed is zero, by Newton's method, and the angle there."""
     fall = -axes.acceleration(time_s, before) * before.direction
     stop_s = _ratio(before.speed_rad_per_s * before.direction, fall).clip(0, step_s)
     for _ in range(_NEWTON_STEPS):

@@ -1,8 +1,8 @@
 """Simulates a body on two threads that turns about the vertical, by the forces in the threads (Newton, not energies).
 
 Each thread is straight, of constant length and without mass. As the body turns by phi, the lower ends move on a circle,
-the threads lean and the body rises; their tension carries the body and its vertical acceleration, and the horizontal
-part of it turns the body back.
+the threads lean and the body rises. The vertical part of their tension carries the body and accelerates it vertically;
+the horizontal part turns the body back.
 """
 
 from collections.abc import Sequence
@@ -79,7 +79,7 @@ class _Twisting:
         return _Twisting(self._columns[:, which], self._hands.select(which) if self._hands else None)
 
     def drive_nm(self, time_s: Time, angle_rad: Array, speed_rad_per_s: Array) -> Array:
-        """The torque on a body that does not yet accelerate."""
+        """Return the torque on a body that does not yet accelerate."""
         lever, _ = self._lever(angle_rad)
         return self._hand_nm(time_s, angle_rad, speed_rad_per_s) - self._mass * self._gravity * lever
 

@@ -14,7 +14,7 @@ from cfid.sim.stepping import Array
 from cfid.units import MM
 
 CUBE_M, CUBE_ARM_M = 0.019, 0.002
-FRICTION_SPREAD = 0.1  # between mounts; the thesis' fits vary so (table 2.3)
+FRICTION_SPREAD = 0.1  # between mounts; the thesis' fits vary as much (table 2.3)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +40,7 @@ OF_THREADS = TrueFriction(viscous_nms_per_rad=3e-6, coulomb_nm=0.0, quadratic_nm
 class TrueMount:
     """A true axis: a point on it (3,), its unit direction (3,), and its friction.
 
-    Two threads instead have their distances above and below and their length; the point is then the centre of mass.
+    Two threads instead have distances above and below, and a length; the point is then the centre of mass.
     """
 
     point_m: Array
@@ -53,7 +53,8 @@ class TrueMount:
 class Truth:
     """A true body: centre of mass (3,), inertia matrix about it (3, 3), mounts by name.
 
-    On each axis swings, too, a cube of `fixture_kg`, of edges CUBE_M and CUBE_ARM_M below the axis (C.1.7).
+    A cube of `fixture_kg` swings on each axis too, with edges of CUBE_M and its centre CUBE_ARM_M below the axis
+    (C.1.7).
     """
 
     mass_kg: float
@@ -122,7 +123,7 @@ def with_errors(
     tilt_deg: float,
     rng: np.random.Generator,
 ) -> Truth:
-    """Return the body with a mass and a centre of mass that are off by so much, and with a fixture.
+    """Return the body with a mass and a centre of mass that are off by these amounts, and with a fixture.
 
     Each axis tilts by two normal angles of standard deviation `tilt_deg`, about the directions across it.
     """
@@ -165,7 +166,7 @@ def _draw_threads(mount: Mount, *, rng: np.random.Generator) -> tuple[float, flo
         return None
     above, below, length = rng.normal(*mount.threads.lengths_m)
     off = 2 * rng.normal(0.0, mount.threads.centre_std_mm) / mount.threads.below_mm
-    as_in_the_middle = math.sqrt(1 - off**2)  # threads this much closer turn a body back alike
+    as_in_the_middle = math.sqrt(1 - off**2)  # threads closer by this factor turn a body back as much
     return as_in_the_middle * above, as_in_the_middle * below, length
 
 
@@ -192,7 +193,7 @@ def _draw_friction(typical: TrueFriction, *, rng: np.random.Generator) -> TrueFr
 
 
 def _of_cuboids(cuboids: Iterable[Cuboid], *, sizes_m: Array, mass_kg: float) -> tuple[Array, Array]:
-    """Centre of mass (3,) and inertia matrix (3, 3) about it of boxes of one material, sizes (n, 3)."""
+    """Return centre of mass (3,) and inertia matrix (3, 3) about it of boxes of one material, sizes (n, 3)."""
     centres_m = MM * np.array([cuboid.centre_mm for cuboid in cuboids])
     volumes = sizes_m.prod(axis=1)
     masses_kg = mass_kg * volumes / volumes.sum()

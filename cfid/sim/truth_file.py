@@ -37,7 +37,7 @@ class VehicleTruth(_TruthTable):
     """The vehicle's inertia matrix about its centre of mass.
 
     Its mass and centre of mass differ from rig.toml's by the errors, beyond what rig.toml states. A cube of
-    `fixture_kg` swings with it that nobody mentioned.
+    `fixture_kg`, which rig.toml does not state, swings with it.
     """
 
     inertia_kg_m2: Matrix = (tuple(_X), tuple(_Y), tuple(_Z))

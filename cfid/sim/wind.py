@@ -14,8 +14,8 @@ class WindTruth(BaseModel):
     """Wind of `speed_mps` from a fan at `angle_deg` to the vertical and `azimuth_deg` about it.
 
     Rotors feel `kg_per_rad`, for the body's x, y and z, times their speeds' sum times the velocity relative to the air
-    (thesis eq. 4.2, its coefficients of eq. 4.8), the body `body_kg_per_m` times that velocity and its size. The load
-    cell's x axis lies `yaw_deg` left of the vehicle's. The anemometer reads too much by `anemometer_gain`.
+    (thesis eq. 4.2, its coefficients of eq. 4.8), the body `body_kg_per_m` times that velocity times its magnitude. The
+    load cell's x axis lies `yaw_deg` left of the vehicle's. The anemometer reads too much by `anemometer_gain`.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
