@@ -1,7 +1,7 @@
 /* Connects cfid's core to the Crazyflie's firmware: packets, controller, supervisor and clock.
 
    All decisions are in cfid_core.c. Only the stabilizer's task calls the core, a thousand times a second; packets reach
-   and leave it through queues, so that neither the motors nor another task wait for each other. */
+   and leave it through queues, so that the motors and the other tasks never wait for each other. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -166,7 +166,7 @@ static void obey(const struct cfid_orders *orders)
 
 #endif
 
-/* Moves packets to the link; without room there they stay in the core's outbox. */
+/* Moves packets to the link; if the link has no room, they stay in the core's outbox. */
 static void hand_out(void)
 {
     struct cfid_packet packet;
@@ -211,7 +211,7 @@ void controllerOutOfTree(control_t *control, const setpoint_t *setpoint, const s
         return;
     }
     control->controlMode = controlModeForce;
-    for (int motor = 0; motor < CFID_MOTORS; motor++) /* x 65535 in float, truncated: the command again */
+    for (int motor = 0; motor < CFID_MOTORS; motor++) /* times 65535 in float, truncated, is the command again */
         control->normalizedForces[motor] = (float)orders.commands[motor] / (float)UINT16_MAX;
 }
 

@@ -6,21 +6,21 @@
 enum {
     MIDDLE = 30000, /* B of eq. 3.6 */
     LARGEST_COMMAND = 65535,
-    ALL_MOTORS_THRUST = CFID_MOTORS, /* as motor of a thrust request; single ones are 0 to 3 */
-    ALL_MOTORS_SINE = 0,             /* as motor of a sine request; single ones are 1 to 4 */
+    ALL_MOTORS_THRUST = CFID_MOTORS, /* the motor of a thrust request to all motors; single ones are 0 to 3 */
+    ALL_MOTORS_SINE = 0,             /* the motor of a sine request to all motors; single ones are 1 to 4 */
     PROTOCOL = 2,
     SAMPLES_PER_S = 500,
     KEEP_ALIVE_MS = 500,
     US_PER_MS = 1000,
     REST_US = 1000000, /* from the motors' stop to the byte `a` (C.2.4) */
-    MOST_PERIODS = 1 << 22, /* a float is too coarse for a larger l: half a period at 2^23 */
+    MOST_PERIODS = 1 << 22, /* a float is too coarse for a larger l: it is off by half a period at 2^23 */
     LONGEST_ECHO = 22,
     DSHOT_SHIFT = 5,
     DSHOT_NONE = 47,
 };
 
 static const double PI = 3.14159265358979323846;
-static const double FLOAT_ROUNDING = 6.0e-8; /* a rounded float is off by 2^-24 = 5.96e-8 of its value at most */
+static const double FLOAT_ROUNDING = 6.0e-8; /* a rounded float is off by at most 2^-24 = 5.96e-8 of its value */
 
 /* Bytes of the payloads, field by field. */
 enum {
@@ -94,13 +94,13 @@ static void put_commands(struct cfid_packet *packet, const uint16_t commands[CFI
         put(packet, commands[motor], 2);
 }
 
-/* Returns whether a payload has this length, or this length and an owner after it. */
+/* Returns whether a payload has this length, alone or followed by an owner. */
 static bool has_length(const struct cfid_packet *request, uint8_t bytes)
 {
     return request->size == bytes || request->size == bytes + OWNER_BYTES;
 }
 
-/* Returns the owner after a payload's own bytes, 0 without one: from a client of protocol 1. */
+/* Returns the owner after a payload's own bytes, or 0 without one, as from a client of protocol 1. */
 static uint32_t owner_of(const struct cfid_packet *request, uint8_t bytes)
 {
     return request->size == bytes + OWNER_BYTES ? (uint32_t)get(request->data + bytes, OWNER_BYTES) : 0;
@@ -220,7 +220,7 @@ static void drive(struct cfid_core *core, uint8_t motor, uint16_t command)
             core->commands[i] = command;
 }
 
-/* Reports a crossing of the middle at a sample, or that the motors are off; the number counts even without room. */
+/* Reports a crossing of the middle, or that the motors are off; a crossing takes its number even without room. */
 static bool report(struct cfid_core *core, uint16_t command, uint64_t now_us)
 {
     struct cfid_packet crossing = new_packet(CFID_SINE, SINE_CROSSING);
@@ -396,7 +396,7 @@ static bool is_revoked(const struct cfid_core *core, uint32_t owner)
     return false;
 }
 
-/* Ends an owner's rights, until as many other owners as fit into the list were revoked. */
+/* Ends an owner's rights, until as many other owners have been revoked as fit into the list. */
 static void revoke(struct cfid_core *core, uint32_t owner)
 {
     if (owner == 0 || is_revoked(core, owner))
@@ -424,7 +424,7 @@ static void receive_ping(struct cfid_core *core, const struct cfid_packet *reque
     } else if (request->channel == PING_ALIVE && has_length(request, ALIVE_BYTES)) {
         const bool counts = keep_alive(core, owner_of(request, ALIVE_BYTES), now_us);
         answer_state(core, request, now_us, allowed, counts);
-    } else if (request->channel == PING_STOP) { /* of any length: a damaged stop is still one */
+    } else if (request->channel == PING_STOP) { /* of any length: a damaged stop is still a stop */
         core->alive = false;
         revoke(core, core->owner);
         core->stopped = true;

@@ -42,7 +42,7 @@ struct cfid_sine {
 
 /* The vehicle's state that the core needs, as its supervisor reports it now. */
 struct cfid_vehicle {
-    bool can_fly;      /* stricter than that motors may run, which is also true while they spin up after arming */
+    bool can_fly;      /* stricter than whether motors may run, which is also true while they spin up after arming */
     bool flying;       /* until two seconds after the last command above idle thrust */
     bool needs_arming; /* by a client; brushed vehicles arm themselves */
     uint16_t idle;     /* powerDist.idleThrust as its owner set it, 0 where there is none */
@@ -54,7 +54,7 @@ struct cfid_orders {
     bool holds;     /* drive these commands, which may be zero; otherwise the stock controller drives the motors */
     bool feeds;     /* keep giving the commander fresh null setpoints */
     bool idles_off; /* no idle thrust: every motor turns fast enough without it */
-    bool disarms;   /* now */
+    bool disarms;   /* disarm the vehicle now */
 };
 
 struct cfid_core {
@@ -63,7 +63,7 @@ struct cfid_core {
     uint32_t owner;    /* of the last accepted keep-alive: a client's random number, 0 for a client without one */
     uint32_t revoked[CFID_REVOKED]; /* the owners that the latest stops ended; 0 for none */
     uint8_t next_revoked;
-    bool held, ran, fed, stopped; /* at the previous tick; stopped: a stop arrived since */
+    bool held, ran, fed, stopped; /* as of the previous tick; stopped: a stop has arrived since */
     uint16_t commands[CFID_MOTORS];
     struct cfid_sine sine;
     struct cfid_packet outbox[CFID_OUTBOX];
