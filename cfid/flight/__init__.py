@@ -1,4 +1,4 @@
-"""Flight logs to thrust, lag, moments of inertia and drag, and parameter sets against flights they have not seen."""
+"""Fit thrust, lag, moments of inertia and drag to flight logs."""
 
 from typing import TYPE_CHECKING
 

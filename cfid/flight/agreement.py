@@ -1,4 +1,4 @@
-"""Whether one vehicle's thrust explains several logs: those of unlike vehicles contradict each other."""
+"""Check whether one vehicle's thrust explains several logs: logs of different vehicles contradict each other."""
 
 from collections.abc import Sequence
 
@@ -6,16 +6,18 @@ from cfid.findings import Finding, rejection, warning
 from cfid.flight.estimation import EXPLAINED, FlightFit, explained_of, roughly_fitted
 from cfid.flight.rows import Flight, segments
 
-_WORSE = (
-    2.5  # times what each log alone leaves unexplained: 1.0 to 1.3 in logs of one vehicle, 2.7 of thrusts 7 % apart
-)
-_LEAST = 0.05  # of the vertical force, that all together leave unexplained
+# The limit on the unexplained part with one common thrust, relative to that with a thrust for each log. Logs of one
+# vehicle have 1.0 to 1.3; two thrusts that differ by 7 % have 2.7.
+_WORSE = 2.5
+# The least part of the vertical force's variance that the common thrust has to leave unexplained.
+_LEAST = 0.05
 
 
 def agreement_findings(flights: Sequence[Flight], found: FlightFit, concerned: Sequence[str]) -> list[Finding]:
-    """Name logs whose vertical force one thrust explains far worse than one of its own in each log does.
+    """Report logs whose vertical force one common thrust explains far worse than a separate thrust for each log.
 
-    All thrusts are those of coarse lags. Where a fit to all explains too little, `concerned` keys are rejected.
+    All thrusts are fitted with coarse lags. The `concerned` keys are rejected where the fit to all logs explains too
+    little.
     """
     flown = [flight for flight in flights if segments(flight.driven)]
     if len(flown) < 2:

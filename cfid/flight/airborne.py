@@ -1,4 +1,4 @@
-"""When a flight was in the air: carried by its rotors, away from the ground, and touching nothing."""
+"""Find when a flight was in the air: carried by its rotors, away from the ground, and touching nothing."""
 
 import numpy as np
 import numpy.typing as npt
@@ -12,32 +12,39 @@ from cfid.units import FULL_COMMAND, USUAL_GRAVITY_MPS2
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-EDGE_S = 1.0  # from there on, and before its end: the ground's air, and touching it
-_LIFTED = 0.8  # of the median sum of squared drives, above which the vehicle is in the air
+# Rows within this time after take-off and before landing are left out: ground effect and contact.
+EDGE_S = 1.0
+_LIFTED = 0.8  # of the median sum of squared drives: above it, the vehicle is in the air
 _CRASH_MPS2 = 60.0
-_FORGOTTEN_S = 0.2  # in which thrust follows commands: their mean, less than half that of flight, carries nothing then
-_IDLING = 0.05  # of the largest sum of squared drives: less carries nothing, however long motors idle
-_UNCARRIED, _HELD = 0.5, 0.8  # of the sum of squared drives in flight, and of gravity: what holds it is the ground
-_STANDING_S = 0.1  # for which that has to last: blows are shorter
-_STRUCK_S = 0.5  # around such a specific force
+# The thrust follows the commands within this time. Where their mean over it is below half of that in flight, the rotors
+# cannot carry the vehicle.
+_FORGOTTEN_S = 0.2
+_IDLING = 0.05  # of the largest sum of squared drives: below it, rotors carry nothing, however long the motors idle
+# Limits on the sum of squared drives relative to flight, and on the specific force relative to gravity: below the first
+# and above the second, the ground holds the vehicle.
+_UNCARRIED, _HELD = 0.5, 0.8
+_STANDING_S = 0.1  # the shortest time on the ground: shocks are shorter
+_STRUCK_S = 0.5  # left out before and after a crash or a rate near the end of the gyro's range
 _TURNED = 34.0  # rad/s, near the range of the gyro, 2000 deg/s
 _LAGS_S = (0.02, 0.04, 0.07, 0.12)
-_DELAY_STEPS = 4  # from a command to what the accelerometer shows of it, 8 ms
-_TRIMMED, _ROUNDS = 3.0, 6  # standard deviations that thrust is fitted within, and how often
-_AROUND_ROWS = 101  # 1 s, whose median is taken away: wind, a battery's charge and drag last longer than a touch
-# What pushes the vehicle up beyond its rotors' thrust at a touch; and how much more than what, but for 0.1 % of the
-# time, is missing from that thrust. In gusts and manoeuvres of simulated and public flights both are alike, to 3.8
-# m/s^2; touches of 0.04 to 0.25 s push with 3.4 to 35 m/s^2.
+_DELAY_STEPS = 4  # 8 ms from a command until the accelerometer shows its effect
+_TRIMMED, _ROUNDS = 3.0, 6  # the thrust is fitted to rows within this many standard deviations, in this many rounds
+# The median over 1 s is subtracted: wind, the battery's charge and drag last longer than a touch.
+_AROUND_ROWS = 101
+# At a touch, the specific force exceeds the rotors' thrust. A touch has to exceed both an absolute limit and a multiple
+# of the shortfall, the amount by which the force falls below that thrust, at its quantile `_RARE`. In gusts and
+# manoeuvres of simulated and public flights, excess and shortfall are alike, up to 3.8 m/s^2; touches of 0.04 to 0.25 s
+# push with 3.4 to 35 m/s^2.
 _PUSHED_MPS2, _MORE, _RARE = 3.0, 2.0, 0.001
-_OF_MEDIAN = 0.6745  # of a standard deviation, the median of absolute values
-_NAMED = 6  # touches
+_OF_MEDIAN = 0.6745  # the median of absolute values, in standard deviations
+_NAMED = 6  # the most touches that the message lists
 
 
 def in_air(command: Array, force: Array, rates: Array) -> Mask:
-    """Return the rows (m,) in the air: under a thrust that carries, away from the ground, and not struck.
+    """Return the rows (m,) in the air: carried by the rotors, away from the ground, and not struck.
 
-    Between hops and in landings the ground carries the vehicle, whether its motors idle or stand. Commands (m, 4) are
-    of any unit, specific forces (m, 3) in m/s^2, rates (m, 3) in rad/s.
+    Between hops and during landings the ground carries the vehicle, whether its motors idle or stand still. Commands
+    (m, 4) may have any unit; specific forces (m, 3) are in m/s^2, rates (m, 3) in rad/s.
     """
     lift = np.sum(command**2, axis=1)
     carried = lift > _LIFTED * _usual(lift)
@@ -55,12 +62,13 @@ def in_air(command: Array, force: Array, rates: Array) -> Mask:
 def without_touches(
     airborne: Mask, followed: Mask, command: Array, vertical: Array, *, begin_s: float
 ) -> tuple[Mask, list[Finding]]:
-    """Return rows (m,) in the air without those around short touches, and a finding that names these.
+    """Return the rows (m,) in the air without those around short touches, and a finding that lists the touches.
 
-    `followed` (m,) marks rows before which commands were seen for so long that the rotors' thrust is known: touches are
-    looked for there. `command` (n, 4) are the commands of each step, `vertical` (m,) is the specific force along z in
-    m/s^2, and `begin_s` the first row's time in the log. In landings rotors are below their thrust for long, as
-    `in_air` notices; a touch shows in a force alone that they do not give.
+    `followed` (m,) marks rows before which commands were recorded for long enough that the rotors' thrust is known;
+    only these rows are searched for touches. `command` (n, 4) are the commands of each step, `vertical` (m,) is the
+    specific force along z in m/s^2, and `begin_s` is the first row's time in the log. During a landing the rotors give
+    less than the weight for a long time, which `in_air` detects; a short touch shows only as a force that the rotors do
+    not give.
     """
     judged = airborne & followed
     if np.count_nonzero(judged) < _AROUND_ROWS:
@@ -87,16 +95,17 @@ def without_touches(
 
 
 def late(mask: Mask, for_s: float) -> Mask:
-    """Return rows (m,) that are marked, and those for a time after them."""
+    """Return the rows (m,) that are marked, and those within a time after them."""
     count = round(for_s / ROW_S)
     total = np.cumsum(np.concatenate([[0], mask.astype(int)]))
     return np.asarray(total[1:] - total[np.maximum(np.arange(len(mask)) - count, 0)] > 0)
 
 
 def _thrust(airborne: Mask, drive: Array, vertical: Array) -> Array:
-    """Return the specific force (m,) that lagging rotors give, a square of drives (n, 4), without regard to touches.
+    """Return the specific force (m,) that lagging rotors give: a quadratic in the drives (n, 4), with touches ignored.
 
-    It tells touches from manoeuvres before anything is fitted: one lag up and down, and a usual delay.
+    It distinguishes touches from manoeuvres before anything is fitted, with one lag for rising and falling drives and a
+    typical delay.
     """
     best, found = np.inf, vertical
     for lag_s in _LAGS_S:
@@ -117,7 +126,7 @@ def _thrust(airborne: Mask, drive: Array, vertical: Array) -> Array:
 
 
 def _usual(lift: Array) -> float:
-    """Return the median of sums of squared drives (m,) in flight: most rows between idling and full command fly."""
+    """Return the median in flight of the sums of squared drives (m,): most rows above idling are in flight."""
     running = lift[lift > 0]
     if not len(running):
         return np.inf
@@ -125,9 +134,9 @@ def _usual(lift: Array) -> float:
 
 
 def _standing(lift: Array, force: Array) -> Mask:
-    """Return the rows (m,) at which the vehicle is held by the ground: it weighs, and its rotors do not carry it.
+    """Return the rows (m,) at which the ground holds the vehicle: its weight shows, but the rotors do not carry it.
 
-    `lift` (m,) is the sum of squared drives. In the air rotors that do not carry let the specific force fall as well.
+    `lift` (m,) is the sum of squared drives. In the air, the specific force falls together with the rotors' thrust.
     """
     count = round(_FORGOTTEN_S / ROW_S)
     total = np.cumsum(np.concatenate([[0.0], lift]))
@@ -141,5 +150,5 @@ def _standing(lift: Array, force: Array) -> Mask:
 
 
 def _around(mask: Mask, for_s: float) -> Mask:
-    """Return rows (m,) that are marked, and those for a time before and after them."""
+    """Return the rows (m,) that are marked, and those within a time before and after them."""
     return np.asarray(late(late(mask, for_s)[::-1], for_s)[::-1])

@@ -1,14 +1,14 @@
-"""What a battery's voltage that is recorded late, smoothed or rarely leaves out of its sag under load.
+"""Restore the sag under load that a late, smoothed or rarely sampled record of the battery's voltage leaves out.
 
-A battery gives way within milliseconds of its rotors' load, and by up to as much again within 1.5 s. The load is taken
-as a sum, no part negative, of squares of the commands, of the drives that follow them with the rotors' lag, and of
-these with what follows them as slowly. The record is what is left of
+A battery's voltage drops within milliseconds of its rotors' load, and by up to as much again within 1.5 s. The load is
+modelled as a sum with non-negative factors of the squares of the commands, of the squares of the drives that follow the
+commands with the rotors' lag, and of the latter together with the slow relaxation that follows them. The record is
 
     volts = what changes within 5 s and slower - load
 
-after a first-order low-pass, or a delay, at the times of its samples. What these take from the load is put back. A
-brushed motor's current overshoots, which nearly undoes a smoothing as short as the rotors' lag: the less the smoothing
-or the delay exceeds that, the less is known of what it takes.
+after a first-order low-pass or a delay, at the times of its samples. What the low-pass or the delay removes from the
+load is restored. A brushed motor's current overshoots, which nearly undoes a smoothing as short as the rotors' lag: the
+less the smoothing or the delay exceeds that lag, the more uncertain the restored part is.
 """
 
 import math
@@ -31,26 +31,36 @@ from cfid.flight.values import MOMENTS, TIMES
 
 Array = npt.NDArray[np.float64]
 
-_LATE_S = 0.01  # half the samples' distance and the smoothing together: moments err by 0.3 % at most, and no more
-_SMOOTHED_S = (0.0, *(0.003 * 1.1**power for power in range(60)))  # up to 0.83 s: more shows no load of manoeuvres
+# For half the time between samples plus the smoothing: up to this limit, moments err by 0.3 % at most, and nothing is
+# restored.
+_LATE_S = 0.01
+# Up to 0.83 s: a longer smoothing shows no load of manoeuvres.
+_SMOOTHED_S = (0.0, *(0.003 * 1.1**power for power in range(60)))
 _DELAYED_S = tuple(0.005 * count for count in range(1, 41))  # up to 0.2 s
-_RELAXING_S = 1.5  # in which a cell gives way further: without that, a smoothing of 0.2 s passed for one of 0.29 s
-_SHOWN = 0.5  # of the variance within 5 s, that the load has to explain
-_HIDDEN = 0.003  # of the voltage, that a record which does not show the load may leave out: moments err by 0.6 %
-_MEAN_S = 0.02  # over which samples are averaged: noise of 20 mV in rows of 2 ms hides the load
-_FEWEST = 60  # samples
-_APART_S = 0.25  # between samples: manoeuvres of half a second show in fewer by chance
-_QUICK = 0.05  # of the times between changes, the quantile that is the time between samples
-_SINGLE = 1.5  # rows: changes that are closer are in each row
-_UNEVEN = 0.15  # of the time between samples, that changes are off its multiples in the mean; by chance it is 0.25
-_LESS = 0.85  # of what no smoothing leaves unexplained, that one has to leave at most: 20 ms of another load leave 0.9
-_SAMPLED_STD = 0.2  # of the sag between samples; currents that overshoot leave a seventh of it out
-_SMOOTHED_STD = 0.3  # of the sag that a long smoothing takes; currents that overshoot leave up to 0.4 of it out
-_LEAD = 0.75  # of the lag, by which a current that overshoots leads: 1 / 0.57 - 1 with 1.5 V induced of 2.5 V at hover
+# The time in which a cell relaxes further: without this term, a smoothing of 0.2 s was identified as one of 0.29 s.
+_RELAXING_S = 1.5
+_SHOWN = 0.5  # of the variance within 5 s: the least part that the load has to explain
+# Of the voltage: the most that a record which does not show the load may leave out. Moments then err by 0.6 %.
+_HIDDEN = 0.003
+_MEAN_S = 0.02  # over which samples are averaged: otherwise, noise of 20 mV in rows of 2 ms hides the load
+_FEWEST = 60  # the least number of samples
+_APART_S = 0.25  # the largest time between samples: rarer samples show manoeuvres of half a second only by chance
+_QUICK = 0.05  # the quantile of the times between changes that is taken as the time between samples
+_SINGLE = 1.5  # rows: if changes are closer than this, every row is a sample
+# Of the time between samples: the largest mean distance of the changes from its multiples. By chance it is 0.25.
+_UNEVEN = 0.15
+# A smoothing has to leave at most this part of what remains unexplained without smoothing. An unsmoothed record of a
+# load that differs by 20 ms leaves 0.9.
+_LESS = 0.85
+_SAMPLED_STD = 0.2  # of the sag between samples; currents that overshoot omit a seventh of it
+_SMOOTHED_STD = 0.3  # of the sag that a long smoothing removes; currents that overshoot omit up to 0.4 of it
+# Of the lag: the time by which a current that overshoots leads. It is 1 / 0.57 - 1, with 1.5 V induced of 2.5 V at
+# hover.
+_LEAD = 0.75
 
 
 class Record(NamedTuple):
-    """Samples (k,) of the voltage at times since the first drive, and how far apart they are."""
+    """Samples (k,) of the voltage at times since the first drive, and the time between them."""
 
     time_s: Array
     volts: Array
@@ -58,31 +68,31 @@ class Record(NamedTuple):
 
 
 class Path(NamedTuple):
-    """What is between a load and its record: a low-pass of a time constant, or a delay."""
+    """What lies between a load and its record: a low-pass with a time constant, or a delay."""
 
     smoothed_s: float = 0.0
     late_s: float = 0.0
 
     @property
     def whole_s(self) -> float:
-        """By how much the record of slow changes is late."""
+        """The delay of slow changes in the record."""
         return self.smoothed_s + self.late_s
 
     @property
     def longest(self) -> bool:
-        """Whether it is the longest that is looked for, so that it may be longer."""
+        """Whether this is the longest path that is searched, so that the true one may be longer."""
         return self.smoothed_s == _SMOOTHED_S[-1] or self.late_s == _DELAYED_S[-1]
 
     def of(self, loads: Array) -> Array:
-        """Return what is recorded of loads (n, p)."""
+        """Return what the path records of loads (n, p)."""
         return delayed(_smoothed(loads, self.smoothed_s), self.late_s)
 
 
 class Shown(NamedTuple):
-    """What a record shows of the load: what is between the two, and how much of its variance the load explains.
+    """What a record shows of the load: the path between them, and the part of its variance that the load explains.
 
-    `hidden_v` is what the path that suits it best takes, however little better that suits than none. `between` (n,) and
-    `taken` (n,) are what is missing at the drives, between its samples and by its path.
+    `hidden_v` is what the best-fitting path removes from the load, even if it fits hardly better than no path at all.
+    `between` (n,) and `taken` (n,) are what the record lacks at each drive: between its samples, and through its path.
     """
 
     path: Path
@@ -93,10 +103,10 @@ class Shown(NamedTuple):
 
 
 def with_whole_sag(flights: Sequence[FlownLog], found: FlightFit) -> tuple[Sequence[FlownLog], list[Finding]]:
-    """Return flights whose voltage has the sag that a late record leaves out, with findings on it.
+    """Return the flights with the sag that a late voltage record leaves out, and findings on that.
 
-    `found` is a fit to them, which tells the rotors' lag. Where a record does not show the load, drives of all are
-    commands alone.
+    `found` is a fit to these flights, which gives the rotors' lag. If any record does not show the load, the drives of
+    all flights are commands without the voltage.
     """
     if not found.in_volts:
         return flights, []
@@ -112,9 +122,9 @@ def with_whole_sag(flights: Sequence[FlownLog], found: FlightFit) -> tuple[Seque
 
 
 def with_own_sag(flown: FlownLog) -> FlownLog:
-    """Return a flight as `with_whole_sag`, its findings among the others; as it is where no fit tells.
+    """Return a flight as `with_whole_sag` does, with the new findings among its own; unchanged if it cannot be fitted.
 
-    Raises CrossedError for motors of other numbers.
+    Raises CrossedError for motors in another order.
     """
     if not flown.flight.in_volts:
         return flown
@@ -126,7 +136,7 @@ def with_own_sag(flown: FlownLog) -> FlownLog:
 
 
 def _whole(flown: FlownLog, found: FlightFit) -> tuple[FlownLog | None, Finding | None]:
-    """Return a flight with the whole sag, None where its record does not show it, and a finding unless it is as is."""
+    """Return a flight with the whole sag, None if its record does not show it, and a finding if anything changed."""
     if flown.voltmeter is None:
         return flown, None
     record = _sampled(*flown.voltmeter)
@@ -153,9 +163,9 @@ def _whole(flown: FlownLog, found: FlightFit) -> tuple[FlownLog | None, Finding 
 
 
 def _sampled(time_s: Array, volts: Array) -> Record:
-    """Return the samples of a voltage (k,) that rows may repeat: those at which it changes, where these are apart.
+    """Return the samples of a voltage (k,) that rows may repeat: the changes, if these are regularly spaced.
 
-    A voltage in steps that changes slowly is alike in many rows as well, but not for multiples of one time.
+    A quantized voltage that changes slowly also repeats in many rows, but its changes are not at multiples of one time.
     """
     row_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else math.inf
     changes = np.flatnonzero(np.diff(volts)) + 1
@@ -170,7 +180,7 @@ def _sampled(time_s: Array, volts: Array) -> Record:
 
 
 def _shown(flown: FlownLog, record: Record, found: FlightFit) -> Shown | None:
-    """Return what a record shows of the load with the path that suits it best; None where too few samples flew."""
+    """Return what a record shows of the load with the path that fits it best; None for too few samples in the air."""
     flight, at_s = flown.by_command, _middles_s(flown)
     in_air = np.interp(record.time_s, flight.time_s, flight.airborne.astype(float), left=0.0, right=0.0) == 1.0
     time_s, volts = record.time_s[in_air], record.volts[in_air]
@@ -185,7 +195,7 @@ def _shown(flown: FlownLog, record: Record, found: FlightFit) -> Shown | None:
     left = volts - basis @ (basis.T @ volts)
 
     def explaining(path: Path) -> tuple[float, Array]:
-        """Return the part of the variance that what is recorded of loads leaves unexplained, and their factors (p,)."""
+        """Return the part of the variance that the recorded loads leave unexplained, and the loads' factors (p,)."""
         columns = [np.interp(at_samples_s, at_s, column) for column in path.of(loads).T]
         means = block_means(np.array(columns), length=length).T
         factors, error = nnls(means - basis @ (basis.T @ means), -left)
@@ -207,8 +217,10 @@ def _shown(flown: FlownLog, record: Record, found: FlightFit) -> Shown | None:
 
 
 def _loads(flown: FlownLog, found: FlightFit) -> Array:
-    """Return the load (n, 3) but for factors: squares of commands, of what follows them with the rotors' lag, and these
-    with as much again as a cell relaxes, which never does so without giving way at once.
+    """Return the three terms of the load (n, 3), up to factors.
+
+    They are the squares of the commands, the squares of what follows these with the rotors' lag, and the latter plus as
+    much again of slow relaxation: a cell never relaxes without an immediate drop.
     """
     command = flown.by_command.drive
     delay_s = max(float(found.values[3]) - filtering_s(flown.flight.low_pass_hz[1]), 0.0)
@@ -218,7 +230,7 @@ def _loads(flown: FlownLog, found: FlightFit) -> Array:
 
 
 def _middles_s(flown: FlownLog) -> Array:
-    """Return the times (n,) of the drives' middles since the first drive's begin."""
+    """Return the times (n,) of the drives' middles since the start of the first drive."""
     return np.asarray(STEP_S * (np.arange(len(flown.by_command.drive)) + 0.5), dtype=np.float64)
 
 
@@ -230,7 +242,7 @@ def _smoothed(loads: Array, for_s: float) -> Array:
 
 
 def _late(record: Record, shown: Shown, missing: Array, volts_std: Array) -> Finding:
-    """Name what is missing (k,) in a record while the rotors are driven, in V, and how uncertain it is."""
+    """Return a warning with what a record lacks (k,) while the rotors are driven, in V, and its uncertainty."""
     left_v, std_v = float(np.std(missing)), float(np.std(volts_std))
     text = (
         f"the battery's voltage is {_described(record, shown.path)}: it leaves out {left_v:.2g} V rms of the sag "

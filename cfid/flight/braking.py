@@ -1,4 +1,4 @@
-"""Drag of flights whose velocity is known: how fast air brakes along the axes across the thrust."""
+"""Fit the drag of flights whose velocity is known: how fast air slows the vehicle along the axes across the thrust."""
 
 import math
 from collections.abc import Sequence
@@ -15,19 +15,21 @@ from cfid.flight.rows import ROW_S, Flight, segments
 
 Array = npt.NDArray[np.float64]
 
-_ROUNDS = 3  # in which noise and drag are estimated in turn
-_SHORTEST_S = 5.0  # of all flights
+_ROUNDS = 3  # in which noise and drag are estimated alternately
+_SHORTEST_S = 5.0  # of all flights together
 _MEAN_ROWS = 10
-# Means that foretell the next: 16, as of rows, took up a tenth of the 150 of a flight, and intervals were too narrow.
+# The number of means that predict the next one. With 16, as for rows, they took up a tenth of a flight's 150 means, and
+# intervals were too narrow.
 _PAST_MEANS = 1
-_FEWEST_MEANS = 32  # of a stretch
+_FEWEST_MEANS = 32  # in a segment
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AxisDrag:
-    """How fast air brakes along one axis, in 1/s, with its standard uncertainty, and the part that it explains.
+    """How fast air slows the vehicle along one axis, in 1/s, with its standard uncertainty and the part explained.
 
-    `speed` is the root mean square of the velocity's changes in m/s. `velocity` and `force` (n,) are what was compared.
+    `explained` is the part of the force's variance that drag explains, and `speed` is the root mean square of the
+    velocity's changes in m/s. `velocity` and `force` (n,) are the data that were compared.
     """
 
     rate: float
@@ -41,9 +43,9 @@ class AxisDrag:
 def fit_drag(flights: Sequence[Flight], *, axis: int) -> AxisDrag | None:
     """Fit specific force = -rate * velocity + a constant of each flight along an axis across the thrust, 0 or 1.
 
-    A share of the force along z is a term beside: a tilted accelerometer shows that much of the thrust. Means over
-    0.1 s are compared, in which a velocity's noise, quick as it is, hardly counts as motion. Returns None where less
-    than 5 s have a velocity.
+    A share of the force along z is a further term, because a tilted accelerometer shows that much of the thrust. The
+    fit compares means over 0.1 s, in which the fast noise of a velocity hardly counts as motion. Returns None where
+    less than 5 s have a velocity.
     """
     blocks = [
         block for flight in flights if flight.velocity is not None if (block := _block(flight, flight.velocity, axis))
@@ -74,7 +76,7 @@ def fit_drag(flights: Sequence[Flight], *, axis: int) -> AxisDrag | None:
 
 
 def _block(flight: Flight, velocity: Array, axis: int) -> FlightEquation | None:
-    """Return the equation of a flight's stretches that are long enough for the model of the noise."""
+    """Return the equation of those segments of a flight that are long enough for the noise model."""
     columns = np.column_stack([-velocity[:, axis], np.ones(len(velocity)), flight.force[:, 2], flight.force[:, axis]])
     parts = [
         block_means(columns[one].T, length=_MEAN_ROWS).T

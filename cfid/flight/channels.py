@@ -1,6 +1,6 @@
-"""The channels of a log that a flight needs, by what autopilots call them, at the times of the flight's rows.
+"""Find the channels of a log that a flight needs, by the names autopilots use, at the times of the flight's rows.
 
-Whatever the autopilot's axes, they become x forward, y left, z up.
+Whatever the autopilot's axes are, the results are along x forward, y left, z up.
 """
 
 import re
@@ -27,12 +27,12 @@ _VOLTS = ("pm.vbat", "pm.vbatMV")
 _LIKE_VOLTS = re.compile(r"(?:v_?bat|batt(?:ery)?|voltage)(?:\W.*|_?m?v|_?voltage)?", re.IGNORECASE)
 _FURTHER = re.compile(r"(?:motor|control)\[(?:[4-9]|1\d)\]|(?:motor|pwm|control)\.m(?:[5-9]|1\d)")
 _OUTPUT = re.compile(r"motor\[[0-3]\]")  # of a blackbox log
-_WRONG_SHARE = 0.1  # of the voltage's values, below which these alone are left out
+_WRONG_SHARE = 0.1  # of the voltage's values: if more are wrong, the whole channel is not used
 _DOWN = (1.0, -1.0, -1.0)  # of PX4's axes: x forward, y right, z down
 _UP = (1.0, 1.0, 1.0)
-_UNFILTERED = ("gyroUnfilt[0]", "gyroUnfilt[1]", "gyroUnfilt[2]")  # all that some blackbox logs have
-# What sensors are called, in order of preference, with the signs that turn them to forward, left and up, and the
-# cut-off in Hz of the second-order Butterworth filter that the Crazyflie's firmware puts before its log.
+_UNFILTERED = ("gyroUnfilt[0]", "gyroUnfilt[1]", "gyroUnfilt[2]")  # the only rates in some blackbox logs
+# The names of sensors in order of preference, with the signs that convert their axes to forward, left and up, and the
+# cut-off in Hz of the second-order Butterworth filter that the Crazyflie's firmware applies before its log.
 _RATES: tuple[_Sensor, ...] = (
     (("gyro.x", "gyro.y", "gyro.z"), _UP, 80.0),
     (("imu_gyro_x", "imu_gyro_y", "imu_gyro_z"), _UP, 80.0),
@@ -48,11 +48,11 @@ _FORCES: tuple[_Sensor, ...] = (
 _COUNTED = ("gyroADC[0]", "gyroADC[1]", "gyroADC[2]", *_UNFILTERED, "accSmooth[0]", "accSmooth[1]", "accSmooth[2]")
 _OF_PX4 = ("xyz[0]", "xyz[1]", "xyz[2]")  # of many of its topics
 _VELOCITY, _QUATERNION = ("vx", "vy", "vz"), ("qw", "qx", "qy", "qz")  # of motion capture, in the world's axes
-_TELLING = 100  # rows of commands
+_TELLING = 100  # rows of commands that suffice to recognize a flight
 
 
 def command_names(log: FlightLog) -> list[str]:
-    """Return what the commands of motors 1 to 4 are called. Raises DataError where one is missing."""
+    """Return the channel names of the commands of motors 1 to 4. Raises DataError where one is missing."""
     names = [first_of(log, _COMMANDS, motor) for motor in MOTORS]
     missing = [f"motor.m{motor}" for motor, name in zip(MOTORS, names, strict=True) if name is None]
     if missing:
@@ -61,7 +61,7 @@ def command_names(log: FlightLog) -> list[str]:
 
 
 def _without_commands(log: FlightLog, missing: Sequence[str]) -> str:
-    """Return what a log lacks that has not the commands of all motors, and what to do."""
+    """Return which motors' commands a log lacks, and what to do about it."""
     needed = "a flight's thrust is that of all four motors"
     if "ULog of PX4" in log.program:
         return (
@@ -80,7 +80,7 @@ def _without_commands(log: FlightLog, missing: Sequence[str]) -> str:
 
 
 def moving_others(log: FlightLog) -> list[str]:
-    """Return the names of motors beyond four, beside these, that do not stand still for all of the log."""
+    """Return the names of motors beyond m1 to m4, in the same series, that run at any time in the log."""
     series = log.series_of(command_names(log)[0])
     further = [channel.name for channel in series.channels if _FURTHER.fullmatch(channel.variable)]
     return [name for name in further if np.any(np.nan_to_num(series.values(name)))]
@@ -99,8 +99,9 @@ def commands_of(log: FlightLog) -> list[tuple[Array, Array]]:
 
 
 def same_flight(one: FlightLog, other: FlightLog) -> bool:
-    """Return whether two logs, of whatever kind, hold the same commands: four numbers of 16 bits repeat by chance in
-    no other flight.
+    """Return whether two logs of any kind record the same flight, by their commands.
+
+    Rows of four 16-bit numbers do not repeat by chance in another flight.
     """
     sets = [_command_rows(log) for log in (one, other)]
     fewest = min(map(len, sets))
@@ -108,7 +109,7 @@ def same_flight(one: FlightLog, other: FlightLog) -> bool:
 
 
 def _command_rows(log: FlightLog) -> set[bytes]:
-    """Return the rows of four commands, which differ from each other, as whole numbers."""
+    """Return the distinct rows of commands, as whole numbers, in which the four commands are not all equal."""
     commands = commands_of(log)
     if len({len(command) for _, command in commands}) > 1:
         return set()
@@ -123,13 +124,13 @@ def rates_of(log: FlightLog) -> tuple[tuple[Array, Array], float | None]:
 
 
 def unit_of_rates(log: FlightLog) -> str:
-    """Return the unit that the log's rates are read in, "" where there are none."""
+    """Return the unit in which the log's rates are read, "" where there are none."""
     there = {channel.variable: channel for series in log.series for channel in series.channels}
     return next((there[names[0]].own_unit for names, _, _ in _RATES if set(names) <= set(there)), "")
 
 
 def forces_of(log: FlightLog) -> tuple[tuple[Array, Array], float | None]:
-    """Return times (n,) and specific forces (n, 3) in m/s^2, and the cut-off of their filter, as `rates_of`."""
+    """Return times (n,) and specific forces (n, 3) in m/s^2, and their filter's cut-off as in `rates_of`."""
     return _sensor(log, _FORCES, "vehicle_acceleration", "accelerations")
 
 
@@ -172,7 +173,7 @@ def motion(log: FlightLog, at_s: Array) -> tuple[Array | None, Array | None]:
 def volts_of(log: FlightLog) -> tuple[tuple[Array, Array] | None, tuple[str, ...]]:
     """Return times and the battery's voltage (n,), None where it is not known, and sentences on what is not used.
 
-    Single values that no battery has, or not beside the others, are left out.
+    Single values that no battery has, or that are far from the others, are left out.
     """
     name = first_of(log, _VOLTS)
     if name is None:
@@ -196,14 +197,14 @@ def volts_of(log: FlightLog) -> tuple[tuple[Array, Array] | None, tuple[str, ...
 
 
 def _may_be_volts(log: FlightLog) -> tuple[str, ...]:
-    """Return a sentence on a channel of a table that may be the voltage, whose name does not state it."""
+    """Return a sentence on a column of a table that may be the voltage although it has another name."""
     names = [channel.name for series in log.series for channel in series.channels]
     may_be = next((name for name in names if _LIKE_VOLTS.fullmatch(name)), None)
     return () if may_be is None else (f"column '{may_be}' is not used: if it is the voltage, call it pm.vbat.",)
 
 
 def held(time_s: Array, command: Array, at_s: Array) -> Array:
-    """Return the mean command (n,) over each step; numbers (k,) hold from row to row of the log."""
+    """Return the mean command (n,) over each step; a logged command (k,) holds until the log's next row."""
     total = np.concatenate([[0.0], np.cumsum(command[:-1] * np.diff(time_s))])
     edges = np.append(at_s, at_s[-1] + STEP_S)
     place = np.clip(np.searchsorted(time_s, edges, side="right") - 1, 0, len(time_s) - 1)

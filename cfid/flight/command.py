@@ -1,4 +1,4 @@
-"""`cfid fit flight`: logs of flights to thrust, lag, moments of inertia and drag."""
+"""Provide `cfid fit flight`: thrust, lag, moments of inertia and drag from logs of flights."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
@@ -76,7 +76,7 @@ def flight(
 
 
 def _body(workplace: Workplace, mass: Measured, arm_mm: Measured, torque_m: Measured) -> "Body":
-    """Return mass, arm and torque over thrust, as given, else of rig.toml and of the campaign's parameters."""
+    """Return mass, arm and torque over thrust, as given, else from rig.toml and the campaign's parameters."""
     from cfid.errors import ConfigError
     from cfid.flight.values import Body
     from cfid.units import MM

@@ -1,4 +1,4 @@
-"""Which torque turns the vehicle about which axis: turned axes and exchanged motors show here, whatever was assumed."""
+"""Find which torque turns the vehicle about which axis: this shows rotated axes and swapped motors."""
 
 import math
 from collections.abc import Sequence
@@ -16,8 +16,10 @@ from cfid.flight.rows import AXES
 Array = npt.NDArray[np.float64]
 
 _SIGNIFICANT = 4.0  # standard uncertainties
-_CROSSED = 0.2  # of the largest gain: public logs have 0.04 at most, axes turned by 12 degrees 0.2
-_MOSTLY = 2.0  # times the gain of the own torque, that another has after a quarter of a turn; after an eighth 1
+_CROSSED = 0.2  # of the largest gain: public logs have 0.04 at most, axes rotated by 12 degrees have 0.2
+# The least gain of the other axis's torque relative to that of the axis's own torque after a quarter turn; after an
+# eighth of a turn, both are equal.
+_MOSTLY = 2.0
 _YAW = 2
 _OTHER_NUMBERS = "motors have other numbers than front right, rear right, rear left, front left"
 
@@ -32,7 +34,7 @@ class Crossing(NamedTuple):
     std: Array
 
     def fault(self) -> str | None:
-        """Return what axes or motors look like where a torque turns the vehicle about another axis, else None."""
+        """Return the likely error in axes or motors if a torque turns the vehicle about another axis, else None."""
         largest = float(np.max(np.abs(self.gains[:_YAW, :_YAW])))
         foreign = (np.abs(self.gains) > _CROSSED * largest) & (np.abs(self.gains) > _SIGNIFICANT * self.std)
         if foreign[:_YAW, _YAW].any():
@@ -42,7 +44,7 @@ class Crossing(NamedTuple):
             return None
         if np.linalg.det(plane) < 0:
             return "the rates about roll and pitch are exchanged, or motors have other numbers"
-        if self.gains[_YAW, _YAW] < -_SIGNIFICANT * self.std[_YAW, _YAW]:  # as no turn about the vertical makes it
+        if self.gains[_YAW, _YAW] < -_SIGNIFICANT * self.std[_YAW, _YAW]:  # as no rotation about the vertical makes it
             return _OTHER_NUMBERS
         turned = round(math.degrees(math.atan2(plane[1, 0] - plane[0, 1], plane[0, 0] + plane[1, 1])), -1)
         return (
@@ -51,9 +53,9 @@ class Crossing(NamedTuple):
 
     @property
     def a_quarter(self) -> bool:
-        """Whether torques about roll and pitch turn the vehicle about the other of these, as after a quarter of a turn.
+        """Whether roll torque turns the vehicle about pitch and pitch torque about roll, as after a quarter turn.
 
-        A fit, which gives each axis its own torque, then never comes to rest.
+        A fit, in which each torque acts about its own axis, then never converges.
         """
         own, other = (np.abs([self.gains[0, place], self.gains[1, 1 - place]]) for place in (0, 1))
         return (
@@ -62,7 +64,7 @@ class Crossing(NamedTuple):
 
 
 def crossing_of(blocks: Sequence[FlightEquation], values: Array) -> Crossing:
-    """Let the torques about all axes turn the vehicle about each, in equations at lags and delays in `values` (10,)."""
+    """Fit the gains of all torques about each axis, with the lags and delays in `values` (10,)."""
     gains, stds = np.zeros((len(AXES), len(AXES))), np.full((len(AXES), len(AXES)), np.inf)
     turning = [[block for block in blocks if block.axis == axis] for axis in range(len(AXES))]
     torques = [[block.terms @ values[THRUST] for block in of_axis] for of_axis in turning]

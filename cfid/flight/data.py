@@ -1,4 +1,4 @@
-"""Logs of flights as drives, rates, specific forces and velocities along the vehicle's axes, and when it was flying."""
+"""Convert logs to drives, rates, specific forces and velocities along the vehicle's axes, and find when it flew."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -28,19 +28,22 @@ from cfid.units import DEAD_COMMAND, FULL_COMMAND, MOTORS, USUAL_GRAVITY_MPS2
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
-_WEIGHT = (0.2, 5.0)  # of gravity, which a median specific force is nearly: beyond, its unit is another
-_SETTLING_S = 0.3  # after a motor left its range, or commands were not seen, in which rotors forget it
-_FEWEST = 500  # rows: 5 s, that a gyro has to show of the turning about an axis
-_AT_END_S = 2 * ROW_S  # around a gyro's end of range, in which a row's mean has a part of it
+_WEIGHT = (0.2, 5.0)  # of gravity: the median specific force is close to it; outside these limits, the unit is wrong
+# Rows are left out for this time after a motor left its range or commands are missing: until then, the rotors still
+# follow what happened before.
+_SETTLING_S = 0.3
+_FEWEST = 500  # rows: 5 s, the least that a gyro has to show of the rotation about an axis
+_AT_END_S = 2 * ROW_S  # around an end of the gyro's range: the means of these rows contain a part of it
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlownLog:
     """A log with its flight, and findings about reading it.
 
-    `by_command` is the same flight with drives that are the command over the full one, whether volts are known or not.
-    `voltmeter` are the battery's volts (k,) as the log has them, at times since the flight's first drive. `apart_s` is
-    how far apart commands and readings of the gyro and of the accelerometer usually are.
+    `by_command` is the same flight with the commands relative to full command as its drives, whether the voltage is
+    known or not. `voltmeter` is the battery's voltage (k,) as logged, at times since the flight's first drive.
+    `apart_s` are the usual times between commands, between readings of the gyro and between readings of the
+    accelerometer.
     """
 
     log: FlightLog
@@ -52,12 +55,12 @@ class FlownLog:
 
     @property
     def in_air_s(self) -> float:
-        """How long it flew."""
+        """The time in the air."""
         return ROW_S * float(np.count_nonzero(self.flight.airborne))
 
     @property
     def driven_s(self) -> float:
-        """How long of that all motors were within their range."""
+        """The time in the air during which all motors were within their range."""
         return ROW_S * float(np.count_nonzero(self.flight.driven))
 
 
@@ -71,10 +74,10 @@ def read_flight(
 ) -> FlownLog:
     """Read a run or a log of any kind, between two times since its first row of a command.
 
-    With `props_out` rotors turn the other way than a Crazyflie's, whether the log states it or not.
+    With `props_out`, rotors turn the other way than a Crazyflie's, whether the log states it or not.
 
-    Raises DataError for a log without commands of all motors, rates and accelerations, or sampled too slowly, FitError
-    for one of a vehicle that other motors than four carry, and ConfigError for a `reading` beside a run.
+    Raises DataError for a log that lacks commands of all motors, rates or accelerations, or is sampled too slowly,
+    FitError for one of a vehicle with other than four motors, and ConfigError if a `reading` is given for a run.
     """
     run = run_at(path)
     if run is None:
@@ -86,7 +89,7 @@ def read_flight(
 def flight_of(
     log: FlightLog, *, from_s: float | None = None, to_s: float | None = None, props_out: bool = False
 ) -> FlownLog:
-    """Take the flight out of a log that was read, as `read_flight`."""
+    """Extract the flight from a log that has been read, as in `read_flight`."""
     whole = longest_flight(log)
     if props_out and not _other_way(whole):
         whole = replace(whole, assumed=(*whole.assumed, f"{OTHER_WAY}, as `props_out` states"))
@@ -115,7 +118,7 @@ def flight_of(
 
 
 def _by_command(sensed: Sensed) -> tuple[Flight, tuple[str, ...], tuple[Finding, ...]]:
-    """Return the flight whose drives are commands, a sentence on gaps, and findings on touches and the gyro's range."""
+    """Return the flight with commands as drives, a sentence on gaps, and findings on touches and the gyro's range."""
     row_s = sensed.row_s
     command = np.column_stack([held(*one, sensed.step_s) for one in sensed.commands])
     force = at_rows(*sensed.forces, row_s, averaged=sensed.averaged)
@@ -164,13 +167,13 @@ def _other_way(log: FlightLog) -> bool:
 
 def _in_volts(flight: Flight, time_s: Array, volts: Array) -> Flight:
     """Return a flight whose drives are commands times the battery's volts (k,), at times since its first drive."""
-    at_s = STEP_S * (np.arange(len(flight.drive)) + 0.5)  # in the middle of what a command's mean is over
+    at_s = STEP_S * (np.arange(len(flight.drive)) + 0.5)  # the middle of the step over which each command is averaged
     volts = np.interp(at_s, time_s, volts)
     return replace(flight, drive=flight.drive * volts[:, np.newaxis], in_volts=True, volts=volts)
 
 
 def _unseen(timed: Sequence[Array], row_s: Array) -> tuple[Mask, tuple[str, ...]]:
-    """Return the rows (m,) at which some channel is silent for long, and a sentence on them; `timed` are its times."""
+    """Return the rows (m,) in long gaps of some channel, and a sentence on them; `timed` are the channels' times."""
     unseen = np.zeros(len(row_s), bool)
     for time_s in timed:
         for place in np.flatnonzero(np.diff(time_s) > SLOWEST_S):
@@ -184,9 +187,10 @@ def _unseen(timed: Sequence[Array], row_s: Array) -> tuple[Mask, tuple[str, ...]
 
 
 def _beyond(time_s: Array, rates: Array, row_s: Array, driven: Mask) -> tuple[Mask | None, list[Finding]]:
-    """Return rows (m,) at which a gyro stood at an end of its range, None if it did not, and a finding on them.
+    """Return rows (m,) at which a gyro was at an end of its range, None if it never was, and a finding on them.
 
-    Where less than 5 s of the rows that are `driven` (m,) would be left, what rests on them is rejected.
+    Where less than 5 s of the rows that are `driven` (m,) would remain, the quantities that depend on rates are
+    rejected.
     """
     ends = [at_end_of_range(rate, rate) | at_end_of_range(rate, -rate) for rate in rates.T]
     at_s = time_s[np.logical_or.reduce(ends)]
@@ -219,7 +223,7 @@ def _refuse_other_motors(log: FlightLog) -> None:
 
 
 def _check_weight(force: Array, path: Path) -> None:
-    """Raise DataError where specific forces (n, 3) under running motors are not about gravity, upwards."""
+    """Raise DataError where specific forces (n, 3) under running motors are not about 1 g, or point down."""
     if not len(force):
         return
     size = float(np.median(np.linalg.norm(force, axis=1))) / USUAL_GRAVITY_MPS2

@@ -1,4 +1,4 @@
-"""The equations of flights together: what they leave for parameters of lag, delays, thrust and moments, and its slopes.
+"""Combine the equations of flights: their residuals over lag, delays, thrust and moments, and the slopes of these.
 
 Parameters (10,) are two time constants and two delays in s, thrust over mass in powers of the drive, and lever times
 mass over moment about each axis.
@@ -17,10 +17,10 @@ from cfid.flight.rows import AXES
 
 Array = npt.NDArray[np.float64]
 
-DELAY_S = 0.008  # to start with
-_SHARES = (1.0, 0.5, 0.25)  # of a round's step, that are tried where it turns back on the last one
+DELAY_S = 0.008  # the initial value
+_SHARES = (1.0, 0.5, 0.25)  # of a round's step, tried where it reverses the last one
 LAGS, DELAYS, THRUST, TURNS = slice(0, 2), slice(2, 4), slice(4, 7), slice(7, 10)  # of the parameters
-_STEP = 1e-3  # of a time constant or delay, over which a slope is taken
+_STEP = 1e-3  # the relative change of a time constant or delay over which a slope is taken
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,25 +29,26 @@ class Equations:
 
     each: Sequence[EquationsOf]
     white: tuple[White, ...] = ()
-    of_command: float = 0.0  # the share of the delays that the command alone has, not the battery's voltage
-    unfiltered: float = 0.0  # the share of what an unknown accelerometer is later than the gyro by, that is no filter
+    of_command: float = 0.0  # the share of the delays that applies to the command alone, not to the battery's voltage
+    # The share of an unknown accelerometer's delay relative to the gyro that is not due to a filter.
+    unfiltered: float = 0.0
 
     def whitened(self, p: Array) -> "Equations":
-        """Return the equations with what whitens the errors of parameters (10,)."""
+        """Return the equations with the filters that whiten the errors of parameters (10,)."""
         white = [whitening(block, _left(block, p), fed_back=True) for block in self.at(p)]
         return replace(self, white=tuple(white))
 
     def likeliest(self, p: Array, step: Array) -> float:
-        """Return the share of a step (10,) from parameters (10,) after which the errors are likeliest, when whitened.
+        """Return the share of a step (10,) from parameters (10,) after which the whitened errors are most likely.
 
-        Their likelihood, with sizes and autoregression that suit it best, is that of normal errors.
+        The likelihood is that of normal errors with the best-fitting sizes and autoregression.
         """
         sizes = [[math.log(one.size) for one in self.whitened(p + share * step).white] for share in _SHARES]
         rows = [len(one.basis) for one in self.white]
         return _SHARES[int(np.argmin(np.array(sizes) @ rows))]
 
     def at(self, p: Array) -> list[FlightEquation]:
-        """Return the equations for time constants and delays."""
+        """Return the equations at the time constants and delays of parameters (10,)."""
         rising_s, falling_s, of_force_s, of_rates_s = map(float, p[: DELAYS.stop])
         lag, delays_s = ThrustLag(rising_s, falling_s), (of_force_s, of_rates_s)
         return [one for equations in self.each for one in equations(lag, delays_s, self.of_command, self.unfiltered)]
@@ -78,7 +79,7 @@ class Equations:
 
 
 def fitted_in(block: FlightEquation, p: Array) -> Array:
-    """Return what the rotors do (k,) in an equation."""
+    """Return the rotors' contribution (k,) to an equation."""
     gain = 1.0 if block.axis is None else float(p[TURNS][block.axis])
     return np.asarray(gain * (block.terms @ p[THRUST]))
 

@@ -1,7 +1,7 @@
-"""Thrust, lag, delays and moments together: the errors of predicting each sensor's next row are least squares.
+"""Fit thrust, lag, delays and moments together: least squares of the errors in predicting each sensor's next row.
 
-The condition is that these errors have nothing in common with what the commands did: an equation in which no side is
-that of a dependent variable.
+The fit is valid if these errors are uncorrelated with the effects of the commands. No equation has a dependent variable
+on the side of its regressors.
 """
 
 import math
@@ -26,16 +26,21 @@ from cfid.flight.uncertainty import covariance_of, excess_of_older_torques
 Array = npt.NDArray[np.float64]
 
 _FEWEST = 500  # rows: 5 s
-_LEVEL = 100  # rows: 1 s, whose mean forces are taken as independent
-EXPLAINED = 0.6  # of the vertical force, as `fit dynamics` asks of a thrust; of a rate's changes as well
+_LEVEL = 100  # rows: 1 s, whose mean forces are assumed to be independent
+EXPLAINED = 0.6  # of the vertical force, as `fit dynamics` requires of a thrust; the same of a rate's changes
 _SMOOTH = 10  # rows over which noise is averaged before judging how much is explained
-_GRID_S = ROW_S / 24  # by which lags err: in calm air they come out 0.3 to 0.4 ms long, with steps of 2 and 3.3 ms
-_GYRO_DELAY_STD_S = 4e-5  # by which it errs: in calm air it comes out 0.02 to 0.07 ms early, the more the less noise
-_OF_COMMAND, _OF_COMMAND_STD = 0.5, 0.5  # of the delays: what the command alone has of them, as is expected
-_UNFILTERED_STD = 0.5  # of what the accelerometer is later by than the gyro: a filter's, as is expected, but for that
-_TRIED = 0.5  # of such a share, over which its slope is taken
-_ZERO_STD = 0.02  # of the weight, an accelerometer's zero: the zero-g offset in a BMI088's data sheet is 20 mg
-_SLOPE_STD = 0.005  # of thrust's slope, which all moments share: in calm air they err alike, by 0.6 to 0.75 %
+_GRID_S = ROW_S / 24  # the error of lags: in calm air they are 0.3 to 0.4 ms too long, with steps of 2 and 3.3 ms
+# The error of the gyro's delay: in calm air it is 0.02 to 0.07 ms too short, the more so the less noise there is.
+_GYRO_DELAY_STD_S = 4e-5
+# Of the delays: the expected share of the command alone, and its standard uncertainty.
+_OF_COMMAND, _OF_COMMAND_STD = 0.5, 0.5
+# Of the accelerometer's delay relative to the gyro: a filter is expected to cause it, with this uncertainty.
+_UNFILTERED_STD = 0.5
+_TRIED = 0.5  # of such a share: the change over which its slope is taken
+# Of the weight: the zero error of an accelerometer; a BMI088's data sheet states a zero-g offset of 20 mg.
+_ZERO_STD = 0.02
+# Of thrust's slope, on which all moments depend: in calm air they have a common error of 0.6 to 0.75 %.
+_SLOPE_STD = 0.005
 
 
 class CrossedError(FitError):
@@ -46,12 +51,13 @@ class CrossedError(FitError):
 class FlightFit:
     """Time constants and delays in s, thrust over mass in powers of the drive, and lever times mass over moment.
 
-    `values` (10,) are these in order (`LAGS`, `DELAYS` of accelerometer and gyro, `THRUST` in m/s^2, `TURNS`),
-    `covariance` (10, 10) theirs. `drive` is the mean in flight, in V if `in_volts`, and `drive_range` its quantiles of
-    1 and 99 %. `explained` is the part of the variance of the vertical force, in means over 0.1 s, that the rotors
-    explain, `excitation` by equation the root mean square of what they did there: m/s^2 vertically, rad/s^2 about an
-    axis. `feedback` (3,) is how much older torques would change the moments, relatively, beyond what noise explains;
-    the covariance contains it. `blocks` are the equations at the solution, each with what the rotors do in it.
+    `values` (10,) are these in order (`LAGS`, `DELAYS` of accelerometer and gyro, `THRUST` in m/s^2, `TURNS`), and
+    `covariance` (10, 10) is their covariance. `drive` is the mean in flight, in V if `in_volts`, and `drive_range`
+    holds its 1 % and 99 % quantiles. `explained` is the part of the variance of the vertical force, in means over 0.1
+    s, that the rotors explain. `excitation` is the root mean square of the rotors' effect by equation: m/s^2
+    vertically, rad/s^2 about an axis. `feedback` (3,) is the relative change of the moments with older torques as
+    instruments, beyond what noise explains; the covariance contains it. `blocks` are the equations at the solution,
+    each with the rotors' contribution.
     """
 
     values: Array
@@ -84,11 +90,11 @@ class FlightFit:
 def fit_flights(flights: Sequence[Flight]) -> FlightFit:
     """Fit one vehicle to its flights.
 
-    The last fit is kept: of the same flights another mass and arm make other parameters, and what a flight's voltage
-    leaves out, and what it tells of parameters, rest on one.
+    The last fit is cached: another mass or arm changes the parameters of the same flights but not the fit, and the
+    battery's missing sag and the findings on one flight use the same fit.
 
-    Raises FitError for less than 5 s in which all rotors were driven, CrossedError where torques turn it about other
-    axes.
+    Raises FitError for less than 5 s in which all rotors were driven, and CrossedError where torques turn the vehicle
+    about other axes than their own.
     """
     return _fitted(tuple(flights))
 
@@ -117,7 +123,8 @@ def _fitted(flights: tuple[Flight, ...]) -> FlightFit:
     covariance[LAGS, LAGS] += _GRID_S**2
     covariance[DELAYS.stop - 1, DELAYS.stop - 1] += _GYRO_DELAY_STD_S**2
     covariance[DELAYS, DELAYS] += np.diag(np.max([flight.ages_s for flight in flown], axis=0) ** 2 / 3)
-    covariance[DELAYS, DELAYS] += max(flight.held_s for flight in flown) ** 2 / 12  # half of it, and common to both
+    # Half of that time, common to both sensors.
+    covariance[DELAYS, DELAYS] += max(flight.held_s for flight in flown) ** 2 / 12
     covariance[TURNS, TURNS] += np.diag((excess / math.sqrt(3)) ** 2)
     covariance[TURNS, TURNS] += _SLOPE_STD**2 * np.outer(found[TURNS], found[TURNS])
     found, covariance = _levelled(found, covariance, [one for one in equations.at(found) if one.axis is None])
@@ -138,7 +145,7 @@ def _fitted(flights: tuple[Flight, ...]) -> FlightFit:
 
 
 def fit_alone(flight: Flight) -> FlightFit | None:
-    """Return a fit to one flight alone, None where it has none. Raises CrossedError for motors of other numbers."""
+    """Return a fit to one flight alone, None if it fails. Raises CrossedError for motors in another order."""
     try:
         return fit_flights([flight])
     except CrossedError:
@@ -148,16 +155,16 @@ def fit_alone(flight: Flight) -> FlightFit | None:
 
 
 def roughly_fitted(flights: Sequence[Flight]) -> tuple[tuple[FlightEquation, Array], ...]:
-    """Return equations with what rotors do in them by the first parameters, of coarse lags: quick, and not exact."""
+    """Return equations with the rotors' contributions at the first parameters, of coarse lags: fast, but not exact."""
     equations = Equations([equations_of(flight) for flight in flights])
     p = first_parameters(equations)
     return tuple((block, fitted_in(block, p)) for block in equations.at(p))
 
 
 def _refuse_other_numbers(equations: Equations, p: Array) -> None:
-    """Raise CrossedError where torques about roll and pitch turn the vehicle about the other: no fit comes to rest.
+    """Raise CrossedError where roll torque turns the vehicle about pitch and vice versa: no fit would converge.
 
-    The first parameters (10,) show it, whose lags are coarse.
+    The first parameters (10,), with coarse lags, suffice to show this.
     """
     blocks = equations.at(p)
     if explained_of([(block, fitted_in(block, p)) for block in blocks], None) < EXPLAINED:
@@ -170,14 +177,14 @@ def _refuse_other_numbers(equations: Equations, p: Array) -> None:
 def _with_shares(
     equations: Equations, p: Array, jacobian: Array, residual: Array
 ) -> tuple[Equations, Array, Array, Array]:
-    """Let the flight show two shares of the delays, beside what is expected of them.
+    """Estimate two shares of the delays from the flight, with prior values.
 
-    The command alone has the one, not the voltage: a battery gives way when rotors pull, not when they are commanded
-    to. The other is the part of what an unknown accelerometer is later by than the gyro, that is no filter. Both
-    effects are of some per cent, so that one step from parameters (10,), whose errors are `residual` (n,) with slopes
-    `jacobian` (n, 9), finds them. Returns the equations with the shares, the step (9,), and slopes (n + 2, 11) and
-    errors (n + 2,) with those of the shares. The last rows are what is expected, which errs by one standard
-    uncertainty.
+    The first is the share that applies to the command alone, not to the voltage: a battery's voltage drops when rotors
+    draw current, not when they are commanded to. The second is the share of an unknown accelerometer's delay relative
+    to the gyro that is not due to a filter. Both effects are a few per cent, so one step from parameters (10,), whose
+    errors are `residual` (n,) with slopes `jacobian` (n, 9), finds them. Returns the equations with the shares, the
+    step (9,), and slopes (n + 2, 11) and errors (n + 2,) that include those of the shares. The last two rows are the
+    prior values, whose error is one standard uncertainty.
     """
     later = replace(equations, of_command=1.0).residual(p) - residual
     sharper = (replace(equations, unfiltered=_TRIED).residual(p) - residual) / _TRIED
@@ -193,7 +200,7 @@ def _with_shares(
 
 
 def _of_volts(flown: Sequence[Flight], equations: Equations, p: Array, slopes: Array) -> Array:
-    """Return the covariance (11, 11) that the volts' uncertainty makes, of parameters (10,) and equations' slopes."""
+    """Return the covariance (11, 11) that the voltage's uncertainty causes at parameters (10,), from slopes."""
     other = replace(equations, each=[equations_of(one.with_other_volts) for one in flown])
     change = np.pad(other.residual(p) - equations.residual(p), (0, 2))
     effect = gain_of(slopes) @ change
@@ -201,10 +208,10 @@ def _of_volts(flown: Sequence[Flight], equations: Equations, p: Array, slopes: A
 
 
 def _undamped(p: Array, equations: Equations) -> Array:
-    """Return parameters whose moments are those without damping.
+    """Return parameters whose moments are corrected for damping.
 
-    Within a row, damping that is proportional to the rate takes a part of what the torque gives in that row. The
-    equation has the rate at the row's begin alone, so that part is missing from its gain.
+    Within a row, damping proportional to the rate cancels a part of the torque's effect in that row. The equation
+    contains only the rate at the start of the row, so its gain lacks that part.
     """
     found = p.copy()
     for axis in range(len(AXES)):
@@ -219,7 +226,7 @@ def _undamped(p: Array, equations: Equations) -> Array:
 
 
 def _levelled(p: Array, covariance: Array, vertical: Sequence[FlightEquation]) -> tuple[Array, Array]:
-    """Return parameters and covariance with the thrust's constant, from the mean force: slopes alone are fitted."""
+    """Return parameters and covariance with the thrust's constant, which the mean force gives: the fit lacks it."""
     slopes = p.copy()
     slopes[THRUST.start] = 0.0
     terms, forces, left = [], [], []
@@ -245,7 +252,8 @@ def _levelled(p: Array, covariance: Array, vertical: Sequence[FlightEquation]) -
 def explained_of(fitted: Sequence[tuple[FlightEquation, Array]], axis: int | None) -> float:
     """Return the part of the variance of means over 0.1 s that rotors explain: of the vertical force, or of a rate.
 
-    Of a rate it is a part of what the other terms leave: about yaw, what speeds rotors up may turn a vehicle as much.
+    For a rate, the variance is that which the other terms leave unexplained: about yaw, the torque that accelerates the
+    rotors may turn a vehicle as much.
     """
 
     def rest(block: FlightEquation, values: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Whether rotors moved a flight enough to show thrust and moments: else the autopilot only answers to air."""
+"""Check that rotors moved a flight enough to show thrust and moments: else the autopilot only responds to the air."""
 
 import math
 from collections.abc import Sequence
@@ -13,22 +13,24 @@ from cfid.flight.model import equations_of
 from cfid.flight.rows import AXES, ROW_S, Flight, segments
 from cfid.flight.search import most_explained
 
-LEAST_LIFT_MPS2 = 1.0  # root mean square of what rotors did vertically; see docs/decisions/0022
+LEAST_LIFT_MPS2 = 1.0  # root mean square of the rotors' vertical effect; see docs/decisions/0022
 CLIMB = "climb and drop quickly, once or twice a second, for 20 s"
 LOOSE = 0.1  # of a value: the largest accepted standard uncertainty
-LEAST_TURN_RAD_PER_S2 = 5.0  # root mean square; with 0.6 about yaw a public log gave 8e-5 kg m^2, others publish 3e-5
-CLEAR = 0.06  # of a value: the largest uncertainty for each 20 s of less motion; those that hover have 0.09 and more
+LEAST_TURN_RAD_PER_S2 = 5.0  # root mean square; at 0.6 about yaw a public log gave 8e-5 kg m^2, others publish 3e-5
+# Of a value: the largest uncertainty, scaled to 20 s, that is accepted with less motion; flights that hover have 0.09
+# and more.
+CLEAR = 0.06
 _CLEAR_S = 20.0
-# Of what a sensor shows: from here on, air matters little, however small the rotors' part is. Simulated flights of
-# gentle tilts, 1 to 5 rad/s^2, have 0.99 of rates and 0.95 of the force, those that hover 0.8 at most.
+# The part of the sensor's variance from which air matters little, however small the rotors' effect is. Simulated
+# flights with gentle tilts, 1 to 5 rad/s^2, have 0.99 for rates and 0.95 for the force, those that hover 0.8 at most.
 CALM = 0.9
 
 
 class Motion(NamedTuple):
-    """What rotors did along the vertical, in m/s^2, or about an axis, in rad/s^2, and what part of all that is.
+    """The rotors' effect along the vertical, in m/s^2, or about an axis, in rad/s^2, and its part of the whole motion.
 
     `moved` is a root mean square, `explained` a part of the variance of means over 0.1 s, `open` the relative standard
-    uncertainty of what a rotor's drive gives, and `unclear` what it would be of 20 s of such flight.
+    uncertainty of a rotor's effect per drive, and `unclear` the same uncertainty scaled to 20 s of such flight.
     """
 
     name: str
@@ -40,22 +42,22 @@ class Motion(NamedTuple):
 
     @property
     def is_large(self) -> bool:
-        """Whether rotors moved the vehicle by more than an autopilot's answers to air, or air and noise are small."""
+        """Whether rotors moved the vehicle more than an autopilot's responses to air do, or air and noise are small."""
         calm = self.explained >= CALM or (self.explained >= EXPLAINED and self.unclear < CLEAR)
         return self.moved >= self.least or calm
 
     @property
     def tells(self) -> bool:
-        """Whether the sensor shows what a rotor's drive does."""
+        """Whether the sensor shows the effect of a rotor's drive."""
         return self.is_large and self.explained >= EXPLAINED and self.open < LOOSE
 
 
 def refuse_still(flights: Sequence[Flight]) -> None:
-    """Raise FitError where in no flight rotors explain half of what a thrust has to, whatever their lag.
+    """Raise FitError where in no flight rotors explain half of the part required of a thrust, whatever their lag.
 
-    A fit to such flights takes many rounds, or never comes to rest, and all that it gives rests on the thrust.
+    A fit to such flights takes many rounds or never converges, and all its results depend on the thrust.
     """
-    least = EXPLAINED / 2  # lags are tried by factors of two
+    least = EXPLAINED / 2  # half, because lags are tried by factors of two
     flown = [Equations([equations_of(flight)]) for flight in flights if segments(flight.driven)]
     most = max((most_explained(one, enough=least) for one in flown), default=least)
     if most < least:
@@ -66,17 +68,17 @@ def refuse_still(flights: Sequence[Flight]) -> None:
 
 
 def lifted(found: FlightFit) -> bool:
-    """Return whether rotors moved the vehicle up and down enough for a fit of their thrust."""
+    """Return whether rotors moved the vehicle up and down enough to fit their thrust."""
     return found.excitation["vertical"] >= LEAST_LIFT_MPS2 and found.explained >= EXPLAINED
 
 
 def climbing(found: FlightFit) -> Motion:
-    """Return what rotors did along the vertical."""
+    """Return the rotors' effect along the vertical."""
     return _motion(found, "vertical", None, LEAST_LIFT_MPS2, found.explained)
 
 
 def turnings(found: FlightFit) -> list[Motion]:
-    """Return what rotors did about each axis."""
+    """Return the rotors' effect about each axis."""
     return [
         _motion(found, axis, place, LEAST_TURN_RAD_PER_S2, explained_of(found.blocks, place))
         for place, axis in enumerate(AXES)
@@ -90,7 +92,7 @@ def _motion(found: FlightFit, name: str, place: int | None, least: float, explai
 
 
 def _open(found: FlightFit, place: int | None) -> float:
-    """Return the relative standard uncertainty of what a drive gives: thrust's slope, about an axis times its gain."""
+    """Return the relative standard uncertainty of a drive's effect: thrust's slope, times the gain about an axis."""
     slope = np.array([0.0, 1.0, 2 * found.drive])
     lift, gain = float(slope @ found.thrust), 1.0 if place is None else float(found.values[TURNS][place])
     if lift == 0 or gain == 0:

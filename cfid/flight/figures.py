@@ -1,4 +1,4 @@
-"""Figure of a flight: what rotors explain of the vertical force and the rates, and drag over velocity."""
+"""Draw a flight: what rotors explain of the vertical force and the rates, and drag over velocity."""
 
 from collections.abc import Mapping, Sequence
 
@@ -16,7 +16,7 @@ from cfid.flight.rows import AXES, ROW_S
 
 Array = npt.NDArray[np.float64]
 
-_SHOWN = 400  # rows where the rotors do most
+_SHOWN = 400  # rows with the largest effect of the rotors
 _MEAN = 5  # rows of a drawn mean: 50 ms
 
 
@@ -24,7 +24,7 @@ _MEAN = 5  # rows of a drawn mean: 50 ms
 def flight_figure(
     found: FlightFit, drags: Mapping[str, AxisDrag | None], findings: Sequence[Finding], *, title: str
 ) -> Figure:
-    """Return the liveliest four seconds of each equation with what the rotors explain, and drag where it is known."""
+    """Return the four most dynamic seconds of each equation with the rotors' contribution, and drag where known."""
     known = {axis: one for axis, one in drags.items() if one is not None}
     heights = [1.7] * 4 + [2.4] * bool(known)
     rejections = [f"Rejected: {text}" for text in texts(findings, "rejection")]

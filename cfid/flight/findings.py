@@ -1,4 +1,4 @@
-"""What a flight cannot tell, and what it shows that no vehicle with such axes, motors and times does."""
+"""Judge what a flight cannot determine, and what contradicts the stated axes, motors and times."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -25,11 +25,11 @@ from cfid.records.parameters import Parameter, plain
 
 _LEAST_SPEED_MPS = 0.3  # root mean square along an axis
 _EXPLAINED_DRAG = 0.8  # of the horizontal specific force: else wind or a tilted sensor decides
-_FIRST_S, _LAST_S = -0.005, 0.045  # of a sensor's delay: stamps err by some ms, and the fit searches up to 50 ms
-_FED_BACK = 0.03  # of a moment, from where a warning names what older torques would change
-_STILL_RAD_PER_S2 = (
-    0.5  # that torques moved a rate by: noise alone is beside older ones; of a smoothed gyro, 1.4 to 2.2
-)
+# Limits of a sensor's delay: time stamps err by some ms, and the fit searches up to 50 ms.
+_FIRST_S, _LAST_S = -0.005, 0.045
+_FED_BACK = 0.03  # of a moment: above it, a warning states how much older torques would change it
+# The least change of a rate by torques: with less, older torques show noise alone. A smoothed gyro has 1.4 to 2.2.
+_STILL_RAD_PER_S2 = 0.5
 _DRAG = "flight.drag_over_mass_per_s.*", "flight.drag_kg_per_s.*"
 _MANOEUVRES = {
     "roll": "tilt quickly to the right and left, several times a second, for 20 s",
@@ -39,7 +39,7 @@ _MANOEUVRES = {
 
 
 def contradictions(flown: FlownLog, found: FlightFit | None, arms_m: Sequence[float] = ()) -> tuple[Finding, ...]:
-    """Return what a flight shows that no vehicle does with such axes, motors and times, or with any of some arms.
+    """Return findings where a flight contradicts the stated axes, motors and times, or every one of some arms.
 
     `found` is a fit to it, None where there is none. Where rotors did not move the vehicle, sensors show no delay.
     """
@@ -47,7 +47,7 @@ def contradictions(flown: FlownLog, found: FlightFit | None, arms_m: Sequence[fl
     otherwise = (*unlike, *square_findings(flown), *([] if unlike else moving_findings(flown.flight)))
     if found is None:
         return otherwise
-    # Rates about other axes than the torques' show no delay of their own.
+    # Rates about axes other than the torques' own show no delay.
     of_unit = [_other_unit(found, arm_m, unit_of_rates(flown.log)) for arm_m in arms_m]
     of_torques = (
         of_unit[0]
@@ -64,7 +64,7 @@ def findings_of(
     quantities: Mapping[str, Parameter],
     body: Body,
 ) -> tuple[Finding, ...]:
-    """Judge what a fit to flights found, by what these excited and by what no quadrocopter does."""
+    """Judge a fit to flights, by what these excited and by what contradicts every quadrocopter."""
     unlike = [finding for one in flights for finding in turning_findings(one.flight)]
     of_motion = [] if unlike else [finding for one in flights for finding in moving_findings(one.flight, *_DRAG)]
     read = unit_of_rates(flights[0].log)
@@ -85,7 +85,7 @@ def findings_of(
         *_thrust_findings(found, [one.flight for one in flights]),
         *of_torques,
         *of_motion,
-        # Along other axes, velocities explain little of the force, however much the vehicle moved.
+        # With wrong axes, velocities explain little of the force, however much the vehicle moved.
         *([] if unlike or of_motion else _drag_findings(drags)),
     )
 
@@ -102,7 +102,7 @@ def _supply_findings(found: FlightFit, body: Body) -> list[Finding]:
 
 
 def _crossed(found: FlightFit) -> list[Finding]:
-    """Reject everything that rests on torques where these turn the vehicle about other axes than their own."""
+    """Reject everything that depends on torques where these turn the vehicle about other axes than their own."""
     fault = crossing_of([block for block, _ in found.blocks], found.values).fault() if lifted(found) else None
     if fault is None:
         return []
@@ -136,7 +136,7 @@ def _thrust_findings(found: FlightFit, flights: Sequence[Flight]) -> list[Findin
 
 
 def _lag_findings(found: FlightFit) -> list[Finding]:
-    """Reject each time constant that is open, and with the sum of lag and delay the moments, which rest on it."""
+    """Reject each time constant that is too uncertain, and the moments if the sum of lag and delay is."""
     result = []
     for key, (tau_s, std_s) in times_of(found).items():
         if key != DELAY and not std_s < LOOSE * tau_s:
@@ -149,7 +149,7 @@ def _lag_findings(found: FlightFit) -> list[Finding]:
 
 
 def _delay_findings(found: FlightFit, concerned: Sequence[str]) -> list[Finding]:
-    """Reject everything where a sensor shows what rotors do before their command, or much later."""
+    """Reject everything where a sensor shows the rotors' effect before their command, or much later."""
     climbed = lifted(found)
     moved = climbed, climbed or any(one.tells for one in turnings(found))
     sensors = zip(("accelerometer", "gyro"), moved, found.values[DELAYS], found.std[DELAYS], strict=True)
@@ -167,7 +167,7 @@ def _delay_findings(found: FlightFit, concerned: Sequence[str]) -> list[Finding]
 
 
 def _moment_findings(found: FlightFit, body: Body, flown: FlownLog) -> list[Finding]:
-    """Judge moments by what torques did about each axis; `flown` is the first flight."""
+    """Judge moments by the torques' effect about each axis; `flown` is the first flight."""
     result = _wrong_ways(found, props_out=flown.flight.props_out)
     asked = " Is the gyro in rad/s?" if BY_NAMES in flown.log.assumed else ""
     within, lost_s = "", flown.in_air_s - flown.driven_s
@@ -227,7 +227,7 @@ def _moment_findings(found: FlightFit, body: Body, flown: FlownLog) -> list[Find
 
 
 def _unlike_arm(quantities: Mapping[str, Parameter], body: Body) -> list[Finding]:
-    """Reject moments that no quadrocopter with such an arm has: its mass lies between its middle and its motors."""
+    """Reject moments that no quadrocopter with such an arm has: its mass lies between its centre and its motors."""
     if body.arm_m is None:
         return []
     result = []
@@ -244,7 +244,7 @@ def _unlike_arm(quantities: Mapping[str, Parameter], body: Body) -> list[Finding
 
 
 def _other_unit(found: FlightFit, arm_m: float, read: str) -> list[Finding]:
-    """Reject the moments of a gyro that was `read` in one unit where they suit the arm in the other."""
+    """Reject moments if they match the arm only with the gyro in another unit than the one in which it was `read`."""
     closed = bool(np.all(found.std[TURNS][:2] < LOOSE * np.abs(found.values[TURNS][:2])))
     text = unlike_arm(found, arm_m, read) if closed and lifted(found) else None
     return [] if text is None else [rejection("flight-gyro-unit", text, *MOMENTS.values())]
@@ -255,10 +255,10 @@ def _wrong_ways(found: FlightFit, *, props_out: bool) -> list[Finding]:
     wrong = [
         motion.name
         for gain, std, motion in zip(gains, stds, turnings(found), strict=True)
-        if gain < -3 * std and motion.moved > 0 < motion.explained  # else what is found is not what torques did
+        if gain < -3 * std and motion.moved > 0 < motion.explained  # else the fitted gain is not an effect of torques
     ]
     if wrong == ["yaw"] and bool(np.all(gains[:2] > 3 * stds[:2])):
-        # No other numbers of motors, and no other axes forward and left, leave roll and pitch as they are.
+        # No other order of motors, and no other axes forward and left, leave roll and pitch as they are.
         stated, way = "than a Crazyflie's, the front right one clockwise", "give `props_out` if they do"
         if props_out:
             stated, way = "than stated, the front right one counterclockwise", "leave `props_out` away if it is given"

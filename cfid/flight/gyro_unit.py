@@ -1,4 +1,4 @@
-"""Whether a gyro is in degrees where it is read in radians, or the other way: by attitude, range or arm."""
+"""Check whether a gyro read in radians is in degrees, or the reverse: by the attitude, the range or the arm."""
 
 import math
 from collections.abc import Iterator
@@ -18,14 +18,15 @@ Mask = npt.NDArray[np.bool_]
 
 OF_ARM = 0.08, 0.9  # the moment over mass times arm squared: published quadrocopters have 0.2 to 0.4
 
-_FASTEST = 36.0  # rad/s, beyond the 2000 deg/s at which gyros end
-_SHARE = 0.02  # of the rows with running motors: public logs have none beyond, and 6 to 80 % in degrees
-_WINDOW_S = 0.05  # over which the turning of an attitude and of a gyro are compared
+_FASTEST = 36.0  # rad/s, beyond 2000 deg/s, where the range of gyros ends
+_SHARE = 0.02  # of the rows with running motors: public logs have none above `_FASTEST`, and 6 to 80 % if in degrees
+_WINDOW_S = 0.05  # over which the rotations of an attitude and of a gyro are compared
 _FEWEST = 100  # windows
-_ALIKE = 0.7  # of their correlation: other axes, noise and a stuck attitude have less
-_TIMES = 2.5  # within which a ratio is that of degrees to radians
-_JUMP_RAD = 1.0  # in a window: where angles turn over from one side to the other
-# By what a gyro is read in: what it may be in instead, and how many times as fast it then seems to turn.
+_ALIKE = 0.7  # the least correlation of the two: wrong axes, noise and a stuck attitude have less
+_TIMES = 2.5  # the largest factor between a ratio and that of degrees to radians
+_JUMP_RAD = 1.0  # in a window: there, angles wrap around
+# By the unit in which a gyro is read: the unit that it may have instead, and how many times as fast it then seems to
+# turn.
 _OTHER = {"rad/s": "deg/s", "deg/s": "rad/s"}
 _TOO_FAST = {"rad/s": math.degrees(1), "deg/s": math.radians(1)}
 _ATTITUDES = (
@@ -37,7 +38,7 @@ _QUATERNIONS = (("qw", "qx", "qy", "qz"), tuple(f"stateEstimate.q{part}" for par
 
 
 def refuse_other_unit(log: FlightLog, time_s: Array, rates: Array, running: Mask) -> None:
-    """Raise DataError for rates (n, 3) in rad/s that are in another unit by the log's attitude, or by their size.
+    """Raise DataError for rates (n, 3) in rad/s whose unit is wrong, judged by the log's attitude or by their size.
 
     `running` (n,) are the rows with running motors.
     """
@@ -62,14 +63,14 @@ def refuse_other_unit(log: FlightLog, time_s: Array, rates: Array, running: Mask
 
 
 def remedy(read: str) -> str:
-    """Return what to do about a gyro that is read in one unit and is in the other."""
+    """Return what to do about a gyro that is read in one unit but is in the other."""
     return f"is it in {_OTHER[read]}, not in {read}? State it in the header of a table, as in gyro.x [{_OTHER[read]}]."
 
 
 def unlike_arm(found: FlightFit, arm_m: float, read: str) -> str | None:
-    """Return a sentence on moments about roll and pitch that suit an arm with the gyro in its other unit alone.
+    """Return a sentence on roll and pitch moments that match an arm only with the gyro in its other unit.
 
-    None is returned where they suit it as the gyro was `read`, or not at all.
+    Returns None where they match it with the unit in which the gyro was `read`, or with neither.
     """
     shares = [LEVER / (gain * arm_m) for gain in map(float, found.values[TURNS][:2]) if gain > 0]
     others = [share * _TOO_FAST.get(read, 0.0) for share in shares]
@@ -100,7 +101,7 @@ def _attitudes(log: FlightLog) -> Iterator[tuple[tuple[str, ...], Array, Array]]
 
 
 def _ratio(time_s: Array, rates: Array, angles_s: Array, angles: Array) -> float | None:
-    """Return how many times as fast as angles (m, 2) rates (n, 2) turn, None where the two do not turn alike."""
+    """Return the ratio of rates (n, 2) to the rotation of angles (m, 2), None where the two do not correlate."""
     if min(len(time_s), len(angles_s)) < 2:
         return None
     edges = np.arange(max(time_s[0], angles_s[0]), min(time_s[-1], angles_s[-1]), _WINDOW_S)

@@ -1,9 +1,9 @@
-"""An equation's errors without what their own past foretells: what is left is independent of the commands.
+"""Whiten an equation's errors: remove what their own past predicts, so that the rest is independent of the commands.
 
-What a rotor's command does not explain, wind, vibration and the sensors' noise, is correlated with itself and, by the
-autopilot, with later commands. An autoregression in each equation takes the part of it that its past foretells; what
-is left is independent of everything before, and so of what the commands did (L. Ljung, System Identification, 2nd ed.,
-1999, sections 7.3 and 13.4: the direct method in a closed loop).
+What a rotor's command does not explain, such as wind, vibration and the sensors' noise, is autocorrelated and, through
+the autopilot, correlated with later commands. An autoregression in each equation removes the part that its past
+predicts; what remains is independent of everything before, and so of the effects of the commands (L. Ljung, System
+Identification, 2nd ed., 1999, sections 7.3 and 13.4: the direct method in a closed loop).
 """
 
 from collections.abc import Sequence
@@ -18,17 +18,17 @@ from cfid.flight.model import FlightEquation
 
 Array = npt.NDArray[np.float64]
 
-PAST = 16  # rows that foretell the next: 0.16 s
+PAST = 16  # rows that predict the next: 0.16 s
 
 
 @dataclass(frozen=True, eq=False)
 class White:
-    """What takes the predictable part of an equation's errors away, and its other terms, to a variance of one."""
+    """A filter that removes an equation's other terms and its errors' predictable part, and scales to unit variance."""
 
     filter: Array
     lengths: tuple[int, ...]
-    basis: Array  # (k, q), of the whitened other terms
-    shares: Array  # (q, k), of the other terms in what is whitened
+    basis: Array  # (k, q), an orthonormal basis of the whitened other terms
+    shares: Array  # (q, k), maps whitened errors to the coefficients of the other terms
     size: float
 
     def of(self, columns: Array) -> Array:
@@ -42,10 +42,11 @@ class White:
 
 
 def whitening(block: FlightEquation, left: Array, *, fed_back: bool = False, rows: int = PAST) -> White:
-    """Return what whitens an equation whose errors (n,) are `left`, by so many rows before each.
+    """Return the filter that whitens an equation whose errors (n,) are `left`, from this many `rows` before each.
 
-    Where an autopilot answers to errors (`fed_back`), past ones count as other terms: what the commands do, and how
-    errors follow from each other, are then found together, and the uncertainty of the one contains the other's.
+    Where an autopilot responds to errors (`fed_back`), past errors count as other terms: the effects of the commands
+    and the autocorrelation of the errors are then found together, and the uncertainty of each contains that of the
+    other.
     """
     parts = _parts(left, block.lengths)
     past = np.concatenate(

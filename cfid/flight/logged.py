@@ -1,4 +1,4 @@
-"""Whether a flight was logged so that it can be fitted: rows close enough, rotors on a square, forces that carry it."""
+"""Check that a flight was logged so that it can be fitted: dense rows, rotors on a square, forces that carry it."""
 
 import math
 
@@ -10,15 +10,16 @@ from cfid.flight.values import MOMENTS, TIMES
 from cfid.records.logs.motor_numbers import NO_SQUARE
 from cfid.units import USUAL_GRAVITY_MPS2
 
-_CLOSE_S = 0.005  # between commands: farther apart, those of an autopilot are guessed
-_SEEN_S = 0.012  # between rows of a sensor, for what rests on how quickly it answers
-# Of g, in the mean of a flight: less does not carry it, more is steep flight; public logs have 1.01 to 1.05.
+_CLOSE_S = 0.005  # between commands: farther apart, the autopilot's commands in between are unknown
+_SEEN_S = 0.012  # between rows of a sensor, for quantities that depend on how fast it responds
+# Limits on the mean force of a flight, in g: less does not carry it, more means steep flight; public logs have 1.01 to
+# 1.05.
 _LIGHTEST, _HEAVIEST = 0.9, 1.3
 _TILTED_DEG = 6.0  # public logs: 0.2 to 1.0
 
 
 def spacing_findings(flown: FlownLog) -> list[Finding]:
-    """Reject what rows that are far apart do not show: autopilots send two to ten commands between."""
+    """Reject quantities for which rows are too far apart: autopilots send two to ten commands in between."""
     moved, turned, pushed = flown.apart_s
     found = []
     if moved > _CLOSE_S:
@@ -39,7 +40,7 @@ def spacing_findings(flown: FlownLog) -> list[Finding]:
 
 
 def square_findings(flown: FlownLog) -> list[Finding]:
-    """Reject moments about roll and pitch of rotors that the log does not place on a square."""
+    """Reject roll and pitch moments where the log does not place the rotors on a square."""
     text = "Moments about roll and pitch are fitted only for four rotors at the corners of a square."
     return [
         rejection("flight-rotors-off-square", f"{stated} {text}", MOMENTS["roll"], MOMENTS["pitch"]).at(
@@ -51,7 +52,7 @@ def square_findings(flown: FlownLog) -> list[Finding]:
 
 
 def weight_findings(flown: FlownLog) -> list[Finding]:
-    """Judge specific forces in the air: in the mean they carry the vehicle, along z where it hovers."""
+    """Judge specific forces in the air: their mean has to carry the vehicle, and point along z where it hovers."""
     force = flown.flight.force[flown.flight.airborne]
     if not len(force):
         return []

@@ -1,14 +1,15 @@
-"""A quadrocopter in flight as equations that are linear in what is unknown: what its sensors show of its rotors.
+"""Model a quadrocopter in flight by equations, linear in the unknowns, from its rotors to what its sensors show.
 
-Axes are the vehicle's: x forward, y left, z up. Each rotor's drive, the command over the full one, times the battery's
-volts where these are known, lags to w; thrust is c0 + c1 w + c2 w^2 of one rotor, along z. The equations are
+Axes are the vehicle's: x forward, y left, z up. Each rotor's drive is the command relative to full command, times the
+battery's voltage where this is known; w follows it with a lag. The thrust of one rotor is c0 + c1 w + c2 w^2, along z.
+The equations are
 
-    f_z = sum(T_i) / m + what climbing and the battery take away            specific force, by the accelerometer
-    d(rate_x)/dt = (l / J_x) sum(+-T_i) + what else turns the vehicle       and alike about y, and z with q for l
+    f_z = sum(T_i) / m + effects of the climb and the battery                specific force, by the accelerometer
+    d(rate_x)/dt = (l / J_x) sum(+-T_i) + what else turns the vehicle        the same about y, and about z with q for l
 
-with l the lever of a rotor about x and y, its arm over the root of two, and q its torque over its thrust. Each sensor
-shows this with a delay of its own, air, electronics and the vehicle's filter, whose shape is known on a Crazyflie.
-Elsewhere what the accelerometer shows later than the gyro is ascribed to a filter of second order.
+where l is the lever of a rotor about x and y, its arm over the root of two, and q is its torque over its thrust. Each
+sensor shows this with a delay of its own from air, electronics and the vehicle's filter, whose shape is known on a
+Crazyflie. On other vehicles, the accelerometer's delay relative to the gyro is ascribed to a second-order filter.
 """
 
 import math
@@ -25,11 +26,13 @@ from cfid.flight.rows import AXES, ROW_S, ROW_STEPS, STEP_S, Flight, delayed, se
 
 Array = npt.NDArray[np.float64]
 
-CLIMB_S = 5.0  # over which the climb is integrated from the force: the battery's terms take what is slower
-DAMPING = 1  # the place of the rate among the other terms of an equation about an axis
+# The climb is integrated from the force over this time; the terms of the battery absorb slower changes.
+CLIMB_S = 5.0
+DAMPING = 1  # the column of the rate among the other terms of an equation about an axis
 SAG_S = 5.0  # half the shortest period in which the battery's charge changes the thrust
-_LEAST_FILTERED_S = 1e-4  # as a filter of 240 Hz: steps of 2 ms show none above 250 Hz
-_KEPT = 4  # lags and delays whose equations are kept: those of a solution, and of slopes around it
+# The delay of a filter of 240 Hz: steps of 2 ms show none above 250 Hz.
+_LEAST_FILTERED_S = 1e-4
+_KEPT = 4  # the number of cached equations: those of a solution's lags and delays, and of slopes around it
 
 
 class ThrustLag(NamedTuple):
@@ -39,7 +42,7 @@ class ThrustLag(NamedTuple):
     falling_s: float
 
     def follow(self, drive: Array) -> Array:
-        """Return what follows drives (n, 4), each held for a step, at the begin of each step; it starts settled."""
+        """Return w (n, 4) at the start of each step for drives (n, 4), each held for a step; it starts settled."""
         rising, falling = (math.exp(-STEP_S / tau_s) for tau_s in self)
         return follow_held(drive.T, rising, falling).T
 
@@ -47,8 +50,8 @@ class ThrustLag(NamedTuple):
 class FlightEquation(NamedTuple):
     """An equation of one flight at rows (k,): `shown` is a sum of `terms`, by the powers of thrust, and `others`.
 
-    `terms` (k, 3) go with c0, c1, c2; `others` (k, q) are what else may act, each with a coefficient of its own.
-    `lengths` are those of the segments without a gap. That of the vertical force has a constant among the others.
+    `terms` (k, 3) belong to c0, c1, c2; `others` (k, q) are other effects, each with its own coefficient. `lengths` are
+    those of the segments without a gap. The equation of the vertical force has a constant among `others`.
     """
 
     axis: int | None
@@ -62,12 +65,13 @@ EquationsOf = Callable[..., list[FlightEquation]]
 
 
 def equations_of(flight: Flight) -> EquationsOf:
-    """Return what gives the equations of the vertical force and of the rates about each axis, for rotors of a lag.
+    """Return a function that gives the equations of the vertical force and of the rates for rotors with a given lag.
 
-    It takes the lag, by how much later the accelerometer and the gyro show it, their filters included, and the share
-    of what is left of these delays that the command alone has, not the voltage. An accelerometer whose filter is not
-    known has one that makes it later than the gyro, but for the share `unfiltered` of that. The last few are kept: a
-    slope over the gyro's delay leaves the rotors as they were.
+    Its arguments are the lag, the delays of the accelerometer and the gyro, filters included, the share `of_command` of
+    the rest of these delays that applies to the command alone, not to the voltage, and `unfiltered`. An accelerometer
+    whose filter is unknown gets one that explains its delay relative to the gyro, except for the share `unfiltered` of
+    that delay. The last few equations are cached: for a slope over the gyro's delay, those of the accelerometer stay
+    the same.
     """
 
     along_z = _others_along_z(flight)
@@ -101,7 +105,7 @@ def equations_of(flight: Flight) -> EquationsOf:
 
 
 def _seen(late: Array, delay_s: float, low_pass_hz: float | None) -> Array:
-    """Return the powers (3, n, 4) of lagging drives as a sensor shows them, whose filter is a part of the delay."""
+    """Return the powers (3, n, 4) of lagging drives as a sensor shows them; its filter is a part of the delay."""
     if low_pass_hz is None:
         return _powers(delayed(late, delay_s))
     powers = _powers(delayed(late, delay_s - filtering_s(low_pass_hz)))
@@ -113,18 +117,18 @@ def _seen(late: Array, delay_s: float, low_pass_hz: float | None) -> Array:
 
 @lru_cache(_KEPT)
 def _low_pass(low_pass_hz: float) -> tuple[Array, Array]:
-    """Return the coefficients b (3,) and a (3,) of a sensor's filter, at steps of drives."""
+    """Return the coefficients b (3,) and a (3,) of a sensor's filter at the sample rate of drives."""
     b, a = butter(2, low_pass_hz, fs=1 / STEP_S)
     return b, a
 
 
 def filtering_s(low_pass_hz: float | None) -> float:
-    """Return by how much a sensor's filter delays slow motion, 0 where it is unknown."""
+    """Return the time by which a sensor's filter delays slow motion, 0 where it is unknown."""
     return 0.0 if low_pass_hz is None else STEP_S / math.sqrt(2) / math.tan(math.pi * low_pass_hz * STEP_S)
 
 
 def _low_pass_hz(delay_s: float) -> float | None:
-    """Return the cut-off of the filter that delays slow motion by so much, None for less than a filter can."""
+    """Return the cut-off of the filter that delays slow motion by this time, None below the least delay of a filter."""
     return math.atan(STEP_S / math.sqrt(2) / delay_s) / (math.pi * STEP_S) if delay_s > _LEAST_FILTERED_S else None
 
 
@@ -138,12 +142,12 @@ def _vertical(flight: Flight, powers: Array, others: Array) -> FlightEquation:
 
 
 def _over_rotors(each: Array) -> Array:
-    """Return the sums over rotors, the last of some axes: NumPy's sum over so few is slow."""
+    """Return the sums over the rotors, the last axis: NumPy's own sum over so few elements is slow."""
     return np.asarray(each[..., 0] + each[..., 1] + each[..., 2] + each[..., 3])
 
 
 def _others_along_z(flight: Flight) -> Array:
-    """Return what else than rotors may act vertically (m, q)."""
+    """Return the effects other than the rotors' that may act vertically (m, q)."""
     climb = _climbing(flight) if flight.velocity is None else flight.velocity[:, 2:]
     count = len(flight.rates)
     phase = np.pi * np.arange(count) / count
@@ -152,9 +156,9 @@ def _others_along_z(flight: Flight) -> Array:
 
 
 def _off_centre(rates: Array) -> Array:
-    """Return what turning at rates (m, 3) adds along z (m, 5) to an accelerometer 1 m forward, left and up.
+    """Return the forces along z (m, 5) from rotation at rates (m, 3), for an accelerometer 1 m forward, left and up.
 
-    The last two are what changes of the first two where gyro and accelerometer show them at different times.
+    The last two are the changes of the first two if gyro and accelerometer show them at different times.
     """
     x, y, z = rates.T
     quicker = np.gradient(rates, ROW_S, axis=0)
@@ -163,10 +167,10 @@ def _off_centre(rates: Array) -> Array:
 
 
 def _climbing(flight: Flight) -> Array:
-    """Return two parts (m, 2) of the climb along the vehicle's z, none in the mean, each but for a factor.
+    """Return two parts (m, 2) of the climb along the vehicle's z, each with zero mean and up to a factor.
 
-    Vertical force adds up to the one. The other is sideways velocity that turning makes vertical: the sideways force is
-    the drag of that velocity. Without it, thrust's slope scatters by a quarter more.
+    One is the integral of the vertical force. The other is sideways velocity that rotation makes vertical, estimated
+    from the sideways force, which is the drag of that velocity. Without it, thrust's slope scatters by a quarter more.
     """
     force = (flight.force - np.mean(flight.force[flight.driven], axis=0)) * flight.airborne[:, np.newaxis]
     turned = flight.rates[:, 0] * force[:, 1] - flight.rates[:, 1] * force[:, 0]
@@ -175,18 +179,19 @@ def _climbing(flight: Flight) -> Array:
 
 
 def turning_equation(flight: Flight, powers: Array, axis: int) -> FlightEquation:
-    """Return the equation of the rate about an axis, of powers (3, n, 4) of lagging drives as the gyro shows them."""
+    """Return the equation of the rate about an axis, from powers (3, n, 4) of lagging drives as the gyro shows them."""
     turning = (powers @ flight.turning[axis]).T  # (n, 3)
-    gone = _rows(flight, (np.cumsum(turning, axis=0) - turning / 2) * STEP_S)  # trapezoids, but for a constant
+    # Integrated by trapezoids, up to a constant.
+    gone = _rows(flight, (np.cumsum(turning, axis=0) - turning / 2) * STEP_S)
     total = _rows(flight, _over_rotors(powers[1])[:, np.newaxis])[:, 0]
-    rates = flight.rates[:-1]  # the later ones contain the error that is to be predicted
+    rates = flight.rates[:-1]  # without the last rate, which contains the error that is to be predicted
     others = [
         np.ones(len(rates)),
         rates[:, axis],
         rates[:, axis - 2] * rates[:, axis - 1],
         (total[1:] + total[:-1]) / 2,
     ]
-    if axis == 2:  # what speeds a rotor up turns the vehicle the other way
+    if axis == 2:  # the torque that accelerates a rotor turns the vehicle the other way
         others.append(np.diff(_rows(flight, turning[:, 1:2])[:, 0]) / ROW_S)
     known = flight.rates_known if segments(flight.rates_known) else flight.driven  # else a finding rejects the moments
     both = known[1:] & known[:-1]
@@ -195,10 +200,10 @@ def turning_equation(flight: Flight, powers: Array, axis: int) -> FlightEquation
 
 
 def _rows(flight: Flight, steps: Array) -> Array:
-    """Return what sensors would show (m, k) of values (n, k) of each step: means over rows, or values at them."""
+    """Return what sensors would show (m, k) of values (n, k) of each step: means over rows, or values at rows."""
     if flight.averaged:
         half = ROW_STEPS // 2
-        # A step's mean differs from its middle by the bend: without it, thrust at 20 Hz is 0.3 % too large.
+        # A step's mean differs from its middle value by the curvature: without it, thrust at 20 Hz is 0.3 % too large.
         around = with_ends(steps, 1, 1)
         means = steps + (around[2:] - 2 * steps + around[:-2]) / 24
         padded = with_ends(means, half, half)

@@ -1,6 +1,6 @@
-"""Whether motion capture moves as the sensors of the same log do: its velocities' unit and axes, a stuck attitude.
+"""Check that motion capture moves as the sensors of the same log do: its velocities' unit and axes, a stuck attitude.
 
-Over half a second the velocity changes by what the specific force, turned to the world's axes, adds up to beside
+Over half a second, the velocity changes by the integral of the specific force, turned to the world's axes, plus
 gravity. Public logs agree within 1.1 % with correlations of 0.98, simulated flights that hover within 7 %.
 """
 
@@ -17,19 +17,20 @@ from cfid.flight.turning import turning_of
 
 Array = npt.NDArray[np.float64]
 
-_OVER_ROWS = 50  # 0.5 s: the accelerometer's noise has averaged, a change of its bias has not added up
-_ALIKE = 0.9  # of a correlation, below which other things than the unit decide
-_LARGEST, _LEAST = 1.2, 1 / 1.2  # of the velocity over what the accelerometer shows
+# Over 0.5 s, the accelerometer's noise averages out, and a change of its bias does not yet accumulate.
+_OVER_ROWS = 50
+_ALIKE = 0.9  # the least correlation: below it, the unit is not the cause
+_LARGEST, _LEAST = 1.2, 1 / 1.2  # limits of the velocity's changes over the accelerometer's
 _UNITS = {"mm/s": 1000.0, "cm/s": 100.0, "km/h": 3.6}  # over m/s
-_STUCK = 0.1  # of the gyro's turning
-_TURNS_RAD_PER_S = 0.1  # root mean square, from which a turning attitude would show
-_MOVES_MPS = 0.3  # root mean square of changes, from which accelerations show them whatever their bias
-_SHOWN = 0.5  # of these changes, that velocities have at least: noise of theirs takes none of it
-_CLEARER = 2.0  # times what the best axes leave unexplained, that all others do
+_STUCK = 0.1  # of the gyro's rotation: an attitude that turns less is stuck
+_TURNS_RAD_PER_S = 0.1  # root mean square from which a turning attitude would show
+_MOVES_MPS = 0.3  # root mean square of changes that accelerations show whatever their bias
+_SHOWN = 0.5  # of these changes, the least that velocities show: their noise removes none of it
+_CLEARER = 2.0  # the least ratio of what all other axes leave unexplained to what the best axes leave
 
 
 def moving_findings(flight: Flight, *concerned: str) -> list[Finding]:
-    """Reject quantities where velocity or attitude move otherwise than accelerometer and gyro; none without them."""
+    """Reject quantities if velocity or attitude contradict accelerometer and gyro; none without these channels."""
     return [one.at(flight.name) for one in _stuck(flight, concerned) or _unlike_force(flight, concerned)]
 
 
@@ -66,7 +67,7 @@ def _unlike_force(flight: Flight, concerned: tuple[str, ...]) -> list[Finding]:
 
 
 def _of_unit(shown: Array, expected: Array) -> str | None:
-    """Return what unit velocities have whose changes (k, 3) are as those that are expected, but for their size."""
+    """Return a sentence on the unit of velocities whose changes (k, 3) differ from the expected ones in size alone."""
     ratio = float(np.linalg.norm(shown) / np.linalg.norm(expected))
     if _alike(shown, expected) < _ALIKE or _LEAST < ratio < _LARGEST:
         return None
@@ -83,7 +84,7 @@ def _of_unit(shown: Array, expected: Array) -> str | None:
 
 
 def _of_axes(velocity: Array, to_world: Array, shown: Callable[[Array], Array], expected: Array) -> str | None:
-    """Return which axes velocities (m, 3) may have that do not change (k, 3), as `shown`, as is expected."""
+    """Return a sentence on the likely axes of velocities (m, 3) whose changes (k, 3), by `shown`, are unexpected."""
     here = shown(velocity)
     alike = _alike(here, expected)
     if alike >= _ALIKE:
@@ -102,7 +103,10 @@ def _of_axes(velocity: Array, to_world: Array, shown: Callable[[Array], Array], 
 
 
 def _along_others(velocity: Array, to_world: Array) -> Iterator[tuple[str, Array]]:
-    """Yield velocities (m, 3) with their axes exchanged or negated, or along the vehicle's, and words on each."""
+    """Yield a sentence on each exchange or negation of the axes of velocities (m, 3), and the velocities along these.
+
+    Each is yielded twice: along the world's axes, and along the vehicle's.
+    """
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((1, -1), repeat=3):
             names = [
@@ -119,12 +123,12 @@ def _along_others(velocity: Array, to_world: Array) -> Iterator[tuple[str, Array
 
 
 def _alike(shown: Array, expected: Array) -> float:
-    """Return the correlation of changes (k, 3)."""
+    """Return the correlation of two sets of changes (k, 3)."""
     size = float(np.linalg.norm(shown) * np.linalg.norm(expected))
     return float(np.sum(shown * expected)) / size if size > 0 else 0.0
 
 
 def _changes(parts: list[Array]) -> Array:
-    """Return by how much the columns of parts (n, 3) change over half a second, but for the mean change: (k, 3)."""
+    """Return the changes (k, 3) of the columns of parts (n, 3) over half a second, without their mean."""
     changes = np.concatenate([one[_OVER_ROWS:] - one[:-_OVER_ROWS] for one in parts])
     return np.asarray(changes - changes.mean(axis=0))

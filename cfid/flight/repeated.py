@@ -1,6 +1,6 @@
-"""Takes each reading of gyro and accelerometer once where a log repeats it in several rows, and names that.
+"""Take each reading of gyro and accelerometer once where a log repeats it in several rows, and report that.
 
-And commands that a log repeats while its sensors go on.
+Commands that a log repeats while its sensors continue are reported as well.
 """
 
 import math
@@ -16,12 +16,16 @@ Array = npt.NDArray[np.float64]
 Timed = tuple[Array, Array]
 
 GYRO, ACCELEROMETER = "gyro", "accelerometer"
-_HELD_S = 0.003  # of commands: drives have steps of 2 ms
-_CONCERNED = {GYRO: "flight.delay_s", ACCELEROMETER: "flight.single_lag_s"}  # whose uncertainty contains the age
+_HELD_S = 0.003  # the longest time for which commands are held without a finding: drives have steps of 2 ms
+# The quantities whose uncertainty contains the age.
+_CONCERNED = {GYRO: "flight.delay_s", ACCELEROMETER: "flight.single_lag_s"}
 
 
 def first_rows(sensors: Mapping[str, Timed]) -> tuple[tuple[Timed, ...], dict[str, Readings]]:
-    """Return the times (k,) and values (k, 3) of sensors' rows (n,) with a new reading, and how many have, by name."""
+    """Return the times (k,) and values (k, 3) of those of the sensors' rows (n,) that have a new reading.
+
+    The counts of rows and readings follow, by the sensor's name.
+    """
     found, readings = list[Timed](), dict[str, Readings]()
     for name, (time_s, values) in sensors.items():
         counts, readings[name] = once_each(time_s, values)
@@ -30,10 +34,11 @@ def first_rows(sensors: Mapping[str, Timed]) -> tuple[tuple[Timed, ...], dict[st
 
 
 def commands_apart_s(time_s: Array, command: Array, readings: Mapping[str, Readings]) -> float:
-    """Return how far apart commands (n,) in rows at times (n,) usually are.
+    """Return the usual time between commands (n,) in rows at times (n,).
 
-    Where readings of a sensor are repeated and commands, too, the log is filled: those between were not logged. Beside
-    sensors with a reading in each row, an autopilot holds them.
+    Where both the readings of a sensor and the commands are repeated, rows of the log were filled in, and the commands
+    in between were not logged. If every row has a new reading of each sensor, it was the autopilot that held the
+    commands.
     """
     if any(one.age_s for one in readings.values()):
         time_s = time_s[once_each(time_s, command)[0]]
@@ -41,12 +46,13 @@ def commands_apart_s(time_s: Array, command: Array, readings: Mapping[str, Readi
 
 
 def commands_held_s(commands: Sequence[Timed], readings: Mapping[str, Readings]) -> float:
-    """Return for how long motors' commands (n,) are repeated beside sensors with a reading in each row, 0 if not.
+    """Return the time for which motors' commands (n,) are repeated while each row has a new reading, 0 if they are not.
 
-    Whether the autopilot holds them, or the log alone, does not show.
+    The log does not show whether the autopilot holds the commands or only the log does.
     """
     first_s = commands[0][0]
-    alike = [values for time_s, values in commands if len(time_s) == len(first_s)]  # of one series
+    # Commands in the same series of rows.
+    alike = [values for time_s, values in commands if len(time_s) == len(first_s)]
     if any(one.age_s for one in readings.values()):
         return 0.0
     _, found = once_each(first_s, np.column_stack(alike))
@@ -55,7 +61,7 @@ def commands_held_s(commands: Sequence[Timed], readings: Mapping[str, Readings])
 
 
 def held_findings(held_s: float) -> list[Finding]:
-    """Return a warning on commands that are repeated for so long, none for 0."""
+    """Return a warning on commands that are repeated for this time, none for 0."""
     if not held_s:
         return []
     text = (
@@ -68,7 +74,7 @@ def held_findings(held_s: float) -> list[Finding]:
 
 
 def repeated_findings(readings: Mapping[str, Readings]) -> list[Finding]:
-    """Return a note on readings that are repeated, by sensor; none where each row has its own."""
+    """Return a note on repeated readings, by sensor; none where each row has its own."""
     held = {name: one for name, one in readings.items() if one.age_s}
     if not held:
         return []

@@ -1,4 +1,4 @@
-"""What flights tell of a vehicle: quantities, findings, and lines on what was assumed and excited."""
+"""Collect what flights show of a vehicle: quantities, findings, and lines on what was assumed and excited."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -37,12 +37,12 @@ def fit(flights: Sequence[FlownLog], *, body: Body) -> Result:
 
     A flight whose gyro contradicts its attitude is left out where others remain.
 
-    Raises ConfigError for no flight, DataError for one given twice or with drives in other units, FitError where
-    nothing flew for long enough, or rotors explain too little for any of these.
+    Raises ConfigError for no flight, DataError for a flight given twice or with drives in other units, and FitError
+    where nothing flew for long enough, or rotors explain too little for any of these quantities.
     """
     _check(flights)
     flights, left_out = _alike(flights)
-    if all(one.flight.velocity is None for one in flights):  # else drag may be told
+    if all(one.flight.velocity is None for one in flights):  # else drag may be determined
         refuse_still([one.flight for one in flights])
     found = fit_flights([one.flight for one in flights])
     whole, of_voltage = with_whole_sag(flights, found)
@@ -100,7 +100,7 @@ def _check(flights: Sequence[FlownLog]) -> None:
 
 
 def _alike(flights: Sequence[FlownLog]) -> tuple[Sequence[FlownLog], list[Finding]]:
-    """Leave out flights whose gyro contradicts their attitude, where others do not; return the others and why."""
+    """Leave out flights whose gyro contradicts their attitude, if others remain; return the others and the findings."""
     unlike = {place: found for place, one in enumerate(flights) if (found := turning_findings(one.flight))}
     if len(unlike) == len(flights):
         return flights, []
@@ -117,7 +117,7 @@ def _name(one: FlownLog) -> str:
 
 
 def _wanted(quantities: Mapping[str, Parameter], findings: Sequence[Finding]) -> tuple[str, ...]:
-    """Return the keys that the flights determine, all where they determine none."""
+    """Return the keys that the flights determine; all keys where they determine none."""
     lost = [key for one in findings if one.severity == "rejection" for key in one.quantities]
     return tuple(key for key in quantities if not any(fnmatchcase(key, one) for one in lost)) or tuple(quantities)
 

@@ -1,4 +1,4 @@
-"""A quadrocopter's flight as rows: the drives of its rotors every 2 ms, and what its sensors showed every 10 ms."""
+"""Represent a quadrocopter's flight as rows: its rotors' drives every 2 ms, and its sensors' values every 10 ms."""
 
 import math
 from dataclasses import dataclass, replace
@@ -11,11 +11,11 @@ from cfid.units import MOTOR_AZIMUTH_DEG, MOTORS, ROTOR_TURNS
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-ROW_S = 0.01  # between rows of the sensors: motion is far slower than 50 Hz
+ROW_S = 0.01  # between rows of the sensors: motion is far below 50 Hz
 ROW_STEPS = 5
 STEP_S = ROW_S / ROW_STEPS  # of drives: a Crazyflie's commands change every 2 ms at most
 AXES = ("roll", "pitch", "yaw")
-LEVER = 0.5**0.5  # of an arm, about the axes forward and left
+LEVER = 0.5**0.5  # the lever about x or y relative to the arm
 
 # The signs with which thrusts turn the vehicle about x and y, and their reaction torques about z; (3, 4).
 TURNING = np.array(
@@ -33,14 +33,14 @@ class Flight:
 
     `rates` (m, 3) in rad/s and `force` (m, 3), the specific force in m/s^2, are along the vehicle's axes, as is
     `velocity` (m, 3) in m/s, None where unknown. `attitude` (m, 4) is the quaternion w, x, y, z that turns these axes
-    to the world's. `volts` (n,) are in the drives, None where unknown, and `volts_std` (n,) is by how much they err if
-    all do by one standard uncertainty, None where they are exact. `averaged` is true where rows are means over their
-    10 ms. `airborne` (m,) marks rows in the air, `driven` (m,) those of them at which every rotor has been under a
-    command within its range for a while.
-    `beyond` (m,) marks rows at which the gyro stood at an end of its range, None where it did not. With `props_out`
-    rotors turn the other way than a Crazyflie's, front right clockwise, seen from above.
-    `low_pass_hz` are the cut-offs of the Butterworth filters of accelerometer and gyro, None where unknown, `ages_s` by
-    how much their readings may be older than the rows that show them, and `held_s` for how long commands are repeated.
+    to the world's. `volts` (n,) is the voltage contained in the drives, None where unknown, and `volts_std` (n,) is its
+    change if all values err by one standard uncertainty, None where they are exact. `averaged` is true where rows are
+    means over their 10 ms. `airborne` (m,) marks rows in the air; `driven` (m,) marks those among them at which every
+    rotor has been under a command within its range for a while. `beyond` (m,) marks rows at which the gyro was at an
+    end of its range, None where it never was. With `props_out`, rotors turn the other way than a Crazyflie's: front
+    right clockwise, seen from above. `low_pass_hz` are the cut-offs of the Butterworth filters of accelerometer and
+    gyro, None where unknown, `ages_s` are the times by which their readings may be older than the rows that show them,
+    and `held_s` is the time for which commands are repeated.
     """
 
     name: str
@@ -73,7 +73,7 @@ class Flight:
 
     @property
     def rescaled(self) -> bool:
-        """Whether a Crazyflie's firmware, whose filters are known, divided accelerations by what rest showed."""
+        """Whether a Crazyflie's firmware, whose filters are known, divided accelerations by their size at rest."""
         return self.low_pass_hz[0] is not None
 
     @property
@@ -87,7 +87,7 @@ class Flight:
         return self.driven if self.beyond is None else self.driven & ~self.beyond
 
     def drives_of_late(self, command_s: float) -> Array:
-        """Return the drives (n, 4) of commands that act so much later, at the voltage of that moment."""
+        """Return the drives (n, 4) of commands that act later by this time, at the voltage of the moment they act."""
         if self.volts is None:
             return self.drive
         volts = self.volts[:, np.newaxis]
@@ -95,12 +95,12 @@ class Flight:
 
     @property
     def step_driven(self) -> Mask:
-        """The drives (n,) at driven rows."""
+        """Whether each drive (n,) belongs to a driven row."""
         return np.repeat(self.driven, ROW_STEPS)[: len(self.drive)]
 
     @property
     def with_other_volts(self) -> "Flight":
-        """The flight with volts that err by their standard uncertainty."""
+        """The flight with a voltage that errs by its standard uncertainty."""
         if self.volts is None or self.volts_std is None:
             return self
         volts = self.volts + self.volts_std
@@ -108,7 +108,7 @@ class Flight:
 
 
 def delayed(late: Array, delay_s: float) -> Array:
-    """Return drives (n, 4) as they were a delay before, interpolated between steps."""
+    """Return the drives (n, 4) delayed by this time, interpolated between steps."""
     whole = math.floor(delay_s / STEP_S)
     share = delay_s / STEP_S - whole
     padded = with_ends(late, max(whole, 0) + 1, max(-whole, 0))
@@ -118,18 +118,18 @@ def delayed(late: Array, delay_s: float) -> Array:
 
 
 def with_ends(values: Array, before: int, after: int) -> Array:
-    """Return values (n, k) with the first so many times `before` them, and the last `after`; NumPy's `pad` is slow."""
+    """Return values (n, k) with the first repeated `before` times and the last `after` times; NumPy's `pad` is slow."""
     return np.concatenate([*before * [values[:1]], values, *after * [values[-1:]]])
 
 
 def turned_back(attitude: Array, vector: Array) -> Array:
-    """Return vectors (m, 3) of the world's axes along the vehicle's, of attitude w, x, y, z (m, 4)."""
+    """Return vectors (m, 3), given in the world's axes, along the axes of a vehicle with attitude w, x, y, z (m, 4)."""
     w, v = attitude[:, :1], -attitude[:, 1:]
     across = 2 * np.cross(v, vector)
     return np.asarray(vector + w * across + np.cross(v, across))
 
 
 def segments(mask: Mask, fewest: int = 100) -> list[slice]:
-    """Return the runs of rows that are marked, each of `fewest` rows at least."""
+    """Return the runs of marked rows that have at least `fewest` rows."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= fewest]

@@ -1,4 +1,4 @@
-"""Solve a flight's equations: from coarse lags on, noise and parameters in turn until both rest."""
+"""Solve a flight's equations: from coarse lags on, update noise and parameters alternately until both converge."""
 
 import itertools
 from collections.abc import Sequence
@@ -17,22 +17,24 @@ from cfid.flight.rows import AXES
 
 Array = npt.NDArray[np.float64]
 
-_QUICKEST_S, _SLOWEST_S = 5e-3, 1.0  # of a lag
-_EARLIEST_S, _LATEST_S = -0.02, 0.05  # of a delay
+_QUICKEST_S, _SLOWEST_S = 5e-3, 1.0  # limits of a lag
+_EARLIEST_S, _LATEST_S = -0.02, 0.05  # limits of a delay
 _STARTS_S = (0.02, 0.04, 0.07, 0.12)
-_LATE_S, _CLEARLY = (0.02, 0.035), 1.4  # of an accelerometer with a filter of 10 Hz; usual ones leave 0.9 to 1.1
+# Delays of an accelerometer with a filter of 10 Hz, and the least gain in fit for them; usual accelerometers have 0.9
+# to 1.1.
+_LATE_S, _CLEARLY = (0.02, 0.035), 1.4
 _MEAN_ROWS = 10  # 0.1 s, over which noise is averaged before judging how much is explained
-_MOST_ROUNDS = 100  # in which noise and parameters are estimated in turn
-_WHOLE_ROUNDS = 3  # at first, since single steps from afar can end elsewhere
-_STEPS = 5  # of a round
-_SETTLED = 0.05  # standard uncertainties that a round may move a parameter by
+_MOST_ROUNDS = 100  # in which noise and parameters are estimated alternately
+_WHOLE_ROUNDS = 3  # at first, because single steps from far away can end elsewhere
+_STEPS = 5  # evaluations in a round
+_SETTLED = 0.05  # standard uncertainties: the largest change of a parameter in the last round
 
 
 def first_parameters(equations: Equations) -> Array:
-    """Return the best parameters (10,) of a coarse grid of lags, as fast upwards as downwards.
+    """Return the best parameters (10,) of a coarse grid of lags, with the same lag for rising and falling drives.
 
-    The accelerometer is much later than usual only where that leaves clearly less of the force: elsewhere lag and
-    delay are nearly alike.
+    A much larger delay of the accelerometer than usual is chosen only if it clearly leaves less of the force
+    unexplained: otherwise, lag and delay have nearly the same effect.
     """
     best, found = np.inf, np.zeros(TURNS.stop)
     for tau_s, of_force_s in itertools.product(_STARTS_S, (DELAY_S, *_LATE_S)):
@@ -53,9 +55,9 @@ def first_parameters(equations: Equations) -> Array:
 
 
 def most_explained(equations: Equations, *, enough: float) -> float:
-    """Return the part of the vertical force that thrusts, whatever their powers, explain at most, in means over 0.1 s.
+    """Return the largest part of the vertical force that thrusts of any powers explain, in means over 0.1 s.
 
-    Coarse lags and delays are tried, as fast upwards as downwards, until one explains `enough`.
+    Coarse lags and delays are tried, the same for rising and falling drives, until one explains `enough`.
     """
     most = 0.0
     for delay_s in (DELAY_S, _EARLIEST_S, _LATEST_S):
@@ -78,10 +80,10 @@ def settled(equations: Equations, found: Array) -> tuple[Equations, OptimizeResu
     """Return the equations whitened by the noise that they leave, and their solution: each is found from the other.
 
     In calm air and with an instrument that is mostly noise, a round moves some parameters by many standard
-    uncertainties at first. Off the solution, past errors contain what the rotors do and take up most of what a
-    parameter changes, so that a step goes too far: full steps can go to and fro for ever between two states on either
-    side of the solution. Where a step turns back on the last one, the likeliest share of it is taken. Raises FitError
-    where the parameters do not come to rest.
+    uncertainties at first. Away from the solution, past errors contain the effects of the rotors and absorb most of a
+    parameter's change, so that a step goes too far: full steps can alternate forever between two states on either side
+    of the solution. Where a step reverses the last one, the likeliest share of it is taken. Raises FitError where the
+    parameters do not converge.
     """
     last = np.zeros(TURNS.stop - 1)
     for place in range(_MOST_ROUNDS):
@@ -103,12 +105,12 @@ def settled(equations: Equations, found: Array) -> tuple[Equations, OptimizeResu
 
 
 def _improved(equations: Equations, begin: Array, scales: Array, *, whole: bool) -> OptimizeResult:
-    """Return better parameters (9,) than `begin` (9,): those of least errors for a `whole` round, else one step on.
+    """Return better parameters (9,) than `begin` (9,): the least-squares solution for a `whole` round, else one step.
 
-    What whitens the errors changes after a round, so that more than a step is of no use once it has come near. A step
-    that does not lessen the errors is shortened.
+    The whitening changes after each round, so near the solution more than one step per round is of no use. A step that
+    does not reduce the errors is shortened.
     """
-    for most in (_STEPS,) if whole else (2, _STEPS):  # evaluations, one of them at the begin
+    for most in (_STEPS,) if whole else (2, _STEPS):  # evaluations, one of them at the start
         result = least_squares(
             lambda free: equations.residual(with_constant(free)),
             begin,
@@ -128,21 +130,21 @@ def _improved(equations: Equations, begin: Array, scales: Array, *, whole: bool)
 
 
 def _start(tau_s: float, of_force_s: float, of_rates_s: float) -> Array:
-    """Return parameters (10,) of a lag, as fast upwards as downwards, of delays, and of no thrust."""
+    """Return parameters (10,) with this lag for rising and falling drives, these delays, and no thrust."""
     return np.concatenate([[tau_s, tau_s, of_force_s, of_rates_s], np.zeros(6)])
 
 
 def _scales(p: Array) -> Array:
-    """Return the sizes of the parameters (10,)."""
+    """Return the scales of the parameters (10,)."""
     thrust = np.full(3, max(float(np.max(np.abs(p[THRUST]))), 1e-6))
     return np.concatenate([p[LAGS], [DELAY_S, DELAY_S], thrust, np.maximum(np.abs(p[TURNS]), 1e-3)])
 
 
 def with_constant(free: npt.ArrayLike) -> Array:
-    """Return the parameters (10,) whose thrust has no constant: the mean force alone tells it, once the others are."""
+    """Return parameters (10,) with a zero constant of thrust: the mean force alone gives it, after the others."""
     return np.insert(np.asarray(free, dtype=np.float64), THRUST.start, 0.0)
 
 
 def _without_constant(columns: Array) -> Array:
-    """Return parameters (10,), or slopes over them (n, 10), without those of the thrust's constant."""
+    """Return parameters (10,), or slopes over them (n, 10), without the thrust's constant."""
     return np.delete(columns, THRUST.start, axis=-1)

@@ -1,4 +1,4 @@
-"""What the instruments of a flight show between two times: commands, rates and specific forces, each reading once."""
+"""Read a flight's commands, rates and specific forces between two times from a log, with each reading once."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -21,9 +21,9 @@ from cfid.records.logs.repeated_times import refuse_repeated_times
 Array = npt.NDArray[np.float64]
 Timed = tuple[Array, Array]
 
-SLOWEST_S = 0.021  # between rows of a sensor: slower, rates change unseen
-_OTHER_UNIT_S = 0.5  # between rows, which is 1000 times what autopilots log at most
-_AVERAGED_S = ROW_S / 2  # between rows of a sensor, below which they are averaged
+SLOWEST_S = 0.021  # the largest time between rows of a sensor: with more, changes of the rates are missed
+_OTHER_UNIT_S = 0.5  # between rows, 1000 times the longest that autopilots log
+_AVERAGED_S = ROW_S / 2  # between rows of a sensor: if they are closer, they are averaged
 _MOST_S = 600.0
 _AROUND_S = 5.0  # of rows that are kept before and after, for channels that are logged rarely
 
@@ -32,8 +32,9 @@ _AROUND_S = 5.0  # of rows that are kept before and after, for channels that are
 class Sensed:
     """Times (k,) and values of four motors' commands (k,), rates (k, 3) and specific forces (k, 3), readings once each.
 
-    All have rows from `begin_s` to `end_s`; `first_s` is the log's first command. `log` has the rows around, for its
-    other channels. `low_pass_hz` are the filters of forces and rates, and `notes` state which rows were left out.
+    All have rows from `begin_s` to `end_s`; `first_s` is the time of the log's first command. `log` also contains the
+    rows before and after, for its other channels. `low_pass_hz` are the filters of forces and rates, and `notes` state
+    which rows were left out.
     """
 
     log: FlightLog
@@ -69,7 +70,7 @@ class Sensed:
 
     @property
     def apart_s(self) -> tuple[float, float, float]:
-        """How far apart commands, and readings of the gyro and of the accelerometer, usually are."""
+        """The usual times between commands, between readings of the gyro and between readings of the accelerometer."""
         return (
             commands_apart_s(*self.commands[0], self.readings),
             _apart_s(self.rates[0]),
@@ -84,8 +85,8 @@ class Sensed:
 def sensed_in(log: FlightLog, from_s: float, to_s: float) -> Sensed:
     """Return what a log's instruments show between two times since its first row of a command.
 
-    Raises DataError for a log without commands of all motors, rates and accelerations, or sampled too slowly, and
-    ConfigError where too much or too little is between these times.
+    Raises DataError for a log that lacks commands of all motors, rates or accelerations, or is sampled too slowly, and
+    ConfigError where too much or too little lies between these times.
     """
     first = log.channel(command_names(log)[0])[0]
     refuse_repeated_times(log.path, first)
@@ -126,9 +127,10 @@ def sensed_in(log: FlightLog, from_s: float, to_s: float) -> Sensed:
 
 
 def _numbers(time_s: Array, values: Array, what: str, path: Path) -> tuple[Array, Array]:
-    """Return the rows of times (n,) and values (n,) with a number, which others do not hold. Raises DataError for none.
+    """Return the rows of times (n,) and values (n,) that contain a number. Raises DataError if there are none.
 
-    Nobody knows what a motor did without one: such rows are as good as missing.
+    A missing number is not replaced by the one before: what the motor did without a command is unknown, so the row is
+    treated as missing.
     """
     known = np.isfinite(values)
     if not known.any():
@@ -137,7 +139,7 @@ def _numbers(time_s: Array, values: Array, what: str, path: Path) -> tuple[Array
 
 
 def _possible(time_s: Array, values: Array, limits: Limits, what: str, notes: list[str]) -> tuple[Array, Array]:
-    """Return the rows of times (n,) and values (n,) or (n, 3) without a few that cannot be, which `notes` then name."""
+    """Return times (n,) and values (n,) or (n, 3) without a few impossible rows, which are then reported in `notes`."""
     outside = limits.outside(values)
     rows, known = (np.atleast_2d(mask.T) for mask in (outside, np.isfinite(values)))
     wrong, count = rows.any(axis=0), int(np.count_nonzero(rows.any(axis=0)))
@@ -148,12 +150,12 @@ def _possible(time_s: Array, values: Array, limits: Limits, what: str, notes: li
 
 
 def _apart_s(time_s: Array) -> float:
-    """Return how far apart rows at times (n,) usually are."""
+    """Return the usual time between rows at times (n,)."""
     return float(np.median(np.diff(time_s)))
 
 
 def _check_spacing(time_s: Array, log: FlightLog, what: str = "rows") -> None:
-    """Raise DataError for rows, or `what` they show, at times (n,) too far apart for rates to be seen."""
+    """Raise DataError for rows, or `what` they show, at times (n,) too far apart to follow rates."""
     if len(time_s) < 2 or (apart_s := _apart_s(time_s)) <= SLOWEST_S:
         return
     other = f" Here {log.clock}: if they are in a smaller unit, give `time_unit`." if apart_s >= _OTHER_UNIT_S else ""
@@ -164,7 +166,7 @@ def _check_spacing(time_s: Array, log: FlightLog, what: str = "rows") -> None:
 
 
 def _window(time_s: Array, path: Path, from_s: float, to_s: float) -> tuple[float, float]:
-    """Return from when to when rows of times (n,) are fitted. Raises ConfigError for too long, or too little of it."""
+    """Return the first and last time of the rows (n,) to fit. Raises ConfigError for too long or too short a window."""
     begin, end = float(time_s[0]) + from_s, float(min(time_s[-1], time_s[0] + to_s))
     _check_left(end - begin, path)
     if end - begin > _MOST_S:

@@ -1,4 +1,4 @@
-"""Whether the gyro turns as the attitude of the same log does, which needs no motors: it shows axes and signs."""
+"""Check that the gyro turns as the attitude of the same log does: this shows axes and signs, and needs no motors."""
 
 import numpy as np
 import numpy.typing as npt
@@ -8,10 +8,10 @@ from cfid.flight.rows import AXES, ROW_S, Flight
 
 Array = npt.NDArray[np.float64]
 
-_SMOOTHED_ROWS = 10  # the attitude's rows jump by noise, and may come at 30 Hz
+_SMOOTHED_ROWS = 10  # the attitude's rows are noisy, and may come at 30 Hz
 _FEWEST_ROWS = 500
-_ALIKE = 0.5  # of a correlation; public logs have 0.7 to 0.9
-_MORE_ALIKE = 0.2  # by so much than the axis of the same name
+_ALIKE = 0.5  # the least correlation of interest; public logs have 0.7 to 0.9
+_MORE_ALIKE = 0.2  # the least excess of the correlation over that with the axis of the same name
 
 
 def turning_findings(flight: Flight) -> list[Finding]:
@@ -33,7 +33,7 @@ def turning_findings(flight: Flight) -> list[Finding]:
 
 
 def turning_of(flight: Flight) -> tuple[Array, Array] | None:
-    """Return the smoothed rates (k, 3) of gyro and attitude in the air in rad/s, but for their means.
+    """Return the smoothed rates (k, 3) of gyro and of attitude in the air in rad/s, without their means.
 
     Returns None where less than 5 s have both.
     """
@@ -43,7 +43,7 @@ def turning_of(flight: Flight) -> tuple[Array, Array] | None:
     attitude = flight.attitude
     turned = attitude[1:] - attitude[:-1]
     w, vector = attitude[:-1, :1], attitude[:-1, 1:]
-    # Twice the vector part of the conjugate times the change is the turning vector.
+    # Twice the vector part of the quaternion's conjugate times its change is the rotation vector.
     of_attitude = 2 / ROW_S * (w * turned[:, 1:] - turned[:, :1] * vector - np.cross(vector, turned[:, 1:]))
     window = np.ones(_SMOOTHED_ROWS) / _SMOOTHED_ROWS
 
@@ -55,6 +55,6 @@ def turning_of(flight: Flight) -> tuple[Array, Array] | None:
 
 
 def _correlations(rates: Array, of_attitude: Array) -> Array:
-    """Return those (3, 3) of the gyro's rates (k, 3), by row, with those of an attitude (k, 3), by column."""
+    """Return the correlations (3, 3) of the gyro's rates (k, 3), by row, with an attitude's (k, 3), by column."""
     sizes = [np.maximum(np.linalg.norm(one, axis=0), 1e-12) for one in (rates, of_attitude)]
     return np.asarray(rates.T @ of_attitude / np.outer(*sizes))

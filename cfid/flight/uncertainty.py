@@ -1,4 +1,4 @@
-"""How uncertain a fit to flights is: residuals that hang together, manoeuvres that differ, older torques."""
+"""Estimate the uncertainty of a fit to flights: correlated residuals, different manoeuvres, older torques."""
 
 import math
 from collections.abc import Sequence
@@ -12,15 +12,15 @@ from cfid.flight.rows import AXES
 
 Array = npt.NDArray[np.float64]
 
-_PART = 500  # rows: 5 s, in which a flight's manoeuvres change
-_OLDER = 2  # rows, so that no row of an error's difference is in an instrument's
+_PART = 500  # rows: 5 s, after which a flight's manoeuvres are different ones
+_OLDER = 2  # rows, so that the difference of errors and the instrument have no row in common
 
 
 def excess_of_older_torques(jacobian: Array, residual: Array, white: Sequence[White]) -> Array:
-    """Return by how much the last three parameters change if torques of two rows before are instruments, less noise.
+    """Return the change of the last three parameters with torques of two rows before as instruments, less noise.
 
-    An autopilot that answers to the gyro's noise within a row, or rotors that are no first-order lag, make the two
-    differ. Less two standard uncertainties of the difference, so that noise alone changes nothing.
+    The two estimates differ if an autopilot responds to the gyro's noise within a row, or if rotors are not a
+    first-order lag. Two standard uncertainties of the difference are subtracted, so that noise alone changes nothing.
     """
     turns = jacobian[:, -len(AXES) :]
     older = np.zeros_like(turns)
@@ -39,10 +39,10 @@ def excess_of_older_torques(jacobian: Array, residual: Array, white: Sequence[Wh
 
 
 def covariance_of(jacobian: Array, residual: Array, taken: Sequence[Array]) -> Array:
-    """Return the covariance (p, p) of a fit to blocks of rows, from each of which other terms (k, q) were taken.
+    """Return the covariance (p, p) of a fit to blocks of rows, from each of which other terms (k, q) were removed.
 
-    A model that is not quite right errs otherwise in each manoeuvre: where parts of 5 s scatter by more than noise
-    explains, it is wider.
+    An imperfect model has a different error in each manoeuvre: where parts of 5 s scatter by more than noise explains,
+    the covariance is increased.
     """
     lengths = [len(one) for one in taken]
     freedom = 1 - sum(one.shape[1] for one in taken) / len(residual)

@@ -1,4 +1,4 @@
-"""Flights' quantities in their units, their covariances, and what they owe to mass, arm and torque."""
+"""Convert flights' quantities to their units, with covariances and their dependence on mass, arm and torque."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ Array = npt.NDArray[np.float64]
 MOMENTS = {axis: f"flight.inertia_kg_m2.{axis}" for axis in AXES}
 _RISING, _FALLING, _MEAN = "flight.rising_s", "flight.falling_s", "flight.time_constant_s"
 DELAY, SINGLE = "flight.delay_s", "flight.single_lag_s"
-# What these are of the time constants and the delays of accelerometer and gyro.
+# Each quantity's weights on the time constants and the delays of accelerometer and gyro.
 _TIMES = {
     _RISING: (1.0, 0.0, 0.0, 0.0),
     _FALLING: (0.0, 1.0, 0.0, 0.0),
@@ -30,15 +30,16 @@ _TIMES = {
     SINGLE: (0.5, 0.5, 1.0, 0.0),
 }
 TIMES = tuple(_TIMES)
-# Without the battery's voltage, thrust's slope is that of all rotors together, under which a battery gives way: up to
-# 15 % less than that of one rotor against another, which turns the vehicle. The powers with which values go with it.
+# Without the battery's voltage, thrust's slope is that of all rotors together, under which the voltage drops: it is up
+# to 15 % less than that of one rotor against another, which turns the vehicle. `_WITH_SAG` has the powers with which
+# values depend on it.
 LOAD_SAG_STD = 0.08
-# A Crazyflie's firmware divides accelerations by what 200 samples at rest show (processAccScale), zero and all: the
-# zero, 0.02 g (see `estimation`), becomes a scale of all but the weight itself.
+# A Crazyflie's firmware divides accelerations by the mean of 200 samples at rest (processAccScale), which includes the
+# zero error: 0.02 g of it (see `estimation`) become a scale of everything except the weight itself.
 RESCALED_STD = 0.02
-# Thrust falls by k times the speed with which air comes along the rotor's axis. Simulated flights with k of 0.03, 0.06
-# and 0.08 s/m (a propeller without thrust at 12 m/s) gave a falling lag that was 1.6, 2.7 and 3.3 % long, a rising one
-# that was half as much short, and their mean 0.4 times as much long.
+# Thrust falls by k times the speed of the air along the rotor's axis. Simulated flights with k of 0.03, 0.06 and 0.08
+# s/m (a propeller without thrust at 12 m/s) gave a falling lag that was too long by 1.6, 2.7 and 3.3 %, a rising one
+# that was too short by half as much, and a mean of both that was too long by 0.4 times as much.
 INFLOW_STD = 0.02
 _WITH_INFLOW = {_RISING: -0.5, _FALLING: 1.0, _MEAN: 0.4, SINGLE: 0.4}
 _WITH_SAG = {**dict.fromkeys(MOMENTS.values(), 1.0), **dict.fromkeys((_RISING, _FALLING, _MEAN, SINGLE), 0.25)}
@@ -46,11 +47,12 @@ _WITH_SAG = {**dict.fromkeys(MOMENTS.values(), 1.0), **dict.fromkeys((_RISING, _
 
 @dataclass(frozen=True, kw_only=True)
 class Body:
-    """What a flight cannot tell: mass, arm from the centre to a motor's axis, torque of a rotor over its thrust.
+    """What a flight cannot determine: mass, arm from the centre to a motor's axis, torque of a rotor over its thrust.
 
-    Each has its standard uncertainty; None is unknown. `load_sag_std` is the share of thrust's slope that a battery
-    may take by its sag under load, where the log has no voltage, `rescaled_std` the scale of accelerations that a
-    firmware divides by what rest shows, `inflow_std` what inflow does to the falling lag.
+    Each has its standard uncertainty; None is unknown. `load_sag_std` is the share of thrust's slope by which a
+    battery's sag under load may reduce it where the log has no voltage, `rescaled_std` is the uncertainty of the scale
+    of accelerations that a firmware divides by their size at rest, and `inflow_std` is the effect of inflow on the
+    falling lag.
     """
 
     mass_kg: float
@@ -65,12 +67,12 @@ class Body:
 
 
 def thrust_key(found: FlightFit) -> str:
-    """Return the key of the thrust: over the motor's voltage, or over the command."""
+    """Return the key of the thrust, as a function of the motor's voltage or of the command."""
     return "flight.thrust_voltage_poly" if found.in_volts else "flight.thrust_poly"
 
 
 def quantities_of(found: FlightFit, body: Body) -> dict[str, Parameter]:
-    """Return thrust, times and the moments whose lever is known; mass, arm and torque are taken as exact."""
+    """Return thrust, times, and the moments with a known lever; mass, arm and torque are taken as exact."""
     value, covariance = _of_thrust(found, body)
     std = found.std
     quantities = {
@@ -80,7 +82,7 @@ def quantities_of(found: FlightFit, body: Body) -> dict[str, Parameter]:
     for place, axis in enumerate(AXES):
         lever = lever_m(axis, body)
         gain, gain_std = float(found.values[TURNS][place]), float(std[TURNS][place])
-        if lever is not None and gain != 0:  # a dead gyro shows no turning
+        if lever is not None and gain != 0:  # a gyro that is stuck shows no rotation
             moment = lever * body.mass_kg / gain
             quantities[MOMENTS[axis]] = Parameter(value=moment, std=abs(moment * gain_std / gain))
     return quantities
@@ -95,14 +97,14 @@ def times_of(found: FlightFit) -> dict[str, tuple[float, float]]:
 
 
 def lever_m(axis: str, body: Body) -> float | None:
-    """Return the moment of a rotor about an axis over its thrust, None where it is unknown."""
+    """Return a rotor's moment about an axis divided by its thrust, None where it is unknown."""
     if axis == "yaw":
         return body.torque_m
     return None if body.arm_m is None else LEVER * body.arm_m
 
 
 def _of_thrust(found: FlightFit, body: Body) -> tuple[Array, Array]:
-    """Return one rotor's thrust polynomial (3,) in its key's order and units, with its covariance (3, 3)."""
+    """Return one rotor's thrust polynomial (3,) in the order and units of its key, with its covariance (3, 3)."""
     over = 1.0 if found.in_volts else FULL_COMMAND
     outward = np.diag(body.mass_kg / over ** np.arange(3.0))
     if not found.in_volts:
@@ -122,9 +124,9 @@ def covariances_of(found: FlightFit, body: Body) -> tuple[Covariance, ...]:
 def causes_of(
     body: Body, *, in_volts: bool, rescaled: bool
 ) -> tuple[dict[str, dict[Cause, float]], dict[str, dict[str, float]]]:
-    """Return the causes by the unit they scale, and the powers with which quantities have them.
+    """Return the causes by the unit that they scale, and the powers with which quantities depend on them.
 
-    `rescaled` accelerations have a scale that their firmware took from rest.
+    `rescaled` accelerations have a scale that their firmware took at rest.
     """
     mass = Cause("mass", body.mass_std_kg / body.mass_kg if body.mass_std_kg else None)
     arm = Cause("arm", None if not body.arm_m or body.arm_std_m is None else body.arm_std_m / body.arm_m)
@@ -152,7 +154,7 @@ def causes_of(
 
 
 def rescaled_thrust(found: FlightFit, body: Body) -> dict[Cause, dict[str, Array]]:
-    """Return what a scale that a firmware takes from rest does to thrust: all of it but the weight goes with it."""
+    """Return how a scale that a firmware takes at rest affects thrust: it scales everything except the weight."""
     value, _ = _of_thrust(found, body)
     weight = np.zeros_like(value)
     weight[0 if found.in_volts else -1] = body.mass_kg * USUAL_GRAVITY_MPS2 / len(MOTORS)
@@ -164,7 +166,7 @@ def _rescaled(body: Body) -> Cause:
 
 
 def drag_quantities(drags: Mapping[str, AxisDrag | None], body: Body) -> dict[str, Parameter]:
-    """Return drag over mass, and drag, along the axes where it was fitted."""
+    """Return drag over mass, and drag, along the axes with a fit."""
     found = {axis: one for axis, one in drags.items() if one is not None}
     rates = {
         f"flight.drag_over_mass_per_s.{axis}": Parameter(value=one.rate, std=one.std) for axis, one in found.items()
@@ -178,7 +180,7 @@ def drag_quantities(drags: Mapping[str, AxisDrag | None], body: Body) -> dict[st
 
 
 def given(body: Body) -> dict[str, Parameter]:
-    """Return the mass, the arm and the torque over thrust that the rest was scaled by: they belong to it."""
+    """Return the mass, the arm and the torque over thrust that scale the other quantities, to be stored with them."""
     given = {"flight.mass_kg": Parameter(value=body.mass_kg, std=body.mass_std_kg)}
     if body.torque_m is not None:
         given["flight.torque_m"] = Parameter(value=body.torque_m, std=body.torque_std_m)
