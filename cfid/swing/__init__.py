@@ -1,4 +1,4 @@
-"""A free swing to its natural frequency, damping and axis inertia."""
+"""Fit a free swing: its natural frequency, damping and axis inertia."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Swings on the command line: AXIS=FILE, known axis inertias, and numbers of peaks."""
+"""Parse swings on the command line: AXIS=FILE, known axis inertias, and numbers of peaks."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,7 +12,7 @@ from cfid.swing.data import FIXTURE, KnownInertia
 def read_swings(words: Sequence[str], reading: Reading, workplace: Workplace) -> list[AngleRecord | KnownInertia]:
     """Read AXIS=FILE, AXIS=NUMBER, AXIS=NUMBER:STD, fixture=FILE, or a RUN whose label has the axis.
 
-    Raises ConfigError for numbers that are no inertia.
+    Raises ConfigError for numbers that are not an inertia.
     """
     return [_swing(word, reading, workplace) for word in words]
 
@@ -39,7 +39,7 @@ def _known_inertia(name: str, text: str) -> KnownInertia | None:
 
 
 def parse_peaks(text: str | None) -> int | dict[str, int] | None:
-    """Return the number of peaks there are for all axes, or for each: one number, or `x=11,z=16`.
+    """Return the number of peaks for all axes, or for each: one number, or `x=11,z=16`.
 
     Raises ConfigError when it is neither.
     """

@@ -1,8 +1,8 @@
-"""From natural frequencies to inertias about parallel axes through the centre of mass, input by input.
+"""Convert natural frequencies to inertias about parallel axes through the centre of mass, with all uncertain inputs.
 
-The path of section 2.5: I_a = m g r / W, then I_G = I_a - m r^2. On two threads I_G = m g a b / (h W) at once, with a
-and b the threads' distances from the vertical above and below, and h their height. Mass, gravity, centre of mass and
-mounts enter as uncertain inputs; those that several swings share stay shared, and so correlate the results.
+This follows section 2.5: I_a = m g r / W, then I_G = I_a - m r^2. On two threads, I_G = m g a b / (h W) directly, where
+a and b are the threads' distances from the vertical, above and below, and h is their height. Mass, gravity, centre of
+mass and mounts are uncertain inputs; inputs that several swings share stay shared, and so correlate the results.
 """
 
 import math
@@ -21,17 +21,17 @@ from cfid.units import MM
 Array = npt.NDArray[np.float64]
 
 
-# The axis inertia of a compact fixture that was not swung, over its mass times its distance squared: 1 is a point's, 3
-# a cube's beside the axis.
+# The axis inertia of a compact fixture that was not swung, over its mass times its distance squared: 1 for a point, 3
+# for a cube next to the axis.
 _SHAPE, _SHAPE_STD = 2.0, 1 / math.sqrt(3)
 
 
 @dataclass(frozen=True, kw_only=True)
 class MountedSwing:
-    """What was measured about one mount: a natural frequency squared, or an axis inertia already known.
+    """A measurement about one mount: a natural frequency squared, or an axis inertia that is already known.
 
-    `value` is in s^-2 when `known` is false, else in kg m^2. `seen` is whether a gyro showed about what it turned.
-    `name` is that of its recording.
+    `value` is in s^-2 when `known` is false, else in kg m^2. `seen` states whether a gyro showed the axis of rotation.
+    `name` is that of the recording.
     """
 
     axis: str
@@ -44,7 +44,7 @@ class MountedSwing:
 
 @dataclass(frozen=True, kw_only=True)
 class SwungBody:
-    """The body that swung: mass, centre of mass (3,) with standard uncertainties, its mounts by name."""
+    """A body that swings: mass, centre of mass (3,) with standard uncertainties, and its mounts by name."""
 
     mass_kg: float
     mass_std_kg: float
@@ -55,7 +55,7 @@ class SwungBody:
 
 @dataclass(frozen=True, kw_only=True)
 class Surroundings:
-    """Gravity, and the empty fixture; if it was swung, its own natural frequency squared or axis inertia."""
+    """Gravity and the empty fixture; if that was swung, its own natural frequency squared or axis inertia."""
 
     gravity_mps2: float
     gravity_std_mps2: float
@@ -65,7 +65,7 @@ class Surroundings:
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluated:
-    """One evaluation for all swings: inertias about the axis and the centre, distance, unit direction."""
+    """One evaluation for all swings: inertias about the axis and about the centre, distance and unit direction."""
 
     about_axis_kg_m2: Array
     about_centre_kg_m2: Array
@@ -84,7 +84,7 @@ class AxisInertias:
     _mounts: "_Mounts" = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Collect the inputs once; their order is the order of the vectors that `evaluate` takes."""
+        """Collect the inputs once; their order is that of the vectors that `evaluate` takes."""
         object.__setattr__(self, "inputs", tuple(_inputs(self.swings, self.body, self.surroundings)))
         object.__setattr__(self, "_mounts", _Mounts.of(self.swings, self.body, self.inputs))
 
@@ -113,7 +113,7 @@ class AxisInertias:
         )
 
     def _fixture(self, given: Mapping[str, float]) -> tuple[float, float]:
-        """Return gravity moment and axis inertia of the empty fixture, which every swing carries along."""
+        """Return gravity moment and axis inertia of the empty fixture, which takes part in every swing."""
         swung = self.surroundings.fixture_swing
         if self.surroundings.fixture is None:
             return 0.0, 0.0
@@ -125,11 +125,11 @@ class AxisInertias:
 
 
 class _Mounts(NamedTuple):
-    """The mount of each swing: point (n, 3), the axes of its numbers (n, 3, 3), unit vectors of its directions.
+    """The mount of each swing: point (n, 3), axes of its coordinates (n, 3, 3), and unit vectors of its directions.
 
-    `directions` (2, n, 3) are those of the matrix and of the distance, `asides` (2, 2, n, 3) the two vectors across
-    each along which it tilts; `points`, `tilts`, `threads` and `swing` are the places (n, 3), (n, 2), (n, 4) and (n,)
-    of the inputs, those of threads for a body that hangs `on_threads` (n,).
+    `directions` (2, n, 3) are the directions for the inertia matrix and for the distance. `asides` (2, 2, n, 3) are,
+    for each, the two perpendicular vectors along which it tilts. `points` (n, 3), `tilts` (n, 2), `threads` (n, 4) and
+    `swing` (n,) are the indices of the inputs; those of threads apply where the body hangs `on_threads` (n,).
     """
 
     point_m: Array
@@ -144,7 +144,7 @@ class _Mounts(NamedTuple):
 
     @classmethod
     def of(cls, swings: Sequence[MountedSwing], body: SwungBody, inputs: Sequence[Input]) -> "_Mounts":
-        """Collect the mounts of swings."""
+        """Collect the mounts of all swings."""
         mounts = [body.mounts[swing.axis] for swing in swings]
         place = {given.name: i for i, given in enumerate(inputs)}
         pairs = [(mount.direction, mount.distance_direction or mount.direction) for mount in mounts]
@@ -165,7 +165,7 @@ class _Mounts(NamedTuple):
         )
 
     def placed(self, values: Array, centre_m: Array) -> tuple[Array, Array]:
-        """Return distances (n,) from the centre of mass and directions (n, 3), moved by their errors."""
+        """Return distances (n,) from the centre of mass and directions (n, 3), shifted by the input values."""
         point = self.point_m + np.einsum("nj,njk->nk", values[self.points], self.axes)
         tilt = values[self.tilts]
         moved = self.directions + tilt[:, 0, None] * self.asides[:, 0] + tilt[:, 1, None] * self.asides[:, 1]
@@ -176,7 +176,7 @@ class _Mounts(NamedTuple):
         return np.where(self.on_threads, 0.0, distance), direction
 
     def levers(self, values: Array, distance_m: Array) -> Array:
-        """Return what mass times gravity is multiplied by (n,): the distance, or a b / h of threads."""
+        """Return the levers (n,) of the weight: the distance, or a b / h for threads."""
         if not self.on_threads.any():
             return distance_m
         above, below, length, lost = values[self.threads].T
@@ -225,7 +225,7 @@ def _inputs(swings: Sequence[MountedSwing], body: SwungBody, around: Surrounding
 
 
 def _numbers(threads: ThreadPair) -> list[tuple[float, float]]:
-    """Return both distances, the length, and what is lost off the centre, each with its standard uncertainty."""
+    """Return both distances, the length, and the loss by an offset centre, each with its standard uncertainty."""
     return [*zip(*threads.lengths_m, strict=True), threads.off_centre]
 
 
@@ -234,14 +234,14 @@ def _unit(vector: Vector) -> Array:
 
 
 def _across(unit: Array) -> Array:
-    """Return two unit vectors (2, 3) across a unit vector and each other."""
+    """Return two unit vectors (2, 3) perpendicular to a unit vector and to each other."""
     aside = np.cross(unit, np.eye(3)[np.argmin(np.abs(unit))])
     aside /= np.linalg.norm(aside)
     return np.stack([aside, np.cross(unit, aside)])
 
 
 def swung_test_body(body: TestBody) -> SwungBody:
-    """Return the test body as something that swings, its centre of mass from the drawing."""
+    """Return the test body as a body that swings, with the centre of mass from the drawing."""
     centre = from_cuboids(body.cuboids, mass_kg=body.mass_kg).centre_m
     return SwungBody(
         mass_kg=body.mass_kg,
@@ -262,7 +262,7 @@ class MassProperties:
 
 
 def axis_inertia(inertia_kg_m2: Array, direction: Vector | Array) -> float:
-    """Return the inertia about an axis through the same point, eq. 2.2 with the matrix' own entries: u' I u."""
+    """Return the inertia about an axis through the same point, u' I u: eq. 2.2 with the matrix' own entries."""
     unit = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
     return float(unit @ inertia_kg_m2 @ unit)
 
@@ -270,7 +270,7 @@ def axis_inertia(inertia_kg_m2: Array, direction: Vector | Array) -> float:
 def from_cuboids(cuboids: Sequence[Cuboid], *, mass_kg: float, scale: Array | None = None) -> MassProperties:
     """Return the mass properties of boxes of one density (eq. 2.21 and 2.3, C.1.5).
 
-    `scale`, shape (boxes, 3), stretches the edges; it serves to try how much a length matters.
+    `scale`, shape (boxes, 3), multiplies the edges, to find how much the result depends on a length.
     """
     sizes = MM * np.array([cuboid.size_mm for cuboid in cuboids])
     sizes = sizes if scale is None else sizes * scale

@@ -1,7 +1,7 @@
-"""Whether a fitted pendulum describes its record: misfit, waveform and drift, each with its limit, and other findings.
+"""Check whether a fitted pendulum describes its record: misfit, waveform and drift against limits, and other findings.
 
-The limits lie between the two public records that cfid is checked with: a sound rig stays below each of them by a
-factor of three or more, and one with a soft arm and a dragging cable exceeds the limit of the waveform.
+The limits lie between the two public records that cfid is checked with: a good rig stays below each limit by a factor
+of three or more, and a rig with a soft arm and a dragging cable exceeds the limit of the waveform.
 """
 
 import math
@@ -22,13 +22,13 @@ Array = npt.NDArray[np.float64]
 MISFIT_LIMIT = 0.02
 DISTORTION_LIMIT = 0.0015
 DRIFT_LIMIT = 0.01
-_UNUSUAL_STD = 4.0  # of what data sheets state for the scale of a gyro
+_UNUSUAL_STD = 4.0  # of the standard uncertainty that data sheets state for the scale of a gyro
 SPRING_LIMIT = 0.03  # of gravity's stiffness
-_UNCERTAIN_LIMIT = 0.1  # of W: a pendulum that follows noise as well
+_UNCERTAIN_LIMIT = 0.1  # of W: with more, the pendulum may have followed noise
 
-IDENTIFIABLE_BIC = 10.0  # [KR]: a difference below it is no strong evidence
-_SPRING_THAT_MISLEADS = 4e-3  # of gravity: more than all else leaves uncertain
-_SPRING_THAT_MATTERS = 1e-3  # of gravity: as much as mass and distance leave uncertain
+IDENTIFIABLE_BIC = 10.0  # [KR]: a smaller difference is not strong evidence
+_SPRING_THAT_MISLEADS = 4e-3  # of gravity: more than all other uncertainties together
+_SPRING_THAT_MATTERS = 1e-3  # of gravity: as much as the uncertainties of mass and distance
 _LED_BY_HAND = 0.15  # of the release angle
 
 _ALL = "swing.*"
@@ -39,9 +39,9 @@ _BLOCKS_A_PERIOD = 12
 class FitQuality:
     """How well a pendulum describes its record; all figures are relative.
 
-    `misfit`: rms of the residual's block means over the start angle. `distortion`: the same after each
-    period's own amplitude, phase and zero have been taken out, which leaves the waveform. `drift`: change
-    of W from the first to the second half of the window, with its standard uncertainty `drift_std`.
+    `misfit` is the rms of the residual's block means over the start angle. `distortion` is the same after each period's
+    own amplitude, phase and zero have been removed, which leaves the waveform. `drift` is the change of W from the
+    first to the second half of the window, with its standard uncertainty `drift_std`.
     """
 
     misfit: float
@@ -52,7 +52,7 @@ class FitQuality:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """A rejection for each limit that is exceeded."""
+        """The rejections, one for each exceeded limit."""
         found = []
         if not self.misfit <= MISFIT_LIMIT:
             found.append(
@@ -93,7 +93,7 @@ def judge(fit: OutputError, time_s: Array, *, resolution_rad: float, drift: floa
     residual = fit.residual_rad
     noise_variance = float(np.mean(np.diff(residual) ** 2)) / 2
     distorted = block_means(_waveform_residual(fit, time_s, period), length=block)
-    # Noise and the encoder's steps leave something in the block means too.
+    # Noise and the encoder's steps also contribute to the block means.
     allowed = (DISTORTION_LIMIT * start) ** 2 + 2 * noise_variance / block + resolution_rad**2 / 12
     return FitQuality(
         misfit=_rms(block_means(residual, length=block)) / start,
@@ -105,12 +105,12 @@ def judge(fit: OutputError, time_s: Array, *, resolution_rad: float, drift: floa
 
 
 def _waveform_residual(fit: OutputError, time_s: Array, period: float) -> Array:
-    """Return the residual less, in each period, its best fit by the model's angle, speed and a constant."""
+    """Return the residual minus its best fit in each period by the model's angle, its speed and a constant."""
     trajectory = fit.trajectory
     model = sample(trajectory, time_s)
     nodes_s = trajectory.start_s + trajectory.step_s * np.arange(len(trajectory.speed_rad_per_s))
     speed = np.interp(time_s, nodes_s, trajectory.speed_rad_per_s)
-    if fit.setup.gyro_per_s is not None:  # a rate and its own rate of change
+    if fit.setup.gyro_per_s is not None:  # the recorded quantity is a rate: use it and its derivative
         model = np.sin(model)
     left = fit.residual_rad.copy()
     edges = np.searchsorted(time_s, np.arange(time_s[0], time_s[-1], period))
@@ -143,7 +143,7 @@ def eccentricity_finding(fit: OutputError) -> tuple[Finding, ...]:
 
 
 def eccentricity_or_noise_finding(degrees: float | None, moves: float) -> tuple[Finding, ...]:
-    """Note an eccentricity in degrees that noise may have drawn, and by how much it `moves` W relatively."""
+    """Note an eccentricity in degrees that noise may have caused, and its relative effect on W, `moves`."""
     if degrees is None:
         return ()
     text = (
@@ -166,9 +166,10 @@ def uncertain_finding(fit: OutputError, std_s2: float) -> tuple[Finding, ...]:
 
 
 def spring_finding(fit: OutputError, uncertain_s2: float, unseen_s2: float) -> tuple[Finding, ...]:
-    """Warn of a spring beside gravity, reject a stiff one, or state from which on the record would have shown one.
+    """Warn of a spring in addition to gravity, reject a stiff one, or state which springs the record cannot show.
 
-    A spring leaves W uncertain by `uncertain_s2`; one up to `unseen_s2` raises W by as much and does not show.
+    A fitted spring adds the uncertainty `uncertain_s2` to W; springs up to `unseen_s2` raise W by as much and do not
+    show.
     """
     frequency, spring = fit.coefficients.natural_frequency_squared_s2, fit.setup.spring_per_s2
     if spring > SPRING_LIMIT * frequency:
@@ -196,9 +197,9 @@ def spring_finding(fit: OutputError, uncertain_s2: float, unseen_s2: float) -> t
 
 
 def spring_or_friction_finding(spring: float, moves: float) -> tuple[Finding, ...]:
-    """Warn of a spring, relative to gravity's stiffness, or noise or friction like it.
+    """Warn of a spring, relative to gravity's stiffness, that may be noise or friction instead.
 
-    It `moves` W relatively, 0 for none.
+    `moves` is its relative effect on W, 0 for no spring.
     """
     if not moves:
         return ()
@@ -224,7 +225,7 @@ def unfinished_finding(unfinished: OutputError | None, shares: Mapping[str, floa
 
 
 def varying_finding(varying: FrictionProbe | None) -> tuple[Finding, ...]:
-    """Warn of dry friction that varies as the model's does not."""
+    """Warn of dry friction that varies in a way that the model does not describe."""
     if varying is None:
         return ()
     consequence = "taken off" if varying.varies_with == "angle" else "added to the uncertainty"
@@ -237,7 +238,7 @@ def varying_finding(varying: FrictionProbe | None) -> tuple[Finding, ...]:
 
 
 def gyro_scale_finding(error: float, usual_std: float) -> tuple[Finding, ...]:
-    """Warn of a gyro whose scale is off by more than any sound one's, `usual_std` of it."""
+    """Warn of a gyro's scale error beyond those of working gyros, whose standard uncertainty is `usual_std`."""
     if abs(error) <= _UNUSUAL_STD * usual_std:
         return ()
     text = (
@@ -249,7 +250,7 @@ def gyro_scale_finding(error: float, usual_std: float) -> tuple[Finding, ...]:
 
 
 def split_finding(terms: tuple[str, ...], split_bic: float) -> tuple[Finding, ...]:
-    """Note that another choice of damping terms is as likely."""
+    """Note that another choice of damping terms is equally likely."""
     if split_bic >= IDENTIFIABLE_BIC:
         return ()
     chosen = ", ".join(terms) or "none"
@@ -262,7 +263,7 @@ def split_finding(terms: tuple[str, ...], split_bic: float) -> tuple[Finding, ..
 
 
 def hand_finding(swing: FreeSwing, fit: OutputError) -> tuple[Finding, ...]:
-    """Report when the motion just after the release was not the pendulum's own."""
+    """Report motion just after the release that is not the pendulum's own."""
     measured = float(swing.angle_rad[swing.release])
     missed = abs(fit.start_angle_rad - measured)
     if swing.hand_gone == swing.release or missed < _LED_BY_HAND * abs(measured):

@@ -1,4 +1,4 @@
-"""Choose between models of one swing by BIC, and state how much the choice matters."""
+"""Choose between models of one swing by BIC, and estimate the effect of the choice."""
 
 import math
 from typing import NamedTuple
@@ -9,13 +9,15 @@ from cfid.swing.free_swing import FreeSwing
 from cfid.swing.model import TERMS, OutputError
 from cfid.swing.uncertainty import inflation, shows_despite_friction, spring_beside
 
-_TAKEN_STD = 5.0  # of what is taken out: noise draws weaker springs and eccentricities, and W moves with them
+# A spring or an eccentricity stays in the model only if it exceeds this many standard uncertainties: noise causes
+# smaller ones, which change W.
+_TAKEN_STD = 5.0
 
 Ranked = list[tuple[float, OutputError]]
 
 
 class Choice(NamedTuple):
-    """Models with their BIC, best first, and those that were better with a part that noise may have drawn."""
+    """Models with their BIC, best first, and any that were better but have a part that noise may have caused."""
 
     ranked: Ranked
     with_spring: OutputError | None
@@ -23,7 +25,7 @@ class Choice(NamedTuple):
 
 
 def chosen(swing: FreeSwing, fits: list[OutputError]) -> Choice:
-    """Choose by BIC; where the best one's spring or eccentricity may be noise, choose among those without."""
+    """Choose by BIC; if the spring or eccentricity of the best may be noise, choose among the models without it."""
     ranked = ranked_by_bic(fits)
     with_spring = with_eccentricity = None
     for _ in range(2):
@@ -55,7 +57,7 @@ def _weakly_eccentric(best: OutputError, fits: list[OutputError]) -> bool:
 
 
 def _effective(fit: OutputError) -> float:
-    """Return the number of samples of white noise that say as much."""
+    """Return the number of samples of white noise with the same information."""
     return max(len(fit.residual_rad) / inflation(fit.residual_rad, fit), len(TERMS) + 5)
 
 
@@ -75,7 +77,7 @@ def _count(fit: OutputError) -> int:
 
 
 def spread_of_choices(ranked: Ranked) -> float:
-    """Return how far W scatters over the choices of damping, each as likely as its BIC makes it [HMRV]."""
+    """Return the scatter of W over the choices of damping, weighted by the likelihood from their BIC [HMRV]."""
     likely = np.exp(-0.5 * np.array([score - ranked[0][0] for score, _ in ranked]))
     frequencies = np.array([fit.coefficients.natural_frequency_squared_s2 for _, fit in ranked])
     return float(np.sqrt(likely @ (frequencies - frequencies[0]) ** 2 / likely.sum()))

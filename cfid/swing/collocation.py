@@ -1,4 +1,4 @@
-"""The pendulum's equation of motion, collocated: how its solution moves with the coefficients and the start.
+"""Solve the pendulum's equation of motion by collocation, with sensitivities to the coefficients and the start.
 
 Hermite-Simpson collocation [HS] on a uniform grid makes the equation a banded system, which gives both the Newton
 correction of a trajectory and its sensitivity to every parameter at once ("lifted" Newton [AD]).
@@ -12,8 +12,8 @@ from scipy.linalg.lapack import dtbtrs
 
 Array = npt.NDArray[np.float64]
 
-_PROBED_RAD_PER_S = 0.3, 0.8  # speeds below which static friction is larger than sliding
-_HELD = 0.95  # Coulomb friction over gravity's pull from which on the pendulum hardly returns
+_PROBED_RAD_PER_S = 0.3, 0.8  # speeds below which static friction exceeds sliding friction
+_HELD = 0.95  # Coulomb friction relative to gravity's pull: above it, the pendulum hardly returns
 
 
 class Coefficients(NamedTuple):
@@ -27,9 +27,10 @@ class Coefficients(NamedTuple):
 
 
 class Threads(NamedTuple):
-    """What two threads make of a pendulum's equation, in which a body turns about the vertical: see `model`.
+    """The effect of two threads on a pendulum's equation, where a body turns about the vertical: see `model`.
 
-    `ratio` is a b / h^2 and `fall_s2` a b / (g h), of threads a and b from the vertical above and below, h high.
+    `ratio` is a b / h^2 and `fall_s2` is a b / (g h), with a and b the threads' distances from the vertical, above and
+    below, and h their height.
     """
 
     ratio: float
@@ -40,7 +41,7 @@ NO_THREADS = Threads(0.0, 0.0)
 
 
 class Forces(NamedTuple):
-    """What pulls a body back beside gravity: threads, and a spring, as of a cable, over the axis inertia."""
+    """Restoring effects in addition to gravity: threads, and a spring, such as a cable, divided by the axis inertia."""
 
     threads: Threads = NO_THREADS
     spring_per_s2: float = 0.0
@@ -86,7 +87,7 @@ def _acceleration(
 
 
 def _pull_of_threads(sine: Array, cosine: Array, ratio: float) -> tuple[Array, Array, Array]:
-    """Return sin phi / s, with s the threads' height over that at rest, and its first two derivatives."""
+    """Return sin phi / s, with s the threads' height relative to that at rest, and its first two derivatives."""
     s = np.sqrt(1 - 2 * ratio * (1 - cosine))
     slope = cosine / s + ratio * sine**2 / s**3
     bend = -sine / s + 3 * ratio * sine * cosine / s**3 + 3 * ratio**2 * sine**3 / s**5
@@ -96,7 +97,7 @@ def _pull_of_threads(sine: Array, cosine: Array, ratio: float) -> tuple[Array, A
 def _lifted(
     level: _Acceleration, pull: Array, slope: Array, bend: Array, *, speed: Array, stiffness: float, fall_s2: float
 ) -> _Acceleration:
-    """Return the acceleration of a body that rises as it turns, which adds to its inertia."""
+    """Return the acceleration of a body that rises as it turns, which increases its effective inertia."""
     carried = 1 + stiffness * fall_s2 * pull**2
     value = (level.value - stiffness * fall_s2 * pull * slope * speed**2) / carried
     climbs = (slope**2 + pull * bend) * speed**2 + 2 * pull * slope * value
@@ -111,10 +112,10 @@ def _lifted(
 def _turning_width(pull: Array, speed: Array, coulomb: float | Array, step: float) -> Array:
     """Return the speed within which sgn(phi') is replaced by a straight line, so that nothing jumps.
 
-    At a turning point the speed runs through zero at the rate P + s on the way out and P - s on the way
-    back, P = W |sin phi|. With x = s / P, a line of width P step h / (g + h) on the way out and
-    P step g / (g + h) on the way back, g = ln(1+x)/x - 1/(1+x) and h = 1/(1-x) + ln(1-x)/x, leaves the
-    speed after the turn as the jump would: friction's whole impulse is kept, and with it the period.
+    At a turning point, the speed passes through zero at the rate P + s on the way out and P - s on the way back, with P
+    = W |sin phi|. With x = s / P, a line of width P step h / (g + h) on the way out and P step g / (g + h) on the way
+    back, g = ln(1+x)/x - 1/(1+x) and h = 1/(1-x) + ln(1-x)/x, gives the same speed after the turn as the jump would:
+    friction's whole impulse is preserved, and with it the period.
     """
     size = np.abs(pull) + 1e-12
     ratio = np.clip(coulomb / size, -_HELD, _HELD)
@@ -166,8 +167,8 @@ def linearised(
 def _solved(left: Array, right: Array, sides: Array, begin: Array) -> Array:
     """Solve left x[i] + right x[i + 1] = sides for all nodes from the first on, x[0] = begin in the first column.
 
-    Blocks are (2, 2, n - 1), sides (2, m, n - 1). Returns (2n, m + 2); the last two columns begin with the identity
-    and have no sides. With each cell solved for its right node what is left is a triangle.
+    Blocks are (2, 2, n - 1), sides (2, m, n - 1). Returns (2n, m + 2); the last two columns start with the identity and
+    have no sides. When each cell is solved for its right node, the remaining system is triangular.
     """
     determinant = right[0, 0] * right[1, 1] - right[0, 1] * right[1, 0]
     if not determinant.all():
@@ -185,9 +186,9 @@ def _solved(left: Array, right: Array, sides: Array, begin: Array) -> Array:
 
 
 def _cells(a_angle: Array, a_speed: Array, middle: _Acceleration, step: float) -> tuple[Array, Array]:
-    """Return the derivatives of each cell's two Hermite-Simpson equations, position's and speed's, (2, 2, n - 1).
+    """Return the derivatives (2, 2, n - 1) of each cell's two Hermite-Simpson equations, for position and for speed.
 
-    The first are those by angle and speed at the cell's left node, the second at its right.
+    The first array has those with respect to angle and speed at the cell's left node, the second at its right node.
     """
     left, right = slice(None, -1), slice(1, None)
     m_angle, m_speed = middle.by_angle, middle.by_speed

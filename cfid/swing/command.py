@@ -1,4 +1,4 @@
-"""`cfid fit swing`: one swing to its natural frequency, and with mass and distance to an axis inertia."""
+"""Provide `cfid fit swing`: a natural frequency from one swing, and with mass and distance, an axis inertia."""
 
 import math
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""What swung about what: recordings with their mounts, the body, gravity and the fixture; checked, in SI."""
+"""Prepare what a swing's fit needs: recordings with their mounts, the body, gravity and the fixture; checked, in SI."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping
@@ -27,15 +27,16 @@ Array = npt.NDArray[np.float64]
 FIXTURE = "fixture"
 
 _MOST_ROWS = 2_000_000  # half an hour at 1 kHz
-_GAP_S = 0.25  # between rows of a gyro, across which an angle is known no more
-_HELD_S = 5.0  # before the release, and after the swing at least
-_APART_STD = 4.0  # of a stated direction and a gyro's: beyond, one of them is wrong
-_GIVEN = "given"  # the mount that a distance given as a number makes
+_GAP_S = 0.25  # between rows of a gyro: across a longer gap, its angle is unknown
+_HELD_S = 5.0  # kept before the release, and at least this long after the swing
+# Between a stated direction and a gyro's: beyond this limit, one of them is wrong.
+_APART_STD = 4.0
+_GIVEN = "given"  # the mount made from a distance that is given as a number
 
 
 @dataclass(frozen=True)
 class KnownInertia:
-    """An inertia about a mount's axis that is known already, with its standard uncertainty."""
+    """A known inertia about a mount's axis, with its standard uncertainty."""
 
     mount: str
     value_kg_m2: float
@@ -49,7 +50,7 @@ class KnownInertia:
 
 
 def rig_around(records: Iterable[AngleRecord], rig: Rig | None) -> Rig | None:
-    """Return the rig given, else that of the campaign which the recordings lie in, if they do."""
+    """Return the rig if it is given, else that of the campaign that contains the recordings, if any."""
     if rig is not None:
         return rig
     campaigns = (find_campaign(None, start=record.path.resolve().parent) for record in records)
@@ -57,7 +58,7 @@ def rig_around(records: Iterable[AngleRecord], rig: Rig | None) -> Rig | None:
 
 
 def rig_or_thesis(records: Iterable[AngleRecord], rig: Rig | None) -> tuple[Rig, tuple[Finding, ...]]:
-    """Return the rig as `rig_around` finds it, else the thesis' with a note."""
+    """Return the rig that `rig_around` finds, else that of the thesis with a note."""
     found = rig_around(records, rig)
     if found is not None:
         return found, ()
@@ -66,7 +67,7 @@ def rig_or_thesis(records: Iterable[AngleRecord], rig: Rig | None) -> tuple[Rig,
 
 
 def swing_in(record: AngleRecord, threads: Threads = NO_THREADS, **window: Any) -> FreeSwing:
-    """Find the free swing of a recording; `threads` are those that the body hangs on, `window` as `find_swing` has it.
+    """Find the free swing of a recording; `threads` carry the body, `window` are arguments of `find_swing`.
 
     Raises DataError that names the file.
     """
@@ -99,7 +100,7 @@ def _unsummed(record: AngleRecord) -> str:
 
 
 def threads_of(mount: Mount | None, gravity_mps2: float) -> Threads:
-    """Return what a mount's threads make of the equation of motion, if it has any."""
+    """Return the effect of a mount's threads on the equation of motion, if it has any."""
     if mount is None or mount.threads is None:
         return NO_THREADS
     above, below, length = mount.threads.lengths_m[0]
@@ -108,10 +109,10 @@ def threads_of(mount: Mount | None, gravity_mps2: float) -> Threads:
 
 
 def turned_about(body: SwungBody, records: Iterable[AngleRecord]) -> tuple[SwungBody, tuple[tuple[str, Finding], ...]]:
-    """Return a body whose mounts have the directions that a gyro turned about, and a finding for each such mount.
+    """Return a body with each mount's direction as a gyro showed it, and a finding for each such mount.
 
-    What rig.toml states counts as its uncertainty allows, and not at all where it states none. A direction that the
-    gyro contradicts is rejected, and stays.
+    The direction in rig.toml is weighted by its uncertainty, and not used if it has none. If the gyro contradicts it,
+    the finding is a rejection, and the stated direction is kept.
     """
     seen: dict[str, list[Array]] = {}
     for record in records:
@@ -153,7 +154,7 @@ def _with_direction(mount: Mount, axes: list[Array]) -> tuple[Mount, Finding]:
 def _find_in_long(
     time_s: Array, angle_rad: Array, *, from_s: float | None = None, to_s: float | None = None, **how: Any
 ) -> FreeSwing:
-    """Find a free swing in a long record (n,) by some of its samples, then in all samples around it."""
+    """Find a free swing in a long record (n,) from every few samples, then in all samples around it."""
     every = -(-len(time_s) // _MOST_ROWS)
     coarse = find_swing(time_s[::every], angle_rad[::every], from_s=from_s, to_s=to_s, **how)
     begin_s, end_s = coarse.release_s, float(coarse.time_s[coarse.end])
@@ -182,7 +183,7 @@ def _find_in_long(
 def check_peaks(peaks: int | Mapping[str, int] | None, axes: Iterable[str]) -> None:
     """Check numbers of peaks, one for all axes or one for each.
 
-    Raises ConfigError below four, and for an axis that no swing is about.
+    Raises ConfigError for numbers below four, and for an axis without a swing.
     """
     axes = list(axes)
     if isinstance(peaks, Mapping):
@@ -219,7 +220,7 @@ def vehicle(rig: Rig, mass_kg: float | None, mass_std_kg: float | None = None) -
 def drawn_body(rig: Rig, mass_kg: float | None, mass_std_kg: float | None = None) -> TestBody:
     """Return the test body of rig.toml; `mass_kg` and `mass_std_kg` replace its own.
 
-    Raises ConfigError when rig.toml describes none, and for a mass of zero or less.
+    Raises ConfigError when rig.toml does not describe one, and for a mass of zero or less.
     """
     check_positive(mass_kg=mass_kg)
     if rig.testbody is None:
@@ -234,11 +235,11 @@ def surroundings(
     gravity_std_mps2: float | None = None,
     fixture_swing: MountedSwing | None = None,
 ) -> Surroundings:
-    """Return gravity and, with a swing of it, the empty fixture.
+    """Return gravity and, if it was swung, the empty fixture.
 
     `gravity_mps2` and `gravity_std_mps2` replace those of rig.toml.
 
-    Raises ConfigError when a fixture swung that rig.toml does not describe, and for gravity of zero or less.
+    Raises ConfigError for a swing of a fixture that rig.toml does not describe, and for gravity of zero or less.
     """
     check_positive(gravity_mps2=gravity_mps2)
     if fixture_swing is not None and rig.fixture is None:
@@ -255,13 +256,13 @@ _WEIGHED = tuple(f"vehicle.{key}" for key in ("mass_kg", "mass_std_kg", "centre_
 
 
 def rests_on(axes: Iterable[str], *, body: str | None = None) -> tuple[str, ...]:
-    """Return what of rig.toml the inertia of a body rests on that swung about some axes, by its keys."""
+    """Return the keys of rig.toml on which the inertia of a body depends that swung about these axes."""
     if body == "testbody":
         return ("site", "fixture", "testbody")
     return ("site", "fixture", *_WEIGHED, *(f"mounts.{axis}" for axis in axes))
 
 
-Given = tuple[float | None, float | None]  # a number and its standard uncertainty, where given
+Given = tuple[float | None, float | None]  # a number and its standard uncertainty, each None if not given
 
 
 def body_of_swing(
@@ -269,9 +270,8 @@ def body_of_swing(
 ) -> tuple[SwungBody, str] | None:
     """Return the body that swung and its mount's name, or None where only a frequency can be found.
 
-    A mass and a distance that were given, each with its standard uncertainty, make a mount of their own; else the axis
-    has to be a mount of the rig.
-    Raises ConfigError where one of them is missing.
+    A given mass and distance, each with its standard uncertainty, make a mount of their own; otherwise the axis has to
+    be a mount of the rig. Raises ConfigError where one of them is missing.
     """
     (mass_kg, mass_std_kg), (distance_m, distance_std_m) = mass, distance
     if distance_m is not None:
@@ -289,7 +289,7 @@ def body_of_swing(
 def check_mounts(names: Iterable[str], mounts: Mapping[str, Mount], *, table: str) -> None:
     """Check that every name is a mount of a table of rig.toml.
 
-    Raises ConfigError naming the mounts there are.
+    Raises ConfigError that lists the existing mounts.
     """
     for name in names:
         if name not in mounts:

@@ -1,4 +1,4 @@
-"""Notices, during the recording of a swing, that nothing was released."""
+"""Notice during the recording of a swing that nothing was released."""
 
 import math
 from collections.abc import Sequence
@@ -9,14 +9,14 @@ import numpy as np
 from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
 
 _RELEASED_WITHIN_S = 20.0
-_MOVED_DEG = 4.0  # between extremes: a swing worth fitting begins with more
+_MOVED_DEG = 4.0  # between extremes: a usable swing starts with more
 
 
 class Release:
-    """Looks for motion in an encoder's rows: extremes of the angle, in bounded memory; speaks once."""
+    """Look for motion in an encoder's rows, by extremes of the angle, in bounded memory; report at most once."""
 
     def __init__(self, turn: float | str) -> None:
-        """Take a turn in the unit of the recorded angle, or the word of rig.toml for it."""
+        """Set one turn in the unit of the recorded angle, or as the name rig.toml has for that unit."""
         self._words = turn == RLS_13BIT_IN_22
         self._turn = float(STEPS_PER_TURN) if self._words else float(turn)
         self._begin_s = self._last = math.nan
@@ -24,7 +24,7 @@ class Release:
         self._done = False
 
     def __call__(self, device: str, columns: Sequence[Any]) -> str:
-        """Take new rows of the encoder, `t` and the angle; return what is wrong, "" for nothing."""
+        """Add new rows of the encoder, `t` and the angle; return what is wrong, "" for nothing."""
         if self._done or device != "encoder":
             return ""
         counts = np.asarray(columns[1])

@@ -1,6 +1,6 @@
-"""The default fit of a swing: damping terms chosen by the data, standard uncertainties, and checks.
+"""Fit a swing by the default method: damping terms chosen by the data, standard uncertainties, and checks.
 
-It finds the natural frequency and the damping per inertia; `result` makes kg m^2 of them.
+It finds the natural frequency and the damping per inertia; `result` converts them to kg m^2.
 """
 
 import math
@@ -55,29 +55,30 @@ from cfid.swing.uncertainty import (
 
 Array = npt.NDArray[np.float64]
 
-PHASE_STEP = 0.08  # rad of the natural oscillation a grid step may span: phase error 1e-7
+PHASE_STEP = 0.08  # rad of the natural oscillation, the longest grid step: phase error 1e-7
 _SUBSETS = [subset for size in (1, 2) for subset in combinations(TERMS, size) if subset != ("viscous",)]
 _HOPELESS_BIC = 100.0
 _DAMPING = Coefficients._fields[1:4]
-_ECCENTRIC_RAD = 0.05  # more is no eccentricity of a disc
-_TRIED_ECCENTRIC = 2  # of the choices of damping, the best
-_SHOWN_STD = 3.0  # of a spring that makes W uncertain
-_LIKE_FRICTION = 0.1  # spring over gravity: friction resembles small ones, and of larger ones the model is at fault
-_STIFFEST = 1.0  # spring over gravity: an angle in a wrong unit resembles a stiffer one
+_ECCENTRIC_RAD = 0.05  # more cannot be the eccentricity of a disc
+_TRIED_ECCENTRIC = 2  # the number of best choices of damping that are tried with eccentricity
+_SHOWN_STD = 3.0  # of a spring: with less, it does not contribute to the uncertainty of W
+# Spring over gravity: friction resembles smaller springs; a larger one means that the model is wrong.
+_LIKE_FRICTION = 0.1
+_STIFFEST = 1.0  # spring over gravity: an angle in a wrong unit looks like a stiffer one
 _LEAST_ROWS = 16
-_CLEARLY_BETTER = 0.95  # of the sum of squares
-_VARIES_STD = 4.0  # of a probe of dry friction: sound swings stay below
-_VARIES_USUALLY = 0.25  # of the Coulomb friction, over the angle: a bearing that nobody measured
+_CLEARLY_BETTER = 0.95  # ratio of the sums of squares
+_VARIES_STD = 4.0  # of a probe of dry friction: swings on working rigs stay below
+_VARIES_USUALLY = 0.25  # of the Coulomb friction, over the angle: assumed for a bearing that was not measured
 
 
 @dataclass(frozen=True, kw_only=True)
 class SwingFit:
     """A swing's natural frequency squared and damping, each damping term divided by the axis inertia.
 
-    `std` has the fields of `coefficients`; `start_std` belongs to the start angle and speed. `split_bic` is
-    the distance in BIC to the next best choice of terms, `budget_s2` has the parts of W's standard uncertainty. W is
-    that of `output_error` less what dry friction that varies over the angle moves it. A gyro's rates are taken as too
-    large by `gyro_scale_error`; `predicted_rad` (n,) are the readings without residual.
+    `std` has the fields of `coefficients`; `start_std` belongs to the start angle and speed. `split_bic` is the
+    distance in BIC to the next best choice of terms, and `budget_s2` has the parts of W's standard uncertainty. W is
+    that of `output_error`, corrected for the effect of dry friction that varies over the angle. A gyro's rates are
+    taken as too large by `gyro_scale_error`; `predicted_rad` (n,) are the readings without residual.
     """
 
     output_error: OutputError
@@ -103,10 +104,10 @@ class SwingFit:
 def fit_swing(swing: FreeSwing) -> SwingFit:
     """Fit the damped pendulum to a free swing, with the damping terms that the data supports.
 
-    The subset of viscous, Coulomb and quadratic damping (all >= 0) with the least BIC is taken, samples
-    counted by their effective number. W hardly depends on the choice.
+    The subset of viscous, Coulomb and quadratic damping (all >= 0) with the least BIC is used, with samples counted by
+    their effective number. W hardly depends on the choice.
 
-    Raises FitError when no model converges, or hardly a row is free.
+    Raises FitError when no model converges, or too few rows of free swing remain.
     """
     time, angle = swing.hands_off
     if len(time) < _LEAST_ROWS:
@@ -128,7 +129,7 @@ def fit_swing(swing: FreeSwing) -> SwingFit:
     candidates = [base, full, *(_refit(base, time, reading, terms) for terms in promising)]
     physical = [fit for fit in candidates if _acceptable(fit)]
     if not physical:
-        # Damping too weak to be distinguished from none comes out negative half of the time.
+        # Damping that is indistinguishable from zero comes out negative half of the time.
         physical = [fit for fit in [_refit(base, time, reading, ())] if _acceptable(fit)]
     if not physical:
         text = "no damped pendulum follows this record: is it a free swing? Look at it with `cfid show`."
@@ -147,7 +148,7 @@ def fit_swing(swing: FreeSwing) -> SwingFit:
 def _scaled(
     swing: FreeSwing, base: OutputError, full: OutputError
 ) -> tuple[FreeSwing, float, OutputError, OutputError]:
-    """Take the scale's error off a gyro's rates, refined once; return the swing, the error, and both fits anew."""
+    """Remove the scale error from a gyro's rates, refined once; return the swing, the error, and both fits repeated."""
     corrected, error = swing, 0.0
     if swing.rate_rad_per_s is None:
         return swing, error, base, full
@@ -162,7 +163,7 @@ def _scaled(
 
 
 def _sprung(swing: FreeSwing, fit: OutputError, rounds: int = 3) -> list[OutputError]:
-    """Return a fit with the spring that the record shows beside it, refined in rounds; none where it shows none."""
+    """Return a fit with the spring that the record shows in addition to it, refined in rounds; none without one."""
     for _ in range(rounds):
         size, std, moved = spring_beside(swing, fit)
         setup = fit.setup._replace(spring_per_s2=fit.setup.spring_per_s2 + size)
@@ -179,12 +180,12 @@ def _sprung(swing: FreeSwing, fit: OutputError, rounds: int = 3) -> list[OutputE
 
 
 def grid_step(swing: FreeSwing) -> float:
-    """Return the collocation step: the thesis' 4 ms, finer for fast pendulums."""
+    """Return the collocation step: 4 ms as in the thesis, shorter for fast pendulums."""
     return min(GRID_S, PHASE_STEP * swing.period_s / (2 * math.pi))
 
 
 def _refit(fit: OutputError, time: Array, reading: Array, terms: tuple[str, ...]) -> OutputError:
-    """Fit other terms from where a fit ended; one that did not converge is taken up again where it stopped."""
+    """Fit with other terms, starting from a fit's result; continue once if it does not converge."""
     dropped = {field: 0.0 for field, term in zip(_DAMPING, TERMS, strict=True) if term not in terms}
     start = fit.coefficients._replace(**dropped)
     found = fit_output_error(time, reading, coefficients=start, trajectory=fit.trajectory, terms=terms, setup=fit.setup)
@@ -197,9 +198,9 @@ def _refit(fit: OutputError, time: Array, reading: Array, terms: tuple[str, ...]
 
 
 def _hopeless(full: OutputError, terms: tuple[str, ...]) -> bool:
-    """Return whether dropping all but `terms` from the full model would cost far too much, seen linearly.
+    """Return whether dropping all but `terms` from the full model would raise BIC far too much, by linearisation.
 
-    It saves the fits that take longest: those of models that cannot follow the record.
+    This skips the fits that take longest: those of models that cannot follow the record.
     """
     if not _acceptable(full):
         return False
@@ -222,7 +223,7 @@ def _physical(fit: OutputError) -> bool:
 
 
 def _unfinished(best: OutputError, candidates: list[OutputError]) -> OutputError | None:
-    """Return a model that describes the record better than the best that converged, but did not converge itself."""
+    """Return the best model that did not converge but describes the record better than `best`, if there is one."""
     open_ones = [fit for fit in candidates if not fit.converged and np.all(np.isfinite(fit.residual_rad))]
     better = [
         fit
@@ -255,7 +256,7 @@ def _judged(
         "choice of terms": spread_of_choices(ranked),
         "grid": step_error(swing, fit),
         f"clock of the {instrument}": 2 * frequency * swing.time_scale_std,
-        # Halves that disagree by more than noise: the truth lies between them as likely as anywhere else.
+        # Where the halves differ by more than noise, the true value is equally likely anywhere between them.
         "drift": frequency * abs(drift) / math.sqrt(12) if abs(drift) > 3 * drift_std else 0.0,
         "scatter between windows": scatter_of_windows(swing, fit),
     }

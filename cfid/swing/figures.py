@@ -1,4 +1,4 @@
-"""A free swing and what was fitted to it, drawn: cfid's own fit, and the fits of the thesis."""
+"""Draw a free swing and its fits: cfid's own fit, and the fits of the thesis."""
 
 import math
 from typing import Any
@@ -49,8 +49,8 @@ _RATE = "rate (°/s)"
 def swing_figure(swing: FreeSwing, fit: SwingFit, *, title: str) -> Figure:
     """Return the page of one swing: recording, fit, residual, its correlation, and the motion re-integrated.
 
-    As figures 2.10 to 2.12, and as C.1.3 closes. Times count from the record's first sample; rejections
-    stand in red above.
+    It corresponds to figures 2.10 to 2.12 and to the end of C.1.3. Times count from the record's first sample;
+    rejections are printed in red at the top.
     """
     rejected = [f"Rejected: {text}" for text in texts(fit.findings, "rejection")]
     heights_in = (2.1, 2.0, 1.5, 2.0, 2.0)
@@ -85,7 +85,7 @@ def thesis_swing_figure(
 ) -> Figure:
     """Return the thesis' own fits: figure 2.12 with its residual and, with `flexible`, figure 2.13.
 
-    Angles are in radians, as there, so that the two can be laid side by side.
+    Angles are in radians, as in the thesis, so that the figures can be compared side by side.
     """
     heights_in = (2.1, 1.5) if flexible is None else (2.1, 1.5, 2.1, 1.5, 1.5)
     page, grid = figure(len(heights_in), 2, heights_in=heights_in, title=title)
@@ -127,10 +127,10 @@ def _draw_recording(axes: Axes, swing: FreeSwing) -> None:
             **found,
         )
     held = swing.angle_rad[swing.release]
-    # Beside its sample, on the outer side: the release is the first peak, which has a mark of its own.
+    # Drawn next to its sample, on the outer side: the release is the first peak, which has a mark of its own.
     outside = axes.transData + ScaledTranslation(0, math.copysign(6.5 / 72, held), axes.figure.dpi_scale_trans)
     how: dict[str, Any] = {"marker": "v" if held > 0 else "^", "ms": 5.5, "ls": "", "transform": outside}
-    # A window set by hand has no hand in it.
+    # A window with given limits has no release by hand.
     released = swing.hand_gone > swing.release
     axes.plot(swing.release_s, raw(held), color=INK, label="release" if released else "start", **how)
     if released:
@@ -143,7 +143,7 @@ def _draw_recording(axes: Axes, swing: FreeSwing) -> None:
 def _draw_overlay(
     shown: list[Piece], time_s: Array, recorded_rad: Array, fitted_rad: Array, *, title: str, quantity: str
 ) -> None:
-    """Draw a fit over what was recorded: thin and dark over wide and pale, and neither hides the other."""
+    """Draw a fit over the recording: thin and dark over wide and pale, so that neither hides the other."""
     scale = 1.0 if quantity == _RADIANS else math.degrees(1.0)
     for axes, part in shown:
         draw_line(axes, time_s[part], scale * recorded_rad[part], color=RECORDED_BELOW, lw=3.2, label="recorded")
@@ -163,7 +163,7 @@ def _draw_residual(axes: Axes, time_s: Array, residual_rad: Array, *, title: str
 
 
 def _draw_autocorrelation(axes: Axes, swing: FreeSwing, fit: SwingFit) -> None:
-    """Draw how a residual resembles itself later: what a model leaves out swings on with the period."""
+    """Draw the autocorrelation of the residual: what a model leaves out oscillates with the period of the swing."""
     residual = fit.output_error.residual_rad
     time, count = swing.hands_off[0], len(residual)
     a_period = swing.period_s * (count - 1) / (time[-1] - time[0])

@@ -1,8 +1,8 @@
-"""From an encoder record to the free swing in it: rest, release, peaks, window. Fits nothing.
+"""Find the free swing in an encoder record: rest, release, peaks, window. Fits nothing.
 
-Section 2.4.4 of the thesis with its manual work replaced: rest is read from the end of the record instead of
-its twentieth sample, the release is where the hand lets go instead of the highest sample, and the peaks on
-the release's side are found, the release counting as the first (as in table 2.3).
+This is section 2.4.4 of the thesis with its manual work replaced: the rest angle is taken from the end of the record
+instead of its twentieth sample, the release is where the hand lets go instead of the highest sample, and the peaks on
+the release's side are found, with the release as the first (as in table 2.3).
 """
 
 import math
@@ -33,19 +33,19 @@ Array = npt.NDArray[np.float64]
 
 
 _THRESHOLD_RAD = SMALLEST_PEAK_RAD / 2
-_LOW_DEG = 10.0  # of the highest peak, below which a higher release gives more of them
+_LOW_DEG = 10.0  # for a highest peak below this, a higher release gives more peaks
 
 
 @dataclass(frozen=True, kw_only=True)
 class FreeSwing:
     """A record with the free swing found in it.
 
-    `time_s` and `angle_rad` (n,) are the whole record, from its first sample and about rest. The free swing
-    runs from sample `release` to sample `end` (inclusive); the default fit looks at it from `hand_gone` on.
-    Peaks are those on the release's side, the release first; in a window set by hand, those that lie in it.
-    `time_scale_std` is the relative standard uncertainty of the times' scale. A gyro's `rate_rad_per_s` (n,) is about
-    the axis, with the relative standard uncertainty `rate_scale_std`; its angle is the sum of it. `threads` are those
-    that the body hangs on.
+    `time_s` and `angle_rad` (n,) are the whole record, from its first sample and about rest. The free swing runs from
+    sample `release` to sample `end` (inclusive); the default fit uses it from `hand_gone` on. Peaks are those on the
+    release's side, the release first; in a window with given limits, those that lie in it. `time_scale_std` is the
+    relative standard uncertainty of the times' scale. A gyro's `rate_rad_per_s` (n,) is about the axis, with the
+    relative standard uncertainty `rate_scale_std`; the angle is its integral. `threads` describe those that carry the
+    body.
     """
 
     time_s: Array
@@ -67,23 +67,23 @@ class FreeSwing:
 
     @property
     def release_s(self) -> float:
-        """Time of the release."""
+        """The time of the release."""
         return float(self.time_s[self.release])
 
     @property
     def free(self) -> tuple[Array, Array]:
-        """Time and angle from the release on, as the thesis fits it."""
+        """The times and angles from the release on, which the thesis fits."""
         window = slice(self.release, self.end + 1)
         return self.time_s[window], self.angle_rad[window]
 
     @property
     def setup(self) -> Setup:
-        """What the model has beside a pendulum under an encoder."""
+        """What the model contains in addition to a pendulum with an encoder."""
         return Setup(self.threads, None if self.rate_rad_per_s is None else 2 * math.pi / self.period_s)
 
     @property
     def readings_rad(self) -> Array:
-        """What is fitted from when the hand is surely gone: angles, or a gyro's rates as `Setup` has them."""
+        """The fitted readings, from when the hand has certainly let go: angles, or a gyro's rates as in `Setup`."""
         window, per_s = slice(self.hand_gone, self.end + 1), self.setup.gyro_per_s
         if self.rate_rad_per_s is None or per_s is None:
             return self.angle_rad[window]
@@ -91,7 +91,7 @@ class FreeSwing:
 
     @property
     def hands_off(self) -> tuple[Array, Array]:
-        """Time and angle from when the hand is surely gone."""
+        """The times and angles from when the hand has certainly let go."""
         window = slice(self.hand_gone, self.end + 1)
         return self.time_s[window], self.angle_rad[window]
 
@@ -107,12 +107,12 @@ def find_swing(
 ) -> FreeSwing:
     """Find the free swing in a record (n,) of increasing times and a continuous angle.
 
-    `peaks` ends the window at that peak, the release being the first; otherwise the last peak of at least
-    `smallest_peak_rad` does. `from_s` and `to_s` (since the first sample) bound it by hand; a body
-    that still rests or is held at `from_s` swings from its release on.
+    `peaks` ends the window at that peak, with the release as the first; otherwise the window ends at the last peak of
+    at least `smallest_peak_rad`. `from_s` and `to_s` (since the first sample) are given limits of the window; a body
+    that is still at rest or held at `from_s` swings from its release on.
 
-    Raises DataError when the angle never moves, goes over the top, or shows fewer than four peaks, or when the samples
-    are too few for their time.
+    Raises DataError when the angle never moves, goes over the top, or shows fewer than four peaks, or when there are
+    too few samples for their time.
     """
     time = time_s - time_s[0]
     kept = (time >= (from_s or 0.0)) & (time <= (math.inf if to_s is None else to_s))
@@ -155,7 +155,7 @@ def find_swing(
 
 
 def _no_swing(angle: Array) -> str:
-    """Return why angles from rest (n,) hold no half-swing."""
+    """Return why angles from rest (n,) contain no half-swing."""
     farthest = float(angle[np.argmax(np.abs(angle))])
     if abs(farthest) < _THRESHOLD_RAD:
         return "no swing: the angle never stays off rest by half a degree. Look at it with `cfid show`."
@@ -166,10 +166,10 @@ def _no_swing(angle: Array) -> str:
 
 
 def _rest(angle: Array) -> float:
-    """Return where the body hangs: the median of the record's last third.
+    """Return the angle of the body at rest: the median of the record's last third.
 
-    Where it still swings at the end, the median depends on where the record was cut; the weighted mean of
-    three extremes in turn does not, and takes out a steady decay.
+    Where it still swings at the end, the median depends on where the record was cut; the weighted mean of three
+    successive extremes does not, and is not affected by a steady decay.
     """
     rest = float(np.median(angle[-max(len(angle) // 3, 1) :]))
     halves = half_swings(angle - rest, threshold_rad=_THRESHOLD_RAD)
@@ -200,7 +200,7 @@ def _check_motion(time: Array, angle: Array) -> None:
 
 
 def _check_gaps(time: Array) -> None:
-    """Raise DataError where a free swing (n,) has one gap that is longer than all that was recorded of it."""
+    """Raise DataError where a gap in a free swing (n,) is longer than everything that was recorded of it."""
     steps = np.diff(time)
     longest = int(np.argmax(steps))
     if 2 * steps[longest] > time[-1] - time[0]:
@@ -211,17 +211,17 @@ def _check_gaps(time: Array) -> None:
 
 
 def _resolution(angle: Array) -> float:
-    """Return the smallest step between neighbouring readings, as a coarse encoder shows it; 0 for a fine one."""
+    """Return the smallest step between neighbouring readings of a coarse encoder; 0 for a fine one."""
     steps = np.abs(np.diff(angle))
     moving = steps[steps > 1e-12]
-    # A quantised angle often stands still from one sample to the next; a fine one never does.
+    # A quantized angle often repeats from one sample to the next; a fine one never does.
     return float(np.min(moving)) if len(moving) < 0.98 * len(steps) and len(moving) else 0.0
 
 
 def _peaks(
     time: Array, angle: Array, begin: tuple[float, float], later: list[HalfSwing]
 ) -> tuple[Array, Array, tuple[Finding, ...]]:
-    """Return times and angles of the peaks from the first one on, as long as they shrink."""
+    """Return times and angles of the peaks from the first one on, as long as they decrease."""
     peaks = [begin]
     findings: tuple[Finding, ...] = ()
     for half in later:

@@ -1,4 +1,4 @@
-"""Leaves out the readings of an encoder that stood still while the body swung, and names them."""
+"""Leave out the readings of an encoder that froze while the body swung, and report them."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -15,17 +15,22 @@ from cfid.swing.free_swing import FreeSwing, find_swing
 Array = npt.NDArray[np.float64]
 Segment = tuple[int, int]
 
-_FEWEST, _LONGER = 4, 4.0  # readings alike, and times as long as readings usually last: a slow encoder repeats them all
-_SHORTEST = 1 / 40  # of a period: stamps of a busy computer crowd readings into less
-_AROUND = 1 / 8  # of a period on either side, in which a cubic follows a swing
-_STEPS, _SCATTERS = 3.0, 5.0  # of the encoder and of its noise that a cubic may be off readings that are alike
+# A frozen segment has at least this many equal readings, and lasts this many times as long as a reading usually does: a
+# slow encoder repeats all of its readings.
+_FEWEST, _LONGER = 4, 4.0
+_SHORTEST = 1 / 40  # of a period: on a busy computer, readings may have time stamps within less
+_AROUND = 1 / 8  # of a period on either side, in which a cubic describes a swing
+# The largest distance between a cubic and equal readings, in steps of the encoder and in standard deviations of its
+# noise.
+_STEPS, _SCATTERS = 3.0, 5.0
 
 
 def find_moving_swing(time_s: Array, angle_rad: Array, **window: Any) -> FreeSwing:
-    """Find the free swing in an encoder's record (n,) as `find_swing` does, without readings that stood still.
+    """Find the free swing in an encoder's record (n,) as `find_swing` does, without frozen readings.
 
-    At a turning point a coarse encoder's readings are alike too: what counts is that the motion on both sides leads
-    elsewhere. The first of such readings stays. Raises DataError as `find_swing` does, also where too little is left.
+    At a turning point, a coarse encoder repeats its readings too: a segment is frozen only if the motion on both sides
+    does not lead through it. The first reading of a segment is kept. Raises DataError as `find_swing` does, also where
+    too little remains.
     """
     swing = find_swing(time_s, angle_rad, **window)
     found = list[tuple[float, float, int]]()
@@ -43,7 +48,7 @@ def find_moving_swing(time_s: Array, angle_rad: Array, **window: Any) -> FreeSwi
 
 
 def _frozen(swing: FreeSwing) -> Iterator[Segment]:
-    """Yield the first and the last sample of each segment of the free swing whose readings stood still."""
+    """Yield the first and the last sample of each segment of the free swing with frozen readings."""
     angle = swing.angle_rad[swing.hand_gone :]
     edges = swing.hand_gone + np.flatnonzero(np.diff(angle)) + 1
     lasts_s = np.diff(swing.time_s[edges])
@@ -59,7 +64,7 @@ def _frozen(swing: FreeSwing) -> Iterator[Segment]:
 
 
 def _leads_elsewhere(swing: FreeSwing, first: int, last: int) -> bool:
-    """Return whether a cubic through the readings on both sides of a segment is far off those in it."""
+    """Return whether a cubic through the readings on both sides of a segment is far from those in it."""
     time, angle = swing.time_s, swing.angle_rad
     around_s = min(time[last] - time[first], _AROUND * swing.period_s)
     begin = min(int(np.searchsorted(time, time[first] - around_s)), first - _FEWEST)
@@ -69,7 +74,7 @@ def _leads_elsewhere(swing: FreeSwing, first: int, last: int) -> bool:
         return False
     place = (time - (time[first] + time[last + 1]) / 2) / swing.period_s
     beside, inside = np.vander(place[near], 4), np.vander(place[first : last + 1], 4)
-    cubic = np.linalg.lstsq(beside, angle[near], rcond=1e-9)[0]  # of least norm where stamps repeat
+    cubic = np.linalg.lstsq(beside, angle[near], rcond=1e-9)[0]  # the solution of least norm, for repeated time stamps
     left = angle[near] - beside @ cubic
     scatter = float(np.sqrt(left @ left / (len(near) - 4)))
     off = float(np.max(np.abs(inside @ cubic - angle[first])))

@@ -1,18 +1,20 @@
-"""The damped pendulum fitted to a record of its angle or its rate by output error; knows no rig, mount or mass.
+"""Fit the damped pendulum to a record of its angle or its rate by output error, without any rig, mount or mass.
 
 The model is eq. 2.9 of the thesis with its sine kept and two damping terms added,
 
     phi'' = -W sin(phi - zero) - c phi' - s sgn(phi') - q phi' |phi'|,
 
-W = m g r / I_a and c, s, q the damping divided by I_a; a cable that pulls as a spring adds -k (phi - zero).
-phi + a sin phi + b (cos phi - 1), the first harmonic of its error about rest. A gyro reads phi' and a constant,
-its bias; as rates do not show where zero is, the vertical is. A body on two threads turns about the vertical by
+where W = m g r / I_a, and c, s, q are the damping divided by I_a; a cable that acts as a spring adds -k (phi - zero).
+An encoder whose disc is eccentric reads phi + a sin phi + b (cos phi - 1), with the first harmonic of its error about
+rest. A gyro reads phi' plus a constant, its bias; as rates do not show the zero angle, zero is then the vertical. A
+body on two threads turns about the vertical by
 
     (1 + W f S^2) phi'' = -W S - W f S S' phi'^2 - friction,  S = sin phi / s,  s^2 = 1 - 2 k (1 - cos phi),
 
 with W = m g a b / (h I), k = a b / h^2 and f = a b / (g h), which follows from the energies of a body that rises with
-the threads; without threads k = f = 0. The trajectory itself is an unknown, see `collocation`. Started on the
-measured angle, it cannot slip by a period as shooting from a guess can; across a gap it swings on from the guess.
+the threads; without threads k = f = 0. The trajectory itself is an unknown, see `collocation`. As it starts from the
+measured angle, it cannot slip by a period as shooting from a guess can; across a gap, the first guess continues the
+swing.
 """
 
 import math
@@ -29,16 +31,16 @@ from cfid.swing.collocation import NO_THREADS, Coefficients, Forces, Threads, li
 Array = npt.NDArray[np.float64]
 
 TERMS = ("viscous", "coulomb", "quadratic")
-PROBES = ("low speed", "low speed", "angle")  # what dry friction may vary with, unlike the model's
+PROBES = ("low speed", "low speed", "angle")  # what dry friction may vary with, unlike the model's friction
 ECCENTRICITY, SPRING = "eccentricity", "spring"
 
-_SMOOTHED_NODES = 15  # of the grid, around a node of the first guess
-_GAP = 5.0  # usual intervals between rows
+_SMOOTHED_NODES = 15  # of the grid, around each node of the first guess
+_GAP = 5.0  # typical intervals between rows
 _MAX_ITERATIONS = 20
-_CONVERGED_RAD = 1e-8  # step of the predicted angle, rms
+_CONVERGED_RAD = 1e-8  # rms change of the predicted angle in a step
 _ON_THE_EQUATION_RAD = 1e-7
-_CONVERGED = 0.05  # of the uncertainty that white noise leaves the predicted angle
-_RUNAWAY_RAD = 10.0  # a step that throws the pendulum over the top will not come back
+_CONVERGED = 0.05  # of the uncertainty of the predicted angle due to white noise
+_RUNAWAY_RAD = 10.0  # a step that takes the pendulum over the top will not return
 
 
 class Eccentricity(NamedTuple):
@@ -52,10 +54,10 @@ CENTRED = Eccentricity(0.0, 0.0)
 
 
 class Setup(NamedTuple):
-    """What is modelled beside a pendulum under an encoder: threads, a gyro, and a known spring as of a cable.
+    """What the model adds to a pendulum with an encoder: threads, a gyro, and a known spring, such as a cable.
 
-    A gyro's rates are read in rad as those of a swing of the angular frequency `gyro_per_s`, so that residuals of
-    both instruments compare. The spring is per axis inertia.
+    A gyro's rates are converted to rad by the angular frequency `gyro_per_s` of the swing, so that residuals of both
+    instruments are comparable. The spring is divided by the axis inertia.
     """
 
     threads: Threads = NO_THREADS
@@ -64,7 +66,7 @@ class Setup(NamedTuple):
 
     @property
     def forces(self) -> Forces:
-        """What pulls the body back beside gravity."""
+        """The restoring effects in addition to gravity."""
         return Forces(self.threads, self.spring_per_s2)
 
 
@@ -72,7 +74,7 @@ PLAIN = Setup()
 
 
 class Trajectory(NamedTuple):
-    """Angle and speed at the nodes of a uniform grid, shape (n,) each."""
+    """Angle and speed at the nodes of a uniform grid, each of shape (n,)."""
 
     start_s: float
     step_s: float
@@ -84,9 +86,9 @@ class Trajectory(NamedTuple):
 class OutputError:
     """A fitted pendulum.
 
-    `residual_rad` has the shape of the samples (n,). `jacobian` (n, p) are the derivatives of the predicted
-    readings with respect to the free coefficients, the encoder's eccentricity if that was free too (`eccentric`) or
-    the gyro's bias, the start angle and the start speed, in this order; `free` has which coefficients were free.
+    `residual_rad` has the shape of the samples (n,). `jacobian` (n, p) has the derivatives of the predicted readings
+    with respect to the free coefficients, the encoder's eccentricity if that was free too (`eccentric`) or the gyro's
+    bias, the start angle and the start speed, in this order; `free` states which coefficients were free.
     """
 
     coefficients: Coefficients
@@ -105,14 +107,14 @@ class OutputError:
 
     @property
     def sum_of_squares_rad2(self) -> float:
-        """Sum of the squared residuals."""
+        """The sum of the squared residuals."""
         return float(self.residual_rad @ self.residual_rad)
 
 
 def first_guess(time_s: Array, angle_rad: Array, *, start_s: float, step_s: float) -> tuple[Coefficients, Trajectory]:
     """Smooth the record onto a grid and regress the acceleration on the model's terms.
 
-    Smoothing flattens the acceleration, so that W comes out some per cent low: good enough to start from.
+    Smoothing flattens the acceleration, so that W is a few per cent too low: accurate enough as a start.
     """
     count = max(int(np.ceil((time_s[-1] - start_s) / step_s)) + 1, 16)
     grid = start_s + step_s * np.arange(count, dtype=np.float64)
@@ -128,7 +130,7 @@ def first_guess(time_s: Array, angle_rad: Array, *, start_s: float, step_s: floa
 
 
 def _without_rows(time_s: Array, grid_s: Array) -> npt.NDArray[np.bool_]:
-    """Return the nodes (n,) whose smoothing reaches into a gap of a record, which a straight line bridges."""
+    """Return the nodes (n,) whose smoothing window reaches into a gap of a record, which a straight line bridges."""
     steps = np.diff(time_s)
     reach_s = _SMOOTHED_NODES * (grid_s[1] - grid_s[0])
     before = np.flatnonzero(steps > max(_GAP * float(np.median(steps)), reach_s))
@@ -141,14 +143,14 @@ def _without_rows(time_s: Array, grid_s: Array) -> npt.NDArray[np.bool_]:
 def _swing_on(
     angle: Array, speed: Array, blind: npt.NDArray[np.bool_], coefficients: Coefficients, step_s: float
 ) -> None:
-    """Replace angles and speeds (n,) of blind nodes by those of the pendulum that swings on from the node before."""
+    """Replace angles and speeds (n,) of blind nodes by those of the pendulum, continued from the node before."""
     stiffness, viscous, *_, zero = coefficients
     for at in np.flatnonzero(blind[1:]) + 1:
         speed[at] = speed[at - 1] - step_s * (stiffness * math.sin(angle[at - 1] - zero) + viscous * speed[at - 1])
         angle[at] = angle[at - 1] + step_s * speed[at]
 
 
-@np.errstate(over="ignore", invalid="ignore")  # of a step that runs away, which ends the fit
+@np.errstate(over="ignore", invalid="ignore")  # in a diverging step, which ends the fit
 def fit_output_error(
     time_s: Array,
     reading_rad: Array,
@@ -161,9 +163,9 @@ def fit_output_error(
 ) -> OutputError:
     """Fit the pendulum to samples (n,) at any increasing times within the trajectory's grid.
 
-    Free are W, the start state, zero or a gyro's bias, and the `terms` named, of damping and the encoder's
-    eccentricity; the others stay at their given values. The start need not be a solution: measured angles will do. It
-    has converged when a step moves the prediction by far less than noise leaves it uncertain.
+    Free parameters are W, the start state, zero or a gyro's bias, and the given `terms` of damping and the encoder's
+    eccentricity; the others keep their given values. The start need not be a solution: measured angles suffice. The fit
+    has converged when a step changes the prediction by far less than its uncertainty due to noise.
     """
     gyro = setup.gyro_per_s is not None
     free = (True, *(term in terms for term in TERMS), not gyro)
@@ -218,10 +220,10 @@ def fit_output_error(
 
 
 def probed(fit: OutputError, time_s: Array) -> tuple[Array, Array, Array]:
-    """Return what everything that a fit may leave free does to the readings (n, p), W first, and what probes do.
+    """Return the readings' derivatives (n, p) with respect to all that a fit may leave free, W first, and to probes.
 
     The probes (n, 3) are excesses of dry friction below two low speeds, and one that grows with 1 - cos phi; the last
-    (n,) is a spring.
+    array (n,) is for a spring.
     """
     path, gyro = fit.trajectory, fit.setup.gyro_per_s is not None
     state = np.stack([path.angle_rad, path.speed_rad_per_s], axis=1).ravel()
@@ -233,13 +235,13 @@ def probed(fit: OutputError, time_s: Array) -> tuple[Array, Array, Array]:
     read = _read_derivatives(
         np.asarray(sampler @ state), np.asarray(sampler @ columns), offsets, free=gyro or fit.eccentric
     )
-    left_out = [4] if gyro else []  # zero does to rates what the start angle does
+    left_out = [4] if gyro else []  # for rates, zero has the same effect as the start angle
     own = np.delete(read, [*left_out, *range(probes.start, probes.stop + 1)], axis=1)
     return own, read[:, probes], read[:, probes.stop]
 
 
 def _read(seen: Array, offsets: Array) -> Array:
-    """Return what a gyro with a bias (1,) reads at rates (n,), or an eccentric encoder (2,) at angles (n,)."""
+    """Return the readings of a gyro with a bias (1,) at rates (n,), or of an eccentric encoder (2,) at angles (n,)."""
     if len(offsets) == 1:
         return np.asarray(seen + offsets[0])
     if not offsets.any():
@@ -248,7 +250,7 @@ def _read(seen: Array, offsets: Array) -> Array:
 
 
 def _read_derivatives(seen: Array, columns: Array, offsets: Array, *, free: bool) -> Array:
-    """Return what the columns (n, 1 + p + 2) of an angle or a rate are in its readings, with those of free offsets."""
+    """Convert derivatives (n, 1 + p + 2) of an angle or a rate to those of readings, and add those of free offsets."""
     if len(offsets) == 1:
         bias = np.ones((len(columns), 1))
         return np.concatenate([columns[:, :-2], bias, columns[:, -2:]], axis=1) if free else columns
@@ -268,7 +270,7 @@ def sample(trajectory: Trajectory, time_s: Array) -> Array:
 
 
 def _gauss_newton(jacobian: Array, error: Array) -> tuple[Array, float]:
-    """Return the least-squares step and the rms it moves the prediction by."""
+    """Return the least-squares step and the rms change of the prediction by it."""
     products = jacobian.T @ jacobian
     scale = np.sqrt(np.diag(products))
     scale[scale == 0] = 1.0
@@ -279,7 +281,7 @@ def _gauss_newton(jacobian: Array, error: Array) -> tuple[Array, float]:
 
 
 def _sampler(time_s: Array, trajectory: Trajectory, setup: Setup) -> csr_matrix:
-    """Return the sparse matrix (n, 2 nodes) that takes interleaved (angle, speed) to what is seen at `time_s`.
+    """Return the sparse matrix (n, 2 nodes) from interleaved (angle, speed) to the measured quantity at `time_s`.
 
     That is the Hermite cubic of the angle, or for a gyro its derivative over `gyro_per_s`.
     """

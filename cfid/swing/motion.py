@@ -1,7 +1,7 @@
-"""The fitted pendulum let go once more: its equation of motion by an adaptive integrator of SciPy's.
+"""Integrate the fitted pendulum's equation of motion again, with an adaptive integrator from SciPy.
 
-The fit solves a collocated system; this shares nothing with it but the numbers it ended with, so that the
-two agreeing is evidence for both (as C.1.3 closes with ode45).
+The fit solves a collocated system; this integration shares nothing with it except the fitted values, so that their
+agreement is evidence for both (as at the end of C.1.3, with ode45).
 """
 
 from typing import Any
@@ -21,9 +21,9 @@ _TOLERANCE = 1e-8
 def fitted_motion(fit: SwingFit, time_s: Array) -> Array:
     """Return the angle (n,) at increasing times (n,), none before the fit's start, from its start state.
 
-    phi'' = -W sin(phi - zero) - c phi' - s sgn(phi') - q phi' |phi'|, with threads that of `model`. With dry friction
-    each half-swing is a segment of its own, as the integrator cannot step over a jump, and the body stops where gravity
-    no longer overcomes it.
+    The equation is phi'' = -W sin(phi - zero) - c phi' - s sgn(phi') - q phi' |phi'|, with threads that of `model`.
+    With dry friction, each half-swing is integrated separately, because the integrator cannot step over a jump, and the
+    body stops where gravity no longer overcomes the friction.
     """
     start = fit.output_error
     state = np.array([start.start_angle_rad, start.start_speed_rad_per_s])
@@ -43,7 +43,7 @@ def fitted_motion(fit: SwingFit, time_s: Array) -> Array:
 
 
 def _side(state: Array, coefficients: Coefficients) -> float:
-    """Return to which side the body moves from here, 0 when dry friction holds it."""
+    """Return the sign of the body's next motion, 0 if dry friction holds it."""
     if state[1] != 0.0:
         return float(np.sign(state[1]))
     pull = -coefficients.natural_frequency_squared_s2 * np.sin(state[0] - coefficients.zero_rad)
@@ -51,7 +51,7 @@ def _side(state: Array, coefficients: Coefficients) -> float:
 
 
 class _Turning:
-    """An event for solve_ivp: the speed falls to zero while the body moves to a side."""
+    """Detect for solve_ivp that the speed falls to zero, for a body that moves to one side."""
 
     terminal = True
 
@@ -65,12 +65,12 @@ class _Turning:
 def _until_it_turns(
     state: Array, coefficients: Coefficients, threads: Threads, side: float, span_s: tuple[float, float]
 ) -> Any:
-    """Integrate to the end or, with dry friction, to where the body turns."""
+    """Integrate to the end or, with dry friction, until the body turns."""
     stiffness, viscous, coulomb, quadratic, zero = coefficients
 
     def derivative(_: float, y: Array) -> tuple[float, float]:
         drag = viscous * y[1] + quadratic * y[1] * abs(y[1]) + coulomb * side
-        height = np.sqrt(1 - 2 * threads.ratio * (1 - np.cos(y[0] - zero)))  # over that at rest
+        height = np.sqrt(1 - 2 * threads.ratio * (1 - np.cos(y[0] - zero)))  # relative to that at rest
         pull = np.sin(y[0] - zero) / height
         steeper = np.cos(y[0] - zero) / height + threads.ratio * pull**2 / height
         rise = stiffness * threads.fall_s2 * pull

@@ -1,4 +1,4 @@
-"""Whether a body can be what a swing rests on and what follows from it: mass, centre of mass, distance, inertia."""
+"""Check that a body and its inertia are possible: mass, centre of mass, distance, inertia."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -10,17 +10,17 @@ from cfid.quantities.quantity import Range
 from cfid.records.plausibility import Given
 from cfid.swing.axis_inertias import SwungBody
 
-BEYOND_STD = 4.0  # a fault of a body that is larger is no noise
+BEYOND_STD = 4.0  # a larger error in a body's inertia is not noise
 
 _DISTANCE = Range(5e-4, 0.3, "a mount lies within the arms of a vehicle of 1 kg")
 _CENTRE = Range(-0.3, 0.3, "it lies between the rotors")
-_LEAST_STD = 0.01  # of the axis inertia, at which numbers without an uncertainty are taken here
+_LEAST_STD = 0.01  # of the axis inertia, assumed for numbers without an uncertainty
 
 
 def given_numbers(body: SwungBody, distances_m: Iterable[float], platform: Platform = "crazyflie") -> Iterator[Given]:
     """Yield the mass, the centre of mass and the distances (n,) of a body that swings, with their plausible ranges.
 
-    `platform` is that of a vehicle, whose mass is known better than any other body's.
+    `platform` is that of a vehicle, whose mass has a narrower range than any other body's.
     """
     mass = range_of("mass_kg", platform)
     if mass is not None:
@@ -36,8 +36,8 @@ def moment_fault(
 ) -> tuple[Finding, ...]:
     """Return a rejection where an inertia about the centre of mass is negative or smaller than its uncertainty.
 
-    A negative one within 4 standard uncertainties, of 1 % of the axis inertia at least, may be noise or a bob on a
-    thread: it is rejected where its uncertainty is known.
+    A negative value within 4 standard uncertainties, each of at least 1 % of the axis inertia, may be noise or a bob on
+    a thread: it is rejected only where its uncertainty is known.
     """
     allowed = BEYOND_STD * math.hypot(std_kg_m2, _LEAST_STD * about_axis_kg_m2)
     if about_centre_kg_m2 < -allowed:

@@ -1,4 +1,4 @@
-"""Where a swing begins: the half-swing at which a hand let go, or a window set by hand, and the peaks that follow.
+"""Find where a swing starts: at the half-swing in which a hand let go, or at a given time, and the peaks that follow.
 
 Fits nothing.
 """
@@ -17,16 +17,16 @@ Array = npt.NDArray[np.float64]
 
 SMALLEST_PEAK_RAD = math.radians(1.0)
 FEWEST_PEAKS = 4
-GROWTH = 1.05  # a free swing's peaks only shrink
+GROWTH = 1.05  # a free swing's peaks only decrease
 
-_STANDING_STILL = 0.05  # of the first fall's highest speed
-_HAND_GONE = 0.8  # of the release angle: by then the fingers are open
-_UPPERMOST = 0.95  # of a peak: an eighth of a period around it
-_OFF_A_COSINE = 0.3  # of the amplitude: a swing of 90 degrees is off by less
+_STANDING_STILL = 0.05  # of the highest speed in the first fall
+_HAND_GONE = 0.8  # of the release angle: at this angle, the fingers are open
+_UPPERMOST = 0.95  # of a peak: above it lies an eighth of a period
+_OFF_A_COSINE = 0.3  # of the amplitude: the largest distance from a cosine; a swing of 90 degrees has less
 
 
 class Begin(NamedTuple):
-    """Where a swing begins: samples of the release and of hands off, first peak, later half-swings of its side."""
+    """The start of a swing: samples of the release and of hands off, first peak, later half-swings of its side."""
 
     release: int
     hand_gone: int
@@ -35,9 +35,9 @@ class Begin(NamedTuple):
 
 
 def let_go(time: Array, angle: Array, halves: list[HalfSwing]) -> Begin:
-    """Find the release in the half-swing that reaches farthest, of those that enough peaks follow; it is the first.
+    """Find the release: the first peak, in the half-swing that reaches farthest among those that enough peaks follow.
 
-    Where the body was moved once more shortly before the end, the swing before counts.
+    Where the body was moved again shortly before the end, the earlier swing is used.
     """
     followed = [i for i in range(len(halves)) if _peaks_from(angle, halves, i) >= FEWEST_PEAKS]
     start = max(followed or range(len(halves)), key=lambda i: abs(angle[halves[i].extreme]))
@@ -49,7 +49,7 @@ def let_go(time: Array, angle: Array, halves: list[HalfSwing]) -> Begin:
 
 
 def _peaks_from(angle: Array, halves: list[HalfSwing], start: int) -> int:
-    """Return how many peaks of one side a half-swing begins that shrink, it included."""
+    """Return the number of decreasing peaks on one side from a half-swing on, including its own."""
     sizes = [abs(float(angle[half.extreme])) for half in (halves[start], *_same_side(halves, start))]
     ends = (i for i, (one, other) in enumerate(pairwise(sizes), 1) if other > GROWTH * one)
     peaks = sizes[: next(ends, len(sizes))]
@@ -57,7 +57,7 @@ def _peaks_from(angle: Array, halves: list[HalfSwing], start: int) -> int:
 
 
 def moved_again(time: Array, angle: Array, halves: list[HalfSwing], begin: Begin) -> tuple[Finding, ...]:
-    """Warn of a half-swing that reaches farther than the release which was taken, and comes too late to be fitted."""
+    """Warn of a half-swing that reaches farther than the release in use, but comes too late to be fitted."""
     farthest = max(halves, key=lambda half: abs(angle[half.extreme]))
     if farthest.first <= begin.release or abs(angle[farthest.extreme]) <= GROWTH * abs(begin.peak[1]):
         return ()
@@ -69,7 +69,7 @@ def moved_again(time: Array, angle: Array, halves: list[HalfSwing], begin: Begin
 
 
 def completed(angle: Array, halves: list[HalfSwing], *, last: int) -> list[HalfSwing]:
-    """Return the half-swings without one that the window's last sample cuts before its peak is passed."""
+    """Return the half-swings, without a last one that the window cuts before its peak has passed."""
     if not halves:
         return []
     final = halves[-1]
@@ -78,9 +78,9 @@ def completed(angle: Array, halves: list[HalfSwing], *, last: int) -> list[HalfS
 
 
 def falls_freely(time: Array, angle: Array, halves: list[HalfSwing], first: int) -> bool:
-    """Return whether the body swings by itself at the window's first sample, instead of hanging at rest or in a hand.
+    """Return whether the body swings freely at the window's first sample, instead of being at rest or in a hand.
 
-    A free one is where a cosine about the first standstill has it.
+    It swings freely where it follows a cosine about the first standstill.
     """
     still = _release(time, angle, halves[0])
     if still <= first or len(halves) < 2:
@@ -91,13 +91,13 @@ def falls_freely(time: Array, angle: Array, halves: list[HalfSwing], first: int)
 
 
 def by_hand(time: Array, angle: Array, halves: list[HalfSwing], first: int) -> Begin:
-    """Begin at the sample requested; the first peak is the first that the window does not cut."""
+    """Start at the requested sample; the first peak is the first that the window does not cut."""
     start = next((i for i, half in enumerate(halves) if _rises_to(angle, half, first)), 0)
     return Begin(first, first, peak_of(time, angle, halves[start]), _same_side(halves, start))
 
 
 def _rises_to(angle: Array, half: HalfSwing, first: int) -> bool:
-    """Return whether the way up to a half-swing's peak lies in the window too."""
+    """Return whether the window contains the rise to a half-swing's peak."""
     return bool(np.any(np.abs(angle[first : half.extreme]) < _UPPERMOST * abs(angle[half.extreme])))
 
 
@@ -108,7 +108,7 @@ def _same_side(halves: list[HalfSwing], start: int) -> list[HalfSwing]:
 def _release(time: Array, angle: Array, half: HalfSwing) -> int:
     """Return the last sample at which the body stood still before its first fall.
 
-    A hand may lift, hold and tremble: all of it lies before the last moment of no speed.
+    A hand may lift, hold and tremble: all of that lies before the last moment without speed.
     """
     begin, fallen = half.first, min(half.last + 1, len(time) - 1)
     grid, held = resample(time[begin : fallen + 1], angle[begin : fallen + 1], step_s=GRID_S)
@@ -121,7 +121,7 @@ def _release(time: Array, angle: Array, half: HalfSwing) -> int:
 
 
 def peak_of(time: Array, angle: Array, half: HalfSwing) -> tuple[float, float]:
-    """Return time and angle of a half-swing's peak, by a parabola through its uppermost part."""
+    """Return time and angle of a half-swing's peak, from a parabola through its uppermost part."""
     inside = slice(half.first, half.last + 1)
     high = np.abs(angle[inside]) > _UPPERMOST * abs(angle[half.extreme])
     at = np.flatnonzero(high) + half.first

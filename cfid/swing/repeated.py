@@ -1,4 +1,4 @@
-"""Takes each reading once where an encoder's readings come less often than its rows, and names that."""
+"""Take each reading once where an encoder's readings come less often than its rows, and report that."""
 
 from dataclasses import replace
 from typing import Any
@@ -15,10 +15,10 @@ Array = npt.NDArray[np.float64]
 
 
 def find_read_swing(time_s: Array, angle_rad: Array, **window: Any) -> FreeSwing:
-    """Find the free swing in an encoder's record (n,) as `find_moving_swing` does, by the first row of each reading.
+    """Find the free swing in an encoder's record (n,) as `find_moving_swing` does, from the first row of each reading.
 
-    A row that repeats a reading shows an angle that was: it comes late by up to the time between two readings.
-    Raises DataError as `find_moving_swing` does.
+    A row that repeats a reading shows an earlier angle: it is late by up to the time between two readings. Raises
+    DataError as `find_moving_swing` does.
     """
     swing = find_moving_swing(time_s, angle_rad, **window)
     rows = rows_a_reading(swing.angle_rad[swing.hand_gone : swing.end + 1])

@@ -1,4 +1,4 @@
-"""One swing's fit: quantities, findings, lines and figures."""
+"""Collect the results of one swing's fit: quantities, findings, lines and figures."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -60,11 +60,12 @@ def fit(
 ) -> Result:
     """Fit a free swing: natural frequency and damping, and the axis inertia where mass and distance are known.
 
-    They are numbers, or those of the mount `axis` of the rig: the rig given, or that of the campaign which the
-    recording lies in. `axis` is the recording's label by default. The window ends at peak `peaks`, the release being
-    the first, or at the last of `smallest_peak_rad`; `from_s` and `to_s`, since the first sample, bound it.
+    Mass and distance are given as numbers, or those of the mount `axis` of the rig are used: the given rig, or that of
+    the campaign that contains the recording. `axis` is the recording's label by default. The window ends at peak
+    `peaks`, with the release as the first, or at the last peak of at least `smallest_peak_rad`; `from_s` and `to_s`,
+    since the first sample, limit it.
 
-    Raises ConfigError for arguments that contradict each other, DataError for a recording without a swing, FitError
+    Raises ConfigError for arguments that contradict each other, DataError for a recording without a swing, and FitError
     when no pendulum follows it.
     """
     record = angle_record(recording)
@@ -111,7 +112,7 @@ def fit(
 
 
 def rejections_of(swing: FreeSwing) -> tuple[Finding, ...]:
-    """Return why no pendulum describes a record, for a method that has no checks of its own."""
+    """Return why no pendulum describes a record, for a method without checks of its own."""
     try:
         return tuple(one for one in fit_swing(swing).findings if one.severity == "rejection")
     except FitError as error:
@@ -120,7 +121,7 @@ def rejections_of(swing: FreeSwing) -> tuple[Finding, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class _SwingEstimate:
-    """What either method finds; damping is per inertia."""
+    """The result of either method; damping is per inertia."""
 
     coefficients: Coefficients
     std: Coefficients
@@ -183,9 +184,9 @@ def _gyro(swing: FreeSwing, fitted: SwingFit) -> dict[str, tuple[float, float]]:
 def _checks(
     swing: FreeSwing, fitted: SwingFit, cosine: DampedCosine
 ) -> tuple[dict[str, Dependent], tuple[Dependent, ...]]:
-    """Return what the thesis' simpler methods find, as figures and as lines."""
+    """Return the results of the thesis' simpler methods, as figures and as lines."""
     decrement, linear = log_decrement(swing), cosine.frequencies
-    # An inertia is m g r over W: a frequency that is too low is an inertia that is too high.
+    # An inertia is m g r over W: a frequency that is too low gives an inertia that is too high.
     excess = fitted.coefficients.natural_frequency_squared_s2 / linear.natural_frequency_squared_s2 - 1
     scatter = decrement.viscous_scatter_per_s
     figures = {

@@ -1,7 +1,7 @@
-"""The thesis' methods for a swing: damped cosine, flexible function, and the logarithmic decrement.
+"""Fit a swing by the thesis' methods: damped cosine, flexible function, and the logarithmic decrement.
 
-All of them in frequencies: W = m g r / I_a and friction per inertia, so that they need no mass and no
-distance. Appendix C.1.3 with its minima found by least squares instead of a simplex search.
+All of them work with frequencies, W = m g r / I_a and friction per inertia, so they need no mass and no distance. This
+is appendix C.1.3 with its minima found by least squares instead of a simplex search.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ _AT_REST_RAD = 0.003  # C.1.3, `tol`
 
 
 class Frequencies(NamedTuple):
-    """What each of these methods ends with."""
+    """The results of each of these methods."""
 
     natural_frequency_squared_s2: float
     viscous_per_s: float
@@ -29,9 +29,9 @@ class Frequencies(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class DampedCosine:
-    """Fit of eq. 2.11 on the 4 ms grid (n,), the start angle held at the first point, as eq. 2.15.
+    """Fit of eq. 2.11 on the 4 ms grid (n,), with the start angle fixed at the first point, as in eq. 2.15.
 
-    `std` comes from the residual as if it were white noise, which it is not: the thesis states none.
+    `std` is computed as if the residual were white noise, which it is not: the thesis states none.
     """
 
     frequencies: Frequencies
@@ -58,7 +58,7 @@ class FlexibleFunction:
 
 @dataclass(frozen=True, kw_only=True)
 class Decrement:
-    """Logarithmic decrement (section 2.4.4): mean over successive peaks and their scatter."""
+    """Logarithmic decrement (section 2.4.4): the mean over successive peaks, and their scatter."""
 
     frequencies: Frequencies
     viscous_scatter_per_s: float
@@ -97,10 +97,10 @@ def fit_damped_cosine(swing: FreeSwing) -> DampedCosine:
 
 
 def fit_flexible(swing: FreeSwing) -> FlexibleFunction:
-    """Fit eq. 2.16 to the swing until it rests, then eq. 2.9 to its derivatives.
+    """Fit eq. 2.16 to the swing until it comes to rest, then eq. 2.9 to its derivatives.
 
-    The thesis searched the second minimum with a simplex that never left its start (table 2.4 repeats
-    table 2.3); the objective is linear in 1/W and M/(I W), so here it is solved.
+    The thesis searched for the second minimum with a simplex that never left its start (table 2.4 repeats table 2.3);
+    the objective is linear in 1/W and M/(I W), so it is solved directly here.
     """
     cosine = fit_damped_cosine(swing)
     time, angle = resample(swing.time_s[swing.release :], swing.angle_rad[swing.release :], step_s=GRID_S)

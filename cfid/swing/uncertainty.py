@@ -1,4 +1,4 @@
-"""How sure a fitted swing is: correlated residuals, the grid's step, drift and scatter from window to window."""
+"""Estimate a fitted swing's uncertainty: correlated residuals, the grid's step, drift, and scatter between windows."""
 
 import math
 from itertools import pairwise
@@ -17,24 +17,25 @@ Array = npt.NDArray[np.float64]
 
 _FINER_STEPS = (0.5, 0.7)
 _PERIODS_A_WINDOW, _MOST_WINDOWS = 4, 8
-_SCATTERED = 0.05  # chance of windows that scatter as far, below which the model is at fault
+# The probability that windows scatter at least as far by chance: below it, the model is wrong.
+_SCATTERED = 0.05
 
 
 def standard_uncertainties(fit: OutputError) -> Array:
-    """Return the standard uncertainty of each Jacobian column's estimate, inflated by each estimate's correlation."""
+    """Return the standard uncertainty of each Jacobian column's estimate, inflated by the residual's correlation."""
     return std_of(sandwich(fit.jacobian, fit.residual_rad, longest=_samples_a_period(fit)))
 
 
 def inflation(series: Array, fit: OutputError) -> float:
-    """Return by how much correlation over a period inflates the variance of the sum of a series (n,) of the fit."""
+    """Return the factor by which correlation over a period inflates the variance of a sum of the fit's series (n,)."""
     return correlation_inflation(series, longest=_samples_a_period(fit))
 
 
 def step_error(swing: FreeSwing, fit: OutputError) -> float:
-    """Return by how much the grid's step moves W where dry friction jumps: twice the change on two finer grids.
+    """Return the effect of the grid's step on W where dry friction jumps: twice the largest change on two finer grids.
 
-    How a turning point falls between two nodes is a matter of luck, hence two. Without dry friction the grid's
-    error is of fourth order and far below anything else.
+    Where a turning point falls between two nodes is a matter of chance, hence two grids. Without dry friction, the
+    grid's error is of fourth order and far below every other error.
     """
     if fit.coefficients.coulomb_per_s2 == 0:
         return 0.0
@@ -54,17 +55,17 @@ def step_error(swing: FreeSwing, fit: OutputError) -> float:
 
 
 def drift_of_halves(swing: FreeSwing, fit: OutputError) -> tuple[float, float]:
-    """Fit both halves of the window with the damping held, and compare their W."""
+    """Fit both halves of the window with the damping fixed, and compare their W."""
     values, variances = _windows(swing, fit, 2)
     frequency = fit.coefficients.natural_frequency_squared_s2
     return float((values[1] - values[0]) / frequency), float(math.sqrt(variances.sum()) / frequency)
 
 
 def scatter_of_windows(swing: FreeSwing, fit: OutputError) -> float:
-    """Return by how much W scatters from window to window beyond noise, 0 where noise explains it.
+    """Return the scatter of W between windows beyond noise, 0 where noise explains it.
 
-    A friction that the model lacks moves W with the amplitude, and no average takes that out. The variance between the
-    windows is that of DerSimonian and Laird [DL].
+    Friction that the model lacks changes W with the amplitude, and averaging does not remove that. The variance between
+    the windows is that of DerSimonian and Laird [DL].
     """
     time = swing.hands_off[0]
     periods = (time[-1] - time[0]) / swing.period_s
@@ -82,9 +83,9 @@ def scatter_of_windows(swing: FreeSwing, fit: OutputError) -> float:
 
 
 class FrictionProbe(NamedTuple):
-    """How dry friction varies with something the model's does not: its size per inertia, in the units of the model.
+    """A variation of dry friction that the model lacks: its size per inertia, in the units of the model.
 
-    `frequency_change` is by how much W changes with each 1/s^2 of it.
+    `frequency_change` is the change of W for each 1/s^2 of it.
     """
 
     varies_with: str
@@ -94,19 +95,19 @@ class FrictionProbe(NamedTuple):
 
     @property
     def shown_std(self) -> float:
-        """By how many standard uncertainties it shows."""
+        """The size in standard uncertainties."""
         return abs(self.size_per_s2) / self.std_per_s2
 
     @property
     def moved_s2(self) -> float:
-        """By how much W moves with it."""
+        """The change of W due to this variation."""
         return self.frequency_change * self.size_per_s2
 
     def expected(self, usual_per_s2: float) -> tuple[float, float]:
-        """Return by how much W moves, and the standard uncertainty of that, where sizes are usually so large.
+        """Return the change of W and its standard uncertainty, with `usual_per_s2` as the usual size of the variation.
 
-        The record and the usual size, each with its uncertainty, give the expected size. A size that the record shows
-        to be more than usual is taken as the usual one.
+        The expected size combines the record's and the usual one by their uncertainties. If the record shows a larger
+        size than usual, that size is taken as the usual one.
         """
         variance = max(usual_per_s2**2, self.size_per_s2**2 - self.std_per_s2**2)
         weight = variance / (variance + self.std_per_s2**2)
@@ -114,7 +115,7 @@ class FrictionProbe(NamedTuple):
 
 
 def friction_probes(swing: FreeSwing, fit: OutputError) -> tuple[FrictionProbe, ...]:
-    """Estimate each of PROBES beside all coefficients, linearly about the fit."""
+    """Estimate each of PROBES in addition to all coefficients, linearly about the fit."""
     own, probes, _ = probed(fit, swing.hands_off[0])
     found = []
     for name, probe in zip(PROBES, probes.T, strict=True):
@@ -124,10 +125,10 @@ def friction_probes(swing: FreeSwing, fit: OutputError) -> tuple[FrictionProbe, 
 
 
 def scale_error(swing: FreeSwing, fit: OutputError, taken: float) -> tuple[float, float]:
-    """Return the relative error of a gyro's scale and its standard uncertainty, by the record and what is usual.
+    """Return the relative error of a gyro's scale and its standard uncertainty, from the record and the usual error.
 
-    `taken` is what the rates were corrected by, `rate_scale_std` what is usual. The period of a pendulum depends on its
-    amplitude, which a scale changes: large swings show it, small ones do not.
+    `taken` is the correction already applied to the rates, and `rate_scale_std` is the usual error. The period of a
+    pendulum depends on its amplitude, which changes with the scale: large swings show this, small ones do not.
     """
     change, std = _beside(fit, fit.jacobian, _without_bias(swing, fit))
     weight = swing.rate_scale_std**2 / (swing.rate_scale_std**2 + std**2)
@@ -135,25 +136,25 @@ def scale_error(swing: FreeSwing, fit: OutputError, taken: float) -> tuple[float
 
 
 def moved_by_scale(swing: FreeSwing, fit: OutputError) -> Array:
-    """Return by how much the standard uncertainty of a gyro's scale moves each Jacobian column's estimate."""
+    """Return the change of each Jacobian column's estimate due to the standard uncertainty of a gyro's scale."""
     if swing.rate_rad_per_s is None:
         return np.zeros(fit.jacobian.shape[1])
     return _moved(fit, _without_bias(swing, fit), swing.rate_scale_std)
 
 
 def spring_beside(swing: FreeSwing, fit: OutputError) -> tuple[float, float, float]:
-    """Return a spring's size per inertia that the record shows beside a fit, its std, and what W then changes by.
+    """Return the size per inertia of a spring in addition to a fit, its std, and the change of W with it.
 
-    Gravity's pull grows with the sine of the angle and a spring's with the angle, so that large swings tell them apart.
+    Gravity's pull grows with the sine of the angle, a spring's with the angle, so that large swings distinguish them.
     """
     change, std = _beside(fit, fit.jacobian, probed(fit, swing.hands_off[0])[2])
     return float(change[-1]), std, float(change[0])
 
 
 def shows_despite_friction(swing: FreeSwing, fit: OutputError, *, least_std: float) -> bool:
-    """Return whether a fit's spring shows by so many standard uncertainties also beside each probe of dry friction.
+    """Return whether a fit's spring exceeds `least_std` uncertainties also with each probe of dry friction added.
 
-    Dry friction that is larger at low speed shortens small swings' period as well.
+    Dry friction that is larger at low speed also shortens the period of small swings.
     """
     own, probes, spring = fit.jacobian, *probed(fit, swing.hands_off[0])[1:]
     for probe in probes.T:
@@ -164,7 +165,7 @@ def shows_despite_friction(swing: FreeSwing, fit: OutputError, *, least_std: flo
 
 
 def moved_by_spring(swing: FreeSwing, fit: OutputError) -> Array:
-    """Return by how much the standard uncertainty of a fitted spring moves each Jacobian column's estimate."""
+    """Return the change of each Jacobian column's estimate due to the standard uncertainty of a fitted spring."""
     if not fit.setup.spring_per_s2:
         return np.zeros(fit.jacobian.shape[1])
     return _moved(fit, probed(fit, swing.hands_off[0])[2], spring_beside(swing, fit)[1])
@@ -180,7 +181,7 @@ def _without_bias(swing: FreeSwing, fit: OutputError) -> Array:
 
 
 def _beside(fit: OutputError, own: Array, probe: Array) -> tuple[Array, float]:
-    """Return by how much estimates (p,) and a probe's size change where it is fitted too, and that size's std."""
+    """Return the changes of estimates (p,) and of a probe's size when the probe is fitted too, and that size's std."""
     jacobian = np.column_stack([own, probe])
     size = np.linalg.norm(jacobian, axis=0)
     gain = np.linalg.pinv(jacobian / size, rcond=1e-10) / size[:, np.newaxis]
@@ -189,14 +190,14 @@ def _beside(fit: OutputError, own: Array, probe: Array) -> tuple[Array, float]:
 
 
 def _windows(swing: FreeSwing, fit: OutputError, count: int) -> tuple[Array, Array]:
-    """Return W and its variance of windows of equal length, with damping and eccentricity held."""
+    """Return W and its variance for windows of equal length, with damping and eccentricity fixed."""
     time, reading = swing.hands_off[0], swing.readings_rad
     edges = np.searchsorted(time, np.linspace(time[0], time[-1], count + 1))
     edges[-1] = len(time)
     values, variances = [], []
     for first, last in pairwise(edges):
         part, step = slice(first, last), fit.trajectory.step_s
-        # The whole fit's own motion is the best start there is.
+        # The motion of the whole fit is the best available start.
         nodes = fit.trajectory.start_s + step * np.arange(len(fit.trajectory.angle_rad))
         begin = max(int(np.searchsorted(nodes, time[first], side="right")) - 1, 0)
         end = min(int(np.searchsorted(nodes, time[last - 1])) + 1, len(nodes))
@@ -216,7 +217,7 @@ def _windows(swing: FreeSwing, fit: OutputError, count: int) -> tuple[Array, Arr
 
 
 def chosen_terms(fit: OutputError) -> tuple[str, ...]:
-    """Return the terms that a fit left free."""
+    """Return the terms that were free in a fit."""
     damping = tuple(term for term, free in zip(TERMS, fit.free[1:4], strict=True) if free)
     return (*damping, *[ECCENTRICITY] * fit.eccentric, *[SPRING] * bool(fit.setup.spring_per_s2))
 
@@ -224,6 +225,6 @@ def chosen_terms(fit: OutputError) -> tuple[str, ...]:
 def _samples_a_period(fit: OutputError) -> int:
     frequency = fit.coefficients.natural_frequency_squared_s2
     span = (len(fit.trajectory.angle_rad) - 1) * fit.trajectory.step_s
-    # A window of a record that is no swing may swing about upside down, or not at all.
+    # A window of a record without a swing may oscillate about the upper position, or not at all.
     period = min(2 * math.pi / math.sqrt(frequency), span) if frequency > 0 else span
     return max(int(len(fit.residual_rad) * period / span), 8)

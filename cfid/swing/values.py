@@ -1,4 +1,4 @@
-"""The inertia about the axis of one swing: from its frequency, the body's mass and distance."""
+"""Compute the inertia about the axis of one swing from its frequency and the body's mass and distance."""
 
 import math
 from collections.abc import Mapping
@@ -44,7 +44,7 @@ class InertiaAbout:
 def inertia_about(
     values: Coefficients, std: Coefficients, body: SwungBody, mount: str, around: Surroundings
 ) -> InertiaAbout:
-    """Return the inertia about the axis that a body is mounted on, from the swing's coefficients and their std."""
+    """Return the inertia about the axis of a body's mount, from the swing's coefficients and their uncertainties."""
     measured = MountedSwing(axis=mount, value=values.natural_frequency_squared_s2, std=std.natural_frequency_squared_s2)
     axis_inertias = AxisInertias([measured], body, around)
 
@@ -74,9 +74,9 @@ def inertia_about(
 
 
 def findings_about(body: SwungBody, inertia: InertiaAbout, rig: Rig | None, platform: Platform) -> tuple[Finding, ...]:
-    """Return what is implausible in the numbers given or in the inertia, and what one swing cannot see.
+    """Return what is implausible in the given numbers or in the inertia, and what one swing cannot show.
 
-    `platform` is the vehicle's where that swung.
+    `platform` is that of the vehicle, if that swung.
     """
     resting = tuple(inertia.quantities)
     return (

@@ -1,4 +1,4 @@
-"""Judge a swing as soon as it is recorded, by the fit that will take it."""
+"""Judge a swing as soon as it is recorded, by the same fit that is used later."""
 
 import math
 
@@ -18,11 +18,11 @@ from cfid.swing.estimation import fit_swing
 Array = npt.NDArray[np.float64]
 
 _STILL_S, _BEFORE_S = 2.0, 0.3
-_MOVED_DEG = 4.0  # within _BEFORE_S: dry friction stops no pendulum from that, but slows it down before
+_MOVED_DEG = 4.0  # within _BEFORE_S: dry friction does not stop such a fast pendulum at once, but slows it down before
 
 
 def verdict(run: Run) -> str:
-    """Say what a recorded swing is good for. Raises DataError or FitError where it is good for nothing."""
+    """State how accurate a recorded swing is. Raises DataError or FitError where it is unusable."""
     record = angle_record(run)
     _check_end(record.time_s, record.angle_rad)
     rig = rig_around([record], None)
@@ -43,7 +43,7 @@ def verdict(run: Run) -> str:
 
 
 def of_no_mount(run: Run) -> str:
-    """Say over what a recording without a mount or weight turned. Raises DataError where it did not turn."""
+    """State the angle of a recording without a mount or weight. Raises DataError where it did not turn."""
     turned_deg = math.degrees(float(np.ptp(angle_record(run).angle_rad)))
     if not turned_deg:
         raise DataError("the angle never changes: is the sensor connected, and did the body turn?")
@@ -54,9 +54,9 @@ def of_no_mount(run: Run) -> str:
 
 
 def _check_end(time_s: Array, angle_rad: Array) -> None:
-    """Raise DataError where the angle (n,) at times (n,) stops at once in the middle of a swing, and stays.
+    """Raise DataError where the angle (n,) at times (n,) stops suddenly in the middle of a swing, and stays.
 
-    What turned over the top is no swing, and is named as that by its fit.
+    A body that turned over the top is not judged here: its fit reports that.
     """
     changes = np.flatnonzero(np.diff(angle_rad))
     if not len(changes) or np.ptp(angle_rad) > 2 * math.pi:
