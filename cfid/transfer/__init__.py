@@ -1,4 +1,4 @@
-"""Sine runs to the transfer function of motor and rotor, from command to thrust."""
+"""Identify the transfer function of motor and rotor, from command to thrust, from sine runs."""
 
 from typing import TYPE_CHECKING
 

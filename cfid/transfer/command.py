@@ -1,4 +1,4 @@
-"""`cfid tf identify` and `cfid tf verify`: sine runs to the transfer function of motor and rotor, and against it."""
+"""Provide `cfid tf identify` and `cfid tf verify`: fit a transfer function to sine runs, and check it on others."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -33,7 +33,7 @@ Compare = Annotated[Literal["eq3.15", "eq3.16"] | None, typer.Option(help="A res
 
 @dataclass(frozen=True, kw_only=True)
 class SineInputs:
-    """Where sine runs are, and which channel of the load cell gives their thrust."""
+    """The location of sine runs, and the channel of the load cell that gives their thrust."""
 
     index: Annotated[
         Path | None,
@@ -66,7 +66,7 @@ class SineInputs:
     def read(
         self, words: Sequence[str] | None, reading: "WrenchReading", workplace: Workplace, *, excluded: bool = False
     ) -> "SineSet":
-        """Read the index and the RUNs, by glob also those `excluded`; without either, all complete sines.
+        """Read the index and the RUNs, with a glob also those `excluded`; without either, all complete sines.
 
         Raises ConfigError and DataError.
         """
@@ -101,7 +101,7 @@ class SineInputs:
 
 @dataclass(frozen=True, kw_only=True)
 class FitOptions:
-    """What is identified, and from which part of the runs."""
+    """The quantities to identify, and the part of the runs to use."""
 
     shape: Annotated[
         Literal["first", "first+delay", "second", "zero", "auto"],
@@ -123,7 +123,7 @@ class FitOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ThesisOptions:
-    """The constants of C.2.5, of which the thesis has a set for each of its two series."""
+    """The constants of C.2.5; the thesis has one set for each of its two series."""
 
     preset: Annotated[
         Literal["first", "second"] | None,
@@ -158,7 +158,7 @@ class ThesisOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class FunctionOptions:
-    """A transfer function by its numbers, in place of the campaign's."""
+    """A transfer function given by its numbers, instead of the campaign's."""
 
     numerator: Annotated[
         str | None,
@@ -216,7 +216,7 @@ def identify(
 
 
 def _thrust_poly(workplace: Workplace) -> list[float] | None:
-    """Return the campaign's thrust over command, if it has found one."""
+    """Return the campaign's thrust over command, if it has been fitted."""
     from cfid.records.parameters import load_sections
 
     if workplace.campaign is None:
@@ -258,7 +258,7 @@ def verify(
 
 
 def _function(options: FunctionOptions, workplace: Workplace) -> "Function":
-    """Return the function of the options, else that of the campaign. Raises ConfigError for half of either."""
+    """Return the function of the options, else that of the campaign. Raises ConfigError if either is incomplete."""
     from cfid.transfer.verification_result import Function
 
     if options.numerator is None and options.denominator is None:

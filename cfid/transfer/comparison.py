@@ -1,4 +1,4 @@
-"""A static gain and a time constant beside those of the thrust map, of the thesis method, and of the thesis."""
+"""Compare a static gain and a time constant with those of the thrust map, of the thesis method, and of the thesis."""
 
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
@@ -9,20 +9,20 @@ from cfid.transfer.model import EQ_3_15, EQ_3_16
 
 Published = Literal["eq3.15", "eq3.16"]
 
-_LARGEST_OFF_SLOPE = 0.1  # of the thrust map's slope, by which a static gain may be off without a warning
+_LARGEST_OFF_SLOPE = 0.1  # of the thrust map's slope: the largest difference of a static gain without a warning
 
 
 _GAIN, _LAG = "tf.static_gain_n", "tf.time_constant_s"
 
 
 class GainAndLag(NamedTuple):
-    """A static gain in N and a time constant in s, None where there is no decay."""
+    """A static gain in N, and a time constant in s, which is None without a decay."""
 
     gain_n: float
     lag_s: float | None
 
     def text(self, ours: "GainAndLag") -> str:
-        """Return both, each with its difference from ours."""
+        """Return both values, each with its difference from ours."""
         gain = f"static gain {self.gain_n:.4g} N ({100 * (self.gain_n / ours.gain_n - 1):+.1f} %)"
         if self.lag_s is None or ours.lag_s is None:
             return f"{gain}, no decay that makes a time constant"
@@ -31,9 +31,9 @@ class GainAndLag(NamedTuple):
 
 @dataclass(frozen=True)
 class Comparison:
-    """What a static gain and a time constant are compared with.
+    """The values that a static gain and a time constant are compared with.
 
-    `slope_n` is the thrust map's slope in N at the `command` about which the sines went, `published` a function of the
+    `slope_n` is the thrust map's slope in N at `command`, the middle of the sines; `published` names a function of the
     thesis.
     """
 
@@ -56,7 +56,7 @@ class Comparison:
         }
 
     def findings(self, ours: GainAndLag) -> tuple[Finding, ...]:
-        """Return a warning where the static gain is not the slope of the thrust map."""
+        """Return a warning where the static gain differs from the slope of the thrust map."""
         off = 0.0 if self.slope_n is None else ours.gain_n / self.slope_n - 1
         if abs(off) <= _LARGEST_OFF_SLOPE:
             return ()
@@ -67,7 +67,7 @@ class Comparison:
         return (warning("gain-off-map-slope", text, _GAIN),)
 
     def lines(self, ours: GainAndLag) -> list[Dependent]:
-        """Return the comparison for a person."""
+        """Return the comparison as text."""
         lines = []
         if self.slope_n is not None:
             off = ours.gain_n / self.slope_n - 1

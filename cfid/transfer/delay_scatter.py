@@ -1,8 +1,8 @@
-"""Delays that differ from run to run, as where the radio's shortest latency wanders between them.
+"""Estimate delays that differ from run to run, for example if the radio's shortest latency changes between them.
 
-Such an error turns a response by an angle that grows with its frequency and leaves its size, which noise does not. Its
-size is the one that makes the turns as large as they are (R. C. Paule, J. Mandel, Consensus values and weighting
-factors, Journal of Research of the National Bureau of Standards 87, 1982).
+Such an error rotates a response by an angle that grows with its frequency and does not change its size; noise changes
+both. Its standard deviation is chosen so that it explains the observed rotations (R. C. Paule, J. Mandel, Consensus
+values and weighting factors, Journal of Research of the National Bureau of Standards 87, 1982).
 """
 
 import math
@@ -17,17 +17,17 @@ from cfid.transfer.frequency_response import Response
 from cfid.transfer.likelihood import Found, Shape, StackedResponses, deviance, model_at, points_of, search
 from cfid.transfer.model import Complex
 
-_brentq = later("scipy.optimize", "brentq")  # imported where delays scatter
+_brentq = later("scipy.optimize", "brentq")  # imported only where delays scatter
 
 Array = npt.NDArray[np.float64]
 
-_BY_LUCK = 2.0  # standard deviations of chi-squared, from where delays may scatter
-_CLEARLY = 4.0  # of the deviance
-_ROUNDS = 3  # of model and scatter, which follow from each other
+_BY_LUCK = 2.0  # standard deviations of chi-squared above which a scatter of delays is considered
+_CLEARLY = 4.0  # the least decrease of the deviance
+_ROUNDS = 3  # in which model and scatter are estimated alternately
 
 
 def search_with_scatter(series: Sequence[Sequence[Response]], shape: Shape) -> tuple[StackedResponses, Found, float]:
-    """Return the points of series, their parameters and the scatter of their delays in s, zero where none is clear."""
+    """Return the points of series, their parameters, and the scatter of their delays in s, zero unless significant."""
     points = points_of(series)
     found = search(points, shape)
     best = points, found, 0.0
@@ -44,9 +44,9 @@ def search_with_scatter(series: Sequence[Sequence[Response]], shape: Shape) -> t
 
 
 def delay_scatter_s(responses: Sequence[Response], model: Complex, *, taken: int) -> float:
-    """Return the standard deviation in s of the delays of responses (n,) about a model (n,), beyond what is known.
+    """Return the standard deviation in s of responses' (n,) delays about a model (n,), beyond known uncertainties.
 
-    `taken` is how many numbers the model took from the phases.
+    `taken` is the number of the model's parameters that were fitted to the phases.
     """
     value = np.array([own.value for own in responses])
     omega, size = np.array([own.frequency_rad_s for own in responses]), np.abs(value)

@@ -1,7 +1,7 @@
-"""Frequency responses to a transfer function with delay: maximum likelihood, and findings.
+"""Fit a transfer function with delay to frequency responses: maximum likelihood, and findings.
 
-The delay counts from the stamps of the commands and may be negative: these stamps come late by the radio, those of
-the load cell by a network. It is never bounded.
+The delay counts from the time stamps of the commands and may be negative: these stamps are late by the radio's latency,
+those of the load cell by a network's. It is never bounded.
 """
 
 import math
@@ -37,13 +37,13 @@ Array = npt.NDArray[np.float64]
 
 LEAST_PROBABILITY = 1e-3
 MISFIT_LIMIT = 0.03
-_DISTINCT = 5.0  # standard uncertainties of the static gain from zero: what is closer may be noise
-_INSTANT = 0.01  # of a sample: a shorter lag is none
+_DISTINCT = 5.0  # standard uncertainties of the static gain from zero: with less, it may be noise
+_INSTANT = 0.01  # of a sample: a shorter lag counts as none
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeasuredSeries:
-    """Responses of one series, and the mean lateness of its reports after the quickest, in s.
+    """Responses of one series, and the mean delay of its reports relative to the fastest, in s.
 
     `findings` are about runs without a response, which are left out.
     """
@@ -56,9 +56,9 @@ class MeasuredSeries:
 
 
 class Delay(NamedTuple):
-    """The delay of the force's stamps after those of the commands, in s, with standard uncertainties.
+    """The delay of the force's stamps relative to those of the commands, in s, with standard uncertainties.
 
-    `delay_s` counts from the stamps as they come on average, `after_quickest_s` from the quickest of them.
+    `delay_s` counts from the average arrival of the stamps, `after_quickest_s` from the fastest.
     """
 
     delay_s: float
@@ -68,10 +68,10 @@ class Delay(NamedTuple):
 
 
 class Uncertainties(NamedTuple):
-    """Standard uncertainties of what `Dynamics` and the coefficients hold; the leading 1 has none.
+    """Standard uncertainties of the values of `Dynamics` and of the coefficients; the leading 1 has none.
 
     `covariance` is that of numerator, denominator, static gain, the longest lag and the mean of the delays after the
-    quickest stamps, in a row.
+    fastest stamps, in this order.
     """
 
     static_gain_n: float
@@ -84,13 +84,13 @@ class Uncertainties(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TransferFit:
-    """A transfer function common to all series, in the `form` of `transfer_models`, and a delay for each.
+    """A transfer function common to all series, in one `form` of `model`, and a delay for each.
 
-    `numerator` and `denominator` are in rising powers of z^-1 at `sample_s`. `covariance` belongs to static gain,
-    lags, lead (if free) and the series' delays (if free), in this order: of the noise, inflated where chi-squared
-    exceeds its degrees of freedom, and of errors that runs share. `model` (n,) are the model's values for the responses
-    of all series in a row. `misfit` is the systematic difference between them, relative. `delay_scatter_s` is by how
-    much delays differ from run to run, `uneven` how the motor slows down otherwise than it speeds up, where it does.
+    `numerator` and `denominator` are in rising powers of z^-1 at `sample_s`. `covariance` belongs to static gain, lags,
+    lead (if free) and the series' delays (if free), in this order; it contains the noise, inflated where chi-squared
+    exceeds its degrees of freedom, and errors that runs share. `model` (n,) are the model's values for the responses of
+    all series in a row. `misfit` is the systematic relative difference between them. `delay_scatter_s` is the scatter
+    of delays from run to run; `uneven` describes a motor that slows down and speeds up at different rates, if it does.
     """
 
     shape: Shape
@@ -112,12 +112,12 @@ class TransferFit:
 
     @property
     def time_constant_s(self) -> float:
-        """The longest lag in s."""
+        """The longest lag, in s."""
         return max(self.dynamics.lags_s)
 
     @property
     def time_constant_std_s(self) -> float:
-        """Its standard uncertainty in s."""
+        """The standard uncertainty of the longest lag, in s."""
         return self.std.lags_s[int(np.argmax(self.dynamics.lags_s))]
 
     @property
@@ -136,12 +136,12 @@ class TransferFit:
 
     @property
     def probability(self) -> float:
-        """The probability that noise alone makes chi-squared as large; 1 without degrees of freedom."""
+        """The probability that noise alone makes chi-squared at least as large; 1 without degrees of freedom."""
         return float(chdtrc(self.degrees_of_freedom, self.chi_squared)) if self.degrees_of_freedom > 0 else 1.0
 
     @property
     def described(self) -> bool:
-        """Whether the responses are those of the model: within noise, or as well as a motor is linear."""
+        """Whether the model describes the responses: within noise, or as well as a motor is linear."""
         return self.probability >= LEAST_PROBABILITY or self.misfit <= MISFIT_LIMIT
 
     @property
@@ -156,11 +156,11 @@ class TransferFit:
 
     @property
     def accepted(self) -> bool:
-        """Whether the model describes the responses, and these determine its gain and its time constant."""
+        """Whether the model describes the responses, and they determine its gain and its time constant."""
         return self.described and self.has_gain and self.has_time_constant
 
     def findings(self, keys: Sequence[str]) -> tuple[Finding, ...]:
-        """Return what speaks against the transfer function, which has the quantities `keys`."""
+        """Return findings against the transfer function with the quantities `keys`."""
         found = [] if self.probability >= LEAST_PROBABILITY else [self._misfit(keys)]
         found += scatter_findings(self.delay_scatter_s, keys)
         found += self.uneven.findings(keys) if self.uneven is not None else ()
@@ -188,14 +188,14 @@ class TransferFit:
         return rejection("transfer-misfit", f"{differ} {limit}", *keys)
 
     def response(self, omega_rad_s: Array, *, series: str | None = None) -> Complex:
-        """Return force over commands at frequencies (n,), with a series' delay after its quickest reports, or none."""
+        """Return force over commands at frequencies (n,), with a series' delay after its fastest reports, or none."""
         plain = self.dynamics.response(omega_rad_s, sample_s=self.sample_s, form=self.form)
         delay_s = 0.0 if series is None else self.delays[series].after_quickest_s
         return np.asarray(plain * np.exp(-1j * omega_rad_s * delay_s))
 
 
 def measure(name: str, series: SineSeries, *, form: Form = "hold", settle_s: float = SETTLE_S) -> MeasuredSeries:
-    """Return the responses of a series' runs, less those that have none. Raises FitError when none is left."""
+    """Return the responses of a series' runs, without runs that have none. Raises FitError when none is left."""
     responses, findings, errors = [], [], []
     for run in series.runs:
         try:
@@ -217,7 +217,7 @@ def measure(name: str, series: SineSeries, *, form: Form = "hold", settle_s: flo
 def fit_transfer(measured: Sequence[MeasuredSeries], *, shape: Shape = "first+delay") -> TransferFit:
     """Fit one transfer function to the responses of all series, each with its own delay.
 
-    Its form is that in which the responses were taken. Raises FitError for too few responses, or when no transfer
+    It has the form in which the responses were computed. Raises FitError for too few responses, or when no transfer
     function follows them.
     """
     count = sum(len(series.responses) for series in measured)
@@ -244,7 +244,7 @@ def _result(measured: Sequence[MeasuredSeries], points: StackedResponses, shape:
     inner = covariance_of(points, found)
     dynamics, model = dynamics_of(found.values, shape), model_at(points, found.values, shape)
     unit = np.ones(len(found.values))
-    unit[1 : 1 + len(dynamics.lags_s)] = dynamics.lags_s  # logarithms to lags
+    unit[1 : 1 + len(dynamics.lags_s)] = dynamics.lags_s  # the derivative of a lag with respect to its logarithm
     covariance = np.asarray(inner * np.outer(unit, unit))
     numerator, denominator = dynamics.coefficients(sample_s=points.sample_s, form=points.form)
     size = float(np.sum(np.abs(model) ** 2 * np.abs(np.linalg.det(points.whitener))))

@@ -1,9 +1,9 @@
-"""The response of the plant at a sine run's frequency: a complex number, with the variance of the noise around it.
+"""Compute the plant's response at a sine run's frequency: a complex number, with the variance of the noise.
 
-A sine and a cosine are fitted to the force at the frequency that is known, with a constant, a drift and the two
-harmonics that a plant with a bend makes. Noise of a load cell under rotors is lines and drift, not white: its level
-is taken from what is left over at frequencies nearby. Noise that grows steeply towards zero frequency is more than
-that for the slowest sines, which chi-squared of a fit shows.
+The fit to the force consists of a sine and a cosine at the known frequency, a constant, a drift, and the two harmonics
+that a nonlinear plant causes. The noise of a load cell under rotors consists of lines and drift and is not white: its
+level is taken from the residual at nearby frequencies. For the slowest sines, noise that grows steeply towards zero
+frequency exceeds that level, which the chi-squared of a fit shows.
 """
 
 import math
@@ -23,21 +23,21 @@ Array = npt.NDArray[np.float64]
 
 SETTLE_S = 1.0  # N_T of the thesis' first series, in seconds
 
-END_S = 0.1  # of the run's end left out: stamps of commands may be as late
+END_S = 0.1  # of the run's end left out: stamps of commands may be late by as much
 _HARMONICS = 3
-_NEIGHBOURS = 20  # frequencies on either side that give the noise
-_CLEAR = 0.75  # of 1/T, from any fitted frequency
-_SPECTRUM_HZ = 1000.0  # is fine enough for them
+_NEIGHBOURS = 20  # frequencies on either side from which the noise is estimated
+_CLEAR = 0.75  # of 1/T, the least distance from any fitted frequency
+_SPECTRUM_HZ = 1000.0  # a sufficient sampling rate for them
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Response:
-    """Y/U of one run at its frequency, N per unit of the command, with the covariance (2, 2) of its two parts.
+    """Y/U of one run at its frequency, in N per unit of the command, with the covariance (2, 2) of its two parts.
 
-    `value` refers to the samples u[n]; the hold that makes steps of them is the model's business. An error of the
-    run's start turns it and leaves its size: `start_std_s` is the run's own, `shared_s` are those of other runs too.
-    `harmonics` are the second and third over the first, and `second` is the second with its phase against that of the
-    first, by which it does not depend on the start. `mean_n` is the thrust about which the sine went.
+    `value` refers to the samples u[n]; the hold that turns these into steps is part of the model. An error of the run's
+    start rotates `value` and does not change its size: `start_std_s` is the run's own, `shared_s` are those in common
+    with other runs. `harmonics` are the second and third harmonic over the first; `second` is the second with its phase
+    relative to that of the first, so that it does not depend on the start. `mean_n` is the mean thrust.
     """
 
     name: str
@@ -55,12 +55,12 @@ class Response:
 
     @property
     def std(self) -> float:
-        """The standard uncertainty of real and imaginary part in N, as if they had the same."""
+        """The standard uncertainty of the real and the imaginary part in N, taken as equal."""
         return float(np.sqrt(np.trace(self.covariance) / 2))
 
     @property
     def polar_std(self) -> tuple[float, float]:
-        """The standard uncertainties of the size in N, and of the phase in rad with that of its own start."""
+        """The standard uncertainties of the size in N, and of the phase in rad with that of the run's own start."""
         size = abs(self.value)
         along = np.array([self.value.real, self.value.imag]) / size
         across = np.array([-along[1], along[0]])
@@ -70,12 +70,12 @@ class Response:
 
 
 def respond(run: SineRun, *, settle_s: float = SETTLE_S, form: Form = "hold") -> Response:
-    """Return the frequency response of a run with l from 1 up to below N/2.
+    """Return the frequency response of a run with l from 1 to below N/2.
 
-    `settle_s` at the beginning is left out for the transient. "hold" takes every sample of the load cell, "thesis" the
-    force at the instants of u[n]; `model` has what that means for H(z).
+    `settle_s` at the start is left out for the transient. "hold" uses every sample of the load cell, "thesis" the force
+    at the instants of u[n]; `model` explains what that means for H(z).
 
-    Raises DataError for l = 0, which has no frequency, and FitError when the force has too few samples or is none.
+    Raises DataError for l = 0, which has no frequency, and FitError when the force is zero or has too few samples.
     """
     if not 0 < 2 * run.sine.periods < run.sine.samples:
         raise DataError(f"{run.name}: l = {run.sine.periods} has no frequency below half of the sampling rate.")
@@ -127,7 +127,7 @@ def _window(run: SineRun, settle_s: float, form: Form) -> tuple[Array, Array]:
 
 
 def _columns(time_s: Array, omega: float) -> Array:
-    """Return constant, drift and its bend, then cosine and sine of each harmonic (9, n)."""
+    """Return constant, linear and quadratic drift, then cosine and sine of each harmonic (9, n)."""
     wave = np.exp(1j * omega * time_s)
     columns = np.empty((3 + 2 * _HARMONICS, len(time_s)))
     columns[0] = 1
@@ -141,16 +141,16 @@ def _columns(time_s: Array, omega: float) -> Array:
 
 
 def _drive(run: SineRun) -> float:
-    """Return the amplitude of the samples played, whose phase is 0; a clipped sine's is less than A."""
+    """Return the amplitude of the samples played, whose phase is 0; that of a clipped sine is less than A."""
     samples = np.arange(run.sine.samples)
     angle = 2 * np.pi * (run.sine.periods * samples % run.sine.samples) / run.sine.samples
     return float(2 * np.mean(run.sine.commands() * np.cos(angle)))
 
 
 def _noise_level(time_s: Array, residual: Array, omega: float) -> float:
-    """Return the variance per sample that white noise of the level found around a frequency would have.
+    """Return the variance per sample of white noise with the level found around a frequency.
 
-    Taken are frequencies half a bin off the multiples of 1/T around it, as far as none of those fitted is near.
+    The level is taken at frequencies half a bin off the multiples of 1/T around it, except near the fitted frequencies.
     """
     span_s = float(time_s[-1] - time_s[0])
     width = 2 * np.pi / span_s
@@ -162,13 +162,13 @@ def _noise_level(time_s: Array, residual: Array, omega: float) -> float:
     for steps in np.diff(tried):
         wave = wave * turn**steps if steps > 1 else wave * turn
         powers.append(abs(wave.sum()) ** 2)
-    # A variance that is itself known from so many values only: sums over it come out too large.
+    # The variance comes from few values and is uncertain itself: sums of squares over it are too large on average.
     unsure = len(powers) / (len(powers) - 1)
     return float(np.mean(powers)) * block**2 / len(residual) * unsure
 
 
 def _neighbours(place: float) -> Array:
-    """Return frequencies in units of 1/T, on both sides of `place` where there is room, clear of those fitted."""
+    """Return frequencies in units of 1/T on both sides of `place`, where possible, and away from the fitted ones."""
     fitted = place * np.arange(_HARMONICS + 1)
     first = max(1.5 - _NEIGHBOURS, math.ceil(_CLEAR - place - 0.5) + 0.5)
     tried = place + first + np.arange(2 * _NEIGHBOURS + 8 * len(fitted))

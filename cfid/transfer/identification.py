@@ -1,4 +1,4 @@
-"""Sine runs to transfer functions: on one time base, responses, one fit for all series and one for each."""
+"""Identify transfer functions from sine runs: on one time base, responses, one fit for all series and one for each."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -41,9 +41,9 @@ def identify_all(
     cutoff_hz: float = CUTOFF_HZ,
     sign: Sign = "auto",
 ) -> Identified:
-    """Identify all series together and each for itself, from sines up to a frequency.
+    """Identify all series together and each by itself, from sines up to a frequency.
 
-    `settle_s` at the beginning of each run are left out; shape "auto" is the one with the least corrected AIC. Raises
+    `settle_s` at the start of each run is left out; shape "auto" selects the one with the least corrected AIC. Raises
     DataError and FitError with a run's name.
     """
     findings = []
@@ -77,17 +77,17 @@ def identify_all(
 
 
 def fit_shapes(measured: Sequence[MeasuredSeries]) -> dict[Shape, TransferFit]:
-    """Fit each shape that has fewer parameters than the responses have parts."""
+    """Fit each shape that has fewer parameters than the responses have real and imaginary parts."""
     count = sum(len(series.responses) for series in measured)
     fitting = [shape for shape in SHAPES if 2 * count > unknowns(shape, len(measured)) + 1]
     return {shape: fit_transfer(measured, shape=shape) for shape in fitting}
 
 
 def corrected_aic(fits: dict[Shape, TransferFit]) -> dict[Shape, float]:
-    """Return the corrected AIC of each shape, less the least: the smallest is to be preferred.
+    """Return the corrected AIC of each shape, less the least: the shape with the smallest value is preferred.
 
-    Chi-squared counts in units of that of the shape that fits best, where this is above 1: what no shape follows is
-    scatter (K. P. Burnham, D. R. Anderson, Model selection and multimodel inference, 2002, QAICc).
+    Chi-squared is divided by that of the best-fitting shape per degree of freedom, where this is above 1: what no shape
+    describes is scatter (K. P. Burnham, D. R. Anderson, Model selection and multimodel inference, 2002, QAICc).
     """
     scale = max(1.0, min(fit.chi_squared / max(fit.degrees_of_freedom, 1) for fit in fits.values()))
     scores = {}
@@ -100,7 +100,7 @@ def corrected_aic(fits: dict[Shape, TransferFit]) -> dict[Shape, float]:
 
 
 def _within(name: str, runs: Sequence[RecordedSine], cutoff_hz: float) -> tuple[list[RecordedSine], list[Finding]]:
-    """Return the runs that have a frequency up to the cut-off, and notes on the others."""
+    """Return the runs with a frequency up to the cut-off, and notes on the others."""
     findings = []
     if any(run.sine.periods == 0 for run in runs):
         findings.append(note("sine-without-frequency", "l = 0 has no frequency and is left out.", "tf.*").at(name))

@@ -1,8 +1,8 @@
-"""The cost of a transfer function with delays, where its search starts, and the search: numbers in, numbers out.
+"""Minimise the cost of a transfer function with delays, from starting points it finds itself; uses numbers alone.
 
-The cost is the sum of |H_k - G(f_k)|^2 over variances, for all series at once, chi-squared if the model holds
-(R. Pintelon, J. Schoukens, System identification: a frequency domain approach, 2012). A run whose start is uncertain
-may turn its H_k.
+The cost is the sum of |H_k - G(f_k)|^2 over variances, for all series at once; it is chi-squared if the model holds (R.
+Pintelon, J. Schoukens, System identification: a frequency domain approach, 2012). An uncertain start of a run allows a
+rotation of its H_k.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,17 +20,17 @@ Shape = Literal["first", "first+delay", "second", "zero"]
 
 SHAPES: tuple[Shape, ...] = ("first", "first+delay", "second", "zero")
 
-_EXACT = 1e-4  # of a response: closer than that no plant is linear
+_EXACT = 1e-4  # of a response: no plant is linear more exactly than this
 _SCANNED_S = np.arange(-0.2, 0.2, 0.002)
-_SECOND_LAG = (0.03, 0.3)  # of the first, as guesses
+_SECOND_LAG = (0.03, 0.3)  # of the first lag, as initial values
 _ROUNDS = 50
 _SETTLED = 1e-8  # of chi-squared: a ten-thousandth of a standard uncertainty
 
 
 class StackedResponses(NamedTuple):
-    """Responses of all series in a row (n,), the series of each, and what makes their residuals white (n, 2, 2).
+    """Responses of all series in a row (n,), the series of each, and matrices (n, 2, 2) that whiten their residuals.
 
-    `shared` (m, n) is by how much one standard uncertainty of each error that several runs share turns the responses.
+    `shared` (m, n) is the change of each response by one standard uncertainty of each error that several runs share.
     """
 
     omega_rad_s: Array
@@ -52,11 +52,11 @@ class Found(NamedTuple):
 
 
 def points_of(series: Sequence[Sequence[Response]], *, scatter_s: float = 0.0) -> StackedResponses:
-    """Put the responses of all series in a row; `scatter_s` is the standard deviation of their delays, run by run."""
+    """Put the responses of all series in a row; `scatter_s` is the standard deviation of delays from run to run."""
     responses = [response for own in series for response in own]
     value = np.array([response.value for response in responses])
     omega = np.array([response.frequency_rad_s for response in responses])
-    along = np.stack([-value.imag, value.real], axis=1)  # where a late start turns the response to
+    along = np.stack([-value.imag, value.real], axis=1)  # the direction in which a late start moves the response
     turned = along * (omega * np.hypot([response.start_std_s for response in responses], scatter_s))[:, None]
     floor = (_EXACT * np.abs(value)) ** 2
     noise = np.array([response.covariance for response in responses]) + floor[:, None, None] * np.eye(2)
@@ -74,17 +74,17 @@ def points_of(series: Sequence[Sequence[Response]], *, scatter_s: float = 0.0) -
 
 
 def unknowns(shape: Shape, series_count: int) -> int:
-    """Return how many parameters are free."""
+    """Return the number of free parameters."""
     return dynamic_unknowns(shape) + (0 if shape == "first" else series_count)
 
 
 def dynamic_unknowns(shape: Shape) -> int:
-    """Return how many of them are not delays."""
+    """Return the number of free parameters that are not delays."""
     return 2 if shape.startswith("first") else 3
 
 
 def dynamics_of(values: Array, shape: Shape) -> Dynamics:
-    """Return what parameters (p,) stand for, without delays."""
+    """Return the dynamics that parameters (p,) describe, without delays."""
     lags = np.exp(np.clip(values[1:], -20, 20))
     if shape == "second":
         return Dynamics(static_gain_n=float(values[0]), lags_s=(float(lags[0]), float(lags[1])))
@@ -102,7 +102,7 @@ def model_at(points: StackedResponses, values: Array, shape: Shape) -> Complex:
 
 
 def search(points: StackedResponses, shape: Shape, *, polar: bool = False) -> Found:
-    """Return the parameters of the least cost that the guesses lead to.
+    """Return the parameters with the least cost that the search finds from all its starting points.
 
     `polar` compares sizes and phases, which a late start does not mix, however late it is.
     """
@@ -115,12 +115,12 @@ def search(points: StackedResponses, shape: Shape, *, polar: bool = False) -> Fo
 
 
 def whitened(points: StackedResponses, apart: Complex) -> Array:
-    """Return differences of responses (n,) over their uncertainties, real and imaginary parts in turn (2n,)."""
+    """Return differences of responses (n,) over their uncertainties, real and imaginary parts alternating (2n,)."""
     return np.asarray((points.whitener @ np.stack([apart.real, apart.imag], axis=1)[:, :, None]).ravel())
 
 
 def deviance(points: StackedResponses, found: Found) -> float:
-    """Return minus twice the logarithm of the likelihood, less a constant, of noise that is inflated as it scatters."""
+    """Return minus twice the logarithm of the likelihood, less a constant, with the noise inflated by its scatter."""
     count = len(found.jacobian)
     inflation = max(1.0, found.cost / max(count - len(found.values), 1))
     determined = float(np.sum(np.log(np.abs(np.linalg.det(points.whitener)))))
@@ -128,7 +128,7 @@ def deviance(points: StackedResponses, found: Found) -> float:
 
 
 def covariance_of(points: StackedResponses, found: Found) -> Array:
-    """Return the covariance of the parameters (p, p): of the noise, inflated by its scatter, and of shared errors."""
+    """Return the covariance of the parameters (p, p): noise, inflated by its scatter, and shared errors."""
     degrees_of_freedom = len(found.jacobian) - len(found.values)
     inverse = gain_of(found.jacobian)
     covariance = inverse @ inverse.T * max(1.0, found.cost / max(degrees_of_freedom, 1))
@@ -139,7 +139,7 @@ def covariance_of(points: StackedResponses, found: Found) -> Array:
 
 
 def _shared(series: Sequence[Sequence[Response]]) -> Array:
-    """Return errors of starts in s, a row for each that runs of a series share (m, n)."""
+    """Return errors of starts in s (m, n), with one row for each error that runs of a series share."""
     rows: dict[tuple[int, str], dict[int, float]] = {}
     place = 0
     for number, own in enumerate(series):
@@ -154,7 +154,7 @@ def _shared(series: Sequence[Sequence[Response]]) -> Array:
 
 
 def _guesses(points: StackedResponses, shape: Shape) -> list[Array]:
-    """Return where to start: for each series Levy's linear fit with the delay that fits best."""
+    """Return starting points from Levy's linear fit to each series, with its best-fitting delay."""
     scanned = np.array([0.0]) if shape == "first" else _SCANNED_S
     found = np.array([_levy(points, points.series == place, scanned) for place in range(points.series_count)])
     gain, lag_s = found[:, :2].mean(axis=0)
@@ -169,7 +169,7 @@ def _guesses(points: StackedResponses, shape: Shape) -> list[Array]:
 
 
 def _levy(points: StackedResponses, rows: npt.NDArray[np.bool_], scanned_s: Array) -> tuple[float, float, float]:
-    """Return gain, lag and delay of K = H (1 + s lag), linear in gain and lag for each delay scanned.
+    """Return gain, lag and delay of K = H (1 + s lag), linear in gain and lag for each scanned delay.
 
     E. C. Levy, Complex-curve fitting, IRE Trans. Automatic Control 4 (1959).
     """
@@ -189,7 +189,7 @@ def _levy(points: StackedResponses, rows: npt.NDArray[np.bool_], scanned_s: Arra
 
 
 def _minimise(residual: Callable[[Array], Array], start: Array) -> Found:
-    """Return the least squares from a start, by damped Gauss-Newton steps (Levenberg, Marquardt)."""
+    """Return the least-squares solution from a start, by damped Gauss-Newton steps (Levenberg, Marquardt)."""
     values, damping = start, 1e-3
     now = residual(values)
     cost = float(now @ now)

@@ -1,9 +1,9 @@
-"""Gain, lags and lead of a motor with rotor, as frequency response, coefficients and time series.
+"""Model gain, lags and lead of a motor with rotor, as frequency response, coefficients and time series.
 
-Two forms. "hold" is the plant K (1 + s lead)/(1 + s lag)... behind a zero-order hold: a command takes effect from its
-sample on, so H(z) = b1 z^-1/(1 - a1 z^-1). "thesis" is eq. 3.10 as eq. 3.15 uses it, b0/(1 - a1 z^-1): the force at a
-sample includes the effect of that sample's command, so its delay is a sample longer for the same plant. Gain and lags
-are the same.
+There are two forms. "hold" is the plant K (1 + s lead)/(1 + s lag)... behind a zero-order hold: a command takes effect
+from its sample on, so H(z) = b1 z^-1/(1 - a1 z^-1). "thesis" is eq. 3.10 as eq. 3.15 uses it, b0/(1 - a1 z^-1): the
+force at a sample includes the effect of that sample's command, so for the same plant its delay is longer by one sample.
+Gain and lags are the same.
 """
 
 import math
@@ -17,13 +17,13 @@ from cfid.lazy import later
 from cfid.transfer.sines.alignment import held
 from cfid.transfer.sines.plan import SAMPLE_S
 
-_lfilter = later("scipy.signal", "lfilter")  # scipy.signal takes as long to import as a fit does
+_lfilter = later("scipy.signal", "lfilter")  # importing scipy.signal takes as long as a fit
 
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
 Form = Literal["hold", "thesis"]
 
-_ALIKE = 1e-4  # lags closer than this are moved apart: their sum of exponentials is the same
+_ALIKE = 1e-4  # lags closer than this are moved apart, with the same sum of exponentials
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,14 +36,14 @@ class Dynamics:
 
     @classmethod
     def of_coefficients(cls, b0: float, a1: float, *, sample_s: float = SAMPLE_S) -> "Dynamics":
-        """Return what b0/(1 - a1 z^-1) is, in either form."""
+        """Return the dynamics of b0/(1 - a1 z^-1), in either form."""
         return cls(static_gain_n=static_gain(b0, a1), lags_s=(time_constant_s(a1, sample_s=sample_s),))
 
     def response(self, omega_rad_s: Array, *, sample_s: float = SAMPLE_S, form: Form = "hold") -> Complex:
         """Return force over samples u[n] at frequencies (n,), without delay.
 
-        For "hold" it is that of the force itself, at any instant, of which the hold lets sinc pass; for "thesis" that
-        of the force at the samples.
+        In form "hold" it is the response of the force itself at any instant, with the hold's attenuation by sinc; in
+        form "thesis" it is that of the force at the samples.
         """
         if form == "hold":
             laplace = 1j * omega_rad_s
@@ -82,9 +82,9 @@ class Dynamics:
         return np.asarray((direct + rising) * (time_s >= 0))
 
     def simulate(self, commands: Array, time_s: Array, *, sample_s: float = SAMPLE_S, form: Form = "hold") -> Array:
-        """Return the force (n,) at times (n,) since sample 0, from rest, exactly; commands (N,) are held.
+        """Return the exact force (n,) at times (n,) since sample 0, starting from rest; commands (N,) are held.
 
-        In form "thesis" the plant is the same and responds to each command a sample earlier.
+        In form "thesis" the plant is the same and responds to each command one sample earlier.
         """
         since_s = time_s if form == "hold" else time_s + sample_s
         level = held(commands, since_s, sample_s=sample_s)
@@ -104,7 +104,7 @@ class Dynamics:
         return self.lags_s
 
     def _parts(self) -> tuple[float, list[float]]:
-        """Split the plant into a direct part and one first-order part a lag."""
+        """Split the plant into a direct part and one first-order part for each lag."""
         lags = self._apart()
         parts = []
         for place, lag_s in enumerate(lags):
@@ -118,7 +118,7 @@ class Dynamics:
 class DifferenceEquation:
     """Any H(z) of eq. 3.10 by its coefficients in rising powers of z^-1, the denominator with its leading 1.
 
-    It gives the force at the samples, whatever its form; in between, lines join them.
+    It gives the force at the samples, in either form; between samples, the force is interpolated linearly.
     """
 
     numerator: Array
@@ -129,7 +129,7 @@ class DifferenceEquation:
         return evaluate(self.numerator, self.denominator, omega_rad_s * sample_s)
 
     def simulate(self, commands: Array, time_s: Array, *, sample_s: float = SAMPLE_S, form: Form = "thesis") -> Array:
-        """Return the force (n,) at times (n,) since sample 0, from rest; commands (N,) are followed by 0."""
+        """Return the force (n,) at times (n,) since sample 0, starting from rest; commands (N,) are followed by 0."""
         last = max(len(commands), math.ceil(float(time_s.max()) / sample_s)) + 1
         force = _lfilter(self.numerator, self.denominator, np.append(commands, np.zeros(last - len(commands))))
         return np.asarray(np.interp(time_s, sample_s * np.arange(-1, last), np.append(0.0, force)))
@@ -153,7 +153,7 @@ def evaluate(numerator: Array, denominator: Array, omega_rad: Array) -> Complex:
 
 
 def _states(commands: Array, decay: float) -> Array:
-    """Return a lag's state at each sample and at the end (N + 1,)."""
+    """Return the state of a lag at each sample and at the end (N + 1,)."""
     state, states = 0.0, [0.0]
     for command in commands.tolist():
         state = command + (state - command) * decay

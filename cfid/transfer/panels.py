@@ -1,4 +1,4 @@
-"""A sine run drawn (figures 3.12 and 3.13), and panels that figures of transfer functions share."""
+"""Draw a sine run (figures 3.12 and 3.13), and panels that figures of transfer functions share."""
 
 from typing import Any, NamedTuple
 
@@ -33,9 +33,9 @@ class SeriesPoints(NamedTuple):
 
 @styled
 def sine_run_figure(run: SineRun, reports: Reports, *, settle_s: float) -> Figure:
-    """Return one run: commands made up from its reports, the thrust meanwhile, and the spectra of both.
+    """Return one run: commands reconstructed from its reports, the thrust during that time, and the spectra of both.
 
-    Reports stand where they were stamped, as late as the radio made them; commands where they were played.
+    Reports are drawn at their stamps, which include the radio's latency; commands are drawn when they were played.
     """
     notes = [f"the first {settle_s:g} s are left out of the spectra, which hold whole periods"]
     page, grid = figure(4, 2, heights_in=(KEY_IN, 2.0, 2.2, 2.0), title=f"Sine run: {run.name}", notes=notes)
@@ -70,7 +70,7 @@ def draw_played(axes: Axes, run: SineRun, *, end_s: float) -> None:
 
 
 def draw_points(size: Axes, phase: Axes, points: SeriesPoints, *, colour: str) -> None:
-    """Draw a series' responses with their intervals, and in grey its phases as stamped where they differ."""
+    """Draw a series' responses with their intervals, and in grey its phases as stamped, if these differ."""
     hertz = points.omega_rad_s / (2 * np.pi)
     how: dict[str, Any] = {"ls": "", "marker": "o", "ms": 3.5, "color": colour, "elinewidth": 0.9, "zorder": 3}
     spread = (
@@ -84,7 +84,7 @@ def draw_points(size: Axes, phase: Axes, points: SeriesPoints, *, colour: str) -
 
 
 def _spectra(run: SineRun, settle_s: float) -> tuple[Array, Array, Array]:
-    """Return frequencies (n,) in Hz and the amplitudes of commands and thrust, constants left out (eq. 3.8)."""
+    """Return frequencies (n,) in Hz and the amplitudes of commands and thrust, without constants (eq. 3.8)."""
     period_s = 2 * np.pi / run.frequency_rad_s
     periods = max(int((run.duration_s - settle_s) / period_s), 1)
     count = min(round(periods * period_s / run.sample_s), run.sine.samples)

@@ -1,4 +1,4 @@
-"""Sine runs to the result of `cfid tf identify`: quantities, findings and printed lines."""
+"""Convert sine runs to the result of `cfid tf identify`: quantities, findings and printed lines."""
 
 from cmath import phase
 from collections.abc import Callable, Mapping, Sequence
@@ -48,12 +48,13 @@ def fit(
     compare: Published | None = None,
     method: Literal["default", "thesis"] = "default",
 ) -> Result:
-    """Return the transfer function from command to thrust, of all series together and of each for itself.
+    """Return the transfer function from command to thrust, of all series together and of each by itself.
 
-    Runs are those of `cfid log sine`; `read_sines` reads files, and other channels than the motor's own arm. `settle_s`
-    at the beginning of each run and sines above `cutoff_hz` are left out; `settings` gives the constants of C.2.5 for
-    runs of N samples. The static gain is compared with the slope of `thrust_poly`, newtons over the command with the
-    highest power first, and with a function that the thesis published. Raises DataError and FitError with a run's name.
+    Runs are those of `cfid log sine`; use `read_sines` for files, and for channels other than the motor's own arm.
+    `settle_s` at the start of each run and sines above `cutoff_hz` are left out; `settings` gives the constants of
+    C.2.5 for runs of N samples. The static gain is compared with the slope of `thrust_poly`, newtons over the command
+    with the highest power first, and with a function that the thesis published. Raises DataError and FitError with a
+    run's name.
     """
     sines = runs if isinstance(runs, SineSet) else read_sines(runs)
     command = sines.runs[0].sine.middle
@@ -72,7 +73,7 @@ def fit(
 
 
 def _facts(sines: SineSet) -> dict[str, float]:
-    """Return the arm by which torques became thrust, where all sines have the same."""
+    """Return the arm that converted torques to thrust, if all sines have the same."""
     arms = {rig.loadcell.arm_mm for rig in sines.rigs if rig.loadcell.arm_mm is not None}
     return {"loadcell.arm_mm": arms.pop()} if len(arms) == 1 and sines.channel != "Fz" else {}
 
@@ -119,7 +120,7 @@ def _of_fit(
 
 
 def _findings(found: Identified, joint: Quantities, each: Mapping[str, Quantities]) -> list[Finding]:
-    """Return what speaks against the joint function and that of each series; a single series is both."""
+    """Return findings against the joint function and that of each series; a single series is both."""
     if len(found.each) == 1:
         (alone,) = each.values()
         findings = [*found.fit.findings((*joint, *alone))]
@@ -142,7 +143,7 @@ def _findings(found: Identified, joint: Quantities, each: Mapping[str, Quantitie
 
 
 def _negative_delay(delay: Delay) -> list[Finding]:
-    """Return a note where the force comes before its command as stamped, beyond what noise explains."""
+    """Return a note where the force precedes its command as stamped, beyond what noise explains."""
     if delay.delay_s >= -COVERAGE_95 * delay.std_s:
         return []
     text = (
@@ -199,7 +200,7 @@ def _of_thesis(found: ThesisFits, sines: SineSet, comparison: Comparison) -> Res
 
 
 def _function(key: str, fit: TransferFit) -> Quantities:
-    """Return a transfer function's quantities; of several series the mean of their delays."""
+    """Return a transfer function's quantities; for several series, the mean of their delays."""
     std, delay = fit.std, fit.mean_delay
     found = {
         "numerator": Parameter(value=fit.numerator.tolist(), std=std.numerator.tolist()),
@@ -217,7 +218,7 @@ def _function(key: str, fit: TransferFit) -> Quantities:
 
 
 def _thesis_function(key: str, fit: ThesisFit) -> Quantities:
-    """Return the same by the thesis method, which has no uncertainties, and takes the delay to be zero."""
+    """Return the quantities by the thesis method, which has no uncertainties and assumes a delay of zero."""
     return {
         f"{key}.numerator": Parameter(value=fit.numerator.tolist()),
         f"{key}.denominator": Parameter(value=fit.denominator.tolist()),
@@ -228,7 +229,7 @@ def _thesis_function(key: str, fit: ThesisFit) -> Quantities:
 
 
 def _covariances(fit: TransferFit) -> tuple[Covariance, ...]:
-    """Return the covariance of the joint transfer function's numbers."""
+    """Return the covariance of the joint transfer function's values."""
     values = {
         "tf.numerator": fit.numerator.tolist(),
         "tf.denominator": fit.denominator.tolist(),
@@ -237,7 +238,7 @@ def _covariances(fit: TransferFit) -> tuple[Covariance, ...]:
         "tf.delay_s": fit.mean_delay.delay_s,
     }
     covariance = fit.std.covariance.copy()
-    covariance[-1, -1] = fit.mean_delay.std_s**2  # with that of the mean lateness of stamps
+    covariance[-1, -1] = fit.mean_delay.std_s**2  # including that of the mean delay of stamps
     return covariance_between(values, covariance)
 
 
@@ -265,7 +266,7 @@ def _merits(found: Identified) -> dict[str, Any]:
 
 
 def _thesis_merits(fit: ThesisFit, of: str) -> dict[str, Dependent]:
-    """Return the thesis method's numbers beside the transfer function `of` a key, or as those of a series."""
+    """Return the thesis method's values to compare with the transfer function `of` a key, or as those of a series."""
     found = {
         "numerator": fit.numerator.tolist(),
         "denominator": fit.denominator.tolist(),
@@ -276,7 +277,7 @@ def _thesis_merits(fit: ThesisFit, of: str) -> dict[str, Dependent]:
 
 
 def _thesis_lines(thesis: ThesisFit | str, ours: GainAndLag) -> list[str | Dependent]:
-    """Return the thesis method's result for the same runs, or why it has none."""
+    """Return the thesis method's result for the same runs, or why there is none."""
     if isinstance(thesis, str):
         return [f"thesis method: no result: {thesis}"]
     theirs = GainAndLag(thesis.static_gain_n, thesis.time_constant_s)

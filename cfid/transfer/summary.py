@@ -1,4 +1,4 @@
-"""The printed lines about a transfer function besides the table of its quantities."""
+"""Compose the lines that are printed about a transfer function in addition to the table of its quantities."""
 
 from cfid.records.result import Dependent
 from cfid.transfer.estimation import TransferFit
@@ -14,7 +14,7 @@ _FORMS = {
 
 
 def fit_lines(found: Identified) -> list[str | Dependent]:
-    """Return H(z), chi-squared and the shapes' scores, each series, and the delays."""
+    """Return lines on H(z), chi-squared and the shapes' scores, each series, and the delays."""
     fit = found.fit
     aicc = ", ".join(f"{shape} {score:+.1f}" for shape, score in found.aicc.items())
     each = [_series_line(name, own) for name, own in found.each.items()]

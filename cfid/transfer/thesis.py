@@ -1,7 +1,7 @@
-"""The thesis method of identifying a transfer function (section 3.4.3, appendix C.2.5), its constants as settings.
+"""Identify a transfer function by the thesis method (section 3.4.3, appendix C.2.5), with its constants as settings.
 
-Times are taken as they were stamped: latencies of radio and load cell are left out, which the thesis regrets and
-which biases its time constant. Nothing here corrects for that.
+Times are used as stamped: the latencies of radio and load cell are neglected, which the thesis regrets and which biases
+its time constant. Nothing here corrects for that.
 """
 
 import math
@@ -22,14 +22,14 @@ Complex = npt.NDArray[np.complex128]
 
 _BIAS_SAMPLES = 1000
 _SECOND_SAMPLES = 8000  # N of the second series
-_ROUNDING = 1e-4  # of a sample, by which stamps of a Unix time may exceed the last whole one
+_ROUNDING = 1e-4  # of a sample, by which stamps of a Unix time may exceed the last whole sample
 
 
 @dataclass(frozen=True, kw_only=True)
 class ThesisSettings:
-    """What C.2.5 has as numbers: N_T, weights (they enter squared), up to which l the first holds, and which l count.
+    """The constants of C.2.5: N_T, two weights (squared in the fit), the last l of the first, and the last l used.
 
-    `denominator` and `numerator` are A and B of eq. 3.10: how many coefficients they have, the leading 1 included.
+    `denominator` and `numerator` are A and B of eq. 3.10: their numbers of coefficients, including the leading 1.
     """
 
     settle_samples: int = 500
@@ -47,9 +47,9 @@ SECOND_SERIES = ThesisSettings(settle_samples=1800, weight_low=2.5, low_up_to=50
 
 @dataclass(frozen=True, kw_only=True)
 class ThesisResponse:
-    """One run's estimate by FFT (eq. 3.9): N as its stamps say, and the number of samples transformed (eq. 3.8).
+    """One run's estimate by FFT (eq. 3.9): N from its stamps, and the number of transformed samples (eq. 3.8).
 
-    `elsewhere` states that the force's largest peak is not at the input's frequency; C.2.5 divides by it all the same.
+    `elsewhere` states that the force's largest peak is not at the input's frequency; C.2.5 divides by it nevertheless.
     """
 
     name: str
@@ -76,17 +76,17 @@ class ThesisFit:
 
     @property
     def static_gain_n(self) -> float:
-        """Force over a constant command."""
+        """The force over a constant command."""
         return float(self.numerator.sum() / self.denominator.sum())
 
     @property
     def time_constant_s(self) -> float | None:
-        """Time constant of the slowest pole; None when that is no decay."""
+        """The time constant of the slowest pole; None when that pole is not a decay."""
         pole = float(np.max(np.abs(np.roots(self.denominator)), initial=0.0))
         return -SAMPLE_S / math.log(pole) if 0 < pole < 1 else None
 
     def rejections(self, keys: Sequence[str]) -> tuple[Finding, ...]:
-        """Return why this is no motor's transfer function, which has the quantities `keys`."""
+        """Return why this is not a motor's transfer function, for its quantities `keys`."""
         elsewhere, count = sum(own.elsewhere for own in self.responses), len(self.responses)
         pole = "its slowest pole is no decay, which no motor has."
         peaks = (
@@ -102,7 +102,7 @@ class ThesisFit:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ThesisFits:
-    """One fit a series, and the least squares of all their responses, each with the weights it had."""
+    """One fit per series, and the least squares of all their responses, each with the weights it had."""
 
     each: Mapping[str, ThesisFit]
     joint: ThesisFit
@@ -119,7 +119,7 @@ def fit_all(
     *,
     sign: Sign = "auto",
 ) -> ThesisFits:
-    """Identify each series, and all of them at once; `settings` of a series are those for its first run's N.
+    """Identify each series, and all of them at once; `settings` for a series are those for its first run's N.
 
     Raises DataError and FitError with a run's name.
     """
@@ -132,9 +132,9 @@ def fit_all(
 
 
 def fit_thesis(recorded: Sequence[RecordedSine], settings: ThesisSettings = FIRST_SERIES) -> ThesisFit:
-    """Identify a series as C.2.5 does; forces are in N and have the sign of thrust, the bias still in them.
+    """Identify a series as C.2.5 does; forces are in N with the sign of thrust, and still contain the bias.
 
-    Raises DataError for runs that cannot be taken so, FitError when too few are left.
+    Raises DataError for runs that the method cannot use, FitError when too few are left.
     """
     findings, responses = [], []
     for run in recorded:
@@ -160,7 +160,8 @@ def fit_thesis(recorded: Sequence[RecordedSine], settings: ThesisSettings = FIRS
 def join_thesis(fits: Sequence[ThesisFit], settings: ThesisSettings) -> ThesisFit:
     """Solve eq. 3.14 for the responses of several series at once, each with the weights it had.
 
-    Of `settings` only A and B count. The thesis itself keeps its series apart. Raises FitError for too few responses.
+    Only A and B of `settings` are used. The thesis itself keeps its series apart. Raises FitError for too few
+    responses.
     """
     responses = [own for fit in fits for own in fit.responses]
     findings = [finding for fit in fits for finding in fit.findings]
@@ -170,8 +171,8 @@ def join_thesis(fits: Sequence[ThesisFit], settings: ThesisSettings) -> ThesisFi
 def thesis_response(run: RecordedSine, *, settle_samples: int = FIRST_SERIES.settle_samples) -> ThesisResponse:
     """Return one run's estimate of the frequency response.
 
-    N is that of the run's own stamps; force is interpolated at its samples; of the transform the largest bins
-    besides the constant are divided, wherever they lie.
+    N is that of the run's own stamps; force is interpolated at its samples. The estimate is the ratio of the
+    transforms' largest bins except the constant, wherever they are.
     """
     force, middle = run.force_n - run.force_n[:_BIAS_SAMPLES].mean(), run.sine.middle
     stamps_s = run.reports.host_s - run.reports.host_s[0]
@@ -201,7 +202,7 @@ def thesis_response(run: RecordedSine, *, settle_samples: int = FIRST_SERIES.set
 def least_squares(value: Complex, omega_rad: Array, weights: Array, settings: ThesisSettings) -> tuple[Array, Array]:
     """Solve eq. 3.12 with weights (eq. 3.14) for responses (n,); return numerator (B,) and denominator (A,).
 
-    A row is the real or imaginary part of H(Omega) times the denominator less the numerator (eq. 3.11).
+    A row is the real or imaginary part of H(Omega) times the denominator, less the numerator (eq. 3.11).
     """
     poles, zeros = np.arange(1, settings.denominator), np.arange(settings.numerator)
     if 2 * len(value) < len(poles) + len(zeros):
@@ -246,7 +247,7 @@ def _upward(run: RecordedSine, sign: Sign) -> RecordedSine:
 
 
 def _rows(run: RecordedSine, samples: int) -> tuple[int, int]:
-    """Return which rows of the load cell lie around the run."""
+    """Return the range of the load cell's rows around the run."""
     first_s, last_s = run.reports.host_s[0], run.reports.host_s[-1]
     begin = int(np.searchsorted(run.time_s, first_s, side="right")) - 1
     end = int(np.searchsorted(run.time_s, last_s)) + 1
@@ -259,7 +260,7 @@ def _rows(run: RecordedSine, samples: int) -> tuple[int, int]:
 
 
 def _fft_samples(run: RecordedSine, samples: int, settle_samples: int) -> int:
-    """Return N_FFT of eq. 3.8: whole periods, each rounded to samples; all of them for l = 1."""
+    """Return N_FFT of eq. 3.8: whole periods, each rounded to samples; all samples for l = 1."""
     left = samples - settle_samples
     if run.sine.periods == 1:
         taken = left

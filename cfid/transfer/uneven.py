@@ -1,8 +1,9 @@
-"""A motor that slows down more slowly than it speeds up, as the second harmonic of its sines shows.
+"""Detect a motor that slows down more slowly than it speeds up, from the second harmonic of its sines.
 
 With rates r (1 + e) up and r (1 - e) down, a speed that follows a sine gets a second harmonic, in quadrature to that of
-the thrust, which goes with the square of the speed. Its mean rises by 2 e / pi of the amplitude by which it stays
-behind the command, and with it the thrust of the sine: more at high frequencies, as with a shorter time constant.
+the thrust, which is proportional to the square of the speed. Its mean rises by 2 e / pi of the amplitude by which it
+lags behind the command, and the thrust of the sine rises with it: more at high frequencies, as with a shorter time
+constant.
 """
 
 import math
@@ -17,12 +18,12 @@ from cfid.transfer.frequency_response import Response
 from cfid.transfer.model import Complex
 
 _LARGEST_IN_STD = 3.0
-_LEAST = 0.05  # of the rate: what is less does not matter
+_LEAST = 0.05  # of the rate: a smaller difference does not matter
 _FEWEST = 3
 
 
 class Uneven(NamedTuple):
-    """The part e by which a rate upwards exceeds the mean of both, and by which part it raises each response (n,)."""
+    """The relative excess e of the upward rate over the mean rate, and the part that it adds to each response (n,)."""
 
     part: float
     std: float
@@ -30,7 +31,7 @@ class Uneven(NamedTuple):
 
     @property
     def ratio(self) -> float:
-        """The time constant downwards over that upwards."""
+        """The downward time constant over the upward one."""
         return (1 + self.part) / (1 - self.part)
 
     def findings(self, keys: Sequence[str]) -> list[Finding]:
@@ -44,7 +45,7 @@ class Uneven(NamedTuple):
 
 
 def uneven_rates(responses: Sequence[Response], *, lag_s: float) -> Uneven | None:
-    """Return what second harmonics of responses (n,) with a time constant show, None where they show no such motor."""
+    """Return the unevenness in second harmonics of responses (n,) with a time constant, None if there is none."""
     if len(responses) < _FEWEST:
         return None
     lagged = lag_s * np.array([own.frequency_rad_s for own in responses])

@@ -1,4 +1,4 @@
-"""An identified transfer function against a run that it was not made from (figure 3.16), in time and in numbers."""
+"""Compare an identified transfer function with a run that it was not identified from (figure 3.16)."""
 
 import cmath
 import math
@@ -16,8 +16,8 @@ from cfid.transfer.sines.alignment import SineRun
 
 Array = npt.NDArray[np.float64]
 
-OFF_LIMIT = 0.1  # of the sine, by which simulation and measurement may differ beyond their uncertainty
-SMOOTHED_HZ = 25.0  # twice what is identified, and far below any rotor's frequency
+OFF_LIMIT = 0.1  # of the sine: the largest difference of simulation and measurement beyond their uncertainty
+SMOOTHED_HZ = 25.0  # twice the highest identified frequency, and far below any rotor's
 
 _CERTAIN = 3.0  # standard uncertainties
 _VAGUE = 0.1  # of the sine, one standard uncertainty
@@ -28,12 +28,12 @@ _GAUSS = math.sqrt(math.log(2)) / (2 * math.pi)  # standard deviation of a kerne
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Verification:
-    """Thrust about its mean (n,), measured and simulated, both smoothed alike, without transient and end.
+    """Thrust about its mean (n,), measured and simulated, both smoothed in the same way, without transient and end.
 
-    The means are left out, as a linear function does not determine them. `fit_percent` is
-    100 (1 - |y - yhat|/|y - mean|), `unfiltered_fit_percent` the same with the vibration in y. At the sine's frequency
-    the measured force comes `late_s` (`late_rad` of its phase) later than the simulated, and is `gain_ratio` times as
-    large; each has its standard uncertainty.
+    The means are left out, as a linear function does not determine them. `fit_percent` is 100 (1 - |y - yhat|/|y -
+    mean|), and `unfiltered_fit_percent` is the same with the vibration in y. At the sine's frequency, the measured
+    force is later than the simulated one by `late_s` (`late_rad` of its phase), and `gain_ratio` times as large; each
+    has its standard uncertainty.
     """
 
     name: str
@@ -51,22 +51,22 @@ class Verification:
 
     @property
     def residual_n(self) -> Array:
-        """Measured less simulated thrust (n,) in N."""
+        """The measured minus the simulated thrust (n,) in N."""
         return self.measured_n - self.simulated_n
 
     @property
     def residual_rms_n(self) -> float:
-        """The root of its mean square, in N."""
+        """The root mean square of the residual, in N."""
         return float(np.sqrt(np.mean(self.residual_n**2)))
 
     @property
     def off(self) -> float:
-        """The difference of measured and simulated sine, relative to the simulated."""
+        """The difference between the measured and the simulated sine, relative to the simulated one."""
         return abs(self.gain_ratio * cmath.exp(-1j * self.late_rad) - 1)
 
     @property
     def off_std(self) -> float:
-        """Its standard uncertainty, in any direction."""
+        """The standard uncertainty of `off`, in any direction."""
         return math.hypot(self.gain_ratio_std, self.gain_ratio * self.late_std_rad)
 
     @property
@@ -75,7 +75,7 @@ class Verification:
         return self.off <= OFF_LIMIT + _CERTAIN * self.off_std
 
     def findings(self, keys: Sequence[str]) -> tuple[Finding, ...]:
-        """Return what speaks against the comparison, which has the quantities `keys`."""
+        """Return findings against the comparison with the quantities `keys`."""
         found = []
         if self.off_std > _VAGUE:
             text = f"{self.name}: is known to {100 * self.off_std:.0f} % of the sine only: it verifies little."
@@ -142,7 +142,7 @@ def _fit_percent(measured: Array, simulated: Array) -> float:
 
 
 def _smoothed(time_s: Array, values: Array, hertz: float) -> tuple[Array, Array]:
-    """Return times (m,) and means of signals (k, n) over 2 ms, smoothed by a Gauss kernel without shift (k, m)."""
+    """Return times (m,) and means of signals (k, n) over 2 ms, smoothed by a Gaussian kernel without shift (k, m)."""
     edges = np.arange(time_s[0], time_s[-1], _STEP_S)
     between = np.diff(time_s) * (values[:, 1:] + values[:, :-1]) / 2
     integral = np.concatenate([np.zeros((len(values), 1)), np.cumsum(between, axis=1)], axis=1)

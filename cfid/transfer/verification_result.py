@@ -1,4 +1,4 @@
-"""A transfer function against sine runs that it was not identified from: the result of `cfid tf verify`."""
+"""Compare a transfer function with sine runs it was not identified from: the result of `cfid tf verify`."""
 
 import math
 from collections import Counter
@@ -19,15 +19,15 @@ from cfid.transfer.sines.alignment import Sign, SineRun, SineSeries, align, with
 from cfid.transfer.sines.data import SineSet, read_sines
 from cfid.transfer.verification import Verification, verify_run
 
-_LONGEST_S = 10.0  # a delay, of either sign
+_LONGEST_S = 10.0  # the largest delay, of either sign
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Function:
-    """A transfer function with its delay in s after average or, if it is known, after the quickest reports.
+    """A transfer function with its delay in s after the average report and, if known, after the fastest.
 
-    `delay_std_s` is the standard uncertainty of the one that counts, 0 where there is none. `used` are the sha256 of
-    the files that it was identified from.
+    `delay_std_s` is the standard uncertainty of the delay in use, 0 where it is not known. `used` are the sha256 of the
+    files that the function was identified from.
     """
 
     equation: DifferenceEquation
@@ -40,16 +40,16 @@ class Function:
     def of_coefficients(
         cls, numerator: Sequence[float], denominator: Sequence[float], *, delay_s: float = 0.0
     ) -> "Function":
-        """Return H(z) by coefficients of z^0, z^-1, ... Raises ConfigError for what no motor has."""
+        """Return H(z) from coefficients of z^0, z^-1, ... Raises ConfigError for coefficients that no motor has."""
         return cls(equation=_equation(numerator, denominator), delay_s=_delay(delay_s))
 
     @classmethod
     def of_quantities(
         cls, quantities: Mapping[str, Parameter], sources: Iterable[Source] = (), *, delay_s: float | None = None
     ) -> "Function":
-        """Return the function that was identified, with its delay or another.
+        """Return the identified function, with its own delay or `delay_s` instead.
 
-        Raises DataError for one that is missing, and for what no motor has.
+        Raises DataError for a missing quantity, and for coefficients that no motor has.
         """
         try:
             numerator, denominator, average = (
@@ -76,7 +76,7 @@ class Function:
         )
 
     def delay_in(self, series: SineSeries) -> tuple[float, float]:
-        """Return the delay in s after the quickest reports of a series, and its standard uncertainty there."""
+        """Return the delay in s after the fastest reports of a series, and its standard uncertainty there."""
         if self.after_quickest_s is not None:
             return self.after_quickest_s, self.delay_std_s
         return self.delay_s + series.mean_lateness_s, math.hypot(self.delay_std_s, series.mean_lateness_std_s)
@@ -89,9 +89,9 @@ def verify(
     sign: Sign = "auto",
     settle_s: float = SETTLE_S,
 ) -> Result:
-    """Simulate a transfer function, or that of a result, against runs that it was not identified from.
+    """Simulate a transfer function, or that of a result, and compare it with runs it was not identified from.
 
-    Raises DataError for a run without a frequency, or too short to be compared.
+    Raises DataError for a run without a frequency, or one that is too short.
     """
     sines = runs if isinstance(runs, SineSet) else read_sines(runs)
     known = Function.of_quantities(function.quantities, function.sources) if isinstance(function, Result) else function
@@ -179,7 +179,7 @@ def _figures(compared: Sequence[tuple[SineRun, Verification]]) -> Figures:
 
 
 def _distinct(names: Iterable[str]) -> list[str]:
-    """Return the names with a number where one is repeated: files of different folders may have the same name."""
+    """Return the names, numbered where one is repeated: files in different folders may have the same name."""
     seen: Counter[str] = Counter()
     found = []
     for name in names:
@@ -189,7 +189,7 @@ def _distinct(names: Iterable[str]) -> list[str]:
 
 
 def _equation(numerator: Sequence[float], denominator: Sequence[float]) -> DifferenceEquation:
-    """Return H(z) by coefficients of z^0, z^-1, ... Raises ConfigError for what no motor has."""
+    """Return H(z) from coefficients of z^0, z^-1, ... Raises ConfigError for coefficients that no motor has."""
     if not len(denominator) or denominator[0] != 1:
         raise ConfigError(f"denominator {_text(denominator)}: should begin with its leading 1.")
     if not any(numerator):

@@ -1,1 +1,1 @@
-"""Sine runs: planned, recorded, and put on one time base."""
+"""Plan and record sine runs, and put them on one time base."""

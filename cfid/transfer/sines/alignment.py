@@ -1,7 +1,7 @@
-"""Sine runs on one time base: when each sample was played, and the thrust that the load cell measured meanwhile.
+"""Put sine runs on one time base: when each sample was played, and the thrust that the load cell measured then.
 
-Forces are in newtons of thrust on the host's clock, as stamped. Times within a run count from its sample 0 as if
-every report had come as quickly as the quickest; the mean lateness of the others is stated with them.
+Forces are in newtons of thrust on the host's clock, as stamped. Times within a run count from its sample 0 as if every
+report had arrived as fast as the fastest; the mean delay of the others is stated with them.
 """
 
 import math
@@ -26,17 +26,20 @@ Array = npt.NDArray[np.float64]
 Channel = Literal["Fz", "Tx", "Ty", "arm"]
 Sign = Literal["auto", "+", "-"]
 
-_BEFORE_S, _BASELINE_S, _MARGIN_S = 0.9, 0.1, 0.5  # of the force kept: before, the baseline until, after the end
+# Parts of the force that are kept: from this long before the run, with the baseline until this long before it, to this
+# long after its end.
+_BEFORE_S, _BASELINE_S, _MARGIN_S = 0.9, 0.1, 0.5
 _SMALLEST_BASELINE = 10
 _LARGEST_GAP_S = 0.25
-_APART_S, _NEAR_S = 0.06, 0.035  # between reports that do not, and seldom, wait for each other in the radio
-_FEWEST_USUAL = 12  # reports of a run, for the least to be known
-_LOOP_STD = 1.5e-3  # the firmware warns when its loop is further off than 0.3 %
+# Reports at least this far apart do not, or seldom, wait for each other in the radio.
+_APART_S, _NEAR_S = 0.06, 0.035
+_FEWEST_USUAL = 12  # reports of a run, the least from which the shortest delay is known
+_LOOP_STD = 1.5e-3  # the firmware warns when its loop period is more than 0.3 % off
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RecordedSine:
-    """A requested sine, its reports as they came, and thrust (n,) in N with its bias at the host's times (n,) in s."""
+    """A requested sine, its reports as they arrived, and thrust (n,) in N, with bias, at the host's times (n,) in s."""
 
     name: str
     sine: Sine
@@ -47,10 +50,11 @@ class RecordedSine:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SineRun:
-    """A run on its own time: sample n is played at n `sample_s`, `start_s` is 0 on the host's clock.
+    """A run on its own time: sample n is played at n `sample_s`, and time 0 is `start_s` on the host's clock.
 
-    `time_s`, `force_n` (n,) reach from the baseline before it to after its end, bias and sign corrected. `start_std_s`
-    is the standard uncertainty of its start alone; `shared_s` are those that runs share, by name, each with its sign.
+    `time_s`, `force_n` (n,) reach from the baseline before the run to after its end, with bias and sign corrected.
+    `start_std_s` is the standard uncertainty of this run's start alone; `shared_s` are those that runs share, by name,
+    each with its sign.
     """
 
     name: str
@@ -66,7 +70,7 @@ class SineRun:
 
     @property
     def duration_s(self) -> float:
-        """How long it was played."""
+        """The duration of the run."""
         return self.sine.samples * self.sample_s
 
     @property
@@ -77,9 +81,10 @@ class SineRun:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SineSeries:
-    """Runs on one time base; reports come `mean_lateness_s` later than the quickest on average.
+    """Runs on one time base; on average, reports arrive `mean_lateness_s` later than the fastest.
 
-    `lines` compare the vehicle's clock with the host's, one for each start of the vehicle; none without its stamps.
+    `lines` compare the vehicle's clock with the host's, with one line for each start of the vehicle; none without the
+    vehicle's stamps.
     """
 
     runs: tuple[SineRun, ...]
@@ -103,9 +108,9 @@ def thrust_of(
 
     `yaw_deg` turns the cell's vectors into the vehicle's frame (see `turn_about_z`). The thesis turned the vehicle left
     by 45 degrees on the load cell, a yaw of -45, so that motor 1 lies on the cell's x axis, 4 on y, 3 on -x and 2 on
-    -y. A thrust f up at (x, y) makes Tx = y f and Ty = -x f: motors 1 and 3 load Ty with -1 and +1 times f `arm_m`, 2
-    and 4 Tx with -1 and +1. C.2.5 has that minus for motor 1. "Tx" and "Ty", the cell's own, are divided by the arm
-    and keep their sign; "arm" projects on the motor's own arm for any `yaw_deg`, with thrust positive.
+    -y. A thrust f up at (x, y) causes Tx = y f and Ty = -x f: motors 1 and 3 load Ty with -1 and +1 times f `arm_m`, 2
+    and 4 load Tx with -1 and +1. C.2.5 has that minus for motor 1. "Tx" and "Ty", the cell's own, are divided by the
+    arm and keep their sign; "arm" projects on the motor's own arm for any `yaw_deg`, with thrust positive.
     """
     if channel == "Fz":
         return force_n[:, 2]
@@ -118,13 +123,13 @@ def thrust_of(
 
 
 def held(commands: Array, time_s: Array, *, sample_s: float = SAMPLE_S) -> Array:
-    """Return the command (n,) in force at times (n,) since sample 0: each is held for a sample, 0 outside."""
+    """Return the command (n,) in effect at times (n,) since sample 0: each is held for one sample, and 0 outside."""
     place = np.clip(np.floor(time_s / sample_s + 1e-9), -1, len(commands)).astype(np.intp)
     return np.asarray(np.concatenate([[0.0], commands, [0.0]])[place + 1])
 
 
 def with_end(recorded: Sequence[RecordedSine]) -> tuple[list[RecordedSine], tuple[Finding, ...]]:
-    """Return the runs whose last report came, and a warning about the others; all runs where none has it."""
+    """Return the runs whose last report arrived, and a warning about the others; all runs if none has it."""
     lost = [run for run in recorded if len(run.reports.command) and run.reports.command[-1] != 0]
     if not lost or len(lost) == len(recorded):
         return list(recorded), ()
@@ -138,8 +143,8 @@ def with_end(recorded: Sequence[RecordedSine]) -> tuple[list[RecordedSine], tupl
 def align(recorded: Sequence[RecordedSine], *, sign: Sign = "auto") -> SineSeries:
     """Find when each sample was played, by on-board stamps if all runs have them, else by each sine's phase.
 
-    Sign "auto" takes thrust to be positive: motors push one way. Raises DataError with the run's name for reports
-    or load-cell files that are not those of the run.
+    Sign "auto" takes thrust to be positive: motors push one way. Raises DataError with the run's name for reports or
+    load-cell files that are not those of the run.
     """
     matched = [_matched(run) for run in recorded]
     if not matched:
@@ -169,7 +174,7 @@ def _matched(run: RecordedSine) -> Matched:
 
 
 def _by_vehicle(matched: Sequence[Matched]) -> tuple[list[_Synchronised], tuple[ClockLine, ...]]:
-    """Map the vehicle's time of each sample to the host by one line for all runs since it was started."""
+    """Map the vehicle's time of each sample to the host's clock by one line for all runs since the vehicle started."""
     order = sorted(range(len(matched)), key=lambda place: matched[place].host_s[0])
     device_s = [np.asarray(matched[place].vehicle_us, dtype=np.float64) / 1e6 for place in order]
     host_s = [matched[place].host_s for place in order]
@@ -189,7 +194,7 @@ def _by_vehicle(matched: Sequence[Matched]) -> tuple[list[_Synchronised], tuple[
 
 
 def _line_rows(reports: Matched, *, alone: bool) -> npt.NDArray[np.intp]:
-    """Return the reports that a line is laid under: those that seldom wait for others; of a dense run alone, some."""
+    """Return the reports for a line fit: those that seldom wait for others, or a selection of a single dense run."""
     rows = np.flatnonzero(_waits_for_none(reports, SAMPLE_S, apart_s=_NEAR_S))
     if len(rows) > 2 or not alone:
         return rows
@@ -200,14 +205,14 @@ def _on_line(line: ClockLine, sample: Array, device_s: Array, host_s: Array) -> 
     turns = np.round((float(line.device_s(host_s[0])) - device_s[0]) / COUNTER_S)
     device_s = unwrapped_s(device_s, host_s) + turns * COUNTER_S
     first_s, sample_s = np.polynomial.polynomial.polyfit(sample, device_s, 1)
-    # Microseconds on board leave a run no error of its own: all of it is the line's.
+    # Stamps on board are exact to microseconds, so the run has no error of its own; the line's remains.
     shared_s = {"offset": line.offset_std_s, "rate": line.rate_std * float(first_s - line.middle_device_s)}
     start = Start(float(line.host_s(first_s)), 0.0)
     return _Synchronised(start, shared_s, line.rate * float(sample_s), host_s - line.host_s(device_s))
 
 
 def _by_phase(matched: Sequence[Matched]) -> list[_Synchronised]:
-    """Find the start of each run by its own reports, the sampling time and the radio's jitter by those of all runs."""
+    """Find the start of each run from its own reports; sampling time and the radio's jitter come from all runs."""
     sample_s = _common_sample_s(matched)
     lags = [reports.host_s - reports.sample * sample_s for reports in matched]
     free = [lag[_waits_for_none(reports, sample_s)] for reports, lag in zip(matched, lags, strict=True)]
@@ -223,14 +228,14 @@ def _by_phase(matched: Sequence[Matched]) -> list[_Synchronised]:
 
 
 def _usual_lateness(lags: Sequence[Array]) -> Array:
-    """Return the lateness of reports after the quickest, from runs with enough of them to know the quickest."""
+    """Return the delays of reports after the fastest, from runs with enough reports to know the fastest."""
     enough = min(_FEWEST_USUAL, max(len(lag) for lag in lags))
     above = [lag - lag.min() for lag in lags if len(lag) >= enough]
     return np.concatenate([late_s + late_s.sum() / (len(late_s) * max(len(late_s) - 1, 1)) for late_s in above])
 
 
 def _common_sample_s(matched: Sequence[Matched]) -> float:
-    """Return the weighted mean of the sampling times of all runs and of the firmware."""
+    """Return the weighted mean of the sampling times of all runs and of the firmware's."""
     rates, weights = [1.0], [_LOOP_STD**-2]
     for reports in matched:
         rows = _line_rows(reports, alone=False)
@@ -246,12 +251,12 @@ def _spacing_s(reports: Matched, sample_s: float) -> float:
 
 
 def _waits_for_none(reports: Matched, sample_s: float, *, apart_s: float = _APART_S) -> npt.NDArray[np.bool_]:
-    """Return which reports (n,) had no other under way before them."""
+    """Return which reports (n,) had no other report pending before them."""
     return np.diff(reports.sample, prepend=-math.inf) * sample_s >= apart_s
 
 
 def _cut(recorded: RecordedSine, by: _Synchronised, sign: Sign) -> SineRun:
-    """Return the run's part of the load cell's record, less its bias."""
+    """Return the run's part of the load cell's record, without its bias."""
     start_s, end_s = by.start.start_s, recorded.sine.samples * by.sample_s
     begin, end = np.searchsorted(recorded.time_s, [start_s - _BEFORE_S, start_s + end_s + _MARGIN_S])
     time_s, force = recorded.time_s[begin:end] - start_s, recorded.force_n[begin:end]

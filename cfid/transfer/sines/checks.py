@@ -1,4 +1,4 @@
-"""Whether the torque of sines lies where the arm of their motor is: it tells a wrong yaw of the load cell."""
+"""Check that the torque of sines lies where their motor's arm is: a wrong yaw of the load cell shows here."""
 
 import math
 
@@ -12,17 +12,17 @@ from cfid.units import MOTOR_AZIMUTH_DEG
 
 Array = npt.NDArray[np.float64]
 
-_FARTHEST_DEG = 20.0  # from the arm, beyond cross-talk and a mount by eye; a gain is then 6 % too small
-_CLEAR = 9.0  # of the power along the torque's direction over that across, from where it has one
+_FARTHEST_DEG = 20.0  # from the arm, more than cross-talk and a mount aligned by eye; a gain is then 6 % too small
+_CLEAR = 9.0  # the least ratio of the powers along and across the torque's direction, for the direction to be clear
 _RESTING = (
     "tf.static_gain_n", "tf.numerator", "tf.series.*.static_gain_n", "tf.series.*.numerator", "tf.frequency_response",
 )  # fmt: skip
 
 
 def torque_moments(time_s: Array, torque_nm: Array, *, frequency_hz: float, motor: int, yaw_deg: float) -> Array:
-    """Return the second moments (2, 2) of torque (n, 3) at a frequency, about the motor's arm and along it.
+    """Return the second moments (2, 2) of torque (n, 3) at a frequency, across the motor's arm and along it.
 
-    Torque about the arm's normal is that of thrust. `yaw_deg` turns the cell's vectors into the vehicle's frame.
+    The component across the arm is that of thrust. `yaw_deg` turns the cell's vectors into the vehicle's frame.
     """
     angle, count = math.radians(MOTOR_AZIMUTH_DEG[motor]), len(time_s)
     axes = np.array([[math.sin(angle), -math.cos(angle)], [math.cos(angle), math.sin(angle)]])
@@ -37,7 +37,7 @@ def torque_moments(time_s: Array, torque_nm: Array, *, frequency_hz: float, moto
 
 
 def mount_findings(moments: Array, *, yaw_deg: float) -> tuple[Finding, ...]:
-    """Reject gains where the torque, of moments (2, 2) summed over all sines, does not lie at the motor's arm."""
+    """Reject gains where the torque, with moments (2, 2) summed over all sines, does not match the motor's arm."""
     across, along = np.linalg.eigvalsh(moments)
     off_deg = math.degrees(0.5 * math.atan2(2 * moments[0, 1], moments[0, 0] - moments[1, 1]))
     if along < _CLEAR * across or abs(off_deg) <= _FARTHEST_DEG:

@@ -1,4 +1,4 @@
-"""`cfid log sine`: sines of many frequencies played on board, each a run of its own (section 3.4.2)."""
+"""Provide `cfid log sine`: sines of many frequencies played on board, each a run of its own (section 3.4.2)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -34,7 +34,8 @@ _LARGEST_N = 2**32 - 1
 _USUAL_N = 4000
 _USUAL_PLAN: Literal["log"] = "log"
 _MOST_BEFORE_S = 600.0
-_EXTRA_S = 2.5  # of each run: connecting to the load cell, and the second until the vehicle reports the end
+# Added to each run: connecting to the load cell, and the second until the vehicle reports the end.
+_EXTRA_S = 2.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,9 +92,9 @@ class SineOptions:
     ] = False
 
     def chosen(self, resumed: "SineSweep | None" = None) -> "SineSweep":
-        """Return the sines to play, checked as C.2.4 checks them; a resumed run's N, A, motor and series hold.
+        """Return the sines to play, checked as in C.2.4; a resumed run keeps its N, A, motor and series.
 
-        So do the l of its series where no others are named. Raises ConfigError.
+        It also keeps the l of its series unless others are given. Raises ConfigError.
         """
         planned = self._named() if self.l is not None else self._planned()
         if resumed is not None and self.l is None and self.plan == _USUAL_PLAN and len(resumed.periods) > 1:
@@ -134,12 +135,12 @@ class SineOptions:
 
 
 def seconds_of_each(sweep: "SineSweep", *, before_s: float) -> float:
-    """Return how long each sine takes, with the baseline of `before_s` seconds."""
+    """Return the duration of each sine, with a baseline of `before_s` seconds."""
     return sweep.samples / SAMPLES_PER_S + before_s + _EXTRA_S
 
 
 def _held(given: Mapping[str, Any], resumed: "SineSweep") -> dict[str, Any]:
-    """Return N, A, motor and series of the run to resume. Raises ConfigError where another one is given."""
+    """Return N, A, motor and series of the run to resume. Raises ConfigError where a different one is given."""
     own = {
         "samples": resumed.samples,
         "amplitude": resumed.amplitude,
@@ -187,7 +188,7 @@ def sine(
 
     before_s = positive(options.before, "--before", most=_MOST_BEFORE_S)
     if resume.word is None:
-        sweep = options.chosen()  # invalid options are refused before any device is looked for
+        sweep = options.chosen()  # invalid options are refused before the search for devices
     rig = campaign, _, simulated = rig_of(keep.campaign)
     if resume.word is not None:
         sweep = options.chosen(None if resume.run is None else _series_of(resume.run, campaign))

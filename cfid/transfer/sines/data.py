@@ -1,4 +1,4 @@
-"""Sine runs of a campaign, or of files that an index lists, by the name of their series."""
+"""Read sine runs of a campaign, or of files that an index lists, by the name of their series."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -34,14 +34,14 @@ _COLUMNS = ("l", "n", "amplitude", "motor", "loadcell", "crossings")
 _MOST_SAMPLES = 2**32 - 1
 _ARM = Range(0.015, 0.3, "a Crazyflie has 0.046")
 _GAINS = ("tf.static_gain_n", "tf.numerator", "tf.series.*", "tf.frequency_response")
-_ARM_MM, _YAW_DEG = 46.0, -45.0  # of the thesis (C.2.5), where nobody states others
+_ARM_MM, _YAW_DEG = 46.0, -45.0  # of the thesis (C.2.5), used if no others are stated
 
 
 @dataclass(frozen=True, kw_only=True)
 class SineSet:
-    """Recorded sines by the name of their series, in order, and what was found about their files.
+    """Recorded sines by the name of their series, in order, and the findings about their files.
 
-    `rigs` are the facts they were recorded with, the arm being the one that was taken.
+    `rigs` are the facts of the rig during the recordings, with the arm that was used.
     """
 
     series: dict[str, list[RecordedSine]]
@@ -73,11 +73,11 @@ def read_sines(
     middle: float = MIDDLE,
     reading: WrenchReading | None = None,
 ) -> SineSet:
-    """Return runs of `cfid log sine` and the runs of an index, a CSV file with a row a run, as thrust of one motor.
+    """Return runs of `cfid log sine` and the runs of an index, a CSV file with one row per run, as thrust of one motor.
 
-    `arm_m`, `arm_std_m` and `yaw_deg` of the load cell override those that a run states; `facts` hold for files, as do
+    `arm_m`, `arm_std_m` and `yaw_deg` of the load cell override those that a run states; `facts` apply to files, as do
     `middle`, B of eq. 3.6, and `reading`. Paths of an index are relative to it. Raises ConfigError when there is
-    nothing to read and DataError with the name of a file that cannot be read or that is named twice.
+    nothing to read, and DataError with the name of a file that cannot be read or that is given twice.
     """
     if index is None and not runs:
         raise ConfigError("no sine to read: name runs or an index.")
@@ -100,7 +100,7 @@ def read_sines(
 
 @dataclass
 class _Reader:
-    """Reads files, each once, and gathers what was noted about them."""
+    """A reader that reads each file once and collects findings about them."""
 
     channel: Channel
     arm_m: float | None
@@ -113,12 +113,12 @@ class _Reader:
     findings: list[Finding] = field(default_factory=list)
     _cells: dict[Path, WrenchRecord] = field(default_factory=dict)
     _thrusts: dict[tuple[Path, int], tuple[Array, Array]] = field(default_factory=dict)
-    _names: dict[str, str] = field(default_factory=dict)  # of the run that has crossings of a hash
-    _moments: dict[float, Array] = field(default_factory=dict)  # of the torque, by yaw
+    _names: dict[str, str] = field(default_factory=dict)  # the name of the run, by the hash of its crossings
+    _moments: dict[float, Array] = field(default_factory=dict)  # the torque's moments, by yaw
     _rigs: list[RigFacts] = field(default_factory=list)
 
     def add_row(self, row: IndexRow, facts: RigFacts) -> None:
-        """Add the run of a row of an index."""
+        """Add the run in a row of an index."""
         samples = row.whole("n", 1, _MOST_SAMPLES)
         crossings = read_crossings(row.file("crossings"), time_unit=self.reading.time_unit)
         sine = Sine(
@@ -143,7 +143,7 @@ class _Reader:
         self._add(f"l = {sine.periods} ({run.folder.name})", sine, crossings, run.folder, run.header.rig)
 
     def read_cells(self, paths: Iterable[Path]) -> None:
-        """Read load cells' files side by side: parsing them takes longer than all that follows."""
+        """Read the load cells' files in parallel: parsing them takes longer than everything after it."""
         new = list(dict.fromkeys(path for path in paths if path not in self._cells))
         with ThreadPoolExecutor(max_workers=2) as pool:
             cells = list(pool.map(lambda path: read_once(without_faults(read_wrench(path, self.reading))), new))
@@ -153,7 +153,7 @@ class _Reader:
             self.sources.append(cell.source)
 
     def result(self) -> SineSet:
-        """Return all that was added."""
+        """Return everything that was added."""
         if any(run.sine.motor == 0 for own in self.series.values() for run in own):
             text = "all motors ran: a quarter of their thrust is taken for that of one."
             self.findings.append(note("thrust-of-all-motors", text, "tf.*"))
@@ -181,7 +181,7 @@ class _Reader:
         self.sources.append(crossings.source)
 
     def _add_moments(self, cell: WrenchRecord, time_s: Array, reports: Reports, sine: Sine, facts: RigFacts) -> None:
-        """Add the torque at a sine's frequency while its reports came, where it is projected on the arm."""
+        """Add the torque's moments at a sine's frequency, over its reports' time span, if projected on the arm."""
         if self.channel != "arm" or sine.motor == 0 or not sine.periods or not len(reports.host_s):
             return
         own = slice(*np.searchsorted(time_s, (reports.host_s.min(), reports.host_s.max())))
@@ -198,7 +198,7 @@ class _Reader:
         self._moments[yaw_deg] = self._moments.get(yaw_deg, 0) + moments
 
     def _thrust(self, path: Path, motor: int, facts: RigFacts) -> tuple[Array, Array]:
-        """Return host's times (n,) in s and thrust (n,) in N, with its bias, of a load cell's file or run."""
+        """Return the host's times (n,) in s and thrust (n,) in N, with its bias, from a load cell's file or run."""
         if (path, motor) not in self._thrusts:
             cell = self._cells[path]
             if cell.begin_s is None:
@@ -217,7 +217,7 @@ class _Reader:
         return self._thrusts[path, motor]
 
     def _mount(self, facts: RigFacts) -> tuple[float, float]:
-        """Return arm in m and yaw in degrees, with a note where the channel needs one that nobody stated."""
+        """Return arm in m and yaw in degrees, with a note where the channel needs one that is not stated."""
         mount = facts.loadcell
         arm_m = MM * (mount.arm_mm or _ARM_MM) if self.arm_m is None else self.arm_m
         yaw_deg = mount.yaw_deg if self.yaw_deg is None else self.yaw_deg
@@ -231,7 +231,7 @@ class _Reader:
 
 
 def _refuse_other_sine(where: str, given: Sine, own: Sine) -> None:
-    """Raise ConfigError for a row of an index that contradicts the run that its file lies in."""
+    """Raise ConfigError for a row of an index that contradicts the run that contains its file."""
     names = {"l": "periods", "n": "samples", "amplitude": "amplitude", "motor": "motor"}
     stated = [{name: getattr(sine, of) for name, of in names.items()} for sine in (given, own)]
     refuse_contradiction(where, *stated)

@@ -1,4 +1,4 @@
-"""Sines that are played on board (eq. 3.6), and which of them `cfid log sine` plays in a sweep."""
+"""Plan sines that are played on board (eq. 3.6), and choose which of them `cfid log sine` plays in a sweep."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -16,14 +16,14 @@ from cfid.units import MOTORS
 from cfid.wire.app import LARGEST_COMMAND, MIDDLE, SAMPLES_PER_S, SineRequest, omega_of
 
 SAMPLE_S = 1 / SAMPLES_PER_S
-PLANNED = "planned"  # in run.toml: l of every sine of the series
+PLANNED = "planned"  # in run.toml: the l of all sines of the series
 
-CUTOFF_HZ = 12.5  # up to which the thesis fits its transfer functions, in both series, and `cfid tf identify`
+CUTOFF_HZ = 12.5  # upper limit of the thesis' fits, in both series, and of `cfid tf identify`
 
-_ROUNDING = 1e-3  # by which a frequency may exceed the cut-off
+_ROUNDING = 1e-3  # the fraction by which a frequency may exceed the cut-off
 _COUNT = 24
 _FEWEST_PERIODS = 2  # a single one cannot be distinguished from a drift
-_NEAR = 0.1  # of a frequency, within which a divisor of N takes its place
+_NEAR = 0.1  # of a frequency: a divisor of N within this distance replaces it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +59,7 @@ class Sine:
         )
 
     def to_run(self) -> dict[str, Any]:
-        """Return what run.toml states of it."""
+        """Return the entries of run.toml for this sine."""
         series = {} if self.series is None else {"series": self.series}
         return {"l": self.periods, "n": self.samples, "amplitude": self.amplitude, "motor": self.motor, **series}
 
@@ -68,38 +68,38 @@ class Sine:
         return SineRequest(self.motor, int(self.amplitude), omega_of(self.periods, self.samples), self.samples)
 
     def held(self, lasts_s: float) -> list[Held]:
-        """What draws current in a run of so many seconds: about the middle command, and the pauses."""
+        """Return the commands that draw current in a run of `lasts_s` seconds: about the middle one, and the pauses."""
         played_s = self.samples * SAMPLE_S
         motors = 1 if self.motor else len(MOTORS)
         return [Held(int(self.middle), motors, played_s), Held(0, 0, max(lasts_s - played_s, 0.0))]
 
     @property
     def omega_rad(self) -> float:
-        """Omega_l, in rad per sample."""
+        """The frequency Omega_l, in rad per sample."""
         return 2 * np.pi * self.periods / self.samples
 
     def is_above(self, cutoff_hz: float) -> bool:
-        """Return whether a fit up to a frequency leaves it out."""
+        """Return whether a fit up to a frequency leaves this sine out."""
         return SAMPLES_PER_S * self.periods / self.samples > cutoff_hz * (1 + _ROUNDING)
 
     @property
     def half_period_s(self) -> float:
-        """Nominal time between crossings; the whole run for l = 0."""
+        """The nominal time between crossings; the whole run for l = 0."""
         return self.samples * SAMPLE_S / max(2 * self.periods, 1)
 
     def commands(self) -> npt.NDArray[np.float64]:
-        """Return the samples (N,) as the vehicle plays them: cut to an integer and clipped."""
+        """Return the samples (N,) as the vehicle plays them: truncated to integers and clipped."""
         angle = 2 * np.pi * (self.periods * np.arange(self.samples) % self.samples) / self.samples
-        # Rounded so that a crossing that falls on a sample has exactly the middle, as on board.
+        # Rounded so that a crossing at a sample has exactly the middle value, as on board.
         exact = np.round(self.amplitude * np.cos(angle) + self.middle, 6)
         return np.clip(np.trunc(exact), 0, LARGEST_COMMAND)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SineSweep:
-    """Sines of l periods each, and eq. 3.6's N and A for all, on one motor after the other; 0 is all four at once.
+    """Sines of l periods each, with common N and A of eq. 3.6, on one motor after the other; motor 0 is all four.
 
-    Each of several motors makes a series of its own. `text` states where the l come from.
+    Each of several motors has a series of its own. `text` states the origin of the l.
     """
 
     periods: tuple[int, ...]
@@ -113,7 +113,7 @@ class SineSweep:
     def of_run(cls, run: Run) -> "SineSweep":
         """Return the sines of the series that a run belongs to, on its motor, as its run.toml states them.
 
-        A run without a list of them is a series of its own. Raises DataError when it is a run of something else.
+        A run without a list of sines is a series of its own. Raises DataError for a run of another kind.
         """
         own = Sine.of_run(run.header.kind, run.header.requested)
         planned = run.header.requested.get(PLANNED)
@@ -144,8 +144,8 @@ class SineSweep:
 def missing_sines(sweep: SineSweep, runs: Iterable[Run], *, simulated: bool, excluded: bool = False) -> list[Sine]:
     """Return the sines without a usable run; simulated runs count for a simulated rig only.
 
-    Above the cut-off a complete run suffices: a rotor hardly follows. With `excluded` it does also where it was
-    excluded.
+    Above the cut-off, a complete run suffices, because a rotor hardly follows. With `excluded`, an excluded complete
+    run suffices for any sine.
     """
     complete = [run for run in runs if run.header.simulated == simulated and run.header.state == "complete"]
 
@@ -161,7 +161,7 @@ def missing_sines(sweep: SineSweep, runs: Iterable[Run], *, simulated: bool, exc
 
 
 def above_cutoff(sines: Iterable[Sine], cutoff_hz: float = CUTOFF_HZ) -> str:
-    """Return which sines a fit up to a frequency leaves out, "" for none."""
+    """Return a sentence on the sines that a fit up to a frequency leaves out, "" for none."""
     above = dict.fromkeys(str(sine.periods) for sine in sines if sine.is_above(cutoff_hz))
     return f"l = {', '.join(above)} above the cut-off of {cutoff_hz:g} Hz" if above else ""
 
@@ -186,11 +186,11 @@ THESIS_SECOND = SineSweep(
 
 
 def log_spaced(samples: int) -> SineSweep:
-    """Return about twenty sines, evenly over the logarithm of frequency, from two periods up to 12.5 Hz.
+    """Return about twenty sines, evenly spaced in the logarithm of frequency, from two periods up to 12.5 Hz.
 
-    A divisor of N nearby is preferred: whole periods then fill whole samples, and no spectrum leaks. Every second
-    frequency comes first, rising, the others follow, falling: where frequency rises with time, a battery that empties
-    looks like a time constant (decision 10).
+    A nearby divisor of N is preferred: whole periods then fill whole samples, and the spectrum does not leak. Every
+    second frequency comes first, in rising order; the others follow in falling order: if frequency rose with time, a
+    discharging battery would look like a time constant (decision 10).
     """
     most = max(int(samples * CUTOFF_HZ / SAMPLES_PER_S), _FEWEST_PERIODS)
     divisors = [l for l in range(1, most + 1) if samples % l == 0]  # noqa: E741

@@ -1,4 +1,4 @@
-"""Records sines, each a run of its own: the plan of a run, and which of a sweep a campaign does not have yet."""
+"""Record sines, each as a run of its own, in the order of a sweep."""
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -48,8 +48,8 @@ def record_sines(
 ) -> tuple[list[dict[str, Any]], CfidError | None]:
     """Play sines of one amplitude in turn; return a summary of each run, and the error that ended them.
 
-    `planned` are the l of the whole series, which each run of several states. `show` gets each run at its end. Raises
-    ConfigError or DeviceError before the first motor turns.
+    `planned` are the l of the whole series; if there are several, each run states them. `show` gets each run at its
+    end. Raises ConfigError or DeviceError before the first motor turns.
     """
     campaign, devices, simulated = rig
     cell = devices.loadcell.sampled_at(rate_hz)
@@ -57,11 +57,11 @@ def record_sines(
     failure: CfidError | None = None
     with ExitStack() as held:
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
-        reports = crazyflie.crossings()  # refuses a vehicle that cannot play before the operator has to do anything
+        reports = crazyflie.crossings()  # refuses a vehicle without sines before the operator has to do anything
         amplitude = int(sines[0].amplitude)
         least, largest = max(MIDDLE - amplitude, 1), min(MIDDLE + amplitude, FULL_COMMAND)
         turning = [(motor,) if motor else MOTORS for motor in dict.fromkeys(sine.motor for sine in sines)]
-        for motors in turning:  # while one turns, the others stand or idle
+        for motors in turning:  # while one turns, the others stand still or idle
             crazyflie.limits.check_turning(motors, least, largest)
         effort = effort_of(len(sines) * each_s, campaign.runs_folder, rate_hz=cell.rate_hz + 1000 / log_ms)
         refuse(crazyflie, sorted({*chain(*turning)}), (least, largest))
@@ -78,7 +78,8 @@ def record_sines(
             tell = partial(_show_task, live, name)
             plan = plan_sine(sine, campaign, before_s=before_s, note=note, simulated=simulated, tell=tell)
             requested = {**plan.requested, **({PLANNED: list(planned)} if len(planned) > 1 else {})}
-            plan = replace(plan, requested=requested, lasts_s=(len(sines) - count) * each_s)  # with those after it
+            # Including the runs after this one.
+            plan = replace(plan, requested=requested, lasts_s=(len(sines) - count) * each_s)
             frequency_rad_s = sine.omega_rad * SAMPLES_PER_S
             run, failure = _play(plan, [reports, *crazyflie.watch(log_ms)], cell, live, frequency_rad_s)
             if run is not None:
@@ -113,7 +114,7 @@ def _play(
             loadcell = ready_loadcell(cell, stream, buffered=True, bias=False, say=live.say, patient=False)
         except CfidError as error:
             return None, error
-        counts_per_n = (loadcell.record.model_extra or {}).get("counts_per_n")  # None of a cell that sends lines
+        counts_per_n = (loadcell.record.model_extra or {}).get("counts_per_n")  # None for a cell that sends lines
         notice = Felt(frequency_rad_s, counts_per_n) if counts_per_n else None
         return attempt(replace(plan, notice=notice), [reports, loadcell, *others], live)
 
@@ -145,7 +146,7 @@ def plan_sine(
 async def play_sine(
     request: SineRequest, crossings: Crossings, *, before_s: float, loop: Any, tell: Callable[[str], None]
 ) -> None:
-    """Pause, which gives the load cell's bias, then play one sine to its end (section 3.4.2)."""
+    """Pause, for the load cell's bias, then play one sine to its end (section 3.4.2)."""
     await sleep(loop, before_s)
     tell("playing")
     await crossings.play(request)

@@ -1,4 +1,4 @@
-"""Takes each reading of a load cell once where it comes less often than rows, and names that."""
+"""Take each reading of a load cell once where readings come less often than rows, and report that."""
 
 from dataclasses import replace
 
@@ -7,13 +7,13 @@ from cfid.findings import warning
 from cfid.large import chosen_rows, usual_step
 from cfid.records.tables.wrench import WrenchRecord
 
-_LOOKED_AT = 100_000  # samples
+_LOOKED_AT = 100_000  # the number of samples that are examined
 
 
 def read_once(record: WrenchRecord) -> WrenchRecord:
     """Return a load cell's record with the first row of each reading.
 
-    A row that repeats one shows a force that was: thrust would come late by half the time between two readings.
+    A row that repeats a reading shows an earlier force: thrust would be late by half the time between two readings.
     """
     values = record.values_of(record.main_axis)
     rows = rows_a_reading(values[:_LOOKED_AT])

@@ -1,6 +1,6 @@
-"""Reports of a sine's crossings against the sine that was requested: the sample of each one, or what is wrong.
+"""Match the reports of a sine's crossings with the requested sine: find the sample of each, or what is wrong.
 
-The vehicle reports its first sample, each crossing of the middle, and with the value 0 that the motors are off
+The vehicle reports its first sample, each crossing of the middle, and, with the value 0, that the motors are off
 (C.2.4). cfid's app adds sample and time on board; the module of 2015 does not, and its omega is a float32.
 """
 
@@ -18,16 +18,16 @@ Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.intp]
 
 _LONGEST = 10_000_000  # samples, five and a half hours
-_SLACK_S = 0.3  # that the radio may add to the length of a run
-_DENSE_S = 0.1  # between crossings that may be taken for each other
-_UNRESOLVED_S = 0.03  # between crossings whose times do not separate them, and of which the radio may lose most
+_SLACK_S = 0.3  # the time that the radio may add to a run
+_DENSE_S = 0.1  # between crossings that may be confused with each other
+_UNRESOLVED_S = 0.03  # between crossings that times cannot separate; the radio may lose most of them
 _SAME, _AS_GOOD = 0.4, 0.7  # of a period; of the largest coherence
-_EARLY = 10.0  # times as unlikely as a report that is late is one that comes as much before the others
+_EARLY = 10.0  # how many times less likely a report is early than late by the same amount
 _LOST, _LOST_DENSE = 0.5, 0.9  # share of reports that may be missing
 
 
 class Reports(NamedTuple):
-    """Reports (m,) of one sine as they came: host's time in s and command; sample and microseconds from cfid's app."""
+    """Reports (m,) of one sine as they arrived: host's time in s, command; sample and microseconds from cfid's app."""
 
     host_s: Array
     command: Array
@@ -36,7 +36,7 @@ class Reports(NamedTuple):
 
 
 class Matched(NamedTuple):
-    """Reports (k,) whose sample is known; from the module of 2015 without the last, which comes a sample early."""
+    """Reports (k,) with known samples; from the module of 2015 without the last, which comes a sample early."""
 
     sample: Array
     host_s: Array
@@ -44,9 +44,10 @@ class Matched(NamedTuple):
 
 
 def match_reports(sine: Sine, reports: Reports) -> Matched:
-    """Return the samples that reports stand for.
+    """Return the samples of a sine's reports.
 
-    Raises DataError when there are too few, when the run was cut short, or when they are those of another N or l.
+    Raises DataError when there are too few reports, when the run was cut short, or when they are those of another N or
+    l.
     """
     if sine.samples > _LONGEST:
         hours = sine.samples * SAMPLE_S / 3600
@@ -59,14 +60,14 @@ def match_reports(sine: Sine, reports: Reports) -> Matched:
     if reports.sample is not None:
         return Matched(reports.sample, reports.host_s, reports.vehicle_us)
     rows, sample = _by_order(sine, place[:-1], expected)
-    # An exact middle may come out a unit too low on board: the sine then crosses a sample later.
+    # An exact middle may be one unit too low on board: the sine then crosses one sample later.
     step = sine.amplitude * sine.omega_rad
     late = (commands[sample] == sine.middle) & (reports.command[rows] - sine.middle > 0.5 * step)
     return Matched((sample + late).astype(np.float64), reports.host_s[rows], None)
 
 
 def _places(reports: Reports) -> Array:
-    """Return the reports' places in the sine in samples, exact or by their times."""
+    """Return the positions of the reports in the sine, in samples: exact, or from their times."""
     if reports.sample is not None:
         return reports.sample
     return np.asarray((reports.host_s - reports.host_s[0]) / SAMPLE_S)
@@ -100,7 +101,7 @@ def _check_ends(sine: Sine, reports: Reports, expected: int, first: float) -> No
 
 
 def _check_length(sine: Sine, place: Array, expected: Rows, *, exact: bool) -> None:
-    """Compare the number of samples played, and how many periods they have, with N and l."""
+    """Compare the number of samples played, and of periods in them, with N and l."""
     played, missing = float(place[-1]), len(expected) + 1 - len(place)
     lasts = abs(played - sine.samples) <= (0 if exact else _SLACK_S / SAMPLE_S)
     if lasts and missing == 0 and _is_even(sine, place[:-1] - expected):
@@ -109,7 +110,8 @@ def _check_length(sine: Sine, place: Array, expected: Rows, *, exact: bool) -> N
     if exact:
         fits = bool(np.isin(place[:-1], expected).all())
     if lasts and missing >= 0 and (fits or (not exact and sine.half_period_s < _UNRESOLVED_S)):
-        return  # reports that the radio lost; those of the fastest sines cannot tell their frequency by times
+        # The radio lost reports; the times of the fastest sines' reports do not show their frequency.
+        return
     periods = rate * played / sine.samples
     found = f"it played {played:.0f} samples with {periods:.3g} periods"
     if fits and played < sine.samples:
@@ -122,14 +124,14 @@ def _check_length(sine: Sine, place: Array, expected: Rows, *, exact: bool) -> N
 
 
 def _is_even(sine: Sine, lag: Array) -> bool:
-    """Return whether reports in their order are about equally late, as far as their times can tell."""
+    """Return whether reports in their order have about the same delay, as far as their times can show."""
     return sine.half_period_s < _DENSE_S or float(np.ptp(lag)) * SAMPLE_S < 0.5 * sine.half_period_s
 
 
 def _rate_of(crossings: Array, sine: Sine) -> tuple[float, bool]:
-    """Return how many periods within N samples make crossings come at equal phases, and whether l is as good.
+    """Return the number of periods in N samples that puts crossings at equal phases, and whether l fits as well.
 
-    Some of them may be missing; a single one fits any.
+    Some crossings may be missing; a single one fits any number.
     """
     if len(crossings) < 2:
         return float(sine.periods), True
@@ -143,14 +145,14 @@ def _rate_of(crossings: Array, sine: Sine) -> tuple[float, bool]:
 
 
 def _by_order(sine: Sine, place: Array, expected: Rows) -> tuple[Rows, Rows]:
-    """Return rows whose sample is certain, and the samples: all in their order, around those that are missing."""
+    """Return rows whose sample is certain, and the samples: all reports in order, except near missing ones."""
     missing = len(expected) - len(place)
     if missing == 0:
         return np.arange(len(place)), expected
     if sine.half_period_s < _UNRESOLVED_S:
-        return np.array([0]), expected[:1]  # the others might be taken for their neighbours
+        return np.array([0]), expected[:1]  # the others might be confused with their neighbours
     skipped = _skipped(place, expected, missing, half_period=sine.half_period_s / SAMPLE_S)
-    # Near a gap it is uncertain by which report it is, the more so the denser they are.
+    # Near a gap it is uncertain which report is missing, over more reports the denser they are.
     reach = max(1, math.ceil(_DENSE_S / sine.half_period_s))
     gaps = np.flatnonzero(np.diff(skipped, prepend=0))
     near = np.abs(np.arange(len(place))[:, None] - gaps + 0.5).min(axis=1, initial=math.inf) < reach
@@ -160,9 +162,10 @@ def _by_order(sine: Sine, place: Array, expected: Rows) -> tuple[Rows, Rows]:
 
 
 def _skipped(place: Array, expected: Rows, missing: int, *, half_period: float) -> Rows:
-    """Return how many reports were lost before each one that came: whatever makes all of them late most alike.
+    """Return the number of reports lost before each one that arrived, so that all have the most uniform delay.
 
-    By how much is tried too; for each it is the cheapest path through reports and numbers lost, which only grow.
+    The delay itself is varied; for each one, the result is the cheapest path through reports and numbers lost, which
+    never decrease.
     """
     late = place[:, None] - np.lib.stride_tricks.sliding_window_view(expected, missing + 1)
     coarse = half_period * np.arange(-1, missing + 1.1, 0.2)

@@ -1,4 +1,4 @@
-"""Judge a sine as soon as it is recorded: whether its reports came, and whether the load cell feels it."""
+"""Judge a sine as soon as it is recorded: whether its reports arrived, and whether the load cell measures it."""
 
 from cfid.errors import FitError
 from cfid.records.run import Run
@@ -10,7 +10,7 @@ from cfid.transfer.sines.plan import CUTOFF_HZ
 
 
 def verdict(run: Run) -> str:
-    """Say how clearly the load cell feels a sine. Raises DataError or FitError where it does not, or reports lack."""
+    """State how clearly the load cell measures a sine. Raises DataError or FitError if not, or for missing reports."""
     axes = run.header.devices[LOADCELL].columns
     sines = read_sines([run], channel="arm" if {"Tx", "Ty"} <= set(axes) else "Fz")
     (played,) = align(sines.runs).runs
