@@ -1,4 +1,4 @@
-"""Forces in wind to drag coefficients."""
+"""Fit drag coefficients to forces measured in wind."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""What experiments would be if a scale or an angle of the rig had an error: of gains, cross-talk, yaw and azimuth."""
+"""Compute the effect of errors in the rig's scales and angles on experiments: gains, cross-talk, yaw and azimuth."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -24,9 +24,9 @@ Array = npt.NDArray[np.float64]
 
 
 def distorted(runs: DragExperiments) -> Mapping[Cause, DragExperiments]:
-    """Return the experiments that each cause of error makes of `runs`, by one standard uncertainty of it.
+    """Return the experiments as changed by one standard uncertainty of each cause of error in `runs`.
 
-    A cause that nobody stated leaves them as they are; a table of forces has none.
+    A cause without a stated uncertainty changes nothing; a table of forces has no causes.
     """
     if not runs.rigs:
         return {}
@@ -44,7 +44,7 @@ def distorted(runs: DragExperiments) -> Mapping[Cause, DragExperiments]:
 
 
 def _changes(rigs: Sequence[RigFacts]) -> dict[Cause, Array]:
-    """Return what causes add to the cell's forces: a matrix (3, 3) that takes the forces to their errors."""
+    """Return each cause's errors of the cell's forces, as the matrix (3, 3) that multiplies the forces."""
     same = linearity(rigs)
     found = {same: (same.std or 0.0) * np.eye(3)}
     for place, axis in enumerate(AXES[:3]):
@@ -56,7 +56,7 @@ def _changes(rigs: Sequence[RigFacts]) -> dict[Cause, Array]:
 
 
 def _shown(force_n: Array, change: Array, rig: RigFacts) -> Array:
-    """Return forces (n, 3) of the body frame with errors that arise in the cell's frame."""
+    """Return forces (n, 3) in the body frame with errors that arise in the cell's frame."""
     turn = rotation_about_z(rig.yaw_in_wind_deg or 0.0)
     return np.asarray(force_n + force_n @ (turn @ change @ turn.T).T)
 

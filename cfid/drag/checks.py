@@ -1,4 +1,4 @@
-"""Findings about forces in wind and about the models fitted to them."""
+"""Check forces in wind and the models fitted to them."""
 
 import math
 
@@ -14,21 +14,22 @@ Array = npt.NDArray[np.float64]
 
 UNEXPLAINED_LIMIT = 0.5  # sum of squared errors over sum of squared forces
 
-_DRIVEN = 0.2  # cosine between all forces and all velocities
-_ACROSS = 0.5  # the same across velocities: 30 degrees, where there is no noise
-_APART = 0.01  # part of v_x + v_y that |v_xy| does not explain, in squares, from where the two can be distinguished
+_DRIVEN = 0.2  # cosine between all forces and all velocities, the limit
+_ACROSS = 0.5  # the same across velocities: 30 degrees if there is no noise
+# The part of v_x + v_y, in squares, that |v_xy| has to leave unexplained for the two to be distinguished.
+_APART = 0.01
 
 _CROSS_KEY = "drag.cross_coupling_kg_per_rad"
 _KEYS = {"simple": "drag.simple_kg_per_rad", "cross": _CROSS_KEY, "complex": "drag.complex.*"}
 
 
 def quantities_of(name: str) -> tuple[str, str]:
-    """Return the patterns of all keys that the model `simple`, `cross` or `complex` gives."""
+    """Return the patterns of all keys that the model `simple`, `cross` or `complex` provides."""
     return _KEYS[name], f"drag.*.{name}"
 
 
 def force_findings(experiments: DragExperiments) -> tuple[Finding, ...]:
-    """Reject forces that cannot be drag, as after a wrong yaw, azimuth or sign."""
+    """Reject forces that cannot be drag, for example due to a wrong yaw, azimuth or sign."""
     return (*_driving(experiments), *_across(experiments))
 
 
@@ -38,7 +39,7 @@ def fit_findings(name: str, fit: DragFit, experiments: DragExperiments) -> tuple
 
 
 def resolves_kappa_4(experiments: DragExperiments) -> bool:
-    """Return whether the winds distinguish a force in v_x + v_y from one in |v_xy|, which takes two azimuths."""
+    """Return whether the winds distinguish a force in v_x + v_y from one in |v_xy|, which requires two azimuths."""
     x, y, _ = experiments.velocity_mps.T * experiments.speed_sum_rad_s
     signed, unsigned = x + y, np.hypot(x, y)
     squares = float(signed @ signed) * float(unsigned @ unsigned)

@@ -1,4 +1,4 @@
-"""`cfid fit drag`: forces on a vehicle held in wind to drag coefficients."""
+"""Provide `cfid fit drag`: drag coefficients from forces on a vehicle held in wind."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -33,7 +33,7 @@ Runs = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class WindInputs:
-    """Where forces in wind are, and how vehicle and wind generator were placed."""
+    """The location of forces in wind, and the placement of the vehicle and the wind generator."""
 
     index: Annotated[
         Path | None,
@@ -66,7 +66,7 @@ class WindInputs:
 
 @dataclass(frozen=True, kw_only=True)
 class ModelOptions:
-    """What is fitted with the thesis' models, and how the simple one is grouped."""
+    """The options of the thesis' models, and the grouping of the simple one."""
 
     grouping: Annotated[
         Literal["each", "lateral", "command", "wind", "angle"] | None,
@@ -128,7 +128,7 @@ def drag(
 
 
 def _paths(words: list[str], wind: WindInputs, place: Workplace) -> list[Path]:
-    """Return the runs that are named, or all of the campaign where nothing is. Raises ConfigError."""
+    """Return the given runs, or all runs of the campaign if none is given. Raises ConfigError."""
     from cfid.errors import ConfigError
 
     if wind.table is not None:

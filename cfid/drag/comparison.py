@@ -1,9 +1,9 @@
-"""All models of drag fitted, and which of them the experiments support.
+"""Fit all models of drag, and find which of them the experiments support.
 
-The sum of squared errors falls with every coefficient that a model has. So each wind setting is predicted from all
-others, once per model, and the simplest model is chosen that does so about as well as the best [HTF]. Since all
-forces at a command share the error of its reference, that error is predicted along with them (best linear
-unbiased prediction), for every model alike: otherwise whatever depends on the command alone would seem to be drag.
+The sum of squared errors falls with every coefficient that a model has. Therefore each wind setting is predicted from
+all others, once per model, and the simplest model is chosen that predicts about as well as the best [HTF]. Since all
+forces at a command share the error of its reference, that error is predicted along with them (best linear unbiased
+prediction), for every model alike: otherwise everything that depends on the command alone would appear to be drag.
 """
 
 import math
@@ -32,7 +32,8 @@ _FEWEST_SETTINGS = 3
 class Prediction:
     """A model's prediction of each wind setting that was left out (s,).
 
-    `surprise` is minus the log density of the forces measured there, in nats; `sse_n2` the sum of the squared errors.
+    `surprise` is minus the log density of the forces measured there, in nats; `sse_n2` is the sum of the squared
+    errors.
     """
 
     model: DragModel
@@ -53,15 +54,16 @@ class ModelComparison:
     margin: float
 
     def of(self, model: DragModel) -> Prediction:
-        """Return a model's prediction."""
+        """Return the prediction of a model."""
         return next(one for one in self.predictions if one.model is model)
 
 
 @dataclass(frozen=True, kw_only=True)
 class DragModels:
-    """The fits by the models' names `simple`, `cross`, `complex`; one that is not determined is missing.
+    """The fits by the models' names `simple`, `cross`, `complex`, without models that are not determined.
 
-    `chosen` is the name of the model that the experiments support, `comparison` None where there is none.
+    `chosen` is the name of the model that the experiments support; `comparison` is None where the models cannot be
+    compared.
     """
 
     experiments: DragExperiments
@@ -81,8 +83,8 @@ def fit_models(
 ) -> DragModels:
     """Fit the simple, the cross-coupling and the complex model, and compare those that are determined.
 
-    The thesis method weights all forces alike, and takes the means of C.3.1 for the simple model, where neither
-    intercepts nor a parasitic term are fitted with it. `mended` takes |v_xy| in the cross-coupling model.
+    The thesis method weights all forces equally, and uses the means of C.3.1 for the simple model unless intercepts or
+    a parasitic term are fitted with it. `mended` uses |v_xy| in the cross-coupling model.
 
     Raises ConfigError for intercepts with a parasitic term, and FitError when not even the simple model is determined.
     """
@@ -156,9 +158,9 @@ def compare_models(
 
 
 def _prediction(experiments: DragExperiments, model: DragModel) -> Prediction:
-    """Leave out each setting in turn without fitting anew [Dub].
+    """Leave out each setting in turn without a new fit [Dub].
 
-    With P = V^-1 - V^-1 X (X' V^-1 X)^-1 X' V^-1 of forces f = X k of covariance V, the errors of predicting some of
+    With P = V^-1 - V^-1 X (X' V^-1 X)^-1 X' V^-1 for forces f = X k with covariance V, the errors of predicting some of
     them from all others are (P_ss)^-1 (P f)_s, and their covariance is (P_ss)^-1. Here P = G' G.
     """
     equations = design(experiments, model)

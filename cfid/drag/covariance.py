@@ -1,10 +1,10 @@
-"""The errors of drag forces and how forces share them: noise, references, and the wind of a setting.
+"""Describe the errors of drag forces, and those that forces share: noise, references, and the wind of a setting.
 
 The covariance of all forces is V = tau^2 N + C C'. N is the noise of each force and of the reference subtracted from
-it, which all forces at one command share; tau is how many times as far as stated they scatter, one for x and y
-together and one for z. A column of C is the effect of one standard uncertainty of a setting's wind speed on all
-forces there: the true wind lies anywhere between its lowest and highest reading, so an experiment deviates from what
-the middle predicts (Berkson's errors in variables [Ber]), and least squares with this V stays unbiased.
+it, which all forces at one command share; tau is the ratio of the observed to the stated scatter, one for x and y
+together and one for z. A column of C is the effect of one standard uncertainty of a setting's wind speed on all forces
+there: the true wind lies anywhere between its lowest and highest reading, so an experiment deviates from the prediction
+for the middle (Berkson's errors in variables [Ber]), and least squares with this V stays unbiased.
 """
 
 import math
@@ -20,12 +20,12 @@ from cfid.errors import FitError
 Array = npt.NDArray[np.float64]
 
 _VERTICAL = np.array([False, False, True])
-_LEAST_NOISE = 1e-6  # of the root mean square of the forces: what is smaller is rounding
+_LEAST_NOISE = 1e-6  # of the root mean square of the forces: less is rounding
 
 
 @dataclass(frozen=True, kw_only=True)
 class ForceErrors:
-    """Independent errors of forces, experiment by experiment: standard uncertainties `own` (3n,) and `shared` columns.
+    """Errors of forces, experiment by experiment: independent standard uncertainties `own` (3n,) and `shared` columns.
 
     A column of `shared` (3n, k) is the effect of one standard uncertainty of an error that forces have in common.
     """
@@ -40,27 +40,27 @@ class ForceErrors:
         return np.asarray(white + (direction * (1 / np.sqrt(1 + std**2) - 1)) @ (direction.T @ white))
 
     def covariance_of(self, gain: Array) -> Array:
-        """Return the covariance (q, q) of an estimate gain (q, 3n) times the forces."""
+        """Return the covariance (q, q) of an estimate that is gain (q, 3n) times the forces."""
         spread = np.hstack([gain * self.own, gain @ self.shared])
         return np.asarray(spread @ spread.T)
 
 
 def stated_noise(experiments: DragExperiments) -> ForceErrors:
-    """Return the errors that N stands for: own noise, and a column a command and axis for its reference."""
+    """Return the errors in N: own noise, and one column per command and axis for the reference."""
     same = experiments.command[:, np.newaxis] == np.unique(experiments.command)
     reference = np.kron(same, np.eye(3)) * experiments.reference_std_n.reshape(-1, 1)
     return ForceErrors(own=experiments.force_std_n.reshape(-1), shared=reference)
 
 
 def wind_columns(experiments: DragExperiments, sensitivity: Array) -> Array:
-    """Return C (3n, settings), of changes of forces (3n,) per relative change of the wind speed."""
+    """Return C (3n, settings), from changes of forces (3n,) per relative change of the wind speed."""
     moved = np.repeat(experiments.wind_relative_std, 3) * sensitivity
     same = np.repeat(experiments.setting, 3)[:, np.newaxis] == np.arange(experiments.settings)
     return np.asarray(moved[:, np.newaxis] * same)
 
 
 def force_errors(noise: ForceErrors, *, scale: tuple[float, float], wind: Array) -> ForceErrors:
-    """Return the errors of covariance V: stated noise, tau in x and y and in z, and C."""
+    """Return the errors with covariance V: stated noise, scaled by tau in x and y and in z, and C."""
     each = np.tile(np.repeat(scale, [2, 1]), len(wind) // 3)
     return ForceErrors(own=noise.own * each, shared=np.hstack([(noise.shared.T * each).T, wind]))
 
@@ -68,10 +68,10 @@ def force_errors(noise: ForceErrors, *, scale: tuple[float, float], wind: Array)
 def noise_scale(
     experiments: DragExperiments, noise: ForceErrors, *, residual: Array, wind: Array, rows: Array
 ) -> tuple[float, float]:
-    """Return tau in x and y, and in z, of residuals (3n,) that a fit of rows (3n, q) leaves; `wind` is C.
+    """Return tau in x and y, and in z, from residuals (3n,) of a fit of rows (3n, q); `wind` is C.
 
-    Stated noise may be too small, never too large. Raises FitError when the noise is unknown and no residual is left
-    to estimate it from.
+    Stated noise may be too small, never too large. Raises FitError when the noise is unknown and no residual is left to
+    estimate it from.
     """
     white, shared = noise.whitened(residual), noise.whitened(wind)
     vertical = np.tile(_VERTICAL, len(residual) // 3)
@@ -91,7 +91,7 @@ def _least_scale(experiments: DragExperiments) -> float:
 
 
 def _scale(residual: Array, shared: Array, *, unknowns: int, least: float, known: bool) -> float:
-    """Return tau with which residuals (m,) have the expected chi-squared [MP].
+    """Return the tau for which residuals (m,) have the expected chi-squared [MP].
 
     Residuals and shared columns (m, k) are in units of the stated noise.
     """

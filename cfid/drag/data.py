@@ -1,4 +1,4 @@
-"""Runs in wind, recordings of an index, or a table of reduced forces to drag experiments."""
+"""Read drag experiments from runs in wind, recordings of an index, or a table of reduced forces."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -49,9 +49,9 @@ def read_runs(
 
 
 def _reduced(runs: Sequence[Run | Path | str], how: WindReading) -> tuple[list[ReducedRecording], list[Finding]]:
-    """Reduce runs; what an interrupted one was not told of a command is taken from the runs that complete it.
+    """Reduce runs; where one was interrupted before a reading, the reading comes from the run that completes it.
 
-    One that gives nothing, as it ended before a motor turned, and that another completes is left out with a warning.
+    A run that ended before a motor turned, and that another run completes, is left out with a warning.
     """
     paths = [run.folder if isinstance(run, Run) else Path(run) for run in runs]
     known = {path: run for path in paths if (run := run_at(path)) is not None}
@@ -69,12 +69,12 @@ def _reduced(runs: Sequence[Run | Path | str], how: WindReading) -> tuple[list[R
 
 
 def read_index(path: Path, *, how: WindReading = AS_THEY_ARE) -> DragExperiments:
-    """Reduce the recordings that an index lists, a CSV file with a row a recording."""
+    """Reduce the recordings that an index lists, a CSV file with one row per recording."""
     return read_runs((), index=path, how=how)
 
 
 def read_forces(path: Path) -> DragExperiments:
-    """Read a CSV file of reduced forces. Raises DataError naming the file, and the line of what is not a number."""
+    """Read a CSV file of reduced forces. Raises DataError with the file, and the line of an invalid number."""
     table = open_table(path)
     values = table.numbers(list(FORCES.places(table).values()))
     try:
@@ -94,7 +94,7 @@ def read_forces(path: Path) -> DragExperiments:
 
 
 def _check_once(parts: Sequence[ReducedRecording]) -> None:
-    """Refuse a recording that is there twice, whatever its name: it would count as two."""
+    """Refuse a recording that is given twice under any name: it would count as two."""
     seen: dict[str, str] = {}
     for recording in (part.sources[0] for part in parts):
         if (known := seen.get(recording.sha256)) is not None:

@@ -1,4 +1,4 @@
-"""One model of drag fitted to experiments: generalised least squares, plain least squares, or any other linear gain."""
+"""Fit one model of drag to experiments: generalised least squares, plain least squares, or any other linear gain."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -14,7 +14,7 @@ from cfid.estimate.linear import Estimate, fit_linear, gain_of, std_of
 
 Array = npt.NDArray[np.float64]
 
-_DEPENDENT = 1e-9  # smallest over largest singular value from where columns count as dependent
+_DEPENDENT = 1e-9  # ratio of the smallest to the largest singular value, below which columns count as dependent
 _ROUNDS, _SETTLED = 20, 1e-7
 
 
@@ -29,10 +29,10 @@ class Uncertain(NamedTuple):
 class DragFit:
     """A fitted model: coefficients (p,) with covariance (p, p), SI units, and residuals (n, 3).
 
-    `parasitic_kg_per_m` (3,) is k in k |v| v, drag of the body; `intercepts_n` (settings, 3) is a
-    constant force in each wind setting, as a tare that drifted leaves; None where they are not part of the fit.
-    `noise_scale` (2,) is how many times as far as stated the forces scatter in x and y, and in z (where no noise was
-    stated: in newtons). `condition` is that of the regressors scaled to equal length.
+    `parasitic_kg_per_m` (3,) is k in k |v| v, drag of the body; `intercepts_n` (settings, 3) is a constant force in
+    each wind setting, as a drifting tare causes; each is None where it is not part of the fit. `noise_scale` (2,) is
+    the ratio of observed to stated scatter of the forces in x and y, and in z (in newtons where no noise was stated).
+    `condition` is that of the regressors scaled to equal length.
     """
 
     model: DragModel
@@ -52,12 +52,12 @@ class DragFit:
 
     @property
     def std(self) -> Array:
-        """The standard uncertainty of each of `value`."""
+        """The standard uncertainties of `value`."""
         return np.asarray(std_of(self.covariance)[self.model.layout])
 
     @property
     def value_covariance(self) -> Array:
-        """The covariance (m, m) of the m numbers of `value`, row by row."""
+        """The covariance (m, m) of the m numbers in `value`, row by row."""
         places = self.model.layout.ravel()
         return np.asarray(self.covariance[np.ix_(places, places)])
 
@@ -69,9 +69,9 @@ class DragFit:
 
 @dataclass(frozen=True, kw_only=True)
 class Design:
-    """The regressors (3n, q) of experiments, and their derivatives (3n, q) by the relative change of wind speeds.
+    """The regressors (3n, q) of experiments, and their derivatives (3n, q) with respect to relative wind speeds.
 
-    The model's p columns come first, then two of the body's drag, then three a wind setting of intercepts.
+    The model's p columns come first, then two for the body's drag, then three intercepts per wind setting.
     """
 
     experiments: DragExperiments
@@ -103,7 +103,7 @@ def design(
     still, rows, twice = (
         rows_of(terms, times * experiments.velocity_mps, speed_sum).reshape(-1, len(terms)) for times in (0, 1, 2)
     )
-    slopes = (twice - still) / 2  # exact: no regressor is of higher than second degree in the velocity
+    slopes = (twice - still) / 2  # exact, because regressors are at most quadratic in the velocity
     if intercepts:
         same = experiments.setting[:, np.newaxis] == np.arange(experiments.settings)
         constant = np.kron(same, np.eye(3))
@@ -122,8 +122,8 @@ def fit_drag(
 ) -> DragFit:
     """Fit a model to experiments by generalised least squares.
 
-    `weighted=False` weights all forces alike (C.3.1), a `gain` (p, 3n) is any other estimate that is linear in the
-    forces. Standard uncertainties are those of noise, references and wind in all cases.
+    `weighted=False` weights all forces equally (C.3.1); a `gain` (p, 3n) is any other estimate that is linear in the
+    forces. Standard uncertainties contain noise, references and wind in all cases.
 
     Raises FitError when the experiments do not determine the unknowns: an intercept is constant throughout a wind
     setting, and so are v, v^2 and 1 of the complex model.
@@ -172,9 +172,9 @@ def solve(equations: Design) -> Solution:
 
 
 def _estimated(equations: Design, gain: Array) -> Solution:
-    """Return a gain (q, 3n) times the forces.
+    """Return the estimate that is a gain (q, 3n) times the forces.
 
-    The errors are those that the best solution leaves: the misfit of a worse estimate is not noise.
+    The errors are those of the best solution: the misfit of a worse estimate is not noise.
     """
     best = solve(equations)
     return best._replace(values=gain @ equations.force_n, covariance=best.errors.covariance_of(gain))
@@ -199,5 +199,5 @@ def _condition(equations: Design) -> float:
 
 
 def _fitted(white: Array) -> Estimate:
-    """Fit white rows to their right side, both in one array (m, q + 1)."""
+    """Fit whitened rows to their right side, both in one array (m, q + 1)."""
     return fit_linear(white[:, :-1], white[:, -1], noise_known=True)

@@ -1,4 +1,4 @@
-"""Drag experiments as a table: one row a command and wind, whoever measured and reduced it."""
+"""Hold drag experiments as a table: one row for each command and wind, independent of how they were measured."""
 
 from dataclasses import dataclass, replace
 
@@ -14,9 +14,10 @@ from cfid.records.parameters import Source
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
-UNSTATED_WIND_STD = 0.05  # relative standard uncertainty, where the spread of the wind's readings is not stated
+UNSTATED_WIND_STD = 0.05  # relative standard uncertainty, used if the spread of the wind's readings is not stated
 
-_LARGEST = 1e6  # of any column, in its unit: beyond, squares of it overflow, and no vehicle has it
+# Limit of every column, in its unit: squares of larger values may overflow, and no vehicle has them.
+_LARGEST = 1e6
 _SAME = 1e-6  # in m/s: velocities closer than this are those of one wind setting
 
 
@@ -25,11 +26,11 @@ class DragExperiments:
     """Experiments (n,) with turning rotors in wind, forces and velocities (n, 3) in the body frame.
 
     `velocity_mps` is that of the vehicle relative to the air. `setting` numbers the wind settings from 0: all
-    experiments of one share the error of its wind speed, of relative standard uncertainty `wind_relative_std`.
-    `force_std_n` is the standard uncertainty of each force's own noise, `reference_std_n` that of the reference
-    subtracted from it, which all experiments at its command share. Where `noise_known` is false both are relative
-    weights only. `sources` are the files they come from, `rigs` the facts they were recorded with, of which those in
-    `tachometers` measured the rotors' speeds; a table of forces has none.
+    experiments of a setting share the error of its wind speed, with the relative standard uncertainty
+    `wind_relative_std`. `force_std_n` is the standard uncertainty of each force's own noise, `reference_std_n` that of
+    the reference subtracted from it, which all experiments at its command share. Where `noise_known` is false, both are
+    only relative weights. `sources` are the files of the experiments, `rigs` the facts of their rigs; those among them
+    in `tachometers` have measured rotor speeds. A table of forces has none.
     """
 
     command: Array
@@ -54,11 +55,11 @@ class DragExperiments:
 
     @property
     def settings(self) -> int:
-        """How many wind settings there are."""
+        """The number of wind settings."""
         return int(self.setting.max()) + 1
 
     def at(self, rows: npt.NDArray[np.bool_]) -> "DragExperiments":
-        """Return some of the experiments, their settings numbered anew."""
+        """Return some of the experiments, with new numbers of their settings."""
         return replace(
             self,
             command=self.command[rows],
@@ -84,8 +85,8 @@ def experiments_from_table(
 ) -> DragExperiments:
     """Return experiments of reduced forces (n, 3); rows with standing rotors or without wind are left out.
 
-    Such a table states no noise: all forces count alike, half of the variance being that of the reference, which was
-    subtracted at the same command. Rows of equal velocity (n, 3) make one wind setting.
+    Such a table states no noise: all forces count equally, and half of each variance is that of the reference, which
+    was subtracted at the same command. Rows of equal velocity (n, 3) form one wind setting.
 
     Raises DataError when columns differ in length, contain a value that is not finite, or leave nothing to fit.
     """

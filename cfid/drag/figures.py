@@ -1,4 +1,4 @@
-"""Figures of drag: forces over wind and rotor speed (4.10), coefficients (4.11), and the models' forces (4.12)."""
+"""Draw drag: forces over wind and rotor speed (4.10), coefficients (4.11), and the models' forces (4.12)."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -21,13 +21,13 @@ Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.intp]
 
 _SPEED = "sum of rotor speeds (rad/s)"
-_PALEST = 0.65  # of white in the colour of the strongest wind: light is fast, as in figure 4.11
+_PALEST = 0.65  # of white in the colour of the strongest wind: fast winds are pale, as in figure 4.11
 _AXES = ("x", "y", "z")
-_MOST_ANGLES = 3  # beside each other on a page
+_MOST_ANGLES = 3  # next to each other on a page
 
 
 class _Wind(NamedTuple):
-    """Experiments (rows) of one wind setting in the order of their speeds, and how it is drawn."""
+    """Experiments (rows) of one wind setting in the order of their speeds, and the style to draw them in."""
 
     rows: Rows
     angle_deg: float
@@ -46,7 +46,7 @@ def drag_figures(found: DragModels) -> Mapping[str, Figure]:
 
 @styled
 def forces_figure(experiments: DragExperiments, *, std_n: Array | None = None) -> Figure:
-    """Return each component of the drag force over the rotors' speed, a line a wind, a column an angle.
+    """Return each component of the drag force over the rotors' speed, with one line per wind, one column per angle.
 
     Bars are the standard uncertainties (n, 3) of the forces.
     """
@@ -80,10 +80,10 @@ def forces_figure(experiments: DragExperiments, *, std_n: Array | None = None) -
 
 @styled
 def coefficients_figure(found: DragModels) -> Figure:
-    """Return the simple model's coefficients of every experiment over the rotors' speed, beside those of the fit.
+    """Return the simple model's coefficients of every experiment over the rotors' speed, and those of the fit.
 
-    Those of x and y are of both together, and of winds from the side alone. Bands are one standard uncertainty of the
-    fit, bars that of an experiment by its forces' noise and its wind's speed.
+    Coefficients of x and y are from both axes together, and from winds from the side alone. Bands are one standard
+    uncertainty of the fit; bars are that of an experiment from its forces' noise and its wind speed.
     """
     experiments, simple = found.experiments, found.fits["simple"]
     angles, winds = _angles(experiments), list(_winds(experiments))
@@ -116,7 +116,7 @@ def coefficients_figure(found: DragModels) -> Figure:
 
 @styled
 def models_figure(found: DragModels) -> Figure:
-    """Return the force along z as measured, marks, and as the chosen model predicts it, lines, with its residuals."""
+    """Return the force along z as measured (marks) and as the chosen model predicts it (lines), with its residuals."""
     experiments, chosen = found.experiments, found.fits[found.chosen]
     angles, winds = _angles(experiments), list(_winds(experiments))
     key = quantities_of(found.chosen)[0]
@@ -155,7 +155,7 @@ def models_figure(found: DragModels) -> Figure:
 
 
 def _force_std_n(found: DragModels) -> Array:
-    """Return the standard uncertainty (n, 3) of each force by its noise and its reference's, as the fit scales it."""
+    """Return the standard uncertainty (n, 3) of each force from its noise and its reference's, as scaled by the fit."""
     sideways, along_z = found.fits[found.chosen].noise_scale
     own = np.hypot(found.experiments.force_std_n, found.experiments.reference_std_n)
     return np.asarray(own * np.array([sideways, sideways, along_z]))
@@ -168,7 +168,7 @@ def _comparison(found: DragModels) -> list[tuple[str, str]]:
 
 
 def _angles(experiments: DragExperiments) -> list[float]:
-    """Return the angles that have a column each: of many those that are spread evenly over all."""
+    """Return the angles with a column of their own: if there are many, a selection spread evenly over all."""
     there = np.unique(experiments.angle_deg)
     kept = np.unique(np.linspace(0, len(there) - 1, min(len(there), _MOST_ANGLES)).round().astype(int))
     return [float(angle) for angle in there[kept]]
@@ -180,7 +180,7 @@ def _not_drawn(experiments: DragExperiments) -> list[str]:
 
 
 def _winds(experiments: DragExperiments) -> Iterator[_Wind]:
-    """Yield the wind settings that are drawn, each angle in its own colour, lighter with faster wind."""
+    """Yield the wind settings to draw, each angle in its own colour, paler with faster wind."""
     angles = _angles(experiments)
     fastest = float(experiments.wind_mps.max())
     for setting in range(experiments.settings):

@@ -1,4 +1,4 @@
-"""The models of drag: which force moving air exerts on turning rotors. Each is a table of regressors."""
+"""Model drag: the force of moving air on turning rotors. Each model is a table of regressors."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ _LATERAL, _VERTICAL = np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
 class Term(NamedTuple):
     """One coefficient's part of the force.
 
-    `regressor` maps velocities (n, 3) in m/s and speed sums (n, 1) in rad/s to (n, 3) or (n, 1), one value an axis;
+    `regressor` maps velocities (n, 3) in m/s and speed sums (n, 1) in rad/s to (n, 3) or (n, 1), one value per axis;
     `axes` (3,) is 1 for the axes that share the coefficient and 0 for the others.
     """
 
@@ -45,11 +45,11 @@ class DragModel:
         return rows_of(self.terms, velocity_mps, speed_sum_rad_s)
 
     def force_n(self, coefficients: Array, *, velocity_mps: Array, speed_sum_rad_s: Array) -> Array:
-        """Return the drag force (n, 3) of coefficients (p,)."""
+        """Return the drag force (n, 3) for coefficients (p,)."""
         return np.asarray(self.rows(velocity_mps, speed_sum_rad_s) @ coefficients)
 
     def coefficients(self, printed: npt.ArrayLike) -> Array:
-        """Return the coefficients (p,) of what is laid out as the thesis prints it."""
+        """Return the coefficients (p,) of a table in the layout of the thesis."""
         found = np.zeros(self.unknowns)
         found[self.layout] = printed
         return found
@@ -62,7 +62,7 @@ def rows_of(terms: tuple[Term, ...], velocity_mps: Array, speed_sum_rad_s: Array
 
 
 def _lateral_and_vertical(*regressors: Callable[[Array, Array], Array]) -> tuple[Term, ...]:
-    """Return two terms a regressor: x and y share a coefficient, z has its own."""
+    """Return two terms per regressor: x and y share a coefficient, z has its own."""
     return tuple(Term(regressor, axes) for regressor in regressors for axes in (_LATERAL, _VERTICAL))
 
 
@@ -83,7 +83,7 @@ def _coupled(name: str, sideways: Callable[[Array], Array]) -> DragModel:
 
 # Eq. 4.2: the diagonal of K_aero, kg/rad.
 SIMPLE = DragModel("simple", np.array([0, 0, 1]), _lateral_and_vertical(lambda v, s: s * v))
-# Eq. 4.5: k1 to k6, for x, y, z each; kg/rad, kg/m, N s^2/rad^2, kg/s, N s/rad, N (the thesis prints kg/rad for all).
+# Eq. 4.5: k1 to k6, each for x, y, z; kg/rad, kg/m, N s^2/rad^2, kg/s, N s/rad, N (the thesis prints kg/rad for all).
 COMPLEX = DragModel(
     "complex",
     np.arange(0, 12, 2)[:, np.newaxis] + np.array([0, 0, 1]),
@@ -98,9 +98,9 @@ COMPLEX = DragModel(
 )
 # Kappa_1 to kappa_5 in the matrix, kg/rad.
 CROSS = _coupled("cross", lambda v: v[:, :1] + v[:, 1:2])
-# Kappa_4 of eq. 4.7 turns its sign with the direction of flight, which no rotor does (section 4.5): here it
+# Kappa_4 of eq. 4.7 changes its sign with the direction of flight, which no rotor does (section 4.5): here it
 # multiplies |v_xy|.
 CROSS_MENDED = _coupled("cross mended", lambda v: np.hypot(v[:, :1], v[:, 1:2]))
 
-# Drag of the body in addition to the rotors', k |v| v: a coefficient for x and y, one for z, kg/m.
+# Drag of the body in addition to the rotors', k |v| v: one coefficient for x and y, one for z, kg/m.
 BODY = _lateral_and_vertical(lambda v, s: np.linalg.norm(v, axis=1, keepdims=True) * v)

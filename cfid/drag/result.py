@@ -1,4 +1,4 @@
-"""Drag coefficients as a result: quantities, findings, how the models compare, and figures."""
+"""Collect drag coefficients as a result: quantities, findings, how the models compare, and figures."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -59,12 +59,12 @@ def fit(
     grouping: Grouping | None = None,
     method: Method = "default",
 ) -> Result:
-    """Fit the simple, the cross-coupling and the complex model of drag, and choose the one that is supported.
+    """Fit the simple, the cross-coupling and the complex model of drag, and choose the one that the data support.
 
-    `measured` are runs of `cfid log wind`, with the recordings that an `index` lists, or experiments that
-    `read_forces` read. Azimuth of the wind generator, yaw and sign of the load cell and the tachometer's markers
-    replace those that a run states; recordings of an index are of a `rig`. `wrench` is how files that do not describe
-    themselves are read. See `fit_models` for the models and methods, `group_rows` for `grouping`.
+    `measured` are runs of `cfid log wind`, together with the recordings that an `index` lists, or experiments from
+    `read_forces`. Azimuth of the wind generator, yaw and sign of the load cell and the tachometer's markers replace
+    those that a run states; recordings of an index have the facts of `rig`. `wrench` states how to read files that do
+    not describe themselves. See `fit_models` for the models and methods, `group_rows` for `grouping`.
 
     Raises ConfigError for intercepts with a parasitic term, DataError for what cannot be read, and FitError when not
     even the simple model is determined.
@@ -106,7 +106,7 @@ _Again = Callable[[DragExperiments], tuple[dict[str, DragFit], list[Finding]]]
 
 
 def _effects(found: DragModels, again: _Again) -> Effects:
-    """Return what each scale and angle of the rig does to the quantities: the difference of a fit `again` with it."""
+    """Return the effect of each scale and angle of the rig on the quantities: their change in a fit `again`."""
     quantities = drag_quantities(found)
 
     def effect(runs: DragExperiments) -> dict[str, Array]:
@@ -122,7 +122,7 @@ def _drawings(found: DragModels) -> Figures:
 
 
 def _of_the_rig(runs: DragExperiments) -> Figures:
-    """Draw how the vehicle stood, if all runs state the same."""
+    """Draw how the vehicle was mounted, if all runs state the same."""
     from cfid.drawing.rig import load_cell_figure
 
     stated = {(rig.yaw_in_wind_deg, rig.wind.azimuth_deg) for rig in runs.rigs}
@@ -135,7 +135,7 @@ def _of_the_rig(runs: DragExperiments) -> Figures:
 
 
 def drag_quantities(found: DragModels, grouping: Grouping | None = None) -> dict[str, Parameter]:
-    """Return all that was found, by key."""
+    """Return all fitted quantities, by key."""
     fits, runs = found.fits, found.experiments
     kept: dict[str, tuple[Any, Any]] = {_SIMPLE: (fits["simple"].value, fits["simple"].std)}
     if "complex" in fits:
@@ -154,7 +154,7 @@ def drag_quantities(found: DragModels, grouping: Grouping | None = None) -> dict
 
 
 def drag_covariances(found: DragModels) -> tuple[Covariance, ...]:
-    """Return the covariances of the simple and of the cross-coupling model's numbers."""
+    """Return the covariances of the values of the simple and of the cross-coupling model."""
     fits = {key: found.fits[name] for key, name in ((_SIMPLE, "simple"), (_CROSS, "cross")) if name in found.fits}
     return tuple(
         one for key, fit in fits.items() for one in covariance_between({key: fit.value.tolist()}, fit.value_covariance)
@@ -162,7 +162,7 @@ def drag_covariances(found: DragModels) -> tuple[Covariance, ...]:
 
 
 def drag_merits(found: DragModels) -> dict[str, Any]:
-    """Return the figures that judge the models."""
+    """Return the figures of merit of the models."""
     runs, cross, complex_ = found.experiments, found.fits.get("cross"), found.fits.get("complex")
     sideways = "|v_xy|" if cross is not None and cross.model is CROSS_MENDED else "v_x + v_y"
     return {
@@ -182,7 +182,7 @@ def drag_merits(found: DragModels) -> dict[str, Any]:
 
 
 def drag_lines(found: DragModels, quantities: Mapping[str, Parameter]) -> list[str | Dependent]:
-    """Return how the models compare, and tables of the wanted values."""
+    """Return lines on how the models compare, and tables of the requested values."""
     runs = found.experiments
     lines: list[str | Dependent] = [
         f"{counted(len(runs.command), 'experiment')} in {counted(runs.settings, 'wind setting')}; squared "
@@ -209,7 +209,7 @@ def _row_line(row: Mapping[str, float]) -> str:
 
 
 def _complex(fit: DragFit, runs: DragExperiments) -> dict[str, tuple[Any, Any]]:
-    """Return k1 to k6, and normalised as printed in eq. 4.10, with standard uncertainties."""
+    """Return k1 to k6, and their values normalised as in eq. 4.10, with standard uncertainties."""
     value, std = (_normalised(each, runs).thesis for each in (fit.value, fit.std))
     forms = {"": (fit.value, fit.std), "normalised.": (value, std)}
     return {
@@ -222,7 +222,7 @@ def _normalised(coefficients: Any, runs: DragExperiments) -> Normalised:
 
 
 def _intercepts(intercepts_n: Uncertain, runs: DragExperiments) -> list[dict[str, float]]:
-    """Return the constant force in each wind setting, a row each."""
+    """Return the constant force in each wind setting, one row each."""
     first = [runs.setting.tolist().index(setting) for setting in range(runs.settings)]
     return [
         {"angle_deg": float(runs.angle_deg[row]), "wind_mps": float(runs.wind_mps[row]), "x_n": x, "y_n": y, "z_n": z}

@@ -1,7 +1,7 @@
-"""What C.3.1 calculates: coefficients of the simple model as means of ratios, in groups, and normalised ones.
+"""Calculate as C.3.1 does: the simple model's coefficients as means of ratios, in groups, and normalised coefficients.
 
-What C.3.1 calls least squares is the mean of force / (speed sum * velocity), so that weak winds count as much as
-strong ones. Generalised least squares is the default elsewhere.
+What C.3.1 calls least squares is the mean of force / (speed sum * velocity), so that weak winds count as much as strong
+ones. Generalised least squares is the default elsewhere.
 """
 
 from typing import Any, Literal, NamedTuple
@@ -16,16 +16,16 @@ from cfid.errors import FitError
 Array = npt.NDArray[np.float64]
 Grouping = Literal["each", "lateral", "command", "wind", "angle"]
 
-_ACROSS = 1e-6  # of the wind speed: a smaller component is rounding, and determines nothing along that axis
-# What C.3.1 calls kappa_orth_LS_allWinds, _allInputs and _all.
+_ACROSS = 1e-6  # of the wind speed: a smaller component is rounding and determines nothing along that axis
+# The groupings that C.3.1 calls kappa_orth_LS_allWinds, _allInputs and _all.
 _GROUPED_BY = {"command": ["angle_deg", "command"], "wind": ["angle_deg", "wind_mps"], "angle": ["angle_deg"]}
 
 
 class Normalised(NamedTuple):
-    """Coefficients (6, 3), each times the mean of what it is multiplied with, over the sum of these means.
+    """Coefficients (6, 3), each times the mean of its regressor, over the sum of these means.
 
-    The third term is multiplied with the square of the speed sum. C.3.1 weights it with the speed sum itself
-    (norm3), which makes `thesis`, eq. 4.10; `squared` takes the square, which changes the sum and so all others.
+    The third term's regressor is the square of the speed sum. C.3.1 weights it with the speed sum itself (norm3), which
+    gives `thesis`, eq. 4.10; `squared` uses the square, which changes the sum and so all others.
     """
 
     thesis: Array
@@ -46,7 +46,7 @@ def lateral_kg_per_rad(experiments: DragExperiments) -> Array:
 def means_gain(experiments: DragExperiments) -> Array:
     """Return eq. 4.8 as a gain (2, 3n) of forces: the mean over the angles for x and y, over all experiments for z.
 
-    Raises FitError without wind from the side, or when all of it comes from there.
+    Raises FitError if no wind, or all wind, is from the side.
     """
     usable = _usable(experiments)
     if not (usable[:, :2].any() and usable[:, 2].any()):
@@ -61,10 +61,11 @@ def means_gain(experiments: DragExperiments) -> Array:
 
 
 def group_rows(experiments: DragExperiments, grouping: Grouping) -> list[dict[str, Any]]:
-    """Return the simple model's coefficients in kg/rad in one of the groupings of C.3.1, a row each.
+    """Return the simple model's coefficients in kg/rad in one of the groupings of C.3.1, one row each.
 
-    `each` run and axis; x and y together (`lateral`); and means of these over all winds of an angle and command, all
-    commands of an angle and wind, and everything of an angle, which leave out wind from straight above.
+    `each` is by run and axis, and `lateral` has x and y together. The others are means of these over all winds of an
+    angle and command, all commands of an angle and wind, and everything of an angle; they leave out wind from straight
+    above.
     """
     settings = pd.DataFrame(
         {"angle_deg": experiments.angle_deg, "command": experiments.command, "wind_mps": experiments.wind_mps}

@@ -1,1 +1,1 @@
-"""Wind runs: planned, recorded, and reduced to one force a command."""
+"""Plan and record wind runs, and reduce them to one force per command."""

@@ -1,4 +1,4 @@
-"""`cfid log wind`: one setting of the wind generator, all commands in turn on the load cell (section 4.4.2)."""
+"""Provide `cfid log wind`: all commands in turn on the load cell, in one wind setting (section 4.4.2)."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -34,7 +34,7 @@ AzimuthRad = Annotated[float | None, typer.Option(hidden=True, help="The azimuth
 
 
 def azimuth(in_deg: float | None, in_rad: float | None) -> float | None:
-    """Return the azimuth in degrees that --azimuth-deg or --azimuth-rad states. Raises ConfigError for both."""
+    """Return the azimuth in degrees from --azimuth-deg or --azimuth-rad. Raises ConfigError if both are given."""
     if in_deg is not None and in_rad is not None:
         raise ConfigError("--azimuth-deg and --azimuth-rad are the same: give one of them.")
     if in_rad is not None:
@@ -44,7 +44,7 @@ def azimuth(in_deg: float | None, in_rad: float | None) -> float | None:
 
 @dataclass(frozen=True, kw_only=True)
 class WindOptions:
-    """The wind generator's place, and what the anemometer showed around the vehicle."""
+    """The wind generator's placement, and the anemometer's readings around the vehicle."""
 
     wind: Annotated[
         str | None,
@@ -82,7 +82,7 @@ class WindOptions:
         return WindSetting(angle_deg=self.angle, fan_v=fan_v, min_mps=low, max_mps=high, azimuth_deg=from_deg)
 
     def refuse(self, resume: Path) -> None:
-        """Raise ConfigError for an option that the run to be resumed states."""
+        """Raise ConfigError for an option that the run to resume already states."""
 
         given = (self.wind, self.angle, self.fan_voltage, self.azimuth_deg, self.azimuth_rad)
         if any(value is not None for value in given):
@@ -91,7 +91,7 @@ class WindOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class SweepOptions:
-    """Which commands, how long each, and whether a tachometer is read."""
+    """The commands, the duration of each, and whether a tachometer is read."""
 
     commands: Annotated[
         str, typer.Option(metavar="C,C,...", help="Of all four motors, in turn.", rich_help_panel=_COMMANDS)
@@ -190,7 +190,7 @@ def _speeds(text: str) -> tuple[float, float]:
 
 
 def _requested(options: WindOptions, sweep: SweepOptions, resume: Path | None) -> "tuple[WindSetting, StaircasePlan]":
-    """Return wind setting and staircase: by the options, or those that are missing in an interrupted run."""
+    """Return wind setting and staircase: those of the options, or those missing in an interrupted run."""
     if resume is None:
         return options.setting(), sweep.staircase()
     from cfid.drag.wind.plan import KIND, setting_of
@@ -221,7 +221,7 @@ def _announce(setting: "WindSetting", staircase: "StaircasePlan", done: "Sequenc
 
 
 def _missing(done: "Sequence[PlannedRun]") -> tuple[Mapping[str, Any], Sequence[str]]:
-    """Return what is missing from the thesis' plan in the campaign, as --json has it, and lines on winds begun."""
+    """Return the thesis' runs that the campaign lacks, as for --json, and lines on incomplete wind settings."""
     from cfid.drag.wind.plan import WHOLE, missing_lines, missing_runs
 
     left = {"value": len(missing_runs(done)), "std": None, "unit": "1"}

@@ -1,4 +1,4 @@
-"""Recordings in wind, of an index or of `cfid log wind`, to one mean force a command."""
+"""Reduce recordings in wind, from an index or from `cfid log wind`, to one mean force per command."""
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -33,18 +33,19 @@ from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
 from cfid.records.tables.wrench_faults import without_faults, without_stuck
 from cfid.units import DEAD_COMMAND
 
-_ESTIMATED_S = 3.0  # of a window: enough to find a speed to a thousandth
-_ESTIMATED_FROM_HZ = 1990.0  # below, the blade-pass line of a rotor at 3000 rad/s folds back onto others
-_ANY_FROM_HZ = 3300.0  # the same at 5000 rad/s
-_SLOWEST_RAD_S, _USUAL_RAD_S = 200.0, 3000.0  # a Crazyflie's rotors stay below
+_ESTIMATED_S = 3.0  # of a window: long enough to find a speed to a thousandth
+# At lower rates, the blade-pass line of a rotor at 3000 rad/s is aliased onto others.
+_ESTIMATED_FROM_HZ = 1990.0
+_ANY_FROM_HZ = 3300.0  # the same limit for 5000 rad/s
+_SLOWEST_RAD_S, _USUAL_RAD_S = 200.0, 3000.0  # the rotors of a Crazyflie stay below the latter
 _UNKNOWN = "no tachometer reading, and vibration does not show the rotors' speed"
 _BY_HAND = "The columns from_s and to_s of the index give a window by hand."
-_AT_ONCE = 2  # files: while one waits for the disk or is parsed, another is averaged
+_AT_ONCE = 2  # files: one is averaged while another is read or parsed
 
 
 @dataclass(frozen=True)
 class WindReading:
-    """How recordings are read and averaged.
+    """How to read and average recordings.
 
     Facts of the rig that are `given` replace those that a run states; an index has those of `rig`.
     """
@@ -60,9 +61,9 @@ AS_THEY_ARE = WindReading(WrenchReading())
 
 @dataclass(frozen=True, kw_only=True)
 class ReducedRecording:
-    """The mean forces of one recording, its files, the load cell's first, and findings about it.
+    """The mean forces of one recording, its files with the load cell's first, and findings about it.
 
-    `rig` has the facts that it was read with; `by_tachometer` whether readings of one give the rotors' speed.
+    `rig` has the facts that were used; `by_tachometer` states whether tachometer readings give the rotors' speed.
     """
 
     forces: tuple[WindForce, ...]
@@ -81,8 +82,8 @@ def reduce_index(rows: Sequence[IndexedRun], how: WindReading) -> list[ReducedRe
 def reduce_run(path: Path, how: WindReading, *, read_later: frozenset[int] = frozenset()) -> ReducedRecording:
     """Reduce each command of a run of `cfid log wind`; commands without the rotors' speed are left out.
 
-    Commands that have no reading here and were held and `read_later`, in a run that completes it, are left to that one.
-    Raises DataError or FitError that name the run, the latter where all commands lack the speed.
+    A command without a reading in this run is skipped if it is in `read_later`: a run that completes this one has it.
+    Raises DataError or FitError that name the run; FitError is for runs in which all commands lack the speed.
     """
     run = run_at(path)
     if run is None:
@@ -92,7 +93,7 @@ def reduce_run(path: Path, how: WindReading, *, read_later: frozenset[int] = fro
     facts = how.given.over(run.header.rig)
     if not holds(run, COMMANDS):
         raise DataError(f"{run.device_file(COMMANDS)}: has no rows.")
-    staircase = motors.reduce_run(record)  # its pauses give the tare, in the wind and with still rotors
+    staircase = motors.reduce_run(record)  # its pauses give the tare, with wind and standing rotors
     points = staircase.reduced.steady()
     readings = None
     with suppress(TakenBackError):
@@ -130,7 +131,7 @@ def reduce_run(path: Path, how: WindReading, *, read_later: frozenset[int] = fro
 
 
 def _reduce_row(row: IndexedRun, how: WindReading) -> ReducedRecording:
-    """Reduce a recording; what a load cell feels of standing rotors does not matter."""
+    """Reduce a recording; forces at standing rotors are not needed."""
     _refuse_other_wind(row)
     facts = how.given.over(how.rig)
     read = read_wrench(row.loadcell, replace(how.wrench, gain=facts.loadcell.gain))
@@ -161,7 +162,7 @@ def _reduce_row(row: IndexedRun, how: WindReading) -> ReducedRecording:
 
 
 def _left_out(record: WrenchRecord, facts: RigFacts, fault: str) -> ReducedRecording:
-    """Return no force of a recording whose load cell was stuck, of which too little is left."""
+    """Return no force for a recording whose load cell was stuck for most of it."""
     text = f"too little is left: {fault} The file is left out."
     return ReducedRecording(
         forces=(),
@@ -173,12 +174,12 @@ def _left_out(record: WrenchRecord, facts: RigFacts, fault: str) -> ReducedRecor
 
 
 def _with_yaw(facts: RigFacts) -> RigFacts:
-    """Return the facts with the yaw that is taken where nobody stated one."""
+    """Return the facts with the default yaw if none was stated."""
     return facts if facts.yaw_in_wind_deg is not None else RigFacts(wind=WindStand(yaw_deg=YAW_DEG)).over(facts)
 
 
 def _refuse_other_wind(row: IndexedRun) -> None:
-    """Raise ConfigError for a row of an index that contradicts the wind run that its file lies in."""
+    """Raise ConfigError for a row of an index that contradicts the wind run that contains its file."""
     run = run_holding(row.loadcell)
     if run is None or run.header.kind != KIND:
         return
@@ -218,7 +219,7 @@ def _force(
 
 
 def _speed_from_vibration(record: WrenchRecord, mean: MeanForce, *, name: str) -> float:
-    """Return the speed of the loudest rotor, which stands for all four as the one at a tachometer does (C.3.1).
+    """Return the speed of the loudest rotor, which represents all four, as a rotor at a tachometer does (C.3.1).
 
     Raises FitError when it cannot be found.
     """
@@ -226,7 +227,7 @@ def _speed_from_vibration(record: WrenchRecord, mean: MeanForce, *, name: str) -
     if rate_hz < _ESTIMATED_FROM_HZ:
         raise FitError(f"{name}: {_UNKNOWN}, sampled at {rate_hz:.0f} Hz: 2000 are needed. Give the reading.")
     begin_s, end_s = mean.window_s
-    # Blade pass of faster rotors would fold back where the rate is low.
+    # At low rates, the blade pass of faster rotors would be aliased.
     expected = (_SLOWEST_RAD_S, _USUAL_RAD_S) if rate_hz < _ANY_FROM_HZ else None
     try:
         vibration = VibrationRecord(record, Rotors(expected_rad_per_s=expected))
@@ -281,7 +282,7 @@ def _vibration_used(typed_rpm: float | None, at: WindSetting) -> list[Finding]:
 
 
 def _assumptions(stated: RigFacts, at: WindSetting, *, typed: bool) -> list[Finding]:
-    """Return notes on the facts that a run in wind or a reference needs and nobody stated."""
+    """Return notes on facts that a run in wind or a reference needs and that were not stated."""
     windy = not at.is_reference
     needed: Mapping[str, tuple[str, bool]] = {
         "yaw_deg": (f"a yaw of {YAW_DEG:g} degrees on the load cell is", stated.yaw_in_wind_deg is None),

@@ -1,14 +1,14 @@
-"""Wind on a vehicle that is held still: conventions of frames and signs, and what the operator's readings mean.
+"""Describe wind on a vehicle that is held still: conventions of frames and signs, and the operator's readings.
 
-Stated once, for all of drag:
+The conventions hold for all of drag:
 
 - The body frame has x forward, y left, z up (along the thrust). The load cell is turned about z against it:
   F_body = Rz(+yaw) F_sensor; the thesis' yaw in wind is 45 degrees (see `turn_about_z`).
-- v is the velocity of the vehicle relative to the air, in the body frame: against the wind it is held in. Wind from
+- v is the velocity of the vehicle relative to the air, in the body frame: it points against the wind. Wind from
   straight above (angle 0) is a climb, so v_z > 0.
 - An angle is that of the wind generator to the vertical, an azimuth that of its place about z:
   v = speed (sin angle cos azimuth, -sin angle sin azimuth, cos angle).
-- A drag force f is what the air does to the vehicle beyond the thrust without wind, in the body frame; a drag
+- A drag force f is the force of the air on the vehicle beyond the thrust without wind, in the body frame; a drag
   coefficient in f = k speed_sum v is therefore negative.
 """
 
@@ -28,17 +28,18 @@ MARKERS = 2  # reflective strips of the tachometer's rotor, eq. 3.2
 
 
 class WindSpeed(NamedTuple):
-    """The wind speed where the vehicle is, and its standard uncertainty, each (n,)."""
+    """The wind speed at the vehicle, and its standard uncertainty, each (n,)."""
 
     mean_mps: Array
     std_mps: Array
 
 
 def wind_speed(*, min_mps: npt.ArrayLike, max_mps: npt.ArrayLike) -> WindSpeed:
-    """Return the wind at the vehicle by the lowest and the highest reading (n,) around it.
+    """Return the wind at the vehicle from the lowest and the highest reading (n,) around it.
 
-    Their middle, as in section 4.4.3; the wind may be anything between, so its standard uncertainty is that of a
-    uniform distribution. A single reading, given twice, has 0: it does not show the spread.
+    The result is their middle, as in section 4.4.3. The wind may have any speed between them, so its standard
+    uncertainty is that of a uniform distribution. A single reading, given twice, results in 0: it does not show the
+    spread.
     """
     low, high = np.asarray(min_mps, dtype=np.float64), np.asarray(max_mps, dtype=np.float64)
     return WindSpeed(np.asarray((low + high) / 2), np.asarray((high - low) / math.sqrt(12)))
@@ -54,5 +55,5 @@ def velocity_in_air(*, speed_mps: npt.ArrayLike, angle_rad: npt.ArrayLike, azimu
 
 
 def std_turned_about_z(std: Array, *, yaw_deg: float) -> Array:
-    """Return the standard uncertainties (..., 3) on the body's axes of independent ones on the load cell's axes."""
+    """Return standard uncertainties (..., 3) on the body's axes, from independent ones on the load cell's axes."""
     return np.asarray(np.sqrt(std**2 @ (rotation_about_z(yaw_deg) ** 2).T))

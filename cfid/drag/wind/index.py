@@ -1,4 +1,4 @@
-"""The index of recordings in wind: a CSV file with a row a recording, each of one command."""
+"""Read the index of recordings in wind: a CSV file with one row per recording, each of one command."""
 
 import math
 from dataclasses import replace
@@ -17,7 +17,7 @@ OPTIONAL = ("azimuth_deg", "azimuth_rad", "from_s", "to_s")
 
 
 class IndexedRun(NamedTuple):
-    """A row of an index: the load cell's file at one command, the tachometer's reading, and a window by hand."""
+    """A row of an index: the load cell's file at one command, the tachometer's reading, and a window if given."""
 
     where: str
     setting: WindSetting
@@ -28,14 +28,14 @@ class IndexedRun(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Row and file."""
+        """The row and the file's name."""
         return f"{self.where} {self.loadcell.name}"
 
 
 def read_wind_index(path: Path) -> tuple[list[IndexedRun], Source, tuple[Finding, ...]]:
     """Read an index of recordings in wind and without, with its source and findings.
 
-    Raises DataError with file and line for a value that is missing or not a number, and a file that two rows name.
+    Raises DataError with file and line for a value that is missing or not a number, and for a file in two rows.
     """
     rows, source, findings = read_index(path, columns=COLUMNS, optional=OPTIONAL)
     found = [_run_of(row) for row in rows]

@@ -1,6 +1,6 @@
-"""From a load cell's record of one command in wind to one mean force, less the tare.
+"""Reduce a load cell's record of one command in wind to one mean force, less the tare.
 
-The tare is taken with the wind on and the rotors still, so that it also contains what the wind does to the body
+The tare is taken with the wind on and the rotors standing, so that it also contains the force of the wind on the body
 (section 4.4.3).
 """
 
@@ -21,12 +21,12 @@ Array = npt.NDArray[np.float64]
 Window = tuple[float, float]
 
 _THESIS_TARE = 500  # samples, C.3.1, prepare_data
-_FEWEST = 16  # samples of a window
-_LOOKED_AT = 100_000  # samples, in which repeated readings show
+_FEWEST = 16  # the least samples of a window
+_LOOKED_AT = 100_000  # the samples that are searched for repeated readings
 
 
 class MeanForce(NamedTuple):
-    """Mean force (3,) in the load cell's frame, N, with its standard uncertainty (3,), and the window it is of."""
+    """Mean force (3,) in the load cell's frame, N, with its standard uncertainty (3,), and its window."""
 
     force_n: Array
     std_n: Array
@@ -39,8 +39,8 @@ def mean_force(
 ) -> MeanForce:
     """Average forces (n, 3) at times (n,) where they are steady, less the tare before and, if there is one, after.
 
-    A window by hand is taken as it is. Raises DataError or FitError when there is no tare before the command, when no
-    command shows, or when nothing is steady.
+    A given window is used unchanged. Raises DataError or FitError when there is no tare before the command, when no
+    command is found, or when nothing is steady.
     """
     found = reduce_single(time_s=time_s, channels=force_n, command=command, status=status, window=window_s)
     (point,) = found.steady()
@@ -49,16 +49,16 @@ def mean_force(
 
 
 def of_point(point: Point, *, findings: tuple[Finding, ...] = ()) -> MeanForce:
-    """Return a steady point of a staircase, whose first three channels are the forces, as a mean force."""
+    """Return a steady point of a staircase as a mean force; the point's first three channels are the forces."""
     return MeanForce(point.mean[:3], point.std_of_mean[:3], (point.begin_s, point.end_s), findings)
 
 
 def mean_force_thesis(
     *, time_s: Array, force_n: Array, command: int, status: Words | None = None, window_s: Window | None = None
 ) -> MeanForce:
-    """Average forces (n, 3) as prepare_data of C.3.1 does: a window by hand less the mean of the first 500 samples.
+    """Average forces (n, 3) as prepare_data of C.3.1 does: over a given window, less the mean of the first 500 samples.
 
-    Without a window by hand the steady one is taken. Raises DataError when the record or its window is too short.
+    Without a given window, the steady one is used. Raises DataError when the record or its window is too short.
     """
     if len(time_s) <= _THESIS_TARE:
         raise DataError(f"{len(time_s)} samples: the thesis takes its tare from the first {_THESIS_TARE}.")
@@ -75,7 +75,7 @@ def mean_force_thesis(
 
 
 def _repeated(time_s: Array, force_n: Array) -> tuple[Finding, ...]:
-    """Return a note where rows repeat the readings of the load cell: they scatter as so many fewer."""
+    """Return a note where rows repeat the readings of the load cell: their scatter is then that of fewer readings."""
     rows = rows_a_reading(force_n[:_LOOKED_AT, 2])
     if rows == 1:
         return ()

@@ -1,4 +1,4 @@
-"""The wind setting of a run, which the operator states; and the thesis' campaign of 112 runs (section 4.4.2)."""
+"""Describe the wind setting of a run, which the operator states, and the thesis' plan of 112 runs (section 4.4.2)."""
 
 import math
 from collections import Counter
@@ -13,18 +13,18 @@ from cfid.records.run import Run, list_runs
 from cfid.records.steps import held_steps, steps_left
 
 KIND = "wind"
-HIGHEST_DEG = 180.0  # of the wind generator to the vertical: straight below
-FASTEST_MPS = 100.0  # a faster wind is given in another unit
-WHOLE = "all commands"  # of a wind setting, ends its line
+HIGHEST_DEG = 180.0  # of the wind generator to the vertical: directly below
+FASTEST_MPS = 100.0  # a faster wind is in another unit
+WHOLE = "all commands"  # ends the line of a wind setting without any run
 THESIS_COMMANDS = (0, 10000, 20000, 30000, 37300, 40000, 50000)
 
 
 @dataclass(frozen=True, kw_only=True)
 class WindSetting:
-    """Place and voltage of the wind generator, and the lowest and highest wind read around the vehicle.
+    """Place and voltage of the wind generator, and the lowest and highest wind speed read around the vehicle.
 
     Wind 0 is a reference, which has no angle. The angle counts from the vertical, the azimuth about z to the right of
-    the nose; it is None where the rig's holds.
+    the nose; an azimuth of None means that of the rig.
     """
 
     angle_deg: float | None = None
@@ -39,7 +39,7 @@ class WindSetting:
         return self.max_mps == 0
 
     def to_run(self) -> dict[str, Any]:
-        """Return what run.toml states of it."""
+        """Return the entries of run.toml for this setting."""
         entries = {
             "angle_deg": self.angle_deg,
             "fan_v": self.fan_v,
@@ -66,7 +66,7 @@ class PlannedRun(NamedTuple):
     fan_v: float = 0.0
 
 
-# Angle, voltage, v_abs of C.3.1; the first two winds were read once.
+# Angle, voltage, and v_abs of C.3.1; the first two winds have a single reading.
 THESIS_WINDS = tuple(
     WindSetting(angle_deg=angle_deg, fan_v=fan_v, min_mps=min_mps, max_mps=max_mps)
     for angle_deg, fan_v, min_mps, max_mps in (
@@ -108,7 +108,7 @@ def missing_runs(done: Iterable[PlannedRun], plan: Iterable[PlannedRun] = thesis
 
 
 def missing_lines(done: Sequence[PlannedRun]) -> list[str]:
-    """Return what of the thesis' 112 runs is still missing, a line a wind setting."""
+    """Return lines on the runs of the thesis' 112 that are still missing, one line per wind setting."""
     plan, left = thesis_plan(), missing_runs(done)
     if not left:
         return [f"all {len(plan)} runs of the thesis' plan are recorded."]
@@ -138,7 +138,7 @@ def setting_of(run: Run) -> WindSetting:
 
 
 def wind_runs(campaign: Campaign, *, simulated: bool) -> list[Run]:
-    """Return the campaign's wind runs of this rig: simulated ones count for a simulated one only."""
+    """Return the campaign's wind runs on this kind of rig: simulated runs count for a simulated rig only."""
     runs = [run for run in list_runs(campaign.runs_folder) if isinstance(run, Run)]
     same = [run for run in runs if run.header.kind == KIND and run.header.simulated == simulated]
     return [run for run in same if not run.header.excluded]
@@ -147,11 +147,11 @@ def wind_runs(campaign: Campaign, *, simulated: bool) -> list[Run]:
 def recorded(runs: Sequence[Run]) -> list[PlannedRun]:
     """Return each command that runs held to its end, with its wind setting.
 
-    Of a run that was ended early a command counts that `--resume` would not hold again.
+    In a run that ended early, the commands count that `--resume` would not hold again.
     """
     found = []
     for run in runs:
-        with suppress(DataError):  # what is wrong with a run is reported where it is fitted
+        with suppress(DataError):  # errors in a run are reported by its fit
             setting = setting_of(run)
             place = (None, 0.0) if setting.is_reference else (setting.angle_deg, setting.fan_v)
             found += [PlannedRun(command, *place) for command in _done(run)]
@@ -159,8 +159,8 @@ def recorded(runs: Sequence[Run]) -> list[PlannedRun]:
 
 
 def _done(run: Run) -> list[int]:
-    """Return the commands that a run has. Raises as `held_steps`."""
-    if run.header.state == "complete":  # where nothing was typed, vibration shows the speed
+    """Return the commands that a run has. Raises the same errors as `held_steps`."""
+    if run.header.state == "complete":  # where no reading was typed, vibration shows the speed
         return held_steps(run)
     return list((Counter(map(int, run.header.requested["steps"])) - Counter(steps_left(run))).elements())
 

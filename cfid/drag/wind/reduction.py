@@ -1,4 +1,4 @@
-"""From mean forces in wind to drag experiments: thrust without wind subtracted, wind as a vector."""
+"""Convert mean forces in wind to drag experiments: thrust without wind subtracted, wind as a vector."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -20,15 +20,16 @@ from cfid.units import DEAD_COMMAND, ROTORS
 
 Array = npt.NDArray[np.float64]
 
-_SAG = 0.005  # of the voltage: thrust then changes by a hundredth, which is as much as weak drag
+_SAG = 0.005  # of the voltage: it changes thrust by a hundredth, which is as much as weak drag
 
 
 @dataclass(frozen=True, kw_only=True)
 class WindForce:
     """The mean force (3,) at one command in one wind setting, body frame, with its standard uncertainty (3,).
 
-    `rotor_rad_s` is the speed of one rotor for all four, which a reference does not need; `volts` that of the battery,
-    NaN where it was not logged. `at_s` is when it was measured, in Unix seconds, NaN where that is unknown.
+    `rotor_rad_s` is the speed of one rotor, representing all four; a reference does not need it. `volts` is the
+    battery's voltage, NaN where it was not logged. `at_s` is the time of the measurement in Unix seconds, NaN where it
+    is unknown.
     """
 
     name: str
@@ -47,7 +48,7 @@ class WindForce:
 
     @property
     def standing(self) -> bool:
-        """Whether the rotors stood."""
+        """Whether the rotors stood still."""
         return self.command <= DEAD_COMMAND
 
 
@@ -61,8 +62,8 @@ class _Reference(NamedTuple):
 def reduce_forces(forces: Sequence[WindForce]) -> DragExperiments:
     """Subtract the mean of the references at the same command (section 4.4.3).
 
-    At the same command whatever the angle: the thesis has one series without wind for all three. Standing rotors have
-    no drag of rotors, so forces on them are left out, as there.
+    References apply to all angles: the thesis has one series without wind for all three. Standing rotors have no rotor
+    drag, so their forces are left out, as in the thesis.
 
     Raises DataError, with names, when a reference, an angle or a reading is missing.
     """
@@ -94,7 +95,7 @@ def reduce_forces(forces: Sequence[WindForce]) -> DragExperiments:
 
 
 def sagged(forces: Sequence[WindForce]) -> list[Finding]:
-    """Warn where the battery's voltage differs from that at its reference: so does the thrust without wind."""
+    """Warn where the battery's voltage differs from that of the reference: the thrust without wind then differs too."""
     references = {one.command: one.volts for one in forces if not one.windy}
     off = {
         one.name: one.volts / references[one.command] - 1
@@ -156,7 +157,7 @@ def _references(forces: Sequence[WindForce]) -> dict[int, _Reference]:
 
 
 def _relative_spread(spread: Array) -> tuple[Array, tuple[Finding, ...]]:
-    """Return the wind's relative standard uncertainties (n,); a single reading takes that of the others."""
+    """Return the wind's relative standard uncertainties (n,); that of a single reading is the others' median."""
     single = spread == 0
     if not single.any():
         return spread, ()
@@ -200,7 +201,7 @@ def _check(one: WindForce) -> None:
 
 
 def _check_angles(forces: Sequence[WindForce]) -> None:
-    """Refuse an angle that has no wind at all: a wind that was left out would turn its runs into references.
+    """Refuse an angle at which no run has wind: a missing wind speed would turn its runs into references.
 
     An empty field may have been filled with angle 0.
     """

@@ -1,10 +1,10 @@
-"""Forces that contradict the wind or the command they are filed under, as when two recordings were exchanged.
+"""Find forces that contradict the wind or the command of their file, for example after two recordings were swapped.
 
-Only gross contradictions are found. A force that is off by as much as those before and after it drifts with them: that
-is a load cell's tare or a battery that sags, and no exchange.
+Only gross contradictions are found. A force whose offset resembles those before and after it is part of a drift, of the
+load cell's tare or with the battery's voltage, and not a swap.
 
-Forces of one wind are compared with each other first, as no model of drag is needed for that: divided by the rotors'
-speed they are nearly the same. The measure is their median distance.
+Forces of one wind are compared with each other first, because that needs no model of drag: divided by the rotors'
+speed, they are nearly the same. The yardstick is their median distance.
 """
 
 import itertools
@@ -21,18 +21,20 @@ from cfid.findings import Finding, rejection, warning
 Array = npt.NDArray[np.float64]
 
 _GROSS_RUN, _GROSS_REFERENCE = 6.0, 4.0  # times the median distance
-_GROSS_PART = 0.5  # of the force that one coefficient for everything means
+_GROSS_PART = 0.5  # of the force according to a single coefficient for all directions
 _GROSS_SETTING = 0.75  # of that force, for a whole wind setting
-_SMOOTH = 0.5  # of what a force is off by: neighbours in time that are off by as much leave less
-_APART_S = 1.0  # between times at which forces were measured one after the other: else their clocks are their own
-_FEWEST = 4  # experiments in a setting, from where their median stands against one that is wrong
+# Of a force's offset: neighbours in time with similar offsets predict it to within less than this.
+_SMOOTH = 0.5
+# The least time between forces that were measured one after the other: closer times are from different clocks.
+_APART_S = 1.0
+_FEWEST = 4  # experiments in a setting from which their median is robust against a wrong one
 
 
 @dataclass(frozen=True, kw_only=True)
 class Filed:
     """Experiments with the names (n,) of their runs, and the references by command: name, force (3,), body frame.
 
-    `time_s` (n,) and `reference_s` by command are when they were recorded, NaN where that is unknown.
+    `time_s` (n,) and `reference_s` by command are the times of recording, NaN where unknown.
     """
 
     experiments: DragExperiments
@@ -43,7 +45,7 @@ class Filed:
 
 
 def swap_findings(filed: Filed) -> tuple[Finding, ...]:
-    """Reject each file that seems to belong elsewhere; none of a valid campaign."""
+    """Reject each file that seems to belong elsewhere; a valid campaign has none."""
     experiments = filed.experiments
     speed = experiments.speed_sum_rad_s[:, np.newaxis]
     common = _common(experiments)
@@ -67,8 +69,8 @@ def _drift(text: str) -> Finding:
 
 
 def _drifts(off: Array, time_s: Array, place: int) -> bool:
-    """Return whether one of the offsets (m, 3), taken at times (m,), continues those before and after it."""
-    if len(off) <= 2 or not np.diff(np.sort(time_s)).min() > _APART_S:  # nan neither
+    """Return whether one of the offsets (m, 3), measured at times (m,), continues those before and after it."""
+    if len(off) <= 2 or not np.diff(np.sort(time_s)).min() > _APART_S:  # also false for NaN
         return False
     order = np.argsort(time_s, kind="stable")
     own, rank = off[order], int(np.flatnonzero(order == place)[0])
@@ -80,14 +82,14 @@ def _drifts(off: Array, time_s: Array, place: int) -> bool:
 
 
 def _common(experiments: DragExperiments) -> Array:
-    """Return force over speed sum (n, 3) by the median coefficient, for all directions."""
+    """Return force over speed sum (n, 3) according to the median coefficient for all directions."""
     velocity = experiments.velocity_mps
     along = np.sum(experiments.force_n * velocity, axis=1) / np.sum(velocity**2, axis=1)
     return np.asarray(np.median(along / experiments.speed_sum_rad_s) * velocity)
 
 
 def _typical(experiments: DragExperiments, common: Array) -> Array:
-    """Return force over speed sum (n, 3) by the median of the same wind setting, else `common`."""
+    """Return force over speed sum (n, 3) as the median in the same wind setting, else `common`."""
     ratio = experiments.force_n / experiments.speed_sum_rad_s[:, np.newaxis]
     typical = common.copy()
     for setting in range(experiments.settings):
@@ -111,7 +113,7 @@ def _unordered(references: Mapping[int, tuple[str, Array]]) -> list[Finding]:
 
 
 def _shifted_references(filed: Filed, off: Array, size: Array) -> tuple[Array, list[Finding]]:
-    """Return what grossly wrong references add to all forces at their command (n, 3), and findings."""
+    """Return the offsets (n, 3) by grossly wrong references in all forces at their command, and findings."""
     shifts, found = np.zeros_like(off), []
     yardstick = _GROSS_REFERENCE * float(np.median(np.linalg.norm(off, axis=1)))
     commands = np.unique(filed.experiments.command)

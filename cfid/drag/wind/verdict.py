@@ -1,15 +1,15 @@
-"""Judge a recording in the wind as soon as it ends: which commands give a force."""
+"""Judge a recording in wind as soon as it ends: which commands give a force."""
 
 from cfid.drag.wind.data import AS_THEY_ARE, reduce_run
 from cfid.errors import FitError
 from cfid.motors.plan import StaircasePlan
 from cfid.records.run import Run
 
-_SHARE = 0.5  # of the commands that must be there
+_SHARE = 0.5  # of the commands: the least part that has to give a force
 
 
 def verdict(run: Run) -> str:
-    """Say how many commands give a mean force. Raises DataError or FitError where few do."""
+    """State how many commands give a mean force. Raises DataError or FitError where few do."""
     forces, steps = reduce_run(run.folder, AS_THEY_ARE).forces, len(StaircasePlan.of_run(run).steps)
     if len(forces) < _SHARE * steps:
         raise FitError(f"only {len(forces)} of {steps} commands give a force with the rotors' speed.")
