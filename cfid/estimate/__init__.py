@@ -1,1 +1,1 @@
-"""What every fit shares: propagation, least squares, spectra, steady segments. Arrays in, numbers out."""
+"""Provide what fits share: propagation, least squares, spectra, steady segments. Arrays in, numbers out."""

@@ -1,9 +1,9 @@
-"""Causes of error that all numbers of a fit share: the scales of instruments, carried into a result.
+"""Propagate causes of error that all values of a fit share, such as the scales of instruments, to a result.
 
-An error e of a scale, of relative standard uncertainty s, multiplies what the instrument measured by 1 + e, the same
-in every fit on this rig. A quantity that goes with the n-th power of the instrument's unit changes by n s times its
-value per standard uncertainty: its effect. Standard uncertainties grow by the effects, covariances by their outer
-product, and `common` keeps them by the name of the cause, so that the covariance of two fits is known.
+A scale error e with relative standard uncertainty s multiplies the instrument's readings by 1 + e, in every fit on this
+rig alike. A quantity that is proportional to the n-th power of the instrument's unit changes by n s times its value per
+standard uncertainty: this is its effect. The effects add to standard uncertainties in squares, and their outer product
+adds to covariances; `common` stores them by the name of the cause, so that the covariance of two fits is known.
 """
 
 import math
@@ -30,36 +30,36 @@ AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 
 
 class Cause(NamedTuple):
-    """A cause of error: the name by which fits share it, and its standard uncertainty, None where nobody stated it."""
+    """A cause of error: the name under which fits share it, and its standard uncertainty, None where not stated."""
 
     name: str
     std: float | None
 
 
-Effects = Mapping[Cause, Mapping[str, Array]]  # of one standard uncertainty, on each number of a key
-Measured = Mapping[str, Mapping[Cause, float]]  # by unit: the powers with which its readings go with causes
-Powers = Mapping[str, Mapping[str, float]]  # by key or pattern: the powers of the units that it goes with
+Effects = Mapping[Cause, Mapping[str, Array]]  # of one standard uncertainty, on each value of a key
+Measured = Mapping[str, Mapping[Cause, float]]  # by unit: the powers with which its readings depend on causes
+Powers = Mapping[str, Mapping[str, float]]  # by key or pattern: the powers with which it depends on units
 
 
 def force_scales(rigs: Sequence[RigFacts]) -> dict[Cause, float]:
-    """Return what a thrust on the load cells of rigs goes with."""
+    """Return the causes that a thrust on the load cells of rigs depends on, with their powers."""
     return _powers({gain(rigs, "Fz"): 1, linearity(rigs): 1}, rigs)
 
 
 def torque_scales(rigs: Sequence[RigFacts]) -> dict[Cause, float]:
-    """Return what a torque about z on the load cells of rigs goes with."""
+    """Return the causes that a torque about z on the load cells of rigs depends on, with their powers."""
     return _powers({gain(rigs, "Tz"): 1, linearity(rigs): 1}, rigs)
 
 
 def gain(rigs: Sequence[RigFacts], *axes: str) -> Cause:
-    """Return the gain of axes of the load cells of rigs as a cause, of axes that err together."""
+    """Return as one cause the gain of axes of the rigs' load cells, for axes with a common error."""
     places = [AXES.index(axis) for axis in axes]
     stds = [None if (each := rig.loadcell.gain_std) is None else max(each[place] for place in places) for rig in rigs]
     return _widest(f"gain of {' and '.join(axes)}", stds)
 
 
 def arm_scales(rigs: Sequence[RigFacts]) -> dict[Cause, float]:
-    """Return what a force goes with that is a torque over an arm, to which the force itself adds by cross-talk.
+    """Return the causes of a force computed as torque over an arm, which contains cross-talk of the force, with powers.
 
     Each rig states its arm.
     """
@@ -71,21 +71,21 @@ def arm_scales(rigs: Sequence[RigFacts]) -> dict[Cause, float]:
 
 
 def thrust_in_torque(rigs: Sequence[RigFacts], *, key: str, count: int) -> Effects:
-    """Return the effect on a polynomial (count,) of torque over thrust of a torque that the cell shows of thrust alone.
+    """Return the effect on a polynomial (count,) of torque over thrust of the cell's cross-talk from thrust to torque.
 
-    It adds to the slope, in N m per N; the highest power comes first.
+    The cross-talk adds to the slope, in N m per N; the highest power comes first.
     """
     talk = _widest("cross-talk of Fz into Tz", [rig.loadcell.cross_talk_std_nm_per_n for rig in rigs])
     return {talk: {key: (talk.std or 0.0) * np.eye(count)[-2]}} if rigs else {}
 
 
 def tachometer_scales(rigs: Sequence[RigFacts]) -> dict[Cause, float]:
-    """Return what a speed goes with that was read off the tachometers of rigs."""
+    """Return the causes that a speed from the tachometers of rigs depends on, with their powers."""
     return _powers({_widest("tachometer", [rig.tachometer.scale_std for rig in rigs]): 1}, rigs)
 
 
 def anemometer_scales(rigs: Sequence[RigFacts]) -> dict[Cause, float]:
-    """Return what a wind speed goes with that was read off the anemometers of rigs."""
+    """Return the causes that a wind speed from the anemometers of rigs depends on, with their powers."""
     return _powers({_widest("anemometer", [rig.wind.speed_scale_std for rig in rigs]): 1}, rigs)
 
 
@@ -95,12 +95,12 @@ def linearity(rigs: Sequence[RigFacts]) -> Cause:
 
 
 def scales_of_weights(rigs: Sequence[RigFacts]) -> dict[Cause, float]:
-    """Return what a mass goes with that was read off the scales of rigs."""
+    """Return the causes that a mass from the scales of rigs depends on, with their powers."""
     return _powers({_widest("scales", [rig.scales.linearity_std for rig in rigs]): 1}, rigs)
 
 
 def force_cross_talk(rigs: Sequence[RigFacts]) -> list[tuple[Cause, tuple[int, int]]]:
-    """Return the causes that one axis' force shows part of another's, with both axes: the one that shows it first."""
+    """Return the causes of cross-talk between forces, each with its two axes: first the one that shows it."""
     stds = [rig.loadcell.cross_talk_std for rig in rigs]
     return [
         (_widest(f"cross-talk of F{'xyz'[acting]} into F{'xyz'[shown]}", stds), (shown, acting))
@@ -115,7 +115,7 @@ def angles(rigs: Sequence[RigFacts]) -> tuple[Cause, Cause]:
 
 
 def moved_by(found: Mapping[str, Parameter], moved: Mapping[str, Parameter]) -> dict[str, Array]:
-    """Return the effects of a cause that makes `moved` of quantities, on those with a standard uncertainty."""
+    """Return the effects of a cause that changes quantities to `moved`, on those with a standard uncertainty."""
     return {
         key: np.array(numbers_of(key, plain(moved[key].value))) - np.array(numbers_of(key, plain(one.value)))
         for key, one in found.items()
@@ -138,9 +138,10 @@ def power_law(quantities: Mapping[str, Parameter], measured: Measured, powers: P
 
 
 def with_common_causes(result: Result, *effects: Effects) -> Result:
-    """Return a result with the effects of causes carried into its uncertainties, covariances, budget and lines.
+    """Return a result with the effects of causes added to its uncertainties, covariances, budget and lines.
 
-    A cause that nobody stated has no effect, and a note names it. Quantities without a standard uncertainty stay.
+    A cause without a stated uncertainty has no effect, and a note names it. Quantities without a standard uncertainty
+    do not change.
     """
     together = _joined(effects)
     unstated = [cause.name for cause in together if cause.std is None]
@@ -166,7 +167,7 @@ def _widest(name: str, stds: Sequence[float | None]) -> Cause:
 
 
 def _powers(found: dict[Cause, float], rigs: Sequence[RigFacts]) -> dict[Cause, float]:
-    """Return the causes; none where no rig's instrument measured."""
+    """Return the causes; none if no rig's instrument was used."""
     return found if rigs else {}
 
 
@@ -175,7 +176,7 @@ def _over_arm(cell: LoadCellMount, std_mm: float | None) -> float | None:
 
 
 def _exponents(key: str, count: int, powers: Powers) -> dict[str, Array]:
-    """Return the powers (count,) of each unit that the numbers of a key go with."""
+    """Return the powers (count,) with which the values of a key depend on each unit."""
     found = find(key)
     if found is not None and found.shape is Shape.POLYNOMIAL:
         over = np.arange(count) if found.lowest_first else np.arange(count)[::-1]
@@ -215,7 +216,7 @@ def _with_outer(
 
 
 def _budget(quantities: Mapping[str, Parameter], common: Mapping[str, Mapping[str, Array]]) -> dict[str, Any]:
-    """Return by quantity the standard uncertainty of the fit itself and what each cause adds to it."""
+    """Return for each quantity the standard uncertainty of the fit itself and the contribution of each cause."""
     keys = dict.fromkeys(key for moved in common.values() for key in moved)
     return {
         key: Dependent(
@@ -234,7 +235,7 @@ def _budget(quantities: Mapping[str, Parameter], common: Mapping[str, Mapping[st
 
 
 def _lines(result: Result, common: Mapping[str, Mapping[str, Array]]) -> list[Dependent]:
-    """Return a line a cause: how far one standard uncertainty of it moves what the analysis is for."""
+    """Return one line per cause: the change of the wanted quantities by one standard uncertainty of it."""
     wanted = [key for key in result.quantities if any(fnmatchcase(key, one) for one in result.wanted or ("*",))]
     lines = []
     for name, moved in common.items():
@@ -246,9 +247,9 @@ def _lines(result: Result, common: Mapping[str, Mapping[str, Array]]) -> list[De
 
 
 def _percent(moved: Array, value: Any, key: str) -> str:
-    """Return how far a cause moves a value; of several coefficients, of those that it leaves their sign.
+    """Return the relative change of a value by a cause; for several coefficients, the largest below 100 %.
 
-    Of a constant near 0 any cause moves thousands of per cent, which tells nothing of the curve.
+    Any cause changes a constant near 0 by thousands of per cent, which has no meaning for the curve.
     """
     values = np.array(numbers_of(key, plain(value)), dtype=np.float64)
     part = np.abs(moved[values != 0] / values[values != 0]) if np.any(values) else np.zeros(1)

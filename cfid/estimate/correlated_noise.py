@@ -1,8 +1,8 @@
-"""Noise that is correlated in time, from what a least-squares fit leaves of it.
+"""Estimate noise that is correlated in time, from the residuals of a least-squares fit.
 
-A fit follows slow noise with its parameters, most where these are decided: its residuals are then smaller than the
-noise. The restricted likelihood of the residuals allows for that (H. D. Patterson, R. Thompson, Recovery of inter-block
-information when block sizes are unequal, Biometrika 58, 1971).
+A fit's parameters follow slow noise, most of all in the data that determine them: the residuals are then smaller than
+the noise. The restricted likelihood of the residuals accounts for that (H. D. Patterson, R. Thompson, Recovery of
+inter-block information when block sizes are unequal, Biometrika 58, 1971).
 """
 
 import math
@@ -15,15 +15,16 @@ from cfid.estimate.propagation import widened
 
 Array = npt.NDArray[np.float64]
 
-_WHITE = np.array([1.0, 0.5, 0.2, 0.1, 0.03, 0.01, 1e-3, 1e-4, 1e-6])[:, np.newaxis]  # of the variance
+# Of the variance, the white parts that are tried.
+_WHITE = np.array([1.0, 0.5, 0.2, 0.1, 0.03, 0.01, 1e-3, 1e-4, 1e-6])[:, np.newaxis]
 
 
 def noise_covariance(jacobian: Array, residual: Array, correlations: Iterable[Array]) -> Array:
-    """Return the covariance (n, n) of the noise in data that a fit with a Jacobian (n, p) left residuals (n,) of.
+    """Return the covariance (n, n) of the noise in data, from a fit's Jacobian (n, p) and residuals (n,).
 
-    One part is white and the other correlated as one of `correlations` (n, n): those with the largest restricted
-    likelihood, of the size that makes the residuals as large as they are. That rests on n - p values, of whose
-    uncertainty 1.96 cover 95 % (Student's t).
+    One part is white, the other has one of `correlations` (n, n): those with the largest restricted likelihood, scaled
+    to the size of the residuals. The size is estimated from n - p values and increased so that 1.96 standard
+    uncertainties cover 95 % (Student's t).
     """
     count, taken = jacobian.shape
     complement = np.linalg.qr(jacobian, mode="complete")[0][:, taken:]

@@ -1,7 +1,7 @@
-"""Compare numbers of different fits: their difference over its joint uncertainty, a shared cause counted once.
+"""Compare values of different fits: their difference over its joint uncertainty, with shared causes counted once.
 
 The variance of a - b is var(a) + var(b) - 2 sum(a_c b_c) over the causes c that both fits have, with a_c and b_c the
-changes of a and b per standard uncertainty of c: what moves both alike moves their difference little.
+changes of a and b per standard uncertainty of c: a cause that changes both alike hardly changes their difference.
 """
 
 import math
@@ -17,7 +17,7 @@ from cfid.records.parameters import Section, plain
 
 @dataclass(frozen=True)
 class Compared:
-    """A number of a fit, its standard uncertainty, and its change per standard uncertainty of each common cause."""
+    """A value of a fit, its standard uncertainty, and its change per standard uncertainty of each common cause."""
 
     value: float
     std: float
@@ -37,9 +37,9 @@ class Difference(NamedTuple):
 
 
 def number_of(section: Section, key: str, weights: Sequence[float] = (1.0,)) -> Compared:
-    """Return the sum of a parameter's numbers (n,) times `weights` (n,): 1 for a single number.
+    """Return the sum of a parameter's values (n,) times `weights` (n,): 1 for a single value.
 
-    A slope or a value of a polynomial is such a sum. Raises ValueError where the numbers of both differ in count.
+    A slope or a value of a polynomial is such a sum. Raises ValueError where values and weights differ in number.
     """
     parameter, weight = section.parameters[key], np.array(weights, dtype=np.float64)
     values = np.array(numbers_of(key, plain(parameter.value)), dtype=np.float64)
@@ -50,13 +50,13 @@ def number_of(section: Section, key: str, weights: Sequence[float] = (1.0,)) -> 
 
 
 def difference(first: Compared, second: Compared) -> Difference:
-    """Return first - second of two fits that share nothing but common causes."""
+    """Return first - second of two fits that have only common causes in common."""
     shared = sum(effect * second.effects.get(cause, 0.0) for cause, effect in first.effects.items())
     return Difference(first.value - second.value, math.sqrt(max(first.std**2 + second.std**2 - 2 * shared, 0.0)))
 
 
 def _variance(section: Section, key: str, weight: np.ndarray[tuple[int], np.dtype[np.float64]]) -> float:
-    """Return the variance of a weighted sum: by the covariance that has the key, else of independent numbers."""
+    """Return the variance of a weighted sum: from the covariance that contains the key, else for independent values."""
     for block in section.covariance:
         if key in block.of:
             sizes = [len(numbers_of(one, plain(section.parameters[one].value))) for one in block.of]

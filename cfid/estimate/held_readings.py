@@ -1,4 +1,4 @@
-"""Tell readings that a device repeats in several rows from those of a sensor with coarse steps."""
+"""Distinguish readings that a device repeats in several rows from those of a sensor with coarse steps."""
 
 from typing import NamedTuple
 
@@ -8,18 +8,20 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-_STEPS = 3.0  # of the sensor, by which a coarse one changes in no row after it stood still for some
-_FEWEST, _SHARE = 10, 0.1  # such changes, and of all: gaps in rows make some, too
-_OTHERS = 0.1  # of them, which may follow a single row: what ends a spike does
-_SAME = 1e-9  # of the range: what rounding changes
-_SINGLE = 0.75  # of such changes follow a single row where each row has its own reading, with noise of a step or more
-_LONGEST = 0.9  # of the readings last so many rows or fewer
-_ALIKE = 0.7  # of a value, down to which others are rounded as it is
-_LONGEST_S = 0.3  # of readings that show a lag: what lasts longer rests
+# In steps of the sensor: a coarse sensor never changes by more in one row after it stood still for some rows.
+_STEPS = 3.0
+_FEWEST, _SHARE = 10, 0.1  # such changes, and their part of all: gaps in rows also cause some
+_OTHERS = 0.1  # of these changes: the part that may follow a single row, as the end of a spike does
+_SAME = 1e-9  # of the range: smaller changes are rounding
+# The part of such changes that follow a single row where each row has its own reading, with noise of a step or more.
+_SINGLE = 0.75
+_LONGEST = 0.9  # the part of the readings that last for this number of rows or fewer
+_ALIKE = 0.7  # of a value: values above this part of it are rounded as it is
+_LONGEST_S = 0.3  # of readings that show a lag: during longer ones, nothing moves
 
 
 class Readings(NamedTuple):
-    """How many rows show how many readings, and the interval between rows, by which a reading may be older."""
+    """The numbers of rows and of readings, and the interval between rows, by which a reading may be older."""
 
     rows: int
     read: int
@@ -32,10 +34,10 @@ class Readings(NamedTuple):
 
 
 def once_each(time_s: Array, value: Array) -> tuple[Mask, Readings]:
-    """Return which values (n,), or of several axes (n, k), at times (n,) count, and how many rows show how many.
+    """Return which values (n,), or rows of several axes (n, k), at times (n,) are new readings, and how many there are.
 
-    What is no number does not count. A row that repeats a reading shows what was: it comes late by up to the time
-    between two readings.
+    Values that are not numbers do not count. A row that repeats a reading shows an earlier value: it is late by up to
+    the time between two readings.
     """
     counts: Mask = np.all(np.atleast_2d(np.isfinite(value).T), axis=0)
     row_s = float(np.median(np.diff(time_s[counts]))) if np.count_nonzero(counts) > 1 else 0.0
@@ -46,10 +48,10 @@ def once_each(time_s: Array, value: Array) -> tuple[Mask, Readings]:
 
 
 def rows_a_reading(readings: Array) -> int:
-    """Return in how many rows a device repeats each of its readings (n,), 1 where it does not, or where nothing moves.
+    """Return the number of rows in which a device repeats each reading (n,), 1 where it does not, or nothing moves.
 
-    While something moves, a coarse sensor that repeated a reading goes on by one step; one that is read less often
-    than rows are sent goes on by many.
+    While something moves, a coarse sensor that repeated a reading changes by one step; a sensor that is read less often
+    than rows are sent changes by many.
     """
     changes, by = _changes(readings)
     if len(changes) < 2:
@@ -61,9 +63,9 @@ def rows_a_reading(readings: Array) -> int:
 
 
 def first_rows(readings: Array, *, rows: int) -> Mask:
-    """Return which rows (n,) are the first of a reading that is repeated in about so many `rows`.
+    """Return which rows (n,) are the first of a reading that is repeated in about this number of `rows`.
 
-    A value that lasts several times as long is several readings.
+    A value that lasts several times as long counts as several readings.
     """
     begin = np.r_[0, _changes(readings)[0]]
     count = np.maximum(np.rint(np.diff(np.r_[begin, len(readings)]) / rows), 1).astype(int)
@@ -74,12 +76,12 @@ def first_rows(readings: Array, *, rows: int) -> Mask:
 
 
 def new_rows(readings: Array, *, longest: float) -> Mask:
-    """Return which rows have a new one of some readings (n,), all where about each row has its own.
+    """Return which rows have a new reading (n,), all rows where nearly each has its own.
 
-    Axes of one sensor (n, k) are read together: a row is new where any of them changes. Rows count in which readings
-    go on by more than steps of the sensor, after having gone on by as much at most `longest` rows ago: others show a
-    coarse sensor of something steady. Of a value that lasts longer than readings do, which is several, the first row of
-    each is new.
+    Axes of one sensor (n, k) are read together: a row is new where any of them changes. The number of rows per reading
+    is found from rows in which readings change by more than steps of the sensor, after a similar change at most
+    `longest` rows before: other rows may show a coarse sensor of something steady. A value that lasts longer than
+    readings do is several readings, and the first row of each is new.
     """
     new, changed, moved = np.zeros((3, len(readings)), dtype=bool)
     for axis in np.atleast_2d(readings.T):
@@ -102,7 +104,7 @@ def new_rows(readings: Array, *, longest: float) -> Mask:
 
 
 def _steps(readings: Array) -> Array:
-    """Return the step (n,) of a sensor at each of its readings (n,), which may be coarser for larger ones."""
+    """Return the step (n,) of a sensor at each of its readings (n,); it may be coarser for larger readings."""
     sizes = np.unique(np.abs(readings))
     least = max(_SAME * float(sizes[-1]), np.finfo(float).tiny)
     gaps = np.diff(sizes, append=np.inf)
@@ -114,7 +116,7 @@ def _steps(readings: Array) -> Array:
 
 
 def _changes(readings: Array) -> tuple[npt.NDArray[np.intp], Array]:
-    """Return the rows (m,) whose reading differs from that before, and by how much (m,)."""
+    """Return the rows (m,) whose reading differs from the previous one, and the size of the change (m,)."""
     by = np.abs(np.diff(readings))
     changed = by > _SAME * (np.ptp(readings) if len(readings) else 0.0)
     return np.flatnonzero(changed) + 1, by[changed]

@@ -1,4 +1,4 @@
-"""Linear estimates and their covariances: least squares, means, correlated residuals, and the step to other values."""
+"""Estimate linearly with covariances: least squares, means, correlated residuals, and propagation to other values."""
 
 import math
 from collections.abc import Callable
@@ -11,16 +11,17 @@ from cfid.estimate.signals import correlation_inflation
 
 Array = npt.NDArray[np.float64]
 
-_STEP = 1e-6  # of a value, to either side: the rounding of a difference and its bend are then both about 1e-10
+# Of a value, to either side: rounding of the difference and curvature both cause errors of about 1e-10.
+_STEP = 1e-6
 _SMALLEST = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimate:
-    """Values (p,) with their covariance (p, p), nan where no residual is left over to estimate it from.
+    """Values (p,) with their covariance (p, p), NaN without degrees of freedom to estimate it from.
 
-    `gain` (p, n) takes the data to the values. `residual` (n,) is what these leave of the data, in their unit, and
-    `degrees_of_freedom` n - p.
+    `gain` (p, n) maps the data to the values. `residual` (n,) is the rest of the data, in their unit, and
+    `degrees_of_freedom` is n - p.
     """
 
     values: Array
@@ -41,10 +42,10 @@ def std_of(covariance: Array) -> Array:
 
 
 def gain_of(rows: Array, *, covariance: Array | None = None) -> Array:
-    """Return the gain (p, n) that takes data (n,) to the least-squares solution of rows (n, p).
+    """Return the gain (p, n) that maps data (n,) to the least-squares solution of rows (n, p).
 
-    With the data's covariance (n, n), which has to be positive definite, it is that of generalised least squares. Of
-    columns that depend on each other the solution is the smallest.
+    With the data's covariance (n, n), which has to be positive definite, it is that of generalised least squares. For
+    linearly dependent columns, it gives the smallest solution.
     """
     if covariance is not None:
         white = np.linalg.inv(np.linalg.cholesky(covariance))
@@ -57,12 +58,12 @@ def gain_of(rows: Array, *, covariance: Array | None = None) -> Array:
 def fit_linear(rows: Array, data: Array, *, noise_known: bool) -> Estimate:
     """Solve rows (n, p) times values = data (n,) by least squares.
 
-    `noise_known` takes rows and data in units of the data's standard uncertainties; else the residuals' scatter is
-    the noise, alike for all.
+    With `noise_known`, rows and data are in units of the data's standard uncertainties; otherwise the scatter of the
+    residuals is the noise, equal for all data.
     """
     gain = gain_of(rows)
     values = gain @ data
-    values += gain @ (data - rows @ values)  # what rounding left
+    values += gain @ (data - rows @ values)  # corrects for rounding
     residual, freedom = data - rows @ values, len(data) - rows.shape[1]
     variance = 1.0 if noise_known else float(residual @ residual) / freedom if freedom else np.nan
     covariance = variance * (gain @ gain.T)
@@ -70,12 +71,12 @@ def fit_linear(rows: Array, data: Array, *, noise_known: bool) -> Estimate:
 
 
 def mean_of(data: Array) -> Estimate:
-    """Return the mean of data (n,), whose scatter (with n - 1) is the noise."""
+    """Return the mean of data (n,); their scatter (with n - 1) is the noise."""
     return fit_linear(np.ones((len(data), 1)), data, noise_known=False)
 
 
 def weighted_mean(data: Array, *, std: Array) -> Estimate:
-    """Return the mean of data (n,) weighted by their standard uncertainties (n,), which are independent."""
+    """Return the mean of data (n,) weighted by their independent standard uncertainties (n,)."""
     found = fit_linear(1 / std[:, np.newaxis], data / std, noise_known=True)
     return replace(found, gain=found.gain / std, residual=found.residual * std)
 
@@ -83,9 +84,9 @@ def weighted_mean(data: Array, *, std: Array) -> Estimate:
 def sandwich(jacobian: Array, residual: Array, *, longest: int) -> Array:
     """Return the covariance (p, p) of a least-squares fit whose residuals (n,) are correlated with each other.
 
-    `jacobian` (n, p) has the residuals' slopes over the values. An estimate is a weighted sum of residuals: how far
-    these are correlated along the record, up to `longest` samples apart, determines how much less they average out
-    than white noise would.
+    `jacobian` (n, p) has the residuals' derivatives with respect to the values. An estimate is a weighted sum of
+    residuals: their correlation along the record, up to `longest` samples apart, determines how much less they average
+    out than white noise would.
     """
     influence = gain_of(jacobian).T * residual[:, np.newaxis]
     widening = np.array([_widening(column, jacobian.shape[1], longest=longest) for column in influence.T])
@@ -93,9 +94,9 @@ def sandwich(jacobian: Array, residual: Array, *, longest: int) -> Array:
 
 
 def sandwich_std(gain: Array, residual: Array, place: int, *, longest: int) -> float:
-    """Return the standard uncertainty of one of the estimates of a sandwich, for less than that of all, by their gain.
+    """Return the standard uncertainty of one estimate as in `sandwich`, at less cost than for all, from their gain.
 
-    `gain` (p, n) takes data to estimates, residuals are (n,).
+    `gain` (p, n) maps data to estimates; residuals are (n,).
     """
     influence = gain[place] * residual
     return float(np.linalg.norm(influence)) * _widening(influence, len(gain), longest=longest)

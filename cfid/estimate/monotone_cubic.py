@@ -1,12 +1,13 @@
-"""A thrust cubic that rises over all motor voltages, as the Crazyflie's firmware needs it to find a voltage.
+"""Fit a thrust cubic that rises over all motor voltages, as the Crazyflie's firmware needs to find a voltage.
 
-The firmware inverts the cubic by Cardano's formula for one real root. That root exists for every thrust where the
-slope c1 + 2 c2 V + 3 c3 V^2 is above zero at every V: c1 > 0, c3 > 0 and c2^2 < 3 c1 c3, a convex cone. The least
-squares under that constraint are the unconstrained ones where these lie inside, else the nearest point of the cone's
-surface in the metric of the normal matrix; the surface has one angle, and what else there is is linear.
+The firmware inverts the cubic by Cardano's formula for one real root. That root exists for every thrust where the slope
+c1 + 2 c2 V + 3 c3 V^2 is above zero at every V: c1 > 0, c3 > 0 and c2^2 < 3 c1 c3, a convex cone. The constrained
+least-squares solution is the unconstrained one if that lies inside, else the nearest point of the cone's surface in the
+metric of the normal matrix; the surface has one angle as its only nonlinear parameter.
 
-Single precision asks for a distance from the surface, as the formula subtracts nearly equal numbers there: how far
-depends on the cubic. The cone is narrowed until the firmware's inverse, calculated in single precision, is good.
+Single precision requires a distance from the surface, because the formula subtracts nearly equal numbers there; the
+distance depends on the cubic. The cone is narrowed until the firmware's inverse, calculated in single precision, is
+accurate.
 """
 
 from dataclasses import dataclass, replace
@@ -23,14 +24,14 @@ from cfid.estimate.voltage_cubic import FALL, IDLE, cubic_fault
 
 Array = npt.NDArray[np.float64]
 
-LEVEL = 0.01  # of the one-sided test by which the data refuse a cubic
-TOLERANCE = 0.01  # of the largest thrust: a departure that does not matter, as a motor's own scatter is larger
+LEVEL = 0.01  # level of the one-sided test by which the data reject a cubic
+TOLERANCE = 0.01  # of the largest thrust: a smaller departure does not matter, as a motor's own scatter is larger
 
 _STEP = 0.004  # of the angles that are tried
 _ANGLES = np.concatenate([np.arange(-1.57, -0.3, _STEP), np.arange(0.02, 1.57, _STEP)])
 _MARGINS = (0.0, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3)  # of 1 - c2^2 / (3 c1 c3), tried until rounding does no harm
-_FLAT_MARGIN = 1e-3  # the least where the flat point can be reached, c2 < 0
-_FALL = FALL / 2  # half of what is allowed: coefficients are rounded when they are written
+_FLAT_MARGIN = 1e-3  # the smallest margin where the flat point can be reached, c2 < 0
+_FALL = FALL / 2  # half of the allowed fall, because coefficients are rounded when they are written
 _DRAWS, _SEED = 400, 1
 
 
@@ -38,9 +39,9 @@ _DRAWS, _SEED = 400, 1
 class MonotoneCubic:
     """A cubic `fit` that rises over all voltages.
 
-    `bound` states that the constraint holds it there, `departure` how far it is at most from the unconstrained cubic,
-    over the largest thrust, from the idle thrust up. `refusal` states why the data contradict every such cubic, ""
-    where they do not.
+    `bound` states whether the constraint is active. `departure` is the largest distance from the unconstrained cubic,
+    relative to the largest thrust, from the idle thrust up. `refusal` states why the data contradict every such cubic,
+    "" where they do not.
     """
 
     fit: PolynomialFit
@@ -57,17 +58,18 @@ def constrain(
     shared_n: Array | None = None,
     max_thrust_n: float | None = None,
 ) -> MonotoneCubic:
-    """Return the cubic that rises over all voltages and fits points best.
+    """Return the best-fitting cubic that rises over all voltages.
 
-    `free` is the unconstrained one, by least squares without Huber's loss, of thrusts (n,) over motor voltages; `std_n`
-    (n,) weighed them, of which they share `shared_n` (n, m); `max_thrust_n` is the largest thrust that the firmware
-    asks for, as `cubic_fault` takes it. On the constraint the covariance is that of 400 unconstrained estimates, drawn
-    from their own distribution and constrained alike; it is widened where the points scatter further about the cubic.
+    `free` is the unconstrained fit, by least squares without Huber's loss, of thrusts (n,) over motor voltages. Its
+    weights come from `std_n` (n,), of which `shared_n` (n, m) are common parts; `max_thrust_n` is the firmware's
+    largest thrust, as in `cubic_fault`. If the constraint is active, the covariance is that of 400 unconstrained
+    estimates, drawn from their own distribution and then constrained; it is increased if the points scatter more about
+    the cubic.
 
     A cubic is refused where, at some voltage from the idle thrust up to the largest that was measured, it departs from
     the unconstrained one by more than 1 % of the largest thrust and the points exclude that (one-sided, 1 %).
 
-    Raises FitError for another order than three, and where thrust does not rise with the voltage at all.
+    Raises FitError for an order other than three, and where thrust does not rise with the voltage at all.
     """
     if free.order != 3:
         raise FitError(f"the firmware takes a cubic of motor voltage, and this polynomial has order {free.order}.")
@@ -87,7 +89,7 @@ def _fault(fit: PolynomialFit, max_thrust_n: float | None) -> str:
 
 
 def _weighed(volts: Array, thrust_n: Array, std_n: Array | None, shared_n: Array | None, margin: float) -> "_Bound":
-    """Return the best cubic of the cone's surface; where it misses points by more than they vary, all count alike."""
+    """Return the best cubic on the cone's surface; if it misses points by more than their scatter, all weigh alike."""
 
     def bound(missed_n: float) -> _Bound:
         return _bound(volts, thrust_n, std_n, shared_n, margin, missed_n=missed_n)
@@ -100,7 +102,7 @@ def _weighed(volts: Array, thrust_n: Array, std_n: Array | None, shared_n: Array
 
 
 class _Bound(NamedTuple):
-    """A cubic of the cone's surface, the unconstrained one of the same weights, and the deviations (n,) of these."""
+    """A cubic on the cone's surface, the unconstrained one of the same weights, and the points' uncertainties (n,)."""
 
     fit: PolynomialFit
     free: PolynomialFit
@@ -109,13 +111,13 @@ class _Bound(NamedTuple):
 
     @property
     def excess(self) -> float:
-        """By how much chi-squared exceeds its degrees of freedom."""
+        """The excess of chi-squared over its degrees of freedom."""
         return float(np.sum((self.fit.residual / self.std_n) ** 2)) - self.fit.degrees_of_freedom
 
     def with_spread(self) -> PolynomialFit:
-        """Return the cubic with the covariance of what the constraint makes of other unconstrained estimates."""
+        """Return the cubic with the covariance of other unconstrained estimates after the constraint."""
         about, about_free = (float(np.sum((part.residual / self.std_n) ** 2)) for part in (self.fit, self.free))
-        known = self.fit.inflation is not None  # then the deviations say how far points vary
+        known = self.fit.inflation is not None  # the stated uncertainties then give the scatter of the points
         widened = 1.0 if known or about_free == 0 else about / about_free
         free = np.sqrt(widened) * self.free.moved[::-1] * self.cone.powers[:, np.newaxis]
         sizes, directions = np.linalg.eigh(free @ free.T)
@@ -123,7 +125,8 @@ class _Bound(NamedTuple):
         causes = _independent_causes()
         draws = self.free.coefficients[::-1] * self.cone.powers + causes @ factor.T
         drawn = np.where(_inside(draws)[:, np.newaxis], draws, self.cone.nearest(draws))
-        follows = drawn.T @ causes / (_DRAWS - 1) @ np.linalg.pinv(factor)  # the unconstrained cubic, on average
+        # Linear regression on the unconstrained cubic.
+        follows = drawn.T @ causes / (_DRAWS - 1) @ np.linalg.pinv(factor)
         own = (follows * self.cone.powers / self.cone.powers[:, np.newaxis])[::-1, ::-1]
         return replace(
             self.fit,
@@ -137,7 +140,7 @@ class _Bound(NamedTuple):
 def _bound(
     volts: Array, thrust_n: Array, std_n: Array | None, shared_n: Array | None, margin: float, *, missed_n: float
 ) -> _Bound:
-    """Return the best cubic of the cone's surface, weighed by what points vary by and by what a cubic misses."""
+    """Return the best cubic on the cone's surface, weighted by the points' scatter and the cubic's own misfit."""
     std = None if std_n is None else np.hypot(std_n, missed_n)
     free = fit_polynomial(volts, thrust_n, order=3, std=std, shared=shared_n)
     weights = np.ones_like(thrust_n) if std is None else std
@@ -151,7 +154,7 @@ def _bound(
 
 
 class _Cone:
-    """The surface of the cone of rising cubics, seen from points; cubics are in units of the largest voltage here.
+    """The surface of the cone of rising cubics, in the metric of points; cubics are in units of the largest voltage.
 
     Distances are lengths of R c, where R' R is the points' normal matrix. The `margin` narrows the cone.
     """
@@ -168,7 +171,7 @@ class _Cone:
     def nearest(self, cubics: Array) -> Array:
         """Return the points (n, 4) of the surface that are nearest to cubics (n, 4), to within the grid of angles.
 
-        Where no rising cubic is nearer than a constant, that is the constant.
+        Where no rising cubic is nearer than a constant, the constant is returned.
         """
         wanted = cubics @ self._triangle.T
         best = np.argmax(wanted @ self._rising.T, axis=1)
@@ -189,7 +192,7 @@ class _Cone:
         return self._points(wanted, surface, self._felt(surface))
 
     def _points(self, wanted: Array, surfaces: Array, felt: Array) -> Array:
-        """Return the nearest points (..., 4) of rays along surfaces (..., 4), beside a level, to R c (..., 4)."""
+        """Return the points (..., 4) nearest to R c (..., 4) on rays along surfaces (..., 4), plus any constant."""
         shapes = surfaces @ self._triangle.T
         sizes = np.maximum(_products(felt, wanted), 0.0) / _products(felt, shapes)
         points = sizes[..., np.newaxis] * surfaces
@@ -197,16 +200,16 @@ class _Cone:
         return np.asarray(points)
 
     def _felt(self, surfaces: Array) -> Array:
-        """Return directions (..., 4), of length one, in which cubics of the surface move the points beside a level.
+        """Return unit vectors (..., 4): the effect of surface cubics on the points, without that of a constant.
 
-        R is triangular: a level moves the first of its rows alone.
+        R is triangular: a constant changes only the first of its rows.
         """
         moved = surfaces @ self._triangle.T
         moved[..., 0] = 0.0
         return np.asarray(moved / np.linalg.norm(moved, axis=-1, keepdims=True))
 
     def _surface(self, angles: npt.ArrayLike) -> Array:
-        """Return cubics (..., 4) of the cone's surface at angles (...), without a constant."""
+        """Return cubics (..., 4) on the cone's surface at angles (...), without a constant."""
         cosine, sine = np.cos(angles), np.sin(angles)
         margin = np.maximum(self._margin, np.where(np.asarray(angles) < 0, _FLAT_MARGIN, 1e-6))
         parts = (np.zeros_like(cosine), cosine**2, np.sqrt(1 - margin) * cosine * sine, sine**2 / 3)
@@ -218,7 +221,7 @@ def _products(a: Array, b: Array) -> Array:
 
 
 def _independent_causes() -> Array:
-    """Return normal draws (draws, 4) whose own mean is zero and whose own covariance is the identity."""
+    """Return normal draws (draws, 4) whose sample mean is exactly zero and whose sample covariance is the identity."""
     draws = np.random.default_rng(_SEED).standard_normal((_DRAWS, 4))
     draws -= draws.mean(axis=0)
     return np.asarray(draws @ np.linalg.inv(np.linalg.cholesky(np.cov(draws.T))).T)
@@ -231,7 +234,7 @@ def _inside(lowest_first: Array) -> npt.NDArray[np.bool_]:
 
 
 def _judge(free: PolynomialFit, bound: PolynomialFit) -> tuple[float, str]:
-    """Return the largest departure over the largest thrust, and why the data refuse the cubic, "" where not."""
+    """Return the largest departure over the largest thrust, and why the data refuse the cubic, "" if they do not."""
     volts = np.linspace(free.x.min(), free.x.max(), 200)
     largest = float(free.at(volts).max())
     volts = volts[free.at(volts) >= IDLE * largest]

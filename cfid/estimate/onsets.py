@@ -1,4 +1,4 @@
-"""When a thrust began to follow each change, and with which lag: thrust is the square of a speed of first order."""
+"""Find when a thrust started to follow each change, and with what lag: thrust is the square of a first-order speed."""
 
 import math
 from collections.abc import Sequence
@@ -12,14 +12,14 @@ from cfid.estimate.windows import CHANGE_SEEN_S, Interval, level
 
 Array = npt.NDArray[np.float64]
 
-_EARLY_S, _LATE_S = 0.1, 0.6  # an onset around a stamped command
+_EARLY_S, _LATE_S = 0.1, 0.6  # limits of an onset relative to a stamped command
 _STEP_S, _LEAST_LAG_S = 0.04, 0.01
 _EXPLAINED, _FEWEST_SEEN = 0.9, 10
 _LOOK_S, _USUAL_LAG_S = 2.0, 0.1
 
 
 class Onset(NamedTuple):
-    """When thrust began to follow a change, the time constant with which it did, and the variance that explains."""
+    """The time at which thrust started to follow a change, its time constant, and the variance explained by them."""
 
     time_s: float
     lag_s: float
@@ -27,11 +27,11 @@ class Onset(NamedTuple):
 
 
 def onsets(slow: Slow, intervals: Sequence[Interval], *, baseline: float, lag_s: float | None = None) -> list[Onset]:
-    """Return the onset of each interval but the first, which has none; a given lag is that of all.
+    """Return the onset of each interval except the first, which has none; a given lag applies to all.
 
-    Thrust above `baseline` is the square of a speed of first order. Where no onset explains what is seen (a step in the
-    noise, or one that is shorter than its onset), the others' median lag stands for its own, and after a command
-    their median delay.
+    Thrust above `baseline` is the square of a first-order speed. Where no onset explains the record (a step in the
+    noise, or one that is shorter than its onset), the median lag of the others is used instead, and after a command
+    also their median delay.
     """
     levels = [0.0 if each.pause else level(slow, each.begin_s, each.end_s) - baseline for each in intervals]
     steps = list(zip(intervals[:-1], intervals[1:], map(_share, levels[:-1], levels[1:]), strict=True))
@@ -48,14 +48,14 @@ def onsets(slow: Slow, intervals: Sequence[Interval], *, baseline: float, lag_s:
 
 
 def _share(before: float, after: float) -> float:
-    """Return the first of two speeds as a part of their sum, from the thrusts."""
+    """Return the first of two speeds relative to their sum, from the thrusts."""
     first, second = math.sqrt(abs(before)), math.sqrt(abs(after))
     return first / (first + second) if first + second > 0 else 0.5
 
 
 def _onset(slow: Slow, before: Interval, interval: Interval, share: float, *, lag_s: float | None) -> Onset:
-    """Fit onset and lag of a step by search, ever finer and nearer to it."""
-    seen_change = interval.commands is None  # in the midst of its rise, and the next as well
+    """Fit onset and lag of a step by a search that becomes finer and narrower."""
+    seen_change = interval.commands is None  # the time lies in the middle of the rise, as does that of the next change
     early_s, late_s = (_LATE_S, _EARLY_S) if seen_change else (_EARLY_S, _LATE_S)
     begin_s, length_s = interval.begin_s, interval.end_s - interval.begin_s
     from_s = max(begin_s - early_s, (before.begin_s + before.end_s) / 2)
@@ -75,7 +75,7 @@ def _onset(slow: Slow, before: Interval, interval: Interval, share: float, *, la
 
 
 def _search(seen: Slow, times: Array, lags: Array, share: float) -> Onset:
-    """Return the onset, of those with the given times and lags, that explains most of the variance seen."""
+    """Return the onset that explains most of the observed variance, among the given times and lags."""
     time_s, value = seen.time_s[::2], seen.value[::2] - seen.value[::2].mean()
     gone = 1 - np.exp(-np.maximum(time_s - times[:, np.newaxis], 0)[:, np.newaxis] / lags[:, np.newaxis])
     response = 2 * share * gone + (1 - 2 * share) * gone**2

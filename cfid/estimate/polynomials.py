@@ -1,4 +1,4 @@
-"""Polynomials through measured points: coefficients, what they are worth, bands, and which order the points allow."""
+"""Fit polynomials to measured points: coefficients with uncertainties, bands, and the order that the points support."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -15,27 +15,27 @@ from cfid.estimate.propagation import widened
 
 Array = npt.NDArray[np.float64]
 
-ORDERS = (1, 2, 3, 4)  # that are tried where the points may choose
+ORDERS = (1, 2, 3, 4)  # tried where the points may choose
 
-_CUTOFF = 1.345  # deviations from where Huber's loss grows linearly: 95 % efficient for normal noise [Hub]
-_MEAN_SQUARE = 0.7101645  # of normal noise of deviation 1, cut off there
+_CUTOFF = 1.345  # standard deviations from which Huber's loss grows linearly: 95 % efficient for normal noise [Hub]
+_MEAN_SQUARE = 0.7101645  # of normal noise with standard deviation 1, clipped there
 _ROUNDS, _SETTLED = 100, 1e-9
-_DEPENDENT = 1e-10  # smallest over largest diagonal entry of R, of columns that no longer differ
-_ROUNDING = 1e-12  # of the values: a misfit below is none
+_DEPENDENT = 1e-10  # ratio of the smallest to the largest diagonal entry of R for columns that are linearly dependent
+_ROUNDING = 1e-12  # of the values: a smaller misfit counts as none
 
 
 @dataclass(frozen=True, kw_only=True)
 class PolynomialFit:
     """y(x) of `coefficients` (order + 1,) in plain powers of x, highest first; a power left out has a zero.
 
-    `covariance` (order + 1, order + 1), nan where neither deviations were stated nor a point is left over; `moved` by
-    its transpose is the same, but less where a constraint held a fit: a column an independent error, first of each
-    point alone, then of what points share. `by_point` (order + 1, n) is what a unit of each y does to the coefficients.
-    Per point (n,): `residual` in units of y, `weight` of Huber's loss (1: counts in full), `point_std`, one deviation
-    about the curve. `inflation` is how many times as far as stated the points scatter, never below 1, or None where no
-    deviations were stated. `scale` is what Huber's loss took for one deviation, in units of y, or of the stated
-    deviations; None for plain least squares. `quantile` times a deviation covers 95 %. `aicc` compares orders on the
-    same points.
+    `covariance` (order + 1, order + 1) is NaN if no standard uncertainties were stated and no degrees of freedom
+    remain. `moved` times its transpose equals it, or less where a constraint was active; each column is an independent
+    error, first of each point alone, then of what points share. `by_point` (order + 1, n) is the change of the
+    coefficients per unit of each y. Per point (n,): `residual` in units of y, `weight` of Huber's loss (1: counts in
+    full), and `point_std`, one standard deviation about the curve. `inflation` is the ratio of the observed to the
+    stated scatter, never below 1, or None where no uncertainties were stated. `scale` is one standard deviation
+    according to Huber's loss, in units of y, or of the stated uncertainties; None for plain least squares. `quantile`
+    times a standard uncertainty covers 95 %. `aicc` compares orders on the same points.
     """
 
     coefficients: Array
@@ -59,18 +59,18 @@ class PolynomialFit:
 
     @property
     def std(self) -> Array:
-        """One standard deviation of each coefficient (order + 1,)."""
+        """The standard uncertainty of each coefficient (order + 1,)."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
     def hat(self) -> Array:
-        """What one deviation of each point does to the curve at all points, in their deviations (n, n)."""
+        """The effect (n, n) of each point's standard deviation on the curve at all points, in standard deviations."""
         powers = np.vander(self.x, self.order + 1)
         return np.asarray(powers @ self.by_point * self.point_std / self.point_std[:, np.newaxis])
 
     @property
     def residual_norm(self) -> float:
-        """MATLAB's S.normr: the 2-norm of the residuals, each as it is, without weights."""
+        """MATLAB's S.normr: the 2-norm of the unweighted residuals."""
         return float(np.linalg.norm(self.residual))
 
     def at(self, x: npt.ArrayLike) -> Array:
@@ -78,22 +78,22 @@ class PolynomialFit:
         return np.asarray(np.polyval(self.coefficients, np.asarray(x, dtype=np.float64)))
 
     def slope_at(self, x: npt.ArrayLike) -> Array:
-        """Return its derivative at x of any shape."""
+        """Return the curve's derivative at x of any shape."""
         return np.asarray(np.polyval(np.polyder(self.coefficients), np.asarray(x, dtype=np.float64)))
 
     def std_at(self, x: npt.ArrayLike) -> Array:
-        """Return one standard deviation of the curve at x (m,)."""
+        """Return the standard uncertainty of the curve at x (m,)."""
         powers = np.vander(np.atleast_1d(np.asarray(x, dtype=np.float64)), self.order + 1)
         return np.asarray(np.sqrt(np.einsum("mi,ij,mj->m", powers, self.covariance, powers)))
 
     def confidence(self, x: npt.ArrayLike) -> Array:
-        """Return half the width (m,) of the band that holds the true curve at an x in 95 of 100 experiments."""
+        """Return half the width (m,) of the band that contains the true curve at an x in 95 of 100 experiments."""
         return self.quantile * self.std_at(x)
 
     def prediction(self, x: npt.ArrayLike) -> Array:
-        """Return half the width (m,) of the band that holds another point at x in 95 of 100 cases.
+        """Return half the width (m,) of the band that contains another point at x in 95 of 100 cases.
 
-        Its noise is that of the points measured around x.
+        The noise of that point is that of the points measured around x.
         """
         along = np.argsort(self.x)
         noise = np.interp(np.atleast_1d(np.asarray(x, dtype=np.float64)), self.x[along], self.point_std[along])
@@ -120,14 +120,16 @@ def fit_polynomial(
 ) -> PolynomialFit:
     """Fit a polynomial to points x, y (n,), in its units; `through_zero` leaves out the constant.
 
-    `std` (n,) is one deviation of each y. It knows the noise within a window; what moves between windows (drift, a
-    sagging battery, a shape that is no polynomial's) shows only in how the points scatter about the curve. So the
-    covariance grows with chi-squared per degree of freedom where that is above 1, and bands take Student's t then;
-    it never shrinks, as points that lie closer than stated are the luck of a few. Without `std` all points
-    count alike and their scatter is the noise. `robust` takes Huber's loss, whose scale is his proposal 2 [Hub].
+    `std` (n,) is the standard uncertainty of each y. It contains the noise within a window; what changes between
+    windows (drift, a sagging battery, a shape that is not a polynomial) only shows in the scatter of the points about
+    the curve. Therefore the covariance grows with chi-squared per degree of freedom where that is above 1, and bands
+    then use Student's t; it never shrinks, as a few points may lie closer than stated by chance. Without `std`, all
+    points count equally and their scatter is the noise. `robust` uses Huber's loss, with the scale of his proposal 2
+    [Hub].
 
-    `shared` (n, m) are parts of `std` that several points have in common, as those between which one tare stands: a
-    column is what one deviation of a cause does to each. They widen the covariance, and weigh no point.
+    `shared` (n, m) are parts of `std` that several points have in common, such as points between the same tares: a
+    column is the effect of one standard uncertainty of a cause on each point. They increase the covariance, and do not
+    change the weights.
 
     Raises FitError when the points cannot determine the coefficients.
     """
@@ -137,7 +139,7 @@ def fit_polynomial(
 def fit_power(
     x: Array, y: Array, *, power: int, std: Array | None = None, shared: Array | None = None, robust: bool = False
 ) -> PolynomialFit:
-    """Fit y = k x^power alone, k the first coefficient; see `fit_polynomial`."""
+    """Fit y = k x^power alone, with k as the first coefficient; see `fit_polynomial`."""
     return _fit(x, y, powers=(power,), std=std, shared=shared, robust=robust)
 
 
@@ -152,9 +154,9 @@ def fit_best_order(
 ) -> OrderChoice:
     """Fit each order that the points suffice for, and keep the one with the smallest corrected AIC [HT].
 
-    Stated deviations count in proportion alone: were they taken at their word, drift would pass for shape.
+    Only the ratios of the stated uncertainties count: if their size did too, drift would be mistaken for shape.
 
-    Raises FitError when the points suffice for none.
+    Raises FitError when the points do not suffice for any order.
     """
     fits = {
         order: fit_polynomial(x, y, order=order, std=std, shared=shared, robust=robust)
@@ -170,14 +172,14 @@ def fit_best_order(
 
 
 class _Solved(NamedTuple):
-    """Of rows in units of their deviation: solution (p,), residual and weight (n,), and how far points scatter."""
+    """Solution (p,) of rows in units of their standard deviation, residual and weight (n,), and the points' scatter."""
 
     solution: Array
     residual: Array
     weight: Array
     scale: float | None
     scatter: float  # variance of a point
-    variance: float  # by which the inverse of the normal matrix becomes a covariance
+    variance: float  # factor from the inverse of the normal matrix to a covariance
 
 
 def _fit(
@@ -189,7 +191,7 @@ def _fit(
     rows = (x[:, np.newaxis] / size) ** np.array(powers) / given[:, np.newaxis]
     _check_places(rows, x, powers)
     plain = fit_linear(rows, y / given, noise_known=False)
-    freedom, gain = plain.degrees_of_freedom, plain.gain  # of one deviation of each
+    freedom, gain = plain.degrees_of_freedom, plain.gain  # per standard deviation of each point
     solved = _solved(rows, y / given, plain, robust=robust and freedom > 0, least=0.0 if std is None else 1.0)
     variance = solved.variance if std is None else float(np.nanmax([1.0, solved.variance]))
     scatter = solved.scatter if std is None else float(np.nanmax([1.0, solved.scatter]))
@@ -208,8 +210,9 @@ def _fit(
         moved[places] = np.hstack([gain * alone, gain @ parts])
     few = 1.0
     if std is None and robust and freedom:
-        # Of a scatter that few points show, 1.96 standard uncertainties cover 95 % only where these are wider. Nothing
-        # states whether points scatter alike or in proportion: where that is more, half of the variance is taken as it.
+        # With a scatter estimated from few points, 1.96 standard uncertainties cover 95 % only if these are increased.
+        # It is not known whether the scatter is constant or proportional: where a proportional one is larger, half of
+        # the variance is assumed to be proportional.
         few, curve = widened(1.0, freedom), rows @ solved.solution
         if curve.any():
             moved[places] *= np.sqrt((np.maximum(curve**2 / np.mean(curve**2), 1.0) + 1) / 2)
@@ -256,7 +259,7 @@ def _check_places(rows: Array, x: Array, powers: Sequence[int]) -> None:
 
 
 def _solved(rows: Array, y: Array, plain: Estimate, *, robust: bool, least: float) -> _Solved:
-    """Return plain least squares as it is, or what Huber's loss makes of it at a scale of at least `least`."""
+    """Return plain least squares, or the result of Huber's loss with a scale of at least `least`."""
     residual, freedom = plain.residual, plain.degrees_of_freedom
     rounding = _ROUNDING * float(np.linalg.norm(y))
     if robust and float(np.linalg.norm(residual)) > rounding:
@@ -266,7 +269,7 @@ def _solved(rows: Array, y: Array, plain: Estimate, *, robust: bool, least: floa
 
 
 def _huber(rows: Array, y: Array, solution: Array, *, least: float) -> _Solved:
-    """Weigh each point anew until solution and scale stay; both together are one convex problem [Hub]."""
+    """Update the weights until solution and scale converge; both together are one convex problem [Hub]."""
     count, unknowns = rows.shape
     freedom = count - unknowns
     residual = y - rows @ solution
@@ -296,6 +299,6 @@ def _aicc(solved: _Solved, y: Array, unknowns: int) -> float:
         return math.inf
     size = np.abs(solved.residual)
     cut = size if solved.scale is None else np.minimum(size, _CUTOFF * solved.scale)
-    loss = float(cut @ (2 * size - cut))  # squares up to the cutoff, a straight line beyond
+    loss = float(cut @ (2 * size - cut))  # quadratic up to the cutoff, linear beyond
     floor = (_ROUNDING * float(np.linalg.norm(y))) ** 2 + np.finfo(np.float64).tiny
     return float(count * math.log((loss + floor) / count) + 2 * taken * (1 + (taken + 1) / (count - taken - 1)))

@@ -1,4 +1,4 @@
-"""Linear propagation of uncertainty (GUM): one function, its inputs, and what each input contributes."""
+"""Propagate uncertainty linearly (GUM): one function, its inputs, and the contribution of each input."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -9,14 +9,14 @@ from scipy.special import ndtri, stdtrit
 
 Array = npt.NDArray[np.float64]
 
-# Central differences this wide, in standard deviations, average over the bend of the function where the
-# input really lies, and are far above rounding.
+# Central differences of this width, in standard uncertainties, average over the function's curvature in the likely
+# range of the input, and are far above rounding.
 _WIDTH = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
 class Input:
-    """An uncertain input: its value, one standard deviation and the quantity it belongs to in a budget."""
+    """An uncertain input: its value, its standard uncertainty, and the group that it belongs to in a budget."""
 
     name: str
     group: str
@@ -25,10 +25,10 @@ class Input:
 
 
 def contributions(function: Callable[[Array], Array], inputs: Sequence[Input]) -> Array:
-    """Return by how much each input's standard deviation moves the outputs, shape (outputs, inputs).
+    """Return the change of the outputs by each input's standard uncertainty, shape (outputs, inputs).
 
-    `function` takes the vector of input values. Inputs are independent of each other; what two outputs
-    share through one input is kept, so the outputs' covariance is the product with its transpose.
+    `function` takes the vector of input values. Inputs are independent of each other; outputs that depend on the same
+    input are correlated, and the product of the result with its transpose is their covariance.
     """
     values = np.array([given.value for given in inputs])
     outputs = np.asarray(function(values))
@@ -43,7 +43,7 @@ def contributions(function: Callable[[Array], Array], inputs: Sequence[Input]) -
 
 
 def budget(columns: Array, inputs: Sequence[Input]) -> dict[str, Array]:
-    """Add up contributions (outputs, inputs) in squares by group; the largest group first."""
+    """Add up contributions (outputs, inputs) in squares by group; the largest group comes first."""
     groups: dict[str, Array] = {}
     for i, given in enumerate(inputs):
         groups[given.group] = groups.get(given.group, 0.0) + columns[:, i] ** 2
@@ -52,8 +52,8 @@ def budget(columns: Array, inputs: Sequence[Input]) -> dict[str, Array]:
 
 
 def widened(std: float, freedom: int) -> float:
-    """Return the deviation whose 1.96-fold covers 95 %, for one estimated from few residuals (Student's t).
+    """Return a standard uncertainty whose 1.96-fold covers 95 %, from one estimated from few residuals (Student's t).
 
-    Whoever reads a standard deviation takes 1.96 of it; with two residuals to spare it takes 4.3.
+    Readers of a standard uncertainty multiply it by 1.96; with two degrees of freedom the factor would be 4.3.
     """
     return float(std * stdtrit(freedom, 0.975) / ndtri(0.975))

@@ -1,8 +1,9 @@
-"""One quantity measured several times, on other days or with other vehicles: do the values agree, and do they drift?
+"""Compare one quantity measured several times, on other days or with other vehicles: agreement and drift.
 
-The mean is weighted with the deviations that were stated. They may have causes in common, a rig's geometry, scales,
-gravity, which no repetition averages out: the mean's deviation is theirs. Where the values scatter by more than they
-explain it is widened (R. T. Birge, The calculation of errors by the method of least squares, Physical Review 40, 1932).
+The mean is weighted with the stated standard uncertainties. These may have causes in common, such as a rig's geometry,
+scales or gravity, which repetition does not average out: the mean's standard uncertainty is that of the values. If the
+values scatter by more than that explains, it is increased (R. T. Birge, The calculation of errors by the method of
+least squares, Physical Review 40, 1932).
 """
 
 import math
@@ -17,16 +18,16 @@ from cfid.estimate.linear import fit_linear, weighted_mean
 
 Array = npt.NDArray[np.float64]
 
-LEAST_PROBABILITY = 0.01  # of values that agree
+LEAST_PROBABILITY = 0.01  # of values that agree, the least probability
 _DAY_S = 86400.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Repeats:
-    """The mean of n values and its deviation, how far they scatter, and by how much they change a day.
+    """The mean of n values and its standard uncertainty, their scatter, and their change per day.
 
-    `probability` is how likely values of one quantity with the deviations stated differ as much; None where a value
-    has no deviation, and the scatter alone counts. The drift is None with fewer than three times.
+    `probability` is that of values of one quantity with the stated uncertainties differing at least as much; None where
+    a value has no uncertainty, and only the scatter counts. The drift is None with fewer than three times.
     """
 
     mean: float
@@ -40,12 +41,12 @@ class Repeats:
 
     @property
     def agree(self) -> bool:
-        """Whether the deviations stated explain the differences, as far as they can tell."""
+        """Whether the stated uncertainties explain the differences, or cannot exclude it."""
         return self.probability is None or self.probability >= LEAST_PROBABILITY
 
 
 def repeats(*, time_s: Array, value: Array, std: Array) -> Repeats:
-    """Compare values (n,) found at times (n,), with one standard deviation each, nan where there is none.
+    """Compare values (n,) measured at times (n,), each with its standard uncertainty, NaN where there is none.
 
     Raises FitError for fewer than two values.
     """

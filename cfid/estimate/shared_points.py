@@ -1,8 +1,8 @@
-"""Covariances between polynomials that were fitted to the same points.
+"""Compute covariances between polynomials that were fitted to the same points.
 
-Each coefficient is a weighted sum of the points. Two fits therefore covary as far as the errors of their points do:
-thrust over command and thrust over voltage have the thrust's error in common, thrust over command and thrust over
-speed may not. The residuals tell which (seemingly unrelated regressions [Zel]).
+Each coefficient is a weighted sum of the points. Two fits therefore covary if the errors of their points do: thrust
+over command and thrust over voltage share the thrust's error, thrust over command and thrust over speed may not. The
+residuals show this (seemingly unrelated regressions [Zel]).
 """
 
 from collections.abc import Sequence
@@ -15,11 +15,11 @@ from cfid.estimate.polynomials import PolynomialFit
 
 Array = npt.NDArray[np.float64]
 
-_FEWEST = 3.0  # degrees of freedom that two fits have in common: fewer say nothing of a correlation
+_FEWEST = 3.0  # common degrees of freedom of two fits: fewer do not determine a correlation
 
 
 class PointFit(NamedTuple):
-    """A fit, and the parts of all N windows in each of its points (n, N), in units of their deviations."""
+    """A fit, and the parts of all N windows in each of its points (n, N), in units of their standard deviations."""
 
     fit: PolynomialFit
     windows: Array
@@ -28,9 +28,10 @@ class PointFit(NamedTuple):
 def joint_covariance(fits: Sequence[PointFit]) -> Array:
     """Return the covariance (p, p) of the coefficients of several fits, one fit after the other.
 
-    Within a fit it is the fit's own. Between two it takes the correlation of their points' errors from the residuals,
-    none where too few points are in both, and what points share (a tare) as it is: these causes have to be the same
-    ones in the same order, in all fits that have any. Windows that the first fit does not use connect no others.
+    Within a fit, it is the fit's own. Between two fits, it uses the correlation of their points' errors from the
+    residuals, zero if too few points are in both, and adds the errors that points share (a tare): these causes have to
+    be the same in the same order, in all fits that have any. Windows that the first fit does not use do not correlate
+    other fits.
     """
     known = np.any(fits[0].windows, axis=0)
     alone = [one.fit.moved[:, : len(one.fit.x)] @ (one.windows * known) for one in fits]
@@ -48,7 +49,7 @@ def joint_covariance(fits: Sequence[PointFit]) -> Array:
 
 
 def _correlations(fits: Sequence[PointFit]) -> Array:
-    """Return the correlations (k, k) of the errors of the fits' points, the nearest that can be."""
+    """Return the correlations (k, k) of the errors of the fits' points, as the nearest possible correlation matrix."""
     found = np.eye(len(fits))
     for i, one in enumerate(fits):
         for j, other in enumerate(fits[:i]):
@@ -60,10 +61,10 @@ def _correlations(fits: Sequence[PointFit]) -> Array:
 
 
 def _correlation(one: PointFit, other: PointFit) -> float:
-    """Return the correlation of the errors of two fits' points, 0 where it is not known.
+    """Return the correlation of the errors of two fits' points, 0 where it is unknown.
 
-    The residuals r = M e of a fit have fewer degrees of freedom than errors e. Where these correlate by rho W, their
-    product r1' W r2 is rho trace(W' M1 W M2') on average.
+    The residuals r = M e of a fit have fewer degrees of freedom than errors e. Where errors correlate by rho W, the
+    residuals' product r1' W r2 is rho trace(W' M1 W M2') on average.
     """
     overlap = one.windows @ other.windows.T
     left, right = (np.eye(len(each.fit.x)) - each.fit.hat for each in (one, other))
@@ -78,6 +79,6 @@ def _correlation(one: PointFit, other: PointFit) -> float:
             / max(other.fit.degrees_of_freedom, 1)
         )
     )
-    if not (freedom >= _FEWEST and size > 0):  # nan neither
+    if not (freedom >= _FEWEST and size > 0):  # also false for NaN
         return 0.0
     return float(np.clip(first @ overlap @ second / freedom / size, -1.0, 1.0))

@@ -1,4 +1,4 @@
-"""Noise, drift and lines of a signal at rest, before something is measured with it. Needs no SciPy."""
+"""Measure noise, drift and lines of a signal under constant load, before it is used. Needs no SciPy."""
 
 from typing import NamedTuple
 
@@ -11,17 +11,17 @@ Array = npt.NDArray[np.float64]
 
 MAINS_HZ = (50.0, 60.0)
 
-_BLOCKS = 20  # whose scatter about a line bounds how sure the drift is
-_LOWEST_HZ = 5.0  # of a line: what is slower is drift
-_WIDTH_HZ, _WIDTH_BINS = 0.5, 2  # that mains keep to; half the width of a line in the spectrum
+_BLOCKS = 20  # their scatter about a line gives the uncertainty of the drift
+_LOWEST_HZ = 5.0  # of a line: slower changes are drift
+_WIDTH_HZ, _WIDTH_BINS = 0.5, 2  # the tolerance of mains frequency; half the width of a line in the spectrum
 _CLEAR = 5.0  # times the spectrum's median: noise alone stays below that
 
 
 class SignalQuality(NamedTuple):
-    """A signal at rest, in its unit: the noise of a sample, the change over the record, and the amplitudes of lines.
+    """A signal under constant load, in its unit: a sample's noise, the change over the record, and amplitudes of lines.
 
     `noise_std` is about a straight line. `mains` is the largest amplitude at 50 or 60 Hz, `line` the largest of all
-    other lines above 5 Hz; a frequency is NaN where no line stands clear of the noise.
+    other lines above 5 Hz; a frequency is NaN where no line stands out from the noise.
     """
 
     noise_std: float
@@ -34,7 +34,7 @@ class SignalQuality(NamedTuple):
 
 
 def signal_quality(signal: Array, *, rate_hz: float) -> SignalQuality:
-    """Judge a signal (n,) of a steady load at `rate_hz`; takes a second or more, at least 64 samples."""
+    """Judge a signal (n,) of a constant load at `rate_hz`; needs a second or more, and at least 64 samples."""
     place = np.linspace(-0.5, 0.5, len(signal))
     means = block_means(signal, length=len(signal) // _BLOCKS)
     at = np.linspace(-0.5, 0.5, len(means))
@@ -53,7 +53,7 @@ def signal_quality(signal: Array, *, rate_hz: float) -> SignalQuality:
 
 
 def _largest(frequency_hz: Array, amplitude: Array, among: npt.NDArray[np.bool_]) -> tuple[float, float]:
-    """Return frequency and amplitude of the strongest line among some bins; NaN and 0 where there are none."""
+    """Return frequency and amplitude of the strongest line among some bins; NaN and 0 without bins."""
     if not among.any():
         return float("nan"), 0.0
     best = int(np.argmax(np.where(among, amplitude, -1.0)))

@@ -1,4 +1,4 @@
-"""Sampled signals, whatever they mean: half-swings, means among lines and spikes, spectra, correlated noise."""
+"""Process sampled signals of any kind: half-swings, means among lines and spikes, spectra, correlated noise."""
 
 import math
 from typing import NamedTuple
@@ -14,7 +14,7 @@ from cfid.estimate.propagation import widened
 from cfid.large import stored
 from cfid.lazy import later
 
-_next_fast_len = later("scipy.fft", "next_fast_len")  # where a fit takes a spectrum
+_next_fast_len = later("scipy.fft", "next_fast_len")  # imported only where a fit computes a spectrum
 _prev_fast_len = later("scipy.fft", "prev_fast_len")
 
 GRID_S = 0.004  # the thesis' sampling time, eq. 2.15
@@ -23,13 +23,14 @@ GRID_S = 0.004  # the thesis' sampling time, eq. 2.15
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
-SMOOTHED_S = 0.05  # to 20 Hz
+SMOOTHED_S = 0.05  # leaves frequencies up to 20 Hz
 
 _SMOOTH_HZ = 100.0
-_LINES_FROM_HZ = 20.0  # with room: small rotors idle above 50 Hz
+_LINES_FROM_HZ = 20.0  # with a margin: small rotors idle above 50 Hz
 _ORDINATES = 24
-_FREEDOM = 2 / (1 + 2 * (4 / 9 + 1 / 36))  # of an ordinate through Hann's window, which shares these parts with others
-_LEAST_RATE_HZ = 2.0  # far below that of any angle that can be fitted
+# The degrees of freedom of an ordinate with Hann's window, which shares these parts with its neighbours.
+_FREEDOM = 2 / (1 + 2 * (4 / 9 + 1 / 36))
+_LEAST_RATE_HZ = 2.0  # far below the rate of any angle that can be fitted
 _TAPER, _TAPER_S = 0.2, 0.05
 _DRAWN = 64
 _WILD = 6 / 1.645
@@ -48,7 +49,7 @@ def check_dense(time_s: Array) -> None:
 
 
 class HalfSwing(NamedTuple):
-    """Samples first..last (inclusive) on one side of rest; `extreme` is the farthest of them."""
+    """Samples first..last (inclusive) on one side of the rest angle; `extreme` is the farthest of them."""
 
     first: int
     last: int
@@ -57,9 +58,9 @@ class HalfSwing(NamedTuple):
 
 
 def half_swings(angle_rad: Array, *, threshold_rad: float) -> list[HalfSwing]:
-    """Cut a record (n,) that swings about zero into half-swings that leave +- threshold.
+    """Cut a record (n,) that swings about zero into half-swings that exceed +- threshold.
 
-    A side counts once the angle is beyond the threshold there, so that noise about zero makes no swings.
+    A side counts once the angle is beyond the threshold there, so that noise about zero makes no half-swings.
     """
     side = np.where(angle_rad > threshold_rad, 1, np.where(angle_rad < -threshold_rad, -1, 0))
     beyond = np.flatnonzero(side)
@@ -79,7 +80,7 @@ def vertex(time_s: Array, value: Array) -> tuple[float, float]:
     middle = float(time_s.mean())
     span = float(np.ptp(time_s)) or 1.0
     place = (time_s - middle) / span
-    # Least squares of least norm: where stamps repeat so often that no parabola is determined, a flat one serves.
+    # The solution of least norm: where time stamps repeat so often that no parabola is determined, it is flat.
     curve, slope, level = np.linalg.lstsq(np.vander(place, 3), value, rcond=1e-9)[0]
     if curve == 0:
         return middle, float(level)
@@ -103,9 +104,9 @@ class Smoothed(NamedTuple):
 
 
 def smooth(value: Array, *, length: int, step_s: float) -> Smoothed:
-    """Fit a cubic to every `length` neighbours of a uniform series (n,) and take it at their middle [SG].
+    """Fit a cubic to every `length` neighbours of a uniform series (n,) and evaluate it at their middle [SG].
 
-    The ends take the first and the last such cubic where they are.
+    The ends are evaluated from the first and the last of these cubics.
     """
     half = length // 2
     place = step_s * np.arange(-half, half + 1)
@@ -120,10 +121,10 @@ def smooth(value: Array, *, length: int, step_s: float) -> Smoothed:
 
 
 def correlation_inflation(series: Array, *, longest: int) -> float:
-    """Return by how much correlation inflates the variance of the sum of a zero-mean series (n,).
+    """Return the factor by which correlation inflates the variance of the sum of a zero-mean series (n,).
 
-    The sum of the autocorrelations in pairs, as long as the pairs are positive [Gey]: 1 for white noise;
-    never less, as a claim of negative correlation would have to be proven.
+    It is computed from the sum of the autocorrelations in pairs, as long as the pairs are positive [Gey]: 1 for white
+    noise; never less, because a negative correlation would have to be proven.
     """
     lags = min(longest, len(series) - 1) + 1
     padded = _next_fast_len(len(series) + lags, real=True)
@@ -138,7 +139,7 @@ def correlation_inflation(series: Array, *, longest: int) -> float:
 
 
 def cosine_taper(count: int, *, share: float) -> Array:
-    """Return weights (count,) of sum 1 that rise and fall as a cosine over `share` of them [Har]: 1 is Hann's."""
+    """Return weights (count,) of sum 1 that rise and fall as a cosine over `share` of them [Har]; 1 is Hann's."""
     length = math.ceil(share * count / 2)
     weights = np.ones(count)
     weights[:length] = np.sin(np.pi / (share * count) * (np.arange(length) + 0.5)) ** 2
@@ -147,12 +148,13 @@ def cosine_taper(count: int, *, share: float) -> Array:
 
 
 def density_near_zero(value: Array, *, rate_hz: float) -> tuple[Array, Indices]:
-    """Return the two-sided density per Hz (...) next to frequency zero of a series (..., n) without trend.
+    """Return the two-sided density per Hz (...) near frequency zero of a series (..., n) without trend.
 
-    And its freedom (...). The mean of the lowest ordinates of the periodogram, after [HW], up to 20 Hz: 24, or fewer
-    where their lower half is higher than the upper (F, 10 %). A Hann window keeps the lines of rotors, from 50 Hz on,
-    out; its ordinates share 4/9 and 1/36 of their scatter with the next. White noise of variance s^2 has s^2 / rate.
-    A last part that makes the transform slow is left out. NaN with freedom 0 for too short a series.
+    Its degrees of freedom (...) are returned with it. The density is the mean of the lowest ordinates of the
+    periodogram, after [HW], up to 20 Hz: 24, or fewer where their lower half is higher than the upper (F, 10 %). A Hann
+    window excludes the lines of rotors, from 50 Hz on; its ordinates share 4/9 and 1/36 of their scatter with the next.
+    White noise of variance s^2 has s^2 / rate. A remainder that would make the transform slow is left out. A series
+    that is too short gives NaN with freedom 0.
     """
     count = _prev_fast_len(value.shape[-1], real=True)
     highest = min(_ORDINATES + 1, math.floor(_LINES_FROM_HZ * count / rate_hz), (count - 1) // 2)
@@ -172,14 +174,14 @@ def density_near_zero(value: Array, *, rate_hz: float) -> tuple[Array, Indices]:
 
 
 def detrended(value: Array) -> tuple[Array, Array]:
-    """Return what the straight line of least squares leaves of a series (..., n), and its slope per sample (...)."""
+    """Return a series (..., n) minus its least-squares line, and the line's slope per sample (...)."""
     place = np.arange(value.shape[-1]) - (value.shape[-1] - 1) / 2
     slope = np.asarray(value @ place / max(place @ place, 1.0))
     return value - value.mean(axis=-1, keepdims=True) - slope[..., np.newaxis] * place, slope
 
 
 class Mean(NamedTuple):
-    """The mean of a window (...), its deviation, of which 1.96 cover 95 %, slope per second and effective samples."""
+    """The mean of a window (...), its standard uncertainty (1.96 cover 95 %), slope a second, effective samples."""
 
     value: Array
     std: Array
@@ -190,9 +192,9 @@ class Mean(NamedTuple):
 def quiet_mean(value: Array, *, rate_hz: float) -> Mean:
     """Average a window (..., n) whose vibration may be larger than its mean.
 
-    A cosine over a tenth of it at each end, 50 ms at least, suppresses lines that a plain mean lets through with
-    amplitude / (pi frequency length). The deviation is that of the noise next to frequency zero; in a window too
-    short to show it, its two samples or more count as independent.
+    A cosine taper over a tenth of the window at each end, 50 ms at least, suppresses lines that contribute amplitude /
+    (pi frequency length) to a plain mean. The standard uncertainty comes from the noise near frequency zero; in a
+    window too short to show that, its two or more samples count as independent.
     """
     count = value.shape[-1]
     weights = cosine_taper(count, share=min(max(_TAPER, 2 * _TAPER_S * rate_hz / count), 1.0))
@@ -207,15 +209,16 @@ def quiet_mean(value: Array, *, rate_hz: float) -> Mean:
 
 
 def effective_samples(value: Array, *, std_of_mean: Array) -> Array:
-    """Return how many independent samples, at most all (..., n), would have a mean of that deviation (...)."""
+    """Return the number of independent samples, at most all (..., n), whose mean has this uncertainty (...)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.fmin(value.var(axis=-1) / std_of_mean**2, value.shape[-1]))
 
 
 class Runs(NamedTuple):
-    """Runs of neighbours in a series: first, size, slope of a line and its deviation, what is about it.
+    """Runs of neighbours in a series: first, size, slope of a line and its standard uncertainty, rest about the line.
 
-    `wave` is what moves slowly about the line; `alike` von Neumann's ratio there [vN], in deviations of white noise.
+    `wave` is the size of slow changes about the line; `alike` is von Neumann's ratio there [vN], in standard deviations
+    of white noise.
     """
 
     first: Indices
@@ -227,7 +230,7 @@ class Runs(NamedTuple):
 
     @classmethod
     def of(cls, series: Array, *, fewest: int) -> "Runs":
-        """Fit a line to each run of a series (n,) that is `fewest` long or longer."""
+        """Fit a line to each run of at least `fewest` values of a series (n,)."""
         first, end = np.triu_indices(len(series) + 1, k=fewest)
         value, place, size = series - series.mean(), np.arange(len(series)), end - first
         sums = (value, place * value, value**2, np.diff(value) ** 2)
@@ -242,7 +245,7 @@ class Runs(NamedTuple):
 
 
 class Slow(NamedTuple):
-    """A series (n,) at times (n,), without what moves faster than about 20 Hz."""
+    """A series (n,) at times (n,), without changes faster than about 20 Hz."""
 
     time_s: Array
     value: Array
@@ -263,10 +266,10 @@ def slowed(time_s: Array, value: Array, *, rate_hz: float) -> Slow:
 
 
 def find_spikes(value: Array, *, length: int) -> tuple[Indices, Indices, Array]:
-    """Return row and place of wild samples in series (k, n), alone or two in turn, and the mean of those beside them.
+    """Return row and place of spikes in series (k, n), of one or two samples, and the mean of the samples next to them.
 
-    They are too far from the median of their block of `length`, as Hampel identifies them [Ham], and half of that
-    from the sound samples on both sides, as no step is.
+    Spikes are too far from the median of their block of `length`, as Hampel identifies them [Ham], and half as far from
+    the valid samples on both sides, unlike a step.
     """
     rows, places, limits = _too_far(value, length=min(length, value.shape[-1]))
     inside = (places > 1) & (places < value.shape[-1] - 2)
@@ -281,7 +284,7 @@ def find_spikes(value: Array, *, length: int) -> tuple[Indices, Indices, Array]:
 
 
 def without_spikes(value: Array, *, length: int) -> Array:
-    """Return series (k, n) with the mean of those beside it in place of each wild sample: see `find_spikes`."""
+    """Return series (k, n) with each spike replaced by the mean of the samples next to it: see `find_spikes`."""
     row, place, instead = find_spikes(value, length=length)
     clean = value.copy()
     clean[row, place] = instead
@@ -289,11 +292,11 @@ def without_spikes(value: Array, *, length: int) -> Array:
 
 
 def _too_far(value: Array, *, length: int) -> tuple[Indices, Indices, Array]:
-    """Return row, place and limit of samples beyond 6 normal deviations from the median of their block.
+    """Return row, place and limit of samples beyond 6 standard deviations from the median of their block.
 
-    A deviation is taken from half the width that nine of ten samples lie in: that of five in ten may vanish where a
-    line is sampled at a simple fraction of its period. Of the blocks next to it the widest counts. Median and width
-    are those of a draw of the block.
+    The standard deviation is estimated from the range that contains nine of ten samples: that of five in ten may vanish
+    where a line is sampled at a simple fraction of its period. The widest of a block and its neighbours counts. Median
+    and range are those of a random sample of the block.
     """
     blocks = value.shape[-1] // length
     cut = value[:, : blocks * length].reshape(len(value), blocks, length)

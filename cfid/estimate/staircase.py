@@ -1,4 +1,4 @@
-"""From the record of a thrust staircase to one mean of each command, with tare and uncertainty. Fits no map."""
+"""Reduce the record of a thrust staircase to one mean for each command, with tare and uncertainty. Fits no map."""
 
 import math
 from collections.abc import Sequence
@@ -33,20 +33,21 @@ Window = tuple[float, float]
 
 FZ = 2
 
-_DRIFT, _WAVE, _BASELINE_WAVE = 0.05, 0.005, 0.001  # in a window, of a step's height; in a baseline, of the highest
-_LEAST_HEIGHT = 0.02  # of the highest step: limits are not narrower than there
-_FEWEST_IN_BASELINE = 2  # readings: a tare that is not sure is better than none
-_SEEN, _SILENT = 3.0, "no thrust is seen"  # within so many deviations
+# The first two are for a window, relative to a step's height; the last is for a baseline, relative to the highest step.
+_DRIFT, _WAVE, _BASELINE_WAVE = 0.05, 0.005, 0.001
+_LEAST_HEIGHT = 0.02  # of the highest step: limits for lower steps do not become narrower
+_FEWEST_IN_BASELINE = 2  # readings: an uncertain tare is better than none
+_SEEN, _SILENT = 3.0, "no thrust is seen"  # the first is in standard uncertainties
 _DROPS_OUT = ": an instrument that drops out or repeats a reading"
 _UNDER_WAY = "it was under way when the record began"
 
 
 class NeverRanError(DataError):
-    """A record in which no motor is seen to run."""
+    """A record does not show any running motor."""
 
 
 class NoBaselineError(DataError):
-    """A record that begins with a command."""
+    """A record starts with a command."""
 
 
 def reduce_staircase(
@@ -61,15 +62,15 @@ def reduce_staircase(
     window_override: Sequence[Window | None] | None = None,
     tared: bool = True,
 ) -> Staircase:
-    """Reduce channels (n, k) in any unit at times (n,), of which `thrust` shows where the motors run.
+    """Reduce channels (n, k) in any unit at times (n,); the channel `thrust` shows where the motors run.
 
-    Commands (m, 4) hold from `command_time_s` (m,) on, by the same clock; without them changes of thrust are looked
-    for. `lag_s` is the rotors' time constant, where it need not be found. Windows may be set by hand, an entry a
-    step, None where it shall be found. `status` (n,) are the load cell's words. What `tared` channels show in pauses is
-    taken off; others, as speeds, are of themselves zero where nothing runs.
+    Commands (m, 4) hold from `command_time_s` (m,) on, by the same clock; without them, changes of thrust are searched.
+    `lag_s` is the rotors' time constant, if it need not be found. `window_override` has an entry for each step: a given
+    window, or None where it is to be found. `status` (n,) are the load cell's words. What `tared` channels show in
+    pauses is subtracted; other channels, such as speeds, are zero where nothing runs.
 
-    Raises DataError for a record that is too short, out of order, not finite or faulty, that has no baseline
-    or shows no motor running.
+    Raises DataError for a record that is too short, out of order, not finite or faulty, that has no baseline, or that
+    shows no motor running.
     """
     record = prepared(time_s, channels, status=status, thrust=thrust)
     if command_time_s is None or commands is None:
@@ -91,9 +92,9 @@ def reduce_single(
     lag_s: float | None = None,
     window: Window | None = None,
 ) -> Staircase:
-    """Reduce a record of one command between two pauses, as the thesis took them; all else as `reduce_staircase`.
+    """Reduce a record of one command between two pauses, as in the thesis; otherwise as `reduce_staircase`.
 
-    Raises FitError when more than one step is seen, unless a window states which is meant.
+    Raises FitError when more than one step is found, unless a window selects one.
     """
     record = prepared(time_s, channels, status=status, thrust=thrust)
     intervals = changes_seen(record.slow)
@@ -113,9 +114,9 @@ def reduce_single(
 
 
 def mean_in_windows(points: Sequence[Point], time_s: Array, value: Array) -> Array:
-    """Return the means (p,) of what another instrument showed in the windows of points: `value` (n,) at times (n,).
+    """Return the means (p,) of another instrument's `value` (n,) at times (n,), in the windows of points.
 
-    By the clock of the commands these lie as much earlier as thrust came late. NaN where nothing was recorded.
+    By the clock of the commands, the windows are earlier by the delay of the thrust. NaN where nothing was recorded.
     """
     late_s = np.array([point.delay_s or 0.0 for point in points])
     begin, end = (np.array([getattr(point, name) for point in points]) - late_s for name in ("begin_s", "end_s"))
@@ -183,7 +184,7 @@ def _reduced(
 
 
 def _refuse_two_levels(points: Sequence[Point]) -> None:
-    """Raise DataError where half of the steps mix two levels: what the others miss is only less easily seen."""
+    """Raise DataError where half of the steps mix two levels: in the others, this may only be harder to see."""
     mixed = [point for point in points if point.reason.endswith(_DROPS_OUT)]
     if 2 * len(mixed) >= len(points) and mixed:
         at = "" if mixed[-1].command is None else f" at command {mixed[-1].command}"
@@ -194,16 +195,16 @@ def _refuse_two_levels(points: Sequence[Point]) -> None:
 
 
 def _bounds(intervals: Sequence[Interval], begun: Sequence[Onset]) -> list[Window]:
-    """Return where each interval may be steady: from five lags after its onset to just before the next."""
+    """Return where each interval may be steady: from five lags after its onset to just before the next onset."""
     begins = [intervals[0].begin_s, *(onset.time_s + LAGS * onset.lag_s for onset in begun)]
     ends = [*(onset.time_s - SMOOTHED_S / 2 for onset in begun), intervals[-1].end_s]
     return list(zip(begins, ends, strict=True))
 
 
 def _baselines(record: StandSignals, bounds: Sequence[Window], *, wave: float, tared: bool) -> list[Level]:
-    """Average the baselines of two readings or more; that of a load cell that drifts counts too.
+    """Average the baselines of two readings or more, including those of a drifting load cell.
 
-    Raises DataError where readings are of two levels in each of those that are taken off.
+    Raises DataError if each of the baselines to subtract mixes readings of two levels.
     """
     limits = {"drift": math.inf, "wave": wave, "hold_s": record.held / record.rate_hz}
     found = [steady_stretch(record.slow, each, **limits, fewest=_FEWEST_IN_BASELINE) for each in bounds]
@@ -215,7 +216,7 @@ def _baselines(record: StandSignals, bounds: Sequence[Window], *, wave: float, t
 
 
 def _mixed(record: StandSignals, stretch: Stretch, tare: float = 0.0) -> str:
-    """Return why the readings of a steady stretch, less a tare, have no mean, "" where they are of one level."""
+    """Return why the readings of a steady segment, less a tare, have no mean, "" if they have one level."""
     first, last = np.searchsorted(record.time_s, stretch[:2])
     off = other_level(record.value[record.thrust, first:last] - tare, finest=float(record.finest[record.thrust]))
     return f"{off}{_DROPS_OUT}" if off else ""
@@ -246,7 +247,7 @@ def _tare(baselines: Sequence[Level], time_s: float) -> tuple[Array, Array, Arra
 
 
 def _steady(record: StandSignals, baselines: Sequence[Level], bounds: Window, *, height: float) -> Stretch:
-    """Find the steady stretch of a step, once the drift of the load cell is taken off as well as it is known."""
+    """Find the steady segment of a step, after subtracting the drift of the load cell as far as it is known."""
     drift = _DRIFT * height + _SEEN * float(np.linalg.norm(_tare(baselines, sum(bounds) / 2)[1][:, record.thrust]))
     time_s, value = record.slow.between(*bounds)
     tare = np.interp(time_s, [one.time_s for one in baselines], [one.mean[record.thrust] for one in baselines])
@@ -284,7 +285,7 @@ def _point(
 
 
 def _command(interval: Interval) -> tuple[int | None, tuple[int, ...]]:
-    """Return the one command of the motors that run, and which these are."""
+    """Return the one command of the running motors, and the numbers of these motors."""
     running = {motor: command for motor, command in enumerate(interval.commands or (), start=1) if command}
     if len(set(running.values())) > 1:
         raise DataError(f"at {interval.begin_s:.4g} s motors have different commands, {interval.commands}: not a step.")

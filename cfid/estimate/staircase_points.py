@@ -1,4 +1,4 @@
-"""What a staircase of commands is reduced to: a point each command, and the load cell's baselines."""
+"""Describe a reduced staircase of commands: one point for each command, and the load cell's baselines."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -20,7 +20,7 @@ _NO_BASELINE_AFTER = "no steady baseline after the last command: how far the loa
 
 
 class Level(NamedTuple):
-    """What the channels (k,) show in a window about a time: see `signals.Mean`."""
+    """The channels (k,) in a window about a time: see `signals.Mean`."""
 
     time_s: float
     mean: Array
@@ -31,13 +31,14 @@ class Level(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Point:
-    """One command: means (k,) of its steady window less the tare, with standard deviations that hold the tare's.
+    """One command: means (k,) of its steady window less the tare, with standard uncertainties that include the tare's.
 
-    NaN where it never settled: `reason` states why it did not, or why it should not be used. `tare_shares` (r, k) is
-    what one deviation of each of the record's r baselines does to the tare. `slope` per second is what
-    still changes in the window; `motors`, 1 to 4, are those that ran. The thrust began to follow at `onset_s`, with
-    the time constant `lag_s`, and `delay_s` after its command: what other instruments recorded by the clock of the
-    commands lies so much earlier. Delay, command and motors are not known without a command log.
+    Means are NaN if the step never settled: `reason` states why it did not, or why the point should not be used.
+    `tare_shares` (r, k) is the effect of one standard uncertainty of each of the record's r baselines on the tare.
+    `slope` is the remaining change per second in the window; `motors`, 1 to 4, are those that ran. The thrust started
+    to follow at `onset_s`, with the time constant `lag_s`, and `delay_s` after its command: data of other instruments,
+    by the clock of the commands, are earlier by that delay. Delay, command and motors are unknown without a command
+    log.
     """
 
     command: int | None
@@ -58,16 +59,16 @@ class Point:
 
     @property
     def settled(self) -> bool:
-        """Whether the mean is one."""
+        """Whether the mean is valid."""
         return not self.reason
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Staircase:
-    """A reduced record: its points as they came, and the load cell's baselines, with the motors off.
+    """A reduced record: its points in order, and the load cell's baselines, with the motors off.
 
-    `tare_after`, and the `drift` (k,) per second up to there, are None where no baseline follows the last step.
-    `begins_driven` is a record whose first rest, `tare_before`, comes after a step.
+    `tare_after`, and the `drift` (k,) per second up to it, are None where no baseline follows the last step.
+    `begins_driven` states that the first baseline, `tare_before`, comes after a step.
     """
 
     points: tuple[Point, ...]
@@ -79,7 +80,7 @@ class Staircase:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What is to be known of its means: steps that are left out, a drift that nobody knows."""
+        """The findings about its means: steps that are left out, an unknown drift."""
         unsettled = [point for point in self.points if not point.settled]
         return (
             *([warning("no-baseline-before", _NO_BASELINE_BEFORE)] if self.begins_driven else []),

@@ -1,23 +1,25 @@
-"""Finds readings of a steady level that show another one: a sensor that drops out, whose mean is of neither."""
+"""Find readings of a steady level that show another one: a sensor that drops out, with a mean between two levels."""
 
 import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-_FAR = 6.0  # times what half of the readings are within: four deviations of noise, and beyond any vibration's crest
-_MOVED = 0.005  # of the level, by which the mean is off the middle: less is what gusts and skewed noise do
-_MOST_SHARE = 0.02  # of the readings, that may be far on one side more than on the other, or repeat one value
-_OFTEN, _FEWEST_VALUES = 4.0, 10  # times as often as any other of so many values, as no noise has one
-_FEWEST_TIMES = 3  # that another level comes back: what settles, or stands still, reaches it once
+_FAR = 6.0  # times the median distance: four standard deviations of noise, and beyond any vibration's crest
+_MOVED = 0.005  # of the level: a smaller distance of the mean from the median may be due to gusts and skewed noise
+_MOST_SHARE = 0.02  # of the readings: the most that may be far on one side more than on the other, or repeat one value
+# Times as often as any other of at least this many values, which does not occur in noise.
+_OFTEN, _FEWEST_VALUES = 4.0, 10
+_FEWEST_TIMES = 3  # the least returns of another level: a signal that settles or stands still reaches it once
 
 
 def other_level(value: Array, *, finest: float = 0.0) -> str:
     """Return how many of the readings (n,) of a steady level show another one, and which, "" where they do not.
 
-    Again and again, they lie far from the others on one side: what is far on both sides alike, as a vibration that
-    comes and goes, leaves the mean right, and so does what is not far enough, as of gusts. Or they repeat one value
-    between others, within a vibration too. Steps of a coarse scale, and what is smaller than `finest`, are not far.
+    These readings are repeatedly far from the others on one side: if they are far on both sides, as in a vibration that
+    comes and goes, the mean is still right, and so it is if they are not far enough, as in gusts. Or the readings
+    repeat one value between others, even within a vibration. Steps of a coarse scale, and distances below `finest`, are
+    not far.
     """
     if not len(value):
         return ""
@@ -52,7 +54,7 @@ def _repeated(value: Array) -> str:
 
 
 def _comes_back(those: npt.NDArray[np.bool_]) -> bool:
-    """Return whether readings (n,) are found again and again between others: what still settles is no other level."""
+    """Return whether these readings (n,) recur between others: a signal that is still settling has no other level."""
     return bool(np.count_nonzero(np.diff(those, prepend=False, append=False)) >= 2 * _FEWEST_TIMES)
 
 

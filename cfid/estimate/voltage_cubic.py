@@ -1,4 +1,4 @@
-"""Which cubic of motor voltage the Crazyflie's firmware can invert, in the single precision that it calculates in."""
+"""Check that the Crazyflie's firmware can invert a cubic of motor voltage, in its single precision."""
 
 from collections.abc import Sequence
 
@@ -9,13 +9,14 @@ from cfid.units import FULL_COMMAND
 
 Array = npt.NDArray[np.float64]
 
-# THRUST_MIN over THRUST_MAX of every map that the firmware ships, and of its tools/system_id
+# THRUST_MIN over THRUST_MAX in every map that the firmware ships, and in its tools/system_id
 IDLE = 7000 / FULL_COMMAND
-FALL = 6.5  # of 65535: by which rounding may let a motor command fall as thrust rises; brushed motors have steps of 256
+# Of 65535: the most that rounding may reduce a motor command as thrust rises; brushed motors have steps of 256.
+FALL = 6.5
 
 _EMPTY_V, _CHARGED_V = 3.0, 4.2
-_ERROR = 0.01  # of the range of thrusts, in which each must come back
-_SHIPPED_N = 0.2  # the largest THRUST_MAX that the firmware ships, which stands where a header has none
+_ERROR = 0.01  # of the range of thrusts: the largest error of a thrust after inversion
+_SHIPPED_N = 0.2  # the largest THRUST_MAX that the firmware ships, used where a header has none
 _LARGEST_FLOAT = 3.4e38
 _KEY = "motor.thrust_voltage_poly"
 
@@ -39,18 +40,18 @@ def least_thrust_n(lowest_first: Sequence[float], max_thrust_n: float) -> float:
 def cubic_fault(lowest_first: Sequence[float], *, max_thrust_n: float | None = None, fall: float = FALL) -> str:
     """Return why the firmware cannot invert a thrust over motor voltage, "" where it can.
 
-    It takes Cardano's formula for one real root: the cubic has to rise over all voltages, the negative ones included,
-    c1 > 0, c3 > 0 and c2^2 <= 3 c1 c3. Else a square root's argument is negative, and the motors get no command. One
-    that falls at negative voltages alone, to below the least thrust that the firmware inverts, is good too: that of
-    the thrust upgrade kit in 2026.08 is one.
+    The firmware uses Cardano's formula for one real root: the cubic has to rise over all voltages, including negative
+    ones: c1 > 0, c3 > 0 and c2^2 <= 3 c1 c3. Otherwise the argument of a square root is negative, and the motors get no
+    command. A cubic that falls only at negative voltages, to below the least thrust that the firmware inverts, is valid
+    too; that of the thrust upgrade kit in 2026.08 is an example.
 
-    All commands are then inverted in single precision, up to `max_thrust_n` (where that is unknown, up to the
-    firmware's largest default, 0.2 N): voltages are finite and not negative, a motor command falls by `fall` of 65535
-    at most, and each thrust comes back within 1 % of the range.
+    All commands are then inverted in single precision, up to `max_thrust_n` (if that is unknown, up to the firmware's
+    largest default, 0.2 N): voltages have to be finite and not negative, a motor command may fall by `fall` of 65535 at
+    most, and each thrust has to be recovered within 1 % of the range.
     """
     if len(lowest_first) != 4:
         return f"{_KEY} has {len(lowest_first)} numbers; the firmware takes a cubic, of 4."
-    if not all(abs(c) <= _LARGEST_FLOAT for c in lowest_first):  # nan neither
+    if not all(abs(c) <= _LARGEST_FLOAT for c in lowest_first):  # also false for NaN
         shown = ", ".join(f"{c:g}" for c in lowest_first)
         return f"{_KEY} is {shown}; the firmware takes finite numbers in single precision."
     most_n = max_thrust_n or _SHIPPED_N
@@ -67,7 +68,7 @@ def cubic_fault(lowest_first: Sequence[float], *, max_thrust_n: float | None = N
 
 
 def _rounding_fault(lowest_first: Sequence[float], least_n: float, most_n: float, fall: float) -> str:
-    """Return what single precision makes of the inverse between two thrusts that is no flight, "" where nothing."""
+    """Return why the inverse in single precision is unusable between two thrusts, "" if it is usable."""
     share = np.arange(FULL_COMMAND + 1, dtype=np.float32) / np.float32(FULL_COMMAND)
     thrust = (share * np.float32(most_n)).astype(np.float64)
     thrust = thrust[thrust >= np.float32(least_n)]
@@ -98,7 +99,7 @@ def _rounding_fault(lowest_first: Sequence[float], least_n: float, most_n: float
 
 
 def _falls_below_zero_volts(lowest_first: Sequence[float], thrust_n: float) -> bool:
-    """Return whether a cubic's upper extreme is at a negative voltage and below a thrust; c1 and c3 are above zero."""
+    """Return whether a cubic's local maximum is at a negative voltage and below a thrust; c1 and c3 are above zero."""
     c0, c1, c2, c3 = lowest_first
     if c2 <= 0:
         return False

@@ -1,8 +1,9 @@
-"""With which power of the battery's voltage steady speeds go, as the speeds of one recording show it.
+"""Estimate the power of the battery's voltage that steady speeds are proportional to, from one recording's speeds.
 
-Some controllers chop the voltage, so that speeds go with it, and others hold the speed of a command. A map of the
-command that bends looks like a voltage that falls with the speed. Smooth maps are therefore weighed by their evidence,
-the likelihood under their priors: where speeds do not separate the two, the answer is anything from 0 to 1.
+Some controllers chop the voltage, so that speeds are proportional to it, and others hold the speed of a command. A
+curved map of the command looks like a voltage that falls with the speed. Smooth maps are therefore weighted by their
+evidence, the likelihood under their priors: where speeds do not separate the two, the result is uncertain over the
+whole range from 0 to 1.
 """
 
 from itertools import product
@@ -16,15 +17,15 @@ Array = npt.NDArray[np.float64]
 _POWERS = np.linspace(0.0, 1.0, 101)
 _PRIOR = np.diff(np.arcsin(np.sqrt(np.linspace(0.0, 1.0, len(_POWERS) + 1))))  # most controllers are near either end
 _DEGREE = 5  # of the maps, as Legendre polynomials
-_BENDS = (0.001, 0.01, 0.1)  # of the largest speed: how far maps may be from a line
-_HIGHER = (0.0003, 0.001, 0.003, 0.01, 0.03, 0.1)  # and from a parabola, half of it with each degree more
-_ERRORS = (0.0003, 0.001, 0.003, 0.01)  # of each speed beside its noise: what no smooth map explains
+_BENDS = (0.001, 0.01, 0.1)  # of the largest speed: the deviations of maps from a line
+_HIGHER = (0.0003, 0.001, 0.003, 0.01, 0.03, 0.1)  # and from a parabola, half as much with each further degree
+_ERRORS = (0.0003, 0.001, 0.003, 0.01)  # of each speed in addition to its noise: what no smooth map explains
 
 
 def voltage_power(*, command: Array, volts: Array, speed: Array, std: Array) -> tuple[float, float]:
-    """Return with which power of the voltage the speed of a command goes, 0 to 1, and its standard uncertainty.
+    """Return the power, 0 to 1, of the voltage that a command's speed is proportional to, and its standard uncertainty.
 
-    Steady speeds (n,) above 0, with their standard uncertainties (n,), at commands (n,) and volts (n,).
+    The speeds (n,) are steady and above 0, with their standard uncertainties (n,), at commands (n,) and volts (n,).
     """
     shown = speed / speed.max()
     terms = legendre.legvander(2 * command / command.max() - 1, _DEGREE)
@@ -40,7 +41,7 @@ def voltage_power(*, command: Array, volts: Array, speed: Array, std: Array) -> 
 
 
 def _evidence(rows: Array, value: Array, noise: Array) -> Array:
-    """Return the log-likelihoods (m,) of values (n,) with a noise (n,), of rows (m, n, p) whose factors have std 1."""
+    """Return the log-likelihoods (m,) of values (n,) with noise (n,), for rows (m, n, p) whose factors have std 1."""
     white, data = rows / noise[:, np.newaxis], value / noise
     turned = white.swapaxes(1, 2)
     normal = np.eye(rows.shape[2]) + turned @ white

@@ -1,7 +1,7 @@
-"""From a thrust over time to the stretches where it is steady: intervals and windows. Averages nothing.
+"""Find the segments where a thrust is steady: intervals and windows. Averages nothing.
 
-An interval begins with a command, or where the thrust is seen to change. Thrust follows it after a delay, with a
-lag: the onset (`onsets`). Five lags after that it counts as steady if it also looks so.
+An interval starts with a command, or where the thrust is seen to change. Thrust follows it after a delay, with a lag:
+the onset (`onsets`). Five lags after that, it counts as steady if it also looks steady.
 """
 
 import math
@@ -22,32 +22,32 @@ from cfid.large import PART_ROWS, differences, empty, stored
 from cfid.lazy import later
 from cfid.wire.rdt_status import Family, read_status
 
-_find_peaks = later("scipy.signal", "find_peaks")  # where no commands are known; takes long to import
+_find_peaks = later("scipy.signal", "find_peaks")  # imported only where no commands are known, because it takes long
 
 Array = npt.NDArray[np.float64]
 Words = npt.NDArray[np.uint32]
 Four = tuple[int, int, int, int]
 
-LAGS = 5  # after which 0.7 % of a step is left
-CHANGE_SEEN_S = 0.25  # the length of the means between which a change is seen
+LAGS = 5  # after which 0.7 % of a step remains
+CHANGE_SEEN_S = 0.25  # duration of the two means that are compared to find a change
 
 _FEWEST, _SHORTEST_S = 64, 1.0
 _THINNED_HZ, _SCREENED_S = 1000.0, 0.2  # the latter for spikes, at once
 _FAMILIES: tuple[Family, ...] = ("netft", "axia")
 _SLOWEST_READING_S = 1.0
-_RESOLVED = 1e-6  # of a channel's range: means of exact numbers would else outweigh all others
-_SURE = 6.0  # deviations of the noise
-_OF_RANGE, _OF_LEVEL = 0.004, 0.02  # a change is larger than these parts of the record's range and of its level
+_RESOLVED = 1e-6  # of a channel's range: otherwise, means of exact numbers would outweigh all others
+_SURE = 6.0  # standard deviations of the noise
+_OF_RANGE, _OF_LEVEL = 0.004, 0.02  # the least change, relative to the record's range and to its level
 _PAUSE_OF_RANGE, _BACK, _BACK_TO = 0.015, 0.1, 0.5
-_OWN_PEAK = 0.3  # of its height a change rises above its neighbours: else it is a part of theirs
+_OWN_PEAK = 0.3  # of its height: a change that stands out less from its neighbours is a part of these
 _FEWEST_BLOCKS, _MOST_BLOCKS = 3, 24
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StandSignals:
-    """Channels (k, m) without spikes at times (m,), means of `block` samples each: about 1 kHz; and the thrust slowed.
+    """Channels (k, m) without spikes at times (m,), averaged over `block` samples to about 1 kHz; smoothed thrust.
 
-    Each `held` neighbours are one reading that repeats. `finest` (k,) is the least deviation that a mean can have.
+    `held` neighbours repeat one reading. `finest` (k,) is the least standard uncertainty of a mean.
     """
 
     time_s: Array
@@ -62,7 +62,7 @@ class StandSignals:
 
 
 class Interval(NamedTuple):
-    """Commands (None: not known) that hold from one time to another; `pause` where no motor is on."""
+    """Commands (None if unknown) that hold from one time to another; `pause` where no motor is on."""
 
     begin_s: float
     end_s: float
@@ -71,7 +71,7 @@ class Interval(NamedTuple):
 
 
 class Stretch(NamedTuple):
-    """A steady window, or the reason why there is none between the two times."""
+    """A steady window, or the reason why none was found between the two times."""
 
     begin_s: float
     end_s: float
@@ -79,7 +79,7 @@ class Stretch(NamedTuple):
 
 
 def prepared(time_s: Array, channels: Array, *, status: Words | None, thrust: int) -> StandSignals:
-    """Check channels (n, k) at times (n,), whose `thrust` shows where motors run, and take their spikes off.
+    """Check channels (n, k) at times (n,), whose `thrust` shows where motors run, and remove their spikes.
 
     Raises DataError for a record that is too short, out of order, not finite or faulty.
     """
@@ -89,7 +89,8 @@ def prepared(time_s: Array, channels: Array, *, status: Words | None, thrust: in
     time_s = stored(block_means(time_s, length=block))
     value = empty(channels.shape[1], len(time_s))
     spikes: set[int] = set()
-    for means, channel in zip(value, channels.T, strict=True):  # one by one: together they may not fit the memory
+    # One by one, because together they may not fit into memory.
+    for means, channel in zip(value, channels.T, strict=True):
         spikes.update(_thin(channel, means, block=block, rate_hz=rate_hz))
     return StandSignals(
         time_s=time_s,
@@ -105,7 +106,7 @@ def prepared(time_s: Array, channels: Array, *, status: Words | None, thrust: in
 
 
 def _thin(channel: Array, means: Array, *, block: int, rate_hz: float) -> list[int]:
-    """Write the means (m,) of blocks of a channel (n,) without its spikes, and return where those are."""
+    """Write the means (m,) of blocks of a channel (n,) without its spikes, and return the places of the spikes."""
     means[:] = block_means(channel, length=block)
     if not np.isfinite(means).all():
         raise DataError("the record has samples that are no numbers: cut those lines.")
@@ -117,9 +118,9 @@ def _thin(channel: Array, means: Array, *, block: int, rate_hz: float) -> list[i
 
 
 def _spikes(channel: Array, *, length: int) -> tuple[npt.NDArray[np.intp], Array]:
-    """Return places and replacements of a channel's spikes as `find_spikes`, part after part of a long one.
+    """Return places and replacements of a channel's spikes as `find_spikes` does, in parts if it is long.
 
-    A part overlaps the next by two blocks of `length`, more than a limit depends on.
+    Parts overlap by two blocks of `length`, more than a limit depends on.
     """
     step = -(-PART_ROWS // length) * length
     found = []
@@ -150,7 +151,7 @@ def _check(time_s: Array, channels: Array, status: Words | None) -> None:
 
 
 def _check_status(time_s: Array, status: Words) -> None:
-    """Refuse words (n,) that say a fault in whichever family of load cells."""
+    """Raise DataError for words (n,) that state a fault in every known family of load cells."""
     bad = [word for word in np.unique(status).tolist() if all(read_status(word, family).faults for family in _FAMILIES)]
     faulty = np.flatnonzero(np.isin(status, bad))
     if len(faulty):
@@ -161,9 +162,9 @@ def _check_status(time_s: Array, status: Words) -> None:
 
 
 def _held(value: Array, *, rate_hz: float) -> int:
-    """Return how many neighbours usually repeat one reading, as of an instrument that is slower than its log.
+    """Return the usual number of neighbours that repeat one reading, as for an instrument that is slower than its log.
 
-    What repeats for longer than any instrument's reading is steady: simulated, or rounded by a coarse scale.
+    Values that repeat for longer than any instrument's reading are steady: simulated, or rounded by a coarse scale.
     """
     changes = np.concatenate([begin + np.flatnonzero(step) for begin, step in differences(value)])
     held = int(np.median(np.diff(changes))) if len(changes) > 1 else 1
@@ -173,7 +174,8 @@ def _held(value: Array, *, rate_hz: float) -> int:
 def commanded_intervals(command_time_s: Array, commands: Array, *, begin_s: float, end_s: float) -> list[Interval]:
     """Return the intervals of equal commands (m, 4), given from times (m,) on, within a record.
 
-    Before the first all motors stand; repeated commands are one. Raises DataError for an invalid log.
+    Before the first command, all motors stand still; repeated commands count as one. Raises DataError for an invalid
+    log.
     """
     if commands.shape != (len(command_time_s), 4):
         raise DataError(f"a command log of {len(command_time_s)} times needs as many rows of four: {commands.shape}.")
@@ -188,15 +190,15 @@ def commanded_intervals(command_time_s: Array, commands: Array, *, begin_s: floa
 
 
 def changes_seen(slow: Slow) -> list[Interval]:
-    """Return the intervals between fast changes of a slow thrust, their commands not known.
+    """Return the intervals between fast changes of a smoothed thrust, without their commands.
 
-    A change is a peak of the difference between the means of a quarter of a second after and before: above the
-    noise, above parts of the record's range and of its level there, so that no sagging battery is one; and
-    standing out from its neighbours, so that no ramp is one.
+    A change is a peak of the difference between the means of a quarter of a second after and before. It exceeds the
+    noise and parts of the record's range and of its level there, which excludes a sagging battery, and stands out from
+    its neighbours, which excludes a ramp.
     """
     step_s = (slow.time_s[-1] - slow.time_s[0]) / (len(slow.time_s) - 1)
     width, gap = max(round(CHANGE_SEEN_S / step_s), 2), math.ceil(SMOOTHED_S / step_s / 2)
-    steps = median_filter(slow.value, size=4 * gap + 1, mode="nearest")  # what is left where a spike was is none
+    steps = median_filter(slow.value, size=4 * gap + 1, mode="nearest")  # the rest of a removed spike is not a change
     total = np.concatenate([[0.0], np.cumsum(steps)])
     mean = (total[width:] - total[:-width]) / width
     before, after = mean[: -width - 2 * gap], mean[width + 2 * gap :]
@@ -211,16 +213,16 @@ def changes_seen(slow: Slow) -> list[Interval]:
 
 
 def level(slow: Slow, begin_s: float, end_s: float) -> float:
-    """Return the median of the second half of an interval, or the sample next to it."""
+    """Return the median of the second half of an interval, or the nearest sample."""
     first, last = np.searchsorted(slow.time_s, ((begin_s + end_s) / 2, end_s))
     return float(np.median(slow.value[min(first, len(slow.value) - 1) : max(last, first + 1)]))
 
 
 def _pauses(levels: Sequence[float], *, near: float) -> list[bool]:
-    """Return which levels are of pauses: the first, and what is as near to that of the pause before.
+    """Return which levels are of pauses: the first, and those that are close to the level of the last pause.
 
-    The last too, where it takes back nine tenths of the one before, or falls to half of the lowest of a staircase: the
-    load cell may have drifted.
+    The last level is also a pause where it undoes nine tenths of the one before, or falls to half of the lowest level
+    of a staircase: the load cell may have drifted.
     """
     baseline, pauses = levels[0], [True]
     for here in levels[1:]:
@@ -232,9 +234,10 @@ def _pauses(levels: Sequence[float], *, near: float) -> list[bool]:
 
 
 def _noise(slow: Slow, width: int, apart: int) -> float:
-    """Return the deviation of the difference of two means of `width` samples, were the noise white.
+    """Return the standard deviation of the difference of two means of `width` samples, for white noise.
 
-    From second differences of samples `apart`, means over two thirds of that, which steps and slopes hardly move.
+    It is estimated from second differences of samples `apart`, which are means over two thirds of that; steps and
+    slopes hardly affect these.
     """
     bend = float(np.median(np.abs(np.diff(slow.value[::apart], n=2))))
     return 1.4826 * bend / math.sqrt(6) * math.sqrt(2 * max(apart * 2 / 3, 1) / width)
@@ -250,13 +253,13 @@ def steady_stretch(
     height: float | None = None,
     fewest: int = _FEWEST_BLOCKS,
 ) -> Stretch:
-    """Return the longest steady stretch in a window of a slow thrust whose samples repeat for `hold_s`.
+    """Return the longest steady segment in a window of a smoothed thrust whose samples repeat for `hold_s`.
 
-    Steady is what would change by at most `drift` over the whole window, and moves about that line by at most `wave`.
-    The whole window may also change as much as its noise explains, and move if von Neumann's ratio [vN] calls that
-    white; a part of it must be steady beyond noise, and be a quarter of it at least. A window shorter than three
-    readings, or blocks of 50 ms, is not steady, unless `fewest` accepts it. The reason states parts of a step's
-    `height`, where one is given.
+    A segment is steady if it would change by at most `drift` over the whole window, and its variation about that line
+    is at most `wave`. The whole window may also change as much as its noise explains, and vary if von Neumann's ratio
+    [vN] identifies that as white; a part of it must be steady beyond noise, and at least a quarter of the window. A
+    window shorter than three readings, or blocks of 50 ms, is not steady, unless `fewest` accepts it. The reason states
+    parts of a step's `height` if that is given.
     """
     from_s, to_s = window
     block_s = max(SMOOTHED_S, hold_s, (to_s - from_s) / _MOST_BLOCKS)
