@@ -1,1 +1,1 @@
-"""Parameter sets against a recorded flight that none of them was fitted to."""
+"""Validate parameter sets on a recorded flight that none of them was fitted to."""

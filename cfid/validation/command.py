@@ -1,4 +1,4 @@
-"""`cfid validate`: parameter sets against a flight that none of them was fitted to."""
+"""Provide `cfid validate`: compare parameter sets on a flight that none of them was fitted to."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -65,7 +65,7 @@ def validate(
             continue
         try:
             published.append(published_set(word, in_volts=in_volts))
-        except NoVoltageError as error:  # one set does not condemn the others
+        except NoVoltageError as error:  # one set must not prevent the others
             faults.append(error)
     for measured in used:
         found, missing = sets_of(measured, in_volts=in_volts)
@@ -81,7 +81,7 @@ def validate(
 
 
 def _measured(word: str) -> "Measured | None":
-    """Return the parameters in a campaign's folder or in a file; None for what is no path."""
+    """Return the parameters in a campaign's folder or in a file; None if the word is not a path."""
     from cfid.records.campaign import open_campaign
     from cfid.validation.measured import measured_file, measured_in
 

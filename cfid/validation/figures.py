@@ -1,4 +1,4 @@
-"""Figure of a validation: each set's mean error over the time since the prediction began."""
+"""Draw a validation: each set's mean error over the time since the prediction started."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""What was measured of a vehicle: the parameters of a campaign, or of a file by itself, and the logs they come from."""
+"""Read a vehicle's measured parameters, from a campaign or a single file, and the logs they come from."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -20,7 +20,7 @@ _OF_CAMPAIGNS = "parameters.toml"
 
 @dataclass(frozen=True, kw_only=True)
 class Measured:
-    """Sections of parameters by fit, with the rig that they were measured on, None where no rig.toml is beside them.
+    """Sections of parameters by fit, with the rig that they were measured on, None without a rig.toml next to them.
 
     Paths of their recordings are relative to `folder`.
     """
@@ -31,7 +31,7 @@ class Measured:
     rig: Rig | None
 
     def get(self, key: str) -> Parameter | None:
-        """Return an accepted parameter, the latest fit's first; None where there is none."""
+        """Return an accepted parameter, that of the latest fit first; None where there is none."""
         newest = sorted(self.sections.values(), key=lambda one: one.found, reverse=True)
         there = (one.parameters[key] for one in newest if key in one.parameters and key not in one.rejected)
         return next(there, None)
@@ -45,12 +45,12 @@ class Measured:
         raise KeyError(f"{key} was rejected: {reason}" if (reason := next(reasons, "")) else f"{key} is not there.")
 
     def fitted_to(self, log: FlightLog) -> bool:
-        """Return whether any parameter comes from a log: from this file, or from the same flight in another one."""
+        """Return whether any parameter comes from a log: from this file, or from the same flight in another file."""
         hashes = {source.sha256 for one in self.sections.values() for source in one.sources}
         return log.source.sha256 in hashes or any(same_flight(log, one) for one in self._flights())
 
     def _flights(self) -> Iterator[FlightLog]:
-        """Yield the logs of flights that are still where they were."""
+        """Yield the logs of flights whose files still exist at their paths."""
         for source in (source for name, one in self.sections.items() if name == "flight" for source in one.sources):
             path = self.folder / source.path
             with suppress(CfidError):
@@ -65,7 +65,7 @@ def measured_in(campaign: Campaign) -> Measured:
 
 
 def measured_file(path: Path) -> Measured:
-    """Return the parameters in a file by its path, with the rig.toml beside it. Raises DataError for another file."""
+    """Return the parameters in a file by its path, with the rig.toml next to it. Raises DataError for another file."""
     sections = load_sections(path)
     if not sections:
         raise DataError(f"{path}: holds no parameters. Give a campaign's folder, or a file as its parameters.toml.")

@@ -1,9 +1,9 @@
-"""How well parameter sets foretell the next row of the rates, given the rows before: what judges moments and lags.
+"""Judge moments and lags by how well parameter sets predict the next row of the rates from the rows before.
 
-Over a longer time rates add up what no set contains, air above all, to which the autopilot answers: commands then go
-against it, and moments that are too large err by less than the true ones. One row ahead, given the errors before, what
-is left happened after the commands, and no set but the true one makes it smallest: the condition by which `fit flight`
-finds moments (docs/decisions/0022).
+Over a longer time, rates accumulate effects that no set contains, mainly of air, to which the autopilot responds:
+commands then counteract it, and moments that are too large have smaller errors than the true ones. One row ahead, given
+the errors before, what remains happened after the commands, and only the true set minimises it: by this condition, `fit
+flight` finds moments (docs/decisions/0022).
 """
 
 from collections.abc import Sequence
@@ -22,8 +22,8 @@ Array = npt.NDArray[np.float64]
 def next_rate_errors(flight: Flight, one: ParameterSet, axes: Sequence[str], *, parts: int) -> Array:
     """Return the root mean square errors (parts,) of the rates' next row about some axes, in rad/s.
 
-    Taken from them is what the errors of 16 rows before foretell, and what damping, gyroscopic torque and the like do,
-    which are fitted for every set. Parts are as long as each other, one after the other.
+    The part that the errors of the 16 rows before predict is removed, and so are the effects of damping, gyroscopic
+    torque and the like, which are fitted for every set. Parts are consecutive and of equal length.
     """
     levers = dict(zip(AXES, (LEVER * one.arm_m, LEVER * one.arm_m, one.torque_m), strict=True))
     late, thrusts = late_drives(flight, one), thrusts_of(flight, one)

@@ -1,4 +1,4 @@
-"""How well parameter sets predict a flight: errors by quantity and horizon, and differences paired over segments."""
+"""Compare how well parameter sets predict a flight: errors by quantity and horizon, differences paired by segment."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -35,16 +35,17 @@ from cfid.validation.telling import Telling, telling_of
 
 Array = npt.NDArray[np.float64]
 
-NEXT, VERTICAL = "next rates", "vertical velocity"  # which judge moments and lags, and thrust
-_TELLING_ROWS = 10  # 0.1 s: later, rates add up what no set contains
+NEXT, VERTICAL = "next rates", "vertical velocity"  # these judge moments and lags, and thrust
+_TELLING_ROWS = 10  # 0.1 s: later, rates accumulate effects that no set contains
 FEWEST = 8  # segments: fewer give no interval
 
 
 @dataclass(frozen=True, kw_only=True)
 class SetError:
-    """The mean error of one set, and how much more that is than the first set's, with the half width of 95 %.
+    """The mean error of one set, and its difference from the first set's, with half the width of its 95 % interval.
 
-    Where it `tells` nothing of what the sets differ by, since air favours wrong ones, the half width means nothing.
+    If `tells` is false, the quantity does not show how the sets differ, because air favours wrong ones, and the half
+    width has no meaning.
     """
 
     quantity: str
@@ -57,20 +58,20 @@ class SetError:
 
     @property
     def row(self) -> dict[str, object]:
-        """What a table has of it: an interval only where the flight tells something."""
+        """The entry of a table: with an interval only where the flight shows how the sets differ."""
         return {name: value for name, value in vars(self).items() if self.tells or name != "half_width"}
 
     @property
     def difference(self) -> str:
-        """How much more it is, in words."""
+        """The difference from the first set, in words."""
         return f"{self.more:+.2g} +- {self.half_width:.1g}" if self.tells else f"{self.more:+.2g}"
 
 
 def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Measured]) -> Result:
     """Compare what sets predict of a flight with its recording. `used` are the measured parameters among them.
 
-    Raises ConfigError for no set or two of one name, DataError for a log that a set was fitted to, and for one with
-    less than 8 s in which all rotors were driven, CrossedError for one whose motors have other numbers.
+    Raises ConfigError for no set or two with one name, DataError for a log that a set was fitted to or one with less
+    than 8 s in which all rotors were driven, and CrossedError for one whose motors are in another order.
     """
     _check(flown, sets, used)
     at = starts(flown.by_command)
@@ -124,16 +125,16 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Me
 
 
 def _errors(flown: FlownLog, one: ParameterSet, at: Rows, telling: Telling) -> dict[str, Array]:
-    """Return a set's errors (s, h) by quantity, in which velocities show no more than the flight tells."""
+    """Return a set's errors (s, h) by quantity, with velocities limited to what the flight can show."""
     flight = flown.flight if one.in_volts else flown.by_command
-    if not telling.axes:  # else moments turn the thrust that motion capture shows
+    if not telling.axes:  # otherwise moments rotate the thrust that motion capture shows
         flight = replace(flight, velocity=None, attitude=None)
     found = errors(flight, one, at)
     return found if telling.vertical else found | {"velocity": thrust_errors(flight, one, at)}
 
 
 def _of_vertical(flown: FlownLog, sets: Sequence[ParameterSet], at: Rows) -> list[SetError]:
-    """Return the table's rows that judge thrust where motion capture has velocities, which predicted attitudes turn."""
+    """Return the table's rows that judge thrust: motion capture's velocities depend on predicted attitudes."""
     found = {}
     for one in sets:
         flight = flown.flight if one.in_volts else flown.by_command
@@ -142,7 +143,7 @@ def _of_vertical(flown: FlownLog, sets: Sequence[ParameterSet], at: Rows) -> lis
 
 
 def _of_next_rates(flown: FlownLog, sets: Sequence[ParameterSet], axes: Sequence[str], parts: int) -> list[SetError]:
-    """Return the table's rows that judge moments and lags, about the axes of which the flight tells."""
+    """Return the table's rows that judge moments and lags, about the axes whose moments the flight shows."""
     flights = [flown.flight if one.in_volts else flown.by_command for one in sets]
     found = {
         one.name: next_rate_errors(flight, one, axes, parts=parts)[:, np.newaxis]
@@ -152,7 +153,7 @@ def _of_next_rates(flown: FlownLog, sets: Sequence[ParameterSet], axes: Sequence
 
 
 def compared(each: Mapping[str, Mapping[str, Array]]) -> list[SetError]:
-    """Return the table of errors (s, h) of sets by quantity, each set paired with the first over segments."""
+    """Return the table of errors (s, h) of sets by quantity, with each set paired with the first by segment."""
     return [
         row
         for quantity in QUANTITIES
@@ -193,7 +194,7 @@ def _check(flown: FlownLog, sets: Sequence[ParameterSet], used: Sequence[Measure
 
 
 def _unpredicted(table: Sequence[SetError], flown: FlownLog, at: Rows) -> list[Finding]:
-    """Warn of a flight whose rates no set predicts better than who predicts no change: other causes turned it."""
+    """Warn of a flight whose rates every set predicts worse than no change would: other causes turned the vehicle."""
     place = HORIZONS.index(_TELLING_ROWS)
     of_rates = [one for one in table if one.quantity == "rates" and one.horizon_s == ROW_S * _TELLING_ROWS]
     best, still = min(of_rates, key=lambda one: one.error), float(unchanged(flown.flight, at)[place])

@@ -1,9 +1,9 @@
-"""Predict a flight from its commands: one integrator for every parameter set.
+"""Predict a flight from its commands, with one integrator for every parameter set.
 
-Each segment begins with the rates that the gyro showed; from there on only commands count. Thrust of one rotor is a
-polynomial of its lagging drive; rates follow J dw/dt + w x J w = torques, by midpoints of 2 ms. A constant angular
-acceleration about each axis, what a centre of mass off the middle makes, is taken from the whole flight for every set
-alike: no set has it.
+Each segment starts with the rates that the gyro showed; from there on, only commands count. Thrust of one rotor is a
+polynomial of its lagging drive; rates follow J dw/dt + w x J w = torques, by the midpoint rule with steps of 2 ms. A
+constant angular acceleration about each axis, as an offset centre of mass causes, is estimated from the whole flight
+for every set alike, because no set contains it.
 """
 
 from dataclasses import dataclass, replace
@@ -26,11 +26,11 @@ _HORIZONTAL = 2
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ParameterSet:
-    """A vehicle's parameters along forward, left and up: all that a prediction takes.
+    """A vehicle's parameters along forward, left and up: everything that a prediction needs.
 
-    `thrust_n` is one rotor's thrust, lowest power first, of its command over the full one, or of volts where
-    `in_volts`. `lag` is None where rotors follow at once. `drag_per_s` is drag over mass across the thrust, None where
-    unknown.
+    `thrust_n` is one rotor's thrust, lowest power first, as a function of its command relative to full command, or of
+    volts where `in_volts`. `lag` is None where rotors follow at once. `drag_per_s` is drag over mass across the thrust,
+    None where unknown.
     """
 
     name: str
@@ -47,9 +47,9 @@ class ParameterSet:
 
 
 def starts(flight: Flight) -> Rows:
-    """Return the rows (s,) at which segments of a second begin, one after the other where all rotors were driven.
+    """Return the rows (s,) at which segments of a second start, one after the other where all rotors were driven.
 
-    The gyro is within its range in each: what is beyond it is not known.
+    The gyro is within its range in each: rates beyond it are unknown.
     """
     last = max(HORIZONS)
     runs = [np.arange(one.start, one.stop - last, last) for one in segments(flight.rates_known, last + 1)]
@@ -59,8 +59,9 @@ def starts(flight: Flight) -> Rows:
 def errors(flight: Flight, one: ParameterSet, at: Rows) -> dict[str, Array]:
     """Return the error (s, h) of each quantity in each segment after each horizon, as lengths and angles.
 
-    The attitude's is the angle between the predicted turn and that of the recorded rates. The velocity's is that of the
-    change of velocity: along the vehicle's vertical by the accelerometer, or with motion capture of all three axes.
+    The attitude's error is the angle between the predicted rotation and that of the recorded rates. The velocity's
+    error is that of the change of velocity: along the vehicle's vertical by the accelerometer, or with motion capture
+    along all three axes.
     """
     thrusts = thrusts_of(flight, one)
     turning = thrusts @ flight.turning.T * [one.arm_m * LEVER, one.arm_m * LEVER, one.torque_m]  # (n, 3) in N m
@@ -86,7 +87,7 @@ def thrust_errors(flight: Flight, one: ParameterSet, at: Rows) -> Array:
 
 
 def unchanged(flight: Flight, at: Rows) -> Array:
-    """Return by how much rates change (h,) within each horizon, in the mean: the error of who predicts no change."""
+    """Return the mean change (h,) of rates within each horizon: the error of predicting no change."""
     return np.array(
         [float(np.mean(np.linalg.norm(flight.rates[at + rows] - flight.rates[at], axis=1))) for rows in HORIZONS]
     )
@@ -103,7 +104,7 @@ def thrusts_of(flight: Flight, one: ParameterSet) -> Array:
 
 
 def _rates(flight: Flight, one: ParameterSet, turning: Array, at: Rows) -> tuple[Array, Array]:
-    """Return the predicted rates (s, h, 3) at each row of each segment, and the turns (s, h, 3, 3) since its begin."""
+    """Return the predicted rates (s, h, 3) at each row of each segment, and rotations (s, h, 3, 3) since its start."""
     moments = np.array(one.moments_kg_m2)
     pushed = turning / moments
     known = flight.rates_known[1:] & flight.rates_known[:-1]
@@ -123,14 +124,14 @@ def _rates(flight: Flight, one: ParameterSet, turning: Array, at: Rows) -> tuple
 
 
 def _gyroscopic(rates: Array, moments: Array) -> Array:
-    """Return the cross product of rates (n, 3) and momenta over moments (3,), in every step: `np.cross` is slow."""
+    """Return the cross product of rates (n, 3) and momenta over moments (3,) in every step, as `np.cross` is slow."""
     x, y, z = rates.T
     of_x, of_y, of_z = (moments * rates).T
     return np.stack([y * of_z - z * of_y, z * of_x - x * of_z, x * of_y - y * of_x], axis=1) / moments
 
 
 def _turned(rates: Array) -> Array:
-    """Return the turns (s, h, 3, 3) of rates (s, h, 3) at rows since the first, by Rodrigues' formula of each row."""
+    """Return the rotations (s, h, 3, 3) from rates (s, h, 3) at rows since the first, by Rodrigues' formula."""
     turn = np.tile(np.eye(3), (len(rates), 1, 1))
     result = [turn]
     for before, after in zip(rates.transpose(1, 0, 2)[:-1], rates.transpose(1, 0, 2)[1:], strict=True):

@@ -1,4 +1,4 @@
-"""Parameter sets: of a campaign's rig, of its flights, and published ones that are complete."""
+"""Make parameter sets: from a campaign's rig, from its flights, and from complete published values."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -17,18 +17,19 @@ from cfid.validation.measured import Measured
 from cfid.validation.rollout import ParameterSet
 
 _NO_YAW = "no torque about yaw, whose moment is unknown: it stands as the sum of the others"
-_BEYOND = 20.0  # times mass times arm squared, or its part: bodies have 0.2 to 2
+_BEYOND = 20.0  # times mass times arm squared, or one over it: bodies have 0.2 to 2
 ARM_M = 0.046  # of a Crazyflie 2.x, from its centre to a motor's axis, for published sets
 
 
 class NoVoltageError(ConfigError):
-    """A published set's thrust is of volts, and the log has none."""
+    """A published set's thrust is a function of volts, and the log has none."""
 
 
 def sets_of(measured: Measured, *, in_volts: bool) -> tuple[list[ParameterSet], list[str]]:
-    """Return the sets that parameters make for a log with or without voltage, and what keeps the others from being one.
+    """Return the sets that parameters give for a log with or without voltage, and why other sets are incomplete.
 
-    One is of the rig's experiments, with rig.toml's mass and arm, one of flights, with those they were scaled by.
+    One set is from the rig's experiments, with rig.toml's mass and arm; the other is from flights, with the mass and
+    arm that scaled them.
     """
     found, missing = [], []
     makers: dict[str, Callable[[Measured, str, bool], ParameterSet]] = {"rig": _of_rig, "flight": _of_flights}
@@ -46,12 +47,12 @@ def sets_of(measured: Measured, *, in_volts: bool) -> tuple[list[ParameterSet], 
 
 
 def _impossible(one: ParameterSet) -> str:
-    """Return what of a set no vehicle has, as words; "" for a possible one."""
+    """Return the impossible value of a set in words, "" if all are possible."""
     sizes = {"mass": one.mass_kg, "arm": one.arm_m, **dict(zip(AXES, one.moments_kg_m2, strict=True))}
     wrong = next((name for name, size in sizes.items() if not 0 < size < math.inf), None)
     if wrong is not None:
         return f"{wrong} {sizes[wrong]:g}"
-    of_points = one.mass_kg * one.arm_m**2  # the mass at the motors has twice this about yaw
+    of_points = one.mass_kg * one.arm_m**2  # with the mass at the motors, the moment about yaw is twice this
     far = next((axis for axis in AXES if not 1 / _BEYOND < sizes[axis] / of_points < _BEYOND), None)
     if far is not None:
         return f"moment about {far} of {sizes[far] / of_points:.3g} times mass times arm squared"
@@ -60,7 +61,7 @@ def _impossible(one: ParameterSet) -> str:
 
 
 def published_set(name: str, *, in_volts: bool) -> ParameterSet:
-    """Return a published set. Raises ConfigError for another name, NoVoltageError for one that needs the battery's."""
+    """Return a published set. Raises ConfigError for another name, NoVoltageError if it needs the battery's voltage."""
     make = PUBLISHED.get(name)
     if make is None:
         raise ConfigError(f"`with` {name}: no campaign folder, and no published set ({', '.join(PUBLISHED)}).")
@@ -111,7 +112,7 @@ def _of_flights(at: Measured, name: str, in_volts: bool) -> ParameterSet:
 
 
 def _torque_m(at: Measured) -> float | None:
-    """Return the torque over thrust that a flight's moment about yaw was scaled by, else the rig's, None for none."""
+    """Return the torque over thrust that scaled a flight's moment about yaw, else the rig's, None if neither exists."""
     scaled, rig = at.get("flight.torque_m"), at.get("motor.torque_poly")
     if scaled is not None:
         return float(scaled.value)
@@ -126,7 +127,7 @@ def _arm_m(rig: Rig) -> float:
 
 
 def _thrust(at: Measured, experiment: str, in_volts: bool) -> tuple[tuple[float, ...], bool]:
-    """Return one rotor's thrust, lowest power first, of volts where log and campaign have them, else of the command."""
+    """Return one rotor's thrust, lowest power first, over volts if log and campaign have them, else over commands."""
     of_volts = at.get(f"{experiment}.thrust_voltage_poly")
     if in_volts and of_volts is not None:
         return tuple(map(float, of_volts.value)), True
@@ -134,7 +135,7 @@ def _thrust(at: Measured, experiment: str, in_volts: bool) -> tuple[tuple[float,
 
 
 def _over_full_command(poly: Sequence[float]) -> tuple[float, ...]:
-    """Return coefficients of the command over the full one, lowest first, of ones of the command, highest first."""
+    """Convert coefficients over the command, highest first, to ones over the command relative to full, lowest first."""
     return tuple(one * FULL_COMMAND**power for power, one in enumerate(reversed(poly)))
 
 
@@ -169,7 +170,8 @@ def _thesis() -> ParameterSet:
 
 
 def _pybullet() -> ParameterSet:
-    speeds = [RPM * (0.2685 * command + 4070.3) for command in published.COMMANDS]  # rad/s, its line of the command
+    # rad/s, its linear function of the command.
+    speeds = [RPM * (0.2685 * command + 4070.3) for command in published.COMMANDS]
     one = next(one for one in published.THRUST_AT_SPEED_N if one.who == "gym-pybullet-drones").values[0]
     assert one is not None
     k = one / published.SPEEDS_RAD_S[0] ** 2
@@ -204,7 +206,7 @@ def _firmware() -> ParameterSet:
 
 
 def _through(at: npt.NDArray[np.float64], values: Sequence[float | None], *, degree: int) -> tuple[float, ...]:
-    """Return the polynomial, lowest power first, of which these are values."""
+    """Return the polynomial, lowest power first, through these values."""
     known = np.array(values, dtype=np.float64)
     return tuple(map(float, np.polynomial.polynomial.polyfit(at, known, degree)))
 

@@ -1,4 +1,4 @@
-"""What a flight shows of parameter sets: moments, lags and thrust where rotors moved it, not where air did."""
+"""Judge what a flight shows of parameter sets: moments, lags and thrust where rotors moved it, not where air did."""
 
 from dataclasses import dataclass
 
@@ -10,10 +10,11 @@ from cfid.flight.rows import AXES
 
 @dataclass(frozen=True, kw_only=True)
 class Telling:
-    """The axes about which a flight shows what a rotor's drive does, and whether it shows that along the vertical.
+    """The axes about which a flight shows the effect of a rotor's drive, and whether it shows it along the vertical.
 
-    Where an autopilot only answers to air, commands go against the air's torques: moments that are too large, and lags
-    that are too long, predict such a flight better than the true ones. `reason` is what rotors did about other axes.
+    Where an autopilot only responds to air, commands counteract the air's torques: moments that are too large, and lags
+    that are too long, predict such a flight better than the true ones. `reason` states the rotors' effect about other
+    axes.
     """
 
     axes: tuple[str, ...]
@@ -22,7 +23,7 @@ class Telling:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """A warning where the flight shows nothing of moments, a note where that holds of some axes."""
+        """A warning where the flight shows no moment, a note where it does not show those about some axes."""
         silent = [axis for axis in AXES if axis not in self.axes]
         if not silent:
             return ()
