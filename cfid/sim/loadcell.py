@@ -27,8 +27,8 @@ class LoadCellTruth(BaseModel):
     and Tz count downwards.
 
     Calibration errors: each axis reads too much by its `gain_error`; axis i also shows `crosstalk` [i][j] of axis j,
-    as fractions of their ranges (its diagonal has no effect). While the cell warms up, over WARM_UP_S after the first
-    reading, it reads too little by up to `warm_up`. Its bias wanders with the standard deviation `bias_wander`, a
+    as fractions of their ranges (its diagonal has no effect). From the first reading on the cell warms up with the
+    time constant WARM_UP_S: it reads too little, by up to `warm_up`. Its bias wanders with the standard deviation `bias_wander`, a
     fraction of the ranges, correlated over BIAS_WANDER_S.
     """
 

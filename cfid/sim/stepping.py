@@ -56,7 +56,7 @@ class Axes(Protocol):
         """Return the torque without the bearing's friction."""
 
     def dry_nm(self, angle_rad: Array) -> Array:
-        """Return the level of dry friction, equal at rest and in motion."""
+        """Return the level of dry friction at rest."""
 
     def acceleration(self, time_s: Time, state: PlantState) -> Array:
         """Return the acceleration in rad/s^2, zero for an axis that sticks."""
