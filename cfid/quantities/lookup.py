@@ -6,7 +6,7 @@ from functools import cache
 from cfid.quantities.quantity import Quantity
 from cfid.quantities.table import QUANTITIES
 
-UNITS = {  # by how a name ends
+UNITS = {  # by the ending of a name
     "kg_m2": "kg m^2",
     "rad_per_s": "rad/s",
     "mps2": "m/s^2",
@@ -33,7 +33,7 @@ def find(key: str) -> Quantity | None:
 
 
 def registered(key: str) -> Quantity:
-    """Return the quantity of a key of the registry; KeyError for another key, which is a bug."""
+    """Return the quantity of a key. Raises KeyError for a key outside the registry, which is a bug."""
     found = find(key)
     if found is None:
         raise KeyError(key)
@@ -41,13 +41,13 @@ def registered(key: str) -> Quantity:
 
 
 def unit_of(key: str) -> str:
-    """Return the unit of a key: the registry's, else that of the name's ending; "" where there is none."""
+    """Return the unit of a key from the registry, else from the ending of its name; "" without either."""
     found = find(key)
     return found.unit if found is not None and found.unit else _at_the_end_of(key)
 
 
 def _at_the_end_of(name: str) -> str:
-    """Return the unit of a name's ending, "" for none, or for a part of a unit as in `_m_per_s`."""
+    """Return the unit that a name's ending states, "" without one or for part of a unit, as in `_m_per_s`."""
     suffix = next((suffix for suffix in UNITS if name.endswith(f"_{suffix}")), "")
     before = name.removesuffix(f"_{suffix}").rpartition("_")[-1]
     return "" if not suffix or before in {"per", *UNITS} else UNITS[suffix]

@@ -1,4 +1,4 @@
-"""Plausible ranges of vehicles that are well known: narrower than the registry's, which any small quadrocopter fits."""
+"""Plausible ranges of well-known vehicles: narrower than the registry's, which cover any small quadrocopter."""
 
 from collections.abc import Mapping
 from typing import Literal

@@ -29,19 +29,19 @@ _OTHER_UNITS: Mapping[str, Mapping[float, str]] = {
 }
 
 _INERTIA = "inertia.matrix_kg_m2"
-_ROUNDING = 1e-9  # of a matrix' trace
-# Of the geometric mean of its two moments: axes tilted by 12 degrees, or a tenth of the mass at the end of an arm. The
-# thesis found up to 0.093, exchanged swings give 0.17 and more.
+_ROUNDING = 1e-9  # relative to a matrix's trace
+# Relative to the geometric mean of the product's two moments: axes tilted by 12 degrees, or a tenth of the mass at the
+# end of an arm. The thesis found up to 0.093; two exchanged swings give 0.17 or more.
 _PRODUCT = 0.15
 
 
 def implausible(key: str, value: Any, *, std: Any = None, platform: Platform = "crazyflie") -> str:
-    """Return why a quantity's value is implausible as a sentence, with a guess of its unit; "" where it is plausible.
+    """Return a sentence on why a quantity's value is implausible, with a guess of its unit; "" for a plausible value.
 
-    An inertia matrix must also be that of a possible body, and its products are small: a quadrocopter's axes are nearly
-    principal ones. Of `other` only the body is checked, and gravity. Keys without a range pass, and so do values
-    without numbers. The range of a known vehicle is narrow: a value may lie beyond it by two of its standard
-    uncertainties.
+    An inertia matrix must also be that of a possible body, and its products must be small: a quadrocopter's axes are
+    nearly its principal axes. For the platform `other`, only gravity and whether a body can have the inertia matrix are
+    checked. Keys without a range pass, and so do values without numbers. The range of a known vehicle is narrow, so a
+    value may lie beyond it by two of its standard uncertainties.
     """
     quantity = find(key)
     if quantity is None or quantity.plausible is None:
@@ -62,13 +62,13 @@ def implausible(key: str, value: Any, *, std: Any = None, platform: Platform = "
 
 
 def range_of(key: str, platform: Platform) -> Range | None:
-    """Return the range of a number that a vehicle of a platform can have, None for a key without one."""
+    """Return the plausible range of a number for a vehicle of a platform, None for a key without a range."""
     quantity = find(key)
     return RANGES.get(platform, {}).get(key, quantity.plausible if quantity else None)
 
 
 def _narrowed(found: Range | None, quantity: Quantity, value: Any, std: Any) -> Range | None:
-    """Return the range of a platform, wider by two standard uncertainties of a number or of a list's numbers."""
+    """Return a platform's range, widened by two standard uncertainties, a list's largest; a polynomial's stays."""
     if found is None or quantity.over:
         return found
     margin = 2 * max(_leaves(std), default=0.0)
@@ -76,7 +76,7 @@ def _narrowed(found: Range | None, quantity: Quantity, value: Any, std: Any) -> 
 
 
 def out_of_range(claim: str, number: float, expected: Range, unit: str) -> str:
-    """Return a claim about a number outside its range as a sentence that guesses the unit; "" for one inside."""
+    """Return the claim about a number outside its range as a sentence that guesses the unit; "" for a number inside."""
     if expected.least <= number <= expected.largest:
         return ""
     guess, of = _guess(number, expected, unit), "" if unit == "1" else f" {unit}"
@@ -95,9 +95,9 @@ def judged_unit(quantity: Quantity) -> str:
 
 
 def centre_fault(centre_m: Sequence[float], arm_m: float) -> str:
-    """Return why a vehicle with its centre of mass (3,) there cannot hover, "" where it can; only x and y matter.
+    """Return why a vehicle cannot hover with its centre of mass (3,) at `centre_m`, "" where it can; z does not matter.
 
-    The rotors form a square, a diagonal arm from the middle, and push upwards only.
+    The rotors are the corners of a square, each `arm_m` from its middle, and push upwards only.
     """
     side = arm_m / math.sqrt(2)
     if all(abs(length) < side for length in centre_m[:2]):
@@ -132,7 +132,10 @@ def _leaves(value: Any) -> Iterator[float]:
 
 
 def _body_fault(key: str, matrix: Sequence[Sequence[float]]) -> str:
-    """Return why no body has an inertia matrix (3, 3): its second moments must be positive definite [WKS]."""
+    """Return why no body has an inertia matrix (3, 3), "" where one can.
+
+    Its second moments must be positive definite [WKS].
+    """
     trace = sum(matrix[i][i] for i in range(3))
     if any(abs(matrix[i][j] - matrix[j][i]) > _ROUNDING * trace for i, j in PRODUCTS):
         return f"{key} is not that of a body: it is not symmetric."
@@ -147,7 +150,7 @@ def _body_fault(key: str, matrix: Sequence[Sequence[float]]) -> str:
 
 
 def _product_fault(key: str, matrix: Sequence[Sequence[float]], std: Any) -> str:
-    """Return why no quadrocopter of its kind has a product of inertia, with two standard uncertainties to spare."""
+    """Return why a product of inertia is too large for a quadrocopter, beyond two standard uncertainties; else ""."""
     for i, j in PRODUCTS:
         moments = math.sqrt(matrix[i][i] * matrix[j][j])
         margin = 2 * std[i][j] if is_matrix(std) else 0.0

@@ -19,8 +19,8 @@ class Shape(StrEnum):
 class Range:
     """The least and the largest plausible size, ends included, and why.
 
-    `of` names the checked part of a value: each of its numbers, its size without the sign, the diagonal of a matrix,
-    or of a polynomial its slope at zero or its value at `at`.
+    `of` names the part of a value that is checked: "" each number, "size" each number without its sign, "diagonal" the
+    diagonal of a matrix, "slope" the slope of a polynomial at zero. With `at`, a polynomial's value there is checked.
     """
 
     least: float
@@ -32,13 +32,13 @@ class Range:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity under its key of the contract; `<axis>` and `[...]` in a key stand for any name, or for none.
+    """A quantity under its public key; in a key, `<axis>` stands for any name, and `[...]` is optional.
 
-    `unit` is that of --json and parameters.toml. A polynomial gives `of` (a unit) over `over`, its highest power first
-    where it is not `lowest_first`. `count` is how many numbers a list has, where that is known, `places` what they are
-    called; `columns` are those of rows that must be numbers, `measured` those that a rejection takes away. `section` is
-    its section of parameters.toml, `given_by` the way to measure it. A property of a run, not of the vehicle, is
-    `of_the_run`.
+    `unit` is that of --json and parameters.toml. A polynomial gives a value with the unit `of` from one with the unit
+    `over`; its highest power comes first unless `lowest_first` is set. `count` is how many numbers a list has, where
+    that is known, and `places` are their names. `columns` are the columns of rows that must be numbers, `measured`
+    those that a rejection removes. `section` is the quantity's section of parameters.toml, `given_by` the way to
+    measure it. `of_the_run` marks a property of a run, not of the vehicle.
     """
 
     key: str
@@ -61,7 +61,7 @@ class Quantity:
 
 @dataclass(frozen=True)
 class FitKind:
-    """A kind of fit: its title, and where no quantity states it, how to record and fit it."""
+    """A kind of fit: its title, and how to record and fit it where no quantity states that."""
 
     title: str
     measured_by: str = ""

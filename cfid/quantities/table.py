@@ -1,4 +1,4 @@
-"""The registry: every quantity that cfid estimates, uses or prints, by experiment in the order of the thesis' chapters.
+"""The registry of all quantities that cfid estimates, uses or prints, by experiment, in the order of the thesis.
 
 Plausible ranges cover quadrocopters from 10 g to 1 kg: a Crazyflie 2.0 has 0.028 kg, 0.046 m and 0.15 N per motor.
 """
@@ -191,7 +191,7 @@ _TRANSFER = _given(
              plausible=Range(-1000, 100, "all of it at most")),
     Quantity("tf.verify.<name>.residual_rms_n", "N", "e", "what is left of the force",
              plausible=Range(0, 10, "as the largest thrust")),
-    Quantity("tf.verify.<name>.late_s", "s", "Δt", "how much later than simulated"),  # noise may leave it open
+    Quantity("tf.verify.<name>.late_s", "s", "Δt", "how much later than simulated"),  # noise may hide it
     Quantity("tf.verify.<name>.gain_ratio", "1", "g", "how much larger than simulated",
              plausible=Range(0, 10, "beyond, another motor ran")),
 )  # fmt: skip

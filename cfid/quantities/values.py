@@ -11,10 +11,10 @@ from cfid.quantities.lookup import find, registered
 from cfid.quantities.quantity import Quantity, Shape
 
 ENTRIES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}  # of a symmetric matrix
-PRODUCTS = (ENTRIES["xy"], ENTRIES["xz"], ENTRIES["yz"])  # its places off the diagonal, each once
+PRODUCTS = (ENTRIES["xy"], ENTRIES["xz"], ENTRIES["yz"])  # places off the diagonal of a symmetric matrix, each once
 ALL_ENTRIES = {f"{row}{column}": (i, j) for i, row in enumerate("xyz") for j, column in enumerate("xyz")}
 
-_NUMBER = 0  # any number in a form
+_NUMBER = 0  # stands for any number in a form: a value's nested lists
 
 
 class Number(NamedTuple):
@@ -32,9 +32,9 @@ class Number(NamedTuple):
 
 
 def numbers(key: str, value: Any, std: Any) -> Iterator[Number]:
-    """Yield the numbers of a value one by one; of a symmetric matrix (3, 3) each once, of rows none.
+    """Yield the numbers of a value one by one: of a symmetric matrix (3, 3) each entry once, and nothing for rows.
 
-    A standard uncertainty of another shape than the value, as after editing by hand, has None for what is missing.
+    Where `std` has another shape than the value, as after editing by hand, a missing standard uncertainty is None.
     """
     if not is_rows(value):
         yield from _numbers(key, "", value, std)
