@@ -1,1 +1,1 @@
-"""Recordings of other programs into a campaign, and recordings into the files of other programs."""
+"""Import other programs' recordings into a campaign, and convert recordings into other programs' files."""

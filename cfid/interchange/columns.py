@@ -1,4 +1,4 @@
-"""Which columns of a series become a device of a run: whole ones, those with the same gaps, commands that change."""
+"""Choose which columns become a device of a run: those without gaps, those with the same gaps, changing commands."""
 
 import hashlib
 from collections.abc import Iterator, Sequence
@@ -13,9 +13,9 @@ Mask = npt.NDArray[np.bool_]
 
 
 def finite_columns(series: Series) -> tuple[Mask, list[list[str]]]:
-    """Return which columns (1 + channels,) have finite numbers only, and by their gaps those that have some.
+    """Return which columns (1 + channels,) have only finite numbers, and the names of those with some, grouped by gaps.
 
-    Raises DataError where the times do not serve.
+    Raises DataError where a time is missing or earlier than the one before it.
     """
     whole, some = np.ones(1 + len(series.names), dtype=bool), np.zeros(1 + len(series.names), dtype=bool)
     patterns = [hashlib.sha256() for _ in whole]
@@ -42,14 +42,14 @@ def chosen_columns(series: Series, chosen: Mask) -> Iterator[Array]:
 
 
 def known_rows(series: Series, names: Sequence[str]) -> Iterator[Array]:
-    """Yield time and channels (m, 1 + c) with the same gaps, in the rows where they are finite numbers."""
+    """Yield time and channels (m, 1 + c) that have the same gaps, in the rows where they have finite numbers."""
     places = [1 + series.names.index(name) for name in names]
     for block in series.blocks():
         yield block[np.isfinite(block[:, places[0]])][:, [0, *places]]
 
 
 def changes(series: Series, motors: Sequence[str]) -> Iterator[Array]:
-    """Yield the rows (m, 5) in which a command of a motor is another than before."""
+    """Yield the rows (m, 5) in which a motor's command differs from that of the row before."""
     places = [0, *(1 + series.names.index(name) for name in motors)]
     last = np.full((1, len(motors)), np.nan)
     for block in series.blocks():

@@ -1,4 +1,4 @@
-"""`cfid import` and `cfid convert`: recordings of other programs into a campaign, and recordings into other files."""
+"""Define `cfid import`, which makes runs of other programs' recordings, and `cfid convert` to other formats."""
 
 from dataclasses import replace
 from pathlib import Path

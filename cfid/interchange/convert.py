@@ -20,10 +20,11 @@ _OF_RECORDING: Mapping[str, Callable[[Recording, Path], None]] = {"mat": write_m
 
 
 def convert(recording: Recording, to: Format, out: Path | None) -> list[Path]:
-    """Write a recording and return the files: one, or for CSV and Parquet of several series a folder of one each.
+    """Write a recording and return its files: one, or for several series as CSV or Parquet one each, in a folder.
 
-    `out` is that file or folder; default: the recording's name, here. Raises ConfigError when it exists or cannot be
-    written, DataError where the format cannot hold the recording; nothing is left behind then.
+    `out` is that file or folder; by default it is in the current folder and named after the recording. Raises
+    ConfigError when it exists or cannot be written, DataError where the format cannot hold the recording; no file is
+    left behind in either case.
     """
     if to in _OF_RECORDING:
         path = out or Path(f"{recording.name}.{to}")

@@ -1,4 +1,4 @@
-"""Import a recording of another program: a run folder with the columns that cfid records, and its origin."""
+"""Import a recording of another program as a run folder, with the columns that cfid records and the origin."""
 
 import re
 from collections.abc import Container, Iterator, Sequence
@@ -48,7 +48,7 @@ _NO_COLUMN = re.compile(r'[\s,;"]+')
 
 @dataclass(frozen=True, kw_only=True)
 class Imported:
-    """A run that was made, one line on how the recording was understood, and notes."""
+    """An imported run, one line on how the recording was understood, and notes."""
 
     run: Run
     understood: str
@@ -57,7 +57,7 @@ class Imported:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Devices:
-    """What a run gets: its devices, their blocks (m, columns), how the recording was read, and its origin."""
+    """The contents of a run: its devices, their blocks (m, columns), how the recording was read, and its origin."""
 
     records: dict[str, DeviceRecord]
     blocks: dict[str, Iterator[Array]]
@@ -71,9 +71,9 @@ class _Devices:
 
 
 def kind_of(path: Path, reading: Foreign) -> Kind:
-    """Return what a recording is that can be imported.
+    """Return the kind of a recording that can be imported.
 
-    Raises ConfigError where its columns do not show it, DataError where it cannot be read.
+    Raises ConfigError where its columns do not show the kind, or have no times; DataError where it cannot be read.
     """
     kind, named = kind_at(path, reading), any("=" in one for one in reading.columns)
     if kind == "stand" and not (named or has_times(path, reading) or reading.rate_hz):
@@ -108,7 +108,7 @@ def import_angle(campaign: Campaign, path: Path, reading: Reading, *, label: Lab
 
 
 def _others(path: Path, skip_lines: int, columns: Sequence[str]) -> tuple[str, ...]:
-    """Return a note on a table that has more columns than the time and the angle which are kept."""
+    """Return a note for a table with more columns than the time and the angle, which alone are kept."""
     table = open_table(path, skip_lines=skip_lines, columns=tuple(columns))
     if len([name for name in table.names if name]) <= _OF_AN_ANGLE:
         return ()
@@ -137,9 +137,9 @@ def import_wrench(campaign: Campaign, path: Path, reading: WrenchReading, *, lab
 
 
 def import_stand(campaign: Campaign, path: Path, reading: Foreign, *, label: Label) -> Imported:
-    """Import a thrust stand's recording: its columns by their own names, or as NAME=COLUMN has it, as fits read them.
+    """Import a thrust stand's recording; columns keep their names or get those of NAME=COLUMN, as fits read them.
 
-    Errors as of `read_log`, `with_named` and `of_one_motor`.
+    Raises errors as `read_log`, `with_named` and `of_one_motor`.
     """
     original = open_table(path, skip_lines=reading.skip_lines)
     table, named = with_named(original, of_one_motor(original, reading))
@@ -165,9 +165,9 @@ def import_stand(campaign: Campaign, path: Path, reading: Foreign, *, label: Lab
 
 
 def _timed(table: CsvTable, original: CsvTable, reading: Foreign) -> Foreign:
-    """Return how the times of a table whose columns were named are read from the original, in their unit.
+    """Return the settings that read the times from the original table, in the unit that the table with names states.
 
-    Raises ConfigError where they have none: rows of some seconds apart look like milliseconds.
+    Raises ConfigError where the times have no unit: rows a few seconds apart look like milliseconds.
     """
     reading = replace(reading, columns=tuple(one for one in reading.columns if "=" not in one))
     names = [name for name in table.names if TIME_COLUMN.called.fullmatch(name)]
@@ -183,10 +183,11 @@ def _timed(table: CsvTable, original: CsvTable, reading: Foreign) -> Foreign:
 
 
 def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: Label, kind: str = "flight") -> Imported:
-    """Import a log of a vehicle: a device for each series in the log's own units, and the commands of its motors.
+    """Import a vehicle's log: a device for each series, in the log's own units, and the commands of the motors.
 
-    Columns with the same gaps become a device of their own, with the rows that they have; one without any number is
-    left out. Raises DataError and ConfigError as `read_log`, DataError for a swing, any other `kind`, without a gyro.
+    Columns with the same gaps become a device of their own, with the rows in which they have numbers; a column without
+    any number is left out. Raises DataError and ConfigError as `read_log`, and DataError for a swing, which is any
+    `kind` but `flight`, without a gyro.
     """
     log = read_log(path, reading)
     if kind != "flight" and not any(set(GYRO) <= {*series.names, *series.variables} for series in log.series):
@@ -200,7 +201,7 @@ def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: La
     commands: Iterator[Array] | None = None
     notes = list(log.notes)
     for series in log.series:
-        # What PX4's topics of one vector hold is known by the topic's name alone.
+        # Only its name shows what a PX4 topic of one vector holds, so the device keeps that name.
         flown = series is main and any(map(is_flown, series.names)) and "xyz[0]" not in series.names
         kept, said = _add(series, VEHICLE_LOG if flown else _word(series.name), records, blocks)
         notes += said
@@ -231,10 +232,10 @@ def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: La
 def _add(
     series: Series, device: str, records: dict[str, DeviceRecord], blocks: dict[str, Iterator[Array]]
 ) -> tuple[list[str], list[str]]:
-    """Add a series as a device, columns with the same gaps as one of their own; return the whole columns, and notes."""
+    """Add a series as a device, columns with the same gaps as another; return names of gapless columns, and notes."""
     try:
         whole, gaps = finite_columns(series)
-    except DataError as fault:  # one bad series does not condemn the log
+    except DataError as fault:  # one invalid series does not make the log invalid
         return [], [f"{series.name}: left out: {fault}"]
     kept = [name for name, all_there in zip(series.names, whole[1:], strict=True) if all_there]
     gappy = [name for names in gaps for name in names]
@@ -264,7 +265,7 @@ def _add(
 
 
 def _units(series: Series, names: Sequence[str]) -> dict[str, str] | None:
-    """Return the units of channels as columns of a run, of those whose name does not tell it; None for none of them."""
+    """Return, by column of a run, the units that channels' names do not show; None where there are none."""
     channels = [series.channels[series.place_of(name)] for name in names]
     stated = {_word(channel.name, _NO_COLUMN): channel for channel in channels if channel.own_unit}
     found = {name: stated_unit(one) for name, one in stated.items() if one != crazyflie_channel(one.name)}
@@ -312,7 +313,7 @@ def _word(name: str, pattern: re.Pattern[str] = re.compile(r"[^A-Za-z0-9_-]+")) 
 
 
 def _free(device: str, taken: Container[str]) -> str:
-    """Return a device's name, longer where another one has it."""
+    """Return a device's name, with underscores appended while another device has it."""
     while device in taken:
         device += "_"
     return device

@@ -1,4 +1,4 @@
-"""A recording as it is converted: the series of a run's devices, or of a file that another program wrote."""
+"""Read a recording to convert it: the series of a run's devices, or of a file that another program wrote."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from cfid.records.tables.schema import Foreign, refuse_for_run
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Recording:
-    """Series with raw numbers in the units of whoever recorded them; `origin` are texts that files keep with them."""
+    """Series of raw numbers in the units of whoever recorded them; `origin` has texts that converted files keep."""
 
     name: str
     series: tuple[Series, ...]
@@ -25,7 +25,7 @@ class Recording:
 
 
 def recording_at(path: Path, reading: Foreign) -> Recording:
-    """Read a run folder, or a file of any kind. Raises DataError or ConfigError as its reader."""
+    """Read a run folder, or a file of any kind. Raises DataError or ConfigError as the reader of that kind."""
     if path.is_dir():
         refuse_for_run(path, reading)
         return _of_run(read_run(path))

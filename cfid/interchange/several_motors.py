@@ -1,4 +1,4 @@
-"""Refuses to import a stand's recording of several motors, which a run does not tell apart."""
+"""Refuse to import a stand's recording of several motors, which a run cannot distinguish."""
 
 from cfid.errors import CfidError, ConfigError
 from cfid.records.tables.schema import Foreign
@@ -14,7 +14,7 @@ _OWN_FILE = (
 def of_one_motor(table: CsvTable, reading: Foreign) -> tuple[str, ...]:
     """Return the settings that name columns. Raises ConfigError for rows of several motors, unless COLUMN=* takes all.
 
-    What else a fit would refuse is imported all the same.
+    A recording that a fit would refuse for any other reason is imported all the same.
     """
     chosen = with_rows(table, [one for one in reading.columns if "=" in one])
     if chosen.notes:

@@ -29,7 +29,7 @@ _EXACT_INTEGER = 2.0**53
 
 
 def write_csv(series: Series, recording: Recording, path: Path) -> None:
-    """Write one series as a CSV file with a header; a number that is missing is `nan`."""
+    """Write one series as a CSV file with a header; a missing number is written as `nan`."""
     with path.open("x", encoding="utf-8", newline="") as file:
         csv.writer(file, lineterminator="\n").writerow([TIME, *series.names])
         for block in series.blocks():
@@ -38,7 +38,7 @@ def write_csv(series: Series, recording: Recording, path: Path) -> None:
 
 
 def write_parquet(series: Series, recording: Recording, path: Path) -> None:
-    """Write one series as a Parquet file; units are metadata of the fields, the origin that of the file.
+    """Write one series as a Parquet file; units are metadata of the fields, the origin is metadata of the file.
 
     Raises ConfigError without pyarrow.
     """
@@ -56,24 +56,24 @@ def write_parquet(series: Series, recording: Recording, path: Path) -> None:
 
 
 def write_mat(recording: Recording, path: Path) -> None:
-    """Write a MATLAB file of version 5: a variable for every column, with the series' name before it where several.
+    """Write a MATLAB file of version 5: a variable for each column, after its series' name if there are several.
 
-    The struct `cfid_origin` has the origin, and of every variable the name and the unit that the recording has.
+    The struct `cfid_origin` has the origin, and for each variable the name and the unit in the recording.
     Raises DataError where a column is larger than the format allows.
     """
     columns = _Columns(recording)
     try:
         with path.open("xb") as file:
             savemat(file, columns, oned_as="column")
-    except (ValueError, OverflowError, TypeError) as fault:  # of scipy: beyond 2 GB a variable, 4 GB in all
+    except (ValueError, OverflowError, TypeError) as fault:  # SciPy's: beyond 2 GB per variable, or 4 GB in all
         raise DataError(f"{path}: a MATLAB file of version 5 cannot hold this: {fault}. Use `to` parquet.") from None
 
 
 def write_mcap(recording: Recording, path: Path) -> None:
-    """Write an MCAP file: a topic for every series, JSON messages with their JSON schema, one a row.
+    """Write an MCAP file: a topic with a JSON schema for each series, and a JSON message for each row.
 
-    A number that is not finite is a text: "NaN", "Infinity", "-Infinity". Raises ConfigError without mcap, DataError
-    for times before zero, which the format does not have.
+    A number that is not finite is written as text: "NaN", "Infinity", "-Infinity". Raises ConfigError without mcap,
+    DataError for times before zero, which the format cannot hold.
     """
     mcap = optional_library("mcap.writer", extra="mcap", what="an MCAP file")
     with path.open("xb") as file:
@@ -95,7 +95,7 @@ def write_mcap(recording: Recording, path: Path) -> None:
 
 
 class _Columns(Mapping[str, Any]):
-    """The variables of a MATLAB file; each is read when it is written, so that one is in memory at a time."""
+    """The variables of a MATLAB file; each is read when it is written, so that only one at a time is in memory."""
 
     def __init__(self, recording: Recording) -> None:
         several = len(recording.series) > 1
@@ -129,7 +129,7 @@ def _units(series: Series) -> list[str]:
 
 
 def _whole(column: Array) -> Any:
-    """Return whole numbers as integers, so that they are written without a point."""
+    """Return a column of whole numbers as integers, so that they are written without a decimal point."""
     exact = np.isfinite(column) & (np.abs(column) < _EXACT_INTEGER) & (column == np.rint(column))
     return column.astype(np.int64) if exact.all() and not np.signbit(column[column == 0]).any() else column
 
@@ -140,7 +140,7 @@ def _matlab_name(name: str) -> str:
 
 
 def _different(names: list[str]) -> list[str]:
-    """Return names of which a repeated one gets a number."""
+    """Return the names, with a number appended to each repeated one."""
     found: list[str] = []
     for name in names:
         number, word = 2, name
