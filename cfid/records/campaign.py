@@ -54,7 +54,7 @@ class Campaign(BaseModel):
     def runs(self, *, kind: str | None = None, complete: bool = True) -> list[Run]:
         """Return the readable runs, oldest first, by default only complete ones that are not excluded.
 
-        `kind` is one of `cfid runs`, such as `swing`, `thrust` or `ping`, and `sine` for sines of every l.
+        `kind` is one that `cfid runs` lists, such as `swing`, `thrust` or `ping`; `sine` covers the sines of every l.
         """
         found = (run for run in list_runs(self.runs_folder) if isinstance(run, Run))
         return [
@@ -62,7 +62,7 @@ class Campaign(BaseModel):
         ]
 
     def run(self, name: str) -> Run:
-        """Return a run by its name, by a pattern that one name matches, as `last`, or as `last KIND`.
+        """Return a run by its name, by a pattern that matches one name, or by `last` or `last KIND`.
 
         `last` considers complete runs that are not excluded. Raises ConfigError when no run matches, or several do.
         """
@@ -86,7 +86,7 @@ class Campaign(BaseModel):
 
         Raises DataError when parameters.toml is invalid.
         """
-        from pandas import DataFrame  # a command that opens a campaign must not wait for it
+        from pandas import DataFrame  # a command that opens a campaign must not wait for this import
 
         rows = [
             (one.name, one.value, one.std, parameter.unit, name, key not in section.rejected, section.found)
@@ -104,10 +104,10 @@ class Campaign(BaseModel):
         force: bool = False,
         options: Mapping[str, Any] | None = None,
     ) -> Path:
-        """Keep a result in parameters.toml and fits/, and return the path of the latter.
+        """Keep a result in parameters.toml and fits/, and return the path of its file in fits/.
 
-        Rejected quantities are kept only with `force`, and marked, and so are those that the rig's platform cannot
-        have. `options` are those of the command that differ from its defaults; a fit made in Python states none. Raises
+        Rejected quantities, and those that the rig's platform cannot have, are kept only with `force`, and are marked.
+        `options` are the command's options that differ from their defaults; a fit made in Python has none. Raises
         RejectedError when a quantity that the analysis is for was rejected and `force` is not set; ConfigError when a
         file cannot be written, DataError when run.toml of a run cannot be read.
         """
@@ -132,7 +132,7 @@ class Campaign(BaseModel):
         return keep_fit(self.fits_folder, fit)
 
     def remember_rejected(self, result: Result) -> None:
-        """Keep why a fit was rejected whole, without its numbers, so that who asks what comes next does not repeat it.
+        """Keep why a fit was rejected as a whole, without its numbers, so that it is not suggested as the next step.
 
         Raises ConfigError when the file cannot be written.
         """
@@ -140,7 +140,7 @@ class Campaign(BaseModel):
         self._remember(result.section_name, section)
 
     def remember_refused(self, section: str, reason: str) -> None:
-        """Keep why a fit of all usable runs gave nothing, which holds as long as these stay as they are.
+        """Keep why a fit of all usable runs gave no result; the reason holds until one of these runs changes.
 
         Raises DataError or ConfigError when a run cannot be read or the file cannot be written.
         """
@@ -164,7 +164,7 @@ class Campaign(BaseModel):
         store_section(self._rejected_file, name, section)
 
     def rejected_sections(self) -> dict[str, Section]:
-        """Return, by fit, the last one rejected whole, without numbers. Raises DataError for an invalid file."""
+        """Return, by fit, the last section rejected as a whole, without numbers. Raises DataError if it is invalid."""
         return load_sections(self._rejected_file)
 
     @property
@@ -172,7 +172,7 @@ class Campaign(BaseModel):
         return self.fits_folder / "rejected.toml"
 
     def _section_of(self, given: Result, result: Result) -> Section:
-        """Return what is kept of a result, `given` being the part of it that is."""
+        """Return the section that stores a result; `given` is the part of the result that is kept."""
         sources = tuple(Source(self._path_in(source.path), source.sha256) for source in given.sources)
         runs = (run_at(self.runs_folder / name) for name in runs_of(sources))
         return Section(
@@ -192,7 +192,7 @@ class Campaign(BaseModel):
         )
 
     def _path_in(self, path: str) -> str:
-        """Return a path relative to the campaign's folder where it lies inside, else an absolute path, or address."""
+        """Return a path relative to the campaign's folder where it lies inside, else absolute; a URL stays as it is."""
         if "://" in path:
             return path
         there, folder = Path(path).resolve(), self.folder.resolve()
@@ -219,7 +219,7 @@ def open_campaign(folder: str | Path | None = None) -> Campaign:
 def find_campaign(folder: Path | None, *, start: Path | None = None) -> Campaign | None:
     """Open the campaign in `folder`, else the nearest one at or above `start` or the current folder, else None.
 
-    Raises ConfigError when a folder was named that holds no rig.toml, and where the current folder is gone.
+    Raises ConfigError when `folder` holds no rig.toml, or when the current folder no longer exists.
     """
     if folder is not None:
         return Campaign(folder=folder, rig=load_rig(folder / RIG_FILE))

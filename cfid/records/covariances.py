@@ -13,7 +13,7 @@ from typing import Any
 from cfid.quantities.values import ENTRIES
 
 _SYMMETRIC = ("inertia.matrix_kg_m2",)
-_ROUNDING = 1e-6  # of the geometric mean of two variances
+_ROUNDING = 1e-6  # relative to the geometric mean of two variances
 
 
 @dataclass(frozen=True)

@@ -81,7 +81,7 @@ class Devices(RigTable):
 
     @model_validator(mode="after")
     def _find_same_ports(self) -> Self:
-        """Let devices that send lines know who has their port: one board may serve two, in recordings of their own."""
+        """Give devices that send lines the names of others at their port: a board may serve two, in separate runs."""
         ports = {
             f"devices.{name}": Path(one.port).resolve()
             for name in type(self).model_fields

@@ -7,7 +7,7 @@ from cfid.errors import ConfigError
 
 
 def optional_library(module: str, *, extra: str, what: str) -> ModuleType:
-    """Import a library of an extra. Raises ConfigError that names the extra, where it is not installed."""
+    """Import a library of an extra. Raises a ConfigError that names the extra where the library is not installed."""
     try:
         return import_module(module)
     except ImportError:

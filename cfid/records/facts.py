@@ -23,13 +23,13 @@ class LoadCellMount(RigTable):
     """How the vehicle is mounted on the load cell.
 
     `yaw_deg` turns the cell's readings into the vehicle's frame, positive counterclockwise seen from above: a vector
-    in the vehicle's frame (x to the nose, y left) is Rz(+yaw) times the one in the cell's. It is how far the cell's x
-    axis lies left of the nose. `arm_mm` is from the cell's z axis to a motor's axis. With `flip_fz` Fz and Tz count
-    downwards.
+    in the vehicle's frame (x to the nose, y left) is Rz(+yaw) times the one in the cell's. It is the angle by which the
+    cell's x axis lies left of the nose. `arm_mm` is the distance from the cell's z axis to a motor's axis. With
+    `flip_fz`, Fz and Tz count downwards.
 
-    `gain` has the readings of Fx, Fy, Fz, Tx, Ty, Tz over their loads, by which readings are divided. `..._std` are
-    standard uncertainties: `gain_std` of these, `linearity_std` relative to the load, `cross_talk_std` of the part of
-    a force that another axis shows, and `cross_talk_std_nm_per_n` of the torque that the cell shows of a force.
+    `gain` has the ratio of reading to load for Fx, Fy, Fz, Tx, Ty, Tz; readings are divided by it. `..._std` are
+    standard uncertainties: `gain_std` of the gains, `linearity_std` relative to the load, `cross_talk_std` of the part
+    of a force that another axis shows, and `cross_talk_std_nm_per_n` of the torque that the cell shows for a force.
     """
 
     yaw_deg: Number | None = None
@@ -60,7 +60,7 @@ class Scales(RigTable):
 class WindStand(RigTable):
     """Where the wind generator stands: its azimuth about z, counted to the right of the nose.
 
-    `yaw_deg` replaces that of the load cell where the vehicle is mounted otherwise in wind. `speed_scale_std` is the
+    `yaw_deg` replaces that of the load cell where the vehicle is mounted differently for wind. `speed_scale_std` is the
     relative standard uncertainty of the anemometer.
     """
 
@@ -71,7 +71,7 @@ class WindStand(RigTable):
 
 
 class LabBook(RigTable):
-    """Who records, and with what: text of the operator's, which no fit reads."""
+    """Who records, and with what: text by the operator, which no fit reads."""
 
     operator: str | None = None
     battery: str | None = None
@@ -80,7 +80,7 @@ class LabBook(RigTable):
 
 
 class RigFacts(RigTable):
-    """All such facts, under the names of rig.toml's tables."""
+    """All facts of a rig, under the names of rig.toml's tables."""
 
     loadcell: LoadCellMount = LoadCellMount()
     tachometer: Tachometer = Tachometer()
@@ -94,7 +94,7 @@ class RigFacts(RigTable):
         return self.loadcell.yaw_deg if self.wind.yaw_deg is None else self.wind.yaw_deg
 
     def over(self, facts: "RigFacts") -> "RigFacts":
-        """Return `facts` with those that are stated here in their place."""
+        """Return `facts` with the facts that are stated here in place of its own."""
         mine = {name: getattr(facts, name).model_copy(update=table) for name, table in self.stated.items()}
         return facts.model_copy(update=mine)
 

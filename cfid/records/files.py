@@ -17,7 +17,7 @@ from pydantic import ValidationError
 
 from cfid.errors import CfidError, DataError
 
-_BEGINNING = 50  # characters of a name, of four bytes each at most: names of files have 255 bytes
+_BEGINNING = 50  # characters of a name, at most four bytes each: a file's name has at most 255 bytes
 _LARGEST = 1 << 26  # bytes
 _DEEPEST = 100  # tables and lists inside each other
 
@@ -26,13 +26,13 @@ def write_whole(path: Path, content: bytes) -> None:
     """Write a file atomically: a crash leaves the old content or the new one, never a part.
 
     The temporary file is in the same folder, since a rename is atomic only within one file system. Its name cannot be
-    foretold, so that nobody plants a link there. An existing file keeps its permissions, and a symbolic link stays a
-    link. Raises OSError, also for a pipe or a device, which a file would replace.
+    predicted, so that nobody can plant a link there. An existing file keeps its permissions, and a symbolic link stays
+    a link. Raises OSError, also for a pipe or a device, which the file would replace.
     """
     path = resolved(path)
     with contextlib.suppress(FileNotFoundError):
         check_regular(path)
-    if path.is_dir():  # the root has no name of which a temporary one could be made
+    if path.is_dir():  # the root has no name from which a temporary one could be made
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     temporary = path.with_name(f".{path.name[:_BEGINNING]}.{secrets.token_hex(8)}.tmp")
     try:
@@ -59,9 +59,9 @@ def resolved(path: Path) -> Path:
 
 
 def write_new(path: Path, content: bytes) -> None:
-    """Write a file that does not exist; where that fails, as on a full disk, there is none afterwards.
+    """Write a file that does not exist yet; where that fails, as on a full disk, no part of it is left behind.
 
-    Raises FileExistsError, which leaves it as it is, or any other OSError.
+    Raises FileExistsError, where the existing file stays as it is, or any other OSError.
     """
     with path.open("xb") as file:
         try:
@@ -76,7 +76,7 @@ def write_new(path: Path, content: bytes) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Flush a folder's names to the disk, where the system can: a rename then outlives a power cut."""
+    """Flush a folder's names to the disk, where the system can, so that a rename survives a power cut."""
     with contextlib.suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
         try:
@@ -93,7 +93,7 @@ def check_regular(path: Path) -> None:
 
 
 def read_small(path: Path) -> bytes:
-    """Return the content of a file that people or cfid write. Raises OSError, also for one of more than 64 MB."""
+    """Return the content of a file that people or cfid write. Raises OSError, also for a file of more than 64 MB."""
     check_regular(path)
     with path.open("rb") as file:
         content = file.read(_LARGEST + 1)
@@ -103,7 +103,7 @@ def read_small(path: Path) -> bytes:
 
 
 def lies_in(folder: Path, path: Path) -> bool:
-    """Return whether a path lies in a folder, all links followed; no such path exists with a zero byte or a loop."""
+    """Return whether a path lies in a folder, following all links; False for a zero byte in it, or a loop of links."""
     try:
         return path.resolve().is_relative_to(folder.resolve())
     except (OSError, ValueError, RuntimeError):
@@ -134,7 +134,7 @@ def toml_bytes(content: Mapping[str, Any]) -> bytes:
 
 
 def check_format(path: Path, found: Any, *, newest: int) -> None:
-    """Raise DataError for a file's format that is no whole number, or newer than the newest that this version reads."""
+    """Raise DataError for a format that is not a whole number from 1 to the newest that this version of cfid reads."""
     if not isinstance(found, int) or isinstance(found, bool) or found < 1:
         raise DataError(f"{path}: format: should be a whole number from 1 to {newest}.")
     if found > newest:
@@ -165,7 +165,7 @@ def locked_folder(folder: Path) -> Iterator[None]:
 
 
 def held(path: Path) -> FileIO:
-    """Make a file and lock it until it is closed, which the kernel does when this process ends, in whatever way.
+    """Create a file and lock it until it is closed; the kernel closes it, however this process ends.
 
     Systems without such a lock leave it unlocked. Raises OSError.
     """
@@ -178,7 +178,7 @@ def held(path: Path) -> FileIO:
 
 
 def is_held(path: Path) -> bool:
-    """Return whether a process holds a file; False too where that cannot be known, as over some network drives."""
+    """Return whether a process has locked a file; also False where that is unknown, as on some network drives."""
     try:
         import fcntl
 
@@ -214,7 +214,7 @@ def read_toml(path: Path, error: type[CfidError]) -> dict[str, Any]:
 
 
 def _check_depth(content: Any, left: int) -> None:
-    """Raise RecursionError for tables and lists nested deeper than any of cfid's, which could not be written again."""
+    """Raise RecursionError for tables and lists nested deeper than any of cfid's; they could not be written again."""
     if not left:
         raise RecursionError
     for part in content.values() if isinstance(content, dict) else content:
@@ -251,7 +251,7 @@ def _key(fault: Mapping[str, Any], content: Mapping[str, Any]) -> str:
             known.append(str(part))
             here = there.get(part)
     key = ".".join(known) or "(top)"
-    return key if key.isprintable() else repr(key)  # a newline in it would pass for a line of cfid's own
+    return key if key.isprintable() else repr(key)  # a newline in it would make the rest look like a line of cfid's own
 
 
 def _reason(kind: str, message: str) -> str:

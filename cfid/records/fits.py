@@ -19,15 +19,15 @@ from cfid.findings import Finding, rejection, warning
 from cfid.records.files import check_format, check_regular, locked_folder, read_small, write_whole
 from cfid.records.parameters import Section, plain, section_fault, with_current_keys
 
-FORMAT = 3  # format 1 had no format number, and sentences without codes; format 2 no options
+FORMAT = 3  # format 1 had no format number, and sentences without codes; format 2 had no options
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
-    """A fit: name of its section, command, and results; the figures' paths are relative to the campaign.
+    """A fit: its section's name, its command and its results; the figures' paths are relative to the campaign.
 
-    `quality` and `findings` are those of --json, `lines` the further lines of the terminal output. `options` are those
-    of its command that differ from their defaults, by name; None where nobody stated them.
+    `quality` and `findings` are those of --json, `lines` the further lines of the terminal output. `options` are the
+    command's options that differ from their defaults, by name; None where they are unknown.
     """
 
     name: str
@@ -41,7 +41,7 @@ class Fit:
 
     @property
     def hashes(self) -> frozenset[str]:
-        """The hashes of its sources: two fits with the same set are of one measurement."""
+        """The hashes of the fit's sources: two fits with the same set are of the same measurement."""
         return frozenset(source.sha256 for source in self.section.sources)
 
 
@@ -65,7 +65,7 @@ def keep_fit(folder: Path, fit: Fit) -> Path:
 
 
 def rewritten(path: Path) -> bytes | None:
-    """Return a fit's file in the current format, None where it has that. Raises DataError when it cannot be read."""
+    """Return a fit's file in the current format, None where it is current. Raises DataError when it cannot be read."""
     content = _as_json(_read(path))
     try:
         return None if f'"format": {FORMAT}'.encode() in path.read_bytes()[:40] else content
@@ -92,7 +92,7 @@ def list_fits(folder: Path) -> list[Fit | DataError]:
 
 @cache
 def _validator() -> TypeAdapter[Fit]:
-    """Return what validates a fit; making it takes longer than a file's validation."""
+    """Return the validator of fits, cached since creating it takes longer than validating a file."""
     return TypeAdapter(Fit)
 
 
@@ -114,7 +114,7 @@ def _read(path: Path) -> Fit:
 
 
 def _content(path: Path) -> Any:
-    """Return a file's content with current keys. Raises DataError for a format, ValueError for no JSON."""
+    """Return a file's content with current keys. Raises DataError for its format, ValueError for invalid JSON."""
     check_regular(path)
     content = from_json(read_small(path))
     if not isinstance(content, dict):
@@ -131,7 +131,7 @@ def _content(path: Path) -> Any:
 
 
 def _with_sentences(findings: Any) -> Any:
-    """Return findings of a file as the class has them: the text with all places is the sentence."""
+    """Return a file's findings as the class has them: `text`, which names all places, becomes `sentence`."""
     if not isinstance(findings, list) or not all(isinstance(one, dict) for one in findings):
         return findings
     return [{"sentence" if key == "text" else key: value for key, value in one.items()} for one in findings]

@@ -1,4 +1,4 @@
-"""Which files of a campaign no result replaces: what was recorded, typed or fitted, and cannot be made again."""
+"""Protect files of a campaign that cannot be made again: what was recorded, typed or fitted."""
 
 import os
 from pathlib import Path
@@ -11,9 +11,9 @@ from cfid.records.run import RUN_FILE
 
 
 def refuse_kept(path: Path) -> None:
-    """Raise ConfigError for a file among a campaign's fits, and an existing rig.toml, parameters.toml or file of a run.
+    """Raise ConfigError for a file in a fits folder, or an existing rig.toml, parameters.toml or file of a run.
 
-    Links are followed, as where a file is written. Raises OSError where one cannot be followed.
+    Links are followed, as they are when a file is written. Raises OSError where one cannot be followed.
     """
     target, named = resolved(path), Path(os.path.normpath(path.absolute()))
     folders = {folder for place in (target, named) for folder in place.parents}

@@ -12,22 +12,22 @@ from cfid.records.run import Run, RunHeader
 
 _KNOWN = tuple(LabBook.model_fields)
 _COLDEST_C, _WARMEST_C = -90.0, 60.0  # of air on Earth
-_SHORTEST = 4  # letters of a key that begins a known one
+_SHORTEST = 4  # letters that a key needs to count as the beginning of a known one
 _ENTRY = re.compile(r"\s*([a-z][a-z_0-9]*)\s*=\s*(\S.*?)\s*", re.IGNORECASE)
 _WITHOUT_VALUE = re.compile(r"\s*([a-z][a-z_0-9]*)\s*=\s*", re.IGNORECASE)
 
 
 def entries(header: RunHeader) -> dict[str, str]:
-    """Return a run's entries by key: those of rig.toml at the time, and over them those of its note, the last first.
+    """Return a run's entries by key: those of rig.toml at the time, overridden by those of the run's note.
 
-    A note may have several, with semicolons between: `battery=B3; operator=Kim`.
+    A note may have several, separated by semicolons: `battery=B3; operator=Kim`. The last one for a key counts.
     """
     stated = {key: f"{value:g}" if isinstance(value, float) else str(value) for key, value in _stated(header).items()}
     return stated | dict(_entries(header.label.note or ""))
 
 
 def check(note: str) -> None:
-    """Raise ConfigError for a key without a value, a value without a key, no temperature of air, or a misspelt key."""
+    """Raise ConfigError for a key or value without the other, an impossible air temperature or a misspelt key."""
     for part in note.split(";"):
         if empty := _WITHOUT_VALUE.fullmatch(part):
             raise ConfigError(
@@ -72,7 +72,7 @@ def _entries(note: str) -> list[tuple[str, str]]:
 
 
 def _meant(key: str) -> str:
-    """Return the known key that another looks like or begins, "" for none."""
+    """Return the known key that a key resembles or is the beginning of, "" for none."""
     begun = [known for known in _KNOWN if len(key) >= _SHORTEST and known.startswith(key)]
     return next(iter(begun or get_close_matches(key, _KNOWN, n=1)), "")
 

@@ -1,4 +1,4 @@
-"""rig.toml's devices that send lines of text: where they are, and what the values of a line mean; no port."""
+"""Describe devices that send lines of text, as rig.toml has them: their ports, and what a line's values mean."""
 
 import math
 import re
@@ -25,7 +25,7 @@ _RADIANS = {_COUNTS: math.nan, "deg": math.pi / 180, "rad": 1.0}  # counts: enco
 
 
 class LineValue(RigTable):
-    """A value of a line: what it measures, and the unit that its number times `scale` has.
+    """A value of a line: what it measures, and the unit of its number times `scale`.
 
     With `arm_mm`, the distance from a torque's axis to where a force is measured, that force gives the torque.
     """
@@ -37,9 +37,9 @@ class LineValue(RigTable):
 
 
 class LineDevice(RigTable):
-    """A device that sends lines unprompted, `rate_hz` a second; a `pattern` has a group for each value."""
+    """A device that sends `rate_hz` lines a second unprompted; a `pattern` has a group for each value."""
 
-    units: ClassVar[dict[str, dict[str, float]]]  # of each name, the usual one first, in that of the run's column
+    units: ClassVar[dict[str, dict[str, float]]]  # by value's name; sizes in the column's unit, usual one first
 
     kind: Literal["lines"]
     port: str = Field(min_length=1)
@@ -92,11 +92,11 @@ class LineDevice(RigTable):
         return self.units[value.name] if value.arm_mm is None else _NEWTONS
 
     def unit(self, value: LineValue) -> str:
-        """Return the unit that a number of a value has times its scale."""
+        """Return the unit of a value's number times its scale."""
         return value.unit or next(iter(self._units(value)))
 
     def factor(self, value: LineValue) -> float:
-        """Return what a number of a value is multiplied by for its column."""
+        """Return the factor by which a value's number is multiplied for its column."""
         if value.name in _TICKS_US:
             return _TICKS_US[value.name]
         if self.unit(value) == _COUNTS:
@@ -136,7 +136,7 @@ class LineDevice(RigTable):
         return LineReader(kinds, pattern=self.pattern)
 
     def share_port(self, *names: str) -> None:
-        """Note which other tables of rig.toml, as devices.encoder, have its port."""
+        """Keep the names of the other tables of rig.toml, such as devices.encoder, that have the same port."""
         self._at_the_same_port = names
 
     def unmatched(self, name: str) -> str:
@@ -167,12 +167,12 @@ class EncoderLines(LineDevice):
         return self.unit(self.measured[0]) == _COUNTS
 
     def turn(self, counts_per_turn: float | str) -> float | str:
-        """Return a turn in the unit of the recorded angle: counts as `encoder.counts_per_turn` has them, or radians."""
+        """Return a full turn in the unit of the recorded angle: `encoder.counts_per_turn` for counts, else radians."""
         return counts_per_turn if self.counted else math.tau
 
 
 class LoadCellLines(LineDevice):
-    """A load cell of one axis or several: forces, and torques, measured as such or as a force at an arm."""
+    """A load cell with one or more axes: forces and torques, where a torque may be measured as a force at an arm."""
 
     units: ClassVar[dict[str, dict[str, float]]] = {
         **dict.fromkeys(("Fx", "Fy", "Fz"), _NEWTONS),
@@ -183,7 +183,7 @@ class LoadCellLines(LineDevice):
 class TachometerLines(LineDevice):
     """A tachometer, and how many `markers` it counts in one turn of a rotor: 1 where it sends turns of the rotor.
 
-    This has no default: marks on both blades double the speed, and nothing in a reading shows it.
+    `markers` has no default: markers on both blades double the reported speed, and no reading shows it.
     """
 
     markers: Annotated[int, Field(strict=True, ge=1)]

@@ -24,7 +24,7 @@ SpreadVector = tuple[Spread, Spread, Spread]
 
 
 class BodyFrame(RigTable):
-    """Which body axis points forward, left and up."""
+    """Which body axes point forward, left and up."""
 
     forward: BodyAxis = "x"
     left: BodyAxis = "y"
@@ -43,7 +43,7 @@ class BodyFrame(RigTable):
         return self
 
     def turned(self, vector: Sequence[float]) -> Vector:
-        """Return a vector (3,) of the body frame with its parts forward, left and up; nothing is rounded."""
+        """Return the forward, left and up components of a vector (3,) of the body frame, without rounding."""
         forward, left, up = (
             (-1 if axis.startswith("-") else 1) * vector["xyz".index(axis[-1])] + 0.0
             for axis in (self.forward, self.left, self.up)
@@ -58,10 +58,10 @@ def _unit(axis: BodyAxis) -> tuple[int, int, int]:
 
 
 class ThreadPair(RigTable):
-    """Two threads of one length that a body hangs on: their distance from each other above and below, and the length.
+    """Two threads of equal length that a body hangs on: their distance from each other above and below, and the length.
 
-    The vertical through the centre of mass lies in the middle between them, above and below, but for an error along the
-    line that joins them, of standard uncertainty `centre_std_mm`.
+    The vertical through the centre of mass passes midway between the threads, above and below, except for an error
+    along the line that joins them, of standard uncertainty `centre_std_mm`.
     """
 
     above_mm: Positive
@@ -88,10 +88,11 @@ class ThreadPair(RigTable):
 
     @property
     def off_centre(self) -> tuple[float, float]:
-        """What the threads lose of their torque, relatively, as the one nearer the centre of mass carries more.
+        """The relative loss of the threads' torque, as the one nearer the centre of mass carries more: mean and std.
 
-        Threads x and y from it below have x y where those of the middle have a quarter of the square of the distance:
-        the mean over the error of the centre, whatever its side, and its standard uncertainty.
+        The torque is proportional to x y, with lower ends at the distances x and y from the centre. A body centred
+        between them has a quarter of the square of their distance instead. The mean is over the error of the centre,
+        to either side.
         """
         mean = (2 * self.centre_std_mm / self.below_mm) ** 2
         return mean, math.sqrt(2) * mean
@@ -100,11 +101,11 @@ class ThreadPair(RigTable):
 class Mount(RigTable):
     """One way of fixing a body to the swing's axis: a point on the axis and its direction.
 
-    With `threads` it hangs on two of them instead and turns about the vertical: `direction` is then that of the
-    vertical through the centre of mass, and a point is not needed.
+    With `threads` the body hangs on two threads instead and turns about the vertical: `direction` is then that of the
+    vertical through the centre of mass, and no point is needed.
 
-    The thesis measures the distance of its xy mount along another direction than it solves the tensor with (C.1.7
-    against C.1.4), so the direction for the distance may differ; it defaults to `direction`. `point_yaw_deg` turns the
+    The thesis measures the distance of its xy mount along a different direction (C.1.7) from the one that it uses for
+    the tensor (C.1.4), so `distance_direction` may differ; it defaults to `direction`. `point_yaw_deg` turns the
     frame in which the point was measured about z, so that numbers read along an arm can be entered as read.
     """
 

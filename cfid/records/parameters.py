@@ -43,7 +43,7 @@ class Parameter:
         return {"value": plain(self.value), "std": plain(self.std), "unit": self.unit}
 
     def numbers(self, key: str) -> Iterator[Number]:
-        """Yield its numbers one by one, named by its key as in `cfid.quantities`."""
+        """Yield the parameter's numbers one by one, named by its key as in `cfid.quantities`."""
         return numbers(key, plain(self.value), plain(self.std))
 
 
@@ -59,14 +59,14 @@ class Source:
 class Section:
     """The results of one fit.
 
-    `covariance` covers the numbers of its parameters; a parameter in none of them has independent numbers. `common`
-    has for each cause that other fits share the change of parameters per standard uncertainty of the cause, in the
-    order of `numbers_of`; the parameters' uncertainty includes it. `accepted` is false when a quantity that the fit is
-    for was rejected. `rejected` has the reason for each rejected parameter, which is present only where it was kept
-    nevertheless. `rig` is what rig.toml stated then of what the fit rests on, by its keys, and `facts` are numbers
-    under such keys that the fit took from what its recordings state, or from an option. `suspects` are the mounts
-    whose recordings contradict each other or the others, or the one run that does. `runs` has for each of the
-    campaign's runs a checksum of what its run.toml stated.
+    `covariance` covers numbers of the parameters; a parameter in none of its matrices has independent numbers. For
+    each cause that the fit shares with others, `common` has the change of parameters per standard uncertainty of the
+    cause, in the order of `numbers_of`; the parameters' uncertainties include it. `accepted` is false when a quantity
+    that the fit is for was rejected. `rejected` has the reason for each rejected parameter; such a parameter is
+    present only where it was kept nevertheless. `rig` is what rig.toml stated at the time about what the fit rests on,
+    under rig.toml's keys; `facts` are numbers under such keys that the fit took from its recordings or from an option.
+    `suspects` are the mounts whose recordings contradict each other or those of other mounts, or the single run that
+    contradicts the others. `runs` has a checksum of what run.toml stated for each of the fit's runs in the campaign.
     """
 
     method: str
@@ -122,7 +122,7 @@ def store_section(path: Path, name: str, section: Section) -> None:
 
 
 def change_section(path: Path, name: str, change: Callable[[Section | None], Section]) -> None:
-    """Replace one section by the result of `change`, which gets None where there is none yet; else as `store_section`.
+    """Replace one section by what `change` returns for it, or for None where it is new. Raises as `store_section`.
 
     The folder is locked meanwhile, so that no other cfid process writes the file.
     """
@@ -158,7 +158,7 @@ def with_current_keys(table: Any) -> Any:
 
 @cache
 def _validator() -> TypeAdapter[dict[str, Section]]:
-    """Return what validates sections; making it takes longer than a file's validation."""
+    """Return the validator of sections, cached since creating it takes longer than validating a file."""
     return TypeAdapter(dict[str, Section])
 
 
@@ -237,7 +237,7 @@ def _row(parameter: Parameter) -> dict[str, Any]:
 
 
 def _for_toml(value: Any) -> Value:
-    """Convert like `plain`, but to nan where a number is unknown: TOML has nan and no null."""
+    """Convert like `plain`, but turn unknown numbers into nan: TOML has nan, but no null."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, Mapping):

@@ -12,14 +12,14 @@ from cfid.records.parameters import Parameter, plain
 from cfid.records.result import Result
 from cfid.records.rig_file import Rig
 
-LARGER_MOTOR = "motor-of-larger-vehicle"  # the code of a recording of a motor that drives no small quadrocopter
+LARGER_MOTOR = "motor-of-larger-vehicle"  # code: the recording is of a motor too large for a small quadrocopter
 _BY_PLATFORM = (
     "implausible",
     "implausible-input",
     "speed-unusual",
     "flight-moment-unlike-arm",
 )  # codes of what a quadrocopter cannot have
-_ALIKE = {  # what rests on the same force, arm, wind or line through stamps
+_ALIKE = {  # quantities that rest on the same force, arm, wind or line through stamps
     "motor.thrust_poly": (
         "motor.command_of_thrust", "motor.max_thrust_n", "motor.hover_mass_kg", "motor.thrust_voltage_poly",
         "motor.thrust_per_speed_squared_n_s2", "motor.thrust_speed_poly",
@@ -28,8 +28,8 @@ _ALIKE = {  # what rests on the same force, arm, wind or line through stamps
     "drag.simple_kg_per_rad": ("drag.*",),
     "latency.clock_skew": ("latency.clock_offset_s",),
 }  # fmt: skip
-_SAYS_NOTHING = "-not-excited"  # ends the codes of quantities that a recording does not show at all
-_BACKWARDS = ("flight-rotors-turn-back", "flight-wrong-way")  # codes of a wrong sign, which is no matter of platform
+_SAYS_NOTHING = "-not-excited"  # ends codes of quantities that a recording does not show at all
+_BACKWARDS = ("flight-rotors-turn-back", "flight-wrong-way")  # codes of a wrong sign, for any platform
 _OTHERWISE = 'For another kind of body write platform = "other" under [vehicle] in rig.toml (`cfid new` makes one).'
 
 
@@ -45,8 +45,8 @@ class Given(NamedTuple):
 def judged(result: Result, rig: Rig | None) -> Result:
     """Return a result with a rejection of each quantity that the rig's platform cannot have.
 
-    A rig of any body takes back the rejections that rest on what a quadrocopter can have; so does a recording of a
-    larger motor, where no rig states the vehicle.
+    For the platform `other`, rejections that rest on what a quadrocopter can have are withdrawn. The same holds for a
+    recording of a larger motor where no rig states the vehicle.
     """
     own = tuple(one for one in result.findings if one.code not in _BY_PLATFORM)
     larger = rig is None and any(one.code == LARGER_MOTOR for one in result.findings)
@@ -60,7 +60,7 @@ def judged(result: Result, rig: Rig | None) -> Result:
 
 
 def implausible_quantities(quantities: Mapping[str, Parameter], rig: Rig | None) -> tuple[Finding, ...]:
-    """Return a rejection for each quantity outside what the rig's platform can have, and for what has its inputs."""
+    """Return a rejection of each quantity that the rig's platform cannot have, and of those with the same inputs."""
     return _implausible(quantities, platform_of(rig))
 
 
@@ -75,7 +75,7 @@ def _implausible(quantities: Mapping[str, Parameter], platform: Platform) -> tup
 
 
 def implausible_inputs(given: Iterable[Given], rig: Rig | None, *resting: str) -> tuple[Finding, ...]:
-    """Return a rejection of the quantities that rest on each number outside what the rig's platform can have."""
+    """Return, for each number that the rig's platform cannot have, a rejection of the quantities that rest on it."""
     if platform_of(rig) == "other":
         return ()
     faults = (out_of_range(f"the {one.name} is implausible", one.number, one.expected, one.unit) for one in given)
@@ -83,13 +83,13 @@ def implausible_inputs(given: Iterable[Given], rig: Rig | None, *resting: str) -
 
 
 def implausible_gravity(gravity_mps2: float, *resting: str) -> tuple[Finding, ...]:
-    """Return a rejection of the quantities that rest on a gravity that is nowhere on earth, of any body."""
+    """Return a rejection of the quantities that rest on a gravity found nowhere on earth, whatever the platform."""
     fault = implausible("gravity_mps2", gravity_mps2)
     return (rejection("gravity-implausible", fault, *resting),) if fault else ()
 
 
 def platform_of(rig: Rig | None) -> Platform:
-    """Return the platform that a rig states; without a rig any small quadrocopter."""
+    """Return the platform that a rig states; without a rig, that of any small quadrocopter."""
     return "crazyflie" if rig is None else rig.vehicle.platform
 
 

@@ -20,9 +20,9 @@ Figures = Mapping[str, "Figure"]
 
 
 class Dependent:
-    """A figure of merit or a line that gives away the numbers of quantities: it goes where one of them is rejected.
+    """A figure of merit or a line that shows the numbers of quantities; it is removed where one of them is rejected.
 
-    `instead` is what then stands in its place, None for nothing.
+    `instead` then takes its place; with None, nothing does.
     """
 
     def __init__(self, value: Any, *quantities: str, instead: Any = None) -> None:
@@ -38,13 +38,13 @@ class Dependent:
 class Result:
     """The result of one analysis, the same type for every experiment.
 
-    `command` is the command that gives it, `section` its section of parameters.toml. `quantities` has every quantity,
-    rejected ones included; `wanted` are the keys that the analysis is for, or patterns of them; empty means all.
-    `merits` has figures of merit of the fit, which `quality` reads. `covariances` and `common` are as in a section of
-    parameters.toml. `rests_on` names what it takes from rig.toml, as in "vehicle.mass_kg" or "mounts.x", beside what
-    recordings state themselves; `facts` are numbers of the latter that its quantities go with, under rig.toml's keys,
-    which rig.toml should state alike. `suspects` are the mounts, or runs, that a rejection names as wrong.
-    `lines` are further lines for the terminal, which `summary` reads. `drawings`
+    `command` is the command that gives the result, `section` its section of parameters.toml. `quantities` has every
+    quantity, rejected ones included; `wanted` are the keys that the analysis is for, or patterns of them; empty means
+    all. `merits` has the fit's figures of merit, which `quality` returns. `covariances` and `common` are as in a
+    section of parameters.toml. `rests_on` names what the analysis takes from rig.toml, such as "vehicle.mass_kg" or
+    "mounts.x", in addition to what recordings themselves state. `facts` are numbers that recordings state and that the
+    quantities depend on, under rig.toml's keys; rig.toml should state the same. `suspects` are the mounts, or runs,
+    that a rejection names as wrong. `lines` are further lines for the terminal, which `summary` returns. `drawings`
     makes the figures by file name, and `folder` is their folder.
     """
 
@@ -66,14 +66,14 @@ class Result:
     folder: Path = field(default_factory=Path)
 
     def __post_init__(self) -> None:
-        """Give a quantity that states no unit that of the registry, and merge findings of several files."""
+        """Give each quantity without a unit that of the registry, and merge findings of several files."""
         named = {key: one if one.unit else replace(one, unit=unit_of(key)) for key, one in self.quantities.items()}
         object.__setattr__(self, "quantities", named)
         object.__setattr__(self, "findings", merged(self.findings))
 
     @property
     def section_name(self) -> str:
-        """The section of parameters.toml that it goes to."""
+        """The section of parameters.toml that stores the result."""
         return self.section or self.command.removeprefix("fit ")
 
     @property
@@ -102,9 +102,9 @@ class Result:
         return self.drawings() if self.drawings is not None else {}
 
     def without_rejected(self) -> "Result":
-        """Return the result without the rejected quantities and what gives their numbers away; the findings stay.
+        """Return the result without the rejected quantities and what shows their numbers; the findings stay.
 
-        Of a table's rejected rows what was measured goes.
+        In a table, only the measured columns of the rejected rows become unknown.
         """
         gone = self.rejected.keys()
         rejections = [one for one in self.findings if one.severity == "rejection"]
@@ -123,7 +123,7 @@ class Result:
 
 
 def _accepted_rows(key: str, quantity: Parameter) -> Parameter:
-    """Return a quantity; in rows that were rejected the measured columns are unknown."""
+    """Return a quantity in whose rejected rows the measured columns are unknown."""
     found = find(key)
     if found is None or not is_rows(quantity.value):
         return quantity
@@ -144,12 +144,12 @@ def _without(content: Any, rejections: Sequence[Finding]) -> Any:
 
 
 def _plain(content: Any) -> Any:
-    """Return nested content with what depends on quantities as itself."""
+    """Return nested content with each `Dependent` replaced by its value."""
     return _each(content, lambda one: [one.value if isinstance(one, Dependent) else _plain(one)])
 
 
 def _each(content: Any, replaced: Callable[[Any], list[Any]]) -> Any:
-    """Return a mapping or list with each member replaced by one or by none, anything else as it is."""
+    """Return a mapping or list with each member replaced by what `replaced` returns for it, anything else unchanged."""
     if isinstance(content, Mapping):
         return {key: new for key, one in content.items() for new in replaced(one)}
     if type(content) in (list, tuple):

@@ -1,4 +1,4 @@
-"""Runs that complete one another: an interrupted run, and those that `--resume` recorded after it."""
+"""Find runs that complete one another: an interrupted run, and those that `--resume` recorded after it."""
 
 from collections.abc import Sequence
 
@@ -13,9 +13,9 @@ def resumed_by(run: Run) -> str:
 
 
 def with_completed(run: Run) -> list[Run]:
-    """Return a run after those that it completes, the first one first; an excluded one ends them.
+    """Return the runs that a run completes, oldest first, and the run itself last; the search ends at an excluded run.
 
-    Raises DataError where the run.toml of one is invalid.
+    Raises DataError where the run.toml of one of them is invalid.
     """
     parts, names = [run], {run.folder.resolve().name}
     while (before := resumed_by(parts[0])) and before not in names:
@@ -28,7 +28,7 @@ def with_completed(run: Run) -> list[Run]:
 
 
 def completing(run: Run, among: Sequence[Run]) -> list[Run]:
-    """Return which of some runs complete a run, or one of these, in the order of their names."""
+    """Return the runs in `among` that complete a run, directly or one after another, in the order of their names."""
     found: dict[str, Run] = {}
     names = {run.folder.resolve().name}
     while names:
@@ -39,6 +39,6 @@ def completing(run: Run, among: Sequence[Run]) -> list[Run]:
 
 
 def recorded_after(run: Run) -> list[Run]:
-    """Return the runs beside a run that complete it, without those that are excluded, or judged as of no use."""
+    """Return the runs in a run's parent folder that complete it, except those excluded or judged not usable."""
     beside = [one for one in list_runs(run.folder.resolve().parent) if isinstance(one, Run)]
     return completing(run, [one for one in beside if not one.header.excluded and one.outcome != "not usable"])

@@ -38,7 +38,7 @@ RIG_FILE = "rig.toml"
 class VehicleData(RigTable):
     """The vehicle as weighed and measured: mass, centre of mass and body frame.
 
-    `platform` sets what is plausible: `crazyflie` is any quadrocopter of its kind, `other` any body: physics alone.
+    `platform` sets what is plausible: `crazyflie` is any small quadrocopter, `other` any body that physics allows.
     """
 
     name: str = "vehicle"
@@ -71,7 +71,10 @@ class TestBody(RigTable):
 
 
 class Fixture(RigTable):
-    """The parts that swing with every body: the cube and the axis, on the body's side of it."""
+    """The cube and the axis, which swing with every body: their mass, and their centre's distance from the axis.
+
+    The distance counts towards the side to which the body hangs.
+    """
 
     mass_kg: Positive
     mass_std_kg: Spread = 0.0
@@ -105,12 +108,12 @@ class FrictionRig(RigTable):
 
     @property
     def lever_mm(self) -> float:
-        """The radius at which the weight pulls, without the line where its thickness is not stated."""
+        """The radius at which the weight pulls; a line whose thickness is not stated adds nothing."""
         return self.radius_mm + (self.line_mm or 0.0) / 2
 
     @property
     def lever_std_mm(self) -> float:
-        """The standard uncertainty of that radius."""
+        """The standard uncertainty of the radius at which the weight pulls."""
         return math.hypot(self.radius_std_mm, self.line_std_mm / 2)
 
 
@@ -156,7 +159,7 @@ class Rig(RigTable):
 def stated(rig: Rig, keys: Iterable[str]) -> dict[str, Any]:
     """Return what a rig.toml states under some keys, as in "vehicle.mass_kg" or "mounts.x", as plain tables and lists.
 
-    What it does not state is left out.
+    Keys for which it states nothing are left out.
     """
     content = rig.model_dump(mode="json", exclude_none=True)
     found = {key: reduce(_under, key.split("."), content) for key in keys}
@@ -202,7 +205,7 @@ def change_rig(folder: Path, table: str, keys: Mapping[str, object]) -> Path:
 
     Raises ConfigError that names the key, or the reason why the file cannot be written; it is then unchanged.
     """
-    import tomlkit  # slow to load, for those who read alone
+    import tomlkit  # slow to load, and not needed to read rig.toml
 
     path = folder / RIG_FILE
     try:

@@ -14,14 +14,14 @@ import numpy as np
 from cfid.counted import counted
 from cfid.errors import DataError
 
-_LOSSES = (errno.EIO, errno.ENOSPC, errno.EDQUOT, errno.EROFS)  # other errors of a flush: the file system has none
+_LOSSES = (errno.EIO, errno.ENOSPC, errno.EDQUOT, errno.EROFS)  # a flush's other errors: the file system has no flush
 
 
 class RowFile:
     """A new CSV file with a header, open for rows; `rows` were written, `lost` samples are known to be missing.
 
-    Writing is unbuffered, so that a killed process loses no row that was appended. Times have microseconds, which
-    hardly a stamp is good to, or `all_digits`, as another program recorded them.
+    Writing is unbuffered, so that a killed process loses no row that was appended. Times are written
+    to the microsecond, finer than almost any stamp, or with `all_digits`, as another program recorded them.
     """
 
     def __init__(self, path: Path, raw: FileIO, columns: Sequence[str], *, all_digits: bool = False) -> None:
@@ -45,8 +45,8 @@ class RowFile:
     def append(self, columns: Sequence[Sequence[float] | Any]) -> None:
         """Append rows, given as columns of equal length: time in seconds, then raw values.
 
-        Raises DataError when the disk takes only a part of them, and the file then ends with the last whole row, or
-        when the file was removed or moved.
+        Raises DataError when the disk takes only part of the rows, where the file then ends with the last whole row,
+        or when the file was removed, cut or moved.
         """
         if len(columns) != len(self.columns) or len({len(column) for column in columns}) != 1:
             raise ValueError(f"{self.path.name} has the columns {self.columns}, each as long as the others")
@@ -55,14 +55,14 @@ class RowFile:
         try:
             self._write(_lines(columns, all_digits=self._all_digits))
         except OSError as error:
-            # a file system that an error made read-only drops what was written and not flushed
+            # a file system that became read-only after an error drops what was written but not flushed
             kept = "of which the disk may lack the last" if self._flush_fault() else "which are kept"
             raise DataError(
                 f"{self.path}: {error.strerror} after {self.rows} rows, {kept}: the recording ends there."
             ) from None
 
     def _gone(self) -> str:
-        """Return what became of a file that is no longer whole or at its path, "" where it is."""
+        """Return what happened to a file that is no longer complete or at its path, "" for one that is."""
         own, rows = os.fstat(self._raw.fileno()), counted(self.rows, "row")
         if own.st_nlink == 0:
             return f"was removed during the recording, with its {rows}: record it again."
@@ -75,12 +75,12 @@ class RowFile:
         return f"was moved during the recording, with its {rows}: the recording ends there." if moved else ""
 
     def sync(self) -> None:
-        """Flush the rows so far to the disk; slow, so that callers do it in a thread."""
+        """Flush the rows so far to the disk; slow, so callers run it in a thread."""
         with contextlib.suppress(OSError, ValueError):  # a file closed meanwhile was flushed already
             os.fsync(self._raw.fileno())
 
     def close(self) -> str:
-        """Flush the rows to the disk and close the file; return the reason where the disk lost some, else ""."""
+        """Flush the rows to the disk and close the file; return the reason where the disk lost any, else ""."""
         if self._raw.closed:
             return ""
         fault = self._flush_fault()
@@ -89,7 +89,7 @@ class RowFile:
         return fault and f"{self.path}: {fault} when its rows were flushed to the disk: compare its end."
 
     def _flush_fault(self) -> str:
-        """Flush the rows to the disk, and return why it lost some, "" where it has them all."""
+        """Flush the rows to the disk, and return why it lost any, "" where it lost none."""
         try:
             os.fsync(self._raw.fileno())
         except OSError as error:

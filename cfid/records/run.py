@@ -25,7 +25,7 @@ RECORDER_FILE = ".recording"  # held by the process that records the run
 FORMAT = 1
 
 _NOTABLE_SKIPS = 0.01  # of the samples requested
-_QUIET_S = 2.0  # files that changed within this time grow
+_QUIET_S = 2.0  # a file that changed within this time counts as growing
 State = Literal["recording", "complete", "interrupted", "failed"]
 
 
@@ -33,7 +33,7 @@ _Positive = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
 _Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 _Spread = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 _Count = Annotated[int, Field(strict=True, ge=0)]
-_FileName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*\.csv$")]  # in this folder, and no other file
+_FileName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*\.csv$")]  # a CSV file, and only in this folder
 _ColumnName = Annotated[str, Field(pattern=r"^[^\s,;\"][^\t\r\n,;\"]*$")]
 
 
@@ -47,8 +47,8 @@ Pull = Literal["x", "-x", "y", "-y", "z", "-z"]
 class Label(_Section):
     """The operator's label of a run: mount, weight, body and note.
 
-    `pull` is the axis of the load cell along which gravity points, and `at_mm` where the weight hangs in its frame;
-    `..._std...` are standard uncertainties, `at_std_mm` along each axis.
+    `pull` is the axis of the load cell along which gravity points, and `at_mm` where the weight hangs in the cell's
+    frame; `..._std...` are standard uncertainties, `at_std_mm` along each axis.
     """
 
     axis: str | None = None
@@ -65,7 +65,7 @@ class DeviceRecord(_Section):
     """One device's file: its columns in the device's own units, and the scale from counts to SI.
 
     `lost` samples were taken and are missing; `skipped` ones, of a device polled at `rate_hz`, were never taken.
-    `channel_units` are by column those of another program's recording that its name does not tell.
+    `channel_units` has, by column, units of another program's recording that the column's name does not show.
     """
 
     file: _FileName
@@ -79,7 +79,7 @@ class DeviceRecord(_Section):
 
     @property
     def achieved(self) -> str:
-        """The rate achieved as text, "462 of 1000 Hz", where a sample in a hundred or more was skipped; else ""."""
+        """The rate achieved as text, "462 of 1000 Hz", where at least one sample in a hundred was skipped; else ""."""
         taken, skipped = (self.rows or 0) + self.lost, self.skipped or 0
         if not skipped or skipped < _NOTABLE_SKIPS * (taken + skipped):
             return ""
@@ -99,7 +99,7 @@ class Origin(_Section):
 
 
 class Verdict(_Section):
-    """Whether a recording is of use, judged at its end by the code that fits it, and why."""
+    """Whether a recording is usable, judged at its end by the code that fits it, and why."""
 
     usable: bool
     text: str
@@ -137,7 +137,7 @@ class RunHeader(_Section):
 
     @property
     def family(self) -> str:
-        """The kind without its part after an underscore, which numbers its runs: `sine` of a `sine_l13`."""
+        """The kind without the part after an underscore, which numbers its runs: `sine` for `sine_l13`."""
         return self.kind.partition("_")[0]
 
 
@@ -155,12 +155,12 @@ class Run:
 
     @property
     def grows(self) -> bool:
-        """Whether it is being recorded: nothing closed it, and a process writes it."""
+        """Whether the run is being recorded: it was not closed, and a process is writing it."""
         return self.cut and is_written(self.folder)
 
     @property
     def outcome(self) -> str:
-        """The state in a word; `cut` where nothing closed it or writes it, `not usable` of a complete run."""
+        """The state; `cut` for a run neither closed nor being written, `not usable` for a complete run judged so."""
         state, verdict = self.header.state, self.header.verdict
         unusable = state == "complete" and verdict is not None and not verdict.usable
         if self.cut:
@@ -169,7 +169,7 @@ class Run:
 
     @property
     def usable(self) -> bool:
-        """Whether fits take it that select their runs themselves: complete, not excluded, not judged as of no use."""
+        """Whether fits that select their own runs take this one: complete, not excluded, not judged unusable."""
         header = self.header
         fit = header.verdict is None or header.verdict.usable
         return header.state == "complete" and not header.excluded and fit
@@ -179,7 +179,7 @@ class Run:
 
         Raises DataError when the run has no such device, or its file is invalid.
         """
-        from cfid.records.tables.frames import frame  # the readers of tables know runs
+        from cfid.records.tables.frames import frame  # not above: the readers of tables import this module
 
         return frame(self, device)
 
@@ -213,15 +213,15 @@ def read_run(folder: Path) -> Run:
 
 
 def run_holding(path: Path) -> Run | None:
-    """Return the run that a path is, or that a file lies in; None for any other. Raises DataError as `read_run`."""
+    """Return the run whose folder or file a path is, None for any other path. Raises DataError as `read_run`."""
     folder = path if path.is_dir() else path.parent
     return read_run(folder) if (folder / RUN_FILE).is_file() else None
 
 
 def refuse_contradiction(where: str, given: Mapping[str, object], own: Mapping[str, object]) -> None:
-    """Raise ConfigError for the first thing that is given and that a run's own label states otherwise.
+    """Raise ConfigError for the first given value that contradicts a run's own label.
 
-    None is not stated; of a list any may be given.
+    None means not stated; of a list that the label states, any member may be given.
     """
     for name, value in given.items():
         stated = own.get(name)
@@ -235,19 +235,19 @@ def refuse_contradiction(where: str, given: Mapping[str, object], own: Mapping[s
 
 
 def by_name(text: str, runs_folder: Path) -> str:
-    """Return a text that names the runs of a folder by their own folders, whatever the path to them."""
+    """Return a text in which the paths of a folder's runs are shortened to the names of the runs' own folders."""
     for folder in dict.fromkeys((str(runs_folder.resolve()), str(runs_folder))):
         text = text.replace(f"{folder}/", "")
     return text
 
 
 def amend_run(run: Run, *, excluded: str | None = None, note: str | None = None, verdict: Verdict | None = None) -> Run:
-    """Set in run.toml the reason to exclude a run from fits ("" includes it again), its verdict, or add a note.
+    """Set in run.toml the reason to exclude a run from fits ("" includes it again) or its verdict, or add a note.
 
     An empty note removes all notes.
 
-    All else keeps its present content on disk, whatever it was when the run was read. Raises DataError when the file
-    cannot be written.
+    Everything else stays as it is on disk, even where it changed after the run was read. Raises DataError when the
+    file cannot be written.
     """
     try:
         with locked_folder(run.folder):
@@ -281,9 +281,9 @@ def list_runs(runs_folder: Path) -> list[Run | DataError]:
 
 
 def is_written(folder: Path) -> bool:
-    """Return whether a process records into a run's folder: it holds it, with rows or without.
+    """Return whether a process is recording into a run's folder: it holds a lock there, even without any rows yet.
 
-    The lock may not reach another computer, and version 0.1 took none: there the times of the files tell.
+    Another computer may not see the lock, and version 0.1 took none: the times of the files then decide.
     """
     newest_s = max((file.stat().st_mtime for file in folder.glob("*.csv")), default=0.0)
     return is_held(folder / RECORDER_FILE) or time.time() - newest_s < _QUIET_S

@@ -1,4 +1,4 @@
-"""What run.toml and a run's folder tell of a recording: how it ended, what it lost, and where it lies."""
+"""Report what run.toml and a run's folder show about a recording: how it ended, what it lost, and where it lies."""
 
 from pathlib import Path
 from typing import TypeVar
@@ -17,8 +17,8 @@ _LOST, _NEVER_TAKEN = "lost while recording", "never taken"
 class Gap(BaseModel):
     """A span of Unix time in which a device delivered nothing, and why.
 
-    `lost` is how many rows are missing by the device's own clock, None where it does not tell. None of them, and all
-    came late.
+    `lost` is how many rows are missing by the device's own clock, None where the clock does not show it. With 0, no row
+    is missing: all came late.
     """
 
     model_config = ConfigDict(frozen=True, allow_inf_nan=False)
@@ -53,7 +53,7 @@ def run_at(path: Path) -> Run | None:
 
 
 def file_name(path: Path, *, own: bool) -> str:
-    """Return a file's name, with that of its run where it is a run's own."""
+    """Return a file's name, preceded by the name of its run where it belongs to one."""
     return f"{path.resolve().parent.name}/{path.name}" if own else path.name
 
 
@@ -83,7 +83,7 @@ def losses(run: Run, record: DeviceRecord, rows: int) -> list[str]:
 
 
 def is_loss(note: str) -> bool:
-    """Return whether a note of `losses` says no more than that samples were lost or never taken."""
+    """Return whether a note of `losses` reports only that samples were lost or never taken."""
     return _LOST in note or _NEVER_TAKEN in note
 
 

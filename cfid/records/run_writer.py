@@ -36,7 +36,7 @@ _RESERVE_BYTES = 16384  # more than run.toml takes, in blocks of any file system
 
 @dataclass
 class RunWriter:
-    """A run being recorded. Made by `create_run`; used as a context manager it always closes itself.
+    """A run being recorded, made by `create_run`; as a context manager, it always closes itself.
 
     Blocks are written as they arrive, so that a killed process loses at most the current block.
     """
@@ -72,7 +72,7 @@ class RunWriter:
         return self._files[device].rows
 
     def describe(self, device: str, facts: Mapping[str, Any]) -> None:
-        """Add facts of a device, which run.toml gets when the run is closed."""
+        """Add facts of a device, which are written to run.toml when the run is closed."""
         self._facts.setdefault(device, {}).update(facts)
 
     def count_lost(self, device: str, samples: int) -> None:
@@ -80,7 +80,7 @@ class RunWriter:
         self._files[device].lost += samples
 
     def close(self, state: State, *, reason: str = "", lost: Mapping[str, int] | None = None) -> Run:
-        """Close the run and write its final run.toml; after a failed write its state is failed in any case.
+        """Close the run and write its final run.toml; after a failed write, the state is always failed.
 
         Raises DataError when run.toml cannot be written: it then still has the state recording.
         """
@@ -95,7 +95,7 @@ class RunWriter:
             state, reason = "failed", self._fault
         final = self.header.model_copy(update={"state": state, "reason": reason, "devices": devices})
         try:
-            if not os.path.samestat(self._made, self.folder.stat()):  # another one has its name
+            if not os.path.samestat(self._made, self.folder.stat()):  # another folder has its name
                 raise FileNotFoundError(errno.ENOENT, "the run's folder was moved")
             (self.folder / _RESERVE_FILE).unlink(missing_ok=True)
             with locked_folder(self.folder):
@@ -106,7 +106,7 @@ class RunWriter:
             raise DataError(f"{path}: cannot be written: {error.strerror}. The run counts as cut. {rows}") from None
         finally:
             self._held.close()
-        with contextlib.suppress(OSError):  # it is harmless
+        with contextlib.suppress(OSError):  # a file left there is harmless
             (self.folder / RECORDER_FILE).unlink()
         self.header = final
         return Run(folder=self.folder, header=self.header)
@@ -190,7 +190,7 @@ def create_run(
         for file in writer._files.values():
             file.close()
         writer._held.close()
-        shutil.rmtree(folder, ignore_errors=True)  # nothing was recorded, and an empty run stays in every list
+        shutil.rmtree(folder, ignore_errors=True)  # nothing was recorded, and an empty run would stay in every list
         raise ConfigError(f"{folder}: cannot be written: {error.strerror}.") from None
     return writer
 

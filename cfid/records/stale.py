@@ -1,4 +1,4 @@
-"""Find out whether a fit is still current: what was changed since of its recordings and of what rig.toml states."""
+"""Find out whether a fit is still current: whether its recordings or the facts in rig.toml have changed since."""
 
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -19,9 +19,9 @@ _OF_RIG = ("inertia", "testbody", "friction", "thrust", "flight")  # sections of
 
 
 def stale_in(folder: Path, runs: Sequence[Run], rig: Rig) -> Stale:
-    """Return a function that gives the reasons, as sentences, why a section of a campaign is no longer current.
+    """Return a function that gives, as sentences, why a section of a campaign is no longer current.
 
-    A missing file is no such reason. `rig` is the campaign's rig.toml as it is now.
+    A missing file is not a reason. `rig` is the campaign's rig.toml as it is now.
     """
     excluded = {run.folder.name: run.header.excluded for run in runs if run.header.excluded}
     now_states = {run.folder.name: run.header.stated_sha256 for run in runs}
@@ -49,9 +49,9 @@ def stale_in(folder: Path, runs: Sequence[Run], rig: Rig) -> Stale:
 
 
 def other_facts(section: Section, rig: Rig) -> str:
-    """Return as a sentence which facts that a fit took rig.toml states otherwise now, "" where it states the same.
+    """Return a sentence on the facts of a fit that rig.toml now states differently, "" where it states the same.
 
-    Such a fit is not stale: recordings keep what rig.toml stated at the time, and to fit them again changes nothing.
+    Such a fit is not stale: recordings keep what rig.toml stated at the time, so fitting them again changes nothing.
     """
     now = stated(rig, section.facts)
     other = {key: (was, now[key]) for key, was in section.facts.items() if key in now and not isclose(was, now[key])}
@@ -66,15 +66,15 @@ def other_facts(section: Section, rig: Rig) -> str:
 
 
 def is_blind(name: str, section: Section) -> bool:
-    """Return whether a section does not keep the facts of rig.toml that its fit took, as those of early versions.
+    """Return whether a section lacks the facts of rig.toml that its fit took, as sections of early versions do.
 
-    A change of rig.toml since cannot be seen for it.
+    Whether rig.toml has changed since such a fit cannot be known.
     """
     return name in _OF_RIG and not section.rig
 
 
 def _change(was: Any, now: Any) -> str:
-    """Return what became of a number; a table is too long for a sentence."""
+    """Return how a fact changed: a number with both values, while a table is too long for a sentence."""
     if now is None:
         return "is gone"
     return f"was {was:g}, is {now:g}" if isinstance(was, float) and isinstance(now, float) else "has changed"

@@ -1,4 +1,4 @@
-"""The steps of a staircase of motor commands that a run has, and those that it lacks."""
+"""Find the steps of a staircase of motor commands that a run has, and those that it lacks."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -9,16 +9,16 @@ from cfid.records.tables.vehicle import COMMANDS, ENOUGH, READINGS, TakenBackErr
 
 
 def steps_left(run: Run) -> tuple[int, ...]:
-    """Return the commands of a run's staircase without those that it has a typed reading of, or held to their end.
+    """Return the commands of a run's staircase that have no typed reading, or were not held to their end.
 
-    The latter counts where no reading was requested. Raises as `held_steps`.
+    Whether they were held counts only where no reading was requested. Raises as `held_steps`.
     """
     done = Counter(_read_steps(run) if READINGS in run.header.devices else held_steps(run))
     return tuple(step for step in map(int, run.header.requested["steps"]) if not _was_done(step, done))
 
 
 def steps_lacking(run: Run, later: Sequence[Run]) -> tuple[int, ...]:
-    """Return the commands that a run lacks and that `later` runs, which complete it, have not recorded either.
+    """Return the commands that a run lacks and that the runs in `later`, which complete it, have not recorded either.
 
     Raises as `held_steps`.
     """
@@ -27,13 +27,13 @@ def steps_lacking(run: Run, later: Sequence[Run]) -> tuple[int, ...]:
 
 
 def recorded_steps(run: Run) -> Counter[int]:
-    """Return the commands that `--resume` would not hold again: all of a complete run. Raises as `held_steps`."""
+    """Return the commands that `--resume` would not repeat: all of a complete run. Raises as `held_steps`."""
     steps = Counter(map(int, run.header.requested["steps"]))
     return steps if run.header.state == "complete" else steps - Counter(steps_left(run))
 
 
 def steps_read_later(run: Run, among: Sequence[Run]) -> frozenset[int]:
-    """Return the commands of which those of some runs that complete a run, one after another, have a typed reading.
+    """Return the commands with a typed reading in a run of `among` that completes a run, directly or one after another.
 
     Raises DataError where their rows cannot be read.
     """
@@ -41,7 +41,7 @@ def steps_read_later(run: Run, among: Sequence[Run]) -> frozenset[int]:
 
 
 def _read_steps(run: Run) -> list[int]:
-    """Return the commands that a reading was typed of, and not taken back."""
+    """Return the commands that have a typed reading that was not taken back."""
     try:
         return read_rows(run, READINGS).columns["command"].astype(int).tolist() if holds(run, READINGS) else []
     except TakenBackError:
@@ -51,8 +51,8 @@ def _read_steps(run: Run) -> list[int]:
 def held_steps(run: Run) -> list[int]:
     """Return the commands of a run's staircase that were held to their end, in any order.
 
-    Raises KeyError for a run of something else, TypeError or ValueError for what are no numbers, DataError where its
-    rows cannot be read.
+    Raises KeyError for a run without a staircase, TypeError or ValueError where the request has anything but
+    numbers, DataError where the run's rows cannot be read.
     """
     if not holds(run, COMMANDS):
         return []
@@ -65,7 +65,7 @@ def held_steps(run: Run) -> list[int]:
 
 
 def _was_done(step: int, done: Counter[int]) -> bool:
-    """Return whether a step was done and take it off."""
+    """Return whether a step was done; if so, `done` counts one less of it."""
     if not done[step]:
         return False
     done[step] -= 1

@@ -15,7 +15,7 @@ def upgrade_files(campaign: Campaign) -> list[Path]:
     """Rewrite the files of an older format and return their paths; the old content is kept in `before-upgrade`.
 
     Every file is read before the first is written. Raises DataError when one cannot be read, ConfigError when one
-    cannot be written or an old one is kept already; the files written until then are complete.
+    cannot be written or another old one is already kept; the files written until then are complete.
     """
     changed = list(_outdated(campaign))
     try:
@@ -39,7 +39,7 @@ def _outdated(campaign: Campaign) -> Iterator[tuple[Path, bytes]]:
 
 
 def _keep(folder: Path, path: Path) -> None:
-    """Copy a file into the folder of old ones, where an upgrade that failed may have put it already."""
+    """Copy a file into the folder of old ones, where an earlier failed upgrade may already have put it."""
     kept, content = folder / KEPT_IN / path.relative_to(folder), path.read_bytes()
     folders = kept.parents[: len(kept.relative_to(folder).parts) - 1]
     linked = any(one.is_symlink() for one in (kept, *folders))
