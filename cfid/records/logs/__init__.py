@@ -1,1 +1,1 @@
-"""Recordings that other programs made: each kind of file to named channels in SI units."""
+"""Read recordings that other programs made: each kind of file becomes named channels in SI units."""

@@ -1,4 +1,4 @@
-"""Read a recording of any kind as a log: its content tells which, not its name."""
+"""Read a recording of any kind as a log; its content, not its name, shows the kind."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -27,7 +27,7 @@ NO_OPTIONS = Foreign()
 
 
 def is_binary_log(path: Path) -> bool:
-    """Return whether a file is a log of a vehicle that is no table: uSD card, ULog or blackbox."""
+    """Return whether a file is a vehicle's binary log, not a table: uSD card, ULog or blackbox."""
     return _binary_reader(path) is not None
 
 

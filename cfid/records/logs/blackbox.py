@@ -1,7 +1,7 @@
 """Read the blackbox logs of Betaflight and its relatives with orangebox: a series for every log of the file.
 
 Motors, their speeds, the acceleration along z and the battery's voltage get the names, numbers and units of a Crazyflie
-beside their own.
+in addition to their own.
 """
 
 import logging
@@ -28,13 +28,13 @@ from cfid.records.parameters import Source
 BEGIN = b"H Product:Blackbox"
 
 _TIME, _LOOP = "time", "loopIteration"
-_WHOLE = "I"  # frames with numbers; the others have differences from the ones before
+_WHOLE = "I"  # frames with full numbers; other frames have differences from earlier ones
 _LONGEST_US, _LONGEST_LOOPS = 10_000_000, 5000  # between two frames, as in Betaflight's viewer
 _GYRO = re.compile(r"gyro(?:ADC|Unfilt)\[\d\]")
 _FINE, _FINE_STEP = "blackbox_high_resolution", 0.1  # a header of Betaflight 4.3 and later, and the step that it sets
 _ALSO_FINE = {"1": re.compile(r"rcCommand\[\d\]"), "deg/s": re.compile(r"setpoint\[[0-2]\]")}
 _ABOUT_YAW = re.compile(r"axis[PIDF]\[2\]")
-_MOTOR, _MOST = re.compile(r"motor\[[0-3]\]"), 1.01  # of full throttle
+_MOTOR, _MOST = re.compile(r"motor\[[0-3]\]"), 1.01  # relative to full throttle
 _VOLTS = "vbatLatest"
 _BETAFLIGHT = re.compile(r"Betaflight (\d+)\.(\d+)")
 # By the firmware's voltage.h: 0.1 V from 3.1 on, 0.01 V from 4.0 on. Older ones log the converter's counts.
@@ -48,7 +48,7 @@ def read_blackbox(path: Path, source: Source) -> FlightLog:
     Raises ConfigError without orangebox, DataError for a file that it cannot read, or that has no frame or time.
     """
     orangebox = optional_library("orangebox", extra="blackbox", what="a blackbox log")
-    logging.getLogger("orangebox").addHandler(logging.NullHandler())  # it reports headers that it does without
+    logging.getLogger("orangebox").addHandler(logging.NullHandler())  # it reports headers that it does not need
     series: list[Series] = []
     notes: list[str] = []
     program, logs = "", list(logs_in(path))
@@ -99,7 +99,7 @@ def _assumed(series: Sequence[Series]) -> tuple[str, ...]:
 
 
 def _turning(series: Series) -> tuple[str, ...]:
-    """Return a sentence on which way rotors turn by what the autopilot wants about yaw, and what motors then get.
+    """Return a sentence on which way rotors turn, judged by the wanted torque about yaw and the motors' outputs.
 
     Betaflight's headers do not state its `yaw_motors_reversed`, which changes the sign between the two.
     """
@@ -111,10 +111,10 @@ def _turning(series: Series) -> tuple[str, ...]:
 
 
 def _frames(parser: Any) -> tuple[Array, str, int]:
-    """Return the frames (n, fields), NaN where a field has no value yet, and what ended them before their end.
+    """Return the frames (n, fields), NaN where a field has no value yet, what cut them short, and how many were lost.
 
-    Where time or loops go back or jump, bytes are damaged: the next frame is looked for from the next byte on, which
-    orangebox does not do, and frames are left out up to a whole one. The last number counts them.
+    Where the time or the loop count goes back or jumps, bytes are damaged. The search for a frame then resumes one byte
+    later, which orangebox does not do by itself, and frames are lost up to the next whole one.
     """
     fault_name, width, lost, broken = "", len(parser.field_names), 0, False
     counted = [parser.field_names.index(name) for name in (_TIME, _LOOP) if name in parser.field_names]
@@ -163,7 +163,7 @@ def _is_motor(name: str) -> bool:
 
 
 def _as_a_crazyflie_s(fields: Mapping[str, Array], headers: Any) -> Iterator[tuple[str, Array]]:
-    """Yield the channels that a Crazyflie has too, by its names and in its units."""
+    """Yield the channels that a Crazyflie also has, under its names and in its units."""
     low, high = _range(headers.get("motorOutput"))
     poles = headers.get("motor_poles")
     for place, motor in enumerate(BETAFLIGHT_QUAD_X):
@@ -193,7 +193,7 @@ def _share(output: Array, *, low: float, high: float) -> Array:
 
 
 def _by_parts(values: Array, convert: Callable[[Array], Array]) -> Array:
-    """Return what becomes of values (n,), which may be larger than the memory."""
+    """Return values (n,) converted part by part, since they may be larger than the memory."""
     found = empty(len(values))
     for part in parts(len(values)):
         found[part] = convert(values[part])
@@ -201,7 +201,7 @@ def _by_parts(values: Array, convert: Callable[[Array], Array]) -> Array:
 
 
 def _impossible(parser: Any, frames: Array) -> int:
-    """Return how many outputs of motors are beyond full throttle, which damaged bytes alone show."""
+    """Return how many outputs of motors are beyond full throttle, which only damaged bytes show."""
     low, high = _range(parser.headers.get("motorOutput"))
     own = [at for at, name in enumerate(parser.field_names) if _MOTOR.fullmatch(str(name))]
     if low >= high:
@@ -211,7 +211,7 @@ def _impossible(parser: Any, frames: Array) -> int:
 
 
 def _range(header: object) -> tuple[float, float]:
-    """Return the motor output of standstill and of full throttle, zeros where the header does not state both."""
+    """Return the motor output at standstill and at full throttle, zeros where the header does not state both."""
     numbers = header if isinstance(header, list | tuple) else str(header).split(",")
     try:
         low, high = (float(number) for number in numbers)

@@ -1,4 +1,4 @@
-"""Bytes of the logs in a blackbox file, which stay on the disk: orangebox's own reader holds a file in memory."""
+"""Read the bytes of a blackbox file's logs from the disk: orangebox's own reader holds a whole file in memory."""
 
 import mmap
 import re
@@ -29,10 +29,10 @@ class LogBytes:
         self._first = self._place
 
     def set_log_index(self, index: int) -> None:
-        """Choose the one log there is."""
+        """Accept any index, since there is only one log."""
 
     def value(self) -> int:
-        """Return the next byte without going on."""
+        """Return the next byte without advancing."""
         return self._data[self._place]
 
     def has_subsequent(self, expected: bytes) -> bool:
@@ -44,11 +44,11 @@ class LogBytes:
         return self._place
 
     def seek(self, place: int) -> None:
-        """Go to a byte, the first of the frames where Parser means the file's, as before it found any."""
+        """Go to a byte, or to the frames' first where Parser names the file's first, as before it has found a frame."""
         self._place = max(place, self._first)
 
     def __iter__(self) -> Iterator[int | None]:
-        """Yield the bytes at which Parser looks for a frame; after one that begins none, the next that does."""
+        """Yield the bytes at which Parser looks for a frame; after a byte that begins none, the next that does."""
         while True:
             byte = next(self)
             yield byte
@@ -65,7 +65,7 @@ class LogBytes:
 
 
 def logs_in(path: Path) -> Iterator[tuple[mmap.mmap, int, int]]:
-    """Yield a file with where each of its logs begins and ends: every one begins with the file's first line."""
+    """Yield a file with the begin and end of each of its logs; every log begins with the file's first line."""
     with path.open("rb") as file:
         data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     first_line = data[: data.find(b"\n") + 1 or len(data)]

@@ -1,4 +1,4 @@
-"""Read a MATLAB file that cfid converted a recording to as that recording, where it has several series."""
+"""Read a MATLAB file that cfid made of a recording with several series, as that recording."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Units of the variables that Crazyflie firmware logs, by their names or as their columns' headers state them."""
+"""Find the units of variables that Crazyflie firmware logs, by their names or by their columns' headers."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -8,8 +8,8 @@ from cfid.records.logs.log import Channel, FlightLog, printable
 from cfid.records.tables.text import is_finite
 from cfid.units import FULL_COMMAND, USUAL_GRAVITY_MPS2
 
-BY_NAMES = "columns with the firmware's names are in the firmware's units"  # as is taken for granted of a table
-# As the firmware documents its log variables. A name that is not here has no unit that is certain.
+BY_NAMES = "columns with the firmware's names are in the firmware's units"  # an assumption about tables
+# As the firmware documents its log variables. A name that is missing here has no certain unit.
 _UNITS = (
     (r"acc\.[xyz]|stateEstimate\.a[xyz]", "g"),
     (r"gyro\.[xyz]|controller\.(?:roll|pitch|yaw)Rate", "deg/s"),
@@ -30,7 +30,7 @@ _UNITS = (
     (r"baro\.pressure", "mbar"),
     (r"mag\.[xyz]", "gauss"),
 )
-# Units in brackets, as messages spell them, and what else they are written as.
+# Units in brackets, as messages spell them, and their other spellings.
 _WORDS = {
     "PWM (0 to 65535)": "1",
     **{unit: unit for unit in ("g", "m/s^2", "deg/s", "rad/s", "mrad/s", "deg", "rad", "rpm", "V", "mV")},
@@ -52,8 +52,8 @@ _PATTERNS = tuple((re.compile(pattern), unit) for pattern, unit in _UNITS)
 def crazyflie_channel(name: str) -> Channel:
     """Return the channel of a variable of the firmware, such as `gyro.x`.
 
-    A unit in brackets behind it, as in `gyro.x [rad/s]`, is the column's own. Where that is not the firmware's, it
-    stays in the name: whoever reads what was written of the channel has to know.
+    A unit in brackets after the name, as in `gyro.x [rad/s]`, is the column's own. Where it is not the firmware's, it
+    stays in the channel's name, so that readers of a file written from the channel know it.
     """
     found = _BRACKETED.fullmatch(name)
     variable, word = (found["variable"], found["unit"].strip()) if found else (name, "")
@@ -66,10 +66,10 @@ def crazyflie_channel(name: str) -> Channel:
 
 
 def stated_unit(channel: Channel) -> str:
-    """Return what a file states of a channel's unit: the unit, with a number before it where raw numbers count parts.
+    """Return a channel's unit as files state it, with a number before it where raw numbers count parts of the unit.
 
-    `0.00048828125 g` is that of an accelerometer that counts 2048 to a g. The parts of the firmware's own variables
-    and of shares of the full command are known by their names.
+    `0.00048828125 g` is that of an accelerometer that counts 2048 to a g. For the firmware's own variables and for
+    shares of the full command, the names show which parts are counted.
     """
     known = crazyflie_channel(channel.name)
     by_name = known.scale if known.own_unit == channel.own_unit else 1.0
@@ -77,7 +77,7 @@ def stated_unit(channel: Channel) -> str:
 
 
 def stated_channel(name: str, unit: str) -> Channel:
-    """Return the channel of a name and of what a file states of its unit, as `stated_unit`."""
+    """Return the channel with a name, and with a unit in the form that `stated_unit` returns."""
     scale, _, counted_in = unit.partition(" ")
     if counted_in and is_finite(scale):
         return Channel(name, counted_in, float(scale))
@@ -88,7 +88,8 @@ def stated_channel(name: str, unit: str) -> Channel:
 def with_dot(names: Sequence[str]) -> list[str]:
     """Return columns' names with the firmware's dot where an underscore stands for it, as in `motor_m1`.
 
-    Names that other vehicles' logs have too, as `gyro_x`, are the firmware's where one of the columns is no other's.
+    Names that other vehicles' logs also have, such as `gyro_x`, count as the firmware's only where at least one of the
+    columns has a name that the firmware alone has.
     """
     dotted = [name if crazyflie_channel(name).own_unit else name.replace("_", ".", 1) for name in names]
     meant = [is_variable(new) and new not in names for new in dotted]
@@ -102,7 +103,7 @@ def is_variable(name: str) -> bool:
 
 
 def taken_for_granted(names: Sequence[str]) -> tuple[str, ...]:
-    """Return what reading columns by the firmware's names takes for granted."""
+    """Return the assumptions made when columns are read by the firmware's names."""
     read = with_dot(names)
     changed = [(old, new) for old, new in zip(names, read, strict=True) if old != new]
     unstated = [name for name in read if is_variable(name) and not name.endswith(("]", ")"))]
@@ -113,9 +114,9 @@ def taken_for_granted(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def first_of(log: FlightLog, patterns: Sequence[str], motor: int = 0) -> str | None:
-    """Return the first of some variables, in which `{}` is a motor's number, that a log has; None for none of them.
+    """Return the first variable of `patterns` that a log has, with a motor's number for `{}`; None where it has none.
 
-    Raises DataError for one in a unit that is not read.
+    Raises DataError for a variable in a unit that cfid does not read.
     """
     there = {channel.variable: channel for series in log.series for channel in series.channels}
     found = next((name for pattern in patterns if (name := pattern.format(motor)) in there), None)
@@ -125,7 +126,7 @@ def first_of(log: FlightLog, patterns: Sequence[str], motor: int = 0) -> str | N
 
 
 def refuse_unread(log: FlightLog, channel: Channel) -> None:
-    """Raise DataError for a variable of the firmware in a unit that is not read."""
+    """Raise DataError for a variable of the firmware in a unit that cfid does not read."""
     own = crazyflie_channel(channel.variable)
     if own.own_unit and channel.unit != own.unit:
         read = [word for word, unit in _WORDS.items() if Channel("", unit).unit == own.unit]
@@ -136,6 +137,6 @@ def refuse_unread(log: FlightLog, channel: Channel) -> None:
 
 
 def assumptions(channels: Iterable[Channel]) -> tuple[str, ...]:
-    """Return what the units of channels take for granted."""
+    """Return the assumptions behind the units of channels."""
     weighed = any(channel.own_unit == "g" for channel in channels)
     return (f"1 g is {USUAL_GRAVITY_MPS2:g} m/s^2",) if weighed else ()

@@ -1,4 +1,4 @@
-"""Files of several flights, as flight controllers write them: which one is fitted."""
+"""Choose which flight is fitted in a file of several, as flight controllers write them."""
 
 from dataclasses import replace
 
@@ -9,9 +9,10 @@ _COMMANDS = {f"control.m{motor}" for motor in MOTORS}
 
 
 def longest_flight(log: FlightLog) -> FlightLog:
-    """Return a log without the series of all flights but the one of most rows, and a note on them.
+    """Return a log with only the flight of most rows, and a note on the others; series that are not flights stay.
 
-    Series of other autopilots that have the commands of all motors are flights; of one of them the log stays as it is.
+    Flights are series of other autopilots that have the commands of all motors. A log with fewer than two stays as it
+    is.
     """
     flights = [one for one in log.series if set(one.names) >= _COMMANDS]
     if len(flights) < 2:

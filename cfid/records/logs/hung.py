@@ -1,4 +1,4 @@
-"""Rows of a log in which a sensor of three axes repeats one value while the vehicle moves: it hung, or was not read."""
+"""Leave out rows in which a sensor of three axes repeats one value while the vehicle moves: it hung or was not read."""
 
 from collections.abc import Mapping
 
@@ -12,13 +12,13 @@ Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Timed = tuple[Array, Array]
 
-_MOST = 0.5  # of a sensor's rows: more is how it is logged
+_MOST = 0.5  # of a sensor's rows; where more repeat, it is logged that way
 
 
 def without_hung(sensors: Mapping[str, Timed]) -> tuple[tuple[Timed, ...], tuple[str, ...]]:
     """Return times (n,) and values (n, 3) of two sensors without the rows in which an axis hung, and sentences on them.
 
-    Where all axes of both repeat one value, the vehicle stands, in a simulator.
+    Where all axes of both repeat one value, the vehicle stands still in a simulator, and the rows stay.
     """
     axes = [_repeated(*timed) for timed in sensors.values()]
     still = [(time_s, one.all(axis=1).astype(float)) for (time_s, _), one in zip(sensors.values(), axes, strict=True)]
@@ -38,9 +38,9 @@ def without_hung(sensors: Mapping[str, Timed]) -> tuple[tuple[Timed, ...], tuple
 
 
 def _repeated(time_s: Array, values: Array) -> Mask:
-    """Return where values (n, 3) at times (n,) are one for long, by axis.
+    """Return where each axis of values (n, 3) at times (n,) repeats one value for long.
 
-    What an axis repeats at the end of its range it has measured.
+    Repeats at the end of an axis's range do not count: they were measured.
     """
     inside = np.abs(values) < np.abs(values).max(axis=0)
     return np.asarray(inside & np.column_stack([repeated(time_s, axis) for axis in values.T]))

@@ -1,4 +1,4 @@
-"""What a recording of another program is, by its columns."""
+"""Recognise the kind of another program's recording by its columns."""
 
 import re
 from collections.abc import Sequence
@@ -21,10 +21,11 @@ _FLOWN = re.compile(
     r"(?:\w+_)?(?:(?:gyro|acc)[._][xyz]|(?:motor|pwm|rpm)[._]m[1-4]\w*|(?:stateEstimate|stabilizer)[._]\w+|pm[._]vbat\w*)"
     r"(?:\s*[\[(][^\[\]()]+[\])])?"
 )
-_COLUMNS: dict[Kind, tuple[re.Pattern[str], ...]] = {  # of which one shows the kind
+_COLUMNS: dict[Kind, tuple[re.Pattern[str], ...]] = {  # any one column shows the kind
     "wrench": (
         *(column.called for column in WRENCH_COLUMNS.columns if column.key in AXES),
-        re.compile(rf"(?:{'|'.join(AXES)})\s*[\[(][^\[\]()]+[\])]", re.IGNORECASE),  # whose unit is refused by name
+        # With any unit, so that one that is not read is refused by name.
+        re.compile(rf"(?:{'|'.join(AXES)})\s*[\[(][^\[\]()]+[\])]", re.IGNORECASE),
     ),
     "flight": (_FLOWN,),
     "angle": tuple(column.called for column in ANGLE_COLUMNS.columns if column.key != TIME),
@@ -32,16 +33,16 @@ _COLUMNS: dict[Kind, tuple[re.Pattern[str], ...]] = {  # of which one shows the 
 
 
 def kind_at(path: Path, reading: Foreign) -> Kind | None:
-    """Return a log of a vehicle, forces and torques, an angle, a thrust stand's table, or None: columns do not show it.
+    """Return a recording's kind, None where its columns do not show it; a "flight" is any log of a vehicle.
 
     Raises DataError where it cannot be read.
     """
     if is_binary_log(path):
         return "flight"
-    if any("=" in one for one in reading.columns):  # as columns of motors alone are named
+    if any("=" in one for one in reading.columns):  # only columns of motors are named this way
         return "stand"
     if reading.columns:
-        of_log = len(reading.columns) == 1 and reading.rate_hz is None  # the time alone
+        of_log = len(reading.columns) == 1 and reading.rate_hz is None  # the one column is the time
         return "flight" if of_log else "wrench" if len(reading.columns) > len(AXES) else "angle"
     if is_matlab(path) and _is_converted_flight(path):
         return "flight"
@@ -70,5 +71,5 @@ def has_times(path: Path, reading: Foreign) -> bool:
 
 
 def is_flown(name: str) -> bool:
-    """Return whether a column is a variable of a vehicle's firmware, `gyro.x` or `imu_gyro_x`."""
+    """Return whether a column is a variable of a vehicle's firmware, such as `gyro.x` or `imu_gyro_x`."""
     return bool(_FLOWN.fullmatch(name))

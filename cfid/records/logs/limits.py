@@ -1,4 +1,4 @@
-"""Values that no vehicle has, which one damaged row of a log may hold: which they are, and what is said of them."""
+"""Find values that no vehicle can have, as damaged rows of a log may hold, and report them."""
 
 from typing import NamedTuple
 
@@ -13,9 +13,9 @@ Mask = npt.NDArray[np.bool_]
 
 
 class Limits(NamedTuple):
-    """The least and the most that a value may be, in `unit`, and up to which share of the values others are left out.
+    """The smallest and largest possible value, in `unit`; values outside are left out where they are at most a `share`.
 
-    Where more are outside, the column is in another unit, or is something else.
+    Where more values are outside, the column is in another unit, or is something else.
     """
 
     least: float
@@ -24,11 +24,11 @@ class Limits(NamedTuple):
     share: float = 0.1
 
     def outside(self, values: Array) -> Mask:
-        """Return which values (n, ...) are numbers that cannot be."""
+        """Return which values (n, ...) are numbers outside the limits."""
         return np.asarray((values < self.least) | (values > self.most))
 
     def few(self, count: int, known: int) -> bool:
-        """Return whether some values are outside, and so few of those known that these alone are left out."""
+        """Return whether some values are outside, but so few of the known ones that only these are left out."""
         return 0 < count <= self.share * known
 
     def left_out(self, what: str, count: int, first: float) -> str:
@@ -43,7 +43,7 @@ class Limits(NamedTuple):
 COMMANDS = Limits(0.0, FULL_COMMAND, "")
 SPEEDS = Limits(-2e4, 2e4, "rad/s")  # 190000 rpm; the smallest motors reach half of it
 FORCES = Limits(-1e4, 1e4, "m/s^2")  # 1000 g
-# Gyros end at 2000 deg/s. In degrees that are read as radians, 6 % of the rows of public flights are beyond.
+# Gyros end at 2000 deg/s. Where degrees are read as radians, 6 % of the rows of public flights are beyond the limits.
 RATES = Limits(-36.0, 36.0, "rad/s", share=0.002)
 
 _PULSES = 2500.0  # 4 % of the full command, with which nothing flies; DShot ends at 2047, pulse widths at 2500 us
@@ -51,7 +51,7 @@ _PER_CENT = 100.0
 
 
 def other_scale(largest: float) -> str | None:
-    """Return what commands may be whose largest turns no motor where the full one is 65535, None for others."""
+    """Return the likely scale of commands whose largest would turn no motor on a scale up to 65535, None for others."""
     if not 0 < largest <= _PULSES:
         return None
     if largest <= 1:

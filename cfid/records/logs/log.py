@@ -1,4 +1,4 @@
-"""A recording as named channels in SI units, whoever made it; read block by block, so that its size does not matter."""
+"""Represent a recording of any origin as named channels in SI units, read block by block, whatever its size."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -23,7 +23,7 @@ BLOCK_ROWS = 1 << 16  # 65536 rows of 50 channels are 26 MB
 _LISTED = 8  # series, and channels of unknown unit, that one line names
 _UNIT_WORDS = {"": "an unknown unit", "1": "plain numbers"}
 
-# Units that logs are written in: the SI unit, and how many of it one is. A g is that of the firmware's own estimator.
+# Units that logs are written in: the SI unit of each, and the factor to it. A g is that of the firmware's estimator.
 _SI: dict[str, tuple[str, float]] = {
     "g": ("m/s^2", USUAL_GRAVITY_MPS2),
     "deg": ("rad", math.pi / 180),
@@ -41,7 +41,7 @@ _SI: dict[str, tuple[str, float]] = {
 
 @dataclass(frozen=True)
 class Channel:
-    """A column of a log: its name, and the unit that the log has it in.
+    """A column of a log: its name, and its unit in the log.
 
     The unit is "1" for a plain number, "" where it is unknown; `scale` is one step of a count in that unit.
     """
@@ -62,7 +62,7 @@ class Channel:
 
     @property
     def factor(self) -> float:
-        """The value in its SI unit over the raw number."""
+        """The ratio of the value in its SI unit to the raw number."""
         return self.scale * _SI.get(self.own_unit, ("", 1.0))[1]
 
 
@@ -90,7 +90,7 @@ class Series:
         return tuple(channel.variable for channel in self.channels)
 
     def place_of(self, name: str) -> int:
-        """Return the position of a channel, by its name or variable; ValueError for another name."""
+        """Return the position of a channel, by its name or variable. Raises ValueError for another name."""
         return (self.names if name in self.names else self.variables).index(name)
 
     @property
@@ -99,7 +99,7 @@ class Series:
         return self.column(0)
 
     def values(self, name: str) -> Array:
-        """Return a channel (rows,) in its SI unit, by its name or variable; ValueError for another name."""
+        """Return a channel (rows,) in its SI unit, by its name or variable. Raises ValueError for another name."""
         place = self.place_of(name)
         column = self.column(1 + place)
         column *= self.channels[place].factor
@@ -125,8 +125,8 @@ class Series:
 class FlightLog:
     """A recording of a vehicle, or of another device, in one or several series.
 
-    `program` names the format and who writes it, `clock` what the times are. `assumed` are sentences on what the file
-    does not state, `notes` on what is damaged or missing.
+    `program` names the format and its writer, `clock` states what the times are. `assumed` are sentences on what the
+    file does not state, `notes` on what is damaged or missing.
     """
 
     path: Path
@@ -145,7 +145,7 @@ class FlightLog:
     def series_of(self, name: str) -> Series:
         """Return the series with a channel, by its name or variable; of several, the one with most rows.
 
-        Raises DataError naming the channels there are.
+        Raises a DataError that names the channels of the log.
         """
         having = [series for series in self.series if name in {*series.names, *series.variables}]
         if not having:
@@ -155,14 +155,14 @@ class FlightLog:
 
     @property
     def understood(self) -> str:
-        """One line: the format, and of each series its rows, rate and channels with their units as read."""
+        """One line: the format, and for each series its rows, rate and channels with their units as read."""
         first = sorted(self.series, key=lambda one: not any(channel.own_unit for channel in one.channels))[:_LISTED]
         more = f"; and {len(self.series) - _LISTED} more series" if len(self.series) > _LISTED else ""
         return f"{self.path.name}: {self.program}; {self.clock}; {'; '.join(map(_described, first))}{more}."
 
 
 def in_memory(name: str, time_s: Array, channels: Sequence[Channel], values: Sequence[npt.NDArray[Any]]) -> Series:
-    """Return a series of arrays (n,) of numbers of any type, one a channel."""
+    """Return a series of arrays (n,) of numbers of any type, one array per channel."""
 
     def blocks() -> Iterator[Array]:
         for begin in range(0, len(time_s), BLOCK_ROWS):
@@ -173,7 +173,7 @@ def in_memory(name: str, time_s: Array, channels: Sequence[Channel], values: Seq
 
 
 def printable(text: str, length: int = 60) -> str:
-    """Return a name that a file holds, for a terminal: no control characters, and of limited length."""
+    """Return a name from a file in a form for the terminal: without control characters, and of limited length."""
     return "".join(letter if letter.isprintable() else "?" for letter in text)[:length]
 
 

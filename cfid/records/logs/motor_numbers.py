@@ -1,23 +1,23 @@
-"""Motors of other autopilots by the Crazyflie's numbers: 1 front right, 2 rear right, 3 rear left, 4 front left.
+"""Give motors of other autopilots the Crazyflie's numbers: 1 front right, 2 rear right, 3 rear left, 4 front left.
 
-And whether they stand on a square, as the moments of a flight need.
+Also report rotors that do not form a square, which the moments of a flight rest on.
 """
 
 from collections.abc import Mapping, Sequence
 
 from cfid.units import MOTORS
 
-PX4_QUAD_X = (1, 3, 4, 2)  # the Crazyflie's numbers of its motors in order: front right, rear left, front left, ...
+PX4_QUAD_X = (1, 3, 4, 2)  # the Crazyflie's numbers of PX4's motors in order: front right, rear left, front left, ...
 BETAFLIGHT_QUAD_X = (2, 1, 3, 4)  # rear right, front right, rear left, front left
 
 NO_SQUARE = "the rotors do not stand on a square"
 
-_OFF_SQUARE = 0.01  # of the lever, by which airframe files round places
+_OFF_SQUARE = 0.01  # relative to the lever: airframe files round places by as much
 _PLACES = {(True, True): 1, (False, True): 2, (False, False): 3, (True, False): 4}  # forward, right
 
 
 def by_geometry(parameters: Mapping[str, float]) -> tuple[int, ...] | None:
-    """Return the Crazyflie's numbers of PX4's motors in order by its rotor positions, None where these state none."""
+    """Return the Crazyflie's numbers of PX4's motors in order, from its rotor positions; None where these show none."""
     at = _places_m(parameters)
     if any(0.0 in place for place in at) or parameters.get("CA_ROTOR_COUNT", len(MOTORS)) != len(MOTORS):
         return None
@@ -28,7 +28,8 @@ def by_geometry(parameters: Mapping[str, float]) -> tuple[int, ...] | None:
 def off_square(parameters: Mapping[str, float], driven: int) -> tuple[str, ...]:
     """Return a sentence on PX4's rotors where they are known not to be at the corners of a square.
 
-    `driven` are the motors that have commands, beyond four others than 0; it is 0 where none is logged.
+    `driven` is the number of motors with commands; motors beyond four count only with commands other than 0. It is 0
+    where no commands are logged.
     """
     stated = int(parameters.get("CA_ROTOR_COUNT", driven))
     if others := not_four(max(stated, driven), "control"):
@@ -44,7 +45,7 @@ def off_square(parameters: Mapping[str, float], driven: int) -> tuple[str, ...]:
 
 
 def not_four(count: int, own: str) -> tuple[str, ...]:
-    """Return a sentence on motors that are other than four, whose commands' `own` name is numbered from 0."""
+    """Return a sentence on motors where there are not four; `own` is the name of their commands, numbered from 0."""
     if count in (0, len(MOTORS)):
         return ()
     return (f"{NO_SQUARE}: there are {count}, of which {own}[0] to [3] alone are read as motors m1 to m4.",)
@@ -58,6 +59,6 @@ def _places_m(parameters: Mapping[str, float]) -> list[tuple[float, float]]:
 
 
 def numbering(numbers: Sequence[int], own: str, *, why: str) -> str:
-    """Return the sentence that states which motor is which; `own` is the name of one, as `motor[{}]`."""
+    """Return the sentence that states which motor is which; `own` is the log's name for one, as in `motor[{}]`."""
     named = ", ".join(own.format(numbers.index(motor)) for motor in MOTORS)
     return f"motors have the Crazyflie's numbers: control.m1 to m4 are {named}, {why}"

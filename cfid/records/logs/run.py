@@ -18,7 +18,7 @@ from cfid.records.tables.times import line_notes
 
 
 def log_of_run(run: Run) -> FlightLog:
-    """Return a run's devices as series. Raises DataError where none can be read; a fault in one is a note."""
+    """Return a run's devices as series. Raises DataError where none can be read; a note names each faulty one."""
     series: list[Series] = []
     notes: list[str] = []
     for device, record in run.header.devices.items():

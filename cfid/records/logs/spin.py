@@ -1,4 +1,4 @@
-"""Which way rotors turn, where a log shows it: as a Crazyflie's, front right counterclockwise, or the other way."""
+"""Find which way rotors turn where a log shows it: as a Crazyflie's, front right counterclockwise, or the other way."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -11,26 +11,27 @@ from cfid.units import MOTORS, ROTOR_TURNS
 
 OTHER_WAY = "rotors turn the other way than a Crazyflie's"
 
-_MIXED = 0.7  # of a correlation, which is nearly one: outputs are whole numbers, and limits of the mixer rare
-_ROWS = 100_000  # that are looked at
+_MIXED = 0.7  # least size of a correlation; it is nearly one: outputs are whole numbers, and mixer limits rare
+_ROWS = 100_000  # of a log that are examined
 
 
 def by_moments(parameters: Mapping[str, float], numbers: Sequence[int]) -> tuple[str, ...]:
-    """Return a sentence where PX4's parameters state that rotors turn the other way; `numbers` are the Crazyflie's.
+    """Return a sentence where PX4's parameters state that rotors turn the other way.
 
-    PX4 counts the moment over the thrust of a rotor that turns counterclockwise, seen from above, as positive.
+    `numbers` are the Crazyflie's numbers of PX4's motors in order. PX4 counts the moment over the thrust of a rotor
+    that turns counterclockwise, seen from above, as positive.
     """
     stated = [parameters.get(f"CA_ROTOR{place}_KM", 0.0) * ROTOR_TURNS[motor] for place, motor in enumerate(numbers)]
     return (f"{OTHER_WAY}, by CA_ROTOR0_KM to CA_ROTOR3_KM",) if max(stated) < 0 else ()
 
 
 def by_mixer(wanted: Array, outputs: Mapping[int, Array]) -> tuple[str, ...]:
-    """Return a sentence where an autopilot that wants torques (n,) about z turns the motors against a Crazyflie's.
+    """Return a sentence where the torques (n,) wanted about z and the outputs show rotors that turn the other way.
 
-    `outputs` are those (n,) of each of its motors; rows without a number show nothing.
+    `outputs` has the outputs (n,) for each motor; rows without a number show nothing.
     """
     every = slice(None, None, max(len(wanted) // _ROWS, 1))
-    # A rotor pushes the vehicle against its own turning.
+    # A rotor's torque on the vehicle is opposite to its own rotation.
     against = -np.sum([ROTOR_TURNS[motor] * outputs[motor][every] for motor in MOTORS], axis=0)
     known = np.isfinite(wanted[every]) & np.isfinite(against)
     wanted, against = wanted[every][known], against[known]
@@ -41,17 +42,17 @@ def by_mixer(wanted: Array, outputs: Mapping[int, Array]) -> tuple[str, ...]:
 
 
 def of_rotors(texts: Sequence[str]) -> tuple[str, ...]:
-    """Return those of a log's sentences on its rotors, which stay with it in whatever format it is kept."""
+    """Return those of a log's sentences that are on its rotors; they stay with the log in any format."""
     return tuple(text for text in texts if text.startswith((NO_SQUARE, OTHER_WAY)))
 
 
 def kept_texts(log: FlightLog) -> dict[str, str]:
-    """Return what a file that a log is converted to keeps of its rotors."""
+    """Return the texts on a log's rotors that a file converted from the log keeps."""
     texts = {"notes": of_rotors(log.notes), "assumed": of_rotors(log.assumed)}
     return {f"rotors_{key}": "\n".join(each) for key, each in texts.items() if each}
 
 
 def with_kept_texts(log: FlightLog, origin: Mapping[str, str]) -> FlightLog:
-    """Return a log that was read from such a file, with what its `origin` keeps."""
+    """Return a log that was read from a converted file, with the texts on rotors that its `origin` keeps."""
     notes, assumed = (tuple(origin.get(f"rotors_{key}", "").splitlines()) for key in ("notes", "assumed"))
     return replace(log, notes=(*log.notes, *notes), assumed=(*log.assumed, *assumed))

@@ -1,6 +1,6 @@
 """Read logs that are tables: of the Crazyflie's client, NanoBench, Crazyswarm2's simulator, and any other with times.
 
-The header tells which: variables of the firmware keep their names, `imu_acc_x` and the like get them back.
+The header shows which program wrote it. Variables of the firmware keep their names; `imu_acc_x` becomes `acc.x` again.
 """
 
 import re
@@ -48,22 +48,22 @@ _NANOBENCH = {
     **dict.fromkeys(("wx_vicon", "wy_vicon", "wz_vicon"), "rad/s"),
 }
 _NANOBENCH |= {f"imu_gyro_{axis}": "rad/s" for axis in "xyz"}  # as its motion capture shows; the firmware's are deg/s
-_OF_NANOBENCH = {"wx_vicon", "motor_motor_m1", "imu_gyro_x", "imu_acc_x"}  # any tells it, as parts of it have others
+_OF_NANOBENCH = {"wx_vicon", "motor_motor_m1", "imu_gyro_x", "imu_acc_x"}  # one is enough: not all parts have all
 _CRAZYSWARM = {**dict.fromkeys("xyz", "m"), **dict.fromkeys(("qw", "qx", "qy", "qz"), "1")}
 _EMPTY = " is empty."
 _EXACT_BELOW = 2.0**53
 _IN_BRACKETS = re.compile(r"[(\[](?P<unit>N-m|[A-Za-zµμ°%][\w/^·⋅.*°% ]{0,7})[)\]]\s*$")
 _SPELT = {"rpm": "rpm", "n·m": "N m", "n⋅m": "N m", "n-m": "N m", "n.m": "N m", "nm": "N m", "n*m": "N m", "°": "deg"}
 _CLIENT = "CSV log of the Crazyflie client"
-_LEAST_STEP_MS = 0.5  # between rows of the client, which come every ms at most
+_LEAST_STEP_MS = 0.5  # between rows of the client, which writes one per ms at most
 _UNITS = {1.0: "s", 1e-3: "ms", 1e-6: "us"}
 CLOCK_IS_FOR = "`clock` is for logs of a Crazyflie's uSD card and tables made of them."
 
 
 def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
-    """Read a table with a time column, or with a rate, as one series; columns that are no numbers are left out.
+    """Read a table with a time column, or with a rate, as one series; columns that are not numbers are left out.
 
-    Raises DataError for a file that is no table of numbers, or whose time has no unit that fits; ConfigError where an
+    Raises DataError for a file that is not a table of numbers, or whose times fit no unit; ConfigError where an
     option contradicts the file.
     """
     table = open_table(path, sha256=source.sha256, skip_lines=reading.skip_lines, columns=reading.columns)
@@ -144,12 +144,12 @@ def _by_name(table: CsvTable, time: str | None) -> str | None:
 
 
 def _is_label(name: str, table: CsvTable) -> bool:
-    """Return whether a column may tell which of several recordings a row is of: it is no variable of a vehicle."""
+    """Return whether a column may show which of several recordings a row is of: it is not a vehicle's variable."""
     return bool(name) and table.has_head and table.names.count(name) == 1 and not is_variable(name)
 
 
 def _refuse_seconds(table: CsvTable, raw: Array) -> None:
-    """Raise DataError for times (n,) of the Crazyflie's client, who counts ms, that are closer than its rows can be."""
+    """Raise DataError for times (n,) of the Crazyflie's client, read in ms, that are closer than its rows can be."""
     step = usual_step(raw)
     if 0 < step < _LEAST_STEP_MS:
         raise DataError(
@@ -159,7 +159,7 @@ def _refuse_seconds(table: CsvTable, raw: Array) -> None:
 
 
 def _repeated(table: CsvTable, time: str | None) -> dict[str, str]:
-    """Return why columns of one name are left out, by name."""
+    """Return, by name, why columns that share a name are left out."""
     places: dict[str, list[str]] = {}
     for place, name in enumerate(table.names, start=1):
         places.setdefault(name, []).append(str(place))
@@ -171,13 +171,13 @@ def _repeated(table: CsvTable, time: str | None) -> dict[str, str]:
 
 
 def _is_slow_stand(table: CsvTable, time: str | None) -> bool:
-    """Return whether a thrust stand's time column names its unit: one row a step is slow, not wrong."""
+    """Return whether a thrust stand's time column names its unit: one row per step is then slow, not wrong."""
     named = time is not None and unit_of(table, TIME_COLUMN.called, time, None, "") is not None
     return named and table.has_head and shows_stand(heads_of(table.names))
 
 
 def _is_replaced(name: str, table: CsvTable, reading: Foreign) -> bool:
-    """Return whether a column is a time in whose place the given rate stands."""
+    """Return whether a column is a time that the given rate replaces."""
     return reading.rate_hz is not None and table.has_head and TIME_COLUMN.called.fullmatch(name) is not None
 
 
@@ -188,7 +188,7 @@ def _firmware(name: str) -> Channel:
 
 
 def _suffixed(name: str) -> str:
-    """Return the unit in the name of an angle, a force or a torque, as in `theta_rad`, or that is it; "" for none."""
+    """Return the unit in the name of an angle, force or torque, as in `theta_rad`, or the name rpm; "" for none."""
     if name.lower() == "rpm":
         return "rpm"
     for column in (*ANGLE_COLUMNS.columns, *WRENCH_COLUMNS.columns):
@@ -200,7 +200,7 @@ def _suffixed(name: str) -> str:
 
 
 def _bracketed(name: str) -> str:
-    """Return the unit that ends a column's name in brackets, "" for none, and for a g, which may be a gram."""
+    """Return the unit in brackets at the end of a column's name, "" for none or for a g, which may be a gram."""
     found = _IN_BRACKETS.search(name)
     unit = found["unit"].replace("µ", "u").replace("μ", "u") if found else ""
     return "" if unit == "g" else _SPELT.get(unit.lower(), unit)
@@ -214,9 +214,9 @@ def _nanobench(name: str) -> Channel:
 
 
 def _clock(table: CsvTable, time: str | None, raw: Array, reading: Foreign, *, of_vehicle: bool) -> tuple[float, str]:
-    """Return how long a second of the table is, and what its times (n,) are.
+    """Return how long a second of the table is in real time, and a text on what its times (n,) are.
 
-    Raises ConfigError for a clock where no vehicle's times are.
+    Raises ConfigError for a clock that is given for times other than a vehicle's.
     """
     if reading.clock is not None and (time is None or not of_vehicle):
         raise ConfigError(f"{table.path}: {CLOCK_IS_FOR}")
@@ -231,10 +231,7 @@ def _clock(table: CsvTable, time: str | None, raw: Array, reading: Foreign, *, o
 
 
 class _Checked(NamedTuple):
-    """Why columns are left out, how many rows lack a number in the others, and which of these lose digits of theirs.
-
-    Then how many rows there are.
-    """
+    """Why columns are left out; rows without a number in the others; those of them that lose digits; number of rows."""
 
     faults: dict[str, str]
     missing: dict[str, int]
@@ -263,7 +260,7 @@ def _checked(whole: CsvTable, time: str | None, names: Sequence[str]) -> _Checke
 
 
 def _numbers(table: CsvTable, time: str | None, names: Sequence[str]) -> Array:
-    """Return time and columns, NaN where one of these has no number."""
+    """Return time and columns, NaN where a column has no number."""
     try:
         return table.numbers([*_given(time), *names])
     except DataError:
@@ -275,12 +272,12 @@ def _fault(table: CsvTable, name: str) -> str:
     try:
         table.numbers([name])
     except DataError as fault:
-        return str(fault).removesuffix(f" {REPAIR}")  # it is the whole column
+        return str(fault).removesuffix(f" {REPAIR}")  # the whole column is wrong, not one line
     return ""
 
 
 def _merged(faults: Mapping[str, str]) -> list[str]:
-    """Return the faults, of several columns whose first field is empty one sentence."""
+    """Return the faults, with one sentence for all columns whose first field is empty."""
     empty = [name for name, fault in faults.items() if _EMPTY in fault]
     if len(empty) < 2:
         return list(faults.values())
@@ -291,7 +288,7 @@ def _merged(faults: Mapping[str, str]) -> list[str]:
 def _blocks(
     whole: CsvTable, reading: Foreign, time: str | None, names: Sequence[str], *, second_s: float, own: Array
 ) -> Iterator[Array]:
-    """Yield the times, whose own values (n,) are known, and the columns."""
+    """Yield the times, whose raw values are `own` (n,), and the columns."""
     begun = 0
     for table in whole.blocks():
         values = _numbers(table, time, names)

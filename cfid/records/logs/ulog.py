@@ -1,7 +1,7 @@
 """Read ULog files of PX4 with pyulog: a series for every topic.
 
 Motors, their speeds, the battery's voltage and the acceleration along z get the names, numbers and units of a Crazyflie
-beside their own.
+in addition to their own.
 """
 
 import io
@@ -31,7 +31,7 @@ Rows = npt.NDArray[np.void]
 
 BEGIN = b"ULog\x01\x12\x35"
 
-# Of PX4's message definitions, by topic: what has no row here has no unit that is certain.
+# From PX4's message definitions, by topic: a field that is missing here has no certain unit.
 _UNITS = (
     (r"vehicle_angular_velocity\.xyz\[\d\]|sensor_combined\.gyro_rad\[\d\]|sensor_gyro\.[xyz]", "rad/s"),
     (r"vehicle_angular_velocity\.xyz_derivative\[\d\]", "rad/s^2"),
@@ -46,8 +46,8 @@ _UNITS = (
     (r"esc_status\.esc\[\d\]\.esc_rpm", "rpm"),
 )
 _MOTORS, _CONTROLLERS = "actuator_motors", "esc_status"
-_FILLING = re.compile(r"(?:^|\.)_padding\d*")  # of records, which their definitions make longer
-_BATTERY = "battery_status"  # a topic of each that may be connected; one that is not shows 0 V
+_FILLING = re.compile(r"(?:^|\.)_padding\d*")  # bytes by which definitions make records longer
+_BATTERY = "battery_status"  # a topic for each possible battery; one that is not connected shows 0 V
 _FIRST_MOTOR = 101  # PX4's `actuator_function` of Motor1
 _PATTERNS = tuple((re.compile(pattern), unit) for pattern, unit in _UNITS)
 
@@ -112,7 +112,7 @@ def read_ulog(path: Path, source: Source) -> FlightLog:
 
 
 def _of_damages(parts: UlogParts, *, others: bool) -> Iterator[str]:
-    """Say what is damaged: stretches without whole messages, and `others`."""
+    """Yield a sentence on what is damaged: segments without whole messages, or `others`."""
     if parts.damages:
         first, end = parts.damages[0]
         size = sum(end - first for first, end in parts.damages)
@@ -140,7 +140,7 @@ def _rows(fields: Mapping[str, Any]) -> Rows:
 
 
 def _in_order(rows: Rows) -> Rows:
-    """Return a topic's rows (n,) without those of damaged times: above the next one's, or below one before."""
+    """Return a topic's rows (n,) without those of damaged times: later than the next, or earlier than one before."""
     time = rows["timestamp"].astype(np.int64)
     above = np.zeros(len(time), bool)
     above[:-1] = time[:-1] > time[1:]
@@ -175,7 +175,7 @@ def _series(topic: str, number: int, rows: Sequence[Rows], motors: tuple[int, ..
 
 
 def _driven(topics: Mapping[tuple[str, int], Sequence[Rows]]) -> int:
-    """Return how many motors have commands; those of motors beyond four count where they are other than 0."""
+    """Return how many motors have commands; motors beyond four count only with commands other than 0."""
     parts = topics.get((_MOTORS, 0), ())
     fields = [field for field in (parts[0].dtype.names or () if parts else ()) if field.startswith("control[")]
     moved = [any(np.any(np.nan_to_num(rows[field])) for rows in parts) for field in fields[len(MOTORS) :]]
@@ -184,9 +184,9 @@ def _driven(topics: Mapping[tuple[str, int], Sequence[Rows]]) -> int:
 
 
 def _numbered(rows: Sequence[Rows], motors: tuple[int, ...]) -> tuple[tuple[int, int], ...]:
-    """Return places of a topic's entries and the Crazyflie's numbers of their motors: in order, or as they state.
+    """Return places of a topic's entries and the Crazyflie's numbers of their motors: in order, or as entries state.
 
-    PX4's reports of motor controllers stand in the order of the controllers, and state their motors from 101 on.
+    PX4's reports of motor controllers are in the order of the controllers, and number the motors from 101.
     """
     names = [name for name in rows[0].dtype.names or () if name.endswith("].actuator_function")]
     stated = {int(np.median(rows[0][name])) - _FIRST_MOTOR: place for place, name in enumerate(names)}
@@ -196,7 +196,7 @@ def _numbered(rows: Sequence[Rows], motors: tuple[int, ...]) -> tuple[tuple[int,
 
 
 def _forwards(column: _Column, rows: Sequence[Rows]) -> _Column:
-    """Return a rotor's speed by its size where it turns the other way: is never above zero, and below."""
+    """Return a rotor's speed, its sign changed where it is never above zero but is below: it turns the other way."""
     values = rows[0][column.field]
     return column._replace(divisor=-1.0) if values.max() <= 0 > values.min() else column
 
@@ -216,7 +216,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _as_a_crazyflie_s(topic: str, motors: tuple[tuple[int, int], ...]) -> Iterator[_Column]:
-    """Yield the channels that a Crazyflie has too, by its names and in its units."""
+    """Yield the channels that a Crazyflie also has, under its names and in its units."""
     for_motors = {_MOTORS: ("control.m{}", "control[{}]"), _CONTROLLERS: ("rpm.m{}", "esc[{}].esc_rpm")}
     if topic in for_motors:
         name, own = for_motors[topic]

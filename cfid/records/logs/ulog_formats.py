@@ -1,39 +1,39 @@
-"""Count a ULog file's fields before a library makes one of every element of every array."""
+"""Count a ULog file's fields before a library creates one for each element of each array."""
 
 import re
 from pathlib import Path
 
 from cfid.errors import DataError
 
-_MOST_FIELDS = 200_000  # of all subscriptions together; an autopilot's logs have some thousands
+_MOST_FIELDS = 200_000  # of all subscriptions together; an autopilot's logs have a few thousand
 _DEEPEST = 8  # formats inside formats
 _FIELD = re.compile(r"(?P<type>[^\[ ]*)(?:\[(?P<count>[^\]]*))?")
 
 
 class FieldCount:
-    """How many fields the subscriptions of a log have."""
+    """The number of fields in the subscriptions of a log."""
 
     def __init__(self, path: Path) -> None:
-        """Begin with none of a file."""
+        """Start with no fields of a file."""
         self._path = path
         self._formats: dict[str, str] = {}
         self._known: dict[str, int] = {}
         self._fields = 0
 
     def define(self, content: bytes) -> None:
-        """Take a format, `name:type field;type[count] field`."""
+        """Add a format, `name:type field;type[count] field`."""
         name, _, fields = content.decode(errors="replace").partition(":")
         self._formats[name] = fields
         self._known = {}
 
     def subscribe(self, content: bytes) -> None:
-        """Take a subscription: instance, number, a format's name. Raises DataError where fields become too many."""
+        """Add a subscription: instance, number, a format's name. Raises DataError where there are too many fields."""
         self._fields += self._of(content[3:].decode(errors="replace"))
         if self._fields > _MOST_FIELDS:
             raise DataError(f"{self._path}: not readable as a ULog file: it states more than {_MOST_FIELDS} fields.")
 
     def _of(self, name: str, depth: int = 0) -> int:
-        """Return how many fields a format has with those of formats inside it."""
+        """Return how many fields a format has, including those of formats inside it."""
         if name not in self._formats:
             return 1
         if depth > _DEEPEST:

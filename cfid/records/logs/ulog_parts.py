@@ -1,6 +1,6 @@
-"""Cut a ULog file into parts that are logs by themselves, so that a library which reads whole logs holds one part.
+"""Cut a ULog file into parts that are complete logs, so that a library that reads whole logs holds one part only.
 
-Parts have whole messages alone: damaged bytes are left out, up to where whole messages follow each other again.
+Parts have only whole messages: damaged bytes are left out, up to where whole messages follow one another again.
 """
 
 import io
@@ -21,22 +21,22 @@ PART_BYTES = 1 << 26
 _MESSAGE = struct.Struct("<HB")  # how many bytes follow, and the type
 _MESSAGES = np.isin(np.arange(256), list(b"BFIMPQARDLCSO"))
 _FORMAT, _SUBSCRIPTION = b"FA"
-_BEGIN_DATA = frozenset(b"ALC")  # types of which the first ends the definitions
-_DATA = frozenset(b"DORS")  # types that none of these can precede; among definitions pyulog may read them for ever
+_BEGIN_DATA = frozenset(b"ALC")  # the first message of one of these types ends the definitions
+_DATA = frozenset(b"DORS")  # types that cannot precede those; among definitions, pyulog may never stop reading them
 _BEGIN_BYTES = 16
 _FLAGS_AT = _BEGIN_BYTES + 2  # the type of the first message
-_APPENDED_AT = _BEGIN_BYTES + _MESSAGE.size + 8  # of these flags, the one that data were appended, as after a crash
-_APPENDED = struct.Struct("<3Q")  # where these begin, 0 for none, after the flags
+_APPENDED_AT = _BEGIN_BYTES + _MESSAGE.size + 8  # in these flags: data were appended, as after a crash
+_APPENDED = struct.Struct("<3Q")  # after the flags: where appended data begin, 0 for none
 _LONGEST_DEFINITIONS = 1 << 24
-_IN_A_ROW = 8  # whole messages, where some follow damaged bytes
-_FIRST_LOOK, _LOOK = 1 << 12, 1 << 20  # bytes that are looked at together
+_IN_A_ROW = 8  # whole messages that have to follow damaged bytes
+_FIRST_LOOK, _LOOK = 1 << 12, 1 << 20  # bytes that are searched together
 _MOST_DAMAGES = 1000
 
 
 class UlogParts:
     """A log's parts in order: its definitions, the subscriptions before the part, and whole messages.
 
-    Once they are read, `damages` has where each stretch of damaged bytes begins and ends.
+    Once the parts are read, `damages` has the begin and end of each segment of damaged bytes.
     """
 
     def __init__(self, path: Path) -> None:
@@ -80,7 +80,7 @@ class UlogParts:
         yield io.BytesIO(b"".join([definitions or self._definitions([]), subscribed, *pieces]))
 
     def _definitions(self, pieces: list[memoryview]) -> bytes:
-        """Return the file's begin and its definitions, which state no appended data: parts have them in their place."""
+        """Return the file's header and definitions, without the flag of appended data, which parts have in place."""
         joined = bytearray(b"".join([self._data[:_BEGIN_BYTES], *pieces]))
         if len(joined) > _LONGEST_DEFINITIONS:
             raise DataError(f"{self._path}: not readable as a ULog file: its definitions have no end.")
@@ -119,7 +119,7 @@ class UlogParts:
         return sorted({at for at in _APPENDED.unpack_from(data, offsets) if _BEGIN_BYTES < at < len(data)})
 
     def _whole_from(self, place: int, end: int) -> int:
-        """Return from where on whole messages follow each other, up to `end` or several of them, `end` for nowhere."""
+        """Return the place from which several whole messages follow one another, or all up to `end`; `end` for none."""
         view = np.frombuffer(self._data, np.uint8)
         look = _FIRST_LOOK
         while place < end:
@@ -136,7 +136,7 @@ class UlogParts:
 def _followed(
     view: npt.NDArray[np.uint8], first: npt.NDArray[np.int64], reached: npt.NDArray[np.int64], end: int
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Go on by a message from each reached place; keep those where one is whole, or that are at the end."""
+    """Advance by one message from each reached place; keep places where a message is whole, and those at the end."""
     there = reached == end
     inside = np.minimum(reached, max(end - _MESSAGE.size, 0))
     after = reached + _MESSAGE.size + view[inside] + 256 * view[inside + 1].astype(np.int64)

@@ -32,8 +32,8 @@ MAGIC = 0xBC
 _BEGIN_BYTES = 5  # magic, version, number of events
 _CRC_BYTES = 4
 _LETTERS = "BbHhIiQqefd"  # of numbers, of the same size in numpy as in Python's struct
-_AFTER = 3  # records whose stamps stay behind: one alone is damaged
-_LONGEST_NAME = 200  # bytes; without an end of a name within so many, the header is damaged
+_AFTER = 3  # records whose stamps stay earlier; a single one is damaged
+_LONGEST_NAME = 200  # bytes; where a name does not end within them, the header is damaged
 
 
 class _Version(NamedTuple):
@@ -56,9 +56,10 @@ class _Event:
 
 
 class _Records(NamedTuple):
-    """Where the whole records of each event begin, where reading ended, and why, "" at the end.
+    """Where the whole records of each event begin, where reading ended, and why, "" for the end of the file.
 
-    `checked` is whether the checksum of everything before stands there: the file goes on behind a whole log.
+    `checked` is whether the checksum of everything before that place follows: the file then continues after a whole
+    log.
     """
 
     offsets: dict[int, npt.NDArray[np.int64]]
@@ -68,10 +69,10 @@ class _Records(NamedTuple):
 
 
 def read_usd(path: Path, source: Source, clock: Clock | None = None) -> FlightLog:
-    """Read a log. A cut or damaged one gives the whole records before the fault, and notes it.
+    """Read a log. From a cut or damaged one, read the whole records before the fault, which is noted.
 
-    `clock` states what microseconds are of real time, which else the log shows; ConfigError for a log in milliseconds.
-    Raises DataError for another file, a damaged header, and a log without a whole record.
+    `clock` states how the log's microseconds relate to real time, instead of what the log shows. Raises ConfigError for
+    it where the log is in milliseconds, DataError for another file, a damaged header, and a log without a whole record.
     """
     with path.open("rb") as file:
         data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)  # a large file stays on the disk
@@ -114,7 +115,7 @@ def read_usd(path: Path, source: Source, clock: Clock | None = None) -> FlightLo
 
 
 def _distinct(names: tuple[str, ...]) -> tuple[list[str], list[str]]:
-    """Return names of which none is there twice, and a sentence for each that was."""
+    """Return distinct names, and a sentence for each name that was repeated."""
     found: list[str] = []
     notes = []
     for place, name in enumerate(names, start=1):
@@ -177,7 +178,7 @@ def _event(name: str, words: list[str], version: _Version) -> _Event:
 def _records(data: mmap.mmap, events: dict[int, _Event], begin: int, end: int, *, whole: bool) -> _Records:
     """Walk from record to record; stop at an unknown event, or where the last one is not whole.
 
-    A file whose checksum fails may have lost bytes in the record before an unknown event: that is left out.
+    A file whose checksum fails may have lost bytes in the record before an unknown event: that record is left out.
     """
     sizes = {number: event.record.itemsize for number, event in events.items()}
     offsets = {number: array("q") for number in events}
@@ -201,7 +202,7 @@ def _records(data: mmap.mmap, events: dict[int, _Event], begin: int, end: int, *
 
 
 def _is_checksum(data: mmap.mmap, place: int) -> bool:
-    """Return whether the CRC32 of everything before a place stands there."""
+    """Return whether the CRC32 of everything before a place is stored there."""
     crc = zlib.crc32(memoryview(data)[:place])
     return crc == int.from_bytes(data[place : place + _CRC_BYTES], "little")
 
@@ -236,7 +237,7 @@ def _faults(found: _Records, size: int, *, whole: bool) -> tuple[str, ...]:
 def _first_damage(data: mmap.mmap, event: _Event, offsets: npt.NDArray[np.int64]) -> tuple[int, str]:
     """Return where an event's first record with an impossible stamp begins, the file's size for none, and a note.
 
-    Stamps that stay behind are another recording's, of which nothing is used: its rows would stand among the first's.
+    Stamps that stay earlier are another recording's, of which nothing is used: its rows would mix with the first's.
     """
     stamps = _stamps(data, event, offsets)
     back = np.flatnonzero(stamps[1:] < stamps[:-1])
@@ -250,7 +251,7 @@ def _first_damage(data: mmap.mmap, event: _Event, offsets: npt.NDArray[np.int64]
             f"the clock was set, or two recordings are in one file. Reading stops there, at byte {offsets[at + 1]} of "
             f"{len(data)}; the {len(offsets) - at - 1} records from there on are not used."
         )
-    # A stamp that leaps ahead is the damaged one, where the next fits to the one before it.
+    # A stamp that jumps ahead is the damaged one where the next one follows the one before it.
     first = at if at and stamps[at + 1] >= stamps[at - 1] else at + 1
     return int(offsets[first]), (
         f"{event.name}: the stamp of record {first + 1} of {len(offsets)} is damaged: reading stops there, at byte "

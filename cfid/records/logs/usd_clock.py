@@ -1,7 +1,7 @@
-"""What the times of a uSD-card log, or of a table made of one, are of real time, by the rows or by `clock`.
+"""Relate the times of a uSD-card log, or of a table made of one, to real time, by the rows or by `clock`.
 
 The timer of a Crazyflie 2.x runs at 84/85 of real time with firmware up to 2026.08. The rows of a fixed frequency are
-triggered by other clocks, that of the scheduler or of the gyro: by a slow timer they lie 84/85 of whole milliseconds
+triggered by other clocks, that of the scheduler or of the gyro: a slow timer shows them 84/85 of whole milliseconds
 apart.
 """
 
@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 Clock = Literal["true", "84/85"]
 
-MOST_ROWS = 1 << 18  # enough to know a clock by
+MOST_ROWS = 1 << 18  # enough to identify a clock
 FIXED_FREQUENCY = "fixedFrequency"  # the event whose rows the scheduler triggers
 
 _SLOW = 84 / 85
@@ -30,7 +30,7 @@ class MicrosecondClock(NamedTuple):
 
 
 def microsecond_clock(stamps: npt.NDArray[np.uint64], given: Clock | None) -> MicrosecondClock:
-    """Return the clock of stamps (n,) in microseconds of the rows of a fixed frequency, or the given one."""
+    """Return the given clock, or that of stamps (n,) in microseconds of the rows of a fixed frequency."""
     if given is not None:
         return MicrosecondClock(1e6 * _rate(given), f"{_STATED}, {_how(given)} (`clock` {given})")
     interval_ms = _interval_ms((stamps - stamps[:1]).astype(np.float64) * 1e-3)
@@ -46,7 +46,7 @@ def microsecond_clock(stamps: npt.NDArray[np.uint64], given: Clock | None) -> Mi
 
 
 def decoded_clock(time_s: npt.NDArray[np.float64], given: Clock | None) -> tuple[float, str]:
-    """Return how long a second of a vehicle's table is whose rows have times (n,), and a clause where that is not 1.
+    """Return the length of a second in a vehicle's table with times (n,), and a clause where it is not 1.
 
     A program that decodes a uSD-card log leaves its clock as it is; a table without a fixed frequency may have any.
     """

@@ -1,4 +1,4 @@
-"""Take channels of a log part after part, so that a log may be larger than the memory."""
+"""Read channels of a log part by part, so that a log may be larger than the memory."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import zip_longest
@@ -17,7 +17,7 @@ class Timed(NamedTuple):
 
 
 def windows(log: FlightLog, names: Sequence[str], *, from_s: float, long_s: float) -> Iterator[Mapping[str, Timed]]:
-    """Yield channels in parts of `long_s` that begin at `from_s`; rows before it are in the first part.
+    """Yield channels in parts of length `long_s`, the first from `from_s` on; it also has all rows before that.
 
     Raises DataError for a channel that the log does not have.
     """
