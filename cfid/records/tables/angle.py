@@ -61,7 +61,7 @@ SCHEMA = TableSchema(
 
 @dataclass(frozen=True, kw_only=True)
 class Reading(Foreign):
-    """How to read an angle from a CSV file outside a run; whole counts without `counts_per_turn` are the rig's."""
+    """How to read an angle from a CSV file outside a run; counts without `counts_per_turn` are read with the rig's."""
 
     angle_unit: AngleUnit | None = None
     counts_per_turn: CountsPerTurn | None = None
@@ -79,7 +79,7 @@ class AngleRecord:
     """An angle (n,), continuous over turns, at increasing times (n,) since the first sample.
 
     `begin_s` is the first sample's Unix time in a run, `time_scale_std` the relative standard uncertainty of intervals
-    beyond that of this computer's clock. A gyro's angle is the sum of its `rates`, which fits take.
+    beyond that of this computer's clock. A gyro's angle is the integral of its `rates`, which fits use.
     """
 
     path: Path
@@ -100,7 +100,7 @@ class AngleRecord:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What its reader noted, in sentences that name the run or the file."""
+        """What the record's reader noted, in sentences that name the run or the file."""
         return texts(self.findings, "warning")
 
 
@@ -133,7 +133,7 @@ def read_angle(path: Path, reading: Reading) -> AngleRecord:
 
 
 def _of_gyro(run: Run, device: str) -> AngleRecord:
-    """Return the angle that a run's gyro sums up to, about the axis that it turned about."""
+    """Return the integral of a run's gyro rates as an angle about the axis of their rotation."""
     found, record = read_gyro(run, device), run.header.devices[device]
     name = run.folder.resolve().name
     x, y, z = found.rates.axis
@@ -157,7 +157,7 @@ Recording = AngleRecord | Run | Path | str
 
 
 def angle_record(recording: Recording) -> AngleRecord:
-    """Return a record as it is, and read the encoder of a run or the angle of a file; errors as of `read_angle`."""
+    """Return a record as it is, else read the encoder of a run or the angle of a file. Raises as `read_angle`."""
     if isinstance(recording, AngleRecord):
         return recording
     return read_angle(recording.folder if isinstance(recording, Run) else Path(recording), Reading())
@@ -166,7 +166,7 @@ def angle_record(recording: Recording) -> AngleRecord:
 def labelled(record: AngleRecord, **label: object) -> AngleRecord:
     """Return a record with an `axis`, `weight_g`, `weight_std_g` or `body` in its label.
 
-    Raises ConfigError where the record's own label has another one.
+    Raises ConfigError where the record's own label has another value.
     """
     own = record.label.model_dump()
     for key, value in label.items():
@@ -252,7 +252,7 @@ def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> t
 
 
 def _unit_of_angle(table: CsvTable, column: str, given: AngleUnit | None) -> str | None:
-    """Return the unit of an angle as `unit_of`. Raises ConfigError where its name states one that is not read."""
+    """Return the unit of an angle as `unit_of`. Raises ConfigError where its name states a unit that is not read."""
     name = table.names[table.place(column)]
     if given is None and (other := _OTHER_UNIT.search(name)) is not None:
         raise ConfigError(

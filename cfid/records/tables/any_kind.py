@@ -41,8 +41,8 @@ def read_table(path: str | Path, *, kind: str, **settings: Any) -> Any:
     """Read a CSV file, or a run folder, of a kind: angles, forces and torques, crossings, pings, or a stand's table.
 
     `settings` state what a file does not: `time_unit` ("s", "ms", "us"), `rate_hz`, `skip_lines`, `columns` ("t,phi"
-    or a tuple); of angles `angle_unit` and `counts_per_turn`; of forces `units`, `counts_per_n`, `counts_per_nm`; of a
-    stand `gravity_mps2`, `esc_us` and `motors`.
+    or a tuple); for angles `angle_unit` and `counts_per_turn`; for forces `units`, `counts_per_n`, `counts_per_nm`; for
+    a stand `gravity_mps2`, `esc_us` and `motors`.
     Raises ConfigError for an unknown kind or setting, DataError with file, line and next step.
     """
     if kind not in _READERS:

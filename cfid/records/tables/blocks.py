@@ -1,4 +1,4 @@
-"""Open a table of any size: a large one is read one block of whole lines after the other."""
+"""Open a table of any size: a large one is read in blocks of whole lines, one after another."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -24,10 +24,10 @@ _FEWEST_LINES = 4  # of a large table's first block: a header, its units, two ro
 def open_table(path: Path, *, skip_lines: int = 0, columns: Sequence[str] = (), sha256: str | None = None) -> CsvTable:
     """Open a CSV file, separated by commas, semicolons, tabs or spaces, with or without a header.
 
-    A MATLAB file is taken as the CSV file of its arrays; where it has several tables, `columns` choose one.
+    A MATLAB file is read like a CSV file of its arrays; where it has several tables, `columns` chooses one.
     Lines above the header and lines of comments are left out; between semicolons, tabs and spaces, numbers may have
-    decimal commas. A last line without its newline is left out, since a cut number may look plausible; `cut` is set.
-    `sha256` is the file's, where it is known.
+    decimal commas. A last line without its newline is left out, since a cut number may look plausible, and `cut`
+    is set. `sha256` is the file's, where it is known.
 
     Raises DataError when the file is missing, empty or not a table of numbers.
     """
@@ -97,7 +97,7 @@ def _continued(first: CsvTable, content: MatlabTable) -> Iterator[CsvTable]:
 
 
 def _block(file: BinaryIO, path: Path) -> bytes:
-    """Return the next whole lines. Raises DataError for a line that no table has, which would fill the memory."""
+    """Return the next whole lines. Raises DataError for a line longer than any table's, as it may fill the memory."""
     content, rest = file.read(BLOCK_BYTES), file.readline(BLOCK_BYTES)
     if len(rest) == BLOCK_BYTES and not rest.endswith(b"\n"):
         raise DataError(f"{path}: a line of more than {BLOCK_BYTES >> 20} MB: not a table of numbers.")
@@ -105,7 +105,7 @@ def _block(file: BinaryIO, path: Path) -> bytes:
 
 
 def _following(first: CsvTable, begin: int) -> Iterator[CsvTable]:
-    """Yield the blocks of a file from a byte on, which follow its first."""
+    """Yield the blocks of a file that follow its first one, from a byte on."""
     table = first
     try:
         with first.path.open("rb") as file:

@@ -1,4 +1,4 @@
-"""Units of columns: what names spell them, and which one a column's name, its file or a setting states."""
+"""Find the units of columns: their spellings, and the unit that a column's name, its file or a setting states."""
 
 import re
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ _INVERSE = re.compile(r"\^[({]-1[)}]|⁻¹")
 
 
 def spelt(name: str) -> str:
-    """Return a name without case and spaces, its micro and middle-dot signs in letters that every keyboard has."""
+    """Return a name in lower case, without spaces, and with ASCII characters for micro and middle-dot signs."""
     bare = re.sub(r"[\sâÂ]", "", name)
     return _DOT.sub(".", _MICRO.sub("u", _INVERSE.sub("^-1", bare))).lower()
 
@@ -40,12 +40,12 @@ def column_name(names: str, units: Sequence[str], *, others: str = "") -> re.Pat
 
 
 def unit_word(word: str) -> str | None:
-    """Return the unit that a word in a column's name is, None for another word."""
+    """Return the unit that a word in a column's name stands for, None for another word."""
     return next((unit for unit, words in _UNITS.items() if word.lower() in words), None)
 
 
 def unit_of(table: CsvTable, pattern: re.Pattern[str], column: str, given: str | None, setting: str) -> str | None:
-    """Return the unit that was given by a setting, in the column's name, as it or by the file beside it, if any.
+    """Return the unit that a setting gives, that the column's name has or is, or that the file states; None for none.
 
     Raises ConfigError when the two contradict each other.
     """

@@ -19,23 +19,23 @@ Rows = npt.NDArray[np.intp]
 _FAILED_SHARE = 0.01  # of 13-bit words that may fail their check
 _JUMP_SHARE = 0.01  # of samples that may jump
 _JUMP_RAD = np.pi / 2  # between two samples; at half a turn the direction is ambiguous
-# A reading that is off alone: by so much, and so many times the bend that this share of the record does not exceed. One
-# in a hundred bends three of them, and a swing that fills a twentieth of the record still counts as usual.
+# A reading that is off alone is off by this angle, and by so many times the bend that this share of the record does not
+# exceed. One in a hundred causes three bends in a hundred; a swing in a twentieth of the record still counts as usual.
 _LONE_RAD, _LONE_TIMES, _USUAL = 0.1, 3.0, 0.95
-_LOOKED_AT = 500  # samples whose way shows a swing
-_LEAST_SWING_DEG, _TO_AND_FRO = 20.0, 2.5  # range of a swing in degrees, more than radians can be; its way over that
-_LEAST_SWING_RAD = 1.0  # range; in a smaller one the period of radians is within some per cent of that of degrees
+_LOOKED_AT = 500  # samples whose path shows a swing
+_LEAST_SWING_DEG, _TO_AND_FRO = 20.0, 2.5  # range of a swing in degrees, more than in radians; its path over that
+_LEAST_SWING_RAD = 1.0  # range; in a smaller one, the periods of radians and of degrees agree within a few per cent
 _FOLDED_TURNS = 1.5  # range of an angle that may be wrapped into one turn, with margin for a wrong scale
 _RANKED, _FEW_WRONG = 1_000_000, (0.5, 99.5)  # samples whose percentiles show the range
-_POLLED_ROWS = 10_000  # which tell most polled files at once
-_MOST_READ = 0.5  # of rows that differ from the one before, where others repeat a reading
-_FEW_REPEATED, _EDGES_SHARE = 0.1, 0.95  # of rows of an encoder's edges, at most; of the others, by one count at least
+_POLLED_ROWS = 10_000  # which are enough to recognise most polled files
+_MOST_READ = 0.5  # of rows may differ from the one before where the others repeat a reading
+_FEW_REPEATED, _EDGES_SHARE = 0.1, 0.95  # share of repeats among an encoder's edges, at most; share of steps by one
 _EXACT = 2.0**53  # above it, counts lose their last digits; no axis turns that far
-_SHORTER_WORD = 1 << 18  # a 22-bit encoder that stays below may as well be one of fewer bits
+_SHORTER_WORD = 1 << 18  # counts that stay below may also be those of an encoder with fewer bits
 
 
 class Angle(NamedTuple):
-    """A continuous angle (n,), its rows in the table (n,), None for all, and notes."""
+    """A continuous angle (n,), its rows in the table (n,), or None for all rows, and notes."""
 
     angle_rad: Array
     rows: Rows | None
@@ -61,7 +61,7 @@ def continuous_angle(
 ) -> Angle:
     """Read a column's values (n,) as an angle; whole numbers without a unit are counts.
 
-    `counts_per_turn` were given for this file; `rig_counts_per_turn` are those of the rig's encoder, where none were.
+    `counts_per_turn` is given for this file; without it, `rig_counts_per_turn`, that of the rig's encoder, is used.
 
     Raises DataError when the unit or the counts per turn cannot be determined, when too many words fail their check,
     and when samples are too far apart to count whole turns.
@@ -113,7 +113,8 @@ def _turns(values: Array, per_turn: float) -> Array:
 def _unit_by_range(values: Array) -> tuple[str | None, float]:
     """Return the unit of angles (n,), and their range without a few wrong readings.
 
-    They are radians over a wide swing within half a turn, degrees to and fro over more, else may be either: None.
+    Values up to pi with a wide swing are radians; larger ones that go to and fro are degrees. The unit is None where
+    neither holds.
     """
     low, high = np.percentile(values[:: len(values) // _RANKED + 1], _FEW_WRONG)
     span = float(high - low)
@@ -128,7 +129,7 @@ def _shown(setting: CountsPerTurn) -> str:
 
 
 def _from_counts(table: CsvTable, setting: CountsPerTurn | None, counts: Array, low: float, high: float) -> Angle:
-    """Read whole numbers (n,) from `low` to `high`."""
+    """Read whole numbers (n,) between `low` and `high` as an angle."""
     valid = np.concatenate([decode_words(counts[part].astype(np.int64)).valid for part in parts(len(counts))])
     notes: tuple[str, ...] = ()
     if setting is None:
@@ -167,11 +168,11 @@ def _from_counts(table: CsvTable, setting: CountsPerTurn | None, counts: Array, 
 
 
 def _at_edges(counts: Array, per_turn: float) -> tuple[Array, Rows] | None:
-    """Return at which counts (m,) the edges lie of rows that were written at each change, and these rows (m,).
+    """Return the counts (m,) of the edges where a row was written at each change, and the rows of these edges (m,).
 
-    None for polled counts. An edge lies half a count before the count in whose direction it was passed. A swing that is
-    polled repeats most counts where it turns; beside edges few rows do, as at rest, and few edges are lost. One
-    direction alone tells neither, and needs no edges.
+    None for polled counts. An edge lies half a count before the count that was reached. A polled swing repeats most
+    counts where it turns; among rows of edges only few repeat one, as at rest, and few edges are lost. Motion in one
+    direction shows neither, and needs no edges.
     """
     if np.mean(np.diff(counts[:_POLLED_ROWS]) == 0) > _FEW_REPEATED:
         return None
@@ -195,7 +196,7 @@ def _edges(counts: Array, part: slice, per_turn: float) -> Array:
 
 
 def _steps(counts: Array, part: slice, per_turn: float) -> Array:
-    """Return by how many counts each row of a part (m,) went on from the one before, the shorter way."""
+    """Return how many counts each row of a part (m,) moved from the row before, the shorter way around."""
     before = counts[part.start - 1] if part.start else 2 * counts[0] - counts[1]
     return np.asarray((np.diff(counts[part], prepend=before) + per_turn / 2) % per_turn - per_turn / 2)
 
@@ -214,7 +215,7 @@ def _guessed(table: CsvTable, low: int, high: int, valid: npt.NDArray[np.bool_])
 
 
 def _joined(table: CsvTable, turns: Array, rows: Rows | None, notes: tuple[str, ...]) -> Angle:
-    """Return the continuous angle of turns (n,) that may be wrapped into one, which it replaces."""
+    """Return the continuous angle of turns (n,) that may be wrapped into one turn; `turns` is overwritten."""
     some = turns[:: len(turns) // _RANKED + 1]
     low, high = np.percentile(some, (1, 99))  # a few wrong readings must not make it look unwrapped
     angle = np.multiply(turns, 2 * np.pi, out=turns)
@@ -246,10 +247,10 @@ def _joined(table: CsvTable, turns: Array, rows: Rows | None, notes: tuple[str, 
 def _without_lone(
     table: CsvTable, angle: Array, rows: Rows | None, *, period: float | None
 ) -> tuple[Array, Rows | None, tuple[str, ...]]:
-    """Return an angle (n,) without readings that stand off the others' course, its rows, and notes on them.
+    """Return an angle (n,) without readings that are off the others' course, its rows, and notes on them.
 
-    Such are up to three in a row, and those between a jump and one back. More than one in a hundred are no single
-    faults, and stay. A `period` is that of a wrapped angle.
+    These are up to three readings in a row, and readings between a jump and the jump back. More than one in a hundred
+    are not single faults, and stay. `period` is that of a wrapped angle.
     """
     limit = max(_LONE_RAD, _LONE_TIMES * usual_bend(angle, _USUAL, period=period))
     off = lone_readings(angle, limit, period=period)
@@ -277,6 +278,6 @@ def _line(table: CsvTable, places: Rows, rows: Rows | None) -> int:
 
 
 def _beyond(steps: Iterable[tuple[int, Array]]) -> Rows:
-    """Return the places of differences, of angles or of their differences, that no axis makes between two samples."""
+    """Return the places of first or second differences of an angle that no axis makes between two samples."""
     found = [begin + np.flatnonzero(np.abs(step) > _JUMP_RAD) for begin, step in steps]
     return np.concatenate([np.empty(0, np.intp), *found])

@@ -58,9 +58,9 @@ class CrossingRecord:
 def read_crossings(path: Path, *, time_unit: TimeUnit | None = None) -> CrossingRecord:
     """Read a run's crossings, or a CSV file with a time and `thrust_rec`, and `sample` and `vehicle_us` if it has both.
 
-    A file without a header has time and command in its first two columns, like the thesis' files. Of a file that is no
-    run's, rows without a number, with single wrong times or commands, and repeated ones are left out: a report that is
-    missing costs nothing else.
+    A file without a header has time and command in its first two columns, like the thesis' files. From a file
+    outside a run, rows without a number, with single wrong times or commands, and repeated rows are left out: a missing
+    report affects nothing else.
     Raises DataError with file, line and next step.
     """
     run = run_at(path)
@@ -97,7 +97,7 @@ def _without_faults(table: CsvTable, values: Array) -> tuple[CsvTable, Array, tu
     repeated = np.append(False, np.all(np.diff(values, axis=0) == 0, axis=1)) if len(values) else np.zeros(0, bool)
     impossible = ~((values[:, 1] >= 0) & (values[:, 1] <= FULL_COMMAND))
     if np.count_nonzero(impossible) > max(MISSING_SHARE * len(values), 1):
-        impossible[:] = False  # of another unit: the analysis says what they are compared with
+        impossible[:] = False  # of another unit: the analysis reports with what they are compared
     for wrong, one, many in (
         (repeated, "that repeats the one before is", "that repeat the one before are"),
         (impossible & ~repeated, "whose command is not 0 to 65535 is", "whose commands are not 0 to 65535 are"),

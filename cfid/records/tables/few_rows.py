@@ -1,4 +1,4 @@
-"""Leaves out the few rows of another program's table that show what cannot be."""
+"""Leave out the few rows of another program's table that have impossible values."""
 
 import numpy as np
 import numpy.typing as npt
@@ -14,8 +14,8 @@ def without_few(
 ) -> tuple[CsvTable, Array, tuple[str, ...]]:
     """Return a table and its values (n, k) without the rows that are `wrong` (n,), and a note on them.
 
-    `shown` (n,) are the values that the note quotes, `what` says what they are. Where more than one row in ten is
-    wrong, all stay: such a table is of another kind.
+    `shown` (n,) are the values that the note quotes, `what` completes its "with a value that". Where more than
+    one row in ten is wrong, all stay: such a table is of another kind.
     """
     if not 0 < np.count_nonzero(wrong) <= MISSING_SHARE * len(wrong):
         return table, values, ()

@@ -1,4 +1,4 @@
-"""Where the lines and fields of a table's text are, seen in its bytes: much faster than line by line."""
+"""Find the lines and fields of a table's text in its bytes, which is much faster than line by line."""
 
 import re
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from cfid.records.tables.text import TextLine, decoded, fields_of, has_comma, ha
 Places = npt.NDArray[np.intp]
 
 _SPACE = 32
-_CUT_SHARE = 0.002  # of lines: more are no single faults
+_CUT_SHARE = 0.002  # of lines; more are not single faults
 _ALL_BUT = {separator: bytes({*range(256)} - {ord(separator), ord("\n")}) for separator in (",", ";")}
 
 
@@ -49,9 +49,9 @@ def without_comments(body: bytes) -> bytes:
 
 
 def without_prose(body: bytes, separator: str | None, columns: int) -> tuple[bytes, tuple[TextLine, ...]]:
-    """Return the body with its lines of prose blanked out, and these.
+    """Return the body with its lines of prose blanked out, and these lines.
 
-    A line that has a number is one where few have another number of fields than there are columns: it was cut.
+    Where few lines have another number of fields than the table has columns, these are prose too: they were cut.
     """
     if b'"' in body:
         return body, ()
@@ -85,7 +85,7 @@ class Rows(NamedTuple):
 
 
 def rows_of(text: bytes, separator: str | None, columns: int, first_line: int) -> Rows:
-    """Return lines without comments and words, which are blank in their places, and the lines of words."""
+    """Return lines in which comments and lines of words are blanked out, and the lines of words."""
     body = without_comments(text)
     if evenly_filled(body, separator, columns):
         return Rows(body, (), True)

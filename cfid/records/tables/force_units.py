@@ -11,7 +11,7 @@ _METRIC_N = {"n": 1.0, "mn": 1e-3, "cn": 1e-2, "gf?": GRAM_FORCE_N, "kgf?": 1e3 
 _ARM_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 _TIMES = "[.u-]*"  # between force and arm; bytes of a middle dot may have become a micro sign
 
-# What fits a unit as `spelt` has it.
+# Patterns of units as `spelt` returns them.
 FORCES_N: Mapping[str, float] = {
     "n(?:ewtons?)?": 1.0,
     "mn": 1e-3,

@@ -1,4 +1,4 @@
-"""Forms of rows that programs write and no other table has, and how they are made plain ones.
+"""Recognise forms of rows that only certain programs write, and turn them into plain rows.
 
 Arduino's serial monitor writes a time of day before each line, its plotter a name before each value; LabVIEW leaves
 its column of times empty and states their step.
@@ -22,7 +22,7 @@ _ALONG_TIME = re.compile(r"(?m)^X_Dimension[\t;,]Time\b")
 
 @dataclass(frozen=True)
 class Form:
-    """How rows are written: behind times of day, their values behind names, without their times of a known step."""
+    """How rows are written: after times of day, with names before values, or without times whose step is known."""
 
     stamped: bool = False
     labels: tuple[str, ...] = ()
@@ -30,7 +30,7 @@ class Form:
     notes: tuple[str, ...] = ()
 
     def plain(self, text: bytes) -> bytes:
-        """Return whole lines without times of day, and without names before values where a line has all of these."""
+        """Return whole lines without times of day, and without names before values where a line has all the names."""
         if self.stamped:
             text = _STAMP.sub(b"", text)
         if not self.labels:
@@ -41,7 +41,7 @@ class Form:
         return line.sub(lambda found: b",".join(found.groups()), text)
 
     def completed(self, above: bytes, head: Head) -> "Form":
-        """Return the form with what a table's head shows, and the lines above its rows: the step of its times."""
+        """Return the form with what a table's head and the lines above its rows show: the step of its times."""
         if head.row_names:
             return replace(self, notes=(*self.notes, "the names before the rows, as R writes them, are not used."))
         step_s = _labview_step_s(above, head)
@@ -51,7 +51,7 @@ class Form:
         return replace(self, step_s=step_s, notes=(*self.notes, text))
 
     def timed(self, body: bytes, separator: str | None, decimal: str, *, row: int) -> bytes:
-        """Return lines whose first field is empty with the times of their rows in it, the first's being `row`."""
+        """Return lines with the rows' times in first fields that are empty; `row` is the number of the first row."""
         if self.step_s is None or separator is None:
             return body
         step_s, rows = self.step_s, itertools.count(row)
@@ -84,9 +84,9 @@ def _labels(line: str) -> tuple[str, ...]:
 
 
 def _labview_step_s(above: bytes, head: Head) -> float | None:
-    """Return the step of times that LabVIEW's head states, where its column of them is empty; None otherwise.
+    """Return the step of times that LabVIEW's head states where the column of times is empty; None otherwise.
 
-    Channels of different steps have no common one.
+    Channels with different steps have no common step.
     """
     if head.names[:1] != ("X_Value",) or fields_of(head.row.text, head.separator)[:1] != [""]:
         return None

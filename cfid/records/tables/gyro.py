@@ -1,7 +1,7 @@
-"""Read a gyro as an angle: the axis that it turned about, its rate about that, and the angle that rate sums up to.
+"""Read a gyro as an angle: the axis about which it turned, its rate about that axis, and the integral of the rate.
 
-The angle wanders with what is left of the bias, and has the gyro's scale: it shows what happened, and where. Fits take
-the rate.
+The angle drifts with the remaining bias, and has the gyro's scale: it shows what happened, and where. Fits use the
+rate.
 """
 
 from typing import NamedTuple
@@ -26,15 +26,15 @@ ALIGNMENT_STD_RAD = 0.01
 
 _STAMP, _WRAP_MS = "vehicle_ms", 1 << 24
 _CRYSTALS_STD = 3e-5  # of the ratio of two clocks, each within 30 to 50 millionths
-_LARGEST_SKEW = 3e-3  # with room for arrivals that are late; a timer that runs at 84/85 is off by 12e-3
-_TILTING = 2.0  # times the jitter of arrivals, by which a line through them is tilted in all: a step by 1.5 times
+_LARGEST_SKEW = 3e-3  # with a margin for late arrivals; a timer that runs at 84/85 is off by 12e-3
+_TILTING = 2.0  # times the jitter of arrivals, by which a line through them tilts in all; a step tilts it by 1.5
 _REST_S = 0.25
 _FLAT = 0.1  # of the fastest rate: below, noise may reverse it
 _NARROW = 0.1  # of the widest half-swing
 _FEWEST_MIDDLES = 4
 _AT_THE_END = 0.999  # of the range
-_ROUND = 1e-3  # of a rate, within which it is at the end of a range
-_FEWEST_HALVES, _FEWEST_FLAT, _FLAT_SHARE = 2, 2, 0.06  # half-swings at it, samples in one, and of its samples
+_ROUND = 1e-3  # of a range, within which a rate is at its end
+_FEWEST_HALVES, _FEWEST_FLAT, _FLAT_SHARE = 2, 2, 0.06  # half-swings there, samples in one, their share
 
 
 class Rates(NamedTuple):
@@ -46,7 +46,7 @@ class Rates(NamedTuple):
 
 
 class Turned(NamedTuple):
-    """A gyro's recording: times (n,) since the first sample, the angle (n,) that it sums up to, and its rates."""
+    """A gyro's recording: times (n,) since the first sample, the integral (n,) of its rates, and these."""
 
     rows: Rows
     time_s: Array
@@ -65,7 +65,7 @@ def _has_gyro(record: DeviceRecord) -> bool:
 
 
 def read_gyro(run: Run, device: str = VEHICLE_LOG) -> Turned:
-    """Read a gyro. Raises DataError where it shows no rotation, or left its range."""
+    """Read a gyro. Raises DataError where it shows no rotation, or where it left its range."""
     rows = read_rows(run, device)
     where = rows.source.path
     rates = np.radians(np.column_stack([rows.columns[name] for name in GYRO]))
@@ -87,10 +87,10 @@ def read_gyro(run: Run, device: str = VEHICLE_LOG) -> Turned:
 
 
 def at_end_of_range(rate: Array, reached: Array) -> Marks:
-    """Return the samples (n,) at which a rate (n,) stands at an end of the gyro's range: the most that it `reached`.
+    """Return the samples (n,) at which a rate (n,) is at an end of the gyro's range: the most that it `reached`.
 
-    None, unless several of its half-swings end flat there. A peak is round: of a cosine, the samples within 1/1000 of
-    its top take a thirty-fifth of a half-swing.
+    There are none unless several half-swings are flat there. A true peak is round: the samples of a cosine within
+    1/1000 of its top take a thirty-fifth of a half-swing.
     """
     top = reached >= (1 - _ROUND) * reached.max()
     halves = np.split(top, np.flatnonzero(np.diff(np.signbit(rate))) + 1)
@@ -99,9 +99,9 @@ def at_end_of_range(rate: Array, reached: Array) -> Marks:
 
 
 def about_one_axis(rates_rad_per_s: Array) -> Rates:
-    """Return the axis that rates (n, 3) in rad/s lie along, and the rate about it: its largest part is positive.
+    """Return the axis along which rates (n, 3) in rad/s lie, its largest component positive, and the rate about it.
 
-    Each gyro has a constant of its own, the bias: the axis is that of what changes.
+    Each gyro adds a constant of its own, the bias, so the axis is found from what changes.
     """
     changing = rates_rad_per_s - rates_rad_per_s.mean(axis=0)
     _, sizes, axes = np.linalg.svd(changing, full_matrices=False)
@@ -111,10 +111,10 @@ def about_one_axis(rates_rad_per_s: Array) -> Rates:
 
 
 def integrated(time_s: Array, rate_rad_per_s: Array) -> tuple[Array, float]:
-    """Return the angle (n,) that a rate (n,) sums up to, and the constant of the rate that was taken off before.
+    """Return the integral (n,) of a rate (n,) as an angle, and the constant that was subtracted from the rate first.
 
-    A swing comes back to where it hangs: the constant is the one that lets the middles of its half-swings stay. Any
-    other motion begins or ends at rest, where a gyro shows its bias.
+    A swing returns to its rest angle, so its constant is the one that keeps the middles of the half-swings in place.
+    Any other motion begins or ends at rest, where a gyro shows its bias.
     """
     steps = np.diff(time_s)
     summed = np.concatenate([[0.0], np.cumsum(steps * (rate_rad_per_s[1:] + rate_rad_per_s[:-1]) / 2)])
@@ -131,8 +131,8 @@ def integrated(time_s: Array, rate_rad_per_s: Array) -> tuple[Array, float]:
 def _times(rows: Rows) -> tuple[Array, float]:
     """Return times since the first row by the vehicle's clock, and their scale's uncertainty.
 
-    The scale is this computer's, where arrivals show it better than two crystals agree. An imported log has the
-    vehicle's times alone. Raises DataError where the stamps are not milliseconds.
+    The scale is that of this computer's clock where arrivals show it better than two crystals agree. An imported log
+    has only the vehicle's times. Raises DataError where the stamps are not milliseconds.
     """
     since_s = rows.time_s - rows.time_s[0]
     if _STAMP not in rows.columns:
@@ -162,15 +162,15 @@ def _extremes(rate: Array) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
 
 
 def _middles(time_s: Array, angle_rad: Array) -> tuple[Array, Array]:
-    """Return times and middles of the wide half-swings between extremes (n,), by three in turn: a decay cancels."""
+    """Return times and middles of the wide half-swings between extremes (n,), from three in a row: a decay cancels."""
     swept = np.abs(np.diff(angle_rad))
-    wide = np.minimum(swept[:-1], swept[1:]) > _NARROW * swept.max(initial=0.0)  # a hand's tremor is not
+    wide = np.minimum(swept[:-1], swept[1:]) > _NARROW * swept.max(initial=0.0)  # a hand's tremor is not wide
     middle = (angle_rad[:-2] + 2 * angle_rad[1:-1] + angle_rad[2:]) / 4
     return time_s[1:-1][wide], middle[wide]
 
 
 def _at_rest(time_s: Array, rate: Array) -> float:
-    """Return the mean rate of the quarter of a second in which it is least."""
+    """Return the mean rate of the quarter of a second in which it is smallest."""
     count = max(int(time_s[-1] / _REST_S), 1)
     means = [float(part.mean()) for part in np.array_split(rate, count)]
     return min(means, key=abs)

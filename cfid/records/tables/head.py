@@ -13,7 +13,7 @@ POINTS = "Numbers need decimal points, and no comma inside."
 COMMENT = r"[ \t]*(?:#|%|//)"
 
 _LABVIEW_END, _LABVIEW_COMMENT = "***End_of_Header***", "Comment"
-_MOST_LINES = 60  # in which the rows have to begin
+_MOST_LINES = 60  # within which the rows have to begin
 _UNITS = re.compile(
     r"s|secs?|seconds|radians|volts|newtons|ms|[uµμ]s|hz|rad|deg|°|degrees|counts?|(?:rad|deg|°|m)/s(?:\^?2|²)?|pwm|rpm|n|k?gf?|n[·*.]?m|m?v|a|w|m?m|%|-",
     re.IGNORECASE,
@@ -21,9 +21,9 @@ _UNITS = re.compile(
 
 
 class Head(NamedTuple):
-    """Names of the columns ('1', '2', ... without a header), the separator, the first row; lines left out above.
+    """Names of the columns ('1', '2', ... without a header), the separator, the first row, the lines left out above.
 
-    `row_names` is whether rows begin with a name of their own, above which the header has no field, as R writes them.
+    `row_names` is whether rows begin with a name of their own for which the header has no field, as R writes them.
     """
 
     names: tuple[str, ...]
@@ -53,7 +53,7 @@ def head_of(path: Path, text: bytes, *, skip_lines: int = 0) -> Head:
 
 
 def _refuse_word_alone(path: Path, lines: Sequence[TextLine], head: Head) -> None:
-    """Raise DataError where what would be the header is one word, below a header as wide as the rows."""
+    """Raise DataError where the apparent header is a single word below a header as wide as the rows."""
     if (
         not head.has_head
         or not 0 < head.preamble < len(lines)
@@ -153,9 +153,9 @@ def _numbers(fields: Sequence[str]) -> int:
 
 
 def _are_rows(lines: Sequence[TextLine], separator: str | None, width: int) -> bool:
-    """Return whether two lines are rows of a table that wide; one separator at the end adds no column.
+    """Return whether two lines are rows of a table of that width; one separator at the end adds no column.
 
-    One number beside words alone is a setting of the program that wrote the file, as in `Horizontal Scale,1`.
+    A single number next to words is a setting of the program that wrote the file, as in `Horizontal Scale,1`.
     """
     rows = [fields_of(line.text, separator) for line in lines]
     if len(rows) < 2 or len(rows[0]) != len(rows[1]) or abs(len(rows[0]) - width) > 1:
@@ -167,7 +167,7 @@ def _are_rows(lines: Sequence[TextLine], separator: str | None, width: int) -> b
 
 
 def _have_names(lines: Sequence[TextLine], separator: str | None, width: int) -> bool:
-    """Return whether two lines are rows of a table that wide, each behind a name: in quotes, or counted from 1.
+    """Return whether two lines are rows of a table of that width, each after a name: in quotes, or counted from 1.
 
     Between commas, a number without quotes may be the first half of one with a decimal comma.
     """
@@ -186,7 +186,7 @@ def _numbered(row: list[str]) -> tuple[str, ...]:
 def _fitted(names: list[str], row: list[str]) -> tuple[str, ...]:
     """Return the columns' names, where a separator at the end of every row, or of the header alone, is ignored.
 
-    So is LabVIEW's column of comments, whose rows end before it.
+    So is LabVIEW's column of comments, which its rows do not have.
     """
     if len(row) == len(names) + 1 and not row[-1]:
         return (*names, "")

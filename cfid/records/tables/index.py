@@ -76,8 +76,8 @@ def read_index(path: Path, *, columns: Sequence[str], optional: Sequence[str] = 
     """Read an index with the named columns, in any order. Raises DataError with file, line and next step.
 
     Case, spaces and brackets of their names do not matter: `Angle [deg]` is `angle_deg`, `wind min (m/s)` is
-    `wind_min_mps`. Numbers may have decimal commas between semicolons or tabs; one of three
-    digits behind it is one where other fields show decimal commas, and none a decimal point.
+    `wind_min_mps`. Numbers may have decimal commas between semicolons or tabs. A comma before
+    three digits is a decimal comma where other fields show decimal commas, and none a decimal point.
     """
     content = read_text(path)
     lines = filled_lines(whole_lines(content.rstrip() + b"\n")[0])

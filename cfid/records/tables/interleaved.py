@@ -1,4 +1,4 @@
-"""Rows of several recordings that take turns in one table: times repeat, and a column tells which row is whose."""
+"""Refuse tables in which rows of several recordings take turns: times repeat, and a column names the recording."""
 
 from collections.abc import Collection
 from itertools import pairwise
@@ -8,14 +8,14 @@ from cfid.records.tables.table import CsvTable
 from cfid.records.tables.text import short
 
 _LOOKED_AT = 2000  # rows
-_MANY, _NEARLY_ALL = 0.1, 0.95  # of rows that repeat a time; of these, where a column differs
+_MANY, _NEARLY_ALL = 0.1, 0.95  # share of rows that repeat a time; share of these in which a column differs
 _MOST = 16  # recordings
 
 
 def refuse_interleaved(table: CsvTable, time: str, others: Collection[str]) -> None:
-    """Raise DataError where rows repeat times and one of other columns, of few values, tells which row is whose.
+    """Raise DataError where rows repeat times and another column, of few values, shows which recording a row is of.
 
-    Rows of one time that have their numbers in different columns are those of one recording at several rates.
+    Rows of the same time with numbers in different columns are of one recording with several rates.
     """
     first, place = next(table.blocks(), table), table.place(time)
     columns = [first.words(str(number))[:_LOOKED_AT] for number, _ in enumerate(table.names, start=1)]

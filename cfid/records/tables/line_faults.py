@@ -1,4 +1,4 @@
-"""What keeps a line of a file from being a row of its table, and what to do about it."""
+"""Explain why a line of a file is not a row of its table, and what to do about it."""
 
 import re
 from collections.abc import Sequence
@@ -11,13 +11,13 @@ from cfid.records.tables.text import fields_of, has_comma, is_finite, short
 REPAIR = "Repair or cut that line."
 _ROW_NAMES = "Does each row begin with a name or number of its own? Give that a name in the header, too."
 NO_THOUSANDS = "Write thousands without a sign or a space between digits."
-# Thousands apart by a point, a comma, an apostrophe or a space of any width.
+# Thousands separated by a point, a comma, an apostrophe or a space of any width.
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:[.,'\u2019\s]\d{3})+(?:[.,]\d*)?")
 _CLOCK_TIME = re.compile(r"\d:\d\d|\d{4}-\d\d-\d\d")
 
 
 def fault_of(line: str, names: Sequence[str], places: Sequence[int], spelling: Spelling) -> str | None:
-    """Return a sentence on a line with another number of fields than names, or without a number in some places."""
+    """Return a sentence on a line with too many or too few fields, or without a number at a place; None for neither."""
     if "\0" in line:
         return f"zero bytes in the middle of the file. {REPAIR}"
     fields = fields_of(line, spelling.separator)

@@ -1,4 +1,4 @@
-"""Readings that stand off alone between others that agree, or far off all: faults of a sensor, and no motion."""
+"""Find readings that are off alone between others that agree, or far off all: faults of a sensor, not motion."""
 
 import numpy as np
 import numpy.typing as npt
@@ -8,21 +8,21 @@ from cfid.large import differences, parts
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.intp]
 
-MOST_SHARE = 0.01  # of the readings: more are no single faults
+MOST_SHARE = 0.01  # of the readings; more are not single faults
 _MOST_IN_ROW = 3  # readings that are off together
 _PIECES, _PIECE_ROWS = 100, 200  # of a series, which show what is usual
-# A spike: of all that a signal shows without its farthest, and times the bend that a share of it does not exceed.
+# A spike: relative to a signal's range without its extremes, and times the bend that a share of it does not exceed.
 _SPIKE, _FARTHEST, _SPIKE_TIMES, _USUAL = 0.2, (0.5, 99.5), 10.0, 0.95
-_ALMOST_ALL, _FAR_TIMES = (1.0, 99.0), 10.0  # of a signal in per cent, and times as far as these are apart
+_ALMOST_ALL, _FAR_TIMES = (1.0, 99.0), 10.0  # percentiles of a signal, and times their distance from each other
 
-_steps_may_overflow = np.errstate(over="ignore", invalid="ignore")  # a damaged number is as large as one can be
+_steps_may_overflow = np.errstate(over="ignore", invalid="ignore")  # a damaged number may have any size
 
 
 @_steps_may_overflow
 def usual_bend(value: Array, share: float, *, period: float | None = None) -> float:
-    """Return the second difference that a share of a series (n,) does not exceed, by pieces of a long one.
+    """Return the second difference that a share of a series (n,) does not exceed, from pieces of a long one.
 
-    A `period` is the length of a circle on which the values are.
+    `period` is the length of a circle on which the values lie.
     """
     bends = np.abs(_shortest(np.diff(_pieces(value), n=2), period))
     return float(np.quantile(bends, share)) if bends.size else 0.0
@@ -32,8 +32,8 @@ def usual_bend(value: Array, share: float, *, period: float | None = None) -> fl
 def lone_readings(value: Array, limit: float, *, period: float | None = None) -> Rows:
     """Return the places of up to three readings in a row that are all farther than a limit off the others' course.
 
-    The series (n,) goes on after them as before them, to that limit, or they begin or end it. A `period` is the length
-    of a circle on which the values are.
+    Without them, the series (n,) stays on its course within that limit, or they begin or end it. `period` is the length
+    of a circle on which the values lie.
     """
     left_of = [  # the course bends before the first of them
         begin + 1 + np.flatnonzero(np.abs(_shortest(bend, period)) > limit / 2)
@@ -53,10 +53,10 @@ def lone_readings(value: Array, limit: float, *, period: float | None = None) ->
 
 @_steps_may_overflow
 def displaced_readings(value: Array, limit: float, *, period: float | None = None) -> Rows:
-    """Return the places of readings between a jump by more than a limit and the next one, which takes it back.
+    """Return the places of readings between a jump by more than a limit and the next one, which reverses it.
 
-    Of all readings (n,) one in a hundred at most lie between two such jumps. A `period` is the length of a circle on
-    which the values are.
+    At most one in a hundred of all readings (n,) lie between such jumps. `period` is the length of a circle on which
+    the values lie.
     """
     bent = [
         begin + 1 + np.flatnonzero(np.abs(_shortest(bend, period)) > limit)
@@ -66,22 +66,22 @@ def displaced_readings(value: Array, limit: float, *, period: float | None = Non
     left = left[(left > 1) & (left + 3 < len(value))]
     jump = _jump(value, left, period)
     neighbours = np.maximum(*(np.abs(_jump(value, left + side, period)) for side in (-1, 1)))
-    is_one = (np.abs(jump) > limit) & (np.abs(jump) > neighbours)  # beside a jump, the course bends by half of it
+    is_one = (np.abs(jump) > limit) & (np.abs(jump) > neighbours)  # next to a jump, the course bends by half of it
     left, jump = left[is_one], jump[is_one]
     back = (np.abs(_shortest(jump[:-1] + jump[1:], period)) < limit) & (np.diff(left) <= MOST_SHARE * len(value))
     places, at = [np.empty(0, np.intp)], 0
     while at < len(back):
         if back[at]:
             places.append(np.arange(left[at] + 1, left[at + 1] + 1))
-        at += 1 + int(back[at])  # what takes one jump back begins no other stretch
+        at += 1 + int(back[at])  # a jump that reverses another begins no segment of its own
     found = np.concatenate(places)
     return found if len(found) <= MOST_SHARE * len(value) else found[:0]
 
 
 def spikes_in(value: Array) -> Rows:
-    """Return the places of samples of a signal (n,) that stand off alone by a fifth of all that it shows.
+    """Return the places of samples of a signal (n,) that are off alone by a fifth of the signal's range.
 
-    Samples that are nan are none, and more than one in a hundred are no single faults.
+    Samples that are nan do not count, and more than one in a hundred are not single faults.
     """
     if not all(np.isfinite(value[part]).all() for part in parts(len(value))):
         known = np.flatnonzero(np.isfinite(value))
@@ -93,9 +93,9 @@ def spikes_in(value: Array) -> Rows:
 
 
 def far_in(value: Array) -> Rows:
-    """Return the places of samples of a signal (n,) that are ten times as far off the middle as almost all it shows.
+    """Return the places of samples of a signal (n,) that are off the middle by ten times the range of almost all.
 
-    However many are together, more than one in a hundred are no faults.
+    Any number may be next to each other, but more than one in a hundred are not faults.
     """
     some = _pieces(value)
     some = some[np.isfinite(some)]
@@ -116,13 +116,13 @@ def _pieces(value: Array) -> Array:
 
 
 def _jump(value: Array, left: Rows, period: float | None) -> Array:
-    """Return by how much the values (n,) go on after places (m,) beyond what they do before and behind."""
+    """Return by how much values (n,) change after places (m,) beyond the mean of the changes before and after."""
     before, here, after = (_shortest(value[left + i + 1] - value[left + i], period) for i in (-1, 0, 1))
     return _shortest(here - (before + after) / 2, period)
 
 
 def _goes_on(value: Array, left: Rows, right: Rows, limit: float, period: float | None) -> npt.NDArray[np.bool_]:
-    """Return whether the values at places `left` and `right` (m,) lie on one course, by the slope before or behind."""
+    """Return whether the values at places `left` and `right` (m,) lie on one course, by the slope before or after."""
     way = _shortest(value[right] - value[left], period)
     before = _shortest(value[left] - value[left - 1], period)
     after = _shortest(value[np.minimum(right + 1, len(value) - 1)] - value[right], period)
@@ -138,6 +138,6 @@ def _shortest(step: Array, period: float | None) -> Array:
 
 
 def _end(value: Array, limit: float, period: float | None) -> Rows:
-    """Return the place of a first reading of four that is farther off the line of the others than they bend."""
+    """Return the place of the first of four readings where it alone is off the course of the others, else none."""
     bends = np.abs(_shortest(np.diff(value, n=2), period))
     return np.zeros(int(len(bends) == 2 and bends[0] > 2 * limit and bends[1] < limit), np.intp)

@@ -1,4 +1,4 @@
-"""Take the table of a MATLAB file: arrays of one length, a matrix, or Simulink's struct of time and signals.
+"""Read the table of a MATLAB file: arrays of one length, a matrix, or Simulink's struct of time and signals.
 
 Files of version 5 to 7.2 are read by SciPy, those of 7.3, which are HDF5, by h5py.
 """
@@ -33,13 +33,13 @@ from cfid.records.tables.matlab_structs import (
 
 _loadmat, _whosmat = later("scipy.io", "loadmat"), later("scipy.io", "whosmat")
 
-Tree = Any  # as that of the structs
+Tree = Any  # as in matlab_structs
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _BEGINS = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file", _HDF5)
 _BLOCK_ROWS = 1 << 15
 _LARGE_BYTES = 1 << 26  # from there on a file's variables are read one by one
-_FEWEST_ROWS = 16  # of a recording; shorter arrays beside one are parameters
+_FEWEST_ROWS = 16  # of a recording; shorter arrays next to one are parameters
 _TIMES = ("t", "tout", "time", "timestamp")
 
 
@@ -63,7 +63,7 @@ def csv_blocks(table: MatlabTable) -> Iterator[bytes]:
 
 
 def matlab_table(path: Path, columns: Sequence[str]) -> MatlabTable:
-    """Return the table of a MATLAB file; of several the one that has the named columns, else the one with a time.
+    """Return the table of a MATLAB file; of several, the one that has the named columns, else the one with a time.
 
     Raises DataError for a file that cannot be read or has no table, ConfigError where several fit or h5py is missing.
     """
@@ -103,9 +103,9 @@ def matlab_table(path: Path, columns: Sequence[str]) -> MatlabTable:
 
 
 def _with_time_above(tables: Sequence[MatlabTable]) -> list[MatlabTable]:
-    """Return tables, where those of a struct without a time have one of its length that stands alone around it.
+    """Return tables; one without a time gets a time of its length that stands alone in a struct around it.
 
-    Simulink's structure without time is of that kind, beside its `tout`.
+    Simulink's structure without time, next to its `tout`, is such a table.
     """
     return [_with_time(table, [one for one in tables if _is_time_around(one, table)]) for table in tables]
 
@@ -146,14 +146,14 @@ def converted_series(path: Path) -> tuple[list[MatlabTable], dict[str, str]]:
     for series, variables in by_series.items():
         columns = tuple(np.ravel(np.asarray(tree[one.variable], dtype=np.float64)) for one in variables)
         if len({len(column) for column in columns}) > 1:
-            return [], {}  # it was changed since
+            return [], {}  # the file was changed since
         names = tuple(one.name for one in variables)
         tables.append(MatlabTable(series, names, columns, {one.name: one.unit for one in variables}))
     return tables, texts_of(tree)
 
 
 def _has_origin(path: Path) -> bool:
-    """Return whether a file has a variable of the name that cfid gives to what it knows of a recording."""
+    """Return whether a file has the variable in which cfid stores a recording's origin."""
     with path.open("rb") as file:
         begin = file.read(len(_BEGINS[0]))
     if begin != _BEGINS[0]:
@@ -164,12 +164,12 @@ def _has_origin(path: Path) -> bool:
 
 
 def _full_names(table: MatlabTable) -> tuple[str, ...]:
-    """Return names with the struct's before them, which are different where structs have fields of equal names."""
+    """Return names with the struct's before them, which distinguishes equal names in different structs."""
     return tuple(f"{table.place}.{name}" if table.place else name for name in table.names)
 
 
 def _refuse_time_alone(path: Path, table: MatlabTable, every: Sequence[MatlabTable]) -> None:
-    """Raise DataError for a time without a column as long as it, beside others."""
+    """Raise DataError for a time without a column of its length where there are columns of other lengths."""
     others = [f"{name} {other.rows}" for other in every for name in other.names]
     if _is_time_alone(table) and len(others) > 1:
         rows = ", ".join(other for other in others if not other.startswith(f"{table.names[0]} "))
@@ -212,7 +212,7 @@ def _read(path: Path) -> dict[str, Tree]:
 
 
 def _variables(path: Path) -> Iterator[tuple[str, Tree]]:
-    """Yield the variables of a file of version 5 to 7.2; of a large file few are in memory at a time."""
+    """Yield the variables of a file of version 5 to 7.2; of a large file, only few are in memory at a time."""
     if path.stat().st_size < _LARGE_BYTES:
         yield from _loaded(path, None).items()
         return

@@ -1,6 +1,6 @@
 """Check the elements of a MATLAB file of version 5 to 7.2 before SciPy reads it.
 
-Its reader trusts their tags: a number of an unknown type ends the process, where no error can be caught.
+SciPy's reader trusts their tags: the number of an unknown type ends the process, and no error can be caught.
 """
 
 import struct
@@ -16,11 +16,11 @@ _TYPES = frozenset((1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18))  # int8 to uint
 _DEEPEST = 64  # structs in structs
 _BLOCK_BYTES = 1 << 16
 _USUAL_BYTES = 1 << 27
-_MOST_TIMES = 30  # its file's size: recordings of noise are 1 to 3 times as large as packed, constants 1000 times
+_MOST_TIMES = 30  # the file's size: recordings of noise are 1 to 3 times as large as packed, constants 1000 times
 
 
 def check_size(path: Path, content_bytes: int) -> None:
-    """Raise DataError where a file states to have far more content than it has bytes."""
+    """Raise DataError where a file states far more content than its size allows."""
     if content_bytes > max(_USUAL_BYTES, _MOST_TIMES * path.stat().st_size):
         raise DataError(
             f"{path}: {path.stat().st_size} bytes that state to be {content_bytes / 1e6:.0f} MB or more: no recording "
@@ -33,11 +33,11 @@ class _Source(Protocol):
         """Return the next bytes, fewer at the end."""
 
     def skip(self, count: int) -> bool:
-        """Return whether so many bytes were there to be left out."""
+        """Skip bytes, and return whether there were so many."""
 
 
 def check_elements(path: Path) -> None:
-    """Check the types and sizes of all elements. Raises DataError where one is unknown, cut, or vast."""
+    """Check the types and sizes of all elements. Raises DataError where one is unknown, cut, or too large."""
     content_bytes = 0
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
@@ -57,7 +57,7 @@ def check_elements(path: Path) -> None:
 
 
 def _check_element(source: _Source, kind: int, size: int, *, order: str, path: Path, depth: int = 0) -> None:
-    """Go through an element's content of `size` bytes."""
+    """Check an element's content of `size` bytes."""
     if kind != _MATRIX:
         if kind not in _TYPES:
             raise DataError(f"{path}: not readable as a MATLAB file: an element has the unknown type {kind}.")
@@ -94,7 +94,7 @@ def _whole(content: bytes, count: int, path: Path) -> bytes:
 
 
 class _Plain:
-    """The content of a file from where it stands."""
+    """The content of a file from its current position on."""
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file = file
@@ -110,7 +110,7 @@ class _Plain:
 
 
 class _Inflated:
-    """What a part of a file is once inflated, block by block."""
+    """The inflated content of a part of a file, block by block."""
 
     def __init__(self, file: IO[bytes], size: int) -> None:
         self._file, self._left = file, size

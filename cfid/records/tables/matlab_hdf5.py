@@ -1,4 +1,4 @@
-"""Read what a MATLAB file of version 7.3 has, with h5py: HDF5 whose attributes tell MATLAB's kinds apart."""
+"""Read a MATLAB file of version 7.3 with h5py: it is HDF5 whose attributes distinguish MATLAB's types."""
 
 from pathlib import Path
 from typing import Any
@@ -12,19 +12,19 @@ from cfid.records.tables.matlab_elements import check_size
 
 Tree = Any
 
-_NODE_BYTES = 1 << 10  # what a struct, a cell or an array has beside its numbers
+_NODE_BYTES = 1 << 10  # what a struct, a cell or an array has in addition to its numbers
 
 
 class Hdf5Tree:
-    """The variables of an open file. What it states to have is counted before it is read."""
+    """The variables of an open file. The size that it states for each is counted before that is read."""
 
     def __init__(self, path: Path, file: Any) -> None:
-        """Begin with nothing of a file read."""
+        """Start with nothing read from a file."""
         self._path, self._file = path, file
         self._bytes = 0
 
     def content(self) -> dict[str, Tree]:
-        """Return the variables by name. Raises DataError for more than the file can have, or for what others have."""
+        """Return the variables by name. Raises DataError for more than the file can hold, or arrays in other files."""
         return {name: self._tree(self._member(self._file, name)) for name in self._file if not name.startswith("#")}
 
     def _tree(self, node: Any) -> Tree:

@@ -1,4 +1,4 @@
-"""Take the columns' own names, units and series from the struct that cfid writes into a MATLAB file."""
+"""Read the columns' own names, units and series from the struct that cfid writes into a MATLAB file."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -14,7 +14,7 @@ _TIME = "t"  # begins every series
 
 
 class Variable(NamedTuple):
-    """A variable of the file: its series, "" where there is one only, and the column's own name and unit."""
+    """A variable of the file: its series, "" where there is only one, and the column's own name and unit."""
 
     variable: str
     series: str
@@ -54,11 +54,11 @@ def with_own_names(tree: Mapping[str, Tree], variables: list[Variable]) -> dict[
 
 
 def texts_of(tree: Mapping[str, Tree]) -> dict[str, str]:
-    """Return the texts of `cfid_origin`: what the recording was."""
+    """Return the texts of `cfid_origin`, which describe the recording."""
     return {key: text for key, text in tree[ORIGIN].items() if isinstance(text, str)}
 
 
 def _texts(values: Tree) -> list[str]:
-    """Return a cell array of texts, of which an empty one is an array without elements."""
+    """Return the texts of a cell array, in which an empty text is an array without elements."""
     every = values.tolist() if isinstance(values, np.ndarray) else values if isinstance(values, list) else []
     return [one if isinstance(one, str) else "" for one in every]

@@ -1,4 +1,4 @@
-"""Take the tables of structs as programs write them into MATLAB files: Simulink's, timeseries and dSPACE's."""
+"""Read tables from structs that programs write into MATLAB files: Simulink's, timeseries and dSPACE's."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,14 +13,14 @@ from cfid.records.tables.text import is_number
 Tree = Any  # a dict of trees by field, a list of trees, an array, or a text
 
 _IN_NAMES = str.maketrans(dict.fromkeys(',;\t\r\n"', " "))
-_PORT = re.compile(r"(?:Out|In)\d+|Value", re.IGNORECASE)  # which the block above it names better
+_PORT = re.compile(r"(?:Out|In)\d+|Value", re.IGNORECASE)  # ports: the name of the block with the port is better
 
 
 @dataclass(frozen=True, eq=False)
 class MatlabTable:
     """Columns (n,) of equal length, by name; a matrix alone has no names. `place` is the struct they are in.
 
-    `units` are by name those that the file states, "" for an unknown one.
+    `units` has, by name, the units that the file states, "" for an unknown one.
     """
 
     place: str
@@ -35,7 +35,7 @@ class MatlabTable:
 
 
 def of_timeseries(tree: Mapping[str, Tree], name: str, *, place: str) -> MatlabTable:
-    """Return the table of a timeseries that was made a struct: its own name, and the units that it states."""
+    """Return the table of a timeseries that was made a struct, with its own name and the units that it states."""
     own = tree.get("Name")
     called = clean(own if isinstance(own, str) and own else name)
     data = columns_of(tree["Data"])
@@ -71,7 +71,7 @@ def of_simulink(tree: Mapping[str, Tree], name: str, *, place: str) -> Iterator[
 def of_dspace(tree: Mapping[str, Tree], *, place: str) -> Iterator[MatlabTable]:
     """Yield the tables of a recording of dSPACE's ControlDesk: `X` are times, `Y` signals, each with Data and Name.
 
-    `XIndex` of a signal is the number of its time; without it, a time of as many values is it.
+    `XIndex` of a signal is the number of its time; without it, a time with as many values is used.
     """
     signals = [one for one in _entries(tree["Y"]) if is_numeric(one.get("Data"))]
     for number, time in enumerate(_entries(tree["X"]), start=1):
@@ -99,7 +99,7 @@ def _dspace_name(entry: Mapping[str, Tree], without: str) -> str:
 
 
 def _different(names: list[str], entries: Sequence[Mapping[str, Tree]]) -> list[str]:
-    """Return names; those that are there twice are the whole paths."""
+    """Return names, with the whole path for each name that occurs twice."""
     return [
         name if names.count(name) == 1 else clean(str(entry.get("Name", name)).replace('"', ""))
         for name, entry in zip(names, entries, strict=True)
@@ -119,16 +119,16 @@ def _entries(value: Tree) -> list[Mapping[str, Tree]]:
 
 
 def is_numeric(value: Tree) -> TypeGuard[npt.NDArray[Any]]:
-    """Return whether it is an array of numbers, of one column or more, and more than one row."""
+    """Return whether a value is an array of numbers, with one column or more, and more than one row."""
     return (
         isinstance(value, np.ndarray) and value.dtype.kind in "biufc" and value.size > 1 and np.squeeze(value).ndim < 3
     )
 
 
 def columns_of(value: npt.NDArray[Any]) -> list[npt.NDArray[Any]]:
-    """Return the columns of an array; its longer side is time, however it lies.
+    """Return the columns of an array; its longer side is time, whether rows or columns.
 
-    Complex numbers without imaginary parts are real; others stay as they are, and are no number to who reads them.
+    Complex numbers without imaginary parts are real; others stay as they are, and later do not count as numbers.
     """
     array = np.squeeze(value)
     if array.dtype.kind == "c" and not array.imag.any():

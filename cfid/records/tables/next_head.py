@@ -1,4 +1,4 @@
-"""Another header among the rows of a table: below it stands another table."""
+"""Find another header among the rows of a table: below it, another table begins."""
 
 from collections.abc import Iterator
 
@@ -13,7 +13,7 @@ _LOOKED_AT = 50  # rows without numbers
 
 
 def heads_among(table: CsvTable, rows: npt.NDArray[np.intp], count: int) -> Iterator[tuple[int, tuple[str, ...]]]:
-    """Yield those of some `rows` all of whose fields are words, and these; `count` are all rows of the table."""
+    """Yield each of some `rows` whose fields are all words, and the words; `count` is how many rows the table has."""
     looked_at = rows[:_LOOKED_AT]
     if not len(looked_at):
         return

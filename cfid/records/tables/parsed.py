@@ -1,4 +1,4 @@
-"""Columns of numbers from rows that have as many fields as the table has columns."""
+"""Parse columns of numbers in rows that have as many fields as the table has columns."""
 
 import csv
 import io
@@ -14,7 +14,7 @@ Array = npt.NDArray[np.float64]
 
 _NUMBERS = (np.dtype(np.int64), np.dtype(np.float64))
 _TRUTHS = (b"rue", b"RUE", b"alse", b"ALSE")
-_WHOLE = r"[+-]?\d{16,300}"  # fewer digits are exact; more are no number
+_WHOLE = r"[+-]?\d{16,300}"  # fewer digits are exact; more are not a number
 
 
 class Spelling(NamedTuple):
@@ -25,13 +25,13 @@ class Spelling(NamedTuple):
 
 
 def columns_in(rows: bytes, places: list[int], spelling: Spelling) -> Array | None:
-    """Return columns (rows, columns) by their places, None where one holds what is no number.
+    """Return columns (rows, columns) by their places, None where one holds anything but numbers.
 
-    Whole numbers are parsed faster as such.
+    Whole numbers are parsed faster as integers.
     """
     try:
         frame = _frame(rows, places, spelling)
-        if any(kind not in _NUMBERS for kind in frame.dtypes):  # too large for integers, or no numbers
+        if any(kind not in _NUMBERS for kind in frame.dtypes):  # too large for integers, or not numbers
             frame = _frame(rows, places, spelling, np.float64)
         values: Array = frame.to_numpy(np.float64)
     except (ValueError, OverflowError):
@@ -40,7 +40,7 @@ def columns_in(rows: bytes, places: list[int], spelling: Spelling) -> Array | No
 
 
 def known_columns_in(rows: bytes, places: list[int], spelling: Spelling) -> Array:
-    """Return columns (rows, columns) by their places field by field, nan where one is no number; slow."""
+    """Return columns (rows, columns) by their places, parsed field by field, nan where one is not a number; slow."""
     fields = _frame(rows, places, spelling, str)
     spelt = fields.apply(lambda column: column.str.strip().str.replace(spelling.decimal, "."))
     known = spelt.apply(lambda column: column.str.fullmatch(NUMBER))
@@ -57,13 +57,13 @@ def words_in(rows: bytes, place: int, spelling: Spelling) -> list[str]:
 
 
 def is_exact_in(rows: bytes, place: int, spelling: Spelling) -> bool:
-    """Return whether all whole numbers of a column, as they are written, are those of 64-bit floats."""
+    """Return whether all whole numbers of a column, as they are written, are exact as 64-bit floats."""
     fields = _frame(rows, [place], spelling, str).iloc[:, 0].str.strip()
     return all(int(field) == int(float(field)) for field in fields[fields.str.fullmatch(_WHOLE)])
 
 
 def holds_truths(rows: bytes) -> bool:
-    """Return whether `true` is among the fields, columns of which pandas reads as ones."""
+    """Return whether `true` or `false` may be among the fields: pandas reads a column of `true` as ones."""
     return any(word[-1:] in rows and word in rows for word in _TRUTHS)  # one letter is searched for much faster
 
 

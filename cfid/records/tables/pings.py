@@ -29,7 +29,7 @@ SCHEMA = TableSchema(
     columns=(_RTT, _SENT, VEHICLE_CLOCK),
     hint="It should hold round trips, one a row.",
 )
-_SHORTEST_S, _LONGEST_S = 3e-4, 0.3  # of usual round trips: in one unit only
+_SHORTEST_S, _LONGEST_S = 3e-4, 0.3  # of usual round trips; values are usual in one unit only
 _LATEST_S = 60.0  # by when an answer comes, if at all
 _SLOWEST_S = 20.0  # from one ping to the next
 
@@ -59,7 +59,7 @@ def read_pings(path: Path) -> PingRecord:
     """Read a run of `cfid log ping`, or a CSV file with a column rtt_s, and t and vehicle_us if it has them.
 
     Other names and units are read too; a unit that the name does not state is the one that gives usual round trips.
-    Of a file that is no run's, the few rows without a number or with an impossible round trip are left out.
+    From a file outside a run, the few rows without a number or with an impossible round trip are left out.
     Raises DataError with file, line and next step.
     """
     run = run_at(path)
@@ -112,7 +112,7 @@ def _seconds(
 ) -> tuple[Array, tuple[str, ...]]:
     """Return a column's values (n,) in seconds, and a note where their size decided the unit.
 
-    `usual_s` are the least and the largest of its values, or of the steps of a time.
+    `usual_s` are the smallest and the largest usual value, or step of a time.
     """
     stated = unit_of(table, column.called, name, None, "")
     if stated is not None:

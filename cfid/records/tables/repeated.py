@@ -1,4 +1,4 @@
-"""Readings that repeat the one before for longer than readings usually do: their sensor hung, or was not read."""
+"""Find readings that repeat the one before for longer than usual: their sensor hung, or was not read."""
 
 import math
 from typing import Any
@@ -11,16 +11,18 @@ from cfid.large import differences
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-_ROWS, _TIMES, _RARELY = 10.0, 5.0, 0.99  # times as many as usual, and as a share of all values takes at most
+# A long repeat has so many times the median rows of a value, and times those that this share of values does not exceed.
+_ROWS, _TIMES, _RARELY = 10.0, 5.0, 0.99
 _LONG_S = 0.05  # shorter ones change nothing
-_AROUND, _RESTS, _GOES_ON = 20, 1.5, 2.5  # rows on both sides; steps that usual changes have, and those at the ends
+# Rows that are examined on both sides; the usual change there, and the changes at the ends, are below so many steps.
+_AROUND, _RESTS, _GOES_ON = 20, 1.5, 2.5
 
 
 def repeated(time_s: Array, value: Array) -> Mask:
-    """Return which readings (n,) at times (n,) are of one value for long; those of few digits usually last longer.
+    """Return which readings (n,) at times (n,) repeat one value for long; values of few digits usually last longer.
 
-    Where readings change by one step at a time or not at all, they stay what they are without a fault: what is measured
-    barely moves there, and goes on from the same value.
+    Readings that change by at most one step at a time repeat a value without a fault: what is measured barely moves
+    there, and continues from the same value.
     """
     begins, step = _changes(value)
     rows = np.diff(begins, append=begins.dtype.type(len(value)))
@@ -36,7 +38,7 @@ def repeated(time_s: Array, value: Array) -> Mask:
 
 
 def _changes(value: Array) -> tuple[npt.NDArray[np.signedinteger[Any]], float]:
-    """Return the rows (k,) from which on readings (n,) have a value, and the smallest change of all, inf of none."""
+    """Return the rows (k,) at which readings (n,) take a new value, and the smallest change, inf without any."""
     of_row = np.int32 if len(value) <= np.iinfo(np.int32).max else np.int64
     begins, smallest = [np.zeros(1, of_row)], [math.inf]
     for at, step in differences(value):
@@ -47,7 +49,7 @@ def _changes(value: Array) -> tuple[npt.NDArray[np.signedinteger[Any]], float]:
 
 
 def _rests(value: Array, begin: int, end: int, *, step: float) -> bool:
-    """Return whether readings (n,) between two rows repeat one value since they barely change, by steps."""
+    """Return whether readings (n,) between two rows repeat one value because they barely change, and in steps."""
     before, after = value[max(begin - _AROUND, 0) : begin], value[end : end + _AROUND + 1]
     around = np.abs(np.concatenate([np.diff(before), np.diff(after)]))
     ends = np.abs(np.concatenate([np.diff(value[max(begin - 1, 0) : begin + 1]), np.diff(value[end - 1 : end + 1])]))

@@ -1,4 +1,4 @@
-"""Schemas of tables: the columns of a kind of CSV file, what files call them, and where they stand in one of them."""
+"""Define the columns of each kind of CSV file and their names in files, and find them in a table."""
 
 import re
 from collections.abc import Sequence
@@ -26,15 +26,15 @@ class Column(NamedTuple):
 
     @classmethod
     def named(cls, key: str, *, optional: bool = False) -> "Column":
-        """Return a column that is called by its key alone."""
+        """Return a column whose only name in files is its key."""
         return cls(key, re.compile(re.escape(key)), key, optional)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Foreign:
-    """How to read a file outside a run, where it does not show it; a rate stands for the time column.
+    """How to read a file outside a run, where the file does not show it; a rate replaces the time column.
 
-    `clock` is what the times of a uSD-card log, or of a table made of one, are of real time.
+    `clock` relates the times of a uSD-card log, or of a table made of one, to real time.
     """
 
     time_unit: TimeUnit | None = None
@@ -45,14 +45,14 @@ class Foreign:
 
 
 def unused_in_run(reading: Foreign, *used: str) -> tuple[str, ...]:
-    """Return a note on settings for other programs' files that were given for a run, but for those `used`."""
+    """Return a note on settings for other programs' files that were given for a run, except those in `used`."""
     given = [f"`{one.name}`" for one in fields(reading) if getattr(reading, one.name) != one.default]
     unused = ", ".join(name for name in given if name.strip("`") not in used)
     return (f"{unused}: not used, the times and columns of a run are as they were taken.",) if unused else ()
 
 
 def refuse_for_run(path: Path, reading: Foreign) -> None:
-    """Raise ConfigError for settings of other programs' files beside a run."""
+    """Raise ConfigError for settings of other programs' files that were given for a run."""
     for note in unused_in_run(reading):
         raise ConfigError(f"{path}: {note}")
 
@@ -61,8 +61,8 @@ def refuse_for_run(path: Path, reading: Foreign) -> None:
 class TableSchema:
     """The columns of one kind of table.
 
-    `words` are those of the setting `columns`, in the columns' order, empty for a kind that is read by its header
-    alone. `hint` ends the message on a missing column.
+    `words` are those of the setting `columns`, in the columns' order, empty for a kind that is read only by its
+    header. `hint` ends the message on a missing column.
     """
 
     columns: tuple[Column, ...]
@@ -70,10 +70,10 @@ class TableSchema:
     hint: str = ""
 
     def places(self, table: CsvTable, *, named: Sequence[str] = (), rate_hz: float | None = None) -> dict[str, str]:
-        """Return a table's name of each column by its key: `named` by option, else by the header, else by order.
+        """Return the table's names of the columns, by key: those `named` by option, else by the header, else by order.
 
         An optional column may be absent, and is left out where columns are named; so is the time where a rate is
-        given. Raises ConfigError for named columns that are too few, too many or not different, DataError for a table
+        given. Raises ConfigError for named columns that are too few, too many or repeated, DataError for a table
         that does not show its columns.
         """
         needed = [one for one in self.columns if not (one.optional or (one.key == TIME and rate_hz is not None))]

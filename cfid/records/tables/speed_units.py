@@ -11,7 +11,7 @@ _SECOND, _MINUTE = "s(?:ec(?:ond)?)?", "min(?:ute)?"
 
 PER_MINUTE = rf"rpm|r\.p\.m\.?|upm|{_TURN}?/{_MINUTE}|{_MINUTE}\^?-1|{_TURN}\.{_MINUTE}\^?-1"
 
-# What fits a unit as `spelt` has it. A bare 1/s is of turns; of an angular velocity's symbol it is of radians.
+# Patterns of units as `spelt` returns them. A bare 1/s is in turns, but in radians after an angular velocity's symbol.
 SPEEDS_RAD_S: Mapping[str, float] = {
     PER_MINUTE: RPM,
     "krpm": 1e3 * RPM,

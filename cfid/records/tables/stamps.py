@@ -1,4 +1,4 @@
-"""Place samples by the stamps of the device that took them: a busy computer gets them late, never early."""
+"""Time samples by the stamps of the device that took them: a busy computer receives them late, never early."""
 
 from typing import NamedTuple
 
@@ -10,10 +10,10 @@ from cfid.records.tables.table import Array, CsvTable
 
 _PARTS, _FEWEST_OF_A_PART = 12, 8  # of a recording, each with one quickest arrival
 _FEWEST_PARTS = 4
-_WRONG_S, _MOST_WRONG = 0.1, 0.1  # by which a stamp is off those around it, and the share of such: more are no clock
-_MOST_RESTARTS = 3  # of a board in a recording: a count that starts anew more often is no clock
-_ALIKE = 0.05  # of the time here, within which a thousandth of it is the same in another unit
-_LARGEST_SKEW = 1e-3  # of two crystals, with margin: beyond it stamps count something else than microseconds
+_WRONG_S, _MOST_WRONG = 0.1, 0.1  # by which a stamp is off those around it; with more than this share, no clock
+_MOST_RESTARTS = 3  # of a board in a recording: a count that starts anew more often is not a clock
+_ALIKE = 0.05  # of the time here, within which a count of milliseconds agrees with it
+_LARGEST_SKEW = 1e-3  # of two crystals, with margin: beyond it, stamps count something other than microseconds
 _LARGEST_SCATTER_S = 2e-3  # of the quickest arrivals about a line: beyond it the device's clock jumped
 
 
@@ -25,9 +25,9 @@ class StampedTimes(NamedTuple):
 
 
 class StampedRows(NamedTuple):
-    """A run's table and its values (n, k), without rows whose stamp is wrong, their times by the others, and notes.
+    """A run's table and its values (n, k) without rows whose stamp is wrong, times by the other stamps, and notes.
 
-    `times` are None where the device's clock tells none.
+    `times` is None where the device's clock shows none.
     """
 
     table: CsvTable
@@ -67,9 +67,9 @@ def stamped_rows(table: CsvTable, values: Array, column: str) -> StampedRows:
 
 
 def restarts(stamp_us: Array) -> Rows:
-    """Return the places of the first samples (n,) after a restart of the device, whose stamps go on from less.
+    """Return the places of the first samples (n,) after a restart of the device, which sets its stamps back.
 
-    None where there are too many of them, or too few samples on a side to join by.
+    There are none where restarts are too many, or where a side has too few samples to join them.
     """
     anew = np.flatnonzero(np.diff(stamp_us) < 0) + 1
     shortest = np.diff(np.r_[0, anew, len(stamp_us)]).min()
@@ -78,14 +78,14 @@ def restarts(stamp_us: Array) -> Rows:
 
 
 def _joined(arrival_s: Array, stamp_us: Array, anew: Rows) -> Array:
-    """Return stamps (n,) that go on at each restart, so that the quickest arrivals on both sides are equally late."""
+    """Return stamps (n,) that continue over each restart, so that the quickest arrivals on both sides are as late."""
     late_us = 1e6 * (arrival_s - arrival_s[0]) - stamp_us
     shifts = [float(part.min()) for part in np.split(late_us, anew)]
     return np.asarray(stamp_us + np.repeat(shifts, np.diff(np.r_[0, anew, len(stamp_us)])))
 
 
 def wrong_stamps(arrival_s: Array, stamp_us: Array) -> Rows:
-    """Return the places of samples (n,) whose stamp alone is off that of those around, beside their arrivals."""
+    """Return the places of samples (n,) whose stamp alone, compared with its arrival, is off those around it."""
     wrong = lone_readings(arrival_s - 1e-6 * stamp_us, _WRONG_S)
     return wrong if len(wrong) <= _MOST_WRONG * len(stamp_us) else wrong[:0]
 
@@ -93,8 +93,8 @@ def wrong_stamps(arrival_s: Array, stamp_us: Array) -> Rows:
 def stamped_times(arrival_s: Array, stamp_us: Array) -> StampedTimes | None:
     """Return when samples (n,) were taken, by a line through the quickest arrivals over the device's stamps.
 
-    The quickest arrivals at both ends may differ by what the median arrival is late: so uncertain is the line's slope.
-    None where the stamps are no steady clock in microseconds: a device without power starts a new count.
+    The quickest arrivals at both ends may differ by the lateness of the median arrival, which makes the line's slope
+    uncertain. None where the stamps are not a steady clock in microseconds: after a loss of power, a new count starts.
     """
     parts = min(len(arrival_s) // _FEWEST_OF_A_PART, _PARTS)
     device_s = 1e-6 * (stamp_us - stamp_us[0])

@@ -1,6 +1,6 @@
 """Read tables of thrust, torque, speed and voltage over motor command, typed by hand or from thrust stands.
 
-It resolves column names and units only; settling and the tachometer's markers are the fits' part.
+This module only resolves column names and units; settling and the tachometer's markers are left to the fits.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,13 +39,13 @@ STAND = "stand"
 
 @dataclass(frozen=True, kw_only=True)
 class StandTable:
-    """A table's columns (n,) in SI units, None for absent ones; `columns` has the file's names of each.
+    """A table's columns (n,) in SI units, None for absent ones; `columns` has the file's names for each.
 
     `thrust_n` is one motor's where the file has the sum of `motors` motors; where `motors` is None, it is as in the
-    file. `command` is nan where the file has thrust and speed alone, and any quantity where a field was no number.
+    file. `command` is nan where the file has only thrust and speed; any quantity is nan where a field was not a number.
     `speeds_rad_s` (n, s) are as displayed, nan where a sensor was dead: a motor's ("motor"), one rotor's in several
-    series ("series"), four rotors' at once ("rotors") or their mean ("mean"). `rotors` is of how many rotors the header
-    names a speed, None for none and for a mean. `grams` is the reading of scales.
+    series ("series"), four rotors' at once ("rotors") or their mean ("mean"). `rotors` is the number of rotors whose
+    speed the header names, None for none and for a mean. `grams` is the reading of scales.
     `time_s` is None for settled points and an array for a record over time, whose `rate_hz` is None where a column
     gave the time.
     """
@@ -68,7 +68,7 @@ class StandTable:
 
     @property
     def square_mean_speed_rad_s(self) -> Array | None:
-        """The speed at which every rotor would give the mean of their thrusts (n,), by k w^2."""
+        """The speed (n,) at which every rotor would give the mean of the rotors' thrusts, by k w^2."""
         return None if self.speeds_rad_s is None else mean_of_known(self.speeds_rad_s, power=2)
 
 
@@ -86,9 +86,9 @@ def read_stand_table(
     """Read a table whose header names quantities and units, in any order; other columns are ignored with a note.
 
     Rows of a pwm that is held for long are a record over time, at `rate_hz` where no column gives the time. `esc_us`
-    are the pulse widths of commands 0 and 65535, `columns` what the header does not tell, as `with_named`, and which
-    rows are meant, as `with_rows`. `motors` is how many ran where a column is the sum of several motors, without it
-    four; torque is divided by it, too. Fields that are no numbers are missing, with a note.
+    are the pulse widths of commands 0 and 65535, `columns` states what the header does not, as in `with_named`, and
+    which rows are meant, as in `with_rows`. `motors` is how many motors ran where a column is the sum of several, four
+    by default; where it is given, it divides torque, too. Fields that are not numbers are missing, with a note.
 
     Raises DataError with file, line or column, and next step; ConfigError for an invalid rate or range.
     """
@@ -145,7 +145,7 @@ def read_stand_table(
 
 
 def stand_file(path: Path) -> Path | None:
-    """Return the table in the run folder of a thrust stand's recording that was imported, None for anything else."""
+    """Return the table of a run that was imported from a thrust stand's recording, None for anything else."""
     run = run_at(path)
     return run.device_file(STAND) if run is not None and STAND in run.header.devices else None
 
@@ -158,7 +158,7 @@ def read_stand_as(
     esc_us: tuple[float, float] | None = None,
     motors: int | None = None,
 ) -> StandTable:
-    """Read a table as a command's options for other programs' files have it; see `read_stand_table`."""
+    """Read a table with a command's options for other programs' files; see `read_stand_table`."""
     return read_stand_table(
         path,
         gravity_mps2=gravity_mps2,
@@ -187,13 +187,13 @@ def _larger_motor(found: Found, thrust_n: Array | None) -> tuple[Finding, ...]:
 
 
 def _is_total(found: Found) -> bool:
-    """Return whether thrust is that of several motors, four as a rule; a stand with a motor controller has one."""
+    """Return whether thrust is that of several motors, usually four; a stand with a motor controller has one."""
     thrust, command = found.get("thrust_n"), found.get("command")
     return thrust is not None and thrust.head.kind != "" and (command is None or command.head.kind != "esc")
 
 
 def _rotors(table: CsvTable) -> int | None:
-    """Return of how many rotors a header names speeds; several sensors or series are one rotor's."""
+    """Return the number of rotors whose speeds a header names; several sensors or series are one rotor's."""
     heads = [head for head, _ in heads_of(table.names).get("speeds_rad_s", ())]
     if not heads or heads[0].kind == "mean":
         return None
@@ -244,7 +244,7 @@ def _single(found: Found, quantity: str) -> Array | None:
 
 
 def _understood(table: CsvTable, found: Found, timing: Timing, rows: int) -> str:
-    """Return the line that states what the file was read as."""
+    """Return the line that states how the file was read."""
     columns = ", ".join(
         f"{quantity.partition('_')[0]} from '{', '.join(columns.names)}'"
         for quantity, columns in found.items()

@@ -1,4 +1,4 @@
-"""Take the columns of a table of motors: which are used, what is missing in them, and which values cannot be."""
+"""Select the columns of a table of motors, and find missing and impossible values in them."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -21,15 +21,15 @@ from cfid.units import FULL_COMMAND
 _LONGEST_PULSE_US = 5000.0  # beyond all that controllers take, of which few reach 2500
 _LARGEST = {"percent": (100.0, " per cent"), "fraction": (1.0, ", as a fraction")}
 _MOST_VOLTS = 60.0  # more than any battery that flies, and less than its millivolts
-_REST_NOISE = 1e-3  # of the fastest: so much below zero is noise
-_FORWARD = 1e-2  # of the fastest, which noise shows of a rotor that turns backwards
-_IMPOSSIBLE_SHARE = 0.1  # of a column's values, below which these alone are left out
-_ALIKE = 1.05  # ratio of two sensors of one rotor's speed; poles or markers that are wrong make 7/6 and more
+_REST_NOISE = 1e-3  # of the fastest speed: up to this far below zero is noise
+_FORWARD = 1e-2  # of the fastest speed: noise shows this much of a rotor that turns backwards
+_IMPOSSIBLE_SHARE = 0.1  # of a column's values, up to which only the impossible ones are left out
+_ALIKE = 1.05  # ratio of two sensors of one rotor's speed; wrong poles or markers make 7/6 and more
 _ROW_BY_ROW = ("time_s", "command")  # without them a row is of no use
 
 
 class Columns(NamedTuple):
-    """The columns of one quantity as in the file, (n, s), nan where a field is no number."""
+    """The columns of one quantity as in the file, (n, s), nan where a field is not a number."""
 
     head: ColumnHead
     names: tuple[str, ...]
@@ -47,7 +47,7 @@ Found = Mapping[str, Columns]
 def columns_of(table: CsvTable) -> tuple[CsvTable, Found, tuple[str, ...]]:
     """Return the columns of each quantity, the table without the rows that were left out, and notes.
 
-    A column without any number is not used, a row without a time or a command left out. Raises DataError when a
+    A column without any number is not used, and a row without a time or a command is left out. Raises DataError when a
     quantity has several columns, when commands or measurements are missing, and for impossible values.
     """
     if not table.has_head:
@@ -87,7 +87,7 @@ def columns_of(table: CsvTable) -> tuple[CsvTable, Found, tuple[str, ...]]:
 
 
 def turned(value: Array, drive: Array) -> tuple[Array, bool]:
-    """Return values (n,) whose size grows with a drive (n,), a command or speed, and whether their sign was changed."""
+    """Return values (n,) that grow with a drive (n,), a command or speed, and whether their sign was changed."""
     some = slice(None, None, len(value) // PART_ROWS + 1)  # of a long table, enough to see a sign
     level, drive = value[some], drive[some]
     known = np.isfinite(level) & np.isfinite(drive)
@@ -101,7 +101,7 @@ def turned(value: Array, drive: Array) -> tuple[Array, bool]:
 def _above_next_head(table: CsvTable, numbers: Array, times: Array | None) -> tuple[CsvTable, Array, list[str]]:
     """Return the table and its columns (n, s) above another header among its rows, and notes on what is left out.
 
-    A header that is repeated where times (n,) go on ends no table: a program that was restarted wrote it once more.
+    A repeated header after which times (n,) continue does not end the table: a restarted program wrote it once more.
     """
     count = len(numbers)
     blank = np.flatnonzero(~np.isfinite(numbers).any(axis=1))
@@ -128,7 +128,7 @@ def _above_next_head(table: CsvTable, numbers: Array, times: Array | None) -> tu
 
 
 def _goes_on(times: Array, row: int) -> bool:
-    """Return whether times (n,) behind a row are later than those before it."""
+    """Return whether times (n,) after a row are later than those before it."""
     before, after = times[:row][np.isfinite(times[:row])], times[row:][np.isfinite(times[row:])]
     return bool(len(before) and len(after) and after[0] > before[-1])
 
@@ -140,9 +140,9 @@ def _holds_no_number(table: CsvTable, name: str) -> str:
 
 
 def _without_doubled(table: CsvTable, called: dict[str, list[tuple[ColumnHead, str]]]) -> dict[str, str]:
-    """Leave out quantities whose columns bear one name, and say so by that name.
+    """Leave out quantities whose columns share a name, and return a note for each such name.
 
-    Raises DataError for a table of which nothing to fit is left then.
+    Raises DataError where nothing to fit is left in the table.
     """
     notes = {}
     for quantity in list(called):
@@ -159,7 +159,7 @@ def _without_doubled(table: CsvTable, called: dict[str, list[tuple[ColumnHead, s
 
 
 def _backwards(speeds: Columns) -> list[str]:
-    """Turn the sign of a stand's speed that is as good as never above zero: of a rotor that turns the other way."""
+    """Change the sign of a stand's speed that is practically never above zero: its rotor turns the other way."""
     highest, lowest, name = np.nanmax(speeds.raw), np.nanmin(speeds.raw), speeds.names[0]
     if speeds.head.kind != "motor" or lowest >= 0 or highest > -_FORWARD * lowest:
         return []
@@ -168,7 +168,7 @@ def _backwards(speeds: Columns) -> list[str]:
 
 
 def _at_rest(speeds: Columns, command: Columns | None) -> list[str]:
-    """Set speeds a little below zero to zero at the lowest command: noise of a sensor whose rotor stands."""
+    """Set speeds a little below zero to zero at the lowest command: the noise of a sensor whose rotor stands still."""
     if command is None:
         return []
     lowest = command.raw <= np.nanmin(command.raw)
@@ -181,10 +181,10 @@ def _at_rest(speeds: Columns, command: Columns | None) -> list[str]:
 def _one_of_two_speeds(
     table: CsvTable, called: dict[str, list[tuple[ColumnHead, str]]], values: Mapping[str, Array]
 ) -> list[str]:
-    """Leave one of an electrical and an optical speed in place: the one that is seen in more rows.
+    """Keep one of an electrical and an optical speed: the one that is not 0 in more rows.
 
-    Where both are seen and disagree, it is the optical one, which needs no number of poles. Raises DataError where none
-    is optical.
+    Where both are not 0 and disagree, keep the optical one, which does not depend on the number of poles. Raises
+    DataError where none is optical.
     """
     speeds = called.get("speeds_rad_s", [])
     if len(speeds) != 2 or any(head.kind != "motor" for head, _ in speeds):
@@ -215,9 +215,9 @@ def _one_of_two_speeds(
 
 
 def _unconnected(found: dict[str, Columns]) -> list[str]:
-    """Leave out a voltage that is 0 throughout while a motor is driven, set one of 0 now and then to nan; with notes.
+    """Leave out a voltage that is 0 throughout while a motor is driven; set occasional zeros to nan; return notes.
 
-    No motor runs from 0 V: the leads were not connected. Only a command that changes shows that one was driven.
+    No motor runs from 0 V: the leads were not connected. Only a changing command shows that a motor was driven.
     """
     battery, command = found.get("vbat_v"), found.get("command")
     if battery is None or (command is not None and np.nanmin(command.raw) == np.nanmax(command.raw)):
@@ -232,7 +232,7 @@ def _unconnected(found: dict[str, Columns]) -> list[str]:
 
 
 def _wrong_times(table: CsvTable, found: Found) -> list[str]:
-    """Set single times that jump off and back to nan, whose rows are left out, with notes; join a clock of 32 bits."""
+    """Unwrap the clock, set single times that jump off and back to nan, whose rows are left out, and return notes."""
     if "time_s" not in found:
         return []
     time = found["time_s"].raw[:, 0]
@@ -264,7 +264,7 @@ def _missing(table: CsvTable, found: Found, bad: npt.NDArray[np.intp]) -> list[s
 
 
 def _check(table: CsvTable, found: Found) -> list[str]:
-    """Set impossible values of a quantity to nan, with notes; refuse many of them, naming the first's line."""
+    """Set impossible values of quantities to nan and return notes; refuse many of them, naming the first one's line."""
     notes: list[str] = []
     if command := found.get("command"):
         raw = command.raw

@@ -1,4 +1,4 @@
-"""Commands of a table of motors from 0 to 65535, pulse widths among them."""
+"""Convert the commands of a table of motors, which may be pulse widths, to a scale from 0 to 65535."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ USUAL_ESC_US = (1000.0, 2000.0)  # pulse widths of standstill and full throttle,
 def commands_of(table: CsvTable, found: Found, esc_us: tuple[float, float] | None) -> tuple[Array, tuple[str, ...]]:
     """Return commands (n,) from 0 to 65535, nan where the file has none, and notes on how pulse widths were read.
 
-    Raises ConfigError for an impossible range of pulse widths, DataError for pulses longer than it.
+    Raises ConfigError for an impossible range of pulse widths, DataError for pulses beyond the range.
     """
     column = found.get("command")
     if column is None:

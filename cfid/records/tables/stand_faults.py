@@ -1,4 +1,4 @@
-"""Measurements of a motor's recording that no rotor makes: far ones, lone ones off the others, a sensor that hangs."""
+"""Leave out measurements that no rotor makes: those off alone, those far beyond others, and a hung sensor's."""
 
 import numpy as np
 import numpy.typing as npt
@@ -12,21 +12,21 @@ from cfid.records.tables.table import Array, CsvTable
 
 _MEASURED = ("thrust_n", "torque_nm", "vbat_v", "speeds_rad_s")
 _FOLLOWS = ("thrust_n", "torque_nm", "speeds_rad_s")  # a change of the command
-# How many times what is usual at any command a value may be. A rotor that is sped up takes several times its torque.
 _SUPPLY_JUMP = 0.9  # of the usual voltage: a bench supply may be set to another for a step, and back
+# The largest value over the usual one at any command. A rotor that is sped up takes several times its torque.
 _MOST_TIMES = {"thrust_n": 5.0, "torque_nm": 10.0, "speeds_rad_s": 3.0}
-_USUAL, _LEVELS = 0.98, 20  # of all values; parts of the range of the command
+_USUAL, _LEVELS = 0.98, 20  # share of all values; number of parts of the command's range
 _RANKED = 1_000_000  # values that show what is usual
-_HUNG, _LATE = 10, 5  # times as many rows of one value as usual, and rows of them that follow a change of the command
+_HUNG, _LATE = 10, 5  # times the usual rows of one value; rows of it after a change of the command
 
 
 def without_faults(
     table: CsvTable, found: Found, command: Array, order: npt.NDArray[np.intp] | None
 ) -> tuple[str, ...]:
-    """Set single measurements off those before and after to nan, far ones, and those of a sensor that hangs.
+    """Set to nan single measurements off those before and after, far ones, and those of a sensor that hangs.
 
-    Return notes. A command (n,) that jumps off and back for as long explains a single one. A sensor hangs that repeats
-    one value while the command changes, but for a motor that stands. `order` is that of the rows.
+    Returns notes. A command (n,) that jumps off and back with a single measurement explains it. A sensor hangs where it
+    repeats one value while the command changes, unless its motor stands still. `order` is the order of the rows.
     """
     commanded = spikes_in(command)
     notes = []
@@ -50,9 +50,9 @@ def without_faults(
 
 
 def _far(quantity: str, value: Array, command: Array) -> Rows:
-    """Return the places of values (n,) that jump off what their supply has, or far exceed what any command (n,) gives.
+    """Return the places of values (n,) that jump off their supply's voltage, or far exceed what any command (n,) gives.
 
-    Of the latter more than one in a hundred are no faults.
+    Of the latter, more than one in a hundred are not faults.
     """
     if quantity not in _MOST_TIMES:
         known = np.flatnonzero(np.isfinite(value))
@@ -68,7 +68,7 @@ def _far(quantity: str, value: Array, command: Array) -> Rows:
 
 
 def _hung(value: Array, command: Array) -> Rows:
-    """Return the places of values (n,) that repeat the one before over a change of the command, but for zeros."""
+    """Return the places of values (n,) that repeat the one before over a change of the command, except zeros."""
     edges = np.concatenate([[0], np.flatnonzero(np.diff(value) != 0) + 1, [len(value)]])
     longer = np.diff(edges) >= _HUNG * np.median(np.diff(edges))
     changes = np.flatnonzero(np.diff(command)) + 1

@@ -1,4 +1,4 @@
-"""What tables of motors call their columns: the quantity, the unit and its factor to SI, by the header alone."""
+"""Recognise the columns of tables of motors by the header alone: quantity, unit and factor to SI."""
 
 import re
 from collections.abc import Container, Mapping, Sequence
@@ -29,13 +29,13 @@ _TAKE_UNITS = {
     "vbat_v": "voltage",
     "speeds_rad_s": "motorspeed",
 }
-_UNIT = re.compile(r"[(\[]([^()\[\]]+)[)\]]")  # of a name without spaces, as in Speed[1/min](filtered)
-_LAST_WORD = re.compile(r".*[^\s_][\s_]+(?P<unit>[^\s_]+)")  # which a unit without brackets is, as in thrust_gf
+_UNIT = re.compile(r"[(\[]([^()\[\]]+)[)\]]")  # in a name without spaces, as in Speed[1/min](filtered)
+_LAST_WORD = re.compile(r".*[^\s_][\s_]+(?P<unit>[^\s_]+)")  # where a unit without brackets is, as in thrust_gf
 _MANGLED = re.compile(r"[A-Za-z]\w*_+[A-Za-z](?:\w*[A-Za-z]|\w*__1)?_", re.ASCII)
-# Units of these quantities, some of which are not read, as uN, kV and eRPM; other words in brackets are none.
+# Units of these quantities, some of which are not read, such as uN, kV and eRPM; other words in brackets are no units.
 _OTHER = re.compile(
     r"[mukcd]?(?:n|gf?|v|hz|lbf?s?|ozf?)(?:[.u-]*(?:[mc]?m|in|ft))?|[ke]rpm|rps|ms|ns|%"
-    # And whatever is per a time, as rad/min and s^-1 are.
+    # And anything per time, such as rad/min and s^-1.
     r"|[^/]+/(?:s|ms|sec|min|m|h|hour)|(?:[a-z]+\.)?(?:s|ms|sec|min|h)\^?-1"
 )
 # As in Powertrain 1 - force Fz (thrust) (N), whose first part the operator chooses; and as in Thrust A (N).
@@ -44,11 +44,11 @@ _OF_POWERTRAIN = re.compile(
 )
 _LETTERED = re.compile(r"(?:esc|escsignal|escthrottle|thrust|torque|voltage|motor\w*speed)(?P<side>[ab])[(\[].+[)\]]")
 _BARE_COMMAND = re.compile("cmd|command|pwm")  # known names that state no unit
-_ELECTRICAL = re.compile("e[-_]?rpm")  # turns of the field, as many as pairs of poles for one of the rotor
+_ELECTRICAL = re.compile("e[-_]?rpm")  # turns of the field: as many as pairs of poles in one turn of the rotor
 _TOTAL = re.compile("total|sum|gesamt")
 _SEVERAL = ("series", "rotors")
 _STEMS = {
-    # An esc_count is none.
+    # An esc_count is not a command.
     "command": ("cmd", "command", "pwm", "esc(", "escms", "escpwm", "escsignal", "escthrottle", "throttle"),
     "thrust_n": ("thrust", "weight", "totalthrust", "schub", "kraft"),
     "torque_nm": ("torque", "drehmoment"),
@@ -126,7 +126,7 @@ def _without_side(name: str) -> str:
 
 
 def side_of(name: str) -> str | None:
-    """Return which motor of a double stand a column is of: a powertrain, or side a or b; None where it is of all."""
+    """Return to which motor of a double stand a column belongs: a powertrain, or side a or b; None for both."""
     if of_one := _OF_POWERTRAIN.fullmatch(spelt(name)):
         return of_one["side"]
     lettered = _LETTERED.fullmatch(spelt(name))
@@ -134,9 +134,9 @@ def side_of(name: str) -> str | None:
 
 
 def _unmangled(name: str) -> list[tuple[str, str]]:
-    """Return what may have been the stem and the unit of a name whose brackets and signs MATLAB replaced by `_`.
+    """Return possible stems and units of a name whose brackets and signs MATLAB replaced by `_`.
 
-    `Torque__N_m_` was Torque (N·m); other names end in no underscore. Both are without spaces and case.
+    `Torque__N_m_` was Torque (N·m); other names do not end in an underscore. Both are without spaces and case.
     """
     if not _MANGLED.fullmatch(name):
         return []
@@ -149,7 +149,7 @@ def _unmangled(name: str) -> list[tuple[str, str]]:
 
 
 def _head_of(name: str) -> ColumnHead | None:
-    """Return the head by which a column is known; by a mangled name only where all that it may have been agree."""
+    """Return the head of a column with a known name; for a mangled name, only where all possible originals agree."""
     plain = next((head for head in _KNOWN if re.fullmatch(head.called, _without_side(name))), None)
     if plain is not None:
         return plain
@@ -160,7 +160,7 @@ def _head_of(name: str) -> ColumnHead | None:
 
 
 def heads_of(names: Sequence[str]) -> dict[str, list[tuple[ColumnHead, str]]]:
-    """Return the columns that are known, by quantity, each with the file's own name."""
+    """Return the known columns by quantity, each with the file's own name."""
     called: dict[str, list[tuple[ColumnHead, str]]] = {}
     for name in names:
         if (head := _head_of(name)) is not None:
@@ -171,9 +171,9 @@ def heads_of(names: Sequence[str]) -> dict[str, list[tuple[ColumnHead, str]]]:
 
 
 def in_own_unit(name: str, own: str) -> str:
-    """Return what a column of a known `name` is called: after its own header, where that states another unit.
+    """Return the name by which a column of a known `name` is read: that of its own header where the unit differs.
 
-    The unit counts also in a header that is not known, as in Lift (gf), Lift__gf_ and lift_gf.
+    The unit of an unknown header counts, too, as in Lift (gf), Lift__gf_ and lift_gf.
     """
     (quantity, ((head, _), *_)), *_ = heads_of([name]).items()
     if quantity == "time_s":
@@ -193,7 +193,7 @@ def in_own_unit(name: str, own: str) -> str:
 
 
 def _units_of(own: str) -> list[str]:
-    """Return what may be the unit that a header states: in brackets, in what MATLAB made of them, or the last word."""
+    """Return possible units that a header states: in brackets, in what MATLAB made of them, or as the last word."""
     last = None if spelt(own).endswith((")", "]")) else _LAST_WORD.fullmatch(own.strip())
     others = [one for _, one in _unmangled(own)] or ([spelt(last["unit"])] if last else [])
     return [*reversed(_UNIT.findall(spelt(own))), *others]
@@ -205,7 +205,7 @@ def _is_unit(unit: str, quantity: str) -> bool:
 
 
 def _states_other(own: str, quantity: str) -> bool:
-    """Return whether a header states a unit, and none in which its quantity is read.
+    """Return whether a header states a unit, but none in which its quantity is read.
 
     Without brackets, a single letter, as in rotor_n, is a symbol, and known names keep what they state.
     """
@@ -219,13 +219,13 @@ def _states_other(own: str, quantity: str) -> bool:
 
 
 def _unknown(name: str, quantity: str) -> str:
-    """Return what is not known of a column: its name, where that states a known unit, or its unit."""
+    """Return what is unknown about a column: its name, where that states a known unit, or its unit."""
     known = any(_is_unit(one, quantity) for one in _units_of(name))
     return "has a known unit, but no known name" if known else "has no known unit"
 
 
 def _remedy(table: CsvTable, name: str, quantity: str) -> str:
-    """Return what to do about a column that is not known: no option reads a unit that the header states."""
+    """Return what to do about an unknown column: no option overrides a unit that the header states."""
     place = 1 + table.names.index(name)
     if _states_other(name, quantity):
         return f"Convert it to a unit that is read, and state that in its header, as in {called_as(quantity)}"
@@ -239,7 +239,7 @@ def _remedy(table: CsvTable, name: str, quantity: str) -> str:
 
 
 def has_unread_unit(name: str, own: str) -> bool:
-    """Return whether a column's `own` header states a unit that is none of those of a known name's quantity."""
+    """Return whether a column's `own` header states a unit that is none of those for a known name's quantity."""
     quantity, *_ = heads_of([name])
     if quantity == "time_s":
         return OTHER_UNIT.search(own) is not None
@@ -252,13 +252,13 @@ def called_as(quantity: str) -> str:
 
 
 def shows_stand(called: Container[str]) -> bool:
-    """Return whether known quantities are a table of motors: a measured one, and a command or thrust over speed."""
+    """Return whether known quantities make a table of motors: a measured one, and a command or thrust over speed."""
     driven = "command" in called or ("thrust_n" in called and "speeds_rad_s" in called)
     return driven and any(quantity in called for quantity in MEASURED)
 
 
 def check_heads(table: CsvTable, called: Mapping[str, Sequence[tuple[ColumnHead, str]]]) -> tuple[str, ...]:
-    """Refuse several columns of one quantity and a table of nothing measured; name columns without a known unit."""
+    """Refuse several columns of a quantity and a table without measurements; note columns of unknown unit."""
     for quantity, columns in called.items():
         names = ", ".join(name for _, name in columns)
         if len(columns) > 1 and (columns[0][0].kind not in _SEVERAL or len({head for head, _ in columns}) > 1):

@@ -1,4 +1,4 @@
-"""Columns of a table of motors that the operator names, where the header does not tell them or tells several."""
+"""Apply the operator's names of columns in a table of motors, where the header shows none or several."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,7 +10,7 @@ from cfid.records.tables.table import CsvTable
 
 
 def with_named(table: CsvTable, columns: Sequence[str]) -> tuple[CsvTable, tuple[str, ...]]:
-    """Return a table whose columns are called as `columns` has it, each a NAME=COLUMN, and a note.
+    """Return a table whose columns are named by `columns`, each a NAME=COLUMN, and a note.
 
     NAME is one that a header may have, and states the unit where the file's header does not; COLUMN is the file's name,
     or the number counted from 1. Other columns of the same quantity lose their names. Raises ConfigError for an unknown

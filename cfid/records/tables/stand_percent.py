@@ -1,4 +1,4 @@
-"""Cells with a sign of per cent, as motor vendors write their throttle in: the sign is a unit, as in a header."""
+"""Read cells with a percent sign, as motor vendors write throttle: the sign is a unit, as in a header."""
 
 import re
 from collections.abc import Sequence
@@ -12,9 +12,10 @@ _SIGN = re.compile(rb'(?<=[\d.])[ ]?%(?=["\s,;|]|$)')
 
 
 def with_percent(table: CsvTable) -> CsvTable:
-    """Return a table without signs of per cent behind numbers, which are stated as the units of their columns.
+    """Return a table without percent signs after numbers, which become the units of their columns instead.
 
-    Tables of points are short; a long recording keeps its signs, and so does one whose known columns have them.
+    Tables of points are short; a long recording keeps its signs, and so does one whose known columns other than
+    commands have them.
     """
     if table.following is not None:
         return table
@@ -30,11 +31,11 @@ def with_unit(table: CsvTable, name: str) -> str:
 
 
 def with_known_units(table: CsvTable) -> CsvTable:
-    """Return a table whose columns of per cent are called so where that makes them commands."""
+    """Return a table whose columns of per cent have that unit in their name where this makes them commands."""
     own = [(name, with_unit(table, name)) for name in table.names]
     return replace(table, names=tuple(stated if heads_of([stated]) else name for name, stated in own))
 
 
 def _is_signed(words: Sequence[str]) -> bool:
-    """Return whether most cells of a column are numbers with a sign of per cent."""
+    """Return whether most cells of a column are numbers with a percent sign."""
     return sum(word.endswith("%") and _SIGNED.search(word) is not None for word in words) > len(words) / 2

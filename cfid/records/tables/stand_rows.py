@@ -1,4 +1,4 @@
-"""Rows of a table of motors: those of one motor, where a column of words tells several apart."""
+"""Choose the rows of one motor in a table of motors, where a column of words distinguishes several."""
 
 import re
 from collections.abc import Sequence
@@ -14,17 +14,17 @@ from cfid.records.tables.text import short
 
 _ALL = "*"
 _ROWS_A_MOTOR = 3
-_BLOCKS = 0.5  # of the rows, of which more have a word where each has its own
+_BLOCKS = 0.5  # of the rows; more have a word where each row has its own
 _OF_MOTORS = re.compile(r"prop|motor|rotor|blade|\bkv\b", re.IGNORECASE)
-_SHARED = 0.5  # of the commands, which rows of several motors have and rows with remarks have not
+_SHARED = 0.5  # of the commands; rows of several motors share them, rows with remarks do not
 
 
 class SeveralMotorsError(DataError):
-    """Rows of one table may be of several motors, and no setting tells which are meant."""
+    """Rows of one table may be of several motors, and no setting states which are meant."""
 
 
 class Chosen(NamedTuple):
-    """A table of some rows, the settings that name its columns, and the columns by which rows were chosen."""
+    """A table of some rows, the settings that name its columns, the columns by which rows were chosen, and notes."""
 
     table: CsvTable
     columns: tuple[str, ...]
@@ -58,9 +58,9 @@ def with_rows(table: CsvTable, columns: Sequence[str]) -> Chosen:
 def check_one_motor(table: CsvTable, command: Array, *, used: Sequence[str], settled: bool) -> None:
     """Raise SeveralMotorsError where a column of words, none of those `used`, divides rows (n,) of the same commands.
 
-    They are of several motors or propellers, or of runs upwards and downwards. In a recording each has one stretch. A
-    column that is named after motors or propellers divides rows of any commands, and by numbers, too, but none of a
-    known quantity, as Motor Optical Speed (RPM).
+    Such rows are of several motors or propellers, or of sweeps up and down. In a recording, each group is one segment.
+    A column that is named after motors or propellers may divide rows of any commands, and by numbers, too; a column of
+    a known quantity, such as Motor Optical Speed (RPM), does not.
     """
     first = next(table.blocks(), table)
     for name in table.names:
@@ -81,7 +81,7 @@ def check_one_motor(table: CsvTable, command: Array, *, used: Sequence[str], set
 
 
 def _words(table: CsvTable, name: str) -> npt.NDArray[np.str_]:
-    """Return a column's words (n,); one that stands in the first row of each block alone holds for the block."""
+    """Return a column's words (n,); words in only the first row of each block hold for the whole block."""
     words = np.array(table.words(name))
     filled = words != ""
     if not filled[0] or np.mean(filled) > _BLOCKS:
@@ -90,13 +90,13 @@ def _words(table: CsvTable, name: str) -> npt.NDArray[np.str_]:
 
 
 def _are_few(words: npt.NDArray[np.str_]) -> bool:
-    """Return whether there are several words, each in so many rows that these are of a motor of its own."""
+    """Return whether there are several words, in enough rows each for a motor of its own."""
     stated = words[words != ""]
     return 2 <= len(np.unique(stated)) <= len(stated) / _ROWS_A_MOTOR
 
 
 def _are_stretches(words: npt.NDArray[np.str_]) -> bool:
-    """Return whether each word has one stretch of rows."""
+    """Return whether each word has a single segment of rows."""
     _, group = np.unique(words[words != ""], return_inverse=True)
     return len(group) > 0 and int(np.count_nonzero(np.diff(group))) == int(group.max())
 

@@ -1,4 +1,4 @@
-"""Scales of motor commands in tables: 65535 at full thrust, and others, recognised by the largest command."""
+"""Recognise the scale of motor commands in tables, 65535 at full thrust or another, by the largest command."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ _PULSES_US = (800.0, 2500.0)  # within which those of all controllers are; a mot
 
 
 def command_called(raw: Array) -> str:
-    """Return a known name of commands (n, 1) by their size: of a fraction, per cent, pulse widths, or 0 to 65535."""
+    """Return a known name of commands (n, 1) by their size: for a fraction, per cent, pulse widths, or 0 to 65535."""
     known = raw[np.isfinite(raw)]
     smallest, largest = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
     if _PULSES_US[0] <= smallest and largest <= _PULSES_US[1]:
@@ -23,7 +23,7 @@ def command_called(raw: Array) -> str:
 
 
 def check_scale(table: CsvTable, name: str, raw: Array, *, stated: bool) -> None:
-    """Refuse commands (n, 1) from 0 to 65535 none of which turns a motor: they are of another scale.
+    """Refuse commands (n, 1) none of which would turn a motor on the scale 0 to 65535: they have another scale.
 
     Where the column's name states a pwm, two commands are enough to ask about pulse widths. Raises DataError.
     """

@@ -1,4 +1,4 @@
-"""Which motor of a double stand a recording is of, where a file has the columns of both."""
+"""Find which motor of a double stand was recorded, where a file has the columns of both."""
 
 from collections.abc import Mapping, Sequence
 
@@ -12,7 +12,7 @@ Called = dict[str, list[tuple[ColumnHead, str]]]
 
 
 def of_one_side(table: CsvTable, called: Called, values: Mapping[str, Array]) -> list[str]:
-    """Leave the columns of the only motor that was driven in place, and those of the whole stand, with a note.
+    """Keep the columns of the only motor that was driven and those of the whole stand, and return a note.
 
     Raises DataError where two were driven.
     """

@@ -1,4 +1,4 @@
-"""Speeds that a thrust stand's sensors show: which of them are dead, and the mean of those that are not."""
+"""Read the speeds of a thrust stand's sensors: find dead sensors, and average the others."""
 
 import numpy as np
 import numpy.typing as npt
@@ -11,8 +11,8 @@ from cfid.records.tables.stand_columns import Found
 from cfid.records.tables.table import Array
 
 _TURNING_RAD_S = 100.0  # faster than any rotor that stands, slower than any that flies
-_LEAST_THRUST = 0.05  # of the largest: there a rotor turns
-_DRIVEN_THRUST = 0.01  # of the largest, above what the load cell shows at rest: there a rotor that is driven turns
+_LEAST_THRUST = 0.05  # of the largest: above it, a rotor turns
+_DRIVEN_THRUST = 0.01  # of the largest, above the load cell's reading at rest: from there on, a driven rotor turns
 _FEWEST_AT_REST, _NOISE_STD = 5, 5.0  # rows that show a load cell's noise, and how far it reaches
 _OF_NORMAL = 0.67449  # median of the absolute values of normal noise, over its standard deviation
 
@@ -22,8 +22,8 @@ def speeds_of(
 ) -> tuple[Array | None, tuple[str, ...]]:
     """Return speeds (n, s) with nan for a sensor that shows 0 while rotors turn, and a note.
 
-    They turn where another sensor or the thrust shows it or, in a table of settled points, where one did at no larger
-    command.
+    Rotors turn where another sensor or the thrust shows it or, in a table of settled points, where a sensor showed it
+    at a command that was no larger.
     """
     columns = found.get("speeds_rad_s")
     if columns is None:
@@ -71,7 +71,7 @@ def _has_thrust(thrust_n: Array, command: Array) -> npt.NDArray[np.bool_]:
 
 
 def mean_of_known(values: Array, power: int = 1) -> Array:
-    """Return the mean of each row (n,), or that of its powers, over what is known in it, nan for nothing."""
+    """Return the mean, or the power mean, of the known values in each row (n,), nan where none is known."""
     if values.shape[1] == 1:
         return values[:, 0]
     found = empty(len(values))

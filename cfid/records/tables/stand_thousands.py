@@ -1,4 +1,4 @@
-"""Signs between thousands in a table of motors, with which numbers would be missing or a thousandth of themselves."""
+"""Refuse thousands separators in a table of motors, as numbers would be missing or a thousandth of their value."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -12,14 +12,14 @@ from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.text import has_decimal_comma, short
 
 _POINT = re.compile(r"[1-9]\d{0,2}\.\d{3}", re.ASCII)
-_NO_ROTOR_RAD_S = 0.4, 10.0  # 4 to 100 turns per minute: no rotor is driven as slowly, one at rest shows less by noise
+_NO_ROTOR_RAD_S = 0.4, 10.0  # 4 to 100 turns per minute: no rotor is driven so slowly; noise at rest is less
 
 
 def check_thousands(table: CsvTable, values: Mapping[str, Array]) -> None:
-    """Refuse known columns (n,), by their names, that have signs between thousands. Raises DataError.
+    """Refuse known columns (n,), by their names, that have thousands separators. Raises DataError.
 
-    Columns without their large values would pass for whole ones. A point is one of thousands where every number has
-    three digits behind it, beside decimal commas in other columns or as a speed at which no rotor turns.
+    Columns without their large values would look complete. A point separates thousands where every number has three
+    digits after it, and where other columns have decimal commas or the speed would be one at which no rotor turns.
     """
     for name, value in values.items():
         if not np.isfinite(value).all() and (fault := table.fault_in(name)) and fault.endswith(NO_THOUSANDS):
@@ -42,7 +42,7 @@ def _check_points(table: CsvTable, values: Mapping[str, Array]) -> None:
 
 
 def _are_pointed(words: Sequence[str]) -> bool:
-    """Return whether numbers have three digits behind a point, but for zeros and empty fields."""
+    """Return whether all numbers have three digits after a point, apart from zeros and empty fields."""
     rest = [word for word in words if word not in ("", "0")]
     return bool(rest) and all(map(_POINT.fullmatch, rest))
 

@@ -1,4 +1,4 @@
-"""Times of a table of motors: a recording over time, or settled points that were taken one after another."""
+"""Find the times of a table of motors: a recording over time, or settled points taken one after another."""
 
 from typing import NamedTuple
 
@@ -21,15 +21,15 @@ _SETTLED_S = 1.0  # between rows: a rotor settles in less
 _SLOWEST_S = 2.0  # between rows of a recording
 _JITTER_S = 0.1  # by which times of a program on a desktop may go back
 _JITTER_SHARE = 0.05
-# Rows that show a time without a known name; how far off a line it may be, as a share of its range; in what share of
-# the rows of a held command it grows at least: stamps of 16 ms repeat in several.
+# Rows that show a time without a known name; how far off a line it may be, as a share of its range; the least share of
+# rows of a held command in which it grows: stamps of 16 ms repeat in several.
 _FEWEST_GROWING, _OFF_LINE, _OFTEN = 30, 0.1, 0.05
 
 
 class Timing(NamedTuple):
     """Times (n,) in seconds, None for settled points; the rate that made them, None where a column gave them.
 
-    `order` is the order of times in which the rows have to be taken, None where they are in it.
+    `order` puts the rows into the order of their times, None where they are in it already.
     """
 
     time_s: Array | None
@@ -39,7 +39,7 @@ class Timing(NamedTuple):
 
 
 def _in_order(time: Array) -> tuple[npt.NDArray[np.intp] | None, tuple[str, ...]]:
-    """Return the order of rows whose times (n,) go back a little now and then, None where none is to be changed."""
+    """Return the order of rows whose times (n,) go back a little now and then, None where the order stays."""
     steps = np.diff(time)
     back = np.flatnonzero(steps < 0)
     if not len(back) or len(back) > max(_JITTER_SHARE * len(time), 1):
@@ -55,10 +55,10 @@ def _in_order(time: Array) -> tuple[npt.NDArray[np.intp] | None, tuple[str, ...]
 
 
 def timing_of(table: CsvTable, found: Found, command: Array, *, unit: TimeUnit | None, rate_hz: float | None) -> Timing:
-    """Return the times of rows with commands (n,), nan without any.
+    """Return the times of rows with commands (n,), which are nan without any.
 
-    A table with times is a recording, unless its rows are so far apart that each has settled. One without is a
-    recording where its commands, of a kind that programs write, are held. Raises DataError and ConfigError as
+    A table with times is a recording, unless its rows are so far apart that each has settled. A table without times is
+    a recording where its commands are held and of a kind that programs write. Raises DataError and ConfigError as
     `times_of`, and for pulse widths that are held without a time or rate.
     """
     held = len(command) / (1 + np.count_nonzero(np.diff(command)))
@@ -96,7 +96,7 @@ def timing_of(table: CsvTable, found: Found, command: Array, *, unit: TimeUnit |
 
 
 def _refuse_unnamed_time(table: CsvTable, found: Found, command: Array) -> None:
-    """Raise DataError for a column without a use that grows evenly beside commands (n,): it may be the rows' time."""
+    """Raise DataError for an unused column that grows evenly while commands (n,) are held: it may be the time."""
     used = {name for columns in found.values() for name in columns.names}
     first = next(table.blocks(), table)
     for place, name in enumerate(table.names, start=1):
@@ -116,7 +116,7 @@ def _refuse_unnamed_time(table: CsvTable, found: Found, command: Array) -> None:
 
 
 def _grows(values: Array, command: Array) -> bool:
-    """Return whether values (n,) grow with the rows, evenly, not by ones as a counter, and while commands hold."""
+    """Return whether values (n,) grow evenly with the rows, not by ones as counters do, and while commands are held."""
     steps, held = np.diff(values), np.diff(command[: len(values)]) == 0
     if len(values) < _FEWEST_GROWING or not np.all(steps >= 0) or values[-1] == values[0] or np.all(steps == 1):
         return False
@@ -126,6 +126,6 @@ def _grows(values: Array, command: Array) -> bool:
 
 
 def _fault_of_times(table: CsvTable) -> str | None:
-    """Return what is wrong with a column that is called a time and holds none, as one of dates."""
+    """Return what is wrong with a column that has the name of a time but holds none, such as one of dates."""
     named = (name for name in table.names if TIME_COLUMN.called.fullmatch(name.strip()))
     return next((fault for name in named if (fault := table.fault_in(name))), None)

@@ -1,7 +1,7 @@
-"""Voltages that a supply cannot have had: those beyond any, and those that jump off the others and back.
+"""Find voltages that a supply cannot have had: those beyond any supply's, and those that jump off the others and back.
 
-A lithium cell has 2.5 to 4.35 V: a battery of however many stays within a third of its median, and gives way under
-load by less than that. A supply that is swept leaves it, but goes on from there.
+A lithium cell has 2.5 to 4.35 V: a battery of any number of cells stays within a third of its median, and sags under
+load by less than that. A supply that is swept leaves this range, but continues from there.
 """
 
 import numpy as np
@@ -12,9 +12,9 @@ from cfid.large import chosen_rows, differences, parts
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-RANGE_V = (1.0, 60.0)  # from less than a cell's to more than that of twelve
+RANGE_V = (1.0, 60.0)  # from less than that of one cell to more than that of twelve
 _JUMP = 1 / 3  # of the median
-_MOST, _MOST_AT_ENDS = 0.1, 0.01  # of the values: more are a supply that is set to other voltages
+_MOST, _MOST_AT_ENDS = 0.1, 0.01  # of the values; more are those of a supply that is set to other voltages
 _RANKED = 1_000_000  # values that show the median
 
 
@@ -27,10 +27,10 @@ def impossible(volts: Array) -> Mask:
 
 
 def displaced(volts: Array, *, jump: float = _JUMP) -> Mask:
-    """Return which voltages (n,) are those of stretches that jump off the others, never near the median, and back.
+    """Return which voltages (n,) are in segments that jump off the others and back, and are never near the median.
 
-    All are numbers; a `jump` is relative to the median. The few before the first jump, or behind the last one, need not
-    come from anywhere or go back.
+    All voltages are numbers; `jump` is relative to the median. The few before the first jump need not have jumped off,
+    and the few after the last one need not jump back.
     """
     middle = usual(volts, np.zeros(len(volts), bool))
     limit = jump * middle

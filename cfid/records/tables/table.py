@@ -1,6 +1,6 @@
 """Read columns of numbers from any CSV file, with errors that name the line.
 
-It handles separators, headers and cut files; other modules interpret the columns.
+This module handles separators, headers and cut files; other modules interpret the columns.
 """
 
 import re
@@ -37,7 +37,7 @@ from cfid.records.tables.text import (
 
 Array = npt.NDArray[np.float64]
 
-_LOOKED_AT = 10_000  # rows, for what makes a column no number
+_LOOKED_AT = 10_000  # rows that are searched for what is not a number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,9 +45,9 @@ class CsvTable:
     """A CSV file, opened but not yet parsed: column names ('1', '2', ... without a header) and its body.
 
     A column is selected by its name, or by its number counted from 1. `preamble` is how many lines were left out
-    above the header, `prose` are lines of words among the rows, left out too. `units` are those that the file states
-    beside the names, as a MATLAB file of cfid's does; "" is an unknown one. Of a large file `following()` yields the
-    blocks of lines after these, whose columns are read one after another.
+    above the header, `prose` are lines of words among the rows, also left out. `units` are those that the file states
+    in addition to the names, as cfid's own MATLAB files do; "" is an unknown one. For a large file, `following()`
+    yields the blocks of lines after this one, whose columns are read one after another.
     """
 
     path: Path
@@ -88,7 +88,7 @@ class CsvTable:
         return values
 
     def known_numbers(self, columns: Sequence[str]) -> Array:
-        """Return the named columns, shape (rows, columns), nan where a field is no finite number.
+        """Return the named columns, shape (rows, columns), nan where a field is not a finite number.
 
         Raises DataError naming the line of the first row that has a wrong number of fields.
         """
@@ -106,7 +106,7 @@ class CsvTable:
         return np.where(np.isfinite(values), values, np.nan)
 
     def words(self, column: str) -> list[str]:
-        """Return a column's fields as they are written, without spaces around them; `known_numbers` raises before."""
+        """Return a column's fields as written, without spaces around them; `known_numbers` checks the lines first."""
         place = self.place(column)
         return [
             word for block in self._blocks_or_self() for word in words_in(block._rows() or b"", place, self._spelling)
@@ -115,7 +115,7 @@ class CsvTable:
     def fault_in(self, column: str) -> str | None:
         """Return a sentence on the first field of a column that is neither empty nor a number, None without one.
 
-        In a long file, the first rows are looked at.
+        In a long file, only the first rows are searched.
         """
         place = self.place(column)
         for line in islice(filled_lines(self._body), _LOOKED_AT):
@@ -131,7 +131,7 @@ class CsvTable:
         return Spelling(self._separator, self.decimal)
 
     def loses_digits(self, column: str) -> bool:
-        """Return whether a whole number in a column, as it is written, is none of 64-bit floats."""
+        """Return whether a whole number in a column, as it is written, is not exact as a 64-bit float."""
         rows = self._rows()
         return rows is not None and not is_exact_in(rows, self.place(column), self._spelling)
 
@@ -142,7 +142,7 @@ class CsvTable:
         return replace(self, _left_out=np.sort(np.append(self._left_out, chosen + before)))
 
     def without_signs(self, signs: "re.Pattern[bytes]") -> "CsvTable":
-        """Return the table of a file of one block without some signs in its rows."""
+        """Return the table, which has to be a single block, without some signs in its rows."""
         body = signs.sub(b"", self._body)
         return replace(self, _body=body, decimal=decimal_sign(body, self._separator))
 
@@ -187,11 +187,11 @@ class CsvTable:
 
     @property
     def listing(self) -> str:
-        """The columns' names, for a message; one without a name has its number, by which it can be given."""
+        """The columns' names, for a message; a column without a name is listed by its number, which selects it."""
         return short(", ".join(name or f"column {at}" for at, name in enumerate(self.names, start=1)), 200)
 
     def continued(self, content: bytes) -> "CsvTable":
-        """Return the table of the lines that follow this one's in the file; `content` are whole lines but for the last.
+        """Return the table of the lines that follow this one's in the file; `content` is whole lines, except the last.
 
         Only the first block of a large file has a header.
         """
@@ -219,7 +219,7 @@ class CsvTable:
 
     @property
     def filled(self) -> bool:
-        """Whether it has any row."""
+        """Whether the table has any row."""
         return bool(self._body.strip())
 
     @property
@@ -277,9 +277,9 @@ class CsvTable:
 
 @dataclass
 class Following:
-    """The blocks of lines after a large file's first, read anew at every call; once all were, their prose is known.
+    """The blocks of lines after a large file's first, read anew at every call.
 
-    `even` is whether every line of theirs is then known to be a row.
+    Once all have been read, their prose is known, and `even` is whether every line of theirs is a row.
     """
 
     blocks: Callable[[], Iterator[CsvTable]]
@@ -287,7 +287,7 @@ class Following:
     _prose: list[TextLine] | None = None
 
     def __call__(self) -> Iterator[CsvTable]:
-        """Yield one block after the other."""
+        """Yield one block after another."""
         prose: list[TextLine] = []
         even = True
         for block in self.blocks():
@@ -297,7 +297,7 @@ class Following:
         self.even, self._prose = even, prose
 
     def all_prose(self) -> list[TextLine]:
-        """Return their lines of words."""
+        """Return the blocks' lines of words."""
         if self._prose is None:
             deque(self(), maxlen=0)
         return self._prose or []

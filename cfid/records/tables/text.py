@@ -13,8 +13,8 @@ from cfid.errors import DataError
 from cfid.records.files import read_small
 
 _BOM = b"\xef\xbb\xbf"
-_NO_BREAK_SPACE = re.compile(rb"\xc2\xa0|(?<=[\x00-\x7f])\xa0")  # in UTF-8, and in one byte after one of ASCII
-_MINUS = "\u2212".encode()  # which typeset numbers have
+_NO_BREAK_SPACE = re.compile(rb"\xc2\xa0|(?<=[\x00-\x7f])\xa0")  # in UTF-8, and as one byte after an ASCII character
+_MINUS = "\u2212".encode()  # in typeset numbers
 _OTHER_BOMS = (b"\xff\xfe", b"\xfe\xff", b"\0\0\xfe\xff")  # UTF-16 and UTF-32
 _OTHER_FILES = {
     b"PK\x03\x04": "a spreadsheet (.xlsx) or packed files (.zip, .npz): save the table as CSV, or unpack it.",
@@ -117,7 +117,7 @@ def filled_lines(text: bytes, *, skip: int = 0) -> Iterator[TextLine]:
 def separator_of(line: str) -> str | None:
     """Return the separator of a line's fields; None for spaces.
 
-    A comma between semicolons or tabs is part of a name, or a decimal comma to report; a bar stands in names, too.
+    A comma between semicolons or tabs is part of a name, or a decimal comma to report; a bar may be in a name, too.
     """
     return next((separator for separator in (";", "\t", ",", "|") if separator in line), None)
 
@@ -132,7 +132,7 @@ def fields_of(line: str, separator: str | None) -> list[str]:
             fields = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
         except csv.Error:
             fields = [line]
-    return [field.strip(string.whitespace) for field in fields]  # of ASCII alone, as numbers are parsed
+    return [field.strip(string.whitespace) for field in fields]  # only ASCII spaces, as where numbers are parsed
 
 
 def is_number(field: str) -> bool:
@@ -156,7 +156,7 @@ def has_decimal_comma(field: str) -> bool:
 
 
 def decimal_sign(body: bytes, separator: str | None) -> str:
-    """Return the decimal sign of the numbers of a table's body, a comma or a point; commas of thousands are none."""
+    """Return the decimal sign of the numbers in a table's body, comma or point; thousands separators do not count."""
     if separator == "," or b"," not in body:
         return "."
     decimal = any(not _THOUSANDS.fullmatch(match.group(1)) for match in _DECIMAL_COMMA.finditer(body))
@@ -164,7 +164,7 @@ def decimal_sign(body: bytes, separator: str | None) -> str:
 
 
 def is_prose(line: str, separator: str | None) -> bool:
-    """Return whether a line is words alone, as programs write at an end: no field is a number."""
+    """Return whether a line is only words, as programs write at the end of a file: no field is a number."""
     fields = fields_of(line, separator)
     words = all(field.isprintable() and not is_number(field) and not has_comma(field) for field in fields)
     return words and any(field[:1].isalpha() for field in fields)

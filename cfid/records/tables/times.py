@@ -39,7 +39,7 @@ COUNTER = re.compile(
 _FASTEST_S, _SLOWEST_S = 1.9e-5, 0.11  # sampling intervals of a rig: 50 kHz to 10 Hz, with margin for jitter
 _NO_TIME = "Is this the time column? See `columns` and `rate_hz`."
 _FEWEST_ROWS = 16
-_LOOKED_AT, _OFF_WHOLE = 1000, 0.01  # times that show whether they are whole numbers, and what is not
+_LOOKED_AT, _OFF_WHOLE = 1000, 0.01  # times that show whether they are whole numbers; the least fraction that counts
 MISSING_SHARE = 0.1  # of a recording's rows that may lack a number
 _REPEATED_SHARE = 0.01  # of time stamps that may repeat the previous one without a note
 _GAP, _LEAST_GAP_S = 10, 0.1  # usual intervals, and seconds: a busy computer's stamps are late by tens of milliseconds
@@ -60,7 +60,7 @@ TIME_COLUMN = Column(TIME, column_name(_TIMES, ("s", "ms", "us")), "of time (t, 
 
 
 def unit_at_end(name: str) -> TimeUnit | None:
-    """Return the unit of time that ends a name of whatever kind, as in `Laufzeit [ms]`, None where none does."""
+    """Return the unit of time at the end of any name, as in `Laufzeit [ms]`, None without one."""
     word = _UNIT_AT_END.search(name)
     unit = None if word is None else unit_word(word[1])
     return cast(TimeUnit, unit) if unit in PER_SECOND else None
@@ -91,7 +91,7 @@ def _left_out(lines: Sequence[TextLine], one: str, many: str) -> tuple[str, ...]
 def pauses(table: CsvTable, time_s: Array) -> tuple[str, ...]:
     """Return a note on the longest interval without a row at times (n,), where one is much longer than usual.
 
-    A clock that was set is asked after where it is more than half of the recording.
+    Where it is more than half of the recording, the note asks whether the clock was set.
     """
     usual_s = usual_step(time_s)
     least_s = max(_GAP * usual_s, _LEAST_GAP_S)
@@ -111,7 +111,7 @@ def pauses(table: CsvTable, time_s: Array) -> tuple[str, ...]:
 
 
 def vehicle_us(table: CsvTable, places: Mapping[str, str], columns: Mapping[str, Array]) -> Array | None:
-    """Return the vehicle's clock (n,) in microseconds, which a name without a unit has too; None for an absent one."""
+    """Return the vehicle's clock (n,) in microseconds, which a name without a unit means, too; None without a clock."""
     if VEHICLE_CLOCK.key not in places:
         return None
     unit = unit_of(table, VEHICLE_CLOCK.called, places[VEHICLE_CLOCK.key], None, "") or "us"
@@ -135,10 +135,10 @@ def _enough(table: CsvTable, values: Array) -> Array:
 def complete_rows(
     table: CsvTable, columns: Sequence[str], *, own: bool, timed: bool
 ) -> tuple[CsvTable, Array, tuple[str, ...]]:
-    """Return the named columns as `numbers_of`, without the few rows that are of no use, their table, and notes.
+    """Return the table without its few unusable rows, the named columns as `numbers_of`, and notes.
 
-    These lack a number or, where the first column is the time (`timed`), have a wrong one. In a file of cfid's `own`
-    every row is complete. Raises DataError naming the first row that lacks a number, where many do.
+    Unusable rows lack a number or, where the first column is the time (`timed`), have a wrong time. In a file of cfid's
+    `own` every row is complete. Raises DataError naming the first row that lacks a number, where many do.
     """
     if own:
         return table, numbers_of(table, columns), ()
@@ -188,10 +188,10 @@ def times_of(
 ) -> tuple[Array, tuple[str, ...]]:
     """Return the times (n,) in seconds since the first, and notes.
 
-    `raw` (n,) are the column's values; a rate stands for them, and a note names the column. `own` marks a run of
+    `raw` (n,) are the column's values; a rate replaces them, and a note then names the column. `own` marks a run of
     cfid, whose unit is known at any rate. A unit that neither the column's name nor `unit` states is the only one in
     which intervals are at most `slowest_s`. Raises DataError when time goes back, stands still or has another unit,
-    ConfigError for an invalid rate, or one beside a unit.
+    ConfigError for an invalid rate, or for a rate together with a unit.
     """
     if rate_hz is not None:
         if not 0 < rate_hz < np.inf:
@@ -230,7 +230,7 @@ def times_of(
 
 
 def _unused_times(table: CsvTable, rate_hz: float) -> tuple[str, ...]:
-    """Return a note on a time column whose place a rate takes. Raises DataError where its rows are newest first."""
+    """Return a note on a time column that a rate replaces. Raises DataError where its rows are newest first."""
     place = next((at for at, name in enumerate(table.names) if TIME_COLUMN.called.fullmatch(name)), None)
     if place is None or not table.has_head:
         return ()
@@ -254,7 +254,7 @@ def time_unit_of(
 ) -> TimeUnit:
     """Return the unit of a time column's values (n,): the one given or in its name, else the one that its step allows.
 
-    The latter is the only unit that gives a possible sampling interval, and s where several do.
+    The latter is the only unit that gives a possible sampling interval, or s where several do.
     """
     stated = unit_of(table, TIME_COLUMN.called, column, unit, "time_unit")
     if stated is not None:

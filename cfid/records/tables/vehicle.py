@@ -23,7 +23,7 @@ from cfid.units import MOTORS, RPM
 COMMANDS, READINGS, VEHICLE_LOG, SUPERVISOR = "commands", "readings", "crazyflie", "supervisor"
 TACHOMETER, SCALES = "tachometer", "scales"
 
-ENOUGH = 0.98  # of the time that a step should be held: it was
+ENOUGH = 0.98  # of the time for which a step should be held: from there on it counts as held
 
 _LONGEST_LINE = 1 << 20  # bytes
 _WITHDRAWN = "withdrawn"
@@ -32,7 +32,7 @@ _MOTORS = ("m1", "m2", "m3", "m4")
 
 
 class TakenBackError(DataError):
-    """Every reading of a run was taken back: it is as one of which none was typed."""
+    """Every reading of a run was taken back, as if none had been typed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +45,7 @@ class Rows:
 
 
 def holds(run: Run, device: str) -> bool:
-    """Return whether a run has rows of a device, which of a run that nothing closed its file shows."""
+    """Return whether a run has rows of a device; for a run that was not closed, the device's file shows it."""
     record = run.header.devices.get(device)
     if record is None or record.rows is not None:
         return record is not None and record.rows != 0
@@ -53,7 +53,7 @@ def holds(run: Run, device: str) -> bool:
 
 
 def _has_row(path: Path) -> bool:
-    """Return whether a file has a whole line below its header; True where it cannot be read, which its reader says."""
+    """Return whether a file has a whole line below its header; True where it is unreadable, as its reader reports."""
     try:
         if not path.is_file():
             return True
@@ -81,7 +81,7 @@ def read_rows(run: Run, device: str) -> Rows:
 
 
 def _not_withdrawn(values: Array, place: int) -> Array:
-    """Return the rows of readings without those that were taken back, and without the rows that say so."""
+    """Return the rows of readings without those that were taken back, and without the rows that take them back."""
     kept: list[int] = []
     for row, withdrawn in enumerate(values[:, place]):
         if withdrawn and kept:
@@ -101,10 +101,10 @@ def read_commands(run: Run) -> tuple[Rows, Array]:
 
 
 def shown_at_commands(run: Run, device: str, column: str) -> tuple[Source, Array, Array]:
-    """Return commands (n,) of the motors that ran, and the mean (n,) of what an instrument showed at each.
+    """Return an instrument's file, commands (n,) of the motors that ran, and the mean (n,) that it showed at each.
 
-    Only the second half of each command counts: what shows numbers takes seconds to settle. A command in which a run
-    ended early does not count, since `--resume` holds it again. Raises DataError.
+    Only the second half of each command counts: a display of numbers takes seconds to settle. A command during which
+    a run ended early does not count, since `--resume` holds it again. Raises DataError.
     """
     shown, (log, commands) = read_rows(run, device), read_commands(run)
     ends_s = np.append(log.time_s[1:], shown.time_s[-1])
@@ -119,13 +119,13 @@ def shown_at_commands(run: Run, device: str, column: str) -> tuple[Source, Array
 
 
 def told_speeds_rad_s(rows: Rows) -> dict[int, Array]:
-    """Return the speeds (n,) in rad/s that an RPM deck or brushless motors reported, by motor; else nothing."""
+    """Return the speeds (n,) in rad/s that an RPM deck or brushless motors reported, by motor; empty without any."""
     named = {motor: (f"rpm.m{motor}", f"motor.m{motor}_rpm") for motor in MOTORS}
     return {motor: RPM * rows.columns[name] for motor, names in named.items() for name in names if name in rows.columns}
 
 
 def begin_s(path: Path) -> float:
-    """Return the time of the first row of a device's file. Raises DataError when there is none, or it is no number."""
+    """Return the time of the first row of a device's file. Raises DataError where there is none, or no number."""
     try:
         check_regular(path)
         with path.open(encoding="utf-8", errors="replace") as file:

@@ -56,7 +56,7 @@ _Scale = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
 class WrenchReading(Foreign):
     """How to read forces and torques from a CSV file outside a run. The scales apply to a run too.
 
-    `gain` (6,) are readings over loads, by calibration; a run has its own.
+    `gain` (6,) has the ratios of reading to load, from a calibration; a run has its own.
     """
 
     units: Units | None = None
@@ -71,7 +71,7 @@ class WrenchRecord:
 
     `status` (n,) are the box's status words, None where the file has none; `lost` is the number of missing samples,
     None where unknown. `begin_s` is the first sample's time by the file's own clock, None where it has none. A device
-    of fewer `axes` has nan in the others.
+    with fewer `axes` has nan in the others.
     """
 
     path: Path
@@ -113,7 +113,7 @@ class WrenchRecord:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What its reader noted, in sentences that name the run or the file."""
+        """What the record's reader noted, in sentences that name the run or the file."""
         return texts(self.findings, "warning")
 
 

@@ -1,4 +1,4 @@
-"""Samples of a load cell that no force makes: off alone or far beyond the others, and stretches that repeat one."""
+"""Find samples of a load cell that no force makes: off alone, far beyond the others, or repeating one value."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,14 +15,14 @@ from cfid.records.tables.wrench import WrenchRecord
 
 Mask = npt.NDArray[np.bool_]
 
-_HUNG = 10  # samples that are alike in every axis, which noise makes of none
-_SLOW_SHARE = 0.5  # of the samples that are alike: more show a load cell that is slower than its rows
+_HUNG = 10  # equal samples in a row in every axis, which noise never gives
+_SLOW_SHARE = 0.5  # of the samples may be equal; more show a load cell that is slower than its rows
 
 
 def without_faults(record: WrenchRecord) -> WrenchRecord:
-    """Return a record without samples that in an axis stand off alone, by a fifth of all it shows, or far beyond that.
+    """Return a record without samples that, in an axis, are off alone by a fifth of its range, or far beyond others.
 
-    Samples that repeat the one before are counted in a note: without them a sine would have a gap.
+    Samples that repeat the one before stay and are counted in a note: without them a sine would have a gap.
     """
     axes = (*record.force_n.T, *record.torque_nm.T)
     lone, far, hung = np.zeros(len(record.time_s), bool), np.zeros(len(record.time_s), bool), _hung(axes)
@@ -44,7 +44,7 @@ def without_faults(record: WrenchRecord) -> WrenchRecord:
 
 
 def without_stuck(record: WrenchRecord) -> WrenchRecord:
-    """Return a record without the samples at which an axis repeats one value for long, which a note names."""
+    """Return a record without the samples at which an axis repeats one value for long, with a note."""
     stuck = {axis: repeated(record.time_s, record.values_of(axis)) for axis in record.axes}
     texts = [
         f"{axis} repeats one value in {_counted(record, wrong)} (first at {_first_s(record, wrong):.4g} s), which are "
@@ -70,7 +70,7 @@ def _without(record: WrenchRecord, wrong: Mask, texts: Sequence[str]) -> WrenchR
 
 
 def _hung(axes: Sequence[Array]) -> Mask:
-    """Return the samples (n,) that repeat the one before in every axis that there is, many in a row."""
+    """Return the samples (n,) that repeat the one before in every measured axis, many in a row."""
     alike = np.zeros(len(axes[0]), bool)
     for part in parts(len(alike) - 1):
         rows = slice(part.start, part.stop + 1)

@@ -1,4 +1,4 @@
-"""Values that forces and torques can have in their unit: single others are left out, many are of another unit."""
+"""Check that forces and torques are possible in their unit: few impossible ones are left out, many are refused."""
 
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
@@ -17,7 +17,7 @@ _LARGEST: dict[Units, float] = {"counts": 2.0**31, "n,nm": 1e5}
 
 
 class Unit(NamedTuple):
-    """The unit of forces and torques, who states it: an option, the header, or nobody; and factors (k,) to N and N m.
+    """The unit of forces and torques, what states it (an option, the header or nothing), and factors (k,) to N and N m.
 
     The factors of counts are one.
     """
@@ -30,7 +30,7 @@ class Unit(NamedTuple):
 def possible_rows(
     table: CsvTable, values: Array, wrench: Array, units: Unit
 ) -> tuple[CsvTable, Array, tuple[str, ...]]:
-    """Return a table and its values (n, k) without the few rows that no load cell measures in a unit that is stated."""
+    """Return a table and its values (n, k) without the few rows that no load cell measures in the stated unit."""
     wrong, farthest = np.zeros(len(wrench), bool), np.zeros(len(wrench))
     for part in parts(len(wrench) if units.by else 0):
         loads = np.abs(wrench[part] * units.factors)

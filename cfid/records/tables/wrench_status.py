@@ -1,4 +1,4 @@
-"""Status words of a load cell's samples, and what those that are not zero mean."""
+"""Read the status words of a load cell's samples, and explain those that are not zero."""
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +12,7 @@ Words = npt.NDArray[np.uint32]
 
 
 def status_words(table: CsvTable, values: Array) -> Words:
-    """Return a column (n,) as status words. Raises DataError naming the first line that has none."""
+    """Return a column (n,) as status words. Raises DataError naming the first line without one."""
     bad = [(values[part] < 0) | (values[part] >= 2.0**32) | (values[part] % 1 != 0) for part in parts(len(values))]
     wrong = np.flatnonzero(np.concatenate(bad))
     if len(wrong):

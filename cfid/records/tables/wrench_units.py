@@ -1,4 +1,4 @@
-"""Units of a load cell's columns: which one its header, an option or nobody states, and what they are in N and N m."""
+"""Find the units of a load cell's columns, which its header, an option or nothing states, and factors to N and N m."""
 
 import functools
 import re
@@ -19,15 +19,15 @@ _UNITS = {"F": FORCES_N, "T": TORQUES_NM}
 
 @functools.cache
 def axis_name(axis: str) -> re.Pattern[str]:
-    """Return the pattern of the names of an axis' columns, with a unit that is read or without one."""
+    """Return the pattern of the names of an axis's column, without a unit or with one that is read."""
     return column_name(axis, (_COUNTS,), others=pattern_of(_UNITS[axis[0]]))
 
 
 def units_of(table: CsvTable, columns: Mapping[str, str], given: Units | None) -> Unit:
-    """Return the unit of axes, each of a column: the given one, the header's, else counts.
+    """Return the unit of axes, each in a column: the given one, the header's, else counts.
 
-    Raises DataError for a header with a unit that is not read, or with counts beside others; ConfigError where `given`
-    contradicts it.
+    Raises DataError for a header with a unit that is not read, or with counts and other units; ConfigError where
+    `given` contradicts it.
     """
     found: set[Units] = set()
     stated, factors = False, np.ones(len(columns))
@@ -59,7 +59,7 @@ def converted_note(table: CsvTable, columns: Mapping[str, str], units: Unit) -> 
 
 
 def refuse_other_units(table: CsvTable, axes: Sequence[str]) -> None:
-    """Raise DataError for an axis that the header has in a unit alone that is not read."""
+    """Raise DataError for an axis that the header has only in a unit that is not read."""
     for axis in axes:
         if any(map(axis_name(axis).fullmatch, table.names)):
             continue
@@ -69,7 +69,7 @@ def refuse_other_units(table: CsvTable, axes: Sequence[str]) -> None:
 
 
 def _stated(table: CsvTable, axis: str, name: str) -> str | None:
-    """Return the unit that a column's name states, or the file beside it."""
+    """Return the unit that a column's name states, or that the file states in addition to it."""
     known, bracketed = axis_name(axis).fullmatch(name), _IN_BRACKETS.search(name)
     return (known[1] if known else bracketed[1] if bracketed else None) or table.units.get(name)
 

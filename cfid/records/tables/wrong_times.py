@@ -1,4 +1,4 @@
-"""Single times of a table that are wrong, and rows that stand in the wrong order."""
+"""Find single wrong times of a table, and rows that are in the wrong order."""
 
 import numpy as np
 
@@ -7,16 +7,16 @@ from cfid.large import differences, parts, usual_step
 from cfid.records.tables.lone import MOST_SHARE, Rows, lone_readings
 from cfid.records.tables.table import Array, CsvTable
 
-_WRONG_TIME = 20.0  # usual intervals, by which a single time is wrong
-_LOST = 1000.0  # usual intervals of rows that may be lost where a clock of 32 bits begins anew: seconds of its 71 min
+_WRONG_TIME = 20.0  # usual intervals by which a single wrong time is off
+_LOST = 1000.0  # usual intervals of rows that may be lost where a clock of 32 bits starts anew: seconds of its 71 min
 _SHORT = 100.0  # usual intervals that a clock of 16 bits counts at least: one of microseconds wraps within a few rows
 
 
 def wraps(time: Array) -> tuple[Rows, int]:
-    """Return the places of times (n,) at which a microcontroller's clock begins anew, and its bits, 32 or 16.
+    """Return the places of times (n,) at which a microcontroller's clock starts anew, and its bits, 32 or 16.
 
-    One of 32 bits is micros() after 71.6 minutes. There rows may be lost, where times are regular on both sides: a
-    single wrong time may be as large.
+    One of 32 bits is micros(), after 71.6 minutes. Lost rows are accepted there only where times are regular on both
+    sides: a single wrong time may be as large.
     """
     back = [begin + 1 + np.flatnonzero(step < 0) for begin, step in differences(time)]
     places = np.concatenate([np.empty(0, np.intp), *back])
@@ -37,7 +37,7 @@ def wraps(time: Array) -> tuple[Rows, int]:
 
 
 def unwrapped(table: CsvTable, time: Array) -> tuple[str, ...]:
-    """Let times (n,) go on where their counter begins anew, and return a note."""
+    """Make times (n,) continue where their counter starts anew, and return a note."""
     finite = finite_places(time)
     some = time[finite]
     found, bits = wraps(some)
@@ -57,7 +57,7 @@ def unwrapped(table: CsvTable, time: Array) -> tuple[str, ...]:
 
 
 def finite_places(time: Array) -> Rows | slice:
-    """Return the places of the finite ones of times (n,): where all are, a slice, by which nothing is copied."""
+    """Return the places of the finite ones of times (n,): where all are, a slice, which copies nothing."""
     if all(np.isfinite(time[part]).all() for part in parts(len(time))):
         return slice(None)
     return np.flatnonzero(np.isfinite(time))
@@ -72,14 +72,14 @@ def wrong_times(time: Array) -> Rows:
 
 
 def late_rows(time: Array) -> Rows:
-    """Return the places of rows (n,) that stand behind a later one, as of two swapped ones, where no others go back."""
+    """Return the places of rows (n,) that follow a later one, as in two swapped rows, where no others go back."""
     back = [begin + 1 + np.flatnonzero(step < 0) for begin, step in differences(time)]
     late = np.concatenate([np.empty(0, np.intp), *back])
     return late if _is_few(late, time) else late[:0]
 
 
 def _is_few(places: Rows, time: Array) -> bool:
-    """Return whether few of all times (n,) stand at some places, and the others do not go back."""
+    """Return whether `places` are few of all times (n,), and the other times do not go back."""
     if not len(places):
         return True
     others = np.delete(time, places)
