@@ -30,9 +30,7 @@ def recording_at(path: Path, reading: Foreign) -> Recording:
         refuse_for_run(path, reading)
         return _of_run(read_run(path))
     log = read_log(path, reading)
-    facts = {"file": path.name, "sha256": log.source.sha256, "program": log.program, "clock": log.clock} | kept_texts(
-        log
-    )
+    facts = {"file": path.name, "sha256": log.source.sha256, "program": log.program, "clock": log.clock}
     assumed = f" Assumed: {', '.join(log.assumed)}." if log.assumed else ""
     return Recording(
         name=path.stem,

@@ -20,7 +20,7 @@ Turning = Callable[[float], tuple[float, float, float]]  # angle, speed and acce
 class ImuTruth(BaseModel):
     """A BMI088 as in a Crazyflie 2.1: 16 bits over its range, noise as a standard deviation of one sample.
 
-    `gyro_scale` and `acc_scale` are relative errors of the axes x, y, z; `misalignment_deg` turns the sensor in the body.
+    `gyro_scale` and `acc_scale` are relative errors of x, y, z; `misalignment_deg` turns the sensor in the body.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)

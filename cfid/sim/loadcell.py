@@ -28,8 +28,8 @@ class LoadCellTruth(BaseModel):
 
     Calibration errors: each axis reads too much by its `gain_error`; axis i also shows `crosstalk` [i][j] of axis j,
     as fractions of their ranges (its diagonal has no effect). From the first reading on the cell warms up with the
-    time constant WARM_UP_S: it reads too little, by up to `warm_up`. Its bias wanders with the standard deviation `bias_wander`, a
-    fraction of the ranges, correlated over BIAS_WANDER_S.
+    time constant WARM_UP_S: it reads too little, by up to `warm_up`. Its bias wanders with the standard deviation
+    `bias_wander`, a fraction of the ranges, correlated over BIAS_WANDER_S.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)

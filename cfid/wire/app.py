@@ -2,8 +2,7 @@
 
 The thesis' fields come first in every payload, so that its modules of 2015 can read each request and cfid can read
 their payloads; the app's additions follow these fields or have a channel of their own. A decoder returns None for a
-payload of the wrong length. The vehicle's clock counts microseconds; fields
-of 32 bits wrap.
+payload of the wrong length. The vehicle's clock counts microseconds; fields of 32 bits wrap.
 """
 
 import math

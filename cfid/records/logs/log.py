@@ -20,7 +20,7 @@ Array = npt.NDArray[np.float64]
 
 BLOCK_ROWS = 1 << 16  # 65536 rows of 50 channels are 26 MB
 
-_LISTED = 8  # series, and channels of unknown unit, that one line names
+_LISTED = 8  # series, and channels of one unit, that one line names
 _UNIT_WORDS = {"": "an unknown unit", "1": "plain numbers"}
 
 # Units that logs are written in: the SI unit of each, and the factor to it. A g is that of the firmware's estimator.

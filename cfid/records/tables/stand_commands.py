@@ -15,7 +15,7 @@ USUAL_ESC_US = (1000.0, 2000.0)  # pulse widths of standstill and full throttle,
 def commands_of(table: CsvTable, found: Found, esc_us: tuple[float, float] | None) -> tuple[Array, tuple[str, ...]]:
     """Return commands (n,) from 0 to 65535, nan where the file has none, and notes on how pulse widths were read.
 
-    Raises ConfigError for an impossible range of pulse widths, DataError for pulses beyond the range.
+    Raises ConfigError for `esc_us` where the column is no pulse width, DataError for pulses beyond the range.
     """
     column = found.get("command")
     if column is None:
