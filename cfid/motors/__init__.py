@@ -1,4 +1,4 @@
-"""Motors and rotors: staircases of commands to maps of thrust, speed and torque; vibration; steps."""
+"""Motors and rotors: maps of thrust, speed and torque from staircases of commands; vibration; steps."""
 
 from typing import TYPE_CHECKING
 

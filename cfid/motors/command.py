@@ -1,4 +1,4 @@
-"""`cfid log thrust`, `cfid log speed`, `cfid log scales`: a staircase of commands, and what is read at each."""
+"""`cfid log thrust`, `cfid log speed`, `cfid log scales`: a staircase of commands, with readings at each."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -233,7 +233,7 @@ def announce(staircase: "StaircasePlan") -> None:
 
 
 def _tachometer_of(resume: ResumeOptions, campaign: "Campaign") -> Tachometer:
-    """Return the instrument of the run to resume; `typed` where that states none, and for a new run."""
+    """Return the instrument of the run to resume, or `typed` for a new run and where that run states none."""
     from cfid.records.run import read_run
 
     if resume.word is None:
@@ -243,7 +243,7 @@ def _tachometer_of(resume: ResumeOptions, campaign: "Campaign") -> Tachometer:
 
 
 def _scales_of(resume: ResumeOptions, campaign: "Campaign") -> Mapping[str, Any]:
-    """Return what run.toml states of the scales at a port of the run to resume; nothing where it had none."""
+    """Return what the run.toml of the run to resume states about scales at a port; empty where it had none."""
     from cfid.records.run import read_run
     from cfid.records.tables.vehicle import SCALES
 
@@ -254,7 +254,7 @@ def _scales_of(resume: ResumeOptions, campaign: "Campaign") -> Mapping[str, Any]
 
 
 def _left(kind: str, wanted: "StaircasePlan", resume: ResumeOptions, campaign: "Campaign") -> "StaircasePlan":
-    """Return the staircase or, with --resume, what an interrupted run lacks of its own."""
+    """Return the staircase or, with --resume, the steps that the interrupted run still lacks."""
     if resume.word is None:
         return wanted
     from cfid.motors.missing_steps import missing

@@ -1,4 +1,4 @@
-"""Staircases of the load cell: a record and its command log to steady steps, for maps, rotors and wind runs."""
+"""Staircases on the load cell: a record and its command log become steady steps, for maps, rotors and wind runs."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -31,7 +31,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunStaircase:
-    """A reduced record of a load cell; `run` is None for a bare file, `began_s` the Unix time of its first sample."""
+    """A reduced load cell record; `run` is None for a bare file, and `began_s` is the Unix time of the first sample."""
 
     record: WrenchRecord
     reduced: Staircase
@@ -45,7 +45,7 @@ class RunStaircase:
         return tuple(one.at(self.record.name) for one in self.reduced.findings)
 
     def volts(self, points: Sequence[Point]) -> Array | None:
-        """Return the battery's mean voltages (p,) at points, None where the vehicle logged none."""
+        """Return the battery's mean voltage (p,) at each point, or None if the vehicle logged no voltage."""
         if self.run is None or not holds(self.run, VEHICLE_LOG):
             return None
         rows = read_rows(self.run, VEHICLE_LOG)
@@ -53,9 +53,9 @@ class RunStaircase:
         return None if volts is None else mean_in_windows(points, rows.time_s - self.began_s, volts)
 
     def reported_speeds(self, points: Sequence[Point]) -> Array | None:
-        """Return the mean speeds (p,) in rad/s that the vehicle reported of the rotors that ran, None without any.
+        """Return the mean speeds (p,) in rad/s that the vehicle reported for rotors that ran; None if one is missing.
 
-        A dead sensor's rotor does not count.
+        A rotor with a dead sensor does not count.
         """
         if self.run is None or not holds(self.run, VEHICLE_LOG):
             return None
@@ -71,7 +71,7 @@ class RunStaircase:
 
     @property
     def dead(self) -> tuple[Finding, ...]:
-        """A finding for each rotor that ran and whose sensor showed nothing."""
+        """A finding for each rotor that ran but whose sensor showed no speed."""
         if self.run is None or not holds(self.run, VEHICLE_LOG):
             return ()
         ran = sorted({motor for point in self.reduced.points for motor in point.motors})
@@ -79,7 +79,7 @@ class RunStaircase:
 
 
 def without_dead(ran: Sequence[int], speeds: Mapping[int, Array], name: str) -> tuple[list[int], tuple[Finding, ...]]:
-    """Return the motors of those that ran whose sensor is not dead, and a finding for each that is.
+    """Return the motors that ran, except those whose sensor is dead, and a finding for each dead sensor.
 
     A sensor that shows 0 throughout while another rotor turns is dead.
     """
@@ -105,10 +105,10 @@ def channels_of(record: WrenchRecord, *, flip_fz: bool = False) -> Array:
 
 
 def reduce_run(record: WrenchRecord, *, flip_fz: bool = False) -> RunStaircase:
-    """Reduce a record of the load cell by the commands that were logged with it, else by the changes it shows.
+    """Reduce a load cell's record to steady steps, by the commands logged with it or else by the changes it shows.
 
-    Steps show in Fz, of a load cell without it in the first axis it has; means of other axes are nan then. Raises
-    DataError or FitError that name the recording, the latter where no step settles.
+    Steps are found in Fz, or in the first axis of a load cell that has no Fz; the means of axes that it does not
+    measure are nan. Raises DataError, or FitError where no step settles; both name the recording.
     """
     run, began_s, sources = run_of(record), math.nan, [record.source]
     command_time_s, commands = None, None
@@ -135,7 +135,7 @@ def reduce_run(record: WrenchRecord, *, flip_fz: bool = False) -> RunStaircase:
 
 
 def _measured(reduced: Staircase, record: WrenchRecord) -> Staircase:
-    """Return a staircase with nan for the means of axes that a load cell of fewer axes does not measure."""
+    """Return a staircase with nan for the means of the axes that the load cell does not measure."""
     if record.axes == AXES:
         return reduced
     blind = np.array([0.0 if axis in record.axes else math.nan for axis in AXES])

@@ -1,4 +1,4 @@
-"""How rotors' delays behind their command are stated: one may be consistent with zero, or negative by its stamps."""
+"""How rotors' delays are stated: a delay may be consistent with zero, or negative because of time stamps."""
 
 from cfid.findings import Finding, note
 from cfid.units import COVERAGE_95
@@ -11,7 +11,7 @@ def delay_text(delay_s: float, std_s: float) -> str:
 
 
 def negative_delay(delay_s: float, std_s: float, *quantities: str) -> tuple[Finding, ...]:
-    """Return a note where rotors follow before their command as stamped, beyond what noise explains."""
+    """Return a note where rotors respond before the time stamp of their command by more than noise explains."""
     if not delay_s < -COVERAGE_95 * std_s:
         return ()
     text = (
@@ -22,7 +22,7 @@ def negative_delay(delay_s: float, std_s: float, *quantities: str) -> tuple[Find
 
 
 def command_between_rows(row_s: float) -> str:
-    """Return the sentence on a command that a row shows up to `row_s` late."""
+    """Return the sentence about a command that a row shows up to `row_s` late."""
     return (
         f"the command is known every {1e3 * row_s:.3g} ms and changed up to that long before a row shows it, by which "
         f"the delay is too short: its standard uncertainty contains {1e3 * row_s / 3**0.5:.2g} ms for that."

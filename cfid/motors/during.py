@@ -1,4 +1,4 @@
-"""Notices, during a staircase on the load cell, that steps do not settle, or that no thrust is felt."""
+"""Warns, during a staircase on the load cell, about steps that do not settle or show no thrust."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 _FZ = 3  # among the columns of a load cell's rows, `t` the first
-_WRONG_STEPS = 2  # in a row, after which the operator is warned
+_WRONG_STEPS = 2  # consecutive ones, after which the operator is warned
 _LEAST_COMMAND = 8000  # a smaller one gives too little thrust to be sure
 _FEWEST_BLOCKS = 12
 _UNFELT = "no thrust is felt"
@@ -15,13 +15,13 @@ _SURE = 4.0  # standard uncertainties
 
 
 class Steps:
-    """Looks at each step when it ends: its last half in two parts, and its height above the pause before.
+    """Checks each step when it ends: whether its last two quarters agree, and its height above the pause before it.
 
-    Keeps the mean of each block of rows of the present step; speaks once.
+    Keeps the mean of each block of rows of the current step, and warns only once.
     """
 
     def __init__(self, counts_per_n: float) -> None:
-        """Take the load cell's scale."""
+        """Take the load cell's scale in counts per N."""
         self._scale = 1e3 / counts_per_n
         self._command = 0
         self._means: list[float] = []

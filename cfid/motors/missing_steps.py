@@ -11,10 +11,11 @@ from cfid.records.steps import steps_lacking, steps_left
 
 
 def missing(folder: Path, *, kind: str) -> StaircasePlan:
-    """Return the staircase of a run without the steps that it has a typed reading of, or held to their end.
+    """Return the steps of an interrupted run that are still to be recorded, as a staircase.
 
-    The latter counts where no reading was requested. What runs that complete it have is not missing either. Raises
-    ConfigError when the run is no staircase of this kind, is complete, or has every step.
+    A step is recorded if it has a typed reading or, in a run without typed readings, if it was held to its end. Steps
+    in later runs that resume this one count as recorded, too. Raises ConfigError when the run is no staircase of this
+    kind, is complete, or has every step.
     """
     run = read_run(folder)
     if run.header.kind != kind or not {"steps", "motors", "hold_s", "rest_s"} <= set(run.header.requested):

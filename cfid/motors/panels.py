@@ -23,10 +23,10 @@ Array = npt.NDArray[np.float64]
 COMMAND = f"command (0 to {FULL_COMMAND})"
 
 _MOST_BINS = 2000  # of the band: two for every dot of a screen
-_FEWEST = 10  # samples of a mean that leaves the lowest and the highest out
-_USUAL = 0.995  # of the band, that spikes are not in
-_BESIDE = 1.0  # of the means' range, up to which the band is shown above and below them
-_HEAD = 0.19  # of the panel, for the names of steps that are not used
+_FEWEST = 10  # samples in a mean that excludes the lowest and the highest
+_USUAL = 0.995  # share of the band that lies within its usual limits, without spikes
+_BESIDE = 1.0  # share of the means' range by which the band may extend above and below it
+_HEAD = 0.19  # share of the panel for the names of unused steps
 _EDGE = 0.05
 _NAME_WIDTH = 0.02  # of the panel, from one such name to the next
 _MOST_REASONS = 6
@@ -37,7 +37,7 @@ _UNUSED: dict[str, Any] = {"fc": to_rgba(ALERT, 0.15), "ec": ALERT, "hatch": "//
 
 
 def scientific(value: float, std: float, *, unit: str = "") -> str:
-    """Return a value with its standard uncertainty and one power of ten for both, where it is far from one."""
+    """Return a value with its standard uncertainty, both with one power of ten where the value is far from 1."""
     exponent = int(np.floor(np.log10(abs(value)))) if value else 0
     if -2 <= exponent <= 3:
         return plus_minus(value, std, unit=unit)
@@ -46,7 +46,7 @@ def scientific(value: float, std: float, *, unit: str = "") -> str:
 
 
 def power(name: str, exponent: int) -> str:
-    """Return a power of something, as x²."""
+    """Return a power of a named quantity as text, such as x²."""
     return name if exponent == 1 else f"{name}{str(exponent).translate(_SUPERSCRIPTS)}"
 
 
@@ -60,7 +60,7 @@ def coefficients(fit: PolynomialFit, x: str, units: Sequence[str]) -> list[tuple
 class Bins(NamedTuple):
     """Mean, lowest and highest sample (n,) of segments of equal length about times (n,).
 
-    With enough samples the mean excludes these two, so that a single wild one does not move it.
+    With enough samples, the mean excludes the lowest and the highest, so that a single outlier does not move it.
     """
 
     time_s: Array
@@ -70,7 +70,7 @@ class Bins(NamedTuple):
 
 
 def binned(time_s: Array, value: Array, *, length_s: float) -> Bins:
-    """Gather samples (n,) at times (n,) that do not fall; a segment without a sample is left out."""
+    """Gather samples (n,) at non-decreasing times (n,) in segments of `length_s`; empty segments are left out."""
     edges = np.arange(time_s[0], time_s[-1] + length_s, length_s)
     first = np.unique(np.searchsorted(time_s, edges[edges <= time_s[-1]]))
     count = np.diff(np.append(first, len(time_s)))
@@ -83,7 +83,7 @@ def binned(time_s: Array, value: Array, *, length_s: float) -> Bins:
 
 
 def unused_steps(steps: Sequence[Point]) -> list[str]:
-    """Return a sentence for each step that is not used, with its reason; of many only the first few."""
+    """Return a sentence for each unused step, with the reason; of many steps, only the first few are named."""
     sentences = [
         f"Not used: {_name(i, step)}, {step.begin_s:.4g} to {step.end_s:.4g} s: {step.reason}"
         for i, step in enumerate(steps)
@@ -108,7 +108,8 @@ def staircase_key(steps: Sequence[Point]) -> list[Artist]:
 def draw_thrust(axes: Axes, time_s: Array, thrust_n: Array, staircase: Staircase, *, thrust: int) -> None:
     """Draw thrust over time with the steps, their means and the tare below them.
 
-    The band is the samples' range. Where it is much wider than the means, or a spike stands out, it leaves the panel.
+    The band is the range of the samples. The panel cuts it off at spikes, and where it is much wider than the range of
+    the means.
     """
     name_panel(axes, "(a) thrust over time", x="time (s)", y=_THRUST)
     means = binned(time_s, thrust_n, length_s=MEAN_S)
@@ -124,9 +125,9 @@ def draw_thrust(axes: Axes, time_s: Array, thrust_n: Array, staircase: Staircase
 
 
 def draw_means(value: Axes, deviation: Axes, steps: Sequence[Point], *, thrust: int) -> None:
-    """Draw the means of the steps less tare over their commands, and their standard uncertainties.
+    """Draw the means of the steps, less tare, over their commands, and their standard uncertainties.
 
-    Without a command log steps are counted instead.
+    Without a command log, the numbers of the steps take the place of commands.
     """
     known = all(step.command is not None for step in steps)
     place = np.array([step.command if known else i for i, step in enumerate(steps, start=1)], dtype=np.float64)
@@ -183,7 +184,7 @@ def _name(place: int, step: Point) -> str:
 
 
 def _limit(axes: Axes, mean: Array, band: Bins, *, named: bool) -> None:
-    """Set the range to the means, as much of the band as leaves them readable, and space for names above."""
+    """Set the y range to the means, as much of the band as leaves them readable, and space for names above."""
     low, high = float(mean.min()), float(mean.max())
     room = _BESIDE * ((high - low) or 1.0)
     usual = np.quantile(band.low, 1 - _USUAL), np.quantile(band.high, _USUAL)
@@ -203,9 +204,9 @@ def _tares(staircase: Staircase, thrust: int) -> tuple[list[float], list[float]]
 
 
 def _draw_steps(axes: Axes, steps: Sequence[Point], *, thrust: int) -> None:
-    """Shade windows of steps, settled or not, and draw their means where the load cell showed them: above the tare.
+    """Shade the windows of steps, settled or not, and draw their means where the load cell showed them: above the tare.
 
-    All are one area and one set of lines, since a day on a stand has thousands of steps.
+    All windows are one artist, and so are all means, since a day on a stand has thousands of steps.
     """
     windows = np.array([sorted((step.begin_s, step.end_s)) for step in steps])
     shown = np.array([float(step.mean[thrust] + step.tare[thrust]) for step in steps])
@@ -219,7 +220,7 @@ def _draw_steps(axes: Axes, steps: Sequence[Point], *, thrust: int) -> None:
 
 
 def _name_unused(axes: Axes, steps: Sequence[Point]) -> None:
-    """Write its command above each step that is not used, as far as there is space."""
+    """Write the command above each unused step, as far as space allows."""
     begin, end = axes.get_xlim()
     free = begin
     for i, step in enumerate(steps):

@@ -1,4 +1,4 @@
-"""The request of a staircase of motor commands."""
+"""The requested staircase of motor commands."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -7,15 +7,15 @@ from cfid.estimate.battery_endurance import Held
 from cfid.records.resumed import RESUMES
 from cfid.records.run import Run
 
-FEWEST_COMMANDS = {"thrust": 3, "speed": 2}  # above the dead zone: coefficients of the map of each kind
-LONGEST_STEP_S = 3600.0  # longer than any battery lasts: a slip of the keyboard
+FEWEST_COMMANDS = {"thrust": 3, "speed": 2}  # above the dead zone: as many as the map of each kind has coefficients
+LONGEST_STEP_S = 3600.0  # longer than any battery lasts: a larger value is a typing error
 
 
 @dataclass(frozen=True, kw_only=True)
 class StaircasePlan:
-    """Commands in turn for some of the motors, each held, with a pause (motors off) before, between and after.
+    """Commands for some of the motors, held one after the other, with pauses (motors off) before, between and after.
 
-    `resumes` is the name of the run that it completes.
+    `resumes` is the name of the run that this staircase completes.
     """
 
     steps: tuple[int, ...]
@@ -28,7 +28,7 @@ class StaircasePlan:
     def of_run(cls, run: Run) -> "StaircasePlan":
         """Return the staircase that run.toml states.
 
-        Raises KeyError for a run of something else, TypeError or ValueError for what are no numbers.
+        Raises KeyError for a run without a staircase, TypeError or ValueError for values that are not numbers.
         """
         request = run.header.requested
         steps, motors = tuple(map(int, request["steps"])), tuple(map(int, request["motors"]))
@@ -36,16 +36,16 @@ class StaircasePlan:
 
     @property
     def duration_s(self) -> float:
-        """How long it takes."""
+        """The duration of the staircase."""
         return self.rest_s + len(self.steps) * (self.hold_s + self.rest_s)
 
     @property
     def held(self) -> list[Held]:
-        """What draws current: each command, and the pauses."""
+        """The loads that draw current: each command, and the pauses."""
         steps = [Held(step, len(self.motors), self.hold_s) for step in self.steps]
         return [*steps, Held(0, 0, self.duration_s - len(steps) * self.hold_s)]
 
     def to_run(self) -> dict[str, Any]:
-        """Return what run.toml states of it."""
+        """Return what run.toml states about the staircase."""
         own = {"steps": self.steps, "motors": self.motors, "hold_s": self.hold_s, "rest_s": self.rest_s}
         return own | ({RESUMES: self.resumes} if self.resumes else {})

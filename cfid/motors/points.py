@@ -1,4 +1,4 @@
-"""Steady points of one motor from any instrument: divided by motors and markers, joined, as a table, in pairs."""
+"""Steady points of one motor from any instrument: per motor and marker, joined over runs, as a table, or in pairs."""
 
 import math
 from dataclasses import dataclass, replace
@@ -21,10 +21,10 @@ _LEAST_STD = 0.1  # of the median
 
 @dataclass(frozen=True, kw_only=True)
 class MotorPoints:
-    """One motor's values at commands (n,), a point for each steady window, each column (n,) with its uncertainty.
+    """One motor's values at commands (n,), one point per steady window; each column (n,) has its uncertainty.
 
-    A column that was not measured is None, a value that is missing within a column is nan. `thrust_shared_n` and
-    `torque_shared_nm` (n, m) are parts of the uncertainties that points have in common, a column for each cause.
+    A column that was not measured is None; a missing value within a column is nan. `thrust_shared_n` and
+    `torque_shared_nm` (n, m) are the parts of the uncertainties that points have in common, with one column per cause.
     """
 
     command: Array
@@ -39,7 +39,7 @@ class MotorPoints:
 
 
 class TableRow(NamedTuple):
-    """One command's row of `motor.table`: means over `windows` steady windows, None what was not measured there."""
+    """One command's row of `motor.table`: means over `windows` steady windows, None for what was not measured there."""
 
     cmd: float
     thrust_n: float | None
@@ -49,7 +49,7 @@ class TableRow(NamedTuple):
 
 
 class Errors(NamedTuple):
-    """Standard uncertainty of each point (n,), and the parts that they have in common (n, m); None where not known."""
+    """Standard uncertainty of each point (n,), and the parts that points have in common (n, m); None where unknown."""
 
     std: Array | None
     shared: Array | None
@@ -58,8 +58,8 @@ class Errors(NamedTuple):
 class PairedPoints(NamedTuple):
     """Points (n,) that have both values, y over x, with standard uncertainties and their shared parts, where known.
 
-    `windows` (n, N) are the parts of all N windows in each point, in units of their uncertainties; its rows have length
-    one over those windows that measured either quantity.
+    `windows` (n, N) is how much each of all N windows contributes to each point, in units of the window's uncertainty.
+    Over the windows that measured either quantity, each of its rows has length one.
     """
 
     command: Array
@@ -70,12 +70,12 @@ class PairedPoints(NamedTuple):
     y_errors: Errors = Errors(None, None)
 
     def kept(self, rows: npt.NDArray[np.bool_]) -> "PairedPoints":
-        """Return some of the points, `rows` (n,)."""
+        """Return the points that `rows` (n,) selects."""
         x_errors, y_errors = (Errors(*(None if part is None else part[rows] for part in errors)) for errors in self[4:])
         return PairedPoints(self.command[rows], self.x[rows], self.y[rows], self.windows[rows], x_errors, y_errors)
 
     def total_errors(self, *, order: int) -> Errors:
-        """Return the errors of y, with those of x times the slope added; none where y's are unknown."""
+        """Return the errors of y, with those of x times the slope added; None where those of y are unknown."""
         y_std, x_std = weighable(self.y_errors.std), weighable(self.x_errors.std)
         if y_std is None or x_std is None:
             return Errors(y_std, None if y_std is None else self.y_errors.shared)
@@ -86,7 +86,7 @@ class PairedPoints(NamedTuple):
 
 
 def rotor_speed_rad_s(shown_rpm: npt.ArrayLike, *, markers: npt.ArrayLike) -> Array:
-    """Return the rotor's speed of a tachometer's turns a minute, which counts each marker (eq. 3.2: two)."""
+    """Return a rotor's speed in rad/s from the rpm of a tachometer that counts each marker (eq. 3.2: two markers)."""
     return np.asarray(np.asarray(shown_rpm, dtype=np.float64) * (RPM / np.asarray(markers)))
 
 
@@ -98,7 +98,7 @@ def per_motor(points: MotorPoints, *, motors: int) -> MotorPoints:
 
 
 def joined(*sets: MotorPoints) -> MotorPoints:
-    """Put the points of several runs one after another, nan where a run did not measure what another did."""
+    """Concatenate the points of several runs, with nan where a run did not measure what another did."""
     columns = {}
     for name in (*_STD_OF, *_STD_OF.values()):
         parts = [getattr(points, name) for points in sets]
@@ -112,7 +112,7 @@ def joined(*sets: MotorPoints) -> MotorPoints:
 
 
 def command_means(points: MotorPoints) -> MotorPoints:
-    """Return one point a command, in rising order: the mean over its windows, and that mean's standard uncertainty."""
+    """Return one point per command, in ascending order: the mean over its windows, and its standard uncertainty."""
     commands = np.unique(points.command)
     at_command = commands[:, np.newaxis] == points.command
     columns = {}
@@ -132,7 +132,7 @@ def command_means(points: MotorPoints) -> MotorPoints:
 
 
 def motor_table(points: MotorPoints) -> tuple[TableRow, ...]:
-    """Return the cross table of everything measured, a row a command."""
+    """Return the table of everything measured, one row per command."""
     means = command_means(points)
     windows = np.unique(points.command, return_counts=True)[1]
     columns = [_or_none(getattr(means, name), len(windows)) for name in _STD_OF]
@@ -141,9 +141,9 @@ def motor_table(points: MotorPoints) -> tuple[TableRow, ...]:
 
 
 def measured(points: MotorPoints, name: str, *, over: str = "command") -> PairedPoints:
-    """Take the points that have both quantities; where no single one has, command by command.
+    """Return the points that have both quantities or, where no single point has both, the means at each command.
 
-    Raises FitError when either was not measured, or never at the same command.
+    Raises FitError when either quantity was not measured, or when they were never measured at the same command.
     """
     single, of_command = np.eye(len(points.command)), _windows_of_commands(points, name, over)
     for source, windows in ((points, single), (command_means(points), of_command)):
@@ -167,7 +167,7 @@ def measured(points: MotorPoints, name: str, *, over: str = "command") -> Paired
 
 
 def _windows_of_commands(points: MotorPoints, *names: str) -> Array:
-    """Return the parts of all windows in each command's means of quantities, one after the other (commands, N)."""
+    """Return how much each window contributes to each command's means (commands, N), summed over the quantities."""
     total = np.zeros((len(np.unique(points.command)), len(points.command)))
     for name in names:
         value: Array | None = getattr(points, name)
@@ -178,10 +178,10 @@ def _windows_of_commands(points: MotorPoints, *names: str) -> Array:
 
 
 def weighable(std: Array | None) -> Array | None:
-    """Return standard uncertainties (n,) for weights; None where none is known, the usual one where it is nan.
+    """Return standard uncertainties (n,) for use as weights: None where none is known, the usual one in place of nan.
 
-    A window without any scatter (the motor stands, a display does not flicker) does not get an infinite weight: the
-    least is a tenth of the usual standard uncertainty.
+    A window without scatter (a motor at rest, a steady display) must not get an infinite weight, so no standard
+    uncertainty is smaller than a tenth of the usual one.
     """
     if std is None or not np.any(std > 0):
         return None
@@ -194,7 +194,7 @@ def _errors(points: MotorPoints, name: str) -> Errors:
 
 
 def _shared(points: MotorPoints, name: str) -> Array:
-    """Return the parts in common, none of them where none are known."""
+    """Return the parts (n, m) that points have in common; m is 0 where none are known."""
     found: Array | None = getattr(points, name)
     return np.empty((len(points.command), 0)) if found is None else found
 

@@ -23,7 +23,7 @@ from cfid.rig.ready_sensors import ready_loadcell
 from cfid.rig.ready_vehicle import ReadyVehicle
 from cfid.rig.recorder import Say
 
-_ROWS_A_SECOND = 200  # of the vehicle's log and what instruments add
+_ROWS_A_SECOND = 200  # of the vehicle's log and the instruments together
 
 
 def record_forces(
@@ -42,10 +42,10 @@ def record_forces(
     requested: Mapping[str, Any] | None = None,
     found: Found = nothing_found,
 ) -> None:
-    """Record load cell, commands and the vehicle's log during a staircase; a `question` is put at each command.
+    """Record load cell, commands and the vehicle's log during a staircase; a `question` is asked at each command.
 
-    In a wind it is not `calm`: noise has no limit then. `requested` goes into run.toml with the staircase. Raises
-    ConfigError or DeviceError.
+    A staircase in wind is not `calm`, and its noise has no limit. `requested` goes into run.toml with the staircase.
+    Raises ConfigError or DeviceError.
     """
     _, devices, simulated = rig
     cell = devices.loadcell.sampled_at(rate_hz)
@@ -64,7 +64,7 @@ def record_forces(
             parts.append(typed_readings("rpm"))
         procedure = procedure_of(staircase, question, live, _expected(staircase, rig, "rpm"), tare=True)
         plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested=requested or {}, question=question)
-        counts_per_n = (loadcell.record.model_extra or {}).get("counts_per_n")  # None of a cell that sends lines
+        counts_per_n = (loadcell.record.model_extra or {}).get("counts_per_n")  # None for a cell that sends lines
         notice = Steps(counts_per_n) if calm and counts_per_n else None
         plan = replace(plan, notice=notice, asks=question is not None, tare_s=staircase.rest_s)
         record(f"log {kind}", plan, parts, live, keep, judge=judge, found=found)
@@ -86,7 +86,7 @@ def record_speed(
     note: str | None,
     judge: Judge,
 ) -> None:
-    """Record rotor speeds in a staircase: `typed`, a `ut372`'s, `lines`, the RPM `deck`'s or of `brushless` motors.
+    """Record rotor speeds in a staircase; `tachometer` is `typed`, `ut372`, `lines`, the RPM `deck` or `brushless`.
 
     Raises ConfigError or DeviceError.
     """
@@ -131,9 +131,9 @@ def record_scales(
     note: str | None,
     judge: Judge,
 ) -> None:
-    """Record during a staircase what scales at a serial port show, or else what the operator types.
+    """Record what scales at a serial port show during a staircase, or else what the operator types.
 
-    Without a port, scales that send lines are those of rig.toml. Raises ConfigError or DeviceError.
+    Without a port, the scales that rig.toml names are used if they send lines. Raises ConfigError or DeviceError.
     """
 
     sender = rig[1].scales if port is None else None
@@ -161,7 +161,7 @@ def record_scales(
 
 
 def _counting(rig: Rig) -> Rig:
-    """Return the rig with the markers that its tachometer of lines counts in place of those of a hand-held one."""
+    """Return the rig with the markers of its tachometer that sends lines in place of those of a hand-held one."""
     campaign, devices, simulated = rig
     if devices.tachometer is None:
         return rig
@@ -184,7 +184,7 @@ def _record_readings(
     note: str | None,
     judge: Judge,
 ) -> None:
-    """Record an instrument that records by itself, or, with a question, one that the operator reads."""
+    """Record an instrument that is logged automatically or, with a question, one that the operator reads."""
     _, devices, simulated = rig
     live = LiveLine(quiet=keep.quiet)
     with ExitStack() as held:

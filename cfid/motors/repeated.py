@@ -1,4 +1,4 @@
-"""Names the readings of a speed that a log or a stand repeats in several rows."""
+"""Reports speed readings that a log or a stand repeats in several rows."""
 
 from cfid.estimate.held_readings import Readings
 from cfid.findings import Finding, note

@@ -1,4 +1,4 @@
-"""Settled steps of a stand to points of one motor, when several ran together, or where speed alone is known."""
+"""Points of one motor from a stand's settled steps, where several motors ran together or only speed is known."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,14 +15,15 @@ from cfid.units import ROTOR_TURNS
 Array = npt.NDArray[np.float64]
 
 TZ = 5
-_STANDING_S = 2.0  # of rotors that stand, put before a record that begins with turning ones
+_STANDING_S = 2.0  # of rotors at rest, put before a record that begins with turning rotors
 
 
 def points_of(steps: Sequence[Point], *, motors: int | None = None, thrust: int = FZ) -> MotorPoints:
-    """Return one motor's points of settled steps; `motors` is how many ran where the steps do not state which.
+    """Return one motor's points from settled steps; `motors` is how many ran where the steps do not state which.
 
-    Thrust is divided by how many ran, torque, where there is such a channel, by how many more of them turn one way
-    than the other: it is nan where as many do. Channels of nan were not measured.
+    Thrust is divided by the number of motors that ran. Torque, where it has a channel, is divided by how many more of
+    these motors turn one way than the other; it is nan where equally many turn each way. A channel that is nan was not
+    measured.
     """
     ran = np.array([len(step.motors) or motors or 1 for step in steps], float)
     mean, std = (np.array([getattr(step, name) for step in steps]) for name in ("mean", "std_of_mean"))
@@ -51,10 +52,10 @@ def points_of(steps: Sequence[Point], *, motors: int | None = None, thrust: int 
 
 
 def reduce_speeds(time_s: Array, speeds_rad_s: Array, command_time_s: Array, commands: Array) -> Staircase:
-    """Reduce speeds (n, k) at times (n,), nan where missing, by commands (m, 4) that hold from `command_time_s` (m,).
+    """Reduce speeds (n, k), nan where missing, at times (n,) by commands (m, 4) that hold from `command_time_s` (m,).
 
-    A rotor that stands has speed 0, so that a pause before the first command need not be recorded, and one that idles
-    in a pause, as of a Brushless that is armed, takes nothing off. Errors as of `reduce_staircase`.
+    A rotor at rest has speed 0, so the pause before the first command need not be recorded. The speed of a rotor that
+    idles in a pause, such as that of an armed Brushless, is not subtracted. Raises what `reduce_staircase` raises.
     """
     known = np.asarray(np.isfinite(speeds_rad_s).all(axis=1))
     time_s, speeds_rad_s = chosen_rows(time_s, known), chosen_rows(speeds_rad_s, known)

@@ -1,4 +1,4 @@
-"""What an instrument can show at a motor's command: a reading beyond that was most likely mistyped."""
+"""What an instrument can show at a motor's command: a reading outside that range was most likely mistyped."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,12 +10,12 @@ from cfid.quantities.plausible import out_of_range, range_of
 from cfid.quantities.quantity import Range
 from cfid.units import RPM, USUAL_GRAVITY_MPS2
 
-_SLOWER, _FASTER = 2.0, 5.0  # than in proportion to the command: beyond what starts, dead zones and batteries make
+_SLOWER, _FASTER = 2.0, 5.0  # than in proportion to the command: more than starts, dead zones and batteries cause
 
 
 @dataclass(frozen=True, kw_only=True)
 class Expected:
-    """The largest plausible reading in `unit`, and how far one can be from the others, None where that says nothing."""
+    """The largest plausible reading in `unit`, and its largest distance from the others (None: other rules apply)."""
 
     unit: str
     most: float
@@ -29,10 +29,11 @@ class Expected:
         command: float | None = None,
         commands: Sequence[float] = (),
     ) -> str:
-        """Return why a reading is implausible beside the others as a sentence, "" where it is plausible.
+        """Return a sentence on why a reading is implausible given the others, "" where it is plausible.
 
-        At command 0 a tachometer shows 0: another reading there is most likely that of another step. Where the others'
-        `commands` are given, it is compared with that of the nearest one: a digit may be missing, or one too many.
+        At command 0 a tachometer shows 0: any other reading there most likely belongs to another step. Where the
+        `commands` of the others are given, the reading is compared with the one at the nearest command: a digit may be
+        missing, or one too many.
         """
         if self.change is None and command == 0 and reading:
             shown = f"{reading:g} {self.unit}"
@@ -64,9 +65,9 @@ class Expected:
 
 
 def expected_of(column: str, *, motors: int, markers: int | None, platform: Platform) -> Expected | None:
-    """Return what a tachometer (`rpm`) or scales (`grams`) can show of some motors; None of any other body.
+    """Return what a tachometer (`rpm`) or scales (`grams`) can show for some motors; None for an unknown platform.
 
-    Scales may carry a stand: a first reading is compared with the vehicle's mass, later ones with each other.
+    Scales may also carry a stand: a first reading is compared with the vehicle's mass, later ones with each other.
     """
     ranges = [range_of(key, platform) for key in ("motor.speed_poly", "motor.max_thrust_n", "mass_kg")]
     if platform == "other" or any(one is None for one in ranges):

@@ -1,4 +1,4 @@
-"""Drives motors through a staircase; where the operator reads an instrument, each command is held until then."""
+"""Drives motors through a staircase; where the operator reads an instrument, each command is held until the reading."""
 
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
@@ -25,9 +25,9 @@ Undone = Callable[[], Awaitable[bool]]  # whether the operator takes the last re
 def procedure_of(
     staircase: StaircasePlan, question: str | None, live: LiveLine, expected: Expected | None, *, tare: bool
 ) -> Procedure:
-    """Return the staircase; the operator is asked at each command, and again where an answer is not `expected`.
+    """Return the procedure; the operator is asked at each command, and again where an answer is not `expected`.
 
-    A `tare` is a pause before the first command, and then no question is put about rotors that stand.
+    With `tare`, a pause precedes the first command, and no question is asked about rotors at rest.
     """
     if question is None:
         return lambda there, loop: run_staircase(staircase, there["commands"], loop=loop, tell=live.task)
@@ -102,7 +102,7 @@ async def read_at_steps(
 ) -> None:
     """Hold each command until the operator has read an instrument, then pause (sections 3.3.1 and 3.3.2).
 
-    A command whose reading is taken back is held again after the present one, that of the last reading at the end.
+    A command whose reading is taken back is held again after the current one, or, for the last reading, at the end.
     """
     left = list(staircase.steps)
     while left:
@@ -118,7 +118,7 @@ async def read_at_steps(
             live.left(_steps_left(1 + len(left)))
         if isinstance(value, float):
             readings.add(step, value)
-        readings.whole = not left  # Ctrl-C ends it from now on as Enter does
+        readings.whole = not left  # from now on Ctrl-C ends the run as Enter does
         await commands.set(STILL)
         await sleep(loop, staircase.rest_s)
         if left:
