@@ -1,4 +1,4 @@
-"""How fast rotors turn, from the vibration that the load cell feels."""
+"""Rotor speeds, estimated from the vibration in a load cell's record."""
 
 from typing import TYPE_CHECKING
 

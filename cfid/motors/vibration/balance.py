@@ -1,4 +1,4 @@
-"""How well propellers are balanced: the line that a rotor makes at its own frequency, against its thrust."""
+"""The balance of propellers: the line that a rotor makes at its own frequency, relative to its thrust."""
 
 import math
 from dataclasses import dataclass
@@ -19,9 +19,9 @@ _FX, _FY = 0, 1
 
 @dataclass(frozen=True, kw_only=True)
 class Balance:
-    """One command of some motors: thrust, and the largest amplitude in Fx and Fy at a rotor's frequency.
+    """Thrust at one command of some motors, and the largest amplitude in Fx and Fy at a rotor's frequency.
 
-    `reason` states why there is none; the numbers are NaN then.
+    `reason` states why no balance is known; the numbers are NaN then.
     """
 
     motors: tuple[int, ...]
@@ -32,7 +32,7 @@ class Balance:
 
     @property
     def ratio(self) -> float:
-        """Amplitude of the line as a part of the thrust, as each of the rotors has of it."""
+        """Amplitude of the line relative to the thrust of one rotor."""
         return self.line_n / (abs(self.thrust_n) / len(self.motors))
 
 
@@ -40,7 +40,7 @@ def balances(*, time_s: Array, wrench: Array, command_time_s: Array, commands: A
     """Return the balance of the rotors at each command.
 
     `time_s` (n,) and `wrench` (n, 6), Fx to Tz in N and Nm, begin with the motors off; `commands` (m, 4) hold from
-    `command_time_s` (m,) on. Raises DataError for a record that no staircase can be read from.
+    `command_time_s` (m,) on. Raises DataError for a record without a staircase.
     """
     reduced = reduce_staircase(
         time_s=time_s, channels=wrench, command_time_s=command_time_s, commands=commands, lag_s=None

@@ -42,7 +42,7 @@ class RotorOptions:
         return positive(low, "--expect"), high
 
     def rotors_known(self) -> "Rotors":
-        """Return them as the fits take them. Raises ConfigError for an invalid range."""
+        """Return the options in the form that fits take. Raises ConfigError for an invalid range."""
         from cfid.motors.vibration.data import Rotors
 
         return Rotors(

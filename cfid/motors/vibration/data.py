@@ -18,7 +18,7 @@ from cfid.records.tables.wrench import AXES, WrenchRecord
 
 Array = npt.NDArray[np.float64]
 
-_SCREENED_S, _FEWEST = 0.2, 16  # for spikes, at once
+_SCREENED_S, _FEWEST = 0.2, 16  # screened for spikes at once: seconds, and samples at least
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +32,7 @@ class Rotors:
 
 
 def quiet_channels(record: WrenchRecord) -> Array:
-    """Return the measured channels (n, k) of a record without spikes: a single one hides a rotor's lines.
+    """Return the measured channels (n, k) of a record without spikes, since a single spike hides a rotor's lines.
 
     Raises DataError for a record too short to have a rate.
     """
@@ -53,7 +53,7 @@ class VibrationRecord:
         self._channels = quiet_channels(record)
 
     def speed_in(self, begin_s: float, end_s: float, *, rotors: int) -> RotorSpeed:
-        """Return the speed in a window in which so many rotors ran, unless their number is known."""
+        """Return the speed in a window; `rotors` is how many ran there, unless their number was given."""
         first, last = np.searchsorted(self._time_s, (begin_s, end_s))
         return rotor_speed(
             time_s=self._time_s[first:last],
@@ -65,10 +65,10 @@ class VibrationRecord:
         )
 
     def speed_of_step(self, point: Point, *, rotors: int = 1) -> RotorSpeed:
-        """Return the speed in a step's window, from twice as many time constants on as its mean of thrust takes.
+        """Return the speed in a step's window, after twice as many time constants as for the step's mean thrust.
 
-        The end of the step affects phases longer than a mean: it would pass for a second rotor. `rotors` is how many
-        ran where the step does not state which.
+        The transient of the step affects phases for longer than a mean, and would pass for a second rotor. `rotors` is
+        how many ran where the step does not state which.
         """
         begin_s = min(point.begin_s + LAGS * point.lag_s, (point.begin_s + point.end_s) / 2)
         return self.speed_in(begin_s, point.end_s, rotors=len(point.motors) or rotors)
@@ -77,7 +77,7 @@ class VibrationRecord:
 def speeds_from_vibration(
     points: Sequence[Point], record: WrenchRecord, rotors: Rotors, *, motors: int | None
 ) -> tuple[Array, Array, tuple[Finding, ...]]:
-    """Return speeds and standard uncertainties (p,) from vibration in the windows, NaN where one is rejected.
+    """Return speeds and standard uncertainties (p,) from vibration in the windows, NaN where a speed is rejected.
 
     `motors` is how many ran where the points do not state which.
     """

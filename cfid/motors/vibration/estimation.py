@@ -1,4 +1,4 @@
-"""Rotor speed from the vibration a load cell feels, no tachometer needed (figure 3.4 of the thesis).
+"""Rotor speed from the vibration in a load cell's record, without a tachometer (figure 3.4 of the thesis).
 
 A rotor shakes the cell at its own frequency (unbalance), at blade pass and at further harmonics, in every channel.
 """
@@ -27,21 +27,21 @@ KEY = "rotor.speed_rad_s"
 EVIDENCE_LIMIT, _LINE = (
     20.0,
     8.0,
-)  # evidence that rules out noise, over thousands of speeds tried; of a line worth fitting
+)  # evidence that rules out noise, even over thousands of speeds tried; evidence of a line worth fitting
 _SURE = 5.0  # log odds against another octave
-_HUMS, _BESIDE = 1e-3, 3.0  # of its frequency, that hum keeps to; resolutions within which it spoils a line
+_HUMS, _BESIDE = 1e-3, 3.0  # share of its frequency within which hum stays; resolutions within which it spoils a line
 _OCTAVES = np.array([1, 1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 2, 2, 3, 4])
-_SAME, _ASIDE = 0.02, 0.4  # of a speed, within which another is the same, and within which others are looked for
-_CHANCE, _UNSTEADY = 1e-6, 0.05  # that noise does it; of the speed, over the window
-_PARTS, _FEWEST_PARTS, _TURNS = 8, 4, 24  # that a window is cut into, and turns in each of them at least
-_SPLITS = (0.35, 0.7, 1.4)  # resolutions at the highest harmonic by which one line is pulled apart
+_SAME, _ASIDE = 0.02, 0.4  # shares of a speed: within one, another speed is the same; within the other, more are sought
+_CHANCE, _UNSTEADY = 1e-6, 0.05  # probability that noise does it; change over the window as a share of the speed
+_PARTS, _FEWEST_PARTS, _TURNS = 8, 4, 24  # most and fewest parts that a window is cut into, and fewest turns in each
+_SPLITS = (0.35, 0.7, 1.4)  # resolutions at the highest harmonic by which one line is split
 _DISTINCT = 5.0  # standard deviations between speeds
 
 
 class Rotor(NamedTuple):
-    """A rotor's mean speed over the window, how that drifts, and the lines (h,) it makes in the channels Fx to Tz.
+    """A rotor's mean speed over the window, its drift, and the lines (h,) that it makes in the channels Fx to Tz.
 
-    Channel c moves as the sum of amplitude[h, c] cos(harmonics[h] angle + phase_rad[h, c]), the angle 0 mid window.
+    Channel c moves as the sum of amplitude[h, c] cos(harmonics[h] angle + phase_rad[h, c]); the angle is 0 mid-window.
     """
 
     speed_rad_per_s: float
@@ -54,12 +54,12 @@ class Rotor(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class RotorSpeed:
-    """The rotors found in the vibration of a window, by rising speed, and the mean of their speeds.
+    """The rotors found in the vibration of a window, in ascending order of speed, and the mean of their speeds.
 
-    Fewer rotors than expected are not `resolved`: the mean's standard uncertainty then allows for those that hide in
-    one line. `octave_margin` is the log odds of this speed against its half, its double or another simple multiple.
-    `wander_rad_per_s` is how far the speed strays from a straight line between parts of the window, 0 where noise
-    explains that. A rejection among the `findings` concerns the speed of this window.
+    `resolved` is false where fewer rotors than expected were found: the mean's standard uncertainty then allows for
+    those that hide in one line. `octave_margin` is the log odds of this speed against half, double or another simple
+    multiple of it. `wander_rad_per_s` is how far the speed strays from a straight line between parts of the window, 0
+    where noise explains that. A rejection among the `findings` concerns the speed of this window.
     """
 
     speed_rad_per_s: float
@@ -88,14 +88,15 @@ def rotor_speed(
 ) -> RotorSpeed:
     """Return the speed of the rotors that shake a load cell in one steady window.
 
-    `time_s` (n,), `wrench` (n, 6) in any unit per channel. `expected_rad_per_s` bounds the search. Where several
-    `rotors` run within 40 % of one speed they are separated as far as the window allows. Lines at multiples of
-    `mains_hz` and those in `rest_wrench` (k, 6), sampled alike with the rotors at rest, are not taken for a rotor's.
+    The inputs are `time_s` (n,) and `wrench` (n, 6), in any unit per channel. `expected_rad_per_s` bounds the search.
+    Where several `rotors` run within 40 % of one speed, they are separated as far as the window allows. Lines at
+    multiples of `mains_hz`, and those in `rest_wrench` (k, 6), sampled alike with the rotors at rest, are
+    not taken for a rotor's.
 
-    The evidence for each speed is summed over its lines in an averaged spectrum; the best is refined by least squares
-    over ever longer parts of the window. The uncertainty is Cramer and Rao's bound in the noise around the lines
-    or, where the speed wanders by more, its scatter between parts of the window; the samples' clock is taken as exact.
-    A speed is rejected where one that is expected as well would have its blade pass above half the sampling rate.
+    The evidence for each speed is summed over its lines in an averaged spectrum; the best speed is refined by least
+    squares over ever longer parts of the window. The uncertainty is the Cramer-Rao bound in the noise around the lines
+    or, where the speed wanders by more, its scatter between parts of the window; the clock of the samples is taken as
+    exact. A speed is rejected if the blade pass of another expected speed would lie above half the sampling rate.
 
     Raises FitError when the window is too short, or sampled too slowly for any rotor.
     """
@@ -119,7 +120,7 @@ def rotor_speed(
 
 
 def aliased(interval_s: float, blades: int, largest_rad_per_s: float) -> list[Finding]:
-    """Return why a speed may be another one whose lines sampling folds to its place; nothing where it cannot be."""
+    """Return a rejection where sampling may fold the lines of another speed onto those that are seen, else nothing."""
     clear_rad_per_s = math.pi / (blades * interval_s)
     if largest_rad_per_s <= clear_rad_per_s:
         return []
@@ -137,12 +138,12 @@ class _ChosenFamily(NamedTuple):
 
 
 def rotor_comb(blades: int) -> Comb:
-    """Return a rotor's lines: expected are its own and blade pass, possible are others up to twice blade pass."""
+    """Return a rotor's lines: its own and blade pass are expected, others up to twice blade pass are possible."""
     return Comb(tuple(range(1, 2 * blades + 1)), (1, blades))
 
 
 def _without_hum(time: Array, wrench: Array, mains_hz: float | None, rest: Array | None) -> tuple[Array, list[float]]:
-    """Remove the lines of a window at the frequencies of the mains or of the window at rest."""
+    """Remove lines at frequencies of the mains or of the record at rest; return the remainder and these frequencies."""
     interval_s = float(np.median(np.diff(time)))
     seen = spectrum(signal=wrench, interval_s=interval_s)
     known = [] if mains_hz is None else list(np.arange(mains_hz, seen.frequency_hz[-1], mains_hz))
@@ -158,12 +159,12 @@ def _without_hum(time: Array, wrench: Array, mains_hz: float | None, rest: Array
 
 
 def clear_lines(comb: Comb, lines: Array) -> tuple[int, ...]:
-    """Return which lines of a candidate (h,) are worth fitting: the highest, and all that are clear."""
+    """Return which lines (h,) of a candidate are worth fitting: the strongest, and all that are clear."""
     return tuple(h for h, line in zip(comb.harmonics, lines, strict=True) if line >= min(_LINE, lines.max()))
 
 
 def _search(wrench: Array, interval_s: float, comb: Comb, between: tuple[float, float]) -> _ChosenFamily:
-    """Find the best candidate in the whole window, and its place in the middle, where the fit begins."""
+    """Find the best candidate in the whole window, and its speed in the middle, where the fit starts."""
     seen = spectrum(signal=wrench, interval_s=interval_s)
     grid = comb.candidates(seen, between)
     multiples = grid[np.argmax(comb.score(comb.lines(seen, grid)))] * _OCTAVES
@@ -188,7 +189,7 @@ def _search(wrench: Array, interval_s: float, comb: Comb, between: tuple[float, 
 
 
 def _with_more(time: Array, wrench: Array, fit: LineFit, rotors: int) -> LineFit:
-    """Add rotors up to the wanted number, while the residual falls by more than noise would let it."""
+    """Add rotors up to the requested number, as long as each lowers the residual by more than noise would."""
     freedom = 1 + 2 * len(fit.families[0].harmonics) * wrench.shape[1]
     for _ in range(1, rotors):
         starts = _more(time, fit)
@@ -205,7 +206,7 @@ def _with_more(time: Array, wrench: Array, fit: LineFit, rotors: int) -> LineFit
 
 
 def _more(time: Array, fit: LineFit) -> Iterator[tuple[Family, ...]]:
-    """Begin with a rotor where the residual has its lines, or with two in the place of one."""
+    """Yield starts of a fit: with another rotor where the residual has its lines, or with two in place of one."""
     span_s, first = float(time[-1] - time[0]), fit.families[0]
     left = spectrum(signal=fit.residual, interval_s=span_s / (len(time) - 1), length_s=math.inf)
     comb = Comb(first.harmonics, first.harmonics)
@@ -227,15 +228,15 @@ def _result(time: Array, wrench: Array, fit: LineFit, found: _ChosenFamily, expe
     parts = min(int(speed * span_s / (2 * math.pi * _TURNS)), _PARTS)
     if count < expected:
         hidden = 2 * math.pi / (span_s * max(rotors[0].harmonics))
-        std = math.hypot(std, hidden / 6)  # how far apart rotors may be, and their shares of the line, are uniform
+        std = math.hypot(std, hidden / 6)  # the rotors' distance and their shares of the line are taken as uniform
         text = (
             f"{count} of {expected} rotors are resolved: the standard uncertainty allows for others in the same lines."
         )
         findings.append(warning("vibration-rotors-unresolved", text, KEY))
     elif count == 1 and parts >= _FEWEST_PARTS:
         departure, parts_std, evidence = fit_parts(time_s=time, signal=wrench, fit=fit, parts=parts)
-        # What would pass for a change of speed: noise less flat than a part shows, which appears in the whole window;
-        # and a part that locks onto noise, because it is too short for an estimate, or by chance.
+        # Two things would pass for a change of speed: noise that is less flat than one part shows, as the whole window
+        # reveals; and a part that locks onto noise, by chance or because it is too short for an estimate.
         parts_std = np.maximum(parts_std, std * parts**1.5)
         apart = np.sort((departure / parts_std) ** 2)[:-1].sum()
         if evidence.min() > EVIDENCE_LIMIT and chdtrc(parts - 3, apart) < _CHANCE:

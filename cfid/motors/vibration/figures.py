@@ -1,4 +1,4 @@
-"""A rotor's lines in the spectrum of the load cell, drawn."""
+"""Figure of a rotor's lines in the spectrum of the load cell."""
 
 from collections.abc import Sequence
 
@@ -13,7 +13,7 @@ from cfid.records.tables.wrench import WrenchRecord
 
 Array = npt.NDArray[np.float64]
 
-_DECADES = 4.0  # of a spectrum that are shown
+_DECADES = 4.0  # shown of a spectrum
 _ROW = 0.052  # of the panel, for a row of labels
 _CHARACTER = 0.0112  # of the panel's width
 
@@ -33,7 +33,7 @@ def rotor_spectrum_figure(
 ) -> Figure:
     """Return amplitudes (m,) over frequencies (m,) as figure 3.4 does, with the rotors' lines, (label, Hz), marked.
 
-    Frequency is linear, so that harmonics stand evenly; it ends soon after the last line that is marked.
+    The frequency axis is linear, so that harmonics are evenly spaced, and ends soon after the last marked line.
     """
     page, grid = figure(1, 1, heights_in=(3.7,), title=title)
     axes = page.add_subplot(grid[0, 0])
@@ -43,7 +43,7 @@ def rotor_spectrum_figure(
 
 
 def draw_spectrum(axes: Axes, frequency_hz: Array, amplitude: Array, *, lines: Sequence[tuple[str, float]]) -> None:
-    """Draw amplitudes (m,), logarithmic, and above them flags with the label and frequency of each line."""
+    """Draw amplitudes (m,) on a logarithmic axis, and above them flags with the label and frequency of each line."""
     flags = sorted(((hz, f"{label} {hz:.0f} Hz") for label, hz in lines if hz <= frequency_hz[-1]), reverse=True)
     widths = [_CHARACTER * (len(text) + 1) for _, text in flags]
     ends = [hz / (1 - width) for (hz, _), width in zip(flags, widths, strict=True)]
@@ -70,9 +70,9 @@ def draw_spectrum(axes: Axes, frequency_hz: Array, amplitude: Array, *, lines: S
 
 
 def flag_rows(places: Sequence[float], widths: Sequence[float]) -> list[int]:
-    """Return the row of each flag, its pole at its left, given from the right to the left: no two touch.
+    """Return the row of each flag so that no two touch; flags go from right to left, each with its pole on its left.
 
-    A flag that would reach its neighbour's goes above it, where no pole of a neighbour at its right comes.
+    A flag that would reach its neighbour moves above it, to where no pole of a neighbour on its right passes.
     """
     begins: list[float] = []
     rows = []

@@ -1,4 +1,4 @@
-"""The frequencies of lines in a vibration, by least squares. Independent of rotors, as `spectrum`."""
+"""The frequencies of lines in a vibration, by least squares. Like `spectrum`, independent of rotors."""
 
 import math
 from collections.abc import Sequence
@@ -31,11 +31,11 @@ class Family(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class LineFit:
-    """Families of lines with their fitted frequencies at time zero, and the drift they share, over the frequency.
+    """Families of lines with their fitted frequencies at time zero, and their common drift relative to the frequency.
 
-    `covariance` (p + 1, p + 1) belongs to the p angular frequencies and the drift. `amplitude` holds per family the
-    complex amplitudes (h, c) at time zero, `residual` (n, c) what is left, `weight` (c,) one over the noise' power
-    per sample near the first family's lines.
+    `covariance` (p + 1, p + 1) belongs to the p angular frequencies and the drift. `amplitude` holds the complex
+    amplitudes (h, c) of each family at time zero, `residual` (n, c) what the fit leaves, and `weight` (c,) the inverse
+    of the noise's power per sample near the first family's lines.
     """
 
     families: tuple[Family, ...]
@@ -57,11 +57,11 @@ def fit_lines(
 ) -> LineFit:
     """Fit the frequencies of all families to channels (n, c) at times (n,) about zero, by least squares.
 
-    The signal is a straight line per channel and, per spectral line, a phase and an amplitude per channel: linear, so
-    each step of the search solves for them (Golub, Pereyra 1973). All families run on the time t + drift t^2 / 2. The
-    start has to lie within half a resolution (1 / length) of the truth at the highest harmonic; a record longer than
-    `first_s` starts with its middle half. The covariance is that of least squares in the noise found around the lines,
-    whatever its colour: in white noise, Cramer and Rao's.
+    The model is a straight line per channel and, for each spectral line, a phase and an amplitude per channel. These
+    are linear, so each step of the search solves for them (Golub, Pereyra 1973). All families run on the time t + drift
+    t^2 / 2. The start must lie within half a resolution (1 / length) of the truth at the highest harmonic; a record
+    longer than `first_s` starts with its middle half. The covariance is that of least squares in the noise found around
+    the lines, whatever its colour; in white noise it is the Cramer-Rao bound.
     """
     if time_s[-1] - time_s[0] > first_s:
         middle = np.abs(time_s) < time_s[-1] / 2
@@ -85,7 +85,7 @@ def fit_lines(
 
 
 def fit_parts(*, time_s: Array, signal: Array, fit: LineFit, parts: int) -> tuple[Array, Array, Array]:
-    """Return the frequency's departure from a fit's in parts of the record, its uncertainty and the evidence."""
+    """Return how far the frequency departs from a fit in each part of the record, its uncertainty and the evidence."""
     first, found = fit.families[0], []
     comb = Comb(first.harmonics, first.harmonics)
     for part in np.array_split(np.arange(len(time_s)), parts):
@@ -102,7 +102,7 @@ def fit_parts(*, time_s: Array, signal: Array, fit: LineFit, parts: int) -> tupl
 
 
 class _Point(NamedTuple):
-    """A place in the search: what the best amplitudes leave over, and how it changes with the parameters."""
+    """A point of the search: what the best amplitudes leave, and how that changes with the parameters."""
 
     parameters: Array
     amplitude: tuple[Complex, ...]
@@ -111,7 +111,7 @@ class _Point(NamedTuple):
 
 
 class _Search:
-    """Least squares over channels (c, n) by rows: samples lie side by side, which is several times as fast."""
+    """Least squares over channels (c, n), the samples of each contiguous in memory: several times as fast."""
 
     def __init__(self, time_s: Array, signal: Array, families: tuple[Family, ...], drifting: bool) -> None:
         self._time, self._signal, self._families = time_s, np.ascontiguousarray(signal.T), families
@@ -146,7 +146,7 @@ class _Search:
         )
 
     def descend(self, point: _Point, weight: Array) -> _Point:
-        """Go down to the least weighted residual, in Levenberg and Marquardt's steps."""
+        """Descend to the least weighted residual by Levenberg-Marquardt steps."""
         root = np.sqrt(weight)[:, np.newaxis]
         damping, loss = 0.0, weight @ np.sum(point.residual**2, axis=1)
         for _ in range(_MAX_STEPS):
@@ -193,7 +193,7 @@ def _inverse(gram: Array) -> Array:
 
 
 def _waves(angle_rad: Array, harmonics: Sequence[int]) -> Complex:
-    """Return exp(i h angle) (h, n), by powers of the first: one sine for all of them."""
+    """Return exp(i h angle) (h, n) as powers of the first, so that one sine and cosine serve all harmonics."""
     first = np.cos(angle_rad) + 1j * np.sin(angle_rad)
     powers = list(accumulate([first] * max(harmonics), mul))
     return np.array([powers[h - 1] for h in harmonics])

@@ -18,7 +18,7 @@ from cfid.records.result import Dependent, Figures, Result
 from cfid.records.run import Run
 from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
 
-_APART = 0.02  # of the reported speed, from where vibration contradicts it
+_APART = 0.02  # share of the reported speed from which vibration contradicts it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,12 +33,12 @@ class RotorWindow:
 
     @property
     def place(self) -> str:
-        """Its name."""
+        """The name of the window."""
         return f"{self.begin_s:.2f} to {self.end_s:.2f} s" if self.command is None else f"command {self.command}"
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Findings about it; a rejection concerns this window alone, and is a warning for the others."""
+        """Findings about the window; a rejection concerns this window alone, and becomes a warning for the record."""
         found = [replace(one, severity=_severity_of_window(one), where=(self.place,)) for one in self.speed.findings]
         if self.reported_rad_s and self.speed.accepted:
             off = self.speed.speed_rad_per_s / self.reported_rad_s - 1
@@ -59,8 +59,8 @@ def fit(
 ) -> Result:
     """Return the rotors' speeds in each steady window of a recording, or from `from_s` to `to_s`.
 
-    Without `rotors` the run's number is used, else one; `mains_hz` is a hum to leave out. Raises
-    DataError for a recording that cannot be read or has no window, FitError where no step settles.
+    Without `rotors`, the number that the run states is used, or else one; `mains_hz` is the frequency of a hum to
+    ignore. Raises DataError for a recording that cannot be read or has no window, FitError where no step settles.
     """
     record = _record(recording)
     known = Rotors(number=rotors, blades=blades, mains_hz=mains_hz, expected_rad_per_s=expected_rad_per_s)
@@ -135,7 +135,7 @@ def _severity_of_window(finding: Finding) -> Any:
 
 
 def _quantities(windows: Sequence[RotorWindow]) -> dict[str, Parameter]:
-    """Return the speeds, NaN in a window that was rejected, unless all were: then the whole key is rejected."""
+    """Return the speeds, NaN in rejected windows; where all windows are rejected, so is the whole key."""
     some = any(one.speed.accepted for one in windows)
     given = np.array([one.speed.accepted or not some for one in windows])
     value = np.where(given, [one.speed.speed_rad_per_s for one in windows], math.nan).tolist()

@@ -1,4 +1,4 @@
-"""A rotor's speed over time, through steps and ramps, from the vibration a load cell feels."""
+"""A rotor's speed over time, through steps and ramps, from the vibration in a load cell's record."""
 
 import math
 from functools import partial
@@ -22,7 +22,7 @@ from cfid.motors.vibration.spectrum import even_times, spectrum
 
 Array = npt.NDArray[np.float64]
 
-_BENT = 0.1  # of a change of speed within a window, by which a straight line may miss its mean
+_BENT = 0.1  # share of the change of speed within a window by which a straight line may miss its mean
 
 
 class SpeedRidge(NamedTuple):
@@ -46,10 +46,10 @@ def speed_ridge(
 ) -> SpeedRidge:
     """Return a rotor's speed over time, through steps and ramps, in windows of `window_s` every `step_s`.
 
-    `time_s` (n,) and `wrench` (n, 6) as for `rotor_speed`. Of all courses that change no faster than
-    `largest_rate_rad_per_s2` the one with the most evidence is found by dynamic programming (Viterbi); each window then
-    gives its speed by least squares, with a drift of its own: a mean over the window, weighted with a parabola. Windows
-    longer than a rotor's time constant blur its steps; those that overlap share their noise.
+    `time_s` (n,) and `wrench` (n, 6) are as for `rotor_speed`. Among all courses of speed that change no faster than
+    `largest_rate_rad_per_s2`, dynamic programming (Viterbi) finds the one with the most evidence. Each window then
+    gives its speed by least squares, with its own drift: a mean over the window, weighted with a parabola. Windows
+    longer than a rotor's time constant blur its steps; windows that overlap share their noise.
 
     Raises FitError for windows that are too short, and where blade pass may lie above half the sampling rate.
     """
@@ -81,7 +81,7 @@ def speed_ridge(
 
 
 def _path(score: Array, reach: int) -> npt.NDArray[np.intp]:
-    """Return the candidates (f,) of the course with most evidence (f, g), that moves by `reach` a frame at most."""
+    """Return the candidates (f,) on the path with the most evidence (f, g) that moves by `reach` per frame at most."""
     hurry = np.log1p(np.arange(-reach, reach + 1.0) ** 2)
     best, came = score[0], []
     for here in score[1:]:

@@ -1,4 +1,4 @@
-"""What a vibration shows: its spectrum, and the evidence for combs of lines in it.
+"""The spectrum of a vibration, and the evidence for combs of lines in it.
 
 Independent of rotors: `estimation` knows what turns at these frequencies and which lines it makes.
 """
@@ -18,20 +18,20 @@ Array = npt.NDArray[np.float64]
 ROUNDING, TINY = 1e-24, np.finfo(float).tiny  # of a power
 
 _PADDING = 4  # bins per resolution: a line between two of them looks 0.1 dB weaker
-_FLOOR_BINS = 41  # of the resolution, over which the noise is taken for flat
-_HIGHEST, _LOBE = 0.45, 2.0  # of the sampling rate, up to which lines are looked for; resolutions that one fills aside
+_FLOOR_BINS = 41  # each as wide as the resolution, over which the noise is taken as flat
+_HIGHEST, _LOBE = 0.45, 2.0  # share of the sampling rate up to which lines are sought; resolutions on each side of one
 _CANDIDATES = 8  # per resolution of the lowest line
-_LIKELY, _MAYBE = 0.999, 0.5  # that an expected line shows, and any other
+_LIKELY, _MAYBE = 0.999, 0.5  # probability that an expected line shows, and that another does
 _QUARTER = 1 / 16  # in power
-_PLENTY = 30.0  # evidence from which on more of it counts less: no line is as pure as its model
+_PLENTY = 30.0  # evidence beyond which more of it counts less: no line is as pure as its model
 _IRREGULAR = 0.05  # of the sampling interval
 
 
 def even_times(time_s: Array) -> tuple[Array, float, float]:
-    """Return times (n,) about zero that a phase can be trusted to, their interval, and how far the given ones jitter.
+    """Return times (n,) about zero that are exact enough for phases, their interval, and the jitter of the given times.
 
-    Stamps of a clock that counts samples are kept, gaps included. Stamps of arrivals jitter far more than the
-    sampling does: then the samples are taken as evenly spaced.
+    Time stamps of a clock that counts samples are kept, gaps included. Stamps of arrivals jitter far more than the
+    sampling does; the samples are then taken as evenly spaced.
     """
     time, intervals = time_s - (time_s[0] + time_s[-1]) / 2, np.diff(time_s)
     place = np.linspace(-0.5, 0.5, len(time)) * (len(time) - 1)
@@ -56,11 +56,11 @@ class Spectrum(NamedTuple):
 
     @property
     def strength(self) -> Array:
-        """Power over the noise's, summed over the c channels (m,): c where there is no line."""
+        """Power (m,) relative to the noise, summed over the c channels: c where no line stands."""
         return np.asarray(np.sum((self.amplitude / self.floor) ** 2, axis=1))
 
     def lines_hz(self, *, evidence: float) -> Array:
-        """Return where lines stand that have so much evidence, each the highest within a lobe."""
+        """Return the frequencies of lines with more than this evidence, each the highest within a lobe."""
         strength, channels = self.strength, self.amplitude.shape[1]
         power = np.maximum(strength / channels, 1.0)
         clear = max(self.windows, 1.0) * channels * (power - 1 - np.log(power)) > evidence
@@ -71,8 +71,8 @@ class Spectrum(NamedTuple):
 def spectrum(*, signal: Array, interval_s: float, length_s: float = 1.0) -> Spectrum:
     """Return the spectrum of channels (n, c) in Hann windows of `length_s` that overlap by half (figure 3.4).
 
-    A line of amplitude A shows as A. Each window is freed from its mean and slope; a record shorter than a window is
-    one window. The floor is a running median over frequency, which lines hardly lift.
+    A line of amplitude A shows as A. Mean and slope are removed from each window; a record shorter than a window is one
+    window. The floor is a running median over frequency, which lines hardly raise.
     """
     length = round(min(length_s / interval_s, len(signal)))
     size = next_fast_len(_PADDING * length, real=True)
@@ -98,9 +98,9 @@ def _power(frame: Array, size: int) -> Array:
 class Comb(NamedTuple):
     """Lines at multiples of one frequency, and the evidence for them.
 
-    In noise alone the strength of c channels is a sum of c exponential variables; a line makes it larger by an
-    unknown factor. Evidence is the logarithm of that line's likelihood over the noise's. A line that is `expected`
-    is likely to be a quarter as high as the highest, or higher; that it is missing is unlikely, not impossible.
+    In noise alone, the strength of c channels is a sum of c exponential variables; a line makes it larger by an unknown
+    factor. Evidence is the logarithm of the likelihood of that line over that of noise. An `expected` line is likely to
+    be at least a quarter as high as the highest; its absence is unlikely, but not impossible.
     """
 
     harmonics: tuple[int, ...]
@@ -118,7 +118,7 @@ class Comb(NamedTuple):
         return np.arange(low, min(high, highest), 2 * math.pi / (_CANDIDATES * seen.length_s))
 
     def lines(self, seen: Spectrum, rad_per_s: Array) -> Array:
-        """Return the evidence for each line of each candidate (h, g)."""
+        """Return the evidence (h, g) for each line of each candidate."""
         channels, highest_hz = seen.amplitude.shape[1], 2 * _HIGHEST * seen.frequency_hz[-1]
         line_hz = np.outer(self.harmonics, rad_per_s) / (2 * math.pi)
         resolved = line_hz <= highest_hz
@@ -130,7 +130,7 @@ class Comb(NamedTuple):
         return np.where(resolved, evidence, 0.0)
 
     def score(self, lines: Array) -> Array:
-        """Return the evidence for each candidate (g,) in its lines (h, g), at most half of it in unexpected ones."""
+        """Return the evidence (g,) for each candidate in its lines (h, g), at most half of it in unexpected lines."""
         likely = np.where(self._expected, _LIKELY, _MAYBE)
         gained = np.logaddexp(np.log1p(-likely), np.log(likely) + lines)
         gained = np.where(gained > 0, _PLENTY * np.log1p(gained / _PLENTY), gained)
