@@ -1,15 +1,16 @@
-"""What a command does between two rows that are farther apart than its own steps: rows do not show it, rotors feel it.
+"""What a command does between rows that are farther apart than its own steps: rotors follow it, but no row shows it.
 
-It is taken as straight from row to row, which is what a command at random does in the mean: what is left correlates
-with no row, and errors of that kind bias no linear fit (J. Berkson, Are there two regressions?, Journal of the American
-Statistical Association 45, 1950). Noise of a command that lasts for one step of its controller is in its rows but not
-in the mean from row to row; such errors make time constants too long. By how much shows a fit to commands with as much
-noise again (J. R. Cook, L. A. Stefanski, Simulation-extrapolation estimation in parametric measurement error models,
-Journal of the American Statistical Association 89, 1994).
+The command is taken as straight from row to row, which is what a random command does on average: the rest correlates
+with no row, and errors of that kind do not bias a linear fit (J. Berkson, Are there two regressions?, Journal of the
+American Statistical Association 45, 1950). Noise of a command that lasts for one step of its controller is in its rows
+but not in the mean from row to row; such errors make time constants too long. A fit to commands with as much noise
+added again shows by how much (J. R. Cook, L. A. Stefanski, Simulation-extrapolation estimation in parametric
+measurement error models, Journal of the American Statistical Association 89, 1994).
 
-Some speeds seem to rise that fall and the other way round, and each time constant comes out nearer to the other. The
-mean of what a command at random does within a row has a variance of a twelfth of its mean squared change from row to
-row; over the command's own variance that is about the share of the difference by which both move.
+Some falling speeds are taken for rising ones and the other way round, so each time constant comes out nearer to the
+other. What a random command does within a row has a mean whose variance is a twelfth of the command's mean squared
+change from row to row. Relative to the command's own variance, that is about the share of their difference by which
+both time constants move.
 """
 
 import math
@@ -30,21 +31,22 @@ Array = npt.NDArray[np.float64]
 
 _SHOWN_S = 3e-3  # rows that far apart show each step of a controller at 500 Hz
 _SEED = 1
-# Of the interval between rows: so much too long were time constants of rotors under a flight's commands, in rows of 5
-# to 20 ms.
+# Share of the interval between rows by which time constants of rotors were too long under a flight's commands, in rows
+# of 5 to 20 ms.
 _LONG = 0.1
-# Times the share: falling time constants of 80 ms were 1.2 times as much off at 100 Hz and 1.8 times at 50 Hz, rising
-# ones of 50 ms less.
+# Factor on the share: falling time constants of 80 ms were off by 1.2 times as much at 100 Hz and by 1.8 times at
+# 50 Hz, rising ones of 50 ms by less.
 _TIMES = 1.5
-_OF_THRUST = 0.25  # the least share of a sum of rotors, of which some rise while others fall
+_OF_THRUST = 0.25  # the least share for a sum of rotors, some of which rise while others fall
 _MOST = 0.4  # at a half, nothing is left of the difference
-_WITHIN_S = 1.0  # some time constants, over which a command varies
+_WITHIN_S = 1.0  # some time constants: how long a command is looked at for its variance
 
 
 def fit_rows(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float, moving: bool, age_s: float = 0.0) -> LagFit:
-    """Return the fit of commands that rows show, and what they do between them; parameters and errors as of `fit_lag`.
+    """Return the fit of commands that rows show, allowing for what they do between rows.
 
-    Its uncertainty contains what noise of the commands does that lasts for one step of their controller.
+    The uncertainty contains the effect of command noise that lasts for one step of the controller. Parameters and
+    errors are those of `fit_lag`.
     """
     if not moving or row_s < _SHOWN_S:
         return fit_lag(pieces, kind=kind, row_s=row_s, moving=moving, age_s=age_s)
@@ -69,7 +71,7 @@ def _straight(drive: Signal, rng: np.random.Generator | None) -> Signal:
 
 
 def _noise_of(command: Array) -> float:
-    """Return the standard deviation of what lasts for less than a row, as changes over one and two rows show it."""
+    """Return the standard deviation of what lasts for less than a row, from the changes over one and over two rows."""
     one, two = (float(np.mean((command[by:] - command[:-by]) ** 2)) / 2 for by in (1, 2))
     return math.sqrt(max(2 * one - two, 0.0))
 
@@ -79,16 +81,16 @@ def _unsure(fit: LagFit, effects: Array) -> LagFit:
 
 
 def mixed_share_of_thrust(commands: Sequence[Signal]) -> float:
-    """Return the share by which time constants of several rotors' thrust lie nearer to each other, 0 as `mixed_share`.
+    """Return what `mixed_share` does, for the thrust of several rotors together; 0 where it is 0 for each rotor.
 
-    By a flight's commands at 100 Hz it was a fifth, at a stated twentieth.
+    Under a flight's commands at 100 Hz the share was a fifth, where a twentieth was stated.
     """
     share = max(map(mixed_share, commands))
     return max(share, _OF_THRUST) if share else 0.0
 
 
 def mixed_share(command: Signal) -> float:
-    """Return which share of their difference time constants lie nearer to each other for a command of rows (n,)."""
+    """Return the share of their difference by which time constants approach each other, for a command in rows (n,)."""
     time_s, value = command
     on = value > 0
     row_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
@@ -103,7 +105,7 @@ def mixed_share(command: Signal) -> float:
 
 
 def unsure_between_rows(fit: LagFit, share: float) -> LagFit:
-    """Return a fit whose lag's uncertainty contains that its time constants lie nearer to each other by a share."""
+    """Return a fit whose uncertainty allows for time constants that are too near to each other by a share."""
     apart_s = share * (fit.lag.falling_s - fit.lag.rising_s)
     effect = np.zeros((6, 1))
     effect[3:5, 0] = apart_s, -apart_s
@@ -111,7 +113,7 @@ def unsure_between_rows(fit: LagFit, share: float) -> LagFit:
 
 
 def between_rows_finding(row_s: float, share: float) -> Finding:
-    """Return a note on a command that rows show every `row_s`, and on what it does between them."""
+    """Return a note on a command that rows show every `row_s`, and on what it does in between."""
     if not share:
         return note("lag-command-between-rows", command_between_rows(row_s), "dynamics.delay_s")
     text = (

@@ -1,4 +1,4 @@
-"""Why a lag of a log is not accepted: the command shows too little of it, or it explains too little."""
+"""Why the lag of a log is rejected: the command excites it too little, or it explains too little."""
 
 from typing import Literal
 
@@ -28,9 +28,10 @@ def rejections(
     moves: bool,
     levels: int,
 ) -> tuple[Finding, ...]:
-    """Return why a lag is rejected: where a command `moves` that no lag follows, more of it would show no more.
+    """Return why a lag is rejected; where no lag follows a command that `moves`, a misfit is the only reason.
 
-    `levels` are the values that it has: a map of second order lies through any two in many ways.
+    More excitation would show no more there. `levels` is how many values the command has: many maps of second order
+    pass through any two.
     """
     keys = ("dynamics.rising", "dynamics.falling", "dynamics.delay_s")
     unexplained = explained < EXPLAINED[kind]

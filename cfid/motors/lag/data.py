@@ -1,6 +1,6 @@
-"""A flight log as what drove each rotor, and what shows how fast they followed: their speeds, or the acceleration.
+"""A flight log as commands that drove each rotor, and the speeds or acceleration that show how fast rotors followed.
 
-A long log is read part after part, so that it may be larger than the memory.
+A long log is read part after part, so it may be larger than the memory.
 """
 
 from collections.abc import Iterator, Mapping
@@ -35,16 +35,17 @@ Array = npt.NDArray[np.float64]
 _COMMANDS = ("motor.m{}", "pwm.m{}_pwm", "pwm.m{}", "control.m{}")
 _SPEEDS = ("rpm.m{}", "motor.m{}_rpm")
 _VOLTS, _ACCELERATION = ("pm.vbat", "pm.vbatMV"), "acc.z"
-_IMPOSSIBLE_SHARE = 0.1  # of the voltages that are numbers, up to which the others are used
-_FEWEST_CHANGES, _HELD_S = 20, 0.5  # of a stand's command that never rests: how often and how fast it changes
+_IMPOSSIBLE_SHARE = 0.1  # share of impossible ones among the voltages that are numbers, up to which the others are used
+_FEWEST_CHANGES, _HELD_S = 20, 0.5  # of a stand's command that never rests: fewest changes, longest mean interval
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RotorLog:
     """A log with commands: the names of its channels, by motor, and the window of it to use.
 
-    The window is in seconds since `begin_s`, the log's first row of a command. `limits` are by the names of channels of
-    which a few values are outside, and left out, as are the voltages at `wrong_volts_s` (k,) since then.
+    The window is in seconds since `begin_s`, the log's first row of a command. `limits` are those of each channel, by
+    name, that has a few values outside them. These values are left out, as are the voltages at the times
+    `wrong_volts_s` (k,) since `begin_s`.
     """
 
     log: FlightLog
@@ -61,7 +62,7 @@ class RotorLog:
 
     @property
     def path(self) -> Path:
-        """The file."""
+        """The log's file."""
         return self.log.path
 
     def only(self, rotor: int) -> "RotorLog":
@@ -80,7 +81,7 @@ class RotorLog:
         return replace(self, window=(low, min(high, self.window[1])))
 
     def parts(self) -> Iterator[LogPart]:
-        """Yield the window, in parts of equal length where it is longer than 5 minutes, their drives at one voltage.
+        """Yield the window, in parts of equal length where it is longer than 5 minutes, all with drives at one voltage.
 
         Raises DataError where nothing shows how the rotors follow.
         """
@@ -108,7 +109,7 @@ class RotorLog:
         """Raise DataError where times (n,) of commands repeat, and where every interval between them is a break."""
         refuse_repeated_times(self.path, time_s)
         usual_s = float(np.median(np.diff(time_s)))
-        if usual_s > 0.99 * BREAK_S:  # of rows as far apart as a break, some are farther
+        if usual_s > 0.99 * BREAK_S:  # where rows are usually as far apart as a break, some are farther
             raise DataError(
                 f"{self.path}: the commands were recorded every {usual_s:.2g} s, and not within {BREAK_S:g} s: too "
                 "slow to show how the rotors follow. Record faster, or hold each command for some seconds."
@@ -118,7 +119,7 @@ class RotorLog:
         return Signal(time_s - self.begin_s, value).between(self.window[0], self.window[1])
 
     def _within(self, name: str, time_s: Array, value: Array) -> Signal:
-        """Return a channel with nan for values that cannot be."""
+        """Return a channel with nan for impossible values."""
         if name not in self.limits:
             return Signal(time_s, value)
         return Signal(time_s, np.where(self.limits[name].outside(value), np.nan, value))
@@ -146,7 +147,7 @@ class RotorLog:
 
 
 def rotor_log(path: Path, reading: Foreign = NO_OPTIONS) -> RotorLog | None:
-    """Read a log of a vehicle, None for a table without the firmware's commands. Raises DataError as its reader."""
+    """Read a vehicle's log; return None for a table without the firmware's commands. Raises DataError as its reader."""
     try:
         log = read_log(path, reading)
     except DataError:
@@ -157,14 +158,14 @@ def rotor_log(path: Path, reading: Foreign = NO_OPTIONS) -> RotorLog | None:
 
 
 def _is_of_flight(path: Path, reading: Foreign) -> bool:
-    """Return whether a table has variables of a vehicle's firmware. Raises DataError for what is no table."""
+    """Return whether a table has variables of a vehicle's firmware. Raises DataError for a file that is no table."""
     return any(map(is_flown, open_table(path, skip_lines=reading.skip_lines, sha256="").names))
 
 
 def of_stand(table: StandTable) -> RotorLog | None:
-    """Take a thrust stand's speeds under a command that never rests, None for another table.
+    """Return a thrust stand's speeds as a log if its command never rests, else None.
 
-    Its command is that of every rotor. Raises DataError for one without times or speeds.
+    The command is that of every rotor. Raises DataError for a table without times or speeds.
     """
     time_s, speeds, known = table.time_s, table.speeds_rad_s, np.isfinite(table.command)
     if time_s is None or speeds is None or np.count_nonzero(np.diff(table.command[known])) < _FEWEST_CHANGES:
@@ -240,19 +241,19 @@ def of_log(log: FlightLog) -> RotorLog:
 
 
 def _once_each(measured: Signal) -> tuple[Signal, Readings]:
-    """Return the readings of what is measured, and how many rows show them."""
+    """Return a measured signal with each reading once, and how many rows show a reading."""
     counts, readings = once_each(*measured)
     return Signal(measured.time_s[counts], measured.value[counts]), readings
 
 
 def _numbers(signal: Signal) -> Signal:
-    """Return a signal without its rows that have no number, as where others of the log's rows are those of others."""
+    """Return a signal without the rows that have no number, such as a log's rows for other channels."""
     known = np.isfinite(signal.value)
     return Signal(signal.time_s[known], signal.value[known])
 
 
 def _known(speed: Array) -> Array:
-    """Return speeds (n,) with nan for those that are 0, which a sensor shows that lost a rotor."""
+    """Return speeds (n,) with nan in place of 0, which a sensor shows when it has lost its rotor."""
     return np.where(speed > 0, speed, np.nan)
 
 

@@ -1,7 +1,7 @@
-"""When each command changed between two rows, as what followed shows it: changes are fitted with the lag, and left out.
+"""When each command changed between two rows, as later speeds show: the times are fitted with the lag, and eliminated.
 
-A row shows a command that changed up to a row before. The mean of that is in the delay, but the rest of it, seen by few
-samples of each change, would move time constants.
+A row shows a command that changed up to one row earlier. The mean of that time is part of the delay, but its scatter,
+which few samples of each change show, would shift time constants.
 """
 
 import math
@@ -24,17 +24,17 @@ from cfid.motors.lag.uncertainty import beside, correlation_of, drifts_of, white
 Array = npt.NDArray[np.float64]
 
 _ROUNDS = 3  # in which changes are moved to where they are found
-_NARROWEST = 0.01  # of the usual time that changes are late, in a round
+_NARROWEST = 0.01  # least factor on the usual time by which changes are late, in a round
 _FORGOTTEN = 12.0  # time constants
 _TOGETHER = 1000  # changes whose rows are calculated at once
-_QUIETEST = 1e-6  # of the measured values: noise below
+_QUIETEST = 1e-6  # of the range of the measured values: the least noise
 
 
 @dataclass(frozen=True, eq=False)
 class Scatter:
-    """What speeds (n,) do when the k changes of commands come later by a usual time, (n, k), and how late they are.
+    """The effect on speeds (n,) of k changes of commands that come a usual time later, (n, k), and how late they are.
 
-    They have moved by `late` (k,) usual times already; `noise` is that of the speeds.
+    The changes have been moved by `late` (k,) usual times already; `noise` is that of the speeds.
     """
 
     columns: csc_array
@@ -42,7 +42,7 @@ class Scatter:
     noise: float
 
     def whitened(self, lengths: Sequence[int], correlation: float) -> "Scatter":
-        """Return what residuals have that are whitened alike."""
+        """Return the scatter for residuals that are whitened in the same way."""
         kept = np.full(sum(lengths), 1.0)
         kept[np.cumsum([0, *lengths[:-1]])] = math.sqrt(1 - correlation**2)
         before = np.where(kept < 1, 0.0, -correlation) if correlation else np.zeros(len(kept))
@@ -57,13 +57,14 @@ class Scatter:
         return replace(self, columns=csc_array((found, rows, self.columns.indptr), shape=self.columns.shape))
 
     def found(self, residual: Array) -> Array:
-        """Return how much later still changes are (k,), in usual times, by residuals (n,)."""
+        """Return how much later still the changes (k,) are, in usual times, as residuals (n,) show."""
         return np.asarray(-self._square.solve(self.columns.T @ residual + self.noise**2 * self.late))
 
     def without(self, residual: Array, *, late: bool = True) -> Array:
-        """Return residuals (n + k,) without what the changes' times explain, and how unusual these are, in their order.
+        """Return residuals (n,) without what the changes' times explain, and how unusual these (k,) are, as one array.
 
-        Of what is no residual but a column of its slopes, changes are not `late`.
+        The latter are inserted in order, each before the first residual that its change affects. For a column of
+        slopes, which is no residual, `late` is false: how late the changes are does not enter.
         """
         moved = self.late if late else np.zeros(len(self.late))
         more = -self._square.solve(self.columns.T @ residual + self.noise**2 * moved)
@@ -71,9 +72,9 @@ class Scatter:
         return np.insert(residual + self.columns @ more, first, self.noise * (moved + more))
 
     def spread(self, late: Array) -> float:
-        """Return the variance of how late changes (k,) are, in usual times, beside that of their noise.
+        """Return the variance of how late changes (k,) are, in usual times, less that of their noise.
 
-        Where commands change on their rows it is next to nothing.
+        It is almost 0 where commands change at their rows.
         """
         seen = self._seen / self.noise**2
         shown = seen > 1
@@ -83,12 +84,12 @@ class Scatter:
 
     @property
     def freedom(self) -> float:
-        """How many degrees of freedom the changes' times take at most: as many as are better known than usual."""
+        """The degrees of freedom that the changes' times take at most: as many as are known better than usual."""
         return float(np.sum(self._seen / (self._seen + self.noise**2)))
 
     @cached_property
     def _square(self) -> SuperLU:
-        """What solves for changes, of which few see the same samples."""
+        """The factors that solve for changes; they are sparse, since few changes show in the same samples."""
         return splu(csc_array(self._products + self.noise**2 * eye_array(self._products.shape[0])))
 
     @cached_property
@@ -102,9 +103,10 @@ class Scatter:
 
 
 def scattered(search: Search, begin: Array, *, row_s: float) -> tuple[Search, Scatter] | None:
-    """Return a record of speeds with its commands' changes moved to where they show, from parameters (8,) on.
+    """Return a record of speeds with its commands' changes moved to where the speeds show them, and their scatter.
 
-    None where no command changes. Rows of the command are `row_s` apart, within which it changed any time.
+    The search begins at parameters (8,). Returns None where no command changes. Rows of the command are `row_s` apart;
+    a change may lie anywhere between two of them.
     """
     most_s, p, lengths = row_s / math.sqrt(12), begin, [len(piece.measured.value) for piece in search.pieces]
     std_s, late = most_s, np.zeros(sum(np.count_nonzero(_changes(piece)) for piece in search.pieces))
@@ -130,17 +132,17 @@ def scattered(search: Search, begin: Array, *, row_s: float) -> tuple[Search, Sc
 
 
 def _rest(residual: Array, *, white: Callable[[Array], Array], own: Scatter, columns: Array) -> Array:
-    """Return what neither changes nor drifts (n, m) explain of residuals (n,)."""
+    """Return the part of residuals (n,) that neither changes nor drifts (n, m) explain."""
     return beside(own.without(white(residual)), columns)
 
 
 def _changes(piece: LogSegment) -> npt.NDArray[np.bool_]:
-    """Return which values (n,) of a segment's only drive are others than the one before."""
+    """Return which values (n,) of a segment's only drive differ from the value before."""
     return np.append(False, np.diff(piece.drives[0].value) != 0)
 
 
 def _moved(search: Search, late_s: Array) -> Search:
-    """Return a record with the k changes of its drives later by (k,), at most half-way to the next value."""
+    """Return a record whose drives change later by `late_s` (k,), each change at most half-way to the next value."""
     pieces, begin = [], 0
     for piece in search.pieces:
         (time_s, value), changes = piece.drives[0], _changes(piece)
@@ -154,7 +156,7 @@ def _moved(search: Search, late_s: Array) -> Search:
 
 
 def _columns(pieces: Sequence[LogSegment], p: Array, std_s: float) -> csc_array:
-    """Return what the speeds (n,) of all segments do when each change of a drive (n, k) comes later, in rad/s."""
+    """Return by how much, in rad/s, all segments' speeds (n,) move when each change of a drive comes later: (n, k)."""
     each = [_seen_changes(piece, p) for piece in pieces]
     spans = [np.searchsorted(seen, [passed, passed + _FORGOTTEN]) for seen, passed, _ in each]
     ends = np.append(0, np.cumsum(np.concatenate([last - first for first, last in spans])))
@@ -175,7 +177,7 @@ def _columns(pieces: Sequence[LogSegment], p: Array, std_s: float) -> csc_array:
 def _seen_changes(piece: LogSegment, p: Array) -> tuple[Array, Array, Array]:
     """Return how many time constants have passed at the speeds (n,) of a segment, and at the changes (k,) of its drive.
 
-    The last is by how much the speed's rate jumps at each change, in rad/s^2.
+    The third array (k,) is by how much the speed's rate jumps at each change, in rad/s^2.
     """
     lag, supply = InputLag(*p[3:6].tolist()), Supply(*p[6:].tolist())
     target, changes = piece.target(p[:3], lag, supply), _changes(piece)

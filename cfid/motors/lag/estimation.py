@@ -1,8 +1,8 @@
-"""Lag and static map together, by output error: what follows a command that always changes, simulated and compared.
+"""Lag and static map together, by output error: the response to a command that always changes, simulated and compared.
 
-The fit is least squares of residuals from which the noise's correlation with the sample before is taken (D. Cochrane,
-G. H. Orcutt, Application of least squares regression to relationships containing auto-correlated error terms, Journal
-of the American Statistical Association 44, 1949). What correlation is left decides the uncertainties.
+The fit is least squares of residuals from which the correlation of their noise with the sample before is removed (D.
+Cochrane, G. H. Orcutt, Application of least squares regression to relationships containing auto-correlated error terms,
+Journal of the American Statistical Association 44, 1949). The remaining correlation decides the uncertainties.
 """
 
 import math
@@ -30,13 +30,13 @@ from cfid.motors.lag.uncertainty import beside, correlation_of, covariances, dri
 Array = npt.NDArray[np.float64]
 
 _SMOOTH = 0.25  # time constants over which noise is averaged before judging how much the lag explains
-# Times the variance that a drift leaves, below which there is none: free to drift, a record on a battery that sags
-# gives a power of the voltage and time constants that its noise decides.
+# Times the variance that a fit with drift leaves: below, no drift is fitted. Free to drift, a record on a battery that
+# sags would give a power of the voltage and time constants that its noise decides.
 _STEADY = 1.01
-_SAG = 0.02  # of a time constant: 0.3 V of 4.1 V make it 1.7 % short, 0.15 V 0.8 %
-_DRIFTED = 2.0  # times the variance that a drift leaves: without it the model is no other view of the record
-# Of the interval between rows of a command that moves in most of them: what it does between them is not known. On
-# chirps and ramps at 50 Hz time constants were up to this much off beyond noise.
+_SAG = 0.02  # of a time constant: a sag of 0.3 V of 4.1 V makes it 1.7 % too short, one of 0.15 V 0.8 %
+_DRIFTED = 2.0  # times the variance that a fit with drift leaves: above, one without is no second view
+# Share of the interval between rows of a command that moves in most rows, since its course in between is not known. On
+# chirps and ramps at 50 Hz, time constants were off by up to this much beyond noise.
 _BETWEEN_ROWS = 0.03
 _SINGULAR = 1e-7  # of a Jacobian with columns of equal length
 
@@ -45,13 +45,14 @@ _SINGULAR = 1e-7  # of a Jacobian with columns of equal length
 class LagFit:
     """A lag, and the map that it follows, c0 + c1 u + c2 u^2 of the drive u, with the covariance (6, 6) of map and lag.
 
-    `effects` (6, m) are the part of it that comes from what is expected of the voltage, one standard uncertainty each,
-    and `power` is the power of the voltage with which speeds go, and its standard uncertainty, None where not shown.
-    `late_s` is how uncertain the delay is beside that, since rows show commands and readings late. Rotors and parts of
-    one log have both in common. `explained` is the part of the variance that the lag and a slow drift explain, averaged
-    over a quarter of a time constant, `rms` what is left, `drift` the relative change from begin to end at the same
-    drives. `time_s`, `measured` and, with the drift, `shown` (n,) were compared; `standing_s` and `odd_s` are the times
-    of what was left out, since a sensor stood still there, and since no command leads to it.
+    `effects` (6, m) is the part of the covariance that comes from what is expected of the voltage, with one standard
+    uncertainty in each column. `power` is the power of the voltage with which speeds change, and its standard
+    uncertainty; None where the record does not show it. `late_s` is the further uncertainty of the delay, since rows
+    show commands and readings late. The rotors and the parts of one log have both in common. `explained` is the part of
+    the variance that the lag and a slow drift explain, averaged over a quarter of a time constant; `rms` is the
+    residual, and `drift` the relative change from start to end at the same drives. `measured` and `shown` (n,), which
+    contains the drift, were compared at `time_s`. `standing_s` and `odd_s` are the times of speeds that were left out,
+    the former because a sensor stood still, the latter because no command leads to them.
     """
 
     kind: Kind
@@ -89,9 +90,10 @@ class LagFit:
 
 
 def unsure_of_sag(fit: LagFit) -> LagFit:
-    """Return a fit whose lag's uncertainty contains the sag under load of a battery whose voltage is unknown.
+    """Return a fit whose uncertainty allows for the sag under load of a battery whose voltage is unknown.
 
-    A rotor on it settles early: its speed falls with the voltage that it draws down. All rotors of a log err alike.
+    A rotor on such a battery settles early: its speed falls with the voltage that it draws down. The error is the same
+    for all rotors of a log.
     """
     effect = np.zeros((6, 1))
     effect[3:5, 0] = _SAG * fit.lag.rising_s, _SAG * fit.lag.falling_s
@@ -103,15 +105,16 @@ def fit_lag(
 ) -> LagFit:
     """Fit time constants of rising and falling speed, the delay behind the command, and the static map, all at once.
 
-    Of kind "speed", measured is the speed in rad/s of one rotor, whose map is joined to its lag. Of kind "thrust",
-    measured is the thrust of all rotors together in any unit, quadratic in speeds that are linear in the drive.
-    `row_s` is the interval between two rows of the command, within which it changed before a row shows it: the delay
-    is too short by any part of that. `moving` is a command that changes in most rows, whose steps these do not show.
-    By up to `age_s` a row shows what was measured late, and the delay is too long.
+    With kind "speed", the measured values are the speed in rad/s of one rotor, whose map is fitted with its lag. With
+    kind "thrust", they are the thrust of all rotors together in any unit, quadratic in speeds that are linear in the
+    drive. `row_s` is the interval between two rows of the command, which changed at any time within it before a row
+    shows the change: the delay is too short by up to that. `moving` states that the command changes in most rows, which
+    do not show its steps. A row may show a measured value up to `age_s` late, which makes the delay too long.
+
     The map holds in the middle of the record: its level and slope may drift, as with a battery that sags. Where the
-    segments have a voltage, the drive goes with a power of it, which the record shows where the voltage changes enough.
-    Speeds that no rotor had are left out, and those after gaps of rows in which the drive changed. Raises FitError for
-    less than 200 samples, and for a speed that stands still.
+    segments have a voltage, the drive is multiplied by a power of it, which the record shows where the voltage changes
+    enough. Speeds that no rotor had are left out, as are those after gaps of rows in which the drive changed. Raises
+    FitError for fewer than 200 samples, and for a speed that stands still.
     """
     if kind == "speed":
         pieces, standing_s = _moving(pieces)
@@ -132,7 +135,7 @@ def fit_lag(
 
 
 def _without_odd(search: Search, plain: OptimizeResult) -> tuple[list[LogSegment], Array]:
-    """Return the pieces without speeds that no rotor had, and the times of these, as a `plain` fit leaves them."""
+    """Return the pieces without speeds that no rotor had, and the times of these speeds, judged by a `plain` fit."""
     missing = plain.fun[: len(search.measured)]
     missed = np.var(missing) > (1 - EXPLAINED[search.kind]) * np.var(search.measured)
     if search.kind != "speed" or not (missed or any_far(missing)):
@@ -147,7 +150,7 @@ def _without_odd(search: Search, plain: OptimizeResult) -> tuple[list[LogSegment
 
 
 def _lag_fit(search: Search, plain: OptimizeResult, *, row_s: float, moving: bool) -> LagFit:
-    """Return the fit of errors that are free of the noise's correlation, which those of a `plain` fit show."""
+    """Return the fit of errors freed from the correlation of their noise, which the errors of a `plain` fit show."""
     scatter = None
     if search.kind == "speed" and row_s and not moving and (found := scattered(search, plain.x, row_s=row_s)):
         search, scatter = found
@@ -196,7 +199,7 @@ def _lag_fit(search: Search, plain: OptimizeResult, *, row_s: float, moving: boo
 def _whitened(
     search: Search, plain: OptimizeResult, drifts: Array, scatter: Scatter | None
 ) -> tuple[OptimizeResult, OptimizeResult]:
-    """Return the fit beside drifts (n, k), and the one that it is compared with; without them where there are none.
+    """Return the fit with drifts (n, k), or without them where there are none, and the fit that it is compared with.
 
     A scatter of the times at which commands changed is fitted as well.
     """
@@ -217,9 +220,9 @@ def _whitened(
 
 
 def joined(fits: Sequence[LagFit]) -> LagFit:
-    """Return the mean of fits to the parts of one record, weighted by their covariances, with the liveliest's curves.
+    """Return the mean of fits to parts of one record, weighted by their covariances, with the curves of the liveliest.
 
-    Parts that were rejected are left out where others were not. The covariance is wider by as much as parts differ.
+    Rejected parts are left out where others were accepted. The covariance is widened by as much as the parts differ.
     """
     accepted = [fit for fit in fits if fit.accepted] or [max(fits, key=lambda fit: fit.explained)]
     if len(accepted) == 1:
@@ -248,9 +251,9 @@ def joined(fits: Sequence[LagFit]) -> LagFit:
 
 
 def _moving(pieces: Sequence[LogSegment]) -> tuple[list[LogSegment], Array]:
-    """Return pieces without the speeds of a sensor that stood still while its command moved, and the times of these.
+    """Return pieces without the speeds of a sensor that stood still while its command moved, and these speeds' times.
 
-    Raises FitError where that is most of them.
+    Raises FitError where most speeds are such.
     """
     found = [standing(piece.drives[0], piece.measured) for piece in pieces]
     each = [(piece, flags, np.isfinite(piece.measured.value)) for piece, flags in zip(pieces, found, strict=True)]

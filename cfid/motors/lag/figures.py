@@ -1,4 +1,4 @@
-"""Figure of rotors that follow a command that always changes: what was measured and the lag, and what is left."""
+"""Figure of rotors that follow a command that always changes: what was measured, the lag, and its numbers."""
 
 from collections.abc import Mapping
 
@@ -16,7 +16,7 @@ _UNITS = {"speed": "speed (rad/s)", "thrust": "acceleration (m/s²)"}
 
 @styled
 def lag_figure(fits: Mapping[str, LagFit], *, title: str) -> Figure:
-    """Return the liveliest four seconds of what each rotor did with its lag, and the numbers beside."""
+    """Return a figure of the liveliest four seconds of each rotor with its lag, and of the lag's numbers."""
     rejections = [
         f"Rejected: {name}: {text}" for name, fit in fits.items() for text in texts(fit.findings, "rejection")
     ]
@@ -42,7 +42,7 @@ def _draw(axes: Axes, name: str, fit: LagFit) -> None:
 
 
 def _liveliest_s(fit: LagFit) -> float:
-    """Return where the part begins in which the model varies most."""
+    """Return when the part starts in which the model varies most."""
     begins = np.arange(fit.time_s[0], max(fit.time_s[-1] - _SHOWN_S, fit.time_s[0]) + 1e-9, _SHOWN_S / 2)
     parts = [fit.shown[(fit.time_s >= begin) & (fit.time_s <= begin + _SHOWN_S)] for begin in begins]
     return float(begins[int(np.argmax([np.var(part) if len(part) > 1 else 0.0 for part in parts]))])

@@ -1,4 +1,4 @@
-"""Gaps of rows, in which a command changed unseen: the speeds that follow are left out until that is forgotten."""
+"""Gaps of rows in which a command changed unseen: the speeds that follow are left out until its effect has decayed."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -14,21 +14,21 @@ from cfid.motors.lag.plausibility import without
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
-_LONG, _LONG_S = 2.5, 5e-3  # usual intervals between rows, and seconds: below, rotors feel little of a gap
-_USUAL = 0.1  # of the intervals: where more are long, rows come at any time, as one for each change
-_FORGOTTEN = (3.0, 2.0, 1.0)  # time constants after a gap; fewer where gaps leave less than
+_LONG, _LONG_S = 2.5, 5e-3  # usual intervals between rows, and seconds: shorter gaps hardly affect rotors
+_USUAL = 0.1  # of the intervals: where more are long, rows are irregular, such as one for each change
+_FORGOTTEN = (3.0, 2.0, 1.0)  # time constants left out after a gap; fewer where that would be more than _MOST
 _MOST = 0.5  # of the speeds
 
 
 class Gaps(NamedTuple):
-    """How many intervals between rows are gaps, how long they are together, and the longest, in s."""
+    """The number of gaps between rows, their total length, and the longest, in s."""
 
     number: int = 0
     total_s: float = 0.0
     longest_s: float = 0.0
 
     def and_of(self, time_s: Array, value: Array) -> "Gaps":
-        """Return these gaps with those of rows at times (n,) whose commands (n,) drive a rotor before or after."""
+        """Return these gaps plus those between rows at times (n,) before or after which commands (n,) drive a rotor."""
         on = (value[1:] > 0) | (value[:-1] > 0)
         more_s = np.diff(time_s)[gaps(time_s) & on]
         longest_s = float(more_s.max(initial=self.longest_s))
@@ -54,7 +54,7 @@ def gaps(time_s: Array) -> Flags:
 
 
 def without_after_gaps(pieces: Sequence[LogSegment], lag: InputLag) -> list[LogSegment]:
-    """Return pieces without the speeds that follow a gap in which a drive changed, for some time constants."""
+    """Return pieces without the speeds within some time constants after a gap in which a drive changed."""
     for forgotten in _FORGOTTEN:
         long_s = lag.delay_s + forgotten * max(lag.rising_s, lag.falling_s)
         flags = [_follow(piece.measured.time_s, piece.gaps_s, long_s) for piece in pieces]
@@ -66,7 +66,7 @@ def without_after_gaps(pieces: Sequence[LogSegment], lag: InputLag) -> list[LogS
 
 
 def _follow(time_s: Array, gaps_s: Array, long_s: float) -> Flags:
-    """Return which times (n,) are in gaps (k, 2), from and to, or follow one by less than `long_s`."""
+    """Return which times (n,) lie in gaps (k, 2), each from start to end, or follow one by less than `long_s`."""
     from_s, to_s = gaps_s.T
     at = np.searchsorted(from_s, time_s) - 1
     if not len(gaps_s):

@@ -1,4 +1,4 @@
-"""What follows commands that are held: a lag with one time constant upwards and one downwards, and a static map."""
+"""The response to commands that are held: a lag with one time constant upwards and one downwards, and a static map."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from cfid.estimate.held_lag import follow_held
 
 Array = npt.NDArray[np.float64]
 
-_STRAIGHT_STEPS = 4  # by which a drive goes from row to row
+_STRAIGHT_STEPS = 4  # in which a drive goes straight from row to row
 
 
 class Signal(NamedTuple):
@@ -20,12 +20,12 @@ class Signal(NamedTuple):
     value: Array
 
     def between(self, from_s: float, to_s: float) -> "Signal":
-        """Return its part from one time until before another."""
+        """Return the part of the signal from one time until before another."""
         inside = (self.time_s >= from_s) & (self.time_s < to_s)
         return Signal(self.time_s[inside], self.value[inside])
 
     def held(self, time_s: Array) -> Array:
-        """Return the values that hold at times (m,), the first before its begin."""
+        """Return the values that hold at times (m,); before the signal begins, that is its first value."""
         return np.asarray(self.value[np.maximum(np.searchsorted(self.time_s, time_s, side="right") - 1, 0)])
 
     def straight(self) -> "Signal":
@@ -37,14 +37,14 @@ class Signal(NamedTuple):
 
 
 class InputLag(NamedTuple):
-    """dw/dt = (c - w) / tau, tau being `rising_s` where c > w and `falling_s` elsewhere, c from `delay_s` before."""
+    """The lag dw/dt = (c - w) / tau: tau is `rising_s` where c > w and `falling_s` elsewhere; c is `delay_s` late."""
 
     rising_s: float
     falling_s: float
     delay_s: float
 
     def follow(self, target: Signal, time_s: Array) -> Array:
-        """Return what follows a target from its first value on, at times (n,): exact, whatever the two clocks."""
+        """Return the response to a target, from its first value on, at times (n,): exact, whatever the two clocks."""
         begin_s = target.time_s + self.delay_s
         step_s = np.diff(target.time_s)
         (late,) = follow_held(
@@ -57,12 +57,12 @@ class InputLag(NamedTuple):
 
 
 class Supply(NamedTuple):
-    """With which power of the voltage speeds go, and how: as with their drive, or the whole map of it.
+    """The power of the voltage with which speeds change, and whether it acts on their drive or on the whole map of it.
 
-    The power is 1 of a motor at a chopped voltage, and 0 of one whose speed is held. `whole` is the part of it that
-    goes with the whole map, an idle speed included. `late` is the part of the delay that the voltage has as well, 0
-    where the command is late, as by a radio or a speed controller, and 1 where the speeds were measured late: usual is
-    either.
+    The power is 1 for a motor at a chopped voltage, and 0 for one whose speed is held. `whole` is the part of the power
+    that acts on the whole map, an idle speed included. `late` is the part of the delay that applies to the voltage as
+    well: 0 where the command is late, as through a radio or a speed controller, and 1 where the speeds were measured
+    late. Both are usual.
     """
 
     power: float = 1.0
@@ -73,9 +73,9 @@ class Supply(NamedTuple):
 class LogSegment(NamedTuple):
     """A part of a record without a break: what drives each rotor, and what was measured.
 
-    Drives are commands, over the largest or so. `volts` is the battery's voltage over its usual one, None if unknown,
-    and hardly changes between two values of a drive. `gaps_s` (k, 2) are the times from which to which there are no
-    rows, and before and after which a drive differs.
+    Drives are commands, relative to about the largest. `volts` is the battery's voltage relative to its usual one, None
+    if unknown; it hardly changes between two values of a drive. `gaps_s` (k, 2) are the start and end times of gaps
+    without rows, before and after which a drive differs.
     """
 
     drives: tuple[Signal, ...]
@@ -84,7 +84,7 @@ class LogSegment(NamedTuple):
     gaps_s: Array = np.zeros((0, 2))
 
     def driven(self, lag: InputLag, supply: Supply) -> tuple[Signal, ...]:
-        """Return the drives with a power of the voltage, by the clock of the commands."""
+        """Return the drives multiplied by a power of the voltage, by the clock of the commands."""
         ratios = (self._ratio(drive, lag, supply) for drive in self.drives)
         each = zip(self.drives, ratios, strict=True)
         return tuple(Signal(time_s, value * ratio**supply.power) for (time_s, value), ratio in each)
@@ -100,7 +100,7 @@ class LogSegment(NamedTuple):
         return Signal(drive.time_s, target * np.exp(supply.power * supply.whole * log_ratio))
 
     def _ratio(self, drive: Signal, lag: InputLag, supply: Supply) -> Array:
-        """Return the voltage over its usual one in the middle of each interval of a drive, 1 where it is unknown."""
+        """Return the voltage relative to its usual one in the middle of each interval of a drive, 1 where unknown."""
         if self.volts is None:
             return np.ones(len(drive.time_s))
         time_s = drive.time_s + (1 - supply.late) * lag.delay_s
@@ -109,7 +109,7 @@ class LogSegment(NamedTuple):
 
 
 def speed_shown(pieces: Sequence[LogSegment]) -> Callable[[Array], Array]:
-    """Return the speeds (n,) over map, lag and supply (8,): the speed that lags is that of the map."""
+    """Return the function from map, lag and supply (8,) to speeds (n,): the speed of the map is what lags."""
 
     def shown(p: Array) -> Array:
         lag, supply = InputLag(*p[3:6].tolist()), Supply(*p[6:].tolist())
@@ -122,7 +122,7 @@ def speed_shown(pieces: Sequence[LogSegment]) -> Callable[[Array], Array]:
 
 
 def thrust_shown(pieces: Sequence[LogSegment]) -> Callable[[Array], Array]:
-    """Return the thrusts (n,) over map, lag and supply (8,): each rotor's drive lags, the map takes it to thrust."""
+    """Return the function from map, lag and supply (8,) to thrusts (n,): the map takes lagging drives to thrust."""
     latest: dict[tuple[InputLag, Supply], Array] = {}  # most columns of a Jacobian have the same lag
 
     def shown(p: Array) -> Array:
@@ -136,7 +136,7 @@ def thrust_shown(pieces: Sequence[LogSegment]) -> Callable[[Array], Array]:
 
 
 def powers(pieces: Sequence[LogSegment], lag: InputLag, supply: Supply) -> Array:
-    """Return one, the sum of the rotors' lagging drives and that of their squares (n, 3)."""
+    """Return (n, 3): ones, the sum of the rotors' lagging drives, and the sum of the squares of these."""
     rows = []
     for piece in pieces:
         time_s = piece.measured.time_s

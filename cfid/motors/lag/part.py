@@ -16,7 +16,7 @@ from cfid.units import FULL_COMMAND, MOTORS
 Array = npt.NDArray[np.float64]
 
 BREAK_S = 0.1  # without a row, after which the rotors' state is unknown
-_OWN_STEPS = 0.5  # of the rows in which a command differs from the one before: below, rows show its own steps
+_OWN_STEPS = 0.5  # share of rows in which a command differs from the row before: below, rows show its own steps
 _UNSEEN, _UNSEEN_S = 5, 0.25  # usual intervals, and seconds, up to which a voltage is taken from its neighbour
 
 
@@ -24,8 +24,9 @@ _UNSEEN, _UNSEEN_S = 5, 0.25  # usual intervals, and seconds, up to which a volt
 class LogPart:
     """Commands by motor, 0 to 65535, with speeds in rad/s by motor, volts, and acceleration along z in m/s^2.
 
-    Each has its own times, in seconds since the log's first row of a command. Drives are those at the voltage `at_v`, 1
-    where none was logged. `readings` are those of the speeds by motor, and of the acceleration by 0: each counts once.
+    Each has its own times, in seconds since the log's first row of a command. Drives are for the voltage `at_v`, 1
+    where no voltage was logged. `readings` are those of the speeds, by motor, and of the acceleration, under 0; each
+    counts once.
     """
 
     commands: Mapping[int, Signal]
@@ -38,16 +39,16 @@ class LogPart:
 
     @property
     def row_s(self) -> float:
-        """The interval between rows of the commands, 0 of fewer than two."""
+        """The interval between rows of the commands, 0 for fewer than two rows."""
         time_s, _ = self.commands[min(self.commands)]
         return float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
 
     def moving(self, motor: int) -> bool:
-        """Whether a motor's command, or with 0 any, changes in most rows, so that rows do not show its steps."""
+        """Whether a motor's command, or for motor 0 any, changes in most rows, which then do not show its steps."""
         return any(moves(value) for number, (_, value) in self.commands.items() if motor in (0, number))
 
     def of_speed(self, motor: int, *, by: int | None = None) -> list[LogSegment]:
-        """Return the segments in which one rotor runs, with its speed; `by` is whose command drives it."""
+        """Return the segments in which one rotor runs, with its speed; `by` is the motor whose command drives it."""
         return list(self._segments((by or motor,), self.speeds[motor]))
 
     def of_thrust(self) -> list[LogSegment]:
@@ -95,7 +96,7 @@ def moves(command: Array) -> bool:
 
 
 def _is_known(read_s: Array, time_s: Array) -> npt.NDArray[np.bool_]:
-    """Return at which times (n,) readings (m,) are near enough to state a value, where others were left out."""
+    """Return at which times (n,) a reading (m,) is near enough to give a value, where other readings were left out."""
     usual_s = float(np.median(np.diff(read_s))) if len(read_s) > 1 else np.inf
     behind = np.searchsorted(read_s, time_s).clip(1, max(len(read_s) - 1, 1))
     ahead_s, behind_s = read_s[behind - 1], read_s[np.minimum(behind, len(read_s) - 1)]

@@ -46,7 +46,7 @@ _SAGS = (
     "A battery that gives way under load makes time constants too short, by 1.7 % for 0.3 V of 4.1 V: their "
     "uncertainty contains 2 %."
 )
-_UNFELT = 0.3  # power of the voltage: below, speeds are held, or the voltage is none that drives the rotor
+_UNFELT = 0.3  # power of the voltage: below, speeds are held, or another voltage drives the rotor
 _NO_LAG = rejection(
     "no-lag-fits", "no rotor is described by a first-order lag: see the warnings.", "dynamics.*", SPEED_POLY
 )
@@ -57,7 +57,7 @@ _OF_ACCELERATION = (
 
 
 def fit(record: RotorLog) -> Result:
-    """Return time constants of rising and falling speed and the delay behind the command: the rotors' mean, and each.
+    """Return time constants of rising and falling speed and the delay behind the command, of each rotor and their mean.
 
     Raises FitError where no rotor runs for long enough, DataError where nothing shows how it follows.
     """
@@ -112,11 +112,12 @@ def fit(record: RotorLog) -> Result:
 
 
 class _Seen(NamedTuple):
-    """The interval between rows of the commands, from where to where each rotor's went, and who follows another's.
+    """The interval between rows of the commands, the range of each rotor's commands, and rotors that follow another's.
 
     `mixed` are the shares of their difference by which each rotor's time constants may lie nearer to each other.
-    `volts` is the battery's mean voltage while rotors were driven, None where it was not logged, and `at_v` that of the
-    drives. `repeated` are the readings of each rotor whose rows repeat them, `repeated_volts` those of the battery.
+    `volts` is the battery's mean voltage while rotors were driven, None where it was not logged, and `at_v` the voltage
+    of the drives. `repeated` are the readings of each rotor whose rows repeat them, `repeated_volts` those of the
+    battery.
     """
 
     row_s: float
@@ -131,7 +132,7 @@ class _Seen(NamedTuple):
 
 
 def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ...]]:
-    """Return the fit of each rotor, or of all by the acceleration, and findings about rotors without one."""
+    """Return the fit of each rotor, or of all by the acceleration, and findings about rotors that have no fit."""
     names = {f"rotor {motor}": motor for motor in record.speeds} or {_THRUST: 0}
     fits: dict[str, list[LagFit]] = {name: [] for name in names}
     failed: dict[str, FitError] = {}
@@ -218,7 +219,7 @@ def _other_command(part: LogPart, motor: int) -> tuple[Finding, ...]:
 
 
 def _repeated(seen: _Seen) -> tuple[Finding, ...]:
-    """Return notes on readings that rows repeat: those of the rotor that has fewest, and of the battery's voltage."""
+    """Return notes on readings that rows repeat: of the rotor with fewest readings, and of the battery's voltage."""
     found = []
     if seen.repeated:
         fewest = min(seen.repeated.values(), key=lambda one: one.read / one.rows)
@@ -251,7 +252,7 @@ def _left_out(name: str, fit: LagFit) -> tuple[Finding, ...]:
 
 
 def _about(record: RotorLog, fits: Mapping[str, LagFit], seen: _Seen) -> tuple[Finding, ...]:
-    """Return why rotors are rejected, warnings for the keys that have other rotors, and what the numbers contain."""
+    """Return why rotors are rejected, as warnings since the keys have other rotors, and what the numbers contain."""
     found = [replace(one, severity="warning", where=(name,)) for name, fit in fits.items() for one in fit.findings]
     if seen.row_s:
         found.append(between_rows_finding(seen.row_s, max(seen.mixed.values(), default=0.0)))
@@ -275,12 +276,12 @@ def _about(record: RotorLog, fits: Mapping[str, LagFit], seen: _Seen) -> tuple[F
 
 
 def _is_unfelt(record: RotorLog, fit: LagFit) -> bool:
-    """Return whether a rotor's speed shows nothing of a voltage, or none was logged."""
+    """Return whether no voltage was logged, or a rotor's speed shows nothing of it."""
     return record.volts is None or (fit.power is not None and fit.power[0] < _UNFELT)
 
 
 def _of_voltage(record: RotorLog, fits: Mapping[str, LagFit]) -> list[Finding]:
-    """Return a warning where no voltage shows how a battery gave way under the rotors."""
+    """Return a warning where no voltage shows how the battery sagged under the rotors."""
     if record.volts is None:
         text = f"the log has no battery voltage. {_SAGS} Log the battery's voltage."
         return [warning("lag-voltage-unknown", text, "dynamics.*")]

@@ -1,4 +1,4 @@
-"""What a record of a lag is fitted by: its samples, what shows them over map, lag and supply, and where to begin."""
+"""The search for a lag: a record's samples, the model of them over map, lag and supply, and where to begin."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -19,22 +19,22 @@ from cfid.motors.lag.uncertainty import Expected
 
 Array = npt.NDArray[np.float64]
 
-SETTLING_S = 1.0  # of each piece, in which the unknown state at its begin is forgotten
+SETTLING_S = 1.0  # of each piece, in which its unknown initial state decays
 _FEWEST = 200  # samples
-_FINEST_S = 2e-3  # what is sampled closer is averaged: rotors take many times longer
-_FINEST_VOLTS_S = 5e-3  # they change by some percent
+_FINEST_S = 2e-3  # more frequent samples are averaged: rotors take many times longer
+_FINEST_VOLTS_S = 5e-3  # voltages change by a few percent
 _ROUNDED = 1e-6  # of a row: two of 1 ms, whose times are rounded, are as far apart as 2 ms
 _QUICKEST_S, _SLOWEST_S, _EARLIEST_S, _LATEST_S = 1e-3, 2.0, -0.2, 0.5
 _STARTS_S, _STARTS_LATE_S = (0.015, 0.04, 0.1, 0.25), (0.0, 0.02, 0.06)
-SUPPLY_STD = Supply(power=0.5, whole=1.0, late=0.5)  # how unsure a supply is beside the usual one
+SUPPLY_STD = Supply(power=0.5, whole=1.0, late=0.5)  # uncertainty of a supply about the usual one
 _CLOSE = 1e-6  # relative to the cost of thousands of samples: far below the uncertainty
 _MOST_STEPS = 60  # of the search; a record that shows a lag needs 10
 
 
 class Search(NamedTuple):
-    """A record to fit: what its pieces measured (n,), what shows it over parameters (8,), and what is expected of them.
+    """A record to fit: what its pieces measured (n,), the model over parameters (8,), and what is expected of these.
 
-    It begins at `start` (8,), and parameters are of the sizes `scale` (8,).
+    The search begins at `start` (8,), and `scale` (8,) is the size of each parameter.
     """
 
     kind: Kind
@@ -46,7 +46,7 @@ class Search(NamedTuple):
     scale: Array
 
     def fitted(self, begin: Array, white: Callable[[Array], Array], **loss: Any) -> OptimizeResult:
-        """Return the parameters of least errors, whitened by `white`, as found from a begin (8,) on."""
+        """Return the parameters with the least errors, whitened by `white`, found from `begin` (8,) on."""
         change = np.diff(white(self.shown(begin) - self.measured))  # a start is off smoothly: this is noise
         noise = max(float(np.std(change)) / math.sqrt(2), 1e-12)
         free = len(self.expected.value)
@@ -66,7 +66,7 @@ class Search(NamedTuple):
 
 
 def search_of(pieces: Sequence[LogSegment], kind: Kind) -> Search:
-    """Return what is to be fitted. Raises FitError for less than 200 samples."""
+    """Return what is to be fitted. Raises FitError for fewer than 200 samples."""
     pieces = [found for piece in pieces if (found := _thinned(piece)) is not None]
     measured = np.concatenate([piece.measured.value for piece in pieces]) if pieces else np.zeros(0)
     if len(measured) < _FEWEST:
@@ -81,7 +81,7 @@ def search_of(pieces: Sequence[LogSegment], kind: Kind) -> Search:
 
 
 def _thinned(piece: LogSegment) -> LogSegment | None:
-    """Return a piece without what is unknown and without its begin, its samples at most one in 2 ms."""
+    """Return a piece without unknown values and without its start, with at most one sample in 2 ms."""
     time_s, value = piece.measured
     known = np.isfinite(value) & (time_s >= piece.drives[0].time_s[0] + SETTLING_S)
     time_s, value = time_s[known], value[known]
@@ -99,22 +99,22 @@ def _thinned(piece: LogSegment) -> LogSegment | None:
 
 
 def _expected(pieces: Sequence[LogSegment]) -> Expected:
-    """Return what is expected of the supply, of nothing where no voltage is known."""
+    """Return what is expected of the supply: of no parameter where no voltage is known."""
     volts = [piece.volts for piece in pieces if piece.volts is not None]
     value = np.array(Supply() if volts else ())
     return Expected(value, np.array(SUPPLY_STD[: len(value)]), any(map(varies, volts)))
 
 
 def _changes(drive: Signal, *, every_s: float) -> Signal:
-    """Return a drive without the rows that repeat the one before, but with one in each interval."""
+    """Return a drive without the rows that repeat the one before, but with one row in each interval of `every_s`."""
     kept = np.append(True, (np.diff(drive.value) != 0) | (np.diff(drive.time_s // every_s) > 0))
     return Signal(drive.time_s[kept], drive.value[kept])
 
 
 def start_of(pieces: Sequence[LogSegment], measured: Array) -> Array:
-    """Return the best map and lag of a coarse grid, as fast upwards as downwards, with the usual supply (8,).
+    """Return the best map and lag on a coarse grid, equally fast upwards and downwards, with the usual supply (8,).
 
-    Without a voltage there is no supply (6,).
+    Without a voltage, the supply is left out (6,).
     """
     usual = () if pieces[0].volts is None else Supply()
     best, found = np.inf, np.zeros(6)

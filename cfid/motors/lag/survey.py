@@ -1,4 +1,4 @@
-"""What a log holds of its rotors, seen before it is fitted: when it was driven, and which values are impossible."""
+"""A survey of a log before it is fitted: when its rotors were driven, and which values are impossible."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
@@ -19,14 +19,14 @@ _PART_S, _PART_ROWS = 300.0, 330_000  # a flight is one part, or two
 
 
 def part_s(log: FlightLog, names: Sequence[str]) -> float:
-    """Return how long the parts are in which some channels of a log are taken: as many rows as memory has room for."""
+    """Return how long the parts are in which some channels of a log are read: as many rows as fit into the memory."""
     heads = [next(series.blocks())[:, 0] for series in {log.series_of(name): None for name in names}]
     apart_s = [float(np.median(np.diff(time_s))) for time_s in heads if len(time_s) > 1]
     return min([_PART_S, *(_PART_ROWS * step_s for step_s in apart_s if step_s > 0)])
 
 
 class Counts(NamedTuple):
-    """How many of a rotor's speeds are 0 while it is driven, no numbers, known, and there."""
+    """How many of a rotor's speeds are 0 while it is driven, are not numbers, or are known, and how many there are."""
 
     zero: int
     missing: int
@@ -35,7 +35,7 @@ class Counts(NamedTuple):
 
 
 class Outside(NamedTuple):
-    """How many of a channel's values cannot be, how many are known, and the first of the former."""
+    """How many of a channel's values are impossible, how many are known, and the first impossible value."""
 
     wrong: int = 0
     known: int = 0
@@ -51,7 +51,7 @@ class Outside(NamedTuple):
 
 
 class Volts(NamedTuple):
-    """How many voltages there are and how many are no numbers, and when which are impossible, by the log's clock."""
+    """How many voltages were logged and how many are not numbers, and the impossible ones with their times."""
 
     rows: int
     missing: int
@@ -60,7 +60,7 @@ class Volts(NamedTuple):
     usual_v: float
 
     def left_out(self) -> str:
-        """Return a clause on those that are impossible, "" for none."""
+        """Return a clause on the impossible voltages, "" for none."""
         if not len(self.wrong_v):
             return ""
         others = "" if np.isnan(self.usual_v) else f", where the others are about {self.usual_v:.3g} V"
@@ -70,7 +70,7 @@ class Volts(NamedTuple):
 class Surveyed(NamedTuple):
     """When a log's commands begin and end, and what its speeds and voltages are.
 
-    `outside` is by the name of a channel that has limits.
+    `outside` is by the names of the channels that have limits.
     """
 
     begin_s: float
@@ -87,9 +87,9 @@ def survey(
     volts: str | None,
     limits: Mapping[str, Limits],
 ) -> Surveyed:
-    """Look through a log, part after part, for what its rotors' commands and speeds and its voltage are.
+    """Survey a log, part after part: the commands and speeds of its rotors, and its voltage.
 
-    `limits` are of commands, speeds and other channels, by name.
+    `limits` are those of commands, speeds and other channels, by name.
     """
     names = [*limits, *(() if volts is None else (volts,))]
     begin_s = min(float(next(log.series_of(name).blocks())[0, 0]) for name in commands.values())
@@ -98,7 +98,7 @@ def survey(
     outside = dict.fromkeys(limits, Outside())
 
     def voltages() -> Iterator[Array]:
-        """Look at everything else on the way."""
+        """Yield times and voltages (n, 2) of each part, and survey everything else on the way."""
         nonlocal end_s, outside
         for found in windows(log, names, from_s=begin_s, long_s=part_s(log, names)):
             ends = (float(found[name].time_s[-1]) for name in commands.values() if len(found[name].time_s))
@@ -119,7 +119,7 @@ def survey(
 
 
 def possible(volts: Signal, wrong_s: Array) -> Signal:
-    """Return the voltages that are numbers, and not at the times (k,) of those that are wrong."""
+    """Return the voltages that are numbers and are not at the times (k,) of wrong ones."""
     possible = np.isfinite(volts.value) & ~np.isin(volts.time_s, wrong_s)
     return Signal(volts.time_s[possible], volts.value[possible])
 

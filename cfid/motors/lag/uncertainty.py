@@ -1,4 +1,4 @@
-"""What is left of a log beside its lag, slow drifts and correlated noise, and how unsure it leaves the lag."""
+"""Slow drifts and correlated noise that a log shows in addition to its lag, and how uncertain they make the lag."""
 
 import math
 from collections.abc import Sequence
@@ -13,15 +13,15 @@ from cfid.motors.lag.model import LogSegment
 
 Array = npt.NDArray[np.float64]
 
-_SURE_STD = 2.0  # of both fits' uncertainties: what noise explains
-_HELD = 1e-3  # of what is unsure: how far a parameter goes that is not fitted
+_SURE_STD = 2.0  # combined uncertainties of both fits: up to there, noise explains a change
+_HELD = 1e-3  # of its uncertainty: how far a parameter that is not fitted may move
 _MOST_CORRELATED = 0.99  # with the sample before: nearer to 1, levels are lost
 
 
 class Expected(NamedTuple):
-    """What the last parameters (m,) of a fit are expected to be, and how unsure that is; `fitted` where a log shows it.
+    """The expected values of a fit's last parameters (m,), with their uncertainties; `fitted` where a log shows them.
 
-    Others are held to what is expected.
+    Where they are not `fitted`, they are held to the expected values.
     """
 
     value: Array
@@ -30,15 +30,15 @@ class Expected(NamedTuple):
 
     @property
     def scale(self) -> Array:
-        """How far (m,) parameters may go."""
+        """How far (m,) the parameters may move."""
         return self.std if self.fitted else _HELD * self.std
 
     def residual(self, found: Array, *, noise: float) -> Array:
-        """Return residuals (m,) beside those of a log whose samples have a noise."""
+        """Return the residuals (m,) that join those of a log whose samples have this noise."""
         return np.asarray(noise * (found[len(found) - len(self.value) :] - self.value) / self.scale)
 
     def effects(self, fit: OptimizeResult) -> Array:
-        """Return how far each parameter (p,) of a fit goes where one is off what was expected by its std, (p, m)."""
+        """Return how far (p, m) each parameter of a fit moves where one is off its expected value by its std."""
         first = len(fit.fun) - len(self.value)
         weights = np.diag(fit.jac[first:, fit.jac.shape[1] - len(self.value) :])
         return np.asarray(gain_of(fit.jac)[:, first:] * (weights * self.std))
@@ -47,11 +47,11 @@ class Expected(NamedTuple):
 def covariances(
     fit: OptimizeResult, other: OptimizeResult, expected: Expected, *, drifted: bool, longest: int
 ) -> tuple[Array, Array]:
-    """Return the parameters' covariance (p, p), and how far (p, m) they go with what is not as expected.
+    """Return the parameters' covariance (p, p), and how far (p, m) they move with deviations from what is expected.
 
-    The covariance contains the latter, and their change from the other fit, which allows a drift where this one does
-    not, or neither whitens nor allows one. The change counts where noise does not explain it, and no drift: the model
-    misses something that both weigh differently.
+    The covariance contains the latter, and the change from the other fit, which allows a drift where this fit does not,
+    or neither whitens nor allows one. The change counts where neither noise nor a drift explains it: the model then
+    misses something that the two fits weigh differently.
     """
     effects = expected.effects(fit)
     found = _of(fit, expected, longest=longest)
@@ -69,27 +69,27 @@ def _of(fit: OptimizeResult, expected: Expected, *, longest: int) -> Array:
 
 
 def drifts_of(pieces: Sequence[LogSegment], shown: Array) -> Array:
-    """Return what slowly changes (n, 3): level, how fast that changes, and slope, as of a battery or a warm motor."""
+    """Return what changes slowly (n, 3): level, its rate, and slope, as with a battery or a motor that warms up."""
     time_s = np.concatenate([piece.measured.time_s for piece in pieces])
     late = time_s - np.mean(time_s)
     return np.column_stack([late, late**2 - np.mean(late**2), late * (shown - np.mean(shown))])
 
 
 def beside(residual: Array, columns: Array) -> Array:
-    """Return residuals (n,) without what columns (n, m) explain of them."""
+    """Return residuals (n,) without the part that columns (n, m) explain."""
     basis, _ = np.linalg.qr(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
     return np.asarray(residual - basis @ (basis.T @ residual))
 
 
 def correlation_of(residual: Array, lengths: Sequence[int]) -> float:
-    """Return how residuals (n,) of segments correlate with the one before, 0 at least."""
+    """Return the correlation of residuals (n,) of segments with the residual before, 0 at least."""
     parts = np.split(residual, np.cumsum(lengths)[:-1])
     both = sum(float(part[1:] @ part[:-1]) for part in parts)
     return float(np.clip(both / max(float(residual @ residual), 1e-300), 0.0, _MOST_CORRELATED))
 
 
 def whitened(residual: Array, *, lengths: Sequence[int], correlation: float) -> Array:
-    """Return residuals (n,) of segments without what each has in common with the one before, of variance 1 to 1."""
+    """Return residuals (n,) of segments without what each shares with the one before, all of the same variance."""
     left = residual.copy()
     left[1:] -= correlation * residual[:-1]
     first = np.cumsum([0, *lengths[:-1]])

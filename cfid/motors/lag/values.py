@@ -23,9 +23,9 @@ SPEED_POLY = "motor.speed_poly"
 def joint_parameters(
     fits: Collection[LagFit], *, at_v: float, volts: float | None
 ) -> tuple[dict[str, Parameter], tuple[Covariance, ...]]:
-    """Return rates, delay and, of speeds, the map of the command, all means of rotors, and their covariance.
+    """Return rates, delay and, for speeds, the map of the command, all as means of the rotors, and their covariance.
 
-    A map over command times battery voltage, that of drives at `at_v`, becomes that of the command at `volts`.
+    A map over command times battery voltage, with drives at `at_v`, becomes a map of the command at `volts`.
     """
     values, covariance, effects = np.zeros(8), np.zeros((8, 8)), []
     for fit in fits:
@@ -44,7 +44,7 @@ def joint_parameters(
     most = max(one.shape[1] for one in effects)  # a rotor on which no voltage acts has one more
     mean_effects = np.mean([np.pad(one, ((0, 0), (0, most - one.shape[1]))) for one in effects], axis=0)
     covariance += mean_effects @ mean_effects.T
-    covariance[4, 4] += max(fit.late_s for fit in fits) ** 2  # of all rotors in common
+    covariance[4, 4] += max(fit.late_s for fit in fits) ** 2  # common to all rotors
     std = np.sqrt(np.diag(covariance))
     rates = {"dynamics.rising": slice(0, 2), "dynamics.falling": slice(2, 4)}
     places: dict[str, int | slice] = {**rates, "dynamics.delay_s": 4}
@@ -65,7 +65,7 @@ def speed_map_findings(
 ) -> tuple[Finding, ...]:
     """Return at which voltage and for which commands the rotors' mean map holds, or why it does not.
 
-    `commands` are the lowest and the highest of each rotor, `fits` the rotors that the map is the mean of.
+    `commands` are the lowest and the highest of each rotor, `fits` those of the rotors that the map averages.
     """
     names = list(fits)
     low, high = min(commands[name][0] for name in names), max(commands[name][1] for name in names)
@@ -94,10 +94,10 @@ def speed_map_findings(
 
 
 def power_finding(fits: Iterable[LagFit]) -> Finding:
-    """Return with which power of the battery's voltage speeds go, in the rotors' mean."""
+    """Return a note on the power of the battery's voltage with which speeds change, in the rotors' mean."""
     powers = [fit.power for fit in fits if fit.power is not None]
     if powers:
-        power, std = np.mean(powers, axis=0)  # what is unsure is the voltage, which rotors have in common
+        power, std = np.mean(powers, axis=0)  # the uncertainty is that of the voltage, which rotors have in common
         text = (
             f"speeds go with the power {power:.2f} +- {std:.2f} of the battery's voltage (0: not, 1: as with the "
             "command)."
@@ -111,7 +111,7 @@ def power_finding(fits: Iterable[LagFit]) -> Finding:
 
 
 def rotor_rows(fits: Mapping[str, LagFit], commands: Mapping[str, tuple[float, float]]) -> list[dict[str, object]]:
-    """Return a row for each rotor and way, with the lowest and the highest of its commands."""
+    """Return a row for each rotor, rising and falling, with the lowest and the highest of its commands."""
     rows: list[dict[str, object]] = []
     for name, fit in fits.items():
         low, high = commands[name]
@@ -133,7 +133,7 @@ def rotor_rows(fits: Mapping[str, LagFit], commands: Mapping[str, tuple[float, f
 
 
 def rotor_maps(fits: Mapping[str, LagFit], *, at_v: float, by_voltage: bool) -> list[dict[str, object]]:
-    """Return a row with the map of each accepted rotor, of drives at the voltage `at_v`."""
+    """Return a row with the map of each accepted rotor, for drives at the voltage `at_v`."""
     of = {"speed": "rad/s", "thrust": "m/s^2"}
     return [
         {"rotor": _rotor(name), "of": of[fit.kind], **_map(fit, at_v=at_v, by_voltage=by_voltage)}

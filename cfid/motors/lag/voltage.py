@@ -1,4 +1,4 @@
-"""A battery's voltage under its rotors: it gives way as they need, which their speeds show better than its readings."""
+"""A battery's voltage under the load of its rotors: it sags, which their speeds show better than its readings."""
 
 from collections.abc import Iterable, Sequence
 
@@ -12,18 +12,19 @@ from cfid.motors.lag.plausibility import clipped
 
 Array = npt.NDArray[np.float64]
 
-_FEWEST = 10  # readings to each value that they show
-_RANKED = 100_000  # readings that show what speeds do to them, of more
-_EXPLAINED = 0.5  # of the variance of the readings, beside a slow change: less is no sag under load
-_HALVES_S = (4.0, 2.0, 1.0, 0.5, 0.2, 0.1)  # to either side, over which what no speed explains is averaged
+_FEWEST = 10  # readings for each value that is taken from them
+_RANKED = 100_000  # most readings that are used to see how speeds affect them
+_EXPLAINED = 0.5  # of the variance of the readings about a slow change: less is no sag under load
+_HALVES_S = (4.0, 2.0, 1.0, 0.5, 0.2, 0.1)  # half widths over which the part that no speed explains is averaged
 _NOISE = 1.1  # times the variance of neighbours' differences: an average that leaves more has lost a change
 
 
 def volts_at(volts: Signal, speeds: Iterable[Signal], time_s: Array) -> Array:
-    """Return the volts (n,) of a battery at times (n,), by its readings and by the speeds under which it gives way.
+    """Return the volts (n,) of a battery at times (n,), from its readings and from the speeds under which it sags.
 
-    It changes with the squares of speeds, as far as its readings show that, and slowly beside this. With its readings
-    as they are, their noise, and what happens between two of them, would look as if speeds hardly felt the voltage.
+    The voltage changes with the squares of speeds, as far as its readings show that, and in addition slowly. If the
+    readings were taken as they are, their noise and what happens between two of them would make speeds seem hardly to
+    depend on the voltage.
     """
     squares = [square for one in speeds if len((square := _square(one)).time_s)]
     sag = _sag(volts, squares)
@@ -39,7 +40,7 @@ def volts_at(volts: Signal, speeds: Iterable[Signal], time_s: Array) -> Array:
 
 
 def _sag(volts: Signal, squares: Sequence[Signal]) -> Array | None:
-    """Return the volts (k,) for each square of k speeds, None where readings do not follow these."""
+    """Return the volts (k,) per square of each of k speeds, None where the readings do not follow these."""
     time_s, value = (one[:: len(one) // _RANKED + 1] for one in volts)
     if len(time_s) < _FEWEST * (len(squares) + 3):
         return None
@@ -50,7 +51,7 @@ def _sag(volts: Signal, squares: Sequence[Signal]) -> Array | None:
 
 
 def _square(speed: Signal) -> Signal:
-    """Return the square of a speed where it is known, of values that are far from most as if nearer."""
+    """Return the square of a speed where it is known; values far from most are clipped."""
     there = np.isfinite(speed.value)
     time_s, value = speed if there.all() else (speed.time_s[there], speed.value[there])
     return Signal(stored(time_s), stored(clipped(value) ** 2))
@@ -62,12 +63,12 @@ def _at(squares: Iterable[Signal], time_s: Array) -> Array:
 
 
 def _beside(value: Array, rows: Array) -> Array:
-    """Return values (n,) without what rows (n, m) explain of them."""
+    """Return values (n,) without the part that rows (n, m) explain."""
     return np.asarray(value - rows @ (gain_of(rows) @ value))
 
 
 def _smooth(signal: Signal) -> Signal:
-    """Return a signal without its noise: averaged over as long as that takes nothing else away."""
+    """Return a signal without its noise: averaged over the longest time that removes nothing else."""
     time_s, value = signal
     noise, total = np.var(np.diff(value)) / 2, np.append(0.0, np.cumsum(value))
     mean = empty(len(value))
