@@ -1,4 +1,4 @@
-"""Why the lag of a step is not accepted: noise, a step too short to end, readings too rare, a wrong speed."""
+"""Why the lag of a step is rejected: noise, a step that was held too short, readings too far apart, a wrong speed."""
 
 from collections.abc import Sequence
 
@@ -12,12 +12,12 @@ from cfid.motors.steps.model import CommandStep, Lag, Part
 EXPLAINED = 0.95  # of the variance, r^2
 
 _LOOSE = 0.2  # the standard uncertainty over the time constant
-_SEEN = 0.5  # of the interval between readings: of a faster lag the fit finds one of several, or none
+_SEEN = 0.5  # of the interval between readings: for a faster lag the fit finds one of several solutions, or none
 _ODD, _USUAL = (
     0.1,
     0.03,
-)  # of the largest speed: off the other commands' speeds, and as a battery that sags scatters them
-_FEWEST, _MOST_ODD, _SETTLED = 6, 0.3, 5.0  # steps that show a map, the share of them off it; time constants
+)  # shares of the largest speed: far off the other commands' speeds, and the scatter that a sagging battery causes
+_FEWEST, _MOST_ODD, _SETTLED = 6, 0.3, 5.0  # fewest steps that show a map, largest share of them off it; time constants
 _HELD = 1.5  # time constants that a step needs to show where it leads
 
 
@@ -46,10 +46,11 @@ def rejections(part: Part, tau_s: float, std_s: float, explained: float) -> tupl
 
 
 def off_the_map(steps: Sequence[CommandStep], lags: Sequence[Lag], accepted: Sequence[bool]) -> npt.NDArray[np.bool_]:
-    """Return which steps (n,) begin or end at a speed far off that of the others' commands, as of a sensor at fault.
+    """Return which steps (n,) begin or end at a speed far off that of the others' commands, as with a faulty sensor.
 
-    Those that were accepted show the map, and are judged. A begin counts where the command before held until the rotor
-    followed it. None does where few steps show a map, and where many are off it.
+    The accepted steps show the map, and only they are judged. The speed at which a step begins counts where the
+    previous command held until the rotor followed it. No step is returned where few steps show a map, or where many are
+    off it.
     """
     settled = [step.at_s - step.since_s > _SETTLED / lag.linear for step, lag in zip(steps, lags, strict=True)]
     ends = np.array([[step.command_to, lag.end] for step, lag in zip(steps, lags, strict=True)])

@@ -85,7 +85,7 @@ def dynamics(
 def _recorded(
     path: Path, run: "Run | None", foreign: "Foreign", *, is_table: bool, esc_us: tuple[float, float] | None
 ) -> "RotorLog | StandTable | Run":
-    """Return commands that never rest as a log, steps as they were recorded: a run, or a stand's table."""
+    """Return commands that never rest as a log, and steps as they were recorded: as a run, or as a stand's table."""
     from cfid.motors.lag.data import of_log, of_stand, rotor_log
     from cfid.records.logs.run import log_of_run
     from cfid.records.tables.schema import refuse_for_run
@@ -104,7 +104,7 @@ def _recorded(
 
 
 def _refuse_pulses(path: Path, esc_us: tuple[float, float] | None) -> None:
-    """Raise ConfigError for pulse widths beside a recording whose commands are none."""
+    """Raise ConfigError for pulse widths that come with a recording whose commands are not pulse widths."""
     from cfid.errors import ConfigError
 
     if esc_us is not None:

@@ -1,4 +1,4 @@
-"""Speeds over time and the commands beside them: of a thrust stand, of the vehicle, or from vibration."""
+"""Speeds over time with their commands: from a thrust stand, from the vehicle, or from vibration."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,8 +31,9 @@ _SURE = 0.02  # of a speed: where its standard uncertainty is larger, within a s
 class SpeedRecord:
     """Speeds (n,) in rad/s at times (n,) in seconds, and the commands (m,) that hold from times (m,) on.
 
-    Each speed is a mean over `blur_s`, NaN where it is not known. The battery's voltage is by the same clock. Commands
-    that are known by rows alone have these `command_row_s` apart, and a speed may be older than its row by `age_s`.
+    Each speed is a mean over `blur_s`, NaN where it is not known. The battery's voltage is by the same clock. Where
+    commands are known from rows alone, these are `command_row_s` apart. A speed may be older than its row by up to
+    `age_s`.
     """
 
     name: str
@@ -56,7 +57,7 @@ class SpeedRecord:
 
 
 def of_table(table: StandTable) -> SpeedRecord:
-    """Take a thrust stand's record over time. Raises DataError for settled points and for a dead tachometer."""
+    """Return a thrust stand's speeds over time. Raises DataError for settled points and for a dead tachometer."""
     speed = table.square_mean_speed_rad_s
     if table.time_s is None or speed is None or np.isnan(table.command).all():
         raise DataError(f"{table.path}: no speeds and commands over time: there is no step to fit.")
@@ -84,7 +85,7 @@ def of_table(table: StandTable) -> SpeedRecord:
 
 
 def of_run(run: Run, reading: WrenchReading) -> SpeedRecord:
-    """Take the speeds that the vehicle reported, else those in the load cell's vibration. Raises DataError."""
+    """Return the speeds that the vehicle reported, else those in the load cell's vibration. Raises DataError."""
     log, commands = read_commands(run)
     command = commands.max(axis=1)
     rows = read_rows(run, VEHICLE_LOG) if holds(run, VEHICLE_LOG) else None

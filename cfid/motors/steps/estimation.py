@@ -1,6 +1,6 @@
 """How rotors follow steps of the command: a first-order lag for each step.
 
-Takes speeds, as a tachometer, `rotor_speed` or the vehicle's own log gives them, or thrust.
+The input is speeds, as from a tachometer, `rotor_speed` or the vehicle's own log, or thrust.
 """
 
 import math
@@ -22,18 +22,18 @@ from cfid.motors.steps.sag import LoggedBattery, sags
 
 Array = npt.NDArray[np.float64]
 
-_QUICKEST, _SLOWEST = 1e-3, 10.0  # time constants over the time a command holds
+_QUICKEST, _SLOWEST = 1e-3, 10.0  # time constants relative to the time for which a command holds
 SMOOTH = 0.25  # time constants over which noise is averaged before judging how much the lag explains
-_MOST = 150  # means of a step's samples, whose covariance is taken for that of its noise
+_MOST = 150  # most means of a step's samples, whose covariance is estimated as that of its noise
 
 
 @dataclass(frozen=True, kw_only=True)
 class StepFit:
-    """A first-order lag from one speed to another; by the clocks given it begins `delay_s` after the command.
+    """A first-order lag from one speed to another, which begins `delay_s` after the command by the clocks given.
 
-    Without a speed before the command the delay is unknown: 0, with the standard uncertainty NaN.
-    `explained` is the part of the variance that the lag explains (r^2), averaged over a quarter of a time constant.
-    `battery` is how far the speed that it leads to fell with the battery's voltage, None with a supply, see `sags`.
+    Without a speed before the command the delay is unknown: it is 0, with NaN as its standard uncertainty. `explained`
+    is the part of the variance that the lag explains (r^2), averaged over a quarter of a time constant. `battery` is
+    how far the speed to which the step leads fell with the battery's voltage, None with a supply; see `sags`.
     """
 
     step: CommandStep
@@ -59,7 +59,7 @@ class StepFit:
 
     @property
     def sag(self) -> float:
-        """By which part of its final value the speed that the step leads to fell."""
+        """The part of its final value by which the speed that the step leads to fell."""
         return 0.0 if self.battery is None else self.battery.part
 
     @property
@@ -83,10 +83,10 @@ def fit_steps(
 ) -> tuple[StepFit, ...]:
     """Fit a first-order lag in speed to each step: from, to, time constant and delay, by least squares.
 
-    `value` (n,) at times (n,) is the speed in rad/s (NaN where unknown), or with `thrust_per_speed_squared_n_s2` the
-    thrust in N, whose root is what lags; with 1 in its place, speeds come out as roots of a newton. `blur_s` is the
-    window that each speed was read from, as by `speed_ridge`. Uncertainties allow for correlated noise. With a
-    `battery`, by the same clock, the time constants are those with a supply of constant voltage.
+    `value` (n,) at times (n,) is the speed in rad/s (NaN where unknown) or, with `thrust_per_speed_squared_n_s2`, the
+    thrust in N, whose square root is what lags; if that factor is 1, speeds come out as square roots of newtons.
+    `blur_s` is the window from which each speed was read, as by `speed_ridge`. Uncertainties allow for correlated
+    noise. With a `battery`, by the same clock, the time constants are those with a supply of constant voltage.
 
     Raises FitError when there is no step, or one with too few samples.
     """
@@ -95,7 +95,7 @@ def fit_steps(
 
 
 def fit_each(data: StepData, battery: LoggedBattery | None) -> list[tuple[StepFit, Array]]:
-    """Fit a lag to each step, with the covariance of its noise (m, m) in the means of `_thinned`."""
+    """Fit a lag to each step; return it with the covariance (m, m) of the noise in the means of `_thinned`."""
     fits = [_solve(data, part, None) for part in data.parts]
     ends = [_end_std(data, part, fit) for part, fit in zip(data.parts, fits, strict=True)]
     found = sags(battery, [part.step for part in data.parts], [_lag_of(fit.x) for fit in fits], np.array(ends))
@@ -104,14 +104,14 @@ def fit_each(data: StepData, battery: LoggedBattery | None) -> list[tuple[StepFi
 
 
 def _end_std(data: StepData, part: Part, fit: OptimizeResult) -> float:
-    """Return the standard uncertainty of the speed that a step leads to, of white noise and one error of rounding."""
+    """Return the standard uncertainty of the speed that a step leads to, from white noise and one error of rounding."""
     gain = gain_of(fit.jac)[1]
     rounding = data.rounding_step(part) / math.sqrt(12) * float(gain.sum())
     return math.hypot(math.sqrt(np.mean(fit.fun**2)) * float(np.linalg.norm(gain)), rounding)
 
 
 def _solve(data: StepData, part: Part, sag: Sag | None) -> OptimizeResult:
-    """Fit begin, end, time constant and delay to a step; without a speed before it begin and delay are one."""
+    """Fit begin, end, time constant and delay to a step; without a speed before it, there is no delay to fit."""
     time, value = part.time_s, part.value
     hold_s = part.step.until_s - part.step.at_s
     after = value[time >= 0]
@@ -143,14 +143,14 @@ def larger_sag(sag: Sag | None) -> Sag | None:
 
 
 def moved_by_sag(fit: OptimizeResult, residual: Array) -> Array:
-    """Return how far the parameters (p,) of a fit go where a larger sag leaves residuals (n,), 0 at a bound."""
+    """Return how far the parameters (p,) of a fit move where a larger sag leaves these residuals (n,); 0 at a bound."""
     free, change = fit.active_mask == 0, np.zeros(len(fit.x))
     change[free] = gain_of(fit.jac[:, free]) @ (fit.fun - residual)
     return change
 
 
 def _judged(data: StepData, part: Part, sag: Sag | None, fit: OptimizeResult) -> tuple[StepFit, Array]:
-    """Return the fit of a step with its uncertainties and what speaks against it, and the covariance of its noise."""
+    """Return the fit of a step with its uncertainties and the reasons to reject it, and the covariance of its noise."""
     noise, lag = _noise(data, part, fit), _lag_of(fit.x)
     more = moved_by_sag(fit, data.shown(part, lag.sagging(larger_sag(sag))) - part.value)
     std = np.sqrt(np.diag(covariance_of(fit, [part], [noise])) + more**2)
@@ -180,8 +180,8 @@ def explained_part(residual: Array, value: Array, length: int) -> float:
 def _noise(data: StepData, part: Part, fit: OptimizeResult) -> Array:
     """Return the covariance (m, m) of the noise in the means of a step's samples.
 
-    Rounding hardly shows in what a fit leaves of a rotor that has settled: it is known from its size. What is left
-    beyond that is other noise.
+    Rounding hardly shows in the residuals of a rotor that has settled, so its covariance is calculated from the size of
+    the rounding. The residuals beyond that are other noise.
     """
     time_s, residual = (_thinned(part, column) for column in (part.time_s, fit.fun))
     jacobian = _thinned(part, fit.jac.T).T
@@ -198,9 +198,9 @@ def _noise(data: StepData, part: Part, fit: OptimizeResult) -> Array:
 
 
 def covariance_of(fit: OptimizeResult, parts: Sequence[Part], noises: Sequence[Array]) -> Array:
-    """Return the parameters' covariance (p, p), NaN at a bound, of noise with covariances (m, m) in each part.
+    """Return the parameters' covariance (p, p), NaN at a bound, from noise with a covariance (m, m) in each part.
 
-    Residuals behind those of the parts are of what parameters are expected to be, each with a covariance (1, 1).
+    Residuals after those of the parts belong to the expected values of parameters, each with a covariance (1, 1).
     """
     free = fit.active_mask == 0
     lengths = [len(part.time_s) for part in parts] + [1] * (len(noises) - len(parts))
@@ -222,5 +222,5 @@ def _thinned(part: Part, value: Array) -> Array:
 
 
 def block_of(part: Part) -> int:
-    """Return how many neighbouring samples of a step make a mean whose noise is looked at."""
+    """Return how many neighbouring samples of a step are averaged before their noise is looked at."""
     return -(-len(part.time_s) // _MOST)

@@ -28,8 +28,8 @@ def dynamics_figure(
 ) -> Figure:
     """Return speeds (n,) over times (n,) with the lag fitted to each step, and its time constant over the final speed.
 
-    Lags that are rejected are drawn in red in the upper panel and left out of the lower one. Curves there are
-    the rotor model's.
+    Rejected lags are red in the upper panel and left out of the lower one. The curves there are those of the rotor
+    model.
     """
     rejections = [f"Rejected: {text}" for text in texts(model.findings, "rejection")]
     page, grid = figure(3, 2, heights_in=(2.9, 2.3, 0.95), title=title, rejections=rejections)

@@ -14,12 +14,12 @@ from cfid.motors.steps.rounding import rounding_step
 
 Array = npt.NDArray[np.float64]
 
-BEFORE = 0.1  # of the time since the command before, that shows where a step begins
+BEFORE = 0.1  # share of the previous command's time that shows where a step begins
 _FEWEST = 8  # samples of a step
-_FINEST_S = 2e-3  # what is sampled closer is averaged: rotors take many times longer
-_RATES_AT = (0.211, 0.789)  # of a step: a rate that is a parabola over the speed is met best by the line through these
+_FINEST_S = 2e-3  # more frequent samples are averaged: rotors take many times longer
+_RATES_AT = (0.211, 0.789)  # of a step: the line through these is nearest to a rate that is a parabola over the speed
 _TIMES = 6  # correlation times that are tried
-# A straight line through phases takes speeds with a parabola's weight: Gauss' nodes and weights for that.
+# A straight line through phases weights speeds with a parabola; these are Gauss' nodes and weights for that.
 _NODES, _WEIGHTS = roots_jacobi(6, 1, 1)
 
 
@@ -50,10 +50,10 @@ def followed(steps: Sequence[CommandStep], *, time_s: Array, value: Array) -> tu
 
 
 class Sag(NamedTuple):
-    """By which `part` of its final value the speed of a command falls from standstill to there, and its uncertainty.
+    """The `part` of its final value by which a command's speed falls from standstill to there, with its uncertainty.
 
-    It falls with the power `load` of the speed, as the voltage does, which falls by the part `fell`. Speeds go with the
-    power `power` of the voltage.
+    The fall goes with the power `load` of the speed, as does that of the voltage, which falls by the part `fell`.
+    Speeds go with the power `power` of the voltage.
     """
 
     part: float
@@ -65,7 +65,7 @@ class Sag(NamedTuple):
 
 
 class Lag(NamedTuple):
-    """A step that follows the rotor model; one with a plain lag has no quadratic coefficient."""
+    """A step that follows the rotor model; a plain lag has a quadratic coefficient of zero."""
 
     delay_s: float
     begin: float
@@ -74,15 +74,16 @@ class Lag(NamedTuple):
     quadratic: float
 
     def speed(self, time_s: Array) -> Array:
-        """Solve the rotor model: of the gap to the end, one over it grows linearly."""
+        """Solve the rotor model in closed form: the inverse of the gap to the end obeys a linear equation."""
         gap, rate = self.end - self.begin, self.linear + 2 * self.quadratic * self.end
         grown = np.exp(np.minimum(rate * np.maximum(time_s - self.delay_s, 0.0), 500.0))
         return self.end - gap * rate / ((rate - self.quadratic * gap) * grown + self.quadratic * gap)
 
     def sagging(self, sag: Sag | None) -> "Lag":
-        """Return the same rotor on a battery: the speed it leads to falls with a power of its speed, to `end`.
+        """Return the lag of the same rotor on a battery: the speed it heads for falls with a power of speed, to `end`.
 
-        It falls by a part of that from standstill to there. The rates are those of the motor, to be met by a line.
+        From standstill to `end`, the speed it heads for falls by a part of `end`. The rates of this lag are the motor's
+        own; a line approximates those on the battery.
         """
         if sag is None or self.end == self.begin or self.end <= 0:
             return self
@@ -109,7 +110,7 @@ class Part(NamedTuple):
 
 
 class StepData:
-    """What was measured, cut into steps, and how a speed would have shown in it."""
+    """The measured values, cut into steps, and how a speed would have shown in them."""
 
     def __init__(
         self, time_s: Array, value: Array, steps: Sequence[CommandStep], factor: float | None, blur_s: float
@@ -126,7 +127,7 @@ class StepData:
         return value if self._factor is None else math.sqrt(max(value / self._factor, 0.0))
 
     def shown(self, part: Part, lag: Lag) -> Array:
-        """Return what would have been measured (n,) of a lag at the times of a step."""
+        """Return the values (n,) that a lag would have shown at the times of a step."""
         if self._blur_s > 0:
             speed = _WEIGHTS @ lag.speed(part.time_s + self._blur_s / 2 * _NODES[:, np.newaxis]) / _WEIGHTS.sum()
         else:
@@ -134,11 +135,11 @@ class StepData:
         return np.asarray(speed if self._factor is None else self._factor * speed**2)
 
     def rounding_step(self, part: Part) -> float:
-        """Return to what the values of a step are rounded, next to nothing where they are not."""
+        """Return the increment to which the values of a step are rounded, almost 0 where they are not."""
         return rounding_step(part.value, sizes=self._sizes)
 
     def correlations(self, time_s: Array) -> Iterator[Array]:
-        """Yield how noise of several correlation times makes the values at times (n,) correlate, (n, n) each."""
+        """Yield the correlation (n, n) of the values at times (n,) for noise of each of several correlation times."""
         apart = np.abs(np.subtract.outer(time_s, time_s))[..., np.newaxis]
         shift, weight = np.zeros(1), np.ones(1)
         if self._blur_s > 0:

@@ -26,7 +26,7 @@ from cfid.records.run_notes import run_at
 from cfid.records.tables.stand import StandTable, read_stand_table
 from cfid.records.tables.wrench import WrenchReading
 
-_SLOWEST_S = 1.0  # of a rotor's time constant, as of `fit flight`
+_SLOWEST_S = 1.0  # largest time constant of a rotor, as in `fit flight`
 _ROWS = "dynamics.time_constant_s"
 _WAYS = {"dynamics.rising": True, "dynamics.falling": False}
 
@@ -34,8 +34,8 @@ _WAYS = {"dynamics.rising": True, "dynamics.falling": False}
 def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
     """Return a first-order lag for each step of the command, and the rotor model of four coefficients for all.
 
-    A run has speeds that the vehicle reported, or a load cell's vibration; a table of a thrust stand has
-    speeds over time. Raises DataError for a recording that cannot be read, FitError where no step can be followed.
+    A run has speeds that the vehicle reported, or a load cell's vibration; a thrust stand's table has speeds over time.
+    Raises DataError for a recording that cannot be read, FitError where no step can be followed.
     """
     record = _record(recording)
     try:
@@ -58,7 +58,7 @@ def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
     except CfidError as error:
         raise type(error)(f"{record.path}: {error}") from None
 
-    late_s = hypot(row_s, record.age_s) / 3**0.5  # a command changed and a speed was read any time within a row
+    late_s = hypot(row_s, record.age_s) / 3**0.5  # commands changed, and speeds were read, at any time within a row
     lags = [replace(one, delay_std_s=hypot(one.delay_std_s, late_s)) for one in found]
     model = replace(model, delay_std_s=hypot(model.delay_std_s, late_s))
 
@@ -135,7 +135,7 @@ def _between_rows(record: SpeedRecord) -> tuple[Finding, ...]:
 
 
 def _supplied(record: SpeedRecord, lags: Sequence[StepFit]) -> tuple[Finding, ...]:
-    """Return a finding on what fed the rotor: a battery that fell, or something whose voltage nobody recorded."""
+    """Return a finding on the rotor's supply: a battery that fell, or a supply whose voltage was not recorded."""
     if record.battery is None:
         text = (
             "no voltage was recorded: time constants and rotor model are right with a supply of constant voltage. On a "
@@ -156,12 +156,12 @@ def _supplied(record: SpeedRecord, lags: Sequence[StepFit]) -> tuple[Finding, ..
 
 
 def _of_row(lag: StepFit) -> Sequence[Finding]:
-    """Return why a step's row was rejected: for the key, which has other rows, these are warnings."""
+    """Return why a step's row was rejected, as warnings, since the key has other rows."""
     return [replace(one, severity="warning", where=(_name(lag),)) for one in lag.findings]
 
 
 def _without_lag(lags: Sequence[StepFit]) -> dict[str, Finding]:
-    """Return a rejection for each key whose steps are none that a lag describes, of all keys where no step is one."""
+    """Return a rejection for each key whose steps no lag describes, or for all keys where a lag describes no step."""
     if not any(lag.accepted for lag in lags):
         return {"dynamics.*": rejection("no-lag-fits", "no step is described by a first-order lag.", "dynamics.*")}
     lost = {key: way for key, way in _WAYS.items() if not any(lag.accepted for lag in lags if lag.rising == way)}
@@ -173,7 +173,7 @@ def _without_lag(lags: Sequence[StepFit]) -> dict[str, Finding]:
 
 
 def _implausible(lags: Sequence[StepFit]) -> tuple[Finding, ...]:
-    """Reject steps whose time constants no rotor of a quadrocopter has: times in another unit."""
+    """Reject steps with time constants that no quadrocopter's rotor has: their times are in another unit."""
     middle_s = median(lag.time_constant_s for lag in lags) if lags else _SLOWEST_S
     if middle_s <= _SLOWEST_S:
         return ()

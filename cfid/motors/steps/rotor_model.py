@@ -30,9 +30,9 @@ Array = npt.NDArray[np.float64]
 class RotorModel:
     """The rotor model of four coefficients, fitted to all steps at once: see `fit_rotor_model`.
 
-    `rising` and `falling` are (linear in 1/s, quadratic in 1/rad), NaN where no step went that way. A coefficient
-    at its bound zero has no standard uncertainty (NaN). `covariance` (4, 4) is that of both, rising first, zero where
-    there is none. `rms` is what is left, in the unit of what was fitted.
+    `rising` and `falling` are (linear in 1/s, quadratic in 1/rad), NaN where no step went that way. A coefficient at
+    its bound, zero, has no standard uncertainty (NaN). `covariance` (4, 4) is that of both, rising first, and zero
+    where there is none. `rms` is that of the residuals, in the unit of the fitted values.
     """
 
     rising: tuple[float, float]
@@ -68,11 +68,11 @@ def fit_rotor_model(
 
         dw/dt = k1 (c - w) + k2 (c^2 - w^2),
 
-    k = `rising` where c > w and `falling` elsewhere: in this order the `rotor_dyn_coef` of utiasDSL's drone-models
-    (first_principles) and crazyflow, where speeds are in RPM and k2 is 2 pi / 60 of ours. Free are these four, none
-    below zero, so that every speed is stable; a delay; and where each step begins and leads. Where commands are known
-    in rows `command_row_s` apart, each step has its own delay, about the common one as a change within a row makes it.
-    See `fit_steps`.
+    where k is `rising` where c > w and `falling` elsewhere. In this order the coefficients are the `rotor_dyn_coef` of
+    utiasDSL's drone-models (first_principles) and of crazyflow, where speeds are in RPM and k2 is 2 pi / 60 times ours.
+    Free parameters are these four, none below zero, so that every speed is stable; a delay; and the speeds at which
+    each step begins and to which it leads. Where commands are known in rows `command_row_s` apart, each step has its
+    own delay, which differs from the common one by as much as a change within a row makes it. See `fit_steps`.
     """
     data = StepData(time_s, value, steps, thrust_per_speed_squared_n_s2, blur_s)
     lags, noises = zip(*fit_each(data, battery), strict=True)
@@ -131,10 +131,10 @@ def fit_rotor_model(
 
 
 def _slopes(residual: Callable[[Array], Array], p: Array, lengths: Sequence[int], own: int) -> Array:
-    """Return the forward differences of residuals of s steps, whose `own` parameters each change their own step only.
+    """Return the forward differences of the residuals of s steps; each step's `own` parameters change that step only.
 
-    The residuals are those of the steps' values, then of what each step's parameters are expected to be, if anything.
-    All steps' levels are moved at once: hundreds of steps cost seven evaluations, not two for each.
+    The residuals are those of the steps' values, then those of the expected values of each step's parameters, if any.
+    The levels of all steps are moved at once, so hundreds of steps cost seven evaluations instead of two for each.
     """
     moves = math.sqrt(np.finfo(float).eps) * np.maximum(1.0, np.abs(p)) * np.where(p < 0, -1.0, 1.0)
     now, numbers = residual(p), np.arange(len(lengths))
@@ -162,6 +162,6 @@ def _start(lags: Sequence[StepFit], own: int) -> Array:
 
 
 def _noise_std(parts: Sequence[Part], noises: Sequence[Array]) -> Array:
-    """Return the standard deviation of single samples of each step (s,), of noise with covariances (m, m)."""
+    """Return the standard deviation of single samples of each step (s,), from the covariances (m, m) of their noise."""
     each = zip(parts, noises, strict=True)
     return np.array([math.sqrt(block_of(part) * np.trace(noise) / len(noise)) for part, noise in each])

@@ -1,7 +1,7 @@
-"""What rounding does to a rotor's speeds: those that a controller counts come in steps.
+"""The effect of rounding on a rotor's speeds: those that a controller counts come in increments.
 
-Of a rotor that has settled all are rounded alike, which no scatter shows, while each of the few on its way has its own
-error.
+All speeds of a rotor that has settled are rounded alike, which no scatter shows, while each of the few speeds on the
+way there has its own error.
 """
 
 import numpy as np
@@ -11,22 +11,23 @@ from cfid.estimate.blocks import block_means
 
 Array = npt.NDArray[np.float64]
 
-_ALIKE = 0.7  # of the largest of some values: above it, others are rounded as these; time that is counted gives speeds
-# in steps that grow with their square
-_SAME = 1e-9  # of the largest: what conversions change
-_NOISES = np.linspace(0, 1, 201)  # over a step: more makes errors of rounding noise
+_ALIKE = 0.7  # of the largest of some values: values above that are rounded alike; speeds from counted times come in
+# steps that grow with their square
+_SAME = 1e-9  # of the largest: what conversions may change
+_NOISES = np.linspace(0, 1, 201)  # relative to a step: with more noise, errors of rounding are noise as well
 _WAVES = np.arange(1, 100)[:, np.newaxis]
-# Over the value the error of rounding is a saw, of whose waves noise leaves less, the shorter they are: the variance of
-# the error that rounded values of one speed share, with each noise, and that of their scatter. Both are over the step.
+# Over the value, the error of rounding is a sawtooth; noise dampens its waves, the shorter ones more. For each noise,
+# these are the variance of the error that rounded values of one speed share, and that of their scatter, relative to the
+# step.
 _SHARED = np.sum(np.exp(-((2 * np.pi * _WAVES * _NOISES) ** 2)) / (2 * (np.pi * _WAVES) ** 2), axis=0)
 _SCATTER = _NOISES**2 + _SHARED[0] - _SHARED
 
 
 def rounding_step(value: Array, *, sizes: Array) -> float:
-    """Return to what values (n,) are rounded: the smallest difference of two of a record that are as large.
+    """Return the step to which values (n,) are rounded: the smallest difference between values as large in a record.
 
-    `sizes` (m,) has the record's values without signs, in ascending order. The step is next to nothing where they are
-    not rounded.
+    `sizes` (m,) has the record's values without signs, in ascending order. The step is almost 0 where they are not
+    rounded.
     """
     largest = float(np.abs(value).max())
     gaps = np.diff(sizes[np.searchsorted(sizes, _ALIKE * largest) :])
@@ -36,8 +37,9 @@ def rounding_step(value: Array, *, sizes: Array) -> float:
 def rounding_covariance(shown: Array, *, step: float, scatter: float, length: int) -> Array:
     """Return the covariance (m, m) that rounding to a step gives the means of `length` neighbours of values (n,).
 
-    Values less than a step apart are rounded alike, the more the nearer. A `scatter`, the standard deviation of what a
-    fit leaves, shows how much noise there was before the rounding, which makes the error differ from value to value.
+    Values less than a step apart are rounded alike, the more so the nearer they are. `scatter`, the standard deviation
+    of a fit's residuals, shows how much noise there was before the rounding; noise makes the error differ from value to
+    value.
     """
     if step == 0:
         return np.zeros((len(shown) // length,) * 2)

@@ -1,7 +1,8 @@
 """How far the battery's voltage falls with a rotor's speed, and by how much the speed of a command falls with it.
 
-A motor draws more power the faster it turns, and the battery's voltage falls by its inner resistance. At a constant
-command the speed that the rotor is heading for may therefore fall on its way: it gets there sooner than with a supply.
+A motor draws more power the faster it turns, and the battery's inner resistance lets its voltage fall. At a constant
+command, the speed that the rotor heads for may therefore fall on the way, and the rotor gets there sooner than with a
+supply.
 """
 
 import math
@@ -19,11 +20,11 @@ Array = npt.NDArray[np.float64]
 
 _BEFORE_S = 0.5
 _SUREST = 1e-6  # of the largest speed: a sensor that hangs would leave no noise
-_SETTLED, _LOOKS = 5.0, 20  # time constants; speeds of half a step
+_SETTLED, _LOOKS = 5.0, 20  # time constants; speeds that are averaged over half a step
 _NOTABLE = 0.001  # of the voltage: what changes less may be the noise of its reading
 _LOADS = np.arange(1.5, 4.1, 0.25)  # powers of the speed: a rotor's torque goes with 2, its power with 3
-_EXACT = 1e-4  # of the voltage: what no such law explains of a battery
-_LATE = 0.1  # of a sag: a cell's voltage also falls for seconds, and is read ten times a second
+_EXACT = 1e-4  # of the voltage: the part that no such law explains
+_LATE = 0.1  # of a sag: a cell's voltage also falls over seconds, and is read ten times a second
 
 
 class LoggedBattery(NamedTuple):
@@ -33,7 +34,7 @@ class LoggedBattery(NamedTuple):
     volts: Array
 
     def mean(self, from_s: float, until_s: float) -> float:
-        """Return the mean of its readings between two times, NaN where there is none."""
+        """Return the mean of the readings between two times, NaN where there is none."""
         inside = self.volts[(self.time_s >= from_s) & (self.time_s < until_s) & np.isfinite(self.volts)]
         return float(inside.mean()) if len(inside) else float("nan")
 
@@ -41,10 +42,10 @@ class LoggedBattery(NamedTuple):
 def sags(
     battery: LoggedBattery | None, steps: Sequence[CommandStep], lags: Sequence[Lag], end_std: Array
 ) -> list[Sag | None]:
-    """Return how far speeds and voltage fall within steps with such lags, whose ends have standard uncertainties (n,).
+    """Return how far speeds and voltage fall within steps with these lags, whose ends have standard uncertainties (n,).
 
-    None where the voltage hardly changed with the load, where none was measured, and at command 0: no battery feeds a
-    rotor there.
+    It is None for a step where the voltage hardly changed with the load, where none was measured, and at command 0,
+    where no battery feeds a rotor.
     """
     if battery is None:
         return [None] * len(steps)
@@ -88,10 +89,10 @@ def _late_speed(step: CommandStep, lag: Lag) -> float:
 
 
 def _load(time_s: Array, speed: Array, volts: Array) -> tuple[float, float, float]:
-    """Return how far volts (n,) fell at speed 1, with which power of speeds (n,), and how unsure their product is.
+    """Return how far volts (n,) fell at speed 1, with which power of speeds (n,), and how uncertain their product is.
 
-    The product is how steeply they fall there, which decides how much sooner a rotor gets to its speed. Beside that
-    the battery may run down.
+    The product of the two is how steeply the volts fall there, which decides how much sooner a rotor gets to its speed.
+    In addition, the battery may run down.
     """
     down = [(time_s - time_s.mean()) / max(float(np.ptp(time_s)), 1e-9)] * (len(volts) > 4)
     drops, stds, likely = np.zeros((3, len(_LOADS)))
