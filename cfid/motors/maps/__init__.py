@@ -1,4 +1,4 @@
-"""One motor's thrust, rotor speed and torque, from steady points."""
+"""Maps of one motor's thrust, rotor speed and torque, from steady points."""
 
 from typing import TYPE_CHECKING
 

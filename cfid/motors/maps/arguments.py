@@ -1,4 +1,4 @@
-"""Arguments of `cfid fit thrust`, `speed` and `torque` to files, runs and tables of motors."""
+"""From the arguments of `cfid fit thrust`, `speed` and `torque` to files, runs and tables of motors."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -38,12 +38,10 @@ def read_evidence(
     rotors: Rotors | None = None,
     esc_us: tuple[float, float] | None = None,
 ) -> Evidence:
-    """Read COMMAND=FILE, RUN and tables, and put all their points together; missing speeds of
-    `rotors` are estimated from vibration.
+    """Read COMMAND=FILE arguments, runs and tables, and put all their points together.
 
-    Without any of them the campaign's complete runs of a `kind` are taken.
-
-    A run that gives nothing is left out with a warning where others give something.
+    Without any of them, the campaign's complete runs of a `kind` are taken. With `rotors`, missing speeds are estimated
+    from vibration. A run that gives nothing is left out with a warning where others give something.
 
     Raises ConfigError when there is nothing to read, DataError and FitError that name the file.
     """

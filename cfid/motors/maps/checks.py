@@ -1,4 +1,4 @@
-"""Check a motor's points before anything is fitted, and what was fitted to them."""
+"""Checks of a motor's points before anything is fitted to them, and of what was fitted."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -15,19 +15,19 @@ from cfid.units import COVERAGE_95, DEAD_COMMAND
 
 THESIS_SPEED = (0.04076521, 380.8359)  # rad/s of a command, eq. 3.4, second series
 USUAL_SQUARE_N_S2 = 2.0e-8  # thrust per speed squared of 45 mm propellers: 1.8e-8 to 2.2e-8 in all public data
-MISFIT_LIMIT = 0.05  # rms of the residuals over the largest value; the thesis' worse line (eq. 3.4) has 0.037
-NOTABLE_SCATTER = 2.0  # times the stated standard uncertainties, from where it is reported
+MISFIT_LIMIT = 0.05  # rms of the residuals relative to the largest value; the thesis' worse line (eq. 3.4) has 0.037
+NOTABLE_SCATTER = 2.0  # times the stated standard uncertainties: from there on it is reported
 OUTLIER_WEIGHT = 0.34  # of Huber's loss: four standard uncertainties off
 
 _STANDING_N = 1e-3  # less than any motor that turns gives: 0.1 g
-_APART, _ALIKE = 0.2, 0.02  # of the largest: commands that are far apart, and speeds that are one
+_APART, _ALIKE = 0.2, 0.02  # of the largest: commands that are far apart, and speeds that count as one
 _STANDING_RAD_S = 10.0
-_TWICE, _HALF = (1.7, 2.3), (0.43, 0.59)  # ratios of speeds that a count too many or too few explains
+_TWICE, _HALF = (1.7, 2.3), (0.43, 0.59)  # ratios of speeds that a wrong count of markers explains
 _OTHER_MOTORS = 1.33  # ratio of speeds at one command that other motors and propellers explain
-_FEWEST = 5  # points that say what is usual among them
-_FAR = 0.25  # of the largest command, from where speeds lie close to a line
-_EXCHANGED = 0.25  # of the sum of squares that is left once two commands are exchanged
-_MORE = 3  # different values of half of the points more than the order, to compare it
+_FEWEST = 5  # points that show what is usual among them
+_FAR = 0.25  # of the largest command: from there on, speeds lie close to a line
+_EXCHANGED = 0.25  # share of the sum of squares that remains once two commands are exchanged
+_MORE = 3  # different values beyond the order, in each half of the points, to compare them
 _LARGEST_IN_STD = 3.0  # between halves, of the standard uncertainties of both
 _SAME_STEP = 0.8  # share of a staircase's steps that make it one
 
@@ -55,7 +55,7 @@ def check_thrust(command: Array, thrust_n: Array) -> None:
 def check_speed(command: Array, speed_rad_s: Array) -> None:
     """Check speeds (n,) in rad/s of commands above the dead zone.
 
-    Raises FitError when there are none, when no motor ran, or when the speed is one at commands far apart.
+    Raises FitError when there are none, when no motor ran, or when the speed is the same at commands far apart.
     """
     at, running = command[_running(command)], speed_rad_s[_running(command)]
     if running.max() < _STANDING_RAD_S:
@@ -80,9 +80,9 @@ def marker_findings(
 ) -> tuple[Finding, ...]:
     """Reject quantities calculated from speeds (n,) that were counted double, or divided twice.
 
-    Single points show beside the others, unless `single` is false. All of them show beside the thesis' motors and,
-    where thrust (n,) was measured, beside that too: both must agree, since another propeller differs in one of them. A
-    rig of any other body takes the latter back.
+    Single wrong points show by comparison with the others, unless `single` is false. Where all points are wrong, they
+    show by comparison with the thesis' motors and, where thrust (n,) was measured, with that too: both must agree,
+    since another propeller differs in one of them. A rig that states another platform withdraws the latter rejection.
     """
     running = command > DEAD_COMMAND
     thrust = None if thrust_n is None else thrust_n[running]
@@ -97,7 +97,7 @@ def marker_findings(
 def exchange_findings(command: Array, value: Array, *, order: int, quantities: Sequence[str]) -> tuple[Finding, ...]:
     """Reject a map of values (n,) of which two commands seem exchanged: the lower one has the larger value.
 
-    Points must be more than the polynomial's coefficients by three, and describe it much better once exchanged.
+    The points must outnumber the polynomial's coefficients by three, and fit it much better once exchanged.
     """
     commands = np.unique(command)
     if len(commands) < order + 4:
@@ -123,7 +123,7 @@ def exchange_findings(command: Array, value: Array, *, order: int, quantities: S
 def half_findings(x: Array, y: Array, std: Array, *, order: int, quantities: Sequence[str]) -> tuple[Finding, ...]:
     """Warn where the first half of points (n,), in the order of recording, gives another curve than the second.
 
-    They are compared at the largest value that both reach.
+    The curves are compared at the largest value that both reach.
     """
     middle = len(x) // 2
     halves = [(x[part], y[part], std[part]) for part in (slice(middle), slice(middle, None))]
@@ -151,7 +151,7 @@ def _squares(x: Array, y: Array, order: int) -> float:
 
 
 def missing_commands(command: Array, *, expected: Iterable[int] | None = None) -> tuple[int, ...]:
-    """Return the commands that were requested, or that an even staircase has, and that no point has."""
+    """Return the commands that were requested, or that an even staircase would have, but that no point has."""
     there = np.unique(command)
     if expected is not None:
         return tuple(sorted(set(expected) - set(there.tolist())))
@@ -167,7 +167,7 @@ def missing_commands(command: Array, *, expected: Iterable[int] | None = None) -
 
 
 def listed(commands: Sequence[float]) -> str:
-    """Return commands for a sentence, the first few of many."""
+    """Return commands as text for a sentence, only the first few of many."""
     shown = ", ".join(f"{value:.0f}" for value in commands[:6])
     return shown if len(commands) <= 6 else f"{shown} and {len(commands) - 6} more"
 
@@ -197,7 +197,7 @@ def _odd_ones(command: Array, speed: Array) -> Iterable[str]:
 
 
 def _all_wrong(command: Array, speed: Array, thrust: Array | None) -> Iterable[str]:
-    """Compare all speeds together with the thesis' motors, and with what makes the thrust."""
+    """Compare all speeds together with those of the thesis' motors, and with those that the thrust needs."""
     if not len(speed):
         return
     ratio = float(np.median(speed / np.polyval(THESIS_SPEED, command)))
@@ -214,7 +214,7 @@ def _all_wrong(command: Array, speed: Array, thrust: Array | None) -> Iterable[s
 
 
 def _repeated_median_line(x: Array, y: Array) -> tuple[float, float]:
-    """Return slope and level of the line that half of the points cannot move [Sie]."""
+    """Return slope and level of a line that up to half of the points cannot move [Sie]."""
     apart = np.subtract.outer(x, x)
     with np.errstate(divide="ignore", invalid="ignore"):
         slopes = np.where(apart != 0, np.subtract.outer(y, y) / apart, np.nan)
@@ -248,7 +248,7 @@ def scatter_findings(fit: PolynomialFit, command: Array, key: str) -> Iterable[F
 
 
 def misfit_findings(fit: PolynomialFit, y: Array, quantities: Sequence[str], *, command: Array) -> Iterable[Finding]:
-    """Reject a polynomial that misses its points' values (n,), at commands (n,), nan where nobody stated them."""
+    """Reject a polynomial that misses its points' values (n,) at commands (n,), nan where none was stated."""
     misfit = fit.residual_norm / np.sqrt(len(y)) / float(np.max(np.abs(y)))
     if misfit > MISFIT_LIMIT:
         furthest = command[np.argmax(np.abs(fit.residual))]
@@ -262,7 +262,7 @@ def misfit_findings(fit: PolynomialFit, y: Array, quantities: Sequence[str], *, 
 
 
 def falling_findings(fit: PolynomialFit, x: Array, quantities: Sequence[str]) -> Iterable[Finding]:
-    """Reject a polynomial that does not rise throughout its points' places (n,)."""
+    """Reject a polynomial that does not rise throughout the range of its points (n,)."""
     if np.any(fit.slope_at(np.linspace(x.min(), x.max(), 200)) <= 0):
         text = "the polynomial does not rise throughout: one value belongs to two commands."
         yield rejection("map-not-monotone", text, *quantities)

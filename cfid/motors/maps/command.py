@@ -1,4 +1,4 @@
-"""`cfid fit thrust`, `cfid fit speed` and `cfid fit torque`: steady points of the motors to maps."""
+"""`cfid fit thrust`, `cfid fit speed` and `cfid fit torque`: from steady points of the motors to maps."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -62,7 +62,7 @@ class StandOptions:
     esc_us: EscUs = None
 
     def known(self) -> "Stand":
-        """Return them as the fits take them. Raises ConfigError for an invalid window."""
+        """Return the facts in the form that fits take. Raises ConfigError for an invalid window."""
         from cfid.motors.maps.evidence import Stand
 
         window_s = None if self.window is None else span(self.window, "--window", unit="seconds", example="4,8")

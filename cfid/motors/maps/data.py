@@ -53,7 +53,7 @@ Points = One | Sequence[One]
 
 
 def evidence_of(points: Points, stand: Stand | None = None, rotors: Rotors | None = None) -> Evidence:
-    """Return the steady points of runs and tables together. Raises ConfigError for none of them."""
+    """Return the steady points of all runs and tables. Raises ConfigError where none is given."""
     many = [points] if isinstance(points, One) else list(points)
     if not many:
         raise ConfigError("nothing to fit: give at least one run or table.")
@@ -81,7 +81,7 @@ def of_file(
 ) -> Evidence:
     """Reduce a load cell's file of one command between two pauses, as the thesis recorded them."""
     record = read_wrench(path, replace(reading, gain=stand.facts.loadcell.gain))
-    if command == 0:  # motors that stand give nothing, whatever the cell's bias is
+    if command == 0:  # motors at rest give no thrust, whatever the cell's bias is
         zero = np.zeros(1)
         return _plain(record, MotorPoints(command=zero, thrust_n=zero, torque_nm=zero))
     channels = channels_of(record, flip_fz=bool(stand.flip_fz))
@@ -121,7 +121,7 @@ def _plain(record: WrenchRecord, points: MotorPoints, *findings: Finding) -> Evi
 
 
 def of_run(run: Run, stand: Stand, reading: WrenchReading, *, rotors: Rotors | None = None) -> Evidence:
-    """Take what a run measured of a motor: a staircase on the load cell, typed readings, or speeds it reported."""
+    """Return what a run measured of a motor: a staircase on the load cell, typed readings, or speeds it reported."""
     ran = run.header.requested.get("motors")
     refuse_contradiction(run.folder.name, {"`motors`": stand.motors}, {"`motors`": ran and len(ran)})
     stand = stand.where(run.header.rig)
@@ -144,7 +144,7 @@ def of_run(run: Run, stand: Stand, reading: WrenchReading, *, rotors: Rotors | N
 
 
 def of_completed(run: Run) -> dict[str, Evidence]:
-    """Take by their names the runs that a run completes, without those that give nothing, as its fit takes them.
+    """Return the runs that a run completes, by name and as its fit takes them, without those that give nothing.
 
     Raises DataError where the run.toml of one is invalid.
     """
@@ -161,7 +161,7 @@ def _typed(run: Run) -> tuple[str, ...]:
 
 
 def of_staircase(record: WrenchRecord, stand: Stand, rotors: Rotors | None = None) -> Evidence:
-    """Take the steps of a run on the load cell."""
+    """Return the steps of a run on the load cell."""
     found = reduce_run(record, flip_fz=bool(stand.flip_fz))
     assert found.run is not None
     expected = tuple(int(step) for step in found.run.header.requested.get("steps", ()) if step)
@@ -176,7 +176,7 @@ def _evidence(
     expected: tuple[int, ...] = (),
     rotors: Rotors | None = None,
 ) -> Evidence:
-    """Return the settled points of a reduced record, per motor; speeds from vibration where none were reported."""
+    """Return a reduced record's settled points, per motor; speeds are from vibration where none were reported."""
     record, settled = found.record, [point for point in found.reduced.points if point.settled]
     points = MotorPoints(command=np.zeros(0))
     about_speed: tuple[Finding, ...] = ()
@@ -210,13 +210,13 @@ def _evidence(
 
 
 def _of_readings(run: Run, stand: Stand) -> Evidence:
-    """Take the tachometer readings that the operator typed."""
+    """Return the tachometer readings that the operator typed."""
     rows = read_rows(run, READINGS)
     return _of_shown(run, stand, rows.source, rows.columns["command"], rows.columns["rpm"])
 
 
 def _of_tachometer(run: Run, stand: Stand) -> Evidence:
-    """Take what a tachometer sent at each command, not in the pauses: some keep showing the last speed."""
+    """Return what a tachometer sent at each command, but not in the pauses: some keep showing the last speed."""
     source, command, rpm = shown_at_commands(run, TACHOMETER, "rpm")
     ran = command > 0
     if not ran.any():
@@ -236,7 +236,7 @@ def _of_shown(run: Run, stand: Stand, source: Source, command: Array, rpm: Array
 
 
 def _of_speeds(run: Run) -> Evidence:
-    """Reduce the speeds that the vehicle reported, as a staircase; the mean of the motors that ran."""
+    """Reduce the speeds that the vehicle reported, as a staircase, to the mean of the motors that ran."""
 
     rows, (log, commands) = read_rows(run, VEHICLE_LOG), read_commands(run)
     speeds = told_speeds_rad_s(rows)

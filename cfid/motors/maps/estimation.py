@@ -1,4 +1,4 @@
-"""Maps of one motor: command to thrust and to speed, thrust to torque, speed to thrust. Steady points go in."""
+"""Maps of one motor, from steady points: command to thrust and to speed, thrust to torque, speed to thrust."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -43,7 +43,7 @@ _DROPPED = 2000  # the command that C.2.3 leaves out
 
 @dataclass(frozen=True, kw_only=True)
 class MotorMap:
-    """A polynomial `fit` to y over x (n,), which were measured at `command` (n,); SI units, one motor.
+    """A polynomial `fit` to y over x (n,), which were measured at `command` (n,), for one motor in SI units.
 
     `windows` (n, N) are those of `PairedPoints`. `left_out` are commands whose points were not used. `aicc` is the
     corrected AIC of each order that was tried, empty where the order was given. A rejection among the `findings` states
@@ -64,7 +64,7 @@ class MotorMap:
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedThrustMap:
-    """Thrust of speed, f = k w^2 as `square` (eq. 3.1) and with all three coefficients as `quadratic`.
+    """Thrust over speed, f = k w^2 as `square` (eq. 3.1) and with all three coefficients as `quadratic`.
 
     `windows` (n, N) are those of `PairedPoints`. `difference_n` is the largest between the two at the speeds measured.
     `square_suffices` states that the corrected AIC prefers k alone.
@@ -86,7 +86,7 @@ class SpeedThrustMap:
 
     @property
     def k_std_n_s2(self) -> float:
-        """Its standard uncertainty; nan without degrees of freedom."""
+        """The standard uncertainty of k; nan without degrees of freedom."""
         return float(self.square.std[0])
 
 
@@ -100,9 +100,9 @@ def fit_thrust(
 ) -> MotorMap:
     """Fit thrust in N over command (eq. 3.3); `expected` are the commands that should be there.
 
-    By default the dead zone is left out, since the motor stands there, points are weighted by their uncertainties where
-    these are known, and Huber's loss limits outliers. "thesis" is C.2.3: MATLAB's polyfit of all commands but 2000,
-    with zero at command 0. Order "auto" takes the one with the smallest corrected AIC.
+    By default, the dead zone is left out, since the motor is at rest there; points are weighted by their uncertainties
+    where these are known; and Huber's loss limits outliers. "thesis" is C.2.3: MATLAB's polyfit of all commands but
+    2000, with zero at command 0. Order "auto" takes the order with the smallest corrected AIC.
 
     Raises FitError when the motors never ran, when Fz points down, or when there are too few points.
     """
@@ -119,7 +119,7 @@ def fit_speed(
     robust: bool = True,
     expected: Iterable[int] | None = None,
 ) -> MotorMap:
-    """Fit speed in rad/s over command (eq. 3.4), otherwise as `fit_thrust`; a rejection names markers counted double.
+    """Fit speed in rad/s over command (eq. 3.4) as `fit_thrust` does; a rejection names markers counted double.
 
     Raises FitError when the motors never ran, or when there are too few points.
     """
@@ -144,9 +144,9 @@ def fit_torque(
     robust: bool = True,
     expected: Iterable[int] | None = None,
 ) -> MotorMap:
-    """Fit torque in Nm over thrust in N (eq. 3.5); points of a standing motor stay, otherwise as `fit_thrust`.
+    """Fit torque in Nm over thrust in N (eq. 3.5) as `fit_thrust` does, but keep the points of a motor at rest.
 
-    The torque's magnitude is fitted: its sign is that of the rotors' turning.
+    The torque's magnitude is fitted, since its sign is that of the direction in which the rotors turn.
 
     Raises FitError when the motors never ran, when Fz points down, or when there are too few points.
     """
@@ -166,9 +166,9 @@ def fit_torque(
 
 
 def fit_thrust_of_speed(points: MotorPoints, *, method: Method = "default", robust: bool = True) -> SpeedThrustMap:
-    """Fit thrust over speed as k w^2 and as full quadratic; "thesis" without weights and loss.
+    """Fit thrust over speed as k w^2 and as a full quadratic; "thesis" uses neither weights nor loss.
 
-    Points without both are joined by their command first, as the thesis has thrust and speed from different runs.
+    Where no point has both, they are joined by command first, as the thesis has thrust and speed from different runs.
     (C.2.3 minimises f - k w although it states w^2; here k is that of w^2.)
 
     Raises FitError when the motors never ran or too few commands have both.
@@ -205,7 +205,7 @@ def fit_thrust_of_speed(points: MotorPoints, *, method: Method = "default", robu
 
 
 def _thrust_of_speeds(points: MotorPoints) -> Array | None:
-    """Return the thrusts of those points that have a speed, if all of them have."""
+    """Return the thrusts of the points that have a speed, if all of these have a thrust."""
     if points.thrust_n is None or points.speed_rad_s is None:
         return None
     thrust = points.thrust_n[np.isfinite(points.speed_rad_s)]
@@ -237,7 +237,7 @@ def _map(
         choice = fit_best_order(used.x, used.y, orders=ORDERS, std=std, shared=shared, robust=huber)
         order, aicc = choice.fit.order, choice.aicc
     wide = None if std is None else scattered_std(used.x, used.y, std, order=order, robust=huber)
-    if wide is not None and len(used.x) == order + 1:  # nothing shows how far they are off
+    if wide is not None and len(used.x) == order + 1:  # nothing shows how far the points are off
         std = wide = np.hypot(wide, MISFIT_LIMIT * float(np.max(np.abs(used.y))))
     fit = _stated(fit_polynomial(used.x, used.y, order=order, std=wide, shared=shared, robust=huber), std, wide)
     swaps: tuple[Finding, ...] = ()
@@ -269,7 +269,7 @@ def _map(
 
 
 def _stated(fit: PolynomialFit, std: Array | None, wide: Array | None) -> PolynomialFit:
-    """Return a fit whose inflation is that over the deviations stated, and not over those it was weighted with."""
+    """Return a fit whose inflation is relative to the stated uncertainties, not to those it was weighted with."""
     if std is None or wide is None or fit.inflation is None:
         return fit
     return replace(fit, inflation=fit.inflation * float(np.sqrt(np.mean((wide / std) ** 2))))
@@ -288,10 +288,10 @@ def _running(measured: PairedPoints, key: str) -> tuple[PairedPoints, tuple[Find
 
 
 def _thesis_points(measured: PairedPoints, key: str) -> tuple[PairedPoints, tuple[Finding, ...]]:
-    """Leave out command 2000 and put a zero at command 0, as C.2.3 does."""
+    """Leave out command 2000 and add a zero at command 0, as C.2.3 does."""
     kept = measured.kept((measured.command != _DROPPED) & (measured.command != 0))
     command, x, y = (np.concatenate([[0.0], column]) for column in (kept.command, kept.x, kept.y))
     used = PairedPoints(command, x, y, np.vstack([np.zeros(kept.windows.shape[1]), kept.windows]))
-    # Over commands x is the command itself, over thrusts the thrust of a motor that stands: zero both times.
+    # x is the command itself, or the thrust of a motor at rest: zero in both cases.
     text = f"as in the thesis, command {_DROPPED} is left out and command 0 is a point at zero."
     return used, (note("thesis-points", text, key),)

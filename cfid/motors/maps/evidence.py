@@ -25,9 +25,9 @@ _ASSUMED = (
 
 @dataclass(frozen=True, kw_only=True)
 class Stand:
-    """Facts that files do not contain: motors that ran, markers of a tachometer, a window by hand, Fz downwards.
+    """Facts that files do not contain: motors that ran, markers of a tachometer, a window set by hand, Fz downwards.
 
-    `facts` are those of the rig with which they were recorded.
+    `facts` are those of the rig with which the files were recorded.
     """
 
     motors: int | None = None
@@ -37,20 +37,20 @@ class Stand:
     facts: RigFacts = NONE_STATED
 
     def where(self, facts: RigFacts) -> "Stand":
-        """Return it with the facts of a rig that it does not state."""
+        """Return these facts, completed from those of a rig."""
         given = RigFacts(loadcell=LoadCellMount(flip_fz=self.flip_fz), tachometer=Tachometer(markers=self.markers))
         known = given.over(facts)
         return replace(self, markers=known.tachometer.markers, flip_fz=known.loadcell.flip_fz, facts=facts)
 
     def divided(self, shown: Array, name: str) -> tuple[Array, tuple[Finding, ...]]:
-        """Return speeds (n,) in rad/s of a tachometer's readings, and a finding where its markers are not stated."""
+        """Return speeds (n,) in rad/s from a tachometer's readings, and a finding where its markers are not stated."""
         findings = (note("fact-assumed", _ASSUMED, "motor.speed_poly").at(name),)
         return shown / (self.markers or 1), findings if self.markers is None else ()
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reduced:
-    """A record of the load cell that was reduced, for its figure; `thrust` is the place of that channel."""
+    """A record of the load cell that was reduced, for its figure; `thrust` is the index of that channel."""
 
     name: str
     time_s: Array
@@ -63,8 +63,8 @@ class Reduced:
 class Evidence:
     """Steady points of one motor, their battery voltages where known, and where they come from.
 
-    `loadcells` and `tachometers` are the facts of the rigs whose load cell felt them and whose tachometer showed them,
-    `drifts` those of load cells within a recording.
+    `loadcells` and `tachometers` are the facts of the rigs whose load cell or tachometer measured them; `drifts` are
+    the drifts of load cells within a recording.
     """
 
     points: MotorPoints
@@ -81,7 +81,7 @@ class Evidence:
 
 
 def together(parts: Sequence[Evidence]) -> Evidence:
-    """Put the points of several files and runs one after another."""
+    """Concatenate the points of several files and runs."""
     volts = None
     if any(part.vbat_v is not None for part in parts):
         blank = [np.full(len(part.points.command), np.nan) for part in parts]
@@ -94,7 +94,7 @@ def together(parts: Sequence[Evidence]) -> Evidence:
 
 
 def line_of(point: Point, name: str) -> str:
-    """Return where a step was averaged, or why it was not."""
+    """Return a line on where a step was averaged, or why it was not."""
     window = f"{point.begin_s:7.2f} to {point.end_s:7.2f} s"
     how = f"{point.effective_samples.min():.0f} effective samples" if point.settled else point.reason
     step = "a step of unknown command" if point.command is None else f"command {point.command}"
@@ -107,7 +107,7 @@ def staircase_findings(found: Staircase, name: str) -> tuple[Finding, ...]:
 
 
 def speed_findings(found: Staircase, name: str) -> tuple[Finding, ...]:
-    """Return the same of a staircase of speeds, which need no baseline."""
+    """Return findings about the means of a staircase of speeds, which needs no baseline."""
     return tuple(one.at(name) for one in found.findings if one.code != "no-baseline-after")
 
 

@@ -52,7 +52,7 @@ from cfid.units import FULL_COMMAND
 
 Array = npt.NDArray[np.float64]
 
-_AXES = {  # of each quantity: its axis, that axis' unit, and how many of these are one in SI
+_AXES = {  # of each quantity: the axis' label, its unit, and how many of these make one SI unit
     "thrust": ("thrust (N)", "N", 1.0),
     "torque": ("torque (mN m)", "mN m", 1e3),
     "speed": ("speed (rad/s)", "rad/s", 1.0),
@@ -75,7 +75,8 @@ _LEFT_OUT: dict[str, Any] = {"ls": "", "marker": "x", "ms": 5.0, "mew": 1.2, "co
 def staircase_figure(time_s: Array, thrust_n: Array, staircase: Staircase, *, title: str, thrust: int = FZ) -> Figure:
     """Draw a record of the load cell with the mean of each of its steps; `thrust` is that channel's index.
 
-    Thrust (n,) is that of all motors that ran, with the load cell's bias. Unused steps state the reason in red.
+    Thrust (n,) is that of all motors that ran, with the load cell's bias. Unused steps are named with the reason in
+    red.
     """
     steps = staircase.points
     unsettled = unused_steps(steps)
@@ -94,10 +95,10 @@ def staircase_figure(time_s: Array, thrust_n: Array, staircase: Staircase, *, ti
 
 @styled
 def map_figure(mapped: MotorMap, *, verification: ScalesCheck | None = None) -> Figure:
-    """Draw a map with its points and residuals; with a thrust map also the readings of a second instrument.
+    """Draw a map with its points and residuals, and a thrust map also with the readings of a second instrument.
 
     Bars are one standard uncertainty of a point about the curve. Bands are the 95 % bands of the curve and of a point.
-    Commands that were left out are marked at the foot of both panels.
+    Commands that were left out are marked at the bottom of both panels.
     """
     unit, scale = _AXES[mapped.quantity][1:3]
     found, facts = _map_coefficients(mapped), _map_facts(mapped, verification, unit=unit, scale=scale)
@@ -135,7 +136,7 @@ def speed_thrust_figure(found: SpeedThrustMap) -> Figure:
 def voltage_figure(found: VoltageComparison) -> Figure:
     """Draw thrust over motor voltage and over the command alone, and how well each predicts.
 
-    Dashed lines stand at the error of prediction of points at commands that the fit had not seen.
+    Dashed lines mark the error of prediction of points at commands that were left out of the fit.
     """
     heights_in = (KEY_IN, 2.5, 1.6, _table_in([*found.lowest_first.tolist(), FIT_ALONE]))
     page, grid = _page(heights_in, "Motor voltage to thrust", (found.verdict, *found.findings))
@@ -165,7 +166,7 @@ def _page(heights_in: Sequence[float], title: str, findings: Sequence[Finding]) 
 
 
 def _table_in(*tables: Sequence[Any]) -> float:
-    """Return the height of the longest of several tables."""
+    """Return the height in inches of the longest of several tables."""
     return 0.42 + 0.165 * max(len(table) for table in tables)
 
 
@@ -174,7 +175,7 @@ def _norm(fit: PolynomialFit, unit: str, scale: float = 1.0) -> tuple[str, str]:
 
 
 def _map_coefficients(mapped: MotorMap) -> list[tuple[str, str]]:
-    """Return the coefficients in SI; torque over thrust is a length."""
+    """Return the coefficients in SI units; the slope of torque over thrust is a length."""
     powers = range(mapped.fit.order, -1, -1)
     if mapped.quantity == "torque":
         units = [f"m/{power('N', n - 1)}" if n > 1 else ("N m", "m")[n] for n in powers]
@@ -258,7 +259,7 @@ def _draw_form(curve: Axes, left: Axes, x: Array, value: Array, fit: PolynomialF
 
 
 def _draw_bands(axes: Axes, at: Array, level: Array, fit: PolynomialFit, *, scale: float) -> None:
-    """Shade the 95 % bands of the curve and of a point, the wider one with an edge for a grey print."""
+    """Shade the 95 % bands of the curve and of a point; the wider one has an edge, for prints in grey."""
     if not np.isfinite(fit.quantile):
         return
     curve, point = scale * fit.confidence(at), scale * fit.prediction(at)
@@ -280,7 +281,7 @@ def _draw_left_out(axes: Axes, commands: Sequence[float]) -> None:
 
 
 def _draw_keys(page: Figure, grid: GridSpec, axes: Axes) -> None:
-    """Put what is drawn as lines and bands above all panels, and the marks below that."""
+    """Put the keys of lines and bands above all panels, and those of marks below these."""
     lines: list[Artist] = [Line2D([], [], color=MODEL, label="polynomial")]
     if any(each.get_gid() == "curve" for each in axes.collections):
         lines += [

@@ -15,21 +15,21 @@ from cfid.motors.maps.voltage import VoltageComparison
 from cfid.motors.points import Array
 from cfid.units import DEAD_COMMAND, FULL_COMMAND, NEAR_FULL, ROTORS
 
-_OPEN = 0.25  # of the thrust at full command, where it is extrapolated: the largest accepted standard uncertainty
+_OPEN = 0.25  # of an extrapolated thrust at full command: the largest accepted standard uncertainty
 _MAXIMUM = ("motor.max_thrust_n", "motor.hover_mass_kg")
 _FURTHER = 2.0
-_BEYOND = 1.2  # times the highest voltage that a battery had: it has no more under load
+_BEYOND = 1.2  # times the highest voltage that a battery had: under load it has no more
 _ROUNDS = 20  # of thrust and voltage at full command, which follow from each other
-_NEAR = 0.1  # of it: where no less was measured, the inverse is extrapolated downwards
+_NEAR = 0.1  # of full command: where nothing lower was measured, the inverse is extrapolated downwards
 
 
 @dataclass(frozen=True, kw_only=True)
 class InverseMap:
-    """command = the rising root of `coefficients` (3,) at a thrust, eq. 3.3 solved; one motor.
+    """The inverse of one motor's thrust map: the command is the rising root of `coefficients` (3,), eq. 3.3 solved.
 
-    Valid within `command_range` and `thrust_range_n`, both ends included. `round_trip_command` is how far a command
-    may come back from thrust and inverse in the single precision of the firmware, `round_trip_n` how far the thrust of
-    the rounded command is from the wanted thrust.
+    It is valid within `command_range` and `thrust_range_n`, both ends included. `round_trip_command` is how far a
+    command may change on its way to thrust and back in the single precision of the firmware, and `round_trip_n` how far
+    the thrust of the rounded command is from the wanted thrust.
     """
 
     coefficients: Array
@@ -49,11 +49,11 @@ class InverseMap:
 
 @dataclass(frozen=True, kw_only=True)
 class MaximumThrust:
-    """One motor's thrust at full command by the map, and the largest that was measured; what four could hover with.
+    """One motor's thrust at full command by the map, the largest measured thrust, and the mass with which four hover.
 
-    `beyond_std_n` is the part of the standard uncertainty that is not the polynomial's own: what it may miss beyond
-    the points. `volts` is the battery's voltage for which the thrust is stated, by the polynomial `by_volts` of motor
-    voltage; both None where it is by the command.
+    `beyond_std_n` is the part of the standard uncertainty that is not the polynomial's own: what it may miss beyond the
+    points. `volts` is the battery's voltage for which the thrust is stated, by the polynomial `by_volts` of motor
+    voltage; both are None where the thrust follows from the command.
     """
 
     thrust_n: float
@@ -69,7 +69,7 @@ class MaximumThrust:
 
 
 def invert(thrust_map: MotorMap) -> InverseMap:
-    """Solve a thrust map of order 1 or 2 for the command, from above the dead zone to full, while it rises.
+    """Solve a thrust map of order 1 or 2 for the command, where it rises between the dead zone and full command.
 
     Raises FitError for another order, which has no such root, and for a map that nowhere rises above zero.
     """
@@ -81,7 +81,7 @@ def invert(thrust_map: MotorMap) -> InverseMap:
     first, last = fit.at([low, high]).tolist()
     commands = np.arange(low, high + 1, dtype=np.float32)
     single = coefficients.astype(np.float32)
-    between = np.clip(fit.at(commands[:-1] + 0.5), first, last)  # between two commands rounding is worst
+    between = np.clip(fit.at(commands[:-1] + 0.5), first, last)  # rounding is worst half-way between two commands
     rounded = np.rint(_root(coefficients, between))
     lowest = float(thrust_map.command[thrust_map.command > DEAD_COMMAND].min())
     text = f"the command of a thrust is extrapolated below {lowest:.0f}, the smallest command that was measured."
@@ -105,7 +105,7 @@ def maximum_thrust(thrust_map: MotorMap, *, gravity_mps2: float) -> MaximumThrus
     beyond = warning("maximum-extrapolated", text, *_MAXIMUM)
     thrust, beyond_std = float(fit.at(FULL_COMMAND)), missed(fit, FULL_COMMAND) if far else 0.0
     std = math.hypot(float(fit.std_at(FULL_COMMAND)[0]), beyond_std)
-    if far and not std < _OPEN * thrust:  # also where nothing is left to tell how far it is off
+    if far and not std < _OPEN * thrust:  # also where nothing shows how far it is off
         open_by = (
             f"open by {100 * std / thrust:.0f} % (limit {100 * _OPEN:.0f} %)" if std > 0 else "of unknown uncertainty"
         )
@@ -125,14 +125,14 @@ def maximum_thrust(thrust_map: MotorMap, *, gravity_mps2: float) -> MaximumThrus
 
 
 def on_battery(most: MaximumThrust, voltage: VoltageComparison, *, order: int) -> MaximumThrust | None:
-    """Return the largest thrust by motor voltage, at that to which the battery sags then; None where that is no better.
+    """Return the largest thrust by motor voltage, at the voltage to which the battery sags then; None if no better.
 
-    None, too, where voltage and thrust rise together without end: a supply that was set to other voltages.
+    It is also None where voltage and thrust rise together without end, as on a supply that was set to other voltages.
     The power of a rotor goes with thrust to the power of 1.5, and so, nearly, does the battery's fall in voltage.
     """
     if voltage.better != "voltage":
         return None
-    # Of the order of the map: the firmware's cubic has to rise over all voltages, and may miss beyond the points.
+    # The order is the map's: the firmware's cubic has to rise over all voltages, and may miss beyond the points.
     std = voltage.by_command.point_std
     fit = fit_polynomial(voltage.motor_volts, voltage.value, order=order, std=std if np.all(std > 0) else None)
     load = np.maximum(voltage.value, 0.0) ** 1.5
@@ -163,10 +163,10 @@ def on_battery(most: MaximumThrust, voltage: VoltageComparison, *, order: int) -
 
 
 def missed(fit: PolynomialFit, at: float) -> float:
-    """Return by how much the polynomial may miss at a place as far ahead of the points as `at`, beyond its uncertainty.
+    """Return by how much the polynomial may miss at a place ahead of the points, beyond its own uncertainty.
 
-    That is twice by how much it misses the last points from those that lie as far below: a misfit grows with every step
-    ahead. Zero where these are too few, or `at` is not ahead.
+    That is twice by how much it misses the last points when fitted to those that lie as far below them as `at` lies
+    ahead: a misfit grows with every step ahead. It is zero where such points are too few, or where `at` is not ahead.
     """
     last = float(fit.x.max())
     below = fit.x <= min(2 * last - at, 0.999 * last)
@@ -181,12 +181,12 @@ def missed(fit: PolynomialFit, at: float) -> float:
 
 
 def hover_mass_kg(*, thrust_n: float, gravity_mps2: float) -> float:
-    """Return the mass that four motors of this thrust keep in hover: 0.15 N make 61.16 g (section 3.3.1)."""
+    """Return the mass that four motors of this thrust hold in hover: 0.15 N gives 61.16 g (section 3.3.1)."""
     return ROTORS * thrust_n / gravity_mps2
 
 
 def _rising(fit: PolynomialFit) -> tuple[float, float]:
-    """Return the first and last of the whole commands, up from the dead zone, where thrust is above zero and rises."""
+    """Return the first and last whole command, from the dead zone up, where thrust is above zero and rises."""
     commands = np.arange(DEAD_COMMAND, FULL_COMMAND + 1)
     good = (fit.at(commands) > 0) & (fit.slope_at(commands) > 0)
     edges = np.flatnonzero(np.diff(good, prepend=False, append=False)).reshape(-1, 2)
@@ -197,9 +197,9 @@ def _rising(fit: PolynomialFit) -> tuple[float, float]:
 
 
 def _root(coefficients: npt.NDArray[np.floating], thrust: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
-    """Return where a c^2 + b c + d is the thrust and rises, in the precision of the arguments.
+    """Return the command c at which a c^2 + b c + d is the thrust and rises, in the precision of the arguments.
 
-    Of the two forms of the root, the one that does not subtract nearly equal numbers.
+    Of the two forms of the root, this is the one that does not subtract nearly equal numbers.
     """
     a, b, d = coefficients
     root = np.sqrt(np.maximum(b * b + 4 * a * (thrust - d), 0))

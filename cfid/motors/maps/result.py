@@ -1,4 +1,4 @@
-"""Points to motor maps as a result: quantities, inverse, voltage form, thrust over speed, scales, figures."""
+"""From points to motor maps as a result: quantities, inverse, voltage form, thrust over speed, scales, figures."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -69,8 +69,8 @@ def fit_thrust(
     """Fit one motor's thrust over command, its inverse and largest thrust, and thrust over a logged voltage.
 
     `points` are runs, tables of a thrust stand or their paths, and `stand` the facts that these do not contain;
-    `scales` are runs or tables of a second instrument, each run with those that it completes. Raises ConfigError,
-    DataError or FitError, the last where nothing can be fitted at all.
+    `scales` are runs or tables of a second instrument, each run together with those that it completes. Raises
+    ConfigError, DataError or FitError, the last where nothing can be fitted at all.
     """
     found = evidence_of(points, stand)
     with _with_findings(found):
@@ -158,7 +158,7 @@ def fit_speed(
 
 
 def _of_speed_alone(found: Evidence, method: Method, *, robust: bool) -> Result:
-    """Fit thrust over speed to points whose command nobody stated."""
+    """Fit thrust over speed to points whose commands are not stated."""
     with _with_findings(found):
         mapped = estimation.fit_thrust_of_speed(found.points, method=method, robust=robust)
     return Result(
@@ -197,7 +197,7 @@ def fit_torque(
 
 @contextmanager
 def _with_findings(found: Evidence) -> Iterator[None]:
-    """Add the findings about the points to the error that nothing can be fitted to them: they may be the cause."""
+    """Add the findings about the points to an error that nothing can be fitted to them, since they may be the cause."""
     try:
         yield
     except FitError as error:
@@ -235,7 +235,7 @@ def _by_speed(found: Evidence, method: Method, *, robust: bool) -> tuple[SpeedTh
 
 
 def _of_the_rig(loadcells: Sequence[RigFacts]) -> Figures:
-    """Draw how the vehicle stood on the load cell, if all recordings state the same."""
+    """Draw how the vehicle was mounted on the load cell, if all recordings state the same."""
     from cfid.drawing.rig import load_cell_figure
 
     stated = {rig.loadcell.yaw_deg for rig in loadcells}

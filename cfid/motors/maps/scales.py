@@ -1,4 +1,4 @@
-"""Verify the thrust map with scales under the vehicle (section 3.3.1, figure 3.9)."""
+"""Verification of the thrust map with scales under the vehicle (section 3.3.1, figure 3.9)."""
 
 import math
 from collections.abc import Sequence
@@ -14,20 +14,20 @@ from cfid.motors.points import Array
 from cfid.units import DEAD_COMMAND
 
 _STANDING_N = 1e-3  # less than any motor that turns gives: 0.1 g
-_FEWEST = 5  # points, with that of motors that stand, which show one that is off a quadratic
-_OFF = 0.25  # of the largest of the others: more than a battery that sags or a coarse display does to one of them
-_LEFT = 0.25  # of the sum of squares, at most, once that reading is left out
-_DIFFERS = 0.1  # rms over the map's largest thrust there; a battery between two recordings makes a few hundredths
+_FEWEST = 5  # points, with that of motors at rest, that can show one to be off a quadratic
+_OFF = 0.25  # of the largest of the others: more than a sagging battery or a coarse display causes at one of them
+_LEFT = 0.25  # largest share of the sum of squares that remains once that reading is left out
+_DIFFERS = 0.1  # rms over the map's largest thrust there; different batteries cause a few hundredths
 
 
 @dataclass(frozen=True, kw_only=True)
 class ScalesCheck:
-    """Thrusts (n,) of one motor by another instrument, beside the map's; up to command 1000 that is zero.
+    """Thrusts (n,) of one motor by another instrument, and by the map, whose thrust is zero up to command 1000.
 
-    `difference_n` is instrument less map, `percent` the same of the map's, nan where that is zero. `rms_n` and
-    `rms_percent` are over the points of a running motor. `gain` is the instrument's thrust over the map's, by least
-    squares, with the standard uncertainty that the scatter of three points or more gives it, else nan, and the scales
-    of both instruments.
+    `difference_n` is instrument less map, and `percent` the same relative to the map, nan where that is zero. `rms_n`
+    and `rms_percent` are over the points of a running motor. `gain` is the instrument's thrust over the map's, by least
+    squares. Its standard uncertainty contains the scatter of the points and the scales of both instruments; it is nan
+    for fewer than three points.
     """
 
     command: Array
@@ -44,13 +44,13 @@ class ScalesCheck:
 def scales_thrust_n(
     command: Array, grams: Array, *, motors: int, gravity_mps2: float, rest_g: Array | None = None
 ) -> Array:
-    """Return one motor's thrusts (n,) in N from readings of scales (n,), as the change from motors that stand.
+    """Return one motor's thrusts (n,) in N from readings of scales (n,), as the change of weight from motors at rest.
 
     Thrust reduces the weight; a reading that grows with the command is taken with the opposite sign. Readings of
-    several recordings have a weight at rest `rest_g` (n,) each; otherwise it is the mean of those at rest.
+    several recordings have a weight at rest `rest_g` (n,) each; otherwise it is the mean of the readings at rest.
 
-    Raises FitError without a reading of motors that stand, where the display stands still, and where one reading is
-    off the curve through the others.
+    Raises FitError without a reading of motors at rest, where the display stands still, and where one reading is off
+    the curve through the others.
     """
     standing = command <= DEAD_COMMAND
     if not standing.any() or standing.all():
@@ -90,7 +90,7 @@ def _check_readings(command: Array, grams: Array, thrust_n: Array) -> None:
 
 
 def _without(place: int, command: Array, thrust_n: Array) -> tuple[float, float]:
-    """Return the sum of squares about the curve through all points but one (n,), and the curve there."""
+    """Return the sum of squares about the curve through all points (n,) but one, and the curve's value there."""
     fit = fit_polynomial(np.delete(command, place), np.delete(thrust_n, place), order=2)
     return float(np.sum(fit.residual**2)), float(fit.at(command[place]))
 
@@ -113,7 +113,7 @@ def verify_thrust(
 ) -> ScalesCheck:
     """Compare thrusts (n,) of one motor with the map at their commands (n,).
 
-    `scale_stds` are the relative standard uncertainties of scales of either instrument.
+    `scale_stds` are the relative standard uncertainties of the scales of both instruments.
 
     Raises FitError when no motor ran.
     """

@@ -23,12 +23,12 @@ from cfid.units import DEAD_COMMAND, FULL_COMMAND
 Array = npt.NDArray[np.float64]
 
 _LEAST_HELD_S = 0.2  # five time constants of the fastest rotor
-_TOGETHER = 0.8  # of the rows with a thrust that have a torque
-_MOST_NAMED = 8  # steps left out that have a sentence each
+_TOGETHER = 0.8  # share of the rows with a thrust that also have a torque
+_MOST_NAMED = 8  # steps left out, up to which each has its own sentence
 
 
 def of_table(table: StandTable, stand: Stand, facts: RigFacts = NONE_STATED) -> Evidence:
-    """Take a table's points, or reduce a record over time.
+    """Return a table's points, or reduce its record over time.
 
     Raises ConfigError where the speeds are those of another number of rotors than the thrust, and no number is stated.
     """
@@ -43,7 +43,7 @@ def of_table(table: StandTable, stand: Stand, facts: RigFacts = NONE_STATED) -> 
 
 
 def _ask_motors(table: StandTable, motors: int | None) -> None:
-    """Raise ConfigError where it is not known how many motors gave the thrust, or where they were stated too late."""
+    """Raise ConfigError where the number of motors that gave the thrust is not known, or was stated too late."""
     if table.thrust_n is None:
         return
     named, usual = f"{table.path}: '{table.columns['thrust_n'][0]}'", table.motors or 1
@@ -58,12 +58,12 @@ def _ask_motors(table: StandTable, motors: int | None) -> None:
 
 
 def _is_tachometers(table: StandTable) -> bool:
-    """Return whether speeds are a tachometer's, which counts markers; a thrust stand reports speeds of rotors."""
+    """Return whether speeds are those of a tachometer, which counts markers; a thrust stand reports rotors' speeds."""
     return table.speeds == "series"
 
 
 def _of_points(table: StandTable, stand: Stand) -> Evidence:
-    """Take a table of settled points; several series of one rotor are as many points."""
+    """Return a table's settled points; several series of one rotor give as many points."""
     share = 1 if table.motors is not None else stand.motors or 1
     points = per_motor(
         MotorPoints(command=table.command, thrust_n=table.thrust_n, torque_nm=table.torque_nm), motors=share
@@ -143,7 +143,7 @@ def _of_record(table: StandTable, stand: Stand) -> Evidence:
 
 
 def _longer_rest(table: StandTable) -> str:
-    """Return a sentence for a table whose range of pulse widths was assumed, and which has none of a motor at rest."""
+    """Return a sentence for a table whose range of pulse widths was assumed, and that has no motor at rest."""
     if not any("`esc_us`" in finding.text for finding in table.findings) or not np.nanmin(table.command) > 0:
         return ""
     low, high = USUAL_ESC_US
@@ -153,7 +153,7 @@ def _longer_rest(table: StandTable) -> str:
 
 
 def _forces(table: StandTable) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Return thrust, and torque where it was recorded with it (n, 1 or 2), and the rows (n,) where they are known.
+    """Return thrust, with torque where both were recorded (n, 1 or 2), and the rows (n,) in which they are known.
 
     A stand may read its load cells less often than the rest.
     """
@@ -170,7 +170,7 @@ def _forces(table: StandTable) -> tuple[Array, npt.NDArray[np.bool_]]:
 def _log(table: StandTable) -> tuple[Array | None, Array | None]:
     """Return when commands begin (m,) and the commands (m, 4), both None where the table has none.
 
-    Raises FitError for a recording in which no command is held: it is motion, not steps.
+    Raises FitError for a recording in which no command is held, which is motion and has no steps.
     """
     assert table.time_s is not None
     if np.isnan(table.command).all():
@@ -187,13 +187,13 @@ def _log(table: StandTable) -> tuple[Array | None, Array | None]:
 
 
 def _mean_of_known(settled: Sequence[Point], time_s: Array, value: Array) -> Array:
-    """Return the means (p,) of what is known of values (n,) in the windows of points."""
+    """Return the means (p,) of the known values (n,) in the windows of points."""
     known = np.isfinite(value)
     return mean_in_windows(settled, chosen_rows(time_s, known), chosen_rows(value, known))
 
 
 def _few(findings: Sequence[Finding], found: Staircase) -> tuple[Finding, ...]:
-    """Return the findings, many steps that were left out as one."""
+    """Return the findings, with many left-out steps merged into one."""
     left_out = [one for one in findings if one.code == "step-left-out"]
     if len(left_out) <= _MOST_NAMED:
         return tuple(findings)
@@ -203,7 +203,7 @@ def _few(findings: Sequence[Finding], found: Staircase) -> tuple[Finding, ...]:
 
 
 def _of_speeds(table: StandTable, stand: Stand) -> Evidence:
-    """Reduce a record over time of speeds alone."""
+    """Reduce a record over time that has speeds alone."""
     shown = table.square_mean_speed_rad_s
     if table.time_s is None or shown is None:
         raise DataError(f"{table.path}: a record over time without a thrust or a speed cannot be reduced.")

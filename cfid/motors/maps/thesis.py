@@ -1,4 +1,4 @@
-"""The mean of a window set by hand, as the thesis took it (C.2.3). Finds no window."""
+"""The mean in a window set by hand, as the thesis took it (C.2.3). This module finds no window."""
 
 from typing import NamedTuple
 
@@ -22,12 +22,12 @@ class ThesisMean(NamedTuple):
 
 
 def reduce_thesis(time_s: Array, channel: Array, *, from_s: float, to_s: float) -> ThesisMean:
-    """Average a channel (n,) in a window by hand as prepare_data of C.2.3 does, which then halves it for two motors.
+    """Average a channel (n,) in a window set by hand, as prepare_data of C.2.3 does before halving it for two motors.
 
-    The bias is Fz_raw(10:60), 51 samples from the tenth on. The window, since the first sample, begins with the last
-    sample not after `from_s` and ends with the last not after `to_s`.
+    The bias is Fz_raw(10:60), 51 samples from the tenth on. The window, in seconds since the first sample, begins with
+    the last sample not after `from_s` and ends with the last not after `to_s`.
 
-    Raises DataError where C.2.3 would find no index: a window that is not within the record.
+    Raises DataError where C.2.3 would find no index: for a window that is not within the record.
     """
     since_s = time_s - time_s[0]
     if len(since_s) < _BIAS.stop:

@@ -26,12 +26,12 @@ _Y = {"thrust": "N", "speed": "rad/s", "torque": "Nm"}
 
 
 class _Part(NamedTuple):
-    """A fit, the parameters that it gives, and how their numbers follow from its coefficients."""
+    """A fit, the parameters that it gives, and how these follow from its coefficients."""
 
     fit: PointFit
     values: dict[str, Any]
     outward: Array
-    own: Array | None = None  # covariance that is not the fit's
+    own: Array | None = None  # covariance in addition to the fit's
 
 
 def map_parameters(found: MotorMap) -> dict[str, Parameter]:
@@ -42,7 +42,7 @@ def map_parameters(found: MotorMap) -> dict[str, Parameter]:
 
 
 def table_parameter(points: MotorPoints) -> dict[str, Parameter]:
-    """Return all that was measured at each command."""
+    """Return everything that was measured at each command."""
 
     rows = [row._asdict() for row in motor_table(points)]
     return {"motor.table": Parameter(value=rows)}
@@ -64,7 +64,7 @@ def inverse_parameters(inverse: InverseMap) -> dict[str, Parameter]:
 
 
 def maximum_parameters(most: MaximumThrust) -> dict[str, Parameter]:
-    """Return section 3.3.1's check of the map."""
+    """Return the check of the map in section 3.3.1."""
     return {
         "motor.max_thrust_n": Parameter(value=most.thrust_n, std=most.std_n),
         "motor.hover_mass_kg": Parameter(value=most.hover_mass_kg, std=most.hover_mass_std_kg),
@@ -92,7 +92,7 @@ def covariances(
 
 
 def _joint(parts: Sequence[_Part]) -> tuple[Covariance, ...]:
-    """Return the joint covariance of several fits, for those whose own is known."""
+    """Return the joint covariance of several fits, those whose own covariance is known."""
     known = [part for part in parts if np.isfinite(part.fit.fit.covariance).all()]
     if not known:
         return ()
@@ -122,13 +122,13 @@ def _maximum(most: MaximumThrust) -> dict[str, Any]:
 
 
 def _to_maximum(most: MaximumThrust, order: int, at: float) -> Array:
-    """Return how the largest thrust and its mass follow from a polynomial (2, order + 1) `at` a command or voltage."""
+    """Return how largest thrust and mass follow from a polynomial (2, order + 1) `at` a command or voltage."""
     full = np.vander([at], order + 1)
     return np.vstack([full, full * most.hover_mass_kg / most.thrust_n])
 
 
 def _beyond(most: MaximumThrust) -> Array:
-    """Return the covariance (2, 2) of the largest thrust and its mass by what is not the polynomial's own."""
+    """Return the covariance (2, 2) of largest thrust and mass from what is not the polynomial's own."""
     both = np.array([1.0, most.hover_mass_kg / most.thrust_n])
     return np.asarray(most.beyond_std_n**2 * np.outer(both, both))
 
@@ -151,7 +151,7 @@ def _of_speed(found: SpeedThrustMap) -> tuple[_Part, _Part]:
 
 
 def speed_parameters(found: SpeedThrustMap) -> dict[str, Parameter]:
-    """Return thrust of speed as k w^2 and as full quadratic."""
+    """Return thrust over speed as k w^2 and as a full quadratic."""
 
     quadratic = found.quadratic
     return {
@@ -161,7 +161,7 @@ def speed_parameters(found: SpeedThrustMap) -> dict[str, Parameter]:
 
 
 def voltage_parameters(found: VoltageComparison) -> dict[str, Parameter]:
-    """Return thrust of motor voltage, lowest power first as the firmware has it."""
+    """Return thrust over motor voltage, lowest power first, as in the firmware."""
 
     return {
         "motor.thrust_voltage_poly": Parameter(
@@ -171,7 +171,7 @@ def voltage_parameters(found: VoltageComparison) -> dict[str, Parameter]:
 
 
 def map_lines(found: MotorMap) -> list[Dependent]:
-    """Return a map as the thesis writes it and how its order was chosen."""
+    """Return lines with a map as the thesis writes it, and with how its order was chosen."""
     lines = [_polynomial_line(found), *_aicc_line(found)]
     return [Dependent(line, f"motor.{found.quantity}_poly") for line in lines]
 
@@ -196,7 +196,7 @@ def _aicc_line(found: MotorMap) -> list[str]:
 
 
 def inverse_lines(inverse: InverseMap) -> list[Dependent]:
-    """Return range and round trip of the inverse."""
+    """Return a line with range and round trip of the inverse."""
     low, high = (_plain(1e3 * thrust_n) for thrust_n in inverse.thrust_range_n)
     line = (
         f"command of thrust: from {low} to {high} mN (commands {inverse.command_range[0]:.0f} to "
@@ -207,7 +207,7 @@ def inverse_lines(inverse: InverseMap) -> list[Dependent]:
 
 
 def maximum_lines(most: MaximumThrust) -> list[Dependent]:
-    """Return what can hover, and at which voltage of the battery."""
+    """Return a line on the mass that can hover, and on the battery's voltage for that."""
     at = "" if most.volts is None else f" at {most.volts:.2f} V, to which the battery sags then"
     line = (
         f"at most {_plain(1e3 * most.thrust_n)} mN a motor{at}, measured {_plain(1e3 * most.measured_n)} mN at "
@@ -223,7 +223,7 @@ def verification_merits(found: ScalesCheck | None) -> dict[str, Dependent]:
 
 
 def verification_lines(found: ScalesCheck) -> list[Dependent]:
-    """Return how far a second instrument is from the map (figure 3.9)."""
+    """Return a line on how far a second instrument is from the map (figure 3.9)."""
     largest = max(abs(value) for value in found.difference_n.tolist())
     line = (
         f"verification: {counted(len(found.command), 'reading')}, {1e3 * found.rms_n:.3g} mN rms "
@@ -252,5 +252,5 @@ def _percent(value: float) -> str:
 
 
 def _plain(value: float) -> str:
-    """Return a number to four digits and without an exponent: a large motor's thrust is 20340 mN, not 2e+04."""
+    """Return a number with four digits and no exponent: a large motor's thrust is 20340 mN, not 2e+04."""
     return np.format_float_positional(value, precision=4, fractional=False, trim="-")

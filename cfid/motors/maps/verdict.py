@@ -1,4 +1,4 @@
-"""Judge a staircase as soon as it is recorded: of the load cell, of typed readings, or of what an instrument showed."""
+"""Judges a staircase as soon as it is recorded: of the load cell, of typed readings, or of an instrument."""
 
 from collections.abc import Mapping
 from contextlib import suppress
@@ -34,9 +34,9 @@ from cfid.records.tables.wrench import AXES, LOADCELL, WrenchReading, read_wrenc
 from cfid.units import DEAD_COMMAND, USUAL_GRAVITY_MPS2
 
 _SHARE = 0.5  # of the steps that must be there
-_RISES = 0.02  # of the largest: what an instrument has to show more at the highest command than at the lowest
+_RISES = 0.02  # of the largest: how much more an instrument has to show at the highest command than at the lowest
 _LARGEST_N = "motor.max_thrust_n"
-_SHOWN = {  # of each instrument the column, its unit, and how a sentence on it begins
+_SHOWN = {  # for each instrument: the column, its unit, and how a sentence on it begins
     TACHOMETER: ("rpm", "rpm", "the tachometer shows"),
     SCALES: ("grams", "g", "the scales show"),
 }
@@ -44,12 +44,12 @@ _MARKERS = "If only markers in rig.toml is wrong, correct it: `cfid fit speed` w
 
 
 def of_forces(run: Run) -> str:
-    """Return how many steps of a load cell's staircase are steady, and why the fit of torque rejects them, if it does.
+    """Return how many steps of a load cell's staircase are steady, and why the fit of torque rejects it, if it does.
 
-    It is taken with the runs that it completes, as the fits take it. Raises DataError or FitError where few are steady,
-    or where the platform's motors cannot have such a thrust.
+    The run is taken with those that it completes, as the fits take it. Raises DataError or FitError where few steps are
+    steady, or where the platform's motors cannot have such a thrust.
     """
-    steps = sum(command > 0 for command in StaircasePlan.of_run(run).steps)  # at 0 it is the tare
+    steps = sum(command > 0 for command in StaircasePlan.of_run(run).steps)  # a step at 0 is the tare
     record = read_wrench(run.folder, WrenchReading())
     evidence = of_staircase(record, Stand().where(run.header.rig))
     axis, reduced = record.main_axis, evidence.reduced[0].staircase
@@ -72,7 +72,7 @@ def of_forces(run: Run) -> str:
 
 
 def _check_thrust(run: Run, evidence: Evidence, found: str, *, fitted: bool) -> None:
-    """Raise FitError with what was `found` where a motor of the platform has no such thrust, measured or by the fit."""
+    """Raise FitError with what was `found` where no motor of the platform has the thrust, measured or fitted."""
     rig, thrust_n, faults = _rig_around(run), evidence.points.thrust_n, list[str]()
     expected = range_of(_LARGEST_N, platform_of(rig))
     if thrust_n is None or np.isnan(thrust_n).all() or expected is None:
@@ -91,7 +91,7 @@ def _check_thrust(run: Run, evidence: Evidence, found: str, *, fitted: bool) -> 
 
 
 def _about_torque(run: Run, evidence: Evidence) -> str:
-    """Return why the fit of torque refuses a staircase, "" where it takes it, or where rotors' torques cancel."""
+    """Return why the fit of torque rejects a staircase; "" where it does not, or where rotors' torques cancel."""
     torque_nm = evidence.points.torque_nm
     if torque_nm is None or np.isnan(torque_nm).all():
         return ""
@@ -104,9 +104,10 @@ def _about_torque(run: Run, evidence: Evidence) -> str:
 
 
 def of_readings(run: Run) -> str:
-    """Say how many steps have a reading, and what their fit lacks. Raises DataError or FitError where it refuses them.
+    """Return how many steps have a reading, and what their fit lacks.
 
-    Readings are refused where few steps have one, where one is implausible, and by the line through speeds.
+    Raises DataError or FitError where the readings are rejected: where few steps have one, where one is implausible, or
+    because of the line through speeds.
     """
     plan = StaircasePlan.of_run(run)
     if not holds(run, READINGS):
@@ -127,7 +128,7 @@ def of_readings(run: Run) -> str:
 
 
 def _too_few(command: Array, before: Mapping[str, Evidence], kind: str) -> str:
-    """Return that a map needs points at more commands than these (n,) and those before, "" where they suffice."""
+    """Return that a map needs points at more commands than these (n,) and earlier runs have; "" if they suffice."""
     needed = FEWEST_COMMANDS[kind]
     driven = np.concatenate([command, *(part.points.command for part in before.values())])
     there = len(np.unique(driven[driven > DEAD_COMMAND]))
@@ -142,18 +143,18 @@ def _too_few(command: Array, before: Mapping[str, Evidence], kind: str) -> str:
 
 
 def _in_parts(before: Mapping[str, Evidence]) -> str:
-    """Return with which runs, which it completes, a run gives a map, "" for none."""
+    """Return together with which completed runs a run gives a map, "" without any."""
     return f" It gives a map together with {', '.join(before)}, which it completes." if before else ""
 
 
 def _beside(before: Mapping[str, Array]) -> str:
-    """Return the beginning of a sentence on a run beside those before, with their commands (n,), "" for none."""
+    """Return how a sentence on a run begins that names those before it, with their commands (n,); "" for none."""
     parts = [f"{name} (commands {own.min():.0f} to {own.max():.0f})" for name, own in before.items()]
     return f"together with {', '.join(parts)}, which it completes: " if parts else ""
 
 
 def _check_plausible(command: Array, value: Array, expected: Expected) -> None:
-    """Raise DataError that names an implausible reading (n,): of motors that stand, or the furthest from the others."""
+    """Raise DataError for an implausible reading (n,): one of motors at rest, or the furthest from the others."""
     furthest = int(np.argmax(np.abs(value - np.median(value))))
     for place in (*np.flatnonzero(command == 0).tolist(), furthest):
         others = np.delete(value, place).tolist()
@@ -162,15 +163,15 @@ def _check_plausible(command: Array, value: Array, expected: Expected) -> None:
 
 
 def _rig_around(run: Run) -> Rig | None:
-    """Return the rig of the campaign that a run is in, by which the fit judges too."""
+    """Return the rig of the campaign to which a run belongs; the fit judges by it too."""
     campaign = find_campaign(None, start=run.folder.resolve().parent)
     return None if campaign is None else campaign.rig
 
 
 def _about_speeds(run: Run, command: Array) -> str:
-    """Return what a map of speeds at commands (n,) lacks, or with which runs, which it completes, they give it.
+    """Return what a map of speeds at commands (n,) lacks, or with which runs, which this run completes, they give one.
 
-    Raises as `fit_speed` refuses it, and DataError where the run.toml of one of these is invalid.
+    Raises FitError where `fit_speed` rejects it, and DataError where the run.toml of one of these runs is invalid.
     """
     before = of_completed(run)
     if lacking := _too_few(command, before, "speed"):
@@ -185,9 +186,9 @@ def _about_speeds(run: Run, command: Array) -> str:
 
 
 def _about_weights(run: Run) -> str:
-    """Return what a run of scales lacks, "" where it verifies a map. Raises FitError where these are no weights of it.
+    """Return what a run of scales lacks, "" where it verifies a map. Raises FitError where its weights cannot do so.
 
-    It is taken with the runs that it completes, as the fit takes it.
+    The run is taken with those that it completes, as the fit takes it.
     """
     weighing = weighing_of(run)
     standing = weighing.command <= DEAD_COMMAND
@@ -206,15 +207,15 @@ def _about_weights(run: Run) -> str:
 
 
 def _counted(run: Run) -> str:
-    """Return how a tachometer's readings are understood."""
+    """Return a clause on how a tachometer's readings are understood."""
     markers = run.header.rig.tachometer.markers or 1
     return f" and counts {counted(markers, 'marker')} a turn: divided by {markers}, these are speeds of the rotor"
 
 
 def _of_instrument(run: Run, plan: StaircasePlan) -> str:
-    """Say what a tachometer or scales showed, or the vehicle's log, and what their fit lacks.
+    """Return what a tachometer, scales or the vehicle's log showed, and what their fit lacks.
 
-    Raises DataError where that follows no command, FitError where the fit refuses it.
+    Raises DataError where that follows no command, FitError where the fit rejects it.
     """
     for device, (column, unit, shows) in _SHOWN.items():
         if holds(run, device):

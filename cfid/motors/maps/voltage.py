@@ -1,6 +1,6 @@
-"""Thrust over motor voltage, command / 65535 * battery, compared with the same over the command alone.
+"""Thrust over motor voltage, command / 65535 * battery, compared with thrust over the command alone.
 
-Takes steady points: a rotor that changes its speed follows neither.
+The input is steady points: a rotor that changes its speed follows neither.
 """
 
 from dataclasses import dataclass, replace
@@ -17,22 +17,22 @@ from cfid.motors.points import Array, weighable
 from cfid.units import DEAD_COMMAND, FULL_COMMAND
 
 KEY = "motor.thrust_voltage_poly"
-THRUST_ORDER = 3  # as the firmware compensates the battery
+THRUST_ORDER = 3  # as in the firmware's compensation of the battery
 
-_TELLING = 1.05  # ratio of prediction errors from which one form is the better one
-_SAGS, _FALLS = 0.01, -0.8  # share of a voltage by which it falls, and correlation with the command from which it does
+_TELLING = 1.05  # ratio of prediction errors from which on one form is the better one
+_SAGS, _FALLS = 0.01, -0.8  # a voltage sags by more than this share, and with a correlation with the command below this
 
 
 @dataclass(frozen=True, kw_only=True)
 class VoltageComparison:
     """Polynomials of equal order over motor voltage and over command, judged on commands left out of the fit.
 
-    `command`, `motor_volts` and `value` (n,) are the points that `used` (N,) marks of all. `voltage_rms` and
-    `command_rms` are the errors of prediction, in the value's unit, of the points at `judged` commands, each form by
-    plain least squares.
+    `command`, `motor_volts` and `value` (n,) are those of all points that `used` (N,) marks. `voltage_rms` and
+    `command_rms` are the errors of prediction, in the value's unit, for the points at `judged` commands, with each form
+    fitted by plain least squares.
 
-    Thrust over voltage is the cubic that rises over all voltages, as the firmware needs it; where the points
-    contradict every such cubic, a rejection states why, and `by_voltage` is the plain one.
+    Thrust over voltage is the cubic that rises over all voltages, as the firmware needs it; where the points contradict
+    every such cubic, a rejection states why, and `by_voltage` is the plain one.
     """
 
     by_voltage: PolynomialFit
@@ -48,7 +48,7 @@ class VoltageComparison:
 
     @property
     def lowest_first(self) -> Array:
-        """Coefficients over motor voltage, lowest power first as the firmware has them."""
+        """Coefficients over motor voltage, lowest power first, as in the firmware."""
         return self.by_voltage.coefficients[::-1]
 
     @property
@@ -58,14 +58,14 @@ class VoltageComparison:
 
     @property
     def better(self) -> Literal["voltage", "command", "neither"]:
-        """Which form to take; neither where their errors differ by less than 5 %."""
+        """The better form; "neither" where their errors differ by less than 5 %."""
         if self.ratio > _TELLING:
             return "voltage"
         return "command" if self.ratio < 1 / _TELLING else "neither"
 
     @property
     def verdict(self) -> Finding:
-        """Which form predicts better and by how much."""
+        """A finding on which form predicts better, and by how much."""
         how = f"cross-validated over {self.judged} commands"
         if self.better == "neither":
             text = f"motor voltage and command predict equally well, {how}: this battery cannot distinguish them."
@@ -77,12 +77,12 @@ class VoltageComparison:
 
     @property
     def rejected(self) -> bool:
-        """Whether the firmware cannot have this cubic."""
+        """Whether the firmware cannot use this cubic."""
         return any(finding.severity == "rejection" for finding in self.findings)
 
 
 def motor_volts(*, command: npt.ArrayLike, vbat_v: npt.ArrayLike) -> Array:
-    """Return the mean voltage at a motor: the command chops that of the battery."""
+    """Return the mean voltage at a motor: the command chops the battery's voltage."""
     return np.asarray(np.asarray(command, dtype=np.float64) / FULL_COMMAND * np.asarray(vbat_v, dtype=np.float64))
 
 
@@ -134,12 +134,12 @@ def compare(
     shared: Array | None = None,
     folds: int | None = None,
 ) -> VoltageComparison:
-    """Fit both forms to points (n,) above the dead zone, and let each predict the commands left out of it.
+    """Fit both forms to points (n,) above the dead zone, and let each predict the commands left out of its fit.
 
-    A command is left out with all its points, else a point would be predicted from another one at the same voltage:
-    one command after another, or `folds` groups of them in turn. The lowest and the highest stay in, as a cubic
-    must not be extrapolated. `std` (n,) weighs the points, and `shared` (n, m) are the parts
-    of it that points have in common, as in `fit_polynomial`; the errors of prediction are not weighted.
+    A command is left out with all its points, else a point would be predicted from another one at the same voltage.
+    Commands are left out one after another, or in `folds` groups in turn. The lowest and the highest stay in, as a
+    cubic must not be extrapolated. `std` (n,) weights the points, and `shared` (n, m) are the parts of it that points
+    have in common, as in `fit_polynomial`; the errors of prediction are not weighted.
 
     Raises FitError when there are too few commands.
     """
@@ -175,18 +175,18 @@ def compare(
 
 
 def _used(used: npt.NDArray[np.bool_], std: Array | None, shared: Array | None) -> tuple[Array | None, Array | None]:
-    """Return standard uncertainties of the points used, for weights, and their shared parts; None where unknown."""
+    """Return standard uncertainties of the used points, as weights, and their shared parts; None where unknown."""
     return None if std is None else weighable(std[used]), None if shared is None else shared[used]
 
 
 def _unseen(x: Array, value: Array, left_out: npt.NDArray[np.bool_], order: int, std: Array | None) -> Array:
-    """Return by how much a fit to the other points misses those left out."""
+    """Return by how much a fit to the other points misses the points left out."""
     fit = fit_polynomial(x[~left_out], value[~left_out], order=order, std=None if std is None else std[~left_out])
     return value[left_out] - fit.at(x[left_out])
 
 
 def _visited_once(command: Array, vbat_v: Array) -> tuple[Finding, ...]:
-    """Warn when no command (n,) was held at two voltages (n,): the run cannot distinguish both forms."""
+    """Warn when no command (n,) was held at two voltages (n,): the run cannot distinguish the two forms."""
     if len(np.unique(command)) < len(command):
         return ()
     low, high = float(vbat_v.min()), float(vbat_v.max())

@@ -1,4 +1,4 @@
-"""Thrusts of commands that a run held twice: they differ where the load cell warmed up meanwhile."""
+"""Thrusts at commands that a run held twice: they differ where the load cell warmed up in between."""
 
 import math
 
@@ -13,8 +13,8 @@ from cfid.motors.points import Array, MotorPoints
 from cfid.units import DEAD_COMMAND
 
 _LARGEST_IN_STD = 3.0
-_SAGGED = 0.005  # of the battery's voltage: where it changed by more, so did the thrust itself
-_NOTABLE = 0.01  # of the thrust: a drift that is smaller need not be seen
+_SAGGED = 0.005  # of the battery's voltage: where it changed by more, the thrust itself changed
+_NOTABLE = 0.01  # of the thrust: a smaller drift need not be seen
 _KEYS = ("motor.thrust_poly", "motor.torque_poly", "motor.max_thrust_n", "motor.hover_mass_kg")
 
 
@@ -23,10 +23,10 @@ def warm_up(
 ) -> tuple[tuple[Cause, ...], tuple[Finding, ...]]:
     """Return the drift of a run's load cell as a cause of error, with findings; no cause where noise explains it.
 
-    Points (n,) were recorded at times (n,). Each command held again gives a relative change over the time between.
-    Their weighted mean rate times the run's duration is the drift. What noise adds to its square is taken off.
-    The rest is the standard uncertainty, since the last thrust need not be the right one either: a drift that has not
-    ended may go on for as much again.
+    Points (n,) were recorded at times (n,). Each command that was held again gives a relative change over the time
+    between. The weighted mean rate of these changes, times the run's duration, is the drift. What noise adds to its
+    square is subtracted. The rest is the standard uncertainty, since the last thrust need not be the right one either:
+    a drift that has not ended may go on for as much again.
     """
     if points.thrust_n is None or points.thrust_std_n is None:
         return (), ()

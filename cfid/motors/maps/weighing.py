@@ -1,4 +1,4 @@
-"""What scales showed under a vehicle, in runs and tables, and a thrust map beside it (section 3.3.1, figure 3.9)."""
+"""Readings of scales under a vehicle, in runs and tables, compared with a thrust map (section 3.3.1, figure 3.9)."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -27,8 +27,8 @@ from cfid.units import DEAD_COMMAND
 class Weighing:
     """Commands (n,), grams (n,) that scales showed, how many motors ran, and the facts of the rig.
 
-    `rest_g` (n,) is the weight at rest that each is compared with, None where that is the mean of those at rest.
-    `parts` are the commands of each run that they are from, by its name.
+    `rest_g` (n,) is the weight at rest with which each reading is compared, None where that is the mean of the readings
+    at rest. `parts` maps the name of each run to its commands.
     """
 
     command: Array
@@ -46,7 +46,7 @@ class Weighing:
 
 
 def read_scales(path: Path, stand: Stand) -> Weighing:
-    """Read a run of scales with those that it completes, or a table. Raises DataError."""
+    """Read a run of scales with the runs that it completes, or a table. Raises DataError."""
     run = run_at(path)
     if run is not None:
         return weighing_of(run)
@@ -59,8 +59,8 @@ def read_scales(path: Path, stand: Stand) -> Weighing:
 def weighing_of(run: Run) -> Weighing:
     """Return what scales showed in a run and in those that it completes.
 
-    Each part is compared with its own weight at rest, since the vehicle may have been set down anew; a part without
-    such a reading with that of the part before. Raises DataError.
+    Each part is compared with its own weight at rest, since the vehicle may have been set down anew; a part without a
+    reading at rest is compared with that of the part before. Raises DataError.
     """
     shown: dict[str, tuple[Array, Array]] = {}
     for part in with_completed(run)[:-1]:
@@ -80,7 +80,7 @@ def weighing_of(run: Run) -> Weighing:
 
 
 def _rest_g(parts: Sequence[tuple[Array, Array]]) -> Array:
-    """Return the weight at rest (n,) of each reading of some parts, nan where none has one."""
+    """Return the weight at rest (n,) for each reading of some parts, nan where no part has one."""
     own = [float(grams[at].mean()) if (at := command <= DEAD_COMMAND).any() else None for command, grams in parts]
     rest_g, found = next((one for one in own if one is not None), np.nan), list[Array]()
     for one, (command, _) in zip(own, parts, strict=True):
@@ -90,7 +90,7 @@ def _rest_g(parts: Sequence[tuple[Array, Array]]) -> Array:
 
 
 def _shown_by_scales(run: Run) -> tuple[Array, Array]:
-    """Return commands (n,) and grams (n,): typed readings, or means of what came in the second half of each step."""
+    """Return commands (n,) and grams (n,): typed readings, or means of those in the second half of each step."""
     if holds(run, READINGS):
         rows = read_rows(run, READINGS)
         if "grams" not in rows.columns:
@@ -105,7 +105,7 @@ def _shown_by_scales(run: Run) -> tuple[Array, Array]:
 def verified(
     mapped: MotorMap, scales: Sequence[Path], stand: Stand, loadcells: Sequence[RigFacts], gravity_mps2: float
 ) -> tuple[ScalesCheck | None, Sequence[Finding]]:
-    """Compare a map with scales, of runs or of tables; a run that another one completes is taken with that.
+    """Compare a map with scales, from runs or tables; a run that another one completes is taken with that one.
 
     Raises DataError.
     """
