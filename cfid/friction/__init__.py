@@ -1,4 +1,4 @@
-"""Dropped weights to Coulomb and viscous friction of the swing's axis."""
+"""Coulomb and viscous friction of the swing's axis, from dropped weights."""
 
 from typing import TYPE_CHECKING
 

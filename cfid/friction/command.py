@@ -1,4 +1,4 @@
-"""`cfid fit friction`: dropped weights to Coulomb and viscous friction of the axis."""
+"""`cfid fit friction`: Coulomb and viscous friction of the axis, from dropped weights."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -72,9 +72,9 @@ def friction(
 def _read_weights(
     words: Sequence[str], reading: ReadingOptions, workplace: Workplace
 ) -> "tuple[list[AngleRecord], list[Finding]]":
-    """Read GRAMS=FILE, or a RUN whose label has its weight; return warnings on those that cannot be read.
+    """Read GRAMS=FILE, or a RUN whose label has its weight; return warnings on files and runs that cannot be read.
 
-    Raises ConfigError for what is no weight, DataError for a file that is not there, and where none can be read.
+    Raises ConfigError for an invalid weight, DataError for a file that does not exist, and where none can be read.
     """
     from cfid.errors import DataError
     from cfid.findings import warning

@@ -20,25 +20,25 @@ MEDIAN_SAMPLES = 7  # C.1.2, O_medfilt
 
 _BLOCK_S = 0.05
 _SHORTEST_S = 0.25
-_STEADY = 0.03  # slope across the window and scatter within it, over the mean speed
-# Seconds of a window in which an impact is sought, and after it; of the samples beside one that are left out; and how
-# many times a bend explains what noise would.
+_STEADY = 0.03  # slope across the window and scatter within it, relative to the mean speed
+# Seconds of a window, and after it, in which an impact is sought; seconds before an impact that are left out; and how
+# many times as much as noise a bend must explain.
 _BEND_S, _AFTER_S, _BESIDE_S, _CLEAR = 1.0, 0.5, 0.02, 30.0
-_QUICK = 0.1  # of the rise at the release: what an impact slows the axis by at least, as a line over half a second
+_QUICK = 0.1  # of the rise at the release: the least slowing of the axis by an impact, as a line over half a second
 _MOVING = 0.2  # of the highest speed
 _BEFORE_S = 0.3
-_NEAR = 0.25  # of the mean speed: what the speed tends to lies no farther from it, or the fall has not shown it
+_NEAR = 0.25  # of the mean speed: if the speed tends to a value farther from it, the fall has not shown that value
 
 
 @dataclass(frozen=True, kw_only=True)
 class Drop:
     """One dropped weight: the unwrapped record (n,), its speed (n - 1,), the window and what follows from it.
 
-    `speed_rad_per_s` is the mean in the window; `coefficient_nms_per_rad` = m g r / speed (eq. 2.14 at rest).
-    Without a settled speed both are the values of the best window there is, and are not to be used.
-    `terminal_rad_per_s` and `time_constant_s` are those of eq. 2.13 fitted from before the release to the
-    window's end, `model_rad` (m,) that fit at `model_time_s` (m,). `speed_per_turn` is by how much the speed that it
-    tends to changes in a turn of the axis, over that speed, and `turns` how many the fit covers.
+    `speed_rad_per_s` is the mean in the window; `coefficient_nms_per_rad` = m g r / speed (eq. 2.14 at rest). Without a
+    settled speed, both are the values of the best window found, and are not to be used. `terminal_rad_per_s` and
+    `time_constant_s` are those of eq. 2.13 fitted from before the release to the window's end, and `model_rad` (m,) is
+    that fit at `model_time_s` (m,). `speed_per_turn` is the change per turn of the axis in the speed that the fall
+    tends to, relative to that speed, and `turns` is how many turns the fit covers.
     """
 
     weight_kg: float
@@ -76,7 +76,7 @@ def measure_drop(
 
     `from_s` and `to_s` set the window by hand.
 
-    Raises DataError when the axis does not turn, or when the samples are too few for their time.
+    Raises DataError when the axis does not turn, or when the samples are too few for the time that they span.
     """
     check_dense(time_s)
     counted, unclear = counted_turns(time_s - time_s[0], angle_rad)
@@ -96,7 +96,7 @@ def measure_drop(
         raise DataError("the axis stands still in the window: choose another.")
     check_turns(time_s - time_s[0], counted, unclear, grid[moving.start], grid[window.stop - 1])
     begin, (terminal, tau), model = _fit_fall(grid, angle, moving.start, window.stop, mean)
-    fall = slice(moving.start, window.stop)  # behind it the weight may be on the floor
+    fall = slice(moving.start, window.stop)  # after it the weight may be on the floor
     return Drop(
         weight_kg=weight_kg,
         weight_std_kg=weight_std_kg,
@@ -135,7 +135,7 @@ def _blocks(speed: Array) -> Array:
 
 
 def _unsteadiness(blocks: Array) -> float:
-    """Return the larger of the trend across a segment and its scatter, over its mean."""
+    """Return the larger of the trend across a segment and its scatter, relative to its mean."""
     place, size = _across(len(blocks))
     trend = float(blocks @ place / size) if len(blocks) > 1 else 0.0
     return max(abs(trend), float(blocks.std())) / max(abs(float(blocks.mean())), 1e-12)
@@ -181,9 +181,9 @@ def _steady_window(speed: Array, moving: slice) -> tuple[slice, float]:
 def _before_impact(speed: Array, window: slice, moving: slice) -> int:
     """Return the end of a steady window of the fall (samples) without what follows the weight's impact on the floor.
 
-    From there on the axis lacks the torque that had turned it: the speed bends down, about as quickly as it rose at the
-    release, and at last is below all of the window. Friction that changes within a turn bends it, too, and comes back;
-    a line wound in layers bends it slowly.
+    After the impact, the axis lacks the torque that turned it: the speed bends down, about as quickly as it rose at the
+    release, and ends below all of the window. Friction that changes within a turn also bends the speed, which then
+    recovers; a line wound in layers bends it slowly.
     """
     start, stop = int(window.start), int(window.stop)
     begin, after = max(start, stop - round(_BEND_S / GRID_S)), min(stop + round(_AFTER_S / GRID_S), moving.stop)
@@ -227,7 +227,7 @@ def _mean_std(inside: Array) -> float:
 def _fit_fall(grid: Array, angle: Array, start: int, stop: int, speed: float) -> tuple[int, tuple[float, float], Array]:
     """Fit eq. 2.13 from just before the release to the window's end; return terminal speed and time constant.
 
-    The moment of release is a parameter: it lies between two samples.
+    The moment of release is a parameter, since it lies between two samples.
     """
     begin = max(start - round(_BEFORE_S / GRID_S), 0)
     time, turned = grid[begin:stop], angle[begin:stop]
@@ -245,7 +245,7 @@ def _fit_fall(grid: Array, angle: Array, start: int, stop: int, speed: float) ->
 
 
 def _speed_per_turn(time: Array, angle: Array, speed: Array, tau: float) -> float:
-    """Return by how much a fall's speed (n,) changes in a turn, over its mean, besides its exponential start."""
+    """Return how much a fall's speed (n,) changes in a turn, relative to its mean, apart from its exponential start."""
     turned = (angle - angle[0]) / (2 * math.pi)
     start = np.exp(-(time - time[0]) / max(tau, GRID_S))
     rows = np.stack([np.ones(len(time)), turned - turned.mean(), start], axis=1)

@@ -1,4 +1,4 @@
-"""Friction of the swing's axis, and the inertia of its set-up, from all dropped weights together."""
+"""Friction of the swing's axis and the inertia of its set-up, from all dropped weights together."""
 
 import math
 from collections.abc import Sequence
@@ -18,11 +18,11 @@ Array = npt.NDArray[np.float64]
 VISCOUS, COULOMB = "friction.viscous_nms_per_rad", "friction.coulomb_nm"
 SETUP_INERTIA = "friction.setup_inertia_kg_m2"
 
-_HEAVIER = 1.1  # drops of more similar weights may change places by their friction
-_FEWEST = 2  # drops, of which Coulomb and viscous friction follow without any to spare
+_HEAVIER = 1.1  # friction may change the order of drops with more similar weights
+_FEWEST = 2  # drops, from which Coulomb and viscous friction follow with none to spare
 _FEWEST_LAYERED = 3
-_LAYERED_STD = 4.0  # widened for the few drops there are
-_BEYOND_STD = 2.5  # of a few drops' mean, widened for their number: a negative inertia that is larger is no noise
+_LAYERED_STD = 4.0  # standard uncertainties, widened for the small number of drops
+_BEYOND_STD = 2.5  # of a few drops' mean, widened for their number: a larger negative inertia is no noise
 _LAYERED = 0.02  # of the radius, over a fall
 
 
@@ -30,8 +30,8 @@ _LAYERED = 0.02  # of the radius, over a fall
 class FrictionEstimate:
     """All weights together: torque = coulomb + viscous * speed, and the inertia of the set-up.
 
-    Standard uncertainties come from the scatter of the runs about the line; None where no run is left over to
-    scatter. A value is None where the runs do not determine it; a rejection has the reason.
+    Standard uncertainties come from the scatter of the runs about the line; they are None where no run is left to show
+    scatter. A value is None where the runs do not determine it; a rejection states the reason.
     """
 
     viscous_nms_per_rad: float | None = None
@@ -54,9 +54,9 @@ def fit_friction(
 ) -> FrictionEstimate:
     """Fit Coulomb and viscous friction to all settled drops, and the set-up's inertia to their starts.
 
-    m g r = M_c + c speed, with the speed that each fall tends to; the windowed mean, as the thesis has it, is
-    still on its way there. The start's time constant is (I + m r^2) / c: the weight is accelerated as well,
-    which eq. 2.12 leaves out. `speed_scale_std` is the relative standard uncertainty that all speeds share.
+    The model is m g r = M_c + c speed, with the speed that each fall tends to; the mean in a window, as the thesis has
+    it, has not yet reached that speed. The start's time constant is (I + m r^2) / c, since the weight is accelerated as
+    well, which eq. 2.12 leaves out. `speed_scale_std` is the relative standard uncertainty that all speeds share.
     """
     settled = [drop for drop in drops if drop.settled]
     if len({drop.weight_kg for drop in settled}) < 2:
@@ -140,7 +140,7 @@ def _weights_covariance(drops: Sequence[Drop]) -> Array:
 
 
 def _line(speed: Array, torque: Array, weights: Array) -> tuple[_Known, _Known, tuple[Finding, ...]]:
-    """Fit torque = coulomb + viscous * speed, neither negative; return both, and what was found on the way.
+    """Fit torque = coulomb + viscous * speed, neither negative; return both, and findings.
 
     `weights` (n, n) is the covariance that the torques (n,) have from their weights.
     """
@@ -167,9 +167,8 @@ def _line(speed: Array, torque: Array, weights: Array) -> tuple[_Known, _Known, 
 def _least_squares(columns: list[Array], torque: Array, weights: Array) -> list[_Known]:
     """Return each column's coefficient with its standard uncertainty from the scatter, None without degrees of freedom.
 
-    The covariance of the weights (n, n) is added: their errors need not scatter.
-
-    What differs from drop to drop is the friction itself, so the residual is a torque.
+    The covariance of the weights (n, n) is added, since their errors need not scatter. What differs from drop to drop
+    is the friction itself, so the residual is a torque.
     """
     found = fit_linear(np.stack(columns, axis=1), torque, noise_known=False)
     freedom, of_weights = found.degrees_of_freedom, std_of(found.gain @ weights @ found.gain.T)
@@ -180,7 +179,7 @@ def _least_squares(columns: list[Array], torque: Array, weights: Array) -> list[
 
 
 def _order_finding(drops: Sequence[Drop]) -> tuple[Finding, ...]:
-    """Reject drops of which a clearly heavier weight turns the axis more slowly than a lighter one."""
+    """Reject drops in which a clearly heavier weight turns the axis more slowly than a lighter one."""
     pairs = [
         (light, heavy)
         for light in drops
@@ -199,10 +198,10 @@ def _order_finding(drops: Sequence[Drop]) -> tuple[Finding, ...]:
 
 
 def _layers_finding(drops: Sequence[Drop], viscous: float, radius_m: float, gravity_mps2: float) -> tuple[Finding, ...]:
-    """Reject drops in all of which the speed changes from turn to turn as a growing or shrinking radius has it.
+    """Reject drops if the speed of all changes from turn to turn as with a radius that grows or shrinks.
 
     A torque that changes by a share per turn changes the speed by that share of m g r / c. Friction that wanders within
-    a fall scatters about no change: the mean over the drops is judged by their scatter.
+    a fall gives changes that scatter about zero, so the mean over the drops is judged by their scatter.
     """
     if viscous <= 0 or len(drops) < _FEWEST_LAYERED:
         return ()
@@ -235,7 +234,7 @@ def _setup_inertia(drops: Sequence[Drop], viscous: _Known, radius_m: float, comm
 
 
 def _negative_inertia(inertia: _Estimate) -> tuple[Finding, ...]:
-    """Reject all that rests on the radius where the axis would have less than no inertia, beyond noise."""
+    """Reject all that rests on the radius where the axis would have a negative inertia, beyond noise."""
     if inertia.value is None or inertia.std is None or inertia.value >= -_BEYOND_STD * inertia.std:
         return ()
     text = (

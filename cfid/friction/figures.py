@@ -1,4 +1,4 @@
-"""Friction of the swing's axis drawn: the dropped weights (figures 2.7 to 2.9), and torque against speed."""
+"""Figures of the axis' friction: the dropped weights (figures 2.7 to 2.9), and torque against speed."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -49,10 +49,10 @@ _THESIS = "thesis: mean M_fr"
 
 @styled
 def drops_figure(drops: Sequence[Drop], *, labels: Sequence[str], title: str = "Dropped weights") -> Figure:
-    """Return one row a run, the turned angle at its left and the speed at its right.
+    """Return one row per run, with the turned angle on the left and the speed on the right.
 
-    More than six runs share a row with those of the same weight. Times count from each record's first
-    sample, as a window set by hand does. A run whose speed never settled is marked in red.
+    Where there are more than six runs, those of the same weight share a row. Times count from each record's first
+    sample, as for a window set by hand. A run whose speed never settled is marked in red.
     """
     alone = len(drops) <= MOST_ROWS
     rows = _rows(drops, labels, alone=alone)
@@ -84,12 +84,12 @@ def friction_figure(
     gravity_mps2: float,
     title: str = "Friction of the axis",
 ) -> Figure:
-    """Return the torque of the weights against the speed they fall with, and the thesis' coefficients.
+    """Return a figure of the weights' torque against the speed of their fall, and of the thesis' coefficients.
 
     The line is Coulomb plus viscous friction, through the speeds that the falls tend to. Bars are standard
-    uncertainties of weights and mean speeds; that of the speed a fall tends to is not known from one fall. The thesis'
-    M_fr = m g r / speed is the slope from the origin to the mean speed in a run's window, so that with dry
-    friction it depends on the speed: table 2.1's first five runs.
+    uncertainties of weights and mean speeds; that of the speed that a fall tends to is not known from one fall. The
+    thesis' M_fr = m g r / speed is the slope from the origin to the mean speed in a run's window, so with dry friction
+    it depends on the speed, as in the first five runs of table 2.1.
     """
     notes = texts(friction.findings, "note", "warning", "rejection")
     page, grid = figure(3, 2, heights_in=(KEY_IN, 2.9, 0.95), title=title, notes=notes)

@@ -1,4 +1,4 @@
-"""The panels of dropped weights: a run alone with its fit, or several of one weight over each other."""
+"""Panels of dropped weights: one run with its fit, or several runs of one weight on top of each other."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -23,7 +23,7 @@ _LINE_PT = 11.0
 
 
 class DrawnDrop(NamedTuple):
-    """A dropped weight with the name and the colour that it is drawn under."""
+    """A dropped weight with the name and the colour in which it is drawn."""
 
     drop: Drop
     label: str
@@ -90,7 +90,7 @@ def list_runs(axes: Axes, runs: Sequence[DrawnDrop]) -> None:
     axes.set_axis_off()
     lines: list[tuple[str, str]] = []
     for run in runs:
-        # The row has the weight already.
+        # The row names the weight already.
         name = shortened(run.label.removeprefix(f"{grams(run.drop)}, "), _LISTED_CHARACTERS)
         lines += [(name, run.colour)] if run.drop.settled else [(f"{name}:", ALERT), ("   never settled", ALERT)]
     if len(lines) > _LISTED_LINES:

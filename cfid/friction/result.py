@@ -41,11 +41,11 @@ def fit(
     to_s: float | None = None,
     method: Literal["default", "thesis"] = "default",
 ) -> Result:
-    """Fit the friction of the swing's axis to weights dropped on a line wound around it; their labels have the grams.
+    """Fit the friction of the swing's axis to weights dropped on a line wound around it; labels state the grams.
 
-    The radius, that of the line's middle, and gravity are those of the rig where they are not given: the rig given,
-    else that of the campaign which the recordings lie in, else the thesis'. The window of steady speed is found;
-    `from_s` and `to_s`, since the first sample, set it by hand.
+    The radius is that of the line's middle. Where radius or gravity is not given, it is that of `rig`, else that of the
+    campaign in which the recordings lie, else the thesis'. The window of steady speed is found; `from_s` and `to_s`, in
+    seconds since the first sample, set it by hand.
 
     Raises ConfigError for a radius that is not known, or that is zero or less, DataError for a recording without a
     weight, or where none can be followed: the weight turns nothing, or the axis' turns cannot be counted.
@@ -116,9 +116,9 @@ def fit(
 
 
 def _lever_m(rig: Rig, *, thesis: bool) -> tuple[float, float, tuple[Finding, ...]]:
-    """Return the radius at which the line pulls and its standard uncertainty; ask for the line's thickness.
+    """Return the radius at which the line pulls, its standard uncertainty, and a warning if no thickness is stated.
 
-    The thesis takes the radius of the axis.
+    The thesis method takes the radius of the axis.
     """
     axis = rig.friction
     if axis is None:
@@ -137,7 +137,7 @@ def _lever_m(rig: Rig, *, thesis: bool) -> tuple[float, float, tuple[Finding, ..
 
 
 def _line_not_added(rig: Rig) -> tuple[Finding, ...]:
-    """Return a warning on the line's thickness, which rig.toml states and a given radius contains."""
+    """Return a warning that rig.toml's thickness of the line is not added to a given radius, which contains it."""
     if rig.friction is None or not rig.friction.line_mm:
         return ()
     text = (
@@ -159,9 +159,9 @@ def _given_numbers(radius_m: float, drops: Sequence[Drop]) -> list[Given]:
 def _followed(
     records: Sequence[AngleRecord], setup: Mapping[str, Any]
 ) -> tuple[list[AngleRecord], list[Drop], list[Finding]]:
-    """Return the records whose fall can be followed, with that, and findings on what rows show and on the others.
+    """Return the records whose fall can be followed, their drops, and findings on the rows and on the other records.
 
-    Raises DataError for a record without a weight, and where none can be followed.
+    Raises DataError for a record without a weight, and where no fall can be followed.
     """
     followed, drops, findings = list[AngleRecord](), list[Drop](), list[Finding]()
     fault = ""

@@ -1,4 +1,4 @@
-"""Turns of an axis across samples that are missing: by its speed on both sides."""
+"""Turns of an axis where samples are missing, from its speed on both sides."""
 
 import math
 from collections.abc import Sequence
@@ -10,23 +10,23 @@ from cfid.errors import DataError
 
 Array = npt.NDArray[np.float64]
 
-_JUMP_RAD = math.pi / 2  # between two samples, more than the one before: no axis does that
+_JUMP_RAD = math.pi / 2  # largest difference between one step and the next: no axis turns like that
 _EVEN = 1.5  # times the usual step: beyond, samples are missing
 _BESIDE = 7  # samples on each side that show the speed
-_LONGEST_S = 0.5  # that a speed is known to last
-_APART_S = 5.0  # between two recordings in one
-_EDGES_SHARE = 0.95  # of rows of an encoder's edges, at least, that follow by one count
-_FEW_LOST = 3.5  # counts between two such rows, of which a few may be lost, in which it hardly turned
-_BEGIN_S = 0.05  # by which a fall may begin earlier than it is fast
+_LONGEST_S = 0.5  # longest time that a speed is known to last
+_APART_S = 5.0  # time that separates two recordings in one file
+_EDGES_SHARE = 0.95  # least share of one-count steps in rows of an encoder's edges
+_FEW_LOST = 3.5  # counts between two such rows, as a few may be lost, in which the axis hardly turned
+_BEGIN_S = 0.05  # by which a fall may begin before it is fast
 
 
 def counted_turns(time_s: Array, angle_rad: Array) -> tuple[Array, Sequence[int]]:
-    """Return an angle (n,) with the turns that its speed has where samples are missing, and where that is open.
+    """Return an angle (n,) with the turns that its speed shows where samples are missing, and the gaps that stay open.
 
-    A reading within a turn does not show how many turns passed while none was taken. The speeds on both sides do, where
-    they agree within half a turn; other gaps are returned by the place before them. Raises DataError for one that no
-    recording of a fall has. An encoder that writes a row at each of its counts shows that hardly anything turned
-    between two that are a few counts apart.
+    A reading within a turn does not show how many turns passed while none was taken. The speeds on both sides of the
+    gap do, where they agree within half a turn; other gaps are returned by the index of the sample before them. Where
+    an encoder writes a row at each of its counts, the axis hardly turned between two rows that are a few counts apart.
+    Raises DataError for a gap that no recording of a fall has.
     """
     step_s, step = np.diff(time_s), np.diff(angle_rad)
     if step_s.max() > _APART_S:
@@ -50,7 +50,7 @@ def counted_turns(time_s: Array, angle_rad: Array) -> tuple[Array, Sequence[int]
 
 
 def check_turns(time_s: Array, angle_rad: Array, unclear: Sequence[int], from_s: float, to_s: float) -> None:
-    """Raise DataError where turns are miscounted between two times of a fall: an angle (n,) that jumps, a long gap."""
+    """Raise DataError where turns are miscounted between two times of a fall: the angle (n,) jumps or a gap is long."""
     late = [place for place in unclear if time_s[place] < to_s and time_s[place + 1] > from_s - _BEGIN_S]
     if late:
         begin, end = time_s[late[0]], time_s[late[0] + 1]
@@ -70,7 +70,7 @@ def check_turns(time_s: Array, angle_rad: Array, unclear: Sequence[int], from_s:
 
 
 def count_of_edges(angle_rad: Array) -> float:
-    """Return one count in radians of an encoder whose rows (n,) are its changes by one; 0 for one that is polled.
+    """Return an encoder's count in radians where rows (n,) are its changes by one count; 0 where it is polled.
 
     A few rows may have been lost, or repeat a count where the axis turned back.
     """

@@ -1,4 +1,4 @@
-"""Judge a dropped weight as soon as it is recorded, by the fit that will take it."""
+"""Judges a dropped weight as soon as it is recorded, with the fit that will use it."""
 
 from cfid.errors import FitError
 from cfid.friction.result import fit
@@ -7,9 +7,9 @@ from cfid.records.run import Run
 
 
 def verdict(run: Run) -> str:
-    """Say what a recorded drop is good for. Raises DataError or FitError where it is good for nothing.
+    """Return what a recorded drop gives. Raises DataError or FitError where it gives nothing.
 
-    One weight alone gives no friction, which is no fault of the recording.
+    That one weight alone gives no friction is no fault of the recording.
     """
     result = fit([run])
     if any(finding.code == "friction-drop-left-out" for finding in result.findings):
