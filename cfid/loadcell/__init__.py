@@ -1,4 +1,4 @@
-"""Known weights hung on the load cell at known places to its gains, cross-talk and linearity."""
+"""Gains, cross-talk and linearity of the load cell, from known weights hung on it at known places."""
 
 from typing import TYPE_CHECKING
 

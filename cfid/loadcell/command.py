@@ -1,4 +1,4 @@
-"""`cfid fit loadcell`: known weights hung on the load cell to its gain, cross-talk and linearity."""
+"""`cfid fit loadcell`: gain, cross-talk and linearity of the load cell, from known weights hung on it."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated

@@ -1,4 +1,4 @@
-"""Runs of `cfid log loadcell` with a known load to mean readings of the load cell."""
+"""Mean readings of the load cell from runs of `cfid log loadcell` with a known load."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -86,7 +86,7 @@ def read_load(run: Run | Path | str) -> LoadedRun:
 def loads_of(runs: Sequence[LoadedRun], *, gravity_mps2: float, at_std_m: float) -> Loads:
     """Return all runs' loads and readings, with the uncertainty of their weights and places.
 
-    `at_std_m` is that of a place that states none.
+    `at_std_m` is the standard uncertainty of places that state none.
     """
     parts = []
     for run in runs:

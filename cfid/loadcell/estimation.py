@@ -1,8 +1,8 @@
-"""Readings under known loads to gain, cross-talk and linearity of each axis, by weighted least squares.
+"""Gain, cross-talk and linearity of each axis from readings under known loads, by weighted least squares.
 
-Of axis i, reading = zero of the orientation + sum over axes j of c_ij load_j + q_i load_i |load_i| / max |load_i|. The
+For axis i, reading = zero of the orientation + sum over axes j of c_ij load_j + q_i load_i |load_i| / max |load_i|. The
 gain g_i is c_ii, its slope without load; the cross-talk is c_ij; the linearity q_i / g_i is the change of the gain up
-to the largest load. The zero of each orientation contains the weight of the mount. A load's place is uncertain, which
+to the largest load. The zero of each orientation contains the weight of the mount. The uncertainty of a load's place
 counts as noise of the torques.
 """
 
@@ -20,8 +20,8 @@ from cfid.loadcell.model import own_nonlinearity
 Array = npt.NDArray[np.float64]
 
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
-_DEPENDENT = 1e-6  # part of a column that the others do not give, from where it counts as one of them
-_FEWEST_LOADS = 3  # with no load among them, from where a bend can be distinguished from a slope
+_DEPENDENT = 1e-6  # part of a column that the others do not give: a column with less depends on them
+_FEWEST_LOADS = 3  # fewest loads, no load included, that distinguish a bend from a slope
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,8 +38,8 @@ class Loads:
 class AxisFit:
     """What one axis shows: gain, linearity (nan where loads are too few), and cross-talk of the axes in `acting`.
 
-    `covariance` is that of all of these, in this order, the linearity left out where it is nan. `misfit` is the root
-    of chi-squared over its degrees of freedom.
+    `covariance` covers all of these in this order, without the linearity where that is nan. `misfit` is the root of
+    chi-squared over its degrees of freedom.
     """
 
     axis: str
@@ -53,15 +53,15 @@ class AxisFit:
 
     @property
     def values(self) -> Array:
-        """Gain, linearity where it is known, and cross-talk, as the covariance has them."""
+        """Gain, linearity where it is known, and cross-talk, in the order of the covariance."""
         bend = [] if np.isnan(self.linearity) else [self.linearity]
         return np.array([self.gain, *bend, *self.cross_talk])
 
 
 def fit_axes(loads: Loads) -> dict[str, AxisFit]:
-    """Return the fit of each axis whose gain the loads determine, together with those of all other axes.
+    """Return the fit of each axis whose gain the loads determine, with its cross-talk from all other axes.
 
-    Raises FitError where they determine none.
+    Raises FitError where the loads determine no gain.
     """
     found = {axis: _fit_axis(loads, place) for place, axis in enumerate(AXES) if np.any(loads.load[:, place])}
     determined = {axis: one for axis, one in found.items() if one is not None}
@@ -124,7 +124,7 @@ def _independent_part(rows: Array, at: int) -> float:
 
 
 def joined(parts: Sequence[tuple[Array, Array, Array, str]]) -> Loads:
-    """Put loads (6,), readings (6,), standard uncertainties (6,) and names of orientations together."""
+    """Combine loads (6,), readings (6,), standard uncertainties (6,) and names of orientations."""
     load, reading, std, names = zip(*parts, strict=True)
     orientation = np.unique(np.array(names), return_inverse=True)[1].reshape(-1)
     return Loads(load=np.array(load), reading=np.array(reading), std=np.array(std), orientation=orientation)

@@ -1,4 +1,4 @@
-"""What a weight that hangs on the load cell applies to it, and what the cell shows of that."""
+"""The load that a hanging weight applies to the load cell, and how the cell shows it."""
 
 import numpy as np
 import numpy.typing as npt

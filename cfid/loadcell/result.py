@@ -1,4 +1,4 @@
-"""Gain, cross-talk and linearity of the load cell: quantities, findings, lines, and what rig.toml states of them."""
+"""Gain, cross-talk and linearity of the load cell: quantities, findings, lines, and keys of rig.toml."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -22,9 +22,9 @@ from cfid.units import MM, USUAL_GRAVITY_MPS2
 Array = npt.NDArray[np.float64]
 
 AT_STD_MM = 0.2  # of a place marked with a calliper
-_OFF = 0.05  # of the gain, from where the wrong calibration is active or a label is wrong
-_SCATTER = 5.0  # misfit in standard uncertainties, from where a label is wrong or something touches
-_BENT = 3.0  # standard uncertainties, from where a bend is reported
+_OFF = 0.05  # of the gain: beyond, the wrong calibration is active or a label is wrong
+_SCATTER = 5.0  # misfit in standard uncertainties: beyond, a label is wrong or something touches
+_BENT = 3.0  # standard uncertainties: beyond, a bend is reported
 _POWERS = {"loadcell.gain.*": {"kg": -1.0}, "loadcell.cross_talk*": {"kg": -1.0}}
 
 
@@ -71,8 +71,8 @@ def fit(
 def rig_keys(result: Result, *, gain: Sequence[float] | None, gain_std: Sequence[float] | None) -> dict[str, Any]:
     """Return the keys of rig.toml's table of the load cell that an accepted result replaces.
 
-    Axes that were not measured keep the `gain` (6,) and `gain_std` (6,) that rig.toml states, else 1 and 0. A
-    cross-talk is not corrected for: its size counts as standard uncertainty, and so does a bend.
+    Axes that were not measured keep the `gain` (6,) and `gain_std` (6,) that rig.toml states, else 1 and 0. Cross-talk
+    is not corrected for: its size counts as standard uncertainty, and so does that of a bend.
     """
     given = {key: one for key, one in result.quantities.items() if key not in result.rejected}
     gains, stds = list(gain or np.ones(6).tolist()), list(gain_std or np.zeros(6).tolist())

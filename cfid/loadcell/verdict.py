@@ -1,4 +1,4 @@
-"""Judge a recording of the load cell as soon as it ends: its noise, its drift, and whether it hung."""
+"""Judges a recording of the load cell as soon as it ends: its noise, its drift, and whether an axis hung."""
 
 import numpy as np
 
@@ -10,13 +10,13 @@ from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
 
 _FEWEST = 100
 _MOST_STUCK = 0.1  # of the samples: less is a note
-_NOISE = 1.5  # steps by which samples usually change, above which one value for long is no chance
+_NOISE = 1.5  # usual change of samples in steps: above it, one value for long is no coincidence
 
 
 def verdict(run: Run) -> str:
-    """Return what the vertical force was, or the first axis, its noise and drift.
+    """Return the mean, the noise and the drift of the vertical force, or else of the first axis.
 
-    Raises DataError for few samples, a force that never changes, and an axis that hangs for a tenth of them.
+    Raises DataError for few samples, a force that never changes, and an axis that hangs for a tenth of the samples.
     """
     record = read_wrench(run.folder, WrenchReading())
     axis, shown = record.main_axis, 1e3 * record.values_of(record.main_axis)
@@ -37,7 +37,7 @@ def verdict(run: Run) -> str:
 
 
 def _stuck(record: WrenchRecord, axis: str) -> tuple[float, str] | None:
-    """Return the share of samples that repeat one value while others change with each one, and a sentence on them."""
+    """Return the share of samples that repeat one value, while others always change, and a sentence on them."""
     value = record.values_of(axis)
     change, wrong = np.abs(np.diff(value)), repeated(record.time_s, value)
     if not wrong.any() or np.median(change[~wrong[1:]]) < _NOISE * change[change > 0].min():
