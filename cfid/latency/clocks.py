@@ -1,10 +1,10 @@
-"""Compare two clocks by stamps that can only come late: by a device's own stamps, or by a sine's phase alone.
+"""Compares two clocks by stamps that can only be late: by a device's own stamps, or by a sine's phase alone.
 
-No packet is early: host times over device times lie above a line, each by its lateness after the quickest packet.
-An average line lies above by the mean lateness. Every offset here contains the least one-way latency, which half of
-the least round trip bounds. Sources: S. B. Moon, P. Skelly, D. Towsley, Estimation and removal of clock skew from
-network delay measurements, INFOCOM 1999; L. Zhang, Z. Liu, C. H. Xia, Clock synchronization algorithms for network
-measurements, INFOCOM 2002, for the lower convex hull.
+No packet is early: host times over device times lie above a line, each by how much later its packet came than the
+quickest one. The average line through them lies above that line by the mean lateness. Every offset here contains the
+least one-way latency, which is bounded by half of the least round trip. Sources: S. B. Moon, P. Skelly, D. Towsley,
+Estimation and removal of clock skew from network delay measurements, INFOCOM 1999; L. Zhang, Z. Liu, C. H. Xia, Clock
+synchronization algorithms for network measurements, INFOCOM 2002, for the lower convex hull.
 """
 
 import math
@@ -27,21 +27,21 @@ COUNTER_S = 2**32 / 1e6  # after which 32 bits of microseconds wrap
 # A line under n points that are late by an exponential of mean 1, simulated with 4 to 1000 points, lies 1.85/n too
 # high in their middle, with a standard deviation of 1.4/n; that of its slope is 2.1/n over that of their places.
 _RAISED, _OFFSET_STD, _SLOPE_STD = 1.85, 1.4, 2.1
-_FEW = 3.0  # over n - 2: the part by which standard uncertainties are widened, as few points give a poor mean
+_FEW = 3.0  # over n - 2: the share by which standard uncertainties are widened, since few points give a poor mean
 _FEWEST = 3
-_PART, _FEWEST_PARTS, _MOST_PARTS = 8, 8, 12  # stamps of a part of a record, of which the least is taken, and parts
-_EDGE, _FEW_NEAR = 10, 25  # an nth of the stamps, the earliest, shows how densely they lie near the edge
-_NO_EDGE = 1.3  # times fewer than of exponentials: seldom by luck
-_ROUNDED_S = 1e-6  # of the vehicle's counter: what scatters less is its rounding
-_WANDERS = 1.5  # times the scatter of the least of exponentials, from where they are not exponentials'
+_PART, _FEWEST_PARTS, _MOST_PARTS = 8, 8, 12  # stamps of a part of a record, whose least counts; fewest and most parts
+_EDGE, _FEW_NEAR = 10, 25  # the earliest nth of the stamps, with a least number, shows their density near the edge
+_NO_EDGE = 1.3  # times fewer than with exponentials: rarely by chance
+_ROUNDED_S = 1e-6  # of the vehicle's counter: less scatter is its rounding
+_WANDERS = 1.5  # times the scatter of the least of exponentials: above, latencies are not exponential
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ClockLine:
-    """host = middle_host + rate (device - middle_device) in s, under all n points.
+    """The line host = middle_host + rate (device - middle_device) in s, under all n points.
 
-    `lateness_s` (n,) is how far each point lies above it, `mean_offset_s` how far above it the average line lies in
-    the middle. `offset_std_s` is the standard uncertainty there, independent of `rate_std`.
+    `lateness_s` (n,) is how far each point lies above it, and `mean_offset_s` how far above it the average line lies in
+    the middle. `offset_std_s` is the standard uncertainty in the middle, independent of `rate_std`.
     """
 
     rate: float
@@ -54,7 +54,7 @@ class ClockLine:
     mean_offset_s: float
 
     def host_s(self, device_s: npt.ArrayLike) -> Array:
-        """Return the host's times in s at which the device's clock shows times of any shape, plus the least latency."""
+        """Return the host's times in s, plus the least latency, when the device's clock shows times of any shape."""
         return np.asarray(self.middle_host_s + self.rate * (np.asarray(device_s) - self.middle_device_s))
 
     def device_s(self, host_s: npt.ArrayLike) -> Array:
@@ -80,12 +80,12 @@ class Start(NamedTuple):
 
 
 def clock_line(device_s: Array, host_s: Array) -> ClockLine:
-    """Return the line under stamps (n,) that rise: the edge of their lower hull that passes under their middle.
+    """Return the line under rising stamps (n,): the edge of their lower hull that passes under their middle.
 
-    It is the line below all points with the least sum of distances, and the best for latencies whose excess over the
-    least is nearly exponential. Where the least latency of one part of the record differs from that of another by more
-    than these would, as it does when the channel gets busy, the slope is that of these least latencies, and their
-    scatter makes the uncertainties. So it is for latencies without a sharp edge, of which few are near the least.
+    Of all lines below the points, it has the least sum of distances, and it is best for latencies whose excess over the
+    least is nearly exponential. Where the least latencies of parts of the record differ by more than such latencies
+    would, as when the channel gets busy, the slope is that of these least latencies, and their scatter gives the
+    uncertainties. The same applies to latencies without a sharp edge, of which few are near the least.
 
     Raises DataError for fewer than three points, or device times that do not change.
     """
@@ -123,7 +123,7 @@ def clock_line(device_s: Array, host_s: Array) -> ClockLine:
 
 
 def _thinner_at_the_edge(above: Array, scale_s: float) -> float:
-    """Return how many times fewer of the latencies (n,) are near the least than of exponentials of mean `scale_s`."""
+    """Return how many times fewer latencies (n,) are near the least than with exponentials of mean `scale_s`."""
     near = min(max(len(above) // _EDGE, _FEW_NEAR), len(above) // 2)
     usual_s = -scale_s * math.log1p(-near / len(above))
     return max(float(np.partition(above, near)[near]) / usual_s, 1.0) if usual_s > 0 else 1.0
@@ -132,8 +132,8 @@ def _thinner_at_the_edge(above: Array, scale_s: float) -> float:
 def _line_of_least(place: Array, above: Array, *, usual_s: float) -> tuple[float, float, float] | None:
     """Return the slope of the least latencies of parts of a record, and standard uncertainties of offset and slope.
 
-    `above` (n,) at places (n,) are latencies over a first line. None where their least scatter no more than those of
-    exponentials of mean `usual_s` do, or where there are too few to know.
+    `above` (n,) at places (n,) are latencies over a first line. Returns None where their least ones scatter no more
+    than those of exponentials of mean `usual_s`, or where there are too few to know.
     """
     parts = min(len(place) // _PART, _MOST_PARTS)
     if parts < _FEWEST_PARTS:
@@ -155,7 +155,7 @@ def _line_of_least(place: Array, above: Array, *, usual_s: float) -> tuple[float
 
 
 def unwrapped_s(counter_s: Array, host_s: Array) -> Array:
-    """Return seconds (n,) that continue where a counter of 32 bits of microseconds wraps, every 71 minutes.
+    """Return seconds (n,) that run on where a 32-bit counter of microseconds wraps, every 71 minutes.
 
     The host's times (n,) give the number of wraps, as long as both clocks agree to 2 % over a day.
     """
@@ -177,9 +177,9 @@ def least_of(lateness_s: Array, count: float) -> tuple[float, float]:
 def start_by_phase(lag_s: Array, *, lateness_s: Array, spacing_s: float) -> Start:
     """Return the start of a sine whose reports (n,) give sample numbers, but no time of the vehicle.
 
-    `lag_s` is each report's time less its sample's time within the sine, `lateness_s` (m,) the observed lateness of
-    reports that wait for no other, `spacing_s` the time between two reports. Packets do not overtake each other, so
-    dense ones are seldom early. The start is the lower envelope or the average, whichever scatters less.
+    `lag_s` (n,) is each report's time less its sample's time within the sine, `lateness_s` (m,) the observed lateness
+    of reports that wait for no other, and `spacing_s` the time between two reports. Packets do not overtake each other,
+    so closely spaced ones are seldom early. The start is the lower envelope or the average, whichever scatters less.
     """
     unhindered = _unhindered(lateness_s, spacing_s)
     least, least_std = least_of(lateness_s, max(len(lag_s) * unhindered, 1.0))
@@ -205,7 +205,7 @@ def sessions(first_device_s: Sequence[float], first_host_s: Sequence[float]) -> 
 
 
 def _edge_below(place: Array, height: Array) -> tuple[float, float]:
-    """Return slope and height at 0 of the lower hull's edge over place 0, which lies within the places (n,)."""
+    """Return slope and height at 0 of the lower hull's edge at place 0, which lies within the places (n,)."""
     hull: list[tuple[float, float]] = []
     for x, y in zip(place.tolist(), height.tolist(), strict=True):
         while len(hull) > 1 and _is_above(hull[-1], hull[-2], (x, y)):

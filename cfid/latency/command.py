@@ -81,7 +81,7 @@ def ping(
 
 
 def _found(run: "Run") -> tuple[Mapping[str, Any], Sequence[str]]:
-    """Return what a run's round trips give as --json has it, and as lines; why not, where they are too few."""
+    """Return what a run's round trips give, for --json and as lines; where they are too few, a line states that."""
     from cfid.latency import fit
 
     try:

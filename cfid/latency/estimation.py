@@ -12,16 +12,17 @@ from cfid.estimate.blocks import block_means
 from cfid.estimate.propagation import widened
 from cfid.estimate.signals import correlation_inflation
 
-FEW_EFFECTIVE = 200.0  # from where the correlation itself is known well enough
-_PARTS = 10  # of a record, whose means show what wanders more slowly than neighbours do
-_BY_CHANCE = 0.001  # below it, they scatter beyond what independent round trips do
-_LONGEST = 4  # correlation is followed over this part of a record: an nth
+FEW_EFFECTIVE = 200.0  # from there on, the correlation itself is known well enough
+_PARTS = 10  # of a record, whose means show what wanders too slowly for neighbours to show it
+_BY_CHANCE = 0.001  # below it, the means scatter by more than those of independent round trips
+_LONGEST = 4  # correlation is followed over one nth of a record
 
 
 class RoundTrips(NamedTuple):
-    """Statistics of round trips in s: `std_s` of a single one (with n - 1), `mean_std_s` of their mean.
+    """Statistics of round trips in s; `std_s` is that of a single one (with n - 1), `mean_std_s` that of their mean.
 
-    Neighbours share a burst or a busy channel: `effective` independent round trips would have as uncertain a mean.
+    Neighbours share a burst or a busy channel: their mean is as uncertain as that of `effective` independent round
+    trips.
     """
 
     answers: int
@@ -34,9 +35,9 @@ class RoundTrips(NamedTuple):
 
     @property
     def are_correlated(self) -> bool:
-        """Whether they are worth half as many or fewer, and too few to know the uncertainty of their mean well.
+        """Whether they are worth half as many or fewer, and too few to know well how uncertain their mean is.
 
-        So are those that `wander`: the means of parts of the record differ.
+        Round trips that `wander` are correlated, too: the means of parts of the record differ.
         """
         return self.wander or self.effective < min(self.answers / 2, FEW_EFFECTIVE)
 
@@ -47,7 +48,7 @@ class RoundTrips(NamedTuple):
 
     @property
     def offset_bound_s(self) -> float:
-        """The largest error in s of a clock offset that assumes both ways of the quickest answer equally long."""
+        """The largest error in s of a clock offset that takes both ways of the quickest answer as equally long."""
         return self.least_s / 2
 
 
@@ -67,7 +68,7 @@ def round_trips(rtt_s: npt.NDArray[np.float64]) -> RoundTrips:
 
 
 def _effective_of_parts(rtt_s: npt.NDArray[np.float64]) -> float:
-    """Return how many independent ones the means of parts of a record show, infinite where these scatter by chance.
+    """Return how many independent round trips the means of parts show, infinite where these means scatter by chance.
 
     A latency that wanders slowly is a small part of each round trip, and hardly correlates neighbours.
     """

@@ -47,7 +47,7 @@ def record_pings(
 
 
 async def ping_often(pings: Pings, *, count: int, every_s: float, loop: Any, tell: Callable[[str], None]) -> None:
-    """Ping on a grid, one at a time (C.2.6)."""
+    """Send pings on a grid of times, one after another (C.2.6)."""
     began_s = loop.seconds()
     for number in range(count):
         tell(f"ping {number + 1} of {count}")

@@ -21,7 +21,7 @@ Array = npt.NDArray[np.float64]
 _HEAD = f"{'circumstances':<28} {'packets':>8} {'mean RTT [ms]':>14} {'std [ms]':>10} {'least [ms]':>11}"
 _BINS, _BAR_WIDTH = 12, 40
 _EARLIEST_S = 1e9  # since 1970: 2001, before the first vehicle
-_LONG_S = 500.0  # of a record, in which delays that drift over a minute come and go several times
+_LONG_S = 500.0  # length of a record in which delays that drift over a minute come and go several times
 
 
 def fit(runs: Sequence[PingRecord | Run | Path | str]) -> Result:
@@ -92,7 +92,7 @@ def _clock(records: Sequence[PingRecord]) -> ClockLine | None:
 
 
 def _short(records: Sequence[PingRecord]) -> tuple[Finding, ...]:
-    """Return a note on what pings that all lie within some minutes do not show."""
+    """Return a note on what pings that all lie within a few minutes do not show."""
     longest_s = max((float(np.ptp(record.sent_s)) for record in records if record.sent_s is not None), default=0.0)
     if not 0 < longest_s < _LONG_S:
         return ()
@@ -113,9 +113,9 @@ def _trip_quantities(trips: RoundTrips) -> dict[str, Parameter]:
 
 
 def _clock_quantities(line: ClockLine, trips: RoundTrips) -> dict[str, Parameter]:
-    """Return the vehicle's rate, and the host's time when its clock was zero where the host's times are dated.
+    """Return the skew of the vehicle's clock and, if the host's times are dated, the host's time at that clock's zero.
 
-    The latter is as if the quickest answer took half its round trip.
+    The latter assumes that the quickest answer took half its round trip.
     """
     skew = {"latency.clock_skew": Parameter(value=line.skew, std=line.rate_std / line.rate**2)}
     if not _is_dated(line):
@@ -125,7 +125,7 @@ def _clock_quantities(line: ClockLine, trips: RoundTrips) -> dict[str, Parameter
 
 
 def _is_dated(line: ClockLine) -> bool:
-    """Return whether the host's times are those since 1970, not since the begin of a record."""
+    """Return whether the host's times count from 1970, not from the start of a record."""
     return line.offset_s > _EARLIEST_S
 
 

@@ -1,4 +1,4 @@
-"""Judge pings as soon as they are recorded."""
+"""Judges pings as soon as they are recorded."""
 
 from cfid.latency.result import fit
 from cfid.records.run import Run
@@ -6,7 +6,7 @@ from cfid.records.tables.pings import PINGS
 
 
 def verdict(run: Run) -> str:
-    """Say how many pings were answered, and how fast. Raises FitError for fewer than two."""
+    """Return how many pings were answered, and how fast. Raises FitError for fewer than two answers."""
     result = fit([run])
     mean_ms = 1e3 * result.quantities["latency.rtt_mean_s"].value
     answers = run.header.devices[PINGS].rows
