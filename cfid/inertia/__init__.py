@@ -1,4 +1,4 @@
-"""Swings about six axes or more to the inertia matrix; the test body against its drawing."""
+"""The inertia matrix from swings about six axes or more; the test body compared with its drawing."""
 
 from typing import TYPE_CHECKING
 

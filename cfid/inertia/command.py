@@ -1,4 +1,4 @@
-"""`cfid fit inertia`, `cfid fit testbody`: swings to the inertia matrix, and the test body against its drawing."""
+"""`cfid fit inertia`, `cfid fit testbody`: the inertia matrix from swings, and the test body against its drawing."""
 
 import math
 from collections.abc import Callable, Sequence

@@ -33,12 +33,12 @@ class BodyComparison:
 
     @property
     def deviations(self) -> float:
-        """How many standard uncertainties lie between the two; infinite where none is known."""
+        """How many standard uncertainties lie between the two inertias; infinite where none is known."""
         return abs(self.error) / self.error_std if self.error_std > 0 else np.inf
 
 
 def compare(body: TestBody, axis_inertias: AxisInertias) -> list[BodyComparison]:
-    """Compare calculated and measured inertia for every swing."""
+    """Compare calculated and measured inertia for each swing."""
     edges = _edges(body)
     inputs = (*axis_inertias.inputs, *edges)
     mass = next(i for i, given in enumerate(inputs) if given.name == "mass")

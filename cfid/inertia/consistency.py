@@ -1,6 +1,6 @@
-"""Whether an inertia matrix can belong to a body, and the nearest one that can.
+"""Whether an inertia matrix can belong to a body, and the nearest matrix that can.
 
-A body's second moments J = tr(I)/2 * 1 - I are a positive definite matrix: that contains the positive
+A body's second moments J = tr(I)/2 * 1 - I are a positive definite matrix: this condition contains the positive
 eigenvalues and the triangle inequality, and is sufficient [WKS].
 """
 
@@ -12,7 +12,7 @@ from cfid.quantities.values import ENTRIES
 
 Array = npt.NDArray[np.float64]
 
-_LEAST_THICKNESS = 1e-6  # smallest second moment over the trace that the refit may reach
+_LEAST_THICKNESS = 1e-6  # smallest second moment, relative to the trace, that the refit may reach
 
 
 def as_matrix(entries: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Swings of one body about several mounts, each measured, ready to be made an inertia of."""
+"""Swings of one body about several mounts, each measured, from which inertias can be calculated."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,7 +25,7 @@ Peaks = int | Mapping[str, int] | None
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredSwings:
-    """All swings of a body, that of the empty fixture apart, with figures of merit, lines and findings, by mount."""
+    """All swings of a body, the empty fixture's kept apart, and figures of merit, lines and findings by mount."""
 
     mounted: tuple[MountedSwing, ...]
     fixture: MountedSwing | None
@@ -36,16 +36,16 @@ class MeasuredSwings:
 
     @property
     def sources(self) -> tuple[Source, ...]:
-        """The files."""
+        """The files of the recordings."""
         return tuple(record.source for record in self.records)
 
     @property
     def folder(self) -> Path:
-        """Where the first recording lies."""
+        """The folder of the first recording."""
         return self.records[0].path.parent if self.records else Path()
 
     def findings(self, resting_on: Callable[[str], tuple[str, ...]]) -> tuple[Finding, ...]:
-        """Return the findings about recordings and swings; `resting_on` has the quantities that rest on a mount."""
+        """Return the findings about recordings and swings; `resting_on` returns the quantities that rest on a mount."""
         return (
             *(finding for record in self.records for finding in record.findings),
             *(replace(finding, where=(mount,), quantities=resting_on(mount)) for mount, finding in self.found),
@@ -53,7 +53,7 @@ class MeasuredSwings:
 
 
 def records_of(swings: Sequence[Swing]) -> list[AngleRecord | KnownInertia]:
-    """Read what is not read yet. Raises ConfigError when there is none."""
+    """Read the swings that are not read yet. Raises ConfigError when none is given."""
     if not swings:
         raise ConfigError("no swing is given: name at least one run or file.")
     return [swing if isinstance(swing, KnownInertia) else angle_record(swing) for swing in swings]
@@ -70,10 +70,10 @@ def measure(
     smallest_peak_rad: float,
     method: Method,
 ) -> MeasuredSwings:
-    """Fit every recording of a body, on the one of its `mounts` in the label; known axis inertias stay as they are.
+    """Fit every recording of a body, on the one of its `mounts` that its label names; known axis inertias are kept.
 
-    `gives` is the key, without the mount, of the quantity that a swing gives.
-    Raises DataError and FitError naming the file, ConfigError for a second fixture or another body's swing.
+    `gives` is the key, without the mount, of the quantity that a swing gives. Raises DataError and FitError naming the
+    file, ConfigError for a second fixture or another body's swing.
     """
     names = [swing.mount if isinstance(swing, KnownInertia) else _mount_of(swing, body) for swing in swings]
     if names.count(FIXTURE) > 1:
@@ -111,7 +111,7 @@ def measure(
 
 
 def _mount_of(record: AngleRecord, body: str) -> str:
-    """Return the mount that a recording's label names; one labelled as the fixture is the fixture's, on any axis."""
+    """Return the mount that a recording's label names; one labelled as the fixture belongs to it, whatever its axis."""
     label = record.label
     if label.body == FIXTURE:
         return FIXTURE
@@ -125,7 +125,7 @@ def _mount_of(record: AngleRecord, body: str) -> str:
 def _by_default(swing: FreeSwing) -> tuple[float, float, dict[str, Any], tuple[Finding, ...]]:
     """Return W, its standard uncertainty, figures of quality and rejections.
 
-    Which damping terms explain the decay does not matter for an inertia: that note is left out.
+    Which damping terms explain the decay does not matter for an inertia, so that note is left out.
     """
     fit = fit_swing(swing)
     quality = {

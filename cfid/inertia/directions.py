@@ -1,4 +1,4 @@
-"""Directions of axes: their equations for the matrix, and those that determine it best."""
+"""Directions of axes: the equations they give for the matrix, and the directions that determine it best."""
 
 import math
 from itertools import product
@@ -18,7 +18,7 @@ def matrix_rows(direction: Array) -> Array:
 def icosahedron_axes() -> Array:
     """Return the six diagonals of an icosahedron as unit vectors (6, 3).
 
-    They lie evenly, so that six swings determine all six entries equally well.
+    They are spread evenly, so six swings determine all six entries equally well.
     """
     golden = (1 + math.sqrt(5)) / 2
     corners = [
@@ -35,7 +35,7 @@ def icosahedron_axes() -> Array:
 def off_diagonal_gain(direction: Array) -> float:
     """Return how much smaller the icosahedron's off-diagonal standard uncertainties are than those of axes (n, 3).
 
-    For swings of equal quality and the same number of them; 0.35 means 35 % smaller.
+    The comparison is for swings of equal quality and number; 0.35 means 35 % smaller.
     """
     count = len(direction)
     present, even = (
@@ -48,8 +48,8 @@ def off_diagonal_gain(direction: Array) -> float:
 def checking_axis(direction: Array) -> Array:
     """Return the direction (3,), in small whole numbers, of a further swing that checks those about six axes (6, 3).
 
-    Its inertia follows from those of the six. One that takes something from each of them finds a wrong one, one that
-    takes another amount from each finds any two that were exchanged: (1, 1, 1) does not distinguish x from y.
+    The inertia about it follows from the six others. If each of them contributes to it, it reveals a wrong one; if each
+    contributes another amount, it reveals any two that were exchanged: (1, 1, 1) does not distinguish x from y.
     """
     whole = np.array([one for one in product(range(3), range(-2, 3), range(-2, 3)) if any(one)], dtype=float)
     unit = whole / np.linalg.norm(whole, axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""Axis inertias to the inertia matrix: generalised least squares, budget, consistency, mounting advice."""
+"""The inertia matrix from axis inertias: generalised least squares, budget, consistency, mounting advice."""
 
 import math
 from collections.abc import Sequence
@@ -34,8 +34,9 @@ _INDEPENDENT = 1e-6  # smallest over largest singular value of the axes' rows
 class MeasuredAxes:
     """What each swing gives (n,), whether or not the swings determine a matrix.
 
-    Inertia about the mounting axis and about the parallel axis through the centre of mass, each with its standard
-    uncertainty; `sensitivity_kg_m` = dI_G/dr and `best_distance_m`, where it vanishes. On threads there is no distance.
+    These are the inertias about the mounting axis and about the parallel axis through the centre of mass, each with its
+    standard uncertainty, `sensitivity_kg_m` = dI_G/dr, and `best_distance_m`, where that vanishes. On threads there is
+    no distance.
     """
 
     about_axis_kg_m2: Array
@@ -51,13 +52,12 @@ class MeasuredAxes:
 class InertiaFit:
     """The inertia matrix about the centre of mass, entries of the matrix itself, in the body frame.
 
-    `moved` has what each input does to the swings.
-    `residual` (n,) is that of each swing's inertia over its expected standard uncertainty (None for six swings, which
-    leave none). `budget` has what each group of inputs contributes to the matrix' standard uncertainty, (3, 3) each.
-    `covariance` (6, 6) is that of the entries xx, yy, zz, xy, xz, yz; `common` has what one standard uncertainty of
-    each input that other fits may share does to them (6,): mass, gravity, the centre of mass in x, y and z.
-    `raw_matrix_kg_m2` is the unconstrained answer where that was no possible body, else None, and `projection_std` how
-    many standard uncertainties lie between the two.
+    `moved` is the effect of each input on the swings. `residual` (n,) is that of each swing's inertia, relative to its
+    expected standard uncertainty (None for six swings, which leave none). `budget` is the contribution (3, 3) of each
+    group of inputs to the matrix' standard uncertainty. `covariance` (6, 6) is that of the entries xx, yy, zz, xy, xz,
+    yz; `common` is the effect (6,) on them of one standard uncertainty of each input that other fits may share: mass,
+    gravity, the centre of mass in x, y and z. `raw_matrix_kg_m2` is the unconstrained solution where that was no
+    possible body, else None, and `projection_std` how many standard uncertainties lie between the two.
     """
 
     axes: MeasuredAxes
@@ -82,19 +82,19 @@ class InertiaFit:
 
 
 def contradictory(chi_squared: float, degrees_of_freedom: int) -> bool:
-    """Return whether swings scatter more than their uncertainties allow, but once in a thousand times."""
+    """Return whether swings scatter more than their uncertainties would let them, except once in a thousand times."""
     return degrees_of_freedom > 0 and bool(chdtrc(degrees_of_freedom, chi_squared) < UNLIKELY)
 
 
 def measure_axes(axis_inertias: AxisInertias) -> MeasuredAxes:
-    """Return the inertias about each swing's axis, with everything that is uncertain."""
+    """Return the inertias about each swing's axis, with the uncertainties that all inputs give them."""
     return _measured(axis_inertias, moved_by_inputs(axis_inertias))
 
 
 def fit_inertia(axis_inertias: AxisInertias) -> InertiaFit:
-    """Solve eq. 2.2 for the matrix, weighted by everything that is uncertain.
+    """Solve eq. 2.2 for the matrix, with weights from all uncertainties.
 
-    Any number of swings about any axes; the axes must determine all six entries.
+    Any number of swings about any axes is possible, but the axes must determine all six entries.
 
     Raises FitError when they do not.
     """
@@ -132,7 +132,7 @@ def fit_inertia(axis_inertias: AxisInertias) -> InertiaFit:
 
 
 class Solved(NamedTuple):
-    """Six raw entries with what led to them, and the residual (n,)."""
+    """Six raw entries, the matrices that led to them, and the residual (n,)."""
 
     entries: Array
     gain: Array
@@ -142,7 +142,7 @@ class Solved(NamedTuple):
     chi_squared: float
 
     def possible(self) -> Array:
-        """Return the entries (6,) of the nearest possible body, which takes longer to find than they themselves."""
+        """Return the entries (6,) of the nearest possible body, which take longer to find than the raw ones."""
         consistent = is_consistent(as_matrix(self.entries))
         return self.entries if consistent else nearest_consistent(self.entries, self.covariance)
 
@@ -152,10 +152,10 @@ def _solved_with_hangings(
 ) -> tuple[Moved, Sequence[Input], Solved, tuple[Finding, ...]]:
     """Solve; where swings about one mount differ by more than their fits allow, give each its own hanging.
 
-    Hung anew, a body takes another place in its mount, somewhere within what the mount is known to. The share of that
-    in each hanging is the one with which the swings scatter as expected, up to the whole; swings that contradict each
-    other even then are solved without. Returns by how much inputs and hangings move the swings, the hangings as
-    inputs, what is solved, and what was found.
+    A body that is hung anew takes another place in its mount, within the mount's uncertainty. The share of that
+    uncertainty in each hanging is the one with which the swings scatter as expected, up to the whole; swings that
+    contradict each other even then are solved without hangings. Returns by how much inputs and hangings move the
+    swings, the hangings as inputs, the solution, and findings.
     """
     inertias, inputs = axis_inertias.evaluate(axis_inertias.values).about_centre_kg_m2, axis_inertias.inputs
     moved = moved_by_inputs(axis_inertias)
@@ -184,7 +184,7 @@ def _solved_with_hangings(
 
 
 def solve(rows: Array, about_centre_kg_m2: Array, moved: Moved) -> Solved:
-    """Solve for the entries by generalised least squares; rows (n, 6), inertias (n,)."""
+    """Solve for the entries by generalised least squares, with rows (n, 6) and inertias (n,)."""
     entries = np.linalg.lstsq(rows, about_centre_kg_m2, rcond=None)[0].astype(np.float64)
     # A tilt moves an axis' row too, by an amount that depends on the matrix: hence twice.
     for _ in range(2):
@@ -234,7 +234,7 @@ def _measured(axis_inertias: AxisInertias, moved: Moved) -> MeasuredAxes:
 
 
 def _common(columns: Array, axis_inertias: AxisInertias) -> dict[str, Array]:
-    """Return the columns (6,) of the inputs that other fits may share, those that are uncertain."""
+    """Return the columns (6,) of those uncertain inputs that other fits may share."""
     named = zip(axis_inertias.inputs, columns.T, strict=True)
     return {given.name: column for given, column in named if given.group in _SHARED and given.std > 0}
 
@@ -246,8 +246,8 @@ def _norms(columns: Array) -> Array:
 def _gain(rows: Array, columns: Array) -> tuple[Array, Array]:
     """Return the weighted least-squares gain (6, n) and the entries' covariance.
 
-    Common inputs (mass, gravity) make the swings' covariance nearly singular when nothing else is
-    uncertain; a floor of a millionth of its size keeps the weights finite without being felt.
+    Common inputs (mass, gravity) make the swings' covariance nearly singular when nothing else is uncertain; a floor of
+    a millionth of its size keeps the weights finite without a noticeable effect.
     """
     covariance = columns @ columns.T
     size = float(np.trace(covariance)) / len(rows)
@@ -256,7 +256,7 @@ def _gain(rows: Array, columns: Array) -> tuple[Array, Array]:
 
 
 def _residual_std(rows: Array, gain: Array, columns: Array) -> Array:
-    """Return the expected standard uncertainties (n,) of the residuals: what swings share, the fit takes out."""
+    """Return the expected standard uncertainties (n,) of the residuals, from which the fit takes what swings share."""
     left = columns - rows @ (gain @ columns)
     floor = 1e-9 * float(np.max(_norms(columns), initial=0.0)) or 1.0
     return np.maximum(_norms(left), floor)
@@ -269,7 +269,7 @@ def _chi_squared(residual: Array, columns: Array) -> float:
 
 
 def _projection_finding(raw: Array, projection_std: float) -> tuple[Finding, ...]:
-    """Return what it means that the nearest possible body lies so many standard uncertainties away."""
+    """Return a finding where the raw entries belong to no body, on how far away the nearest possible body lies."""
     if is_consistent(raw):
         return ()
     text = (
@@ -299,7 +299,7 @@ def _moment_findings(matrix: Array, covariance: Array) -> tuple[Finding, ...]:
 
 
 def _scatter(chi_squared: float, degrees_of_freedom: int) -> tuple[float, tuple[Finding, ...]]:
-    """Return the factor by which repeated swings scatter beyond their uncertainties, and what that means."""
+    """Return the factor by which repeated swings scatter beyond their uncertainties, and a finding about that."""
     if degrees_of_freedom == 0 or chi_squared <= chdtri(degrees_of_freedom, SCATTER_BY_CHANCE):
         return 1.0, ()
     inflation = math.sqrt(chi_squared / degrees_of_freedom)

@@ -1,4 +1,4 @@
-"""The inertia matrix drawn: where its uncertainty comes from, what each swing gives, where to mount better."""
+"""Figures of the inertia matrix: where its uncertainty comes from, what each swing gives, where to mount better."""
 
 import itertools
 from collections.abc import Sequence
@@ -51,8 +51,8 @@ _GROUPS = {
 def budget_figure(fit: InertiaFit, *, axes: Sequence[str], title: str = "Inertia about the centre of mass") -> Figure:
     """Return the budget of the six entries, the swings' inertias, and what a millimetre of distance costs.
 
-    `axes` names each swing's mount. The parts of a bar are each group's share of the variance, as standard
-    uncertainties do not add up. The last panel has dI_G/dr of a swing's I_G at other distances.
+    `axes` names each swing's mount. The parts of a bar are each group's share of the variance, since standard
+    uncertainties do not add up. The last panel shows dI_G/dr for a swing's I_G at other distances.
     """
     rejected = [f"Rejected: {text}" for text in texts(fit.findings, "rejection")]
     heights_in = (2.4, 2.1, 2.6) if fit.residual is None else (2.4, 2.1, 1.5, 2.6)
@@ -71,7 +71,7 @@ def budget_figure(fit: InertiaFit, *, axes: Sequence[str], title: str = "Inertia
 
 @styled
 def testbody_figure(comparisons: Sequence[BodyComparison], *, title: str = "Test body") -> Figure:
-    """Return calculated against measured inertias (table 2.5), and by how much they differ."""
+    """Return a figure of calculated against measured inertias (table 2.5), and of their differences."""
     page, grid = figure(2, 1, heights_in=(2.6, 2.0), title=title)
     panels = page.add_subplot(grid[0, 0]), page.add_subplot(grid[1, 0])
     _draw_pairs(panels[0], comparisons)
@@ -136,7 +136,7 @@ def _draw_budget(panel: Axes, fit: InertiaFit) -> list[Artist]:
     panel.set_xticks(place, [f"I$_\\mathrm{{{name}}}$" for name in ENTRIES])
     panel.set_xlim(-0.65, len(ENTRIES) - 0.35)
     panel.grid(visible=False, axis="x")
-    # A margin alone would be swallowed: a part of no height sticks to the top.
+    # A margin alone would have no effect: a part of zero height sticks to the top.
     panel.set_ylim(0, 1.18 * max(deviation.max(), 1e-9))
     name_panel(
         panel, "(a) standard uncertainty of each entry, split by share of the variance",
@@ -156,7 +156,7 @@ def _draw_swings(panel: Axes, fit: InertiaFit, axes: Sequence[str]) -> None:
         return
     for x, mount in enumerate(mounts):
         own = np.array([axis == mount for axis in axes])
-        # Swings of one mount share its distance's error: the uncertainty of their mean is not as simple as theirs.
+        # Swings of one mount share the error of its distance: the uncertainty of their mean is not a simple one.
         several = f"mean {value[own].mean():.4g}"
         text = several if own.sum() > 1 else plus_minus(float(value[own][0]), float(spread[own][0]))
         _write_above(panel, x, float(np.max((value + spread)[own])), text)

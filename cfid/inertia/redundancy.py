@@ -1,4 +1,4 @@
-"""What swings check of each other: which one is wrong, which two were exchanged, and what nothing would show."""
+"""What swings show of each other: which one is wrong, which two were exchanged, and what would pass unnoticed."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -22,14 +22,14 @@ Array = npt.NDArray[np.float64]
 DISTANCES_APART_STD = 3.0
 
 _PARALLEL = math.cos(math.radians(2))
-_ALIKE = math.cos(math.radians(10))  # nearer directions a gyro may not tell apart beside what rig.toml states
+_ALIKE = math.cos(math.radians(10))  # a gyro may not distinguish nearer directions, given what rig.toml states
 _OTHER_DISTANCE = 1.05
 _SAME_FREQUENCY, _TOO_MANY_ALIKE = 5e-4, 3  # of W; two axes of a vehicle may be alike, three are not
 _NAMED = 4  # suspects in a sentence
 
 
 def redundancy_findings(axis_inertias: AxisInertias, fit: InertiaFit) -> tuple[Finding, ...]:
-    """Name the suspects where swings contradict; else state what would pass, unchecked."""
+    """Name the suspects where swings contradict each other; else state which errors would pass unnoticed."""
     apart = (*distance_findings(axis_inertias, fit.moved), *_alike(axis_inertias))
     if fit.contradictory:
         return (_suspects_finding(suspects(axis_inertias, fit)), *apart)
@@ -39,7 +39,7 @@ def redundancy_findings(axis_inertias: AxisInertias, fit: InertiaFit) -> tuple[F
 class Suspects(NamedTuple):
     """What may be wrong where swings contradict each other, and sentences that state why.
 
-    `names` are those of mounts, or of recordings without which others about their mount agree.
+    `names` are those of mounts, or of recordings without which the others about the same mount agree.
     """
 
     names: tuple[str, ...]
@@ -47,9 +47,9 @@ class Suspects(NamedTuple):
 
 
 def suspects(axis_inertias: AxisInertias, fit: InertiaFit) -> Suspects:
-    """Return the mounts that differ among themselves, or without or with which, exchanged, all agree; none if none do.
+    """Return mounts whose own swings differ, else those without which, or with which exchanged, all agree; maybe none.
 
-    Where a mount's own swings differ, what the others allow shows nothing against these.
+    Where a mount's own swings differ, agreement without another mount is no evidence against that other mount.
     """
     if not fit.contradictory:
         return Suspects((), ())
@@ -67,7 +67,7 @@ def suspects(axis_inertias: AxisInertias, fit: InertiaFit) -> Suspects:
 
 
 def distance_findings(axis_inertias: AxisInertias, moved: Moved) -> tuple[Finding, ...]:
-    """Compare the inertias about the centre of mass that swings about parallel axes at other distances give."""
+    """Compare the inertias about the centre of mass that swings about parallel axes at different distances give."""
     found = axis_inertias.evaluate(axis_inertias.values)
     findings = []
     for i, j in combinations(range(len(axis_inertias.swings)), 2):
@@ -91,7 +91,7 @@ def distance_findings(axis_inertias: AxisInertias, moved: Moved) -> tuple[Findin
 
 
 def _alike(axis_inertias: AxisInertias) -> tuple[Finding, ...]:
-    """Reject swings about three mounts and more with one natural frequency: the body was not hung anew between them."""
+    """Reject swings about three or more mounts with one natural frequency: the body was not hung anew in between."""
     swings = [swing for swing in axis_inertias.swings if not swing.known]
     best: list[str] = []
     for one in swings:
@@ -112,7 +112,7 @@ def _swings_of(axis_inertias: AxisInertias, fit: InertiaFit) -> "_Swings":
 
 
 class _Swings(NamedTuple):
-    """Rows (n, 6), inertias about the centre (n,) and what inputs do to them, from which any part is solved."""
+    """Rows (n, 6), inertias about the centre (n,) and the effects of inputs on them; any subset can be solved."""
 
     rows: Array
     about_centre_kg_m2: Array
@@ -124,7 +124,7 @@ class _Swings(NamedTuple):
         return _Swings(self.rows[kept], self.about_centre_kg_m2[kept], moved)
 
     def agreed(self) -> Array | None:
-        """Return the entries (6,) that these swings give, None where they contradict each other or any body."""
+        """Return the entries (6,) that these swings give; None where they contradict each other, or all bodies."""
         solved = solve(self.rows, self.about_centre_kg_m2, self.moved)
         if contradictory(solved.chi_squared, len(self.rows) - UNKNOWNS):
             return None
@@ -133,10 +133,10 @@ class _Swings(NamedTuple):
 
 
 def _exchanges(axis_inertias: AxisInertias, swings: _Swings) -> Iterator[tuple[tuple[str, str], Array]]:
-    """Yield each pair of swings that, exchanged, contradict nothing, and the entries that they give then.
+    """Yield each pair of swings that, once exchanged, contradict nothing, and the entries that they then give.
 
-    The uncertainties are taken as those of the swings as they stand. Where a gyro showed about what a swing turned, no
-    exchange with another direction passes.
+    The uncertainties are taken from the swings as they stand. Where a gyro showed the axis of a swing, no exchange with
+    another direction passes.
     """
     directions = axis_inertias.evaluate(axis_inertias.values).direction
     for i, j in combinations(range(len(axis_inertias.swings)), 2):
@@ -155,7 +155,7 @@ def _exchanges(axis_inertias: AxisInertias, swings: _Swings) -> Iterator[tuple[t
 
 
 def _superfluous(axis_inertias: AxisInertias, swings: _Swings) -> list[str]:
-    """Return the mounts of the swings without which the others agree."""
+    """Return the mounts of those swings without which the others agree."""
     count = len(swings.rows)
     return [
         axis_inertias.swings[i].axis
@@ -178,9 +178,10 @@ def _suspects_finding(found: Suspects) -> Finding:
 
 
 def _unlike_repeats(swings: Sequence[MountedSwing]) -> dict[str, tuple[str, str]]:
-    """Return for each mount whose swings differ by more than their fits allow by how much, and the suspect of them.
+    """Return, for each mount whose swings differ by more than their fits allow, by how much, and which one is suspect.
 
-    The furthest apart count. The suspect is the one recording without which the others agree, else the mount.
+    The two swings that lie furthest apart count. The suspect is the one recording without which the others agree, else
+    the mount.
     """
     differ = {}
     for mount in dict.fromkeys(swing.axis for swing in swings if not swing.known):
@@ -213,7 +214,7 @@ def _differ(swings: Sequence[MountedSwing]) -> bool:
 
 
 def _unchecked(axis_inertias: AxisInertias, swings: _Swings, fit: InertiaFit) -> tuple[Finding, ...]:
-    """Ask for a seventh mount where there are six, and name the exchanges that would pass."""
+    """Return a finding that asks for a seventh mount where there are six, and names the exchanges that would pass."""
     entries = entries_of(fit.matrix_kg_m2)
     unseen = [
         " and ".join(pair)
@@ -241,7 +242,7 @@ def _unchecked(axis_inertias: AxisInertias, swings: _Swings, fit: InertiaFit) ->
 
 
 def _listed(names: Sequence[str], conjunction: str) -> str:
-    """Return names in a sentence, a few of many."""
+    """Return names as text for a sentence, only a few of many."""
     if len(names) > _NAMED:
         return f"{', '.join(names[:_NAMED])} {conjunction} {len(names) - _NAMED} more"
     return f" {conjunction} ".join(filter(None, [", ".join(names[:-1]), names[-1]]))

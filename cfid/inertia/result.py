@@ -1,4 +1,4 @@
-"""The inertia matrix and its axis inertias: quantities, findings, budget and mounting advice."""
+"""The inertia matrix and the axis inertias: quantities, findings, budget and mounting advice."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -50,13 +50,13 @@ def fit(
 ) -> Result:
     """Fit the vehicle's inertia matrix to swings, each about the mount that its label names, and known axis inertias.
 
-    A swing labelled as the fixture is that of the empty fixture, which is taken off. `rig` has mass, mounts and
-    gravity: the one given, else that of the campaign which the recordings lie in, else the thesis'. `peaks` is one
-    number for all or one for each mount. `propose` adds distances and axes for the next swings to the lines. Where the
-    axes do not determine a matrix, the axis inertias alone are given.
+    A swing labelled as the fixture is that of the empty fixture, whose effect is subtracted. Mass, mounts and gravity
+    are those of `rig`, else those of the campaign in which the recordings lie, else the thesis'. `peaks` is one number
+    for all or one for each mount. `propose` adds distances and axes for the next swings to the lines. Where the axes do
+    not determine a matrix, only the axis inertias are given.
 
-    Raises ConfigError for arguments that contradict each other, DataError for a recording without a swing, FitError
-    when no pendulum follows one.
+    Raises ConfigError for arguments that contradict each other, DataError for a recording without a swing, FitError for
+    a swing that follows no pendulum.
     """
     given = records_of(swings)
     rig, notes = rig_or_thesis([swing for swing in given if isinstance(swing, AngleRecord)], rig)
@@ -136,7 +136,7 @@ def _matrix_of(axis_inertias: AxisInertias) -> tuple[InertiaFit | None, list[Fin
 
 
 def _of_the_rig(body: SwungBody, axes: Sequence[str], frame: BodyFrame) -> Figures:
-    """Draw how it swung, and the axes that it swung about; a pair of threads has none."""
+    """Draw how the body swung, and the axes about which it swung; a pair of threads has no axis."""
     from cfid.drawing.rig import mounts_figure
     from cfid.drawing.suspension import axis_figure, threads_figure
 
@@ -153,7 +153,7 @@ def _of_the_rig(body: SwungBody, axes: Sequence[str], frame: BodyFrame) -> Figur
 
 
 def _neglected_fixture(axis_inertias: AxisInertias, about: MeasuredAxes) -> list[Finding]:
-    """Note what a fixture that rig.toml does not describe would be worth."""
+    """Return a note on the effect of a fixture that rig.toml does not describe."""
     swung = [i for i, swing in enumerate(axis_inertias.swings) if not swing.known and about.distance_m[i]]
     if axis_inertias.surroundings.fixture is not None or not swung:
         return []
@@ -169,7 +169,7 @@ def _neglected_fixture(axis_inertias: AxisInertias, about: MeasuredAxes) -> list
 
 
 def _body_findings(body: SwungBody, axes: list[str], about: MeasuredAxes, rig: Rig) -> list[Finding]:
-    """Reject what no body and no vehicle of the platform can have."""
+    """Reject values that no body, or no vehicle of the platform, can have."""
     distances_m = filter(None, map(float, about.distance_m))
     moments = zip(axes, about.about_axis_kg_m2, about.about_centre_kg_m2, about.about_centre_std_kg_m2, strict=True)
     return [
@@ -183,7 +183,7 @@ def _body_findings(body: SwungBody, axes: list[str], about: MeasuredAxes, rig: R
 
 
 def _resting_on(mount: str) -> tuple[str, ...]:
-    """Return the quantities that rest on the swings about a mount; on that of the empty fixture, all do."""
+    """Return the quantities that rest on the swings about a mount; all rest on those of the empty fixture."""
     return ("inertia.*",) if mount == FIXTURE else (MATRIX, f"inertia.*_kg_m2.{mount}")
 
 
@@ -206,7 +206,7 @@ def _quantities(axes: list[str], measured: MeasuredAxes, fit: InertiaFit | None)
 def _combined(values: Array, std: Array) -> tuple[float, float]:
     """Return the weighted mean of one mount's swings and its standard uncertainty.
 
-    They share mass and geometry, which averaging does not improve: the smallest uncertainty stands.
+    The swings share mass and geometry, which averaging does not improve, so the smallest uncertainty stands.
     """
     if not std.all():
         return float(values.mean()), 0.0
@@ -245,7 +245,7 @@ def _matrix_merits(fit: InertiaFit) -> dict[str, Any]:
 
 
 def _two_directions(axis_inertias: AxisInertias) -> list[Finding]:
-    """Warn of a mount that measures its distance along another axis than it solves the matrix with."""
+    """Warn of a mount whose distance is measured along another axis than the one that the matrix is solved with."""
     split = [
         name
         for name in dict.fromkeys(swing.axis for swing in axis_inertias.swings)

@@ -1,4 +1,4 @@
-"""By how much each uncertain input moves what the swings give."""
+"""How much each uncertain input moves what the swings give."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -17,27 +17,27 @@ _OF_MOUNTS = ("mount distances", "axis directions")  # groups of inputs
 
 
 class Moved(NamedTuple):
-    """By how much each input's standard uncertainty moves what is measured: (n, i), (n, i) and (n, 6, i)."""
+    """How much each input's standard uncertainty moves what is measured: (n, i), (n, i) and (n, 6, i)."""
 
     about_axis: Array
     about_centre: Array
     rows: Array
 
     def hung_anew(self, inputs: Sequence[Input], share: float) -> "Moved":
-        """Add a share of what each mount does to a swing, as inputs of that swing alone."""
+        """Return these effects plus a share of each mount's effect on a swing, as inputs of that swing alone."""
         mounts = [i for i, given in enumerate(inputs) if given.group in _OF_MOUNTS]
         alone = np.eye(len(self.about_centre))
         return Moved(*(_beside(part, share * part[..., mounts], alone) for part in self))
 
 
 def _beside(part: Array, own: Array, alone: Array) -> Array:
-    """Return columns (n, ..., i) followed by those of `own` (n, ..., m), each in one swing alone: (n, ..., i + n m)."""
+    """Return columns (n, ..., i), then those of `own` (n, ..., m), each for one swing alone: (n, ..., i + n m)."""
     each = np.einsum("ij,i...m->i...jm", alone, own)
     return np.concatenate([part, each.reshape(*part.shape[:-1], -1)], axis=-1)
 
 
 def moved_by_inputs(axis_inertias: AxisInertias) -> Moved:
-    """Return by how much each input's standard uncertainty moves the inertias and the rows of the swings."""
+    """Return how much each input's standard uncertainty moves the inertias and the rows of the swings."""
 
     def outputs(values: Array) -> Array:
         found = axis_inertias.evaluate(values)

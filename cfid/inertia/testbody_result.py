@@ -34,9 +34,9 @@ def fit_testbody(
     smallest_peak_rad: float = SMALLEST_PEAK_RAD,
     method: Method = "default",
 ) -> Result:
-    """Compare the test body's measured inertias with those of its drawing (table 2.5), one mount a swing.
+    """Compare the test body's measured inertias with those of its drawing (table 2.5), one mount per swing.
 
-    Arguments and errors as those of `cfid.inertia.fit`; mounts and drawing are the rig's `testbody`.
+    Arguments and errors are those of `cfid.inertia.fit`; mounts and drawing are the rig's `testbody`.
     """
     given = records_of(swings)
     rig, notes = rig_or_thesis([swing for swing in given if isinstance(swing, AngleRecord)], rig)
@@ -102,7 +102,7 @@ def _quantities(comparisons: Sequence[BodyComparison]) -> dict[str, Parameter]:
 
 
 def _resting_on(mount: str) -> tuple[str, ...]:
-    """Return the quantities that rest on the swing about a mount; all measured ones rest on that of the fixture."""
+    """Return the quantities that rest on the swing about a mount; all measured ones rest on the fixture's swing."""
     axis = "*" if mount == FIXTURE else mount
     return f"testbody.measured_kg_m2.{axis}", f"testbody.error.{axis}"
 
