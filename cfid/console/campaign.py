@@ -1,4 +1,4 @@
-"""Create a campaign folder, and find the one of a command."""
+"""Create a campaign folder, and find the campaign that a command works in."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 def make_campaign(folder: Path) -> Path:
     """Create a campaign folder and return the path of its rig.toml.
 
-    Raises ConfigError when it exists already.
+    Raises ConfigError when the folder has a rig.toml already, or cannot be created.
     """
     from cfid.records.campaign import RUNS_FOLDER
     from cfid.records.files import write_new
@@ -29,7 +29,7 @@ def make_campaign(folder: Path) -> Path:
 
 
 def here(folder: Path | None) -> "Campaign":
-    """Return the campaign named, else the one at or above the current folder.
+    """Return the campaign in `folder`, or, for None, the campaign at or above the current folder.
 
     Raises ConfigError when there is none.
     """

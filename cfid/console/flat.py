@@ -1,4 +1,4 @@
-"""How a command's dataclasses of options become its options, one by one, and which of them its numbers depend on."""
+"""Turn a command's dataclasses of options into single options, and list the options that its numbers depend on."""
 
 import functools
 import inspect
@@ -11,13 +11,13 @@ from typer.models import OptionInfo, ParameterInfo
 
 from cfid.console.options import Delivery
 
-_BESIDE_THE_NUMBERS = {"campaign", "json", "figures", "out", "store"}  # where a result goes, not what it is
+_BESIDE_THE_NUMBERS = {"campaign", "json", "figures", "out", "store"}  # they set where a result goes, not its value
 
 
 def flat(command: Callable[..., None]) -> Callable[..., None]:
-    """Replace a command's parameters that are dataclasses of options by those options, one by one.
+    """Replace each parameter of a command that is a dataclass of options with those options.
 
-    In a call from Python, an option that is left out has its default, and a dataclass may be given as a whole.
+    In a call from Python, an omitted option has its default, and a whole dataclass may replace its options.
     """
     hints = get_type_hints(command, include_extras=True)
     bundles: dict[str, Any] = {name: hint for name, hint in hints.items() if is_dataclass(hint)}
@@ -40,7 +40,7 @@ def flat(command: Callable[..., None]) -> Callable[..., None]:
         if labels := [word for word in _words(called, options) if "=" in word]:
             asked["labels"] = labels
         for name, bundle in bundles.items():
-            if not isinstance(options.get(name), bundle):  # an option may have the name of its dataclass
+            if not isinstance(options.get(name), bundle):  # an option may share the name of its dataclass
                 own = {key: options.pop(key, default) for key, (_, default) in kinds[name].items()}
                 options[name] = bundle(**own, **({"asked": asked} if bundle is Delivery else {}))
         command(**options)
@@ -52,21 +52,21 @@ def flat(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def options_that_count(command: Callable[..., None]) -> dict[str, inspect.Parameter]:
-    """Return a command's options by name, without those on which its numbers do not depend."""
+    """Return those options of a command, by name, that its numbers depend on."""
     parameters = inspect.signature(command).parameters
     options = {name: one for name, one in parameters.items() if _is(OptionInfo, one.annotation)}
     return {name: one for name, one in options.items() if name not in _BESIDE_THE_NUMBERS}
 
 
 def _words(command: Callable[..., None], options: Mapping[str, Any]) -> list[str]:
-    """Return what was given for a command's list of runs, AXIS=RUN and the like."""
+    """Return the words given as a command's list of runs, such as AXIS=RUN."""
     parameters = inspect.signature(command).parameters
     given = [options.get(name) for name, one in parameters.items() if not _is(OptionInfo, one.annotation)]
     return [str(word) for words in given if isinstance(words, list) for word in words]
 
 
 def _is(what: type, kind: Any) -> bool:
-    """Return whether a parameter of this kind is an option or an argument."""
+    """Return whether the annotation `kind` of a parameter contains an instance of `what`, such as OptionInfo."""
     return any(isinstance(one, what) for one in get_args(kind))
 
 
@@ -75,13 +75,13 @@ def _default(field: "Field[Any]") -> Any:
 
 
 def _options_of(bundle: Any) -> dict[str, tuple[Any, Any]]:
-    """Return the options and arguments among the fields of a dataclass by name, each with its type and default."""
+    """Return the fields of a dataclass that are options or arguments, by name, each with its type and default."""
     kinds = get_type_hints(bundle, include_extras=True)
     return {one.name: (kinds[one.name], _default(one)) for one in fields(bundle) if _is(ParameterInfo, kinds[one.name])}
 
 
 def _stated(value: Any) -> Any:
-    """Return an option's value as a file states it: a path to something that exists in full."""
+    """Return an option's value in the form that a file stores; a path that exists becomes absolute."""
     if isinstance(value, list):
         return [_stated(one) for one in value]
     if isinstance(value, Path):

@@ -1,4 +1,4 @@
-"""Find the recordings that a command's arguments name, and the rig that they belong to."""
+"""Find the recordings that a command's arguments name, and the rig that recorded them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Workplace:
-    """The campaign that a command runs in, if any, and its rig; `borrowed` when that is the thesis'."""
+    """The campaign that a command runs in, if any, and its rig; `borrowed` means that the rig is that of the thesis."""
 
     campaign: "Campaign | None"
     rig: "Rig"
@@ -27,7 +27,7 @@ class Workplace:
 
     @property
     def own_rig(self) -> "Rig | None":
-        """The rig, None for a borrowed one, which is not of the vehicle that was measured."""
+        """The rig, or None for a borrowed rig, which does not describe the measured vehicle."""
         return None if self.borrowed else self.rig
 
     @property
@@ -36,14 +36,17 @@ class Workplace:
         return NONE_STATED if self.borrowed else self.rig.facts
 
     def figures_folder(self, files: Sequence[Path]) -> Path:
-        """Return the folder for figures of several recordings: the campaign's, else that of the first file."""
+        """Return the folder for figures of several recordings: that of the campaign, else that of the first file."""
         if self.campaign is not None:
             return self.campaign.folder / "figures"
         return files[0].parent if files else Path()
 
 
 def open_workplace(options: RigOptions, *, gravity: Measured = NOT_GIVEN) -> Workplace:
-    """Find the campaign and its rig; --geometry and `gravity` in m/s^2 override it, the thesis' rig is the default."""
+    """Find the campaign and its rig, with the rig of the thesis as the default.
+
+    --geometry replaces the rig, and `gravity` in m/s^2 the gravity of its site.
+    """
     from cfid.records.campaign import find_campaign
     from cfid.records.rig_file import load_rig, thesis_rig
 
@@ -61,9 +64,9 @@ def open_workplace(options: RigOptions, *, gravity: Measured = NOT_GIVEN) -> Wor
 
 
 def find_recording(word: str, workplace: Workplace) -> Path:
-    """Return the path of a RUN: the path itself, or a run of the campaign by its name, a glob, or as `last`.
+    """Return the path of a RUN, which is a path, or names a run of the campaign by its name, a glob or `last`.
 
-    Raises ConfigError when a glob matches none or several runs, or `last` none.
+    Raises ConfigError when a glob matches no run or several, or when `last` finds no run.
     """
     path = Path(word)
     if workplace.campaign is None or path.exists():

@@ -1,4 +1,4 @@
-"""The operator's label of a run: mount, weight, body and note, as options of a command."""
+"""The label that the operator gives a run: mount, weight, body and note, as options of a command."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -15,7 +15,7 @@ LABEL = "What is recorded"
 
 
 def _checked(note: str | None) -> str | None:
-    """Return the note of a run to be recorded. Raises ConfigError as `cfid runs note` does."""
+    """Return the note, checked for a run that will be recorded. Raises ConfigError as `cfid runs note` does."""
     from cfid.records.lab_book import check
 
     check(note or "")
@@ -32,7 +32,7 @@ Note = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class LabelOptions:
-    """The operator's label of the run."""
+    """The label that the operator gives the run."""
 
     axis: Annotated[
         str | None, typer.Option(metavar="MOUNT", help="Mount of a swing, as in rig.toml.", rich_help_panel=LABEL)
@@ -48,11 +48,11 @@ class LabelOptions:
 
     @property
     def kind_of_angles(self) -> str:
-        """The kind of a run of the encoder with this label."""
+        """The kind of a run that records the encoder with this label."""
         return "swing" if self.axis else "drop" if self.weight else "encoder"
 
     def label(self, campaign: "Campaign") -> "Label":
-        """Return the label, checked against rig.toml, so that a misspelt mount is found before the run is made.
+        """Return the label, checked against rig.toml, so that a misspelt mount is found before the recording starts.
 
         Raises ConfigError.
         """
@@ -87,7 +87,7 @@ class LoadOptions:
     ] = None
 
     def on(self, label: "Label") -> "Label":
-        """Return the label with the load. Raises ConfigError for a place or a weight that lacks the other options."""
+        """Return the label with the load. Raises ConfigError for a place or a weight that lacks a required option."""
         from cfid.errors import ConfigError
 
         if self.pull is None and (self.at_mm or label.weight_g):

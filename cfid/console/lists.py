@@ -1,4 +1,4 @@
-"""Parse an option's list of numbers with commas between, its span FROM,TO, or its number with an uncertainty."""
+"""Parse the value of an option: numbers separated by commas, a span FROM,TO, or a number with its uncertainty."""
 
 import math
 from collections.abc import Sequence
@@ -18,9 +18,9 @@ def comma_list(
     most: float = math.inf,
     example: str,
 ) -> tuple[Value, ...]:
-    """Return the numbers of an option, from `least` to `most`; a repeated option counts as one list.
+    """Return the numbers of an option, each from `least` to `most`; the values of a repeated option form one list.
 
-    Raises ConfigError that names the option and what it should be.
+    Raises ConfigError, which names the option and the expected form.
     """
     text = words if isinstance(words, str) else ",".join(words)
     try:
@@ -35,7 +35,7 @@ def comma_list(
 
 
 def span(text: str, option: str, *, unit: str, example: str) -> tuple[float, float]:
-    """Return the two numbers of FROM,TO, of which the second is greater; FROM:TO is read too. Raises ConfigError."""
+    """Return the numbers of FROM,TO or FROM:TO, of which the second is greater. Raises ConfigError."""
     try:
         low, high = (_number(word, float) for word in text.replace(":", ",").split(","))
     except ValueError:
@@ -46,7 +46,7 @@ def span(text: str, option: str, *, unit: str, example: str) -> tuple[float, flo
 
 
 class Measured(NamedTuple):
-    """A number that somebody measured, and its standard uncertainty, None where they were not given."""
+    """A measured number and its standard uncertainty, each None where it was not given."""
 
     value: float | None
     std: float | None
@@ -56,9 +56,9 @@ NOT_GIVEN = Measured(None, None)
 
 
 def measured(text: str | None, option: str) -> Measured:
-    """Return a number above zero, with its standard uncertainty where one follows a colon.
+    """Return a number above zero, with its standard uncertainty if one follows a colon.
 
-    Raises ConfigError that names the option.
+    Raises ConfigError, which names the option.
     """
     if text is None:
         return NOT_GIVEN

@@ -16,19 +16,19 @@ if TYPE_CHECKING:
 _EVERY_S = 0.2
 _MINUTES_FROM_S = 100.0
 _SLOWEST_HZ = 0.5
-_USUAL_COLUMNS = 80  # of a terminal that states no width, as on a serial line
-_INDENT = 2  # of a message's further lines
+_USUAL_COLUMNS = 80  # the assumed width of a terminal that reports none, such as a serial line
+_INDENT = 2  # of the second and later lines of a message
 _BARS = "▁▂▃▄▅▆▇█"
 
 
 class LiveLine:
-    """One line on stderr that is overwritten; silent where stderr is not a terminal.
+    """One line on stderr that is overwritten again and again; nothing where stderr is not a terminal.
 
-    A closed or stopped terminal loses the line, never the recording.
+    A terminal that is closed or stopped costs the line, never the recording.
     """
 
     def __init__(self, *, quiet: bool = True) -> None:
-        """Start with an empty line; `quiet` rings no bell."""
+        """Start with an empty line; if `quiet`, ring no bell."""
         self._screen = Screen()
         file = self._screen.file
         self._terminal = None if file is None or not os.isatty(file) or os.environ.get("TERM") == "dumb" else file
@@ -38,21 +38,21 @@ class LiveLine:
         self._quiet = quiet
 
     def ring(self) -> None:
-        """Call the operator, who may look elsewhere."""
+        """Ring the bell for the operator, who may be looking elsewhere."""
         if self._terminal is not None and not self._quiet:
             self._screen.write("\a")
 
     def task(self, text: str) -> None:
-        """Show the present task at the end of the line, from the next block on; no question is open any more."""
+        """Show the current task at the end of the line from the next block of samples on; drop any open question."""
         self._task, self._question = text, ""
         self._next_s = 0.0
 
     def left(self, text: str) -> None:
-        """Show what is left in place of the time, where nobody knows how long it takes."""
+        """Show `text`, which states what remains to do, instead of the time; for work of unknown duration."""
         self._left = text
 
     def ask(self, text: str) -> None:
-        """Show a question and what is typed of its answer behind what is left, until the next task."""
+        """Show a question, and the answer as it is typed, after the remaining time, until the next task."""
         self._question = text
         self._next_s = 0.0
 
@@ -83,7 +83,7 @@ class LiveLine:
         self._screen.write(f"{text}\n")
 
     def end(self) -> None:
-        """Clear the line, and call the operator."""
+        """Clear the line, and ring the bell for the operator."""
         self._replace("")
         self.ring()
         self._screen.finish()
@@ -97,7 +97,7 @@ class LiveLine:
         self._length = len(text)
 
     def _columns(self) -> int:
-        """Return how long the line may be, 0 where the terminal was closed."""
+        """Return how many characters the line may have, 0 where the terminal was closed."""
         try:
             return 0 if self._terminal is None else (os.get_terminal_size(self._terminal).columns or _USUAL_COLUMNS) - 1
         except OSError:
@@ -105,7 +105,7 @@ class LiveLine:
 
 
 def fitting(parts: Sequence[str], columns: int) -> str:
-    """Return as many whole parts as a line has room for, the last of them without what it has in parentheses."""
+    """Return as many whole parts as fit on a line; the last may lose its parentheses in order to fit."""
     line = ""
     for part in parts:
         longer = f"{line}  {part}" if line else part
@@ -117,9 +117,9 @@ def fitting(parts: Sequence[str], columns: int) -> str:
 
 
 def asking(question: str, columns: int) -> str:
-    """Return a question on a narrow line: whole, without what it has in parentheses, else its end.
+    """Return a question for a narrow line: in full, else without its parentheses, else only its end.
 
-    What is typed stands there: an operator has to see it.
+    The end is kept because the answer appears there as the operator types it.
     """
     short = re.sub(r" \([^)]*\)", "", question)
     fits = (text for text in (question, short) if len(text) <= columns)
@@ -127,10 +127,10 @@ def asking(question: str, columns: int) -> str:
 
 
 def line_of(recorder: "Recorder", *, task: str = "", question: str = "", left: str = "") -> list[str]:
-    """Return the line's parts: the most important first, since the end of a long one is left out.
+    """Return the parts of the line, the most important first, since a narrow terminal cuts off the end.
 
-    A question is one part with what is left, by default the time: both stay on a narrow line. What is read, as an
-    angle, and the losses and rates are those of the devices that show something.
+    The question shares the first part with what remains, by default the time, so both stay on a narrow line. Readings,
+    such as an angle, and losses and rates are those of the devices that show something.
     """
     every = list(recorder.progress.values())
     shown = [own for own in every if own.reading is not None] or every
@@ -145,7 +145,7 @@ def line_of(recorder: "Recorder", *, task: str = "", question: str = "", left: s
 
 
 def _read(name: str, own: "Progress") -> str:
-    """Return what is read of an instrument; of a silent one how long no row came, since the last is old."""
+    """Return the latest reading of an instrument, or for how long it has sent no row: the last reading is then old."""
     if own.reading is None:
         return ""
     if own.silent_s:
@@ -154,7 +154,7 @@ def _read(name: str, own: "Progress") -> str:
 
 
 def sparkline(values: Sequence[float]) -> str:
-    """Return values as bars between their smallest and their largest."""
+    """Return values as bars, scaled from the smallest value to the largest."""
     if not values:
         return ""
     least, range_ = min(values), max(values) - min(values)
@@ -164,7 +164,7 @@ def sparkline(values: Sequence[float]) -> str:
 
 
 def _time_text(recorder: "Recorder") -> str:
-    """Return the time that is left, else that which has passed."""
+    """Return the remaining time, or the elapsed time of a recording without a set end."""
     left = recorder.for_s is not None
     seconds = max(recorder.for_s - recorder.seconds, 0.0) if recorder.for_s is not None else recorder.seconds
     shown = f"{seconds:.1f} s" if seconds < _MINUTES_FROM_S else clock(seconds)

@@ -1,4 +1,4 @@
-"""What a `cfid log` command states at its end: rows, losses, files and verdict, as lines or as one JSON object."""
+"""The summary at the end of a `cfid log` command: rows, losses, files and verdict, as lines or as one JSON object."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def print_summary(run: "Run", lines: Sequence[str] = (), failure: CfidError | None = None) -> None:
-    """Print a run's rows, losses and files; the failure that ended it is printed where the command ends."""
+    """Print a run's rows, losses and files; the failure that ended the run is printed later, when the command ends."""
     for name, device in devices_of(run).items():
         skipped = f", {device['skipped']} skipped: {device['achieved']}" if device["achieved"] else ""
         counts = f"{counted(device['rows'], 'row')}, {device['lost']} lost{counts_of(device)}{skipped}"
@@ -45,14 +45,14 @@ def _stopped_in_s(run: "Run") -> float | None:
 
 
 def print_json(content: Mapping[str, Any]) -> None:
-    """Print the one object of --json."""
+    """Print the JSON object of --json."""
     echo(json.dumps(content, indent=2))
 
 
 def summary(
     command: str, run: "Run", failure: CfidError | None, parameters: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """Return the object of --json for a run. Raises DataError where a file of it is gone."""
+    """Return the object of --json for a run. Raises DataError where a file of the run is missing."""
     from cfid.records.files import sha256_of
 
     devices = devices_of(run)
@@ -78,14 +78,14 @@ def _findings(failure: CfidError | None) -> list[dict[str, Any]]:
 
 
 def devices_of(run: "Run") -> dict[str, dict[str, Any]]:
-    """Return what each device of a run recorded and lost, as its summary has it."""
+    """Return what each device of a run recorded and lost, in the form of the summary."""
     devices: dict[str, dict[str, Any]] = {}
     for name, record in run.header.devices.items():
         extra = record.model_extra or {}
         kinds = {**extra.get("arrivals", {}), **extra.get("losses", {})}
-        kinds.pop("lost", None)  # printed before them
+        kinds.pop("lost", None)  # printed separately, before the kinds
         file = run.device_file(name)
-        gaps = sum(one.get("lost") != 0 for one in extra.get("gaps", ()))  # of the others, all came late
+        gaps = sum(one.get("lost") != 0 for one in extra.get("gaps", ()))  # the rows of other gaps were only late
         devices[name] = {
             "rows": record.rows,
             "lost": record.lost,

@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from cfid.records.logs.log import Array, FlightLog, Series
     from cfid.records.tables.schema import Foreign
 
-_MOST_FIGURES = 8  # of a log with a series for every topic; a hundred would take minutes
-_DRAWN_ROWS = 20_000  # more than a page has dots from left to right
+_MOST_FIGURES = 8  # of a log with one series per topic: a hundred figures would take minutes
+_DRAWN_ROWS = 20_000  # more than the dots across a page
 
 
 def log_views(path: Path, reading: "Foreign") -> list[View]:
-    """Return a view of every series of a log. Raises DataError or ConfigError as `read_log`."""
+    """Return a view of every series of a log. Raises DataError or ConfigError as `read_log` does."""
     from cfid.records.logs.any_kind import read_log
 
     log = read_log(path, reading)
@@ -38,14 +38,14 @@ def log_views(path: Path, reading: "Foreign") -> list[View]:
 
 
 def _to_draw(log: "FlightLog") -> "list[Series]":
-    """Return the series that get a figure: those that have channels of known units first, those of most rows."""
+    """Return the series that get a figure: first those with channels of known units, then those with the most rows."""
     return sorted(log.series, key=lambda one: (not any(channel.own_unit for channel in one.channels), -one.rows))[
         :_MOST_FIGURES
     ]
 
 
 def stand_view(path: Path, reading: "Foreign", esc_us: tuple[float, float] | None) -> View:
-    """Return the view of a thrust stand's table. Raises DataError or ConfigError as `read_stand_table`."""
+    """Return the view of a thrust stand's table. Raises DataError or ConfigError as `read_stand_table` does."""
     import numpy as np
 
     from cfid.findings import texts
@@ -100,7 +100,7 @@ def _view(log: "FlightLog", series: "Series") -> View:
 
 
 def _walked(series: "Series") -> "tuple[Array, Array, Array, Array]":
-    """Return a series' times (n,), each channel's lowest and highest number, and rows (m, 1 + channels) to draw."""
+    """Return a series' times (n,), each channel's lowest and highest value, and the rows (m, 1 + channels) to draw."""
     import numpy as np
 
     step = -(-series.rows // _DRAWN_ROWS)

@@ -1,11 +1,11 @@
-"""What a recording lost, by kind, as the summary at its end has it."""
+"""The losses of a recording, by kind, as its summary shows them."""
 
 from collections.abc import Mapping
 from typing import Any
 
 from cfid.counted import counted
 
-_ONE = {  # loss of a kind of which run.toml has the plural
+_ONE = {  # the singular of each kind that run.toml names in the plural
     "duplicates": "duplicate",
     "malformed datagrams": "malformed datagram",
     "foreign datagrams": "foreign datagram",
@@ -19,7 +19,7 @@ _ONE = {  # loss of a kind of which run.toml has the plural
 
 
 def counts_of(device: Mapping[str, Any]) -> str:
-    """Return the counts of a device's losses in parentheses, "" where nothing is lost."""
+    """Return the counts of a device's losses in parentheses, or "" where nothing is lost."""
     kinds = ((count, kind.replace("_", " ")) for kind, count in device["kinds"].items() if count)
     counts = [counted(count, _ONE.get(kind, kind), kind) for count, kind in kinds]
     if device["gaps"]:

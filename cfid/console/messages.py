@@ -14,38 +14,39 @@ from typing import TextIO
 import typer
 
 _NARROWEST = 20
-_OF_A_NARROW_ONE = 8  # parts, of which further lines are indented by one
+_OF_A_NARROW_ONE = 8  # the width of a narrow terminal is this many times its indent
 _PATIENCE_S = 10.0
-_HEAD = len("note: ")  # and of `cfid: `: the lines after the first begin below the text
+_HEAD = len("note: ")  # as long as `cfid: `, so that later lines are aligned with the text
 _SETTING = re.compile(r"`([a-z]\w*)`")
-# Any other option is its setting's name with hyphens.
+# Every other option is its setting's name with hyphens.
 _RENAMED = {"arm_m": "--arm-mm", "folder": "--campaign", "from_s": "--from", "to_s": "--to"}
 
 
 def in_options(text: str) -> str:
-    """Return a message with options where it names settings, which stand in backticks: `rate_hz` becomes --rate-hz.
+    """Return a message with its settings, which are in backticks, replaced by options: `rate_hz` becomes --rate-hz.
 
-    The functions that raise it are called from Python too, where there are no options. What it quotes of files and
-    devices is made printable.
+    Messages name settings because Python users, who have no options, see them too. Text that a message quotes from
+    files and devices is made printable.
     """
     return _SETTING.sub(lambda found: _RENAMED.get(found[1], f"--{found[1].replace('_', '-')}"), printable_lines(text))
 
 
 def printable(text: str) -> str:
-    """Return a text in one line whose letters a terminal shows and does not obey: all others become ?."""
+    """Return a text on one line; a character that a terminal might obey instead of showing it becomes ?."""
     return printable_lines(text).replace("\n", " ")
 
 
 def printable_lines(text: str) -> str:
-    """Return a text of several lines, as `printable`."""
+    """Return a text that `printable` would return, but with its line breaks."""
     return "".join(letter if letter.isprintable() or letter == "\n" else "?" for letter in text.replace("\t", " "))
 
 
 def echo(text: object = "", *, nl: bool = True, err: bool = False) -> None:
-    """Print lines in which there may be what others wrote, as a path, to stdout or stderr.
+    """Print lines to stdout or stderr, made printable since they may contain text of others, such as a path.
 
-    A terminal that was closed takes none, and nobody is there to read them. Where stderr takes none, as a full disk,
-    the command goes on without: its results go elsewhere. Raises OSError for any other stdout.
+    Lines for a closed terminal are dropped, since nobody can read them. Where stderr cannot be written, as on a full
+    disk, the command continues without it, since results go elsewhere. Raises OSError where any other stdout cannot be
+    written.
     """
     try:
         typer.echo(printable_lines(str(text)), nl=nl, err=err)
@@ -57,25 +58,25 @@ def echo(text: object = "", *, nl: bool = True, err: bool = False) -> None:
 
 
 def headline(text: str) -> None:
-    """Print a line in bold, as what follows it is about."""
+    """Print a line in bold, as the heading of the lines that follow."""
     typer.secho(printable_lines(text), bold=True)
 
 
 def ask(question: str, *, ring: Callable[[], None] = lambda: None) -> str:
-    """Print a question on stderr and return the line typed, "" where the input ended.
+    """Print a question on stderr and return the typed line, or "" where the input ended.
 
-    `ring` calls the operator. Raises OSError where stderr takes nothing: nobody can have read the question.
+    `ring` calls the operator. Raises OSError where stderr cannot be written, since nobody can have read the question.
     """
     typer.echo(f"{fitted(printable_lines(question), err=True)} ", nl=False, err=True)
     ring()
     line = typed_line()
     if not line.endswith("\n"):
-        echo(err=True)  # the question ends its line
+        echo(err=True)  # no line break was typed after the question
     return line
 
 
 def typed_line() -> str:
-    """Return the next line of standard input, and read no byte beyond it: a script's further answers follow."""
+    """Return the next line of standard input, and read no byte beyond it, since a script's other answers may follow."""
     if sys.stdin is None:
         return ""
     line = b""
@@ -87,7 +88,8 @@ def typed_line() -> str:
 def note(text: str) -> None:
     """Print a note that the operator should know before using the result.
 
-    Where stderr takes nothing, as a full disk, the command goes on without it: it may be about to stop motors.
+    Where stderr cannot be written, as on a full disk, the command continues without the note, since it may be about to
+    stop motors.
     """
     try:
         typer.echo(noted(text), err=True)
@@ -108,7 +110,7 @@ def fault(text: str) -> None:
 
 @contextlib.contextmanager
 def patience(first_s: float = _PATIENCE_S) -> Iterator[None]:
-    """Say on stderr after some seconds, and each time as long again, that a command goes on."""
+    """Report on stderr that a command is still working: after `first_s` seconds, then whenever the wait has doubled."""
     ended = threading.Event()
 
     def tell() -> None:
@@ -125,7 +127,7 @@ def patience(first_s: float = _PATIENCE_S) -> Iterator[None]:
 
 
 def result(text: str) -> None:
-    """Print what a command did; where stdout takes nothing, as a terminal that was closed, print it on stderr."""
+    """Print what a command did, on stderr where stdout cannot be written, as after its terminal was closed."""
     try:
         typer.echo(fitted(printable_lines(text)))
     except OSError:
@@ -134,15 +136,15 @@ def result(text: str) -> None:
 
 
 def _drop(stream: TextIO) -> None:
-    """Let what is printed to a stream go nowhere, or what it still holds fails once more."""
+    """Discard all output of a stream; otherwise the text in its buffer would fail once more."""
     with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def fitted(text: str, *, indent: int = 0, err: bool = False) -> str:
-    """Return a text for stdout or stderr: lines wrapped at a terminal's width, further ones indented, else as it is.
+    """Return a text for stdout or stderr: wrapped and indented for a terminal, unchanged for a file or a pipe.
 
-    Lines that fit, as those of tables, stay as they are.
+    Lines that fit, such as those of tables, stay unchanged.
     """
     try:
         columns = os.get_terminal_size((sys.stderr if err else sys.stdout).fileno()).columns
@@ -150,7 +152,7 @@ def fitted(text: str, *, indent: int = 0, err: bool = False) -> str:
         return text
     if not columns:
         return text
-    if indent + _NARROWEST > columns:  # then words matter more than columns below each other
+    if indent + _NARROWEST > columns:  # whole words matter more than alignment
         indent = columns // _OF_A_NARROW_ONE
         text = re.sub(f"^ {{{indent},}}", " " * indent, text, flags=re.MULTILINE)
     wrapper = textwrap.TextWrapper(

@@ -1,4 +1,4 @@
-"""The options that several commands share: each group is a dataclass, whose fields `flat` adds to a command."""
+"""Options that several commands share: each group is a dataclass, whose fields `flat` adds to a command."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -85,7 +85,7 @@ Swings = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingOptions:
-    """How to read a file whose header does not show it."""
+    """How to read a file whose header does not state its format."""
 
     time_unit: Annotated[
         Literal["s", "ms", "us"] | None,
@@ -133,7 +133,7 @@ class ReadingOptions:
         )
 
     def foreign(self, clock: Literal["true", "84/85"] | None = None) -> "Foreign":
-        """Return how to read a log or a table of motors. Raises ConfigError for what an angle alone has."""
+        """Return how to read a log or a table of motors. Raises ConfigError for options that only an angle has."""
         from cfid.records.tables.schema import Foreign
 
         self.refuse_angles()
@@ -146,7 +146,7 @@ class ReadingOptions:
         )
 
     def refuse_angles(self) -> None:
-        """Raise ConfigError for what an angle alone has."""
+        """Raise ConfigError if an option was given that only an angle has."""
         from cfid.errors import ConfigError
 
         if self.angle_unit is not None or self.counts_per_turn is not None:
@@ -154,7 +154,7 @@ class ReadingOptions:
 
     @property
     def column_names(self) -> tuple[str, ...]:
-        """The columns' names, empty where they were not given."""
+        """The names of the columns, empty where they were not given."""
         return () if self.columns is None else tuple(name.strip() for name in self.columns.split(","))
 
 
@@ -177,9 +177,9 @@ class LoadCellOptions:
     ] = None
 
     def reading(self, file: ReadingOptions, *, or_angles: bool = False) -> "WrenchReading":
-        """Return these options and those of any file in the form that the load cell's reader takes.
+        """Return these options, with those of every file, in the form that the load cell's reader takes.
 
-        Raises ConfigError for what an angle alone has, unless angles may be read instead.
+        Raises ConfigError for options that only an angle has, unless `or_angles` allows an angle instead.
         """
         from cfid.records.tables.wrench import WrenchReading
 
@@ -227,7 +227,7 @@ class WindowOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class CutOptions:
-    """A window set by hand."""
+    """A time window that the operator sets."""
 
     from_s: Annotated[
         float | None,
@@ -242,8 +242,8 @@ class CutOptions:
 class Delivery:
     """How a result is printed, drawn and kept.
 
-    `asked` are the command's options that differ from their defaults, which `flat` fills in. With `take` a result goes
-    there instead.
+    `asked` contains the options of the command that differ from their defaults; `flat` fills it in. `take`, if given,
+    receives the result, which is then neither printed, drawn nor kept.
     """
 
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.", rich_help_panel=_OUTPUT)] = False
@@ -263,9 +263,9 @@ class Delivery:
 
 
 def positive(value: float, option: str, *, most: float = float("inf")) -> float:
-    """Return a number that has to be above zero, and finite, and `most` at most.
+    """Return a number after checking that it is finite, above zero, and at most `most`.
 
-    Raises ConfigError when it is not.
+    Raises ConfigError otherwise.
     """
     from cfid.errors import ConfigError
 
@@ -277,9 +277,9 @@ def positive(value: float, option: str, *, most: float = float("inf")) -> float:
 
 
 def finite(value: float, option: str) -> float:
-    """Return a finite number.
+    """Return a number after checking that it is finite.
 
-    Raises ConfigError when it is not finite.
+    Raises ConfigError otherwise.
     """
     from cfid.errors import ConfigError
 
@@ -289,7 +289,7 @@ def finite(value: float, option: str) -> float:
 
 
 def pulses_us(text: str | None) -> tuple[float, float] | None:
-    """Parse --esc-us. Raises ConfigError for anything but two rising widths above zero."""
+    """Parse --esc-us. Raises ConfigError for anything but two ascending pulse widths above zero."""
     from cfid.console.lists import span
 
     if text is None:

@@ -22,10 +22,11 @@ if TYPE_CHECKING:
 
 
 def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig: "Rig | None" = None) -> None:
-    """Draw, keep and print a result; rejected quantities, and those that the `rig` cannot have, only with --force.
+    """Draw, keep and print a result; with --force also rejected quantities and those impossible for the `rig`.
 
-    Raises RejectedError when a quantity that the command is for was rejected and --force is not set; parameters.toml is
-    then unchanged. Raises ConfigError where no figure can be written: the result is printed, and not kept.
+    Raises RejectedError when a quantity that the command determines was rejected and --force is not set;
+    parameters.toml is then unchanged. Raises ConfigError where no figure can be written; the result is then printed,
+    but not kept.
     """
     if delivery.take is not None:
         delivery.take(result)
@@ -38,7 +39,7 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
     given = result if delivery.force else result.without_rejected()
     try:
         drawn, undrawn = _draw(given, delivery), None
-    except ConfigError as error:  # a full disk does not cost the numbers that were computed
+    except ConfigError as error:  # a full disk must not lose the computed numbers
         drawn, undrawn = (), error
     kept = result.accepted or delivery.force
     if campaign is not None and given.quantities and kept and undrawn is None:
@@ -46,12 +47,12 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
     if delivery.json:
         echo(_as_json(given, accepted=result.accepted))
     else:
-        rejections = texts(result.findings, "rejection") if kept else ()  # else the error states them
+        rejections = texts(result.findings, "rejection") if kept else ()  # otherwise the error states them
         notes = (*texts(result.findings, "note", "warning"), *(f"rejected: {text}" for text in rejections))
         _print(given, drawn, notes)
     if not kept:
         if campaign is not None:
-            with suppress(ConfigError):  # a folder that nobody can write to
+            with suppress(ConfigError):  # raised for a read-only folder
                 campaign.remember_rejected(result)
         still = " parameters.toml is unchanged." if campaign is not None else ""
         reasons = joined(texts(result.findings, "rejection"))
@@ -61,7 +62,7 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
 
 
 def _with_names(result: Result, runs_folder: Path) -> Result:
-    """Return a result whose findings name runs of the campaign as its other commands do, whoever's path they lie at."""
+    """Return a result whose findings name runs of the campaign by their names instead of their paths."""
     from cfid.records.run import by_name
 
     named = [

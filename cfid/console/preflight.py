@@ -1,4 +1,4 @@
-"""Judges seconds of real signals against limits, before minutes are recorded: rig at rest, motors off."""
+"""Judge a few seconds of real signals against limits before a recording of minutes: rig at rest, motors off."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -21,24 +21,24 @@ from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
 Array = npt.NDArray[np.float64]
 
 LASTS = "battery lasts"
-TARE_S = 0.2  # the live line shows forces above those of the beginning, as in a recording
+TARE_S = 0.2  # the live line shows forces relative to those at the start, as in a recording
 
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 
-# Parts of each axis' range: a cell's own noise is several times smaller, its resolution ten times.
+# Fractions of each axis' range: a cell's own noise is several times smaller, its resolution ten times.
 _NOISE, _DRIFT, _LINE, _LOAD = 1e-3, 2e-4, 2.5e-4, 0.8
-_SURE = 3.0  # standard uncertainties by which a drift exceeds its limit
-_SLOWEST, _MOST_LOST = 0.95, 0.01  # of the rate requested; of the samples
-_STILL_DEG, _TURNED_DEG = 0.5, 0.2  # a pendulum that hangs still: between its extremes, and by drift
-_RETURNS, _OUTER = 4, 0.2  # of a swing through its middle, beyond this part of the whole
-_SMOOTH = 0.5  # the correlation of a swing's neighbouring samples
-_STAMPS_S = 0.005  # from a device's stamp to its arrival, about the mean
+_SURE = 3.0  # how many standard uncertainties a drift has to exceed its limit by
+_SLOWEST, _MOST_LOST = 0.95, 0.01  # fraction of the requested rate; fraction of the samples
+_STILL_DEG, _TURNED_DEG = 0.5, 0.2  # of a pendulum at rest: between its extremes, and by drift
+_RETURNS, _OUTER = 4, 0.2  # passes of a swing through its middle; the middle, as a fraction of its range
+_SMOOTH = 0.5  # correlation of neighbouring samples of a swing
+_STAMPS_S = 0.005  # scatter of the delays between a sample's timestamp and its arrival
 _FEWEST = 64
-FEWEST_LINES = 3  # of a device that is stated as slow
+FEWEST_LINES = 3  # of a device whose stated rate is low
 
 
 def of_loadcell(record: DeviceRecord, sampled: Sampled, *, calm: bool = True) -> list[DeviceAnswer]:
-    """Judge a Net F/T's signals. A wind that blows is not `calm`: noise, drift and lines then have no limit."""
+    """Judge a Net F/T's signals. In wind, which is not `calm`, noise, drift and spectral lines have no limit."""
     if sampled.rows < _FEWEST:
         return [
             _answer("rate", counted(sampled.rows, "sample"), "check power and cable", limit=f"{_FEWEST}", within=False)
@@ -75,7 +75,7 @@ def of_loadcell(record: DeviceRecord, sampled: Sampled, *, calm: bool = True) ->
 
 
 def _of_lines(record: DeviceRecord, sampled: Sampled, plan: Sequence[Held], *, mass_kg: float) -> list[DeviceAnswer]:
-    """Judge a load cell that sends lines, by the rate that it states and by its steps."""
+    """Judge a load cell that sends text lines, by its stated rate and the steps of its values."""
     if sampled.rows < FEWEST_LINES:
         advice = (
             "compare baud, pattern and values of devices.loadcell in rig.toml with what it sends: `cfid rig check` "
@@ -109,7 +109,7 @@ def _where(found: Sequence[SignalQuality]) -> str:
 def _six(
     line: str, values: Array, limits: Array | None, advice: str, *, sure: Array | None = None, more: str = ""
 ) -> DeviceAnswer:
-    """Judge one number of each axis, in mN and mNm: the `sure` part of it, where noise explains the rest."""
+    """Judge one value per axis, in mN and mNm, by its `sure` part where noise explains the rest."""
     most = "" if limits is None else _in_milli(limits)
     sure = values if sure is None else sure
     within = True if limits is None else _within(values, sure, limits)
@@ -117,7 +117,7 @@ def _six(
 
 
 def _within(values: Array | float, sure: Array | float, limits: Array | float) -> bool | None:
-    """Return whether values are within limits, None where noise hides it: the `sure` part is, and not the whole."""
+    """Return whether values are within limits, None where noise hides it: the `sure` part is within, the whole not."""
     if np.all(values <= limits):
         return True
     return False if np.any(sure > limits) else None
@@ -129,7 +129,7 @@ def _in_milli(values: Array) -> str:
 
 
 def of_encoder(record: DeviceRecord, sampled: Sampled) -> list[DeviceAnswer]:
-    """Judge the encoder of a pendulum that hangs still: rate, losses, stamps, noise and drift."""
+    """Judge the encoder of a pendulum at rest: rate, losses, timestamps, noise and drift."""
     if sampled.rows < _FEWEST:
         return [_answer("rate", counted(sampled.rows, "sample"), "check the cable", limit=f"{_FEWEST}", within=False)]
     in_radians = (record.model_extra or {}).get("angle_unit") == "rad"
@@ -150,7 +150,7 @@ def of_encoder(record: DeviceRecord, sampled: Sampled) -> list[DeviceAnswer]:
 
 
 def _readings(degrees: Array, rate_hz: float) -> list[DeviceAnswer]:
-    """Name the readings of an angle (n,) that are repeated; at rest those of a coarse encoder cannot show it."""
+    """Report repeated readings of an angle (n,); a coarse encoder at rest repeats its reading anyway."""
     rows = rows_a_reading(degrees)
     if rows == 1:
         return []
@@ -160,7 +160,7 @@ def _readings(degrees: Array, rate_hz: float) -> list[DeviceAnswer]:
 
 
 def _at_rest(degrees: Array, rate_hz: float) -> list[DeviceAnswer]:
-    """Judge noise and drift of an angle (n,) at rest; one that swings is no fault of the rig, and hides both."""
+    """Judge noise and drift of an angle (n,) at rest; a swing hides both, but is no fault of the rig."""
     quality, moved = signal_quality(degrees, rate_hz=rate_hz), float(np.ptp(degrees))
     if _swings(degrees):
         hint = "hold it still and check again: noise and drift are judged at rest"
@@ -187,19 +187,19 @@ def _at_rest(degrees: Array, rate_hz: float) -> list[DeviceAnswer]:
 
 
 def _swings(degrees: Array) -> bool:
-    """Return whether an angle (n,) goes to and fro about its line: noise jumps, and a drift does not return."""
+    """Return whether an angle (n,) oscillates about its linear trend; noise jumps, and drift does not return."""
     if np.ptp(degrees) <= _STILL_DEG:
         return False
     place = np.arange(len(degrees))
     off = degrees - np.polyval(np.polyfit(place, degrees, 1), place)
-    outer = off[np.abs(off) > _OUTER * np.ptp(off)]  # without noise about the middle
+    outer = off[np.abs(off) > _OUTER * np.ptp(off)]  # excludes noise about the middle
     returns = np.count_nonzero(np.diff(np.sign(outer)))
     alike = float(off[1:] @ off[:-1]) / float(off @ off)
     return bool(np.ptp(off) > _STILL_DEG and returns >= _RETURNS and alike > _SMOOTH)
 
 
 def _degrees(counts: Array, counts_per_turn: float | str) -> Array:
-    """Return a continuous angle (n,) in degrees, from its first value on."""
+    """Return a continuous angle (n,) in degrees, relative to its first value."""
     if counts_per_turn == RLS_13BIT_IN_22:
         counts, counts_per_turn = decode_words(counts.astype(np.int64)).position.astype(np.float64), STEPS_PER_TURN
     angle = np.unwrap(counts * (2 * math.pi / float(counts_per_turn)))
@@ -209,7 +209,7 @@ def _degrees(counts: Array, counts_per_turn: float | str) -> Array:
 def _rate(sampled: Sampled, requested_hz: float) -> list[DeviceAnswer]:
     achieved_hz = (sampled.rows + sampled.lost - 1) / float(np.ptp(sampled.columns["t"]))
     share = sampled.lost / (sampled.rows + sampled.lost)
-    # Of few samples, the span is known to a part of a period alone.
+    # The span of a few samples is uncertain by a fraction of a period.
     least_hz = requested_hz * (_SLOWEST - (1 / sampled.rows if sampled.rows < _FEWEST else 0.0))
     return [
         _answer(
@@ -230,7 +230,7 @@ def _rate(sampled: Sampled, requested_hz: float) -> list[DeviceAnswer]:
 
 
 def of_vehicle(sampled: Sampled, plan: Sequence[Held]) -> list[DeviceAnswer]:
-    """Judge the vehicle's log: radio losses, and whether the battery lasts for a plan."""
+    """Judge the vehicle's log: the radio losses, and whether the battery lasts for a plan."""
     lost = sampled.lost / max(sampled.rows + sampled.lost, 1)
     radio = _answer(
         "radio losses",
@@ -243,7 +243,7 @@ def of_vehicle(sampled: Sampled, plan: Sequence[Held]) -> list[DeviceAnswer]:
 
 
 def battery(sampled: Sampled, plan: Sequence[Held]) -> DeviceAnswer:
-    """Return the battery's voltage, and for how long it lasts; too short is a warning, as the cell may be another."""
+    """Return the battery's voltage and how long it lasts; too short is only a warning, as the cell may differ."""
     if BATTERY not in sampled.columns:
         return DeviceAnswer(LASTS, "warning", "the vehicle reports no voltage", "charge it before long recordings")
     volts = float(np.median(sampled.columns[BATTERY]))
@@ -286,7 +286,7 @@ def judged(
 
 
 def _answer(line: str, answer: str, advice: str, *, limit: str, within: bool | None) -> DeviceAnswer:
-    """Return a line; one that noise hides (None) is not judged."""
+    """Return an answer for a line of the preflight; where noise hides the verdict (None), it is not judged."""
     if within is None:
         return DeviceAnswer(line, "warning", f"{answer}, not judged: noise hides it", _CALMER, limit)
     state: State = "ok" if within else "fault"

@@ -1,4 +1,4 @@
-"""Judges the steps of devices that send lines, as scales and microcontrollers do, against what is to be measured."""
+"""Judge the steps of devices that send text lines, such as scales and microcontrollers, for the planned measurement."""
 
 import math
 from collections.abc import Sequence
@@ -16,20 +16,20 @@ from cfid.units import FULL_COMMAND, MOTORS, USUAL_GRAVITY_MPS2
 
 Array = npt.NDArray[np.float64]
 
-_CARRIES = 2.0  # times its weight, by all motors at full command: less hardly flies
-_OF_THRUST = 0.04  # of the plan's largest thrust: a reading errs by 2 % of it at most
-_OF_SWING_DEG = 0.5  # of a swing that is released at 10 degrees and more
-_RESOLVED = 0.5  # of a step: noise beyond it resolves in the mean what is between two steps
+_CARRIES = 2.0  # thrust of all motors at full command over the weight: a vehicle with less hardly flies
+_OF_THRUST = 0.04  # of the plan's largest thrust: the error of a reading is then at most 2 % of it
+_OF_SWING_DEG = 0.5  # for a swing that is released at 10 degrees or more
+_RESOLVED = 0.5  # of a step: with more noise than this, means resolve values between two steps
 _MOST_DECIMALS = 9
 
 
 def sends_lines(record: DeviceRecord) -> bool:
-    """Return whether a device sends lines of its own accord."""
+    """Return whether a device sends text lines by itself."""
     return "lines" in (record.model_extra or {})
 
 
 def force_steps(record: DeviceRecord, sampled: Sampled, plan: Sequence[Held], *, mass_kg: float) -> list[DeviceAnswer]:
-    """Judge the steps of each force by the thrust of a vehicle of this mass in a plan; torques have no limit."""
+    """Judge the steps of each force by the thrust that a plan demands at this vehicle mass; torques have no limit."""
     setting = LoadCellLines.model_validate(_stated(record))
     thrust_n = _CARRIES * mass_kg * USUAL_GRAVITY_MPS2
     largest = max(part.motors / len(MOTORS) * part.command / FULL_COMMAND for part in plan)
@@ -48,7 +48,7 @@ def force_steps(record: DeviceRecord, sampled: Sampled, plan: Sequence[Held], *,
 
 
 def angle_steps(record: DeviceRecord, sampled: Sampled, *, swings: bool) -> DeviceAnswer:
-    """Judge the steps of an angle by those of a swing; the scatter of one that `swings` is no noise."""
+    """Judge the steps of an angle by the limit for a swing; the scatter of an angle that `swings` is not noise."""
     setting = EncoderLines.model_validate(_stated(record))
     (value,) = setting.measured
     turn = setting.turn(record.counts_per_turn or math.nan)
@@ -65,7 +65,7 @@ def angle_steps(record: DeviceRecord, sampled: Sampled, *, swings: bool) -> Devi
 
 
 def _stated(record: DeviceRecord) -> dict[str, Any]:
-    """Return what rig.toml stated of a device."""
+    """Return what rig.toml stated about a device."""
     return {"kind": "lines", "rate_hz": record.rate_hz, **(record.model_extra or {})["lines"]}
 
 
@@ -80,9 +80,10 @@ def _steps(
     advice: str,
     moves: bool = False,
 ) -> DeviceAnswer:
-    """Judge the steps of a column (n,), times `shown` in a `unit`: no smaller than the last decimal that is sent.
+    """Judge the steps of a column (n,), which are at least the last decimal that the device sends.
 
-    Noise beyond steps that are too large resolves what is between them, unless what is measured `moves`.
+    `shown` converts the column to `unit`. Steps above the limit pass if noise exceeds them, since means then resolve
+    values between the steps; this does not hold for a quantity that `moves`.
     """
     factor = abs(setting.factor(value))
     numbers = column / factor
@@ -106,7 +107,7 @@ def _steps(
 
 
 def _last_decimal(numbers: Array) -> float:
-    """Return the place of the last decimal that any of the numbers (n,) has, 1 where all are whole."""
+    """Return the place value of the last decimal that any of the numbers (n,) has, 1 where all are whole."""
     size = max(1.0, float(np.abs(numbers).max()))
     for decimals in range(_MOST_DECIMALS):
         if np.all(np.abs(numbers - np.round(numbers, decimals)) < 1e-9 * size):

@@ -1,4 +1,4 @@
-"""Looks at a second of the real signals before each recording with motors: the quick part of a preflight."""
+"""Look at one second of the real signals before each recording with motors: the quick part of a preflight."""
 
 import math
 from collections.abc import Sequence
@@ -13,16 +13,16 @@ from cfid.rig.check import DeviceAnswer
 from cfid.rig.device import Device
 from cfid.rig.sampling import sample
 
-NOT_READ = "; battery not read"  # without such a look
+NOT_READ = "; battery not read"  # shown where --no-preflight skips the look
 _QUICK_S = 1.0
-_WORTHLESS = {"load", "rate", "losses"}  # faults with which a recording is of no use
+_WORTHLESS = {"load", "rate", "losses"}  # faults that make a recording useless
 
 
 def quick(devices: Sequence[Device], plan: Sequence[Held], *, mass_kg: float, calm: bool = True) -> str:
-    """Sample load cell and vehicle for a second, note each limit that is exceeded; return the battery's state.
+    """Sample load cell and vehicle for one second, note each exceeded limit, and return the battery's state.
 
-    A device that sends lines slowly is sampled for longer. Raises DeviceError where a recording would be worthless by a
-    second look too, since a busy computer may have missed the first, or a device failed.
+    A device that sends lines slowly is sampled for longer. Raises DeviceError where a device failed, or where two looks
+    agree that a recording would be worthless; one look is not enough, since a busy computer may have missed samples.
     """
     every, wrong, worthless = _look(devices, plan, mass_kg=mass_kg, calm=calm)
     if worthless:
@@ -41,7 +41,7 @@ Answers = list[tuple[str, DeviceAnswer]]  # by device
 def _look(
     devices: Sequence[Device], plan: Sequence[Held], *, mass_kg: float, calm: bool
 ) -> tuple[Answers, Answers, bool]:
-    """Return all answers, those beyond a limit, and whether with them a recording would be worthless."""
+    """Return all answers, the answers beyond a limit, and whether these make a recording worthless."""
     rates_hz = [device.record.rate_hz or math.inf for device in devices if sends_lines(device.record)]
     for_s = max([_QUICK_S, *((FEWEST_LINES + 1) / rate_hz for rate_hz in rates_hz)])
     live = LiveLine()

@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 
 OUTPUT = "Output"
 
-_BYTES_A_ROW = 75  # of a load cell's row, the longest
+_BYTES_A_ROW = 75  # a row of a load cell, the longest
 
 Rig = tuple["Campaign", "Devices", bool]  # a campaign, its devices, and whether they are simulated
-Found = Callable[["Run"], tuple[Mapping[str, Any], Sequence[str]]]  # parameters as --json has them, and lines
+Found = Callable[["Run"], tuple[Mapping[str, Any], Sequence[str]]]  # parameters as in --json, and lines to print
 
 
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Print what would be done and how long it takes.")]
@@ -51,7 +51,7 @@ class KeepOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ResumeOptions:
-    """`--resume`, with a RUN or without: the interrupted run to complete."""
+    """`--resume`, with or without a RUN: the interrupted run to complete."""
 
     resume: Annotated[
         bool, typer.Option("--resume", help="Record what an interrupted run lacks: RUN, else the last one.")
@@ -62,7 +62,7 @@ class ResumeOptions:
 
     @property
     def word(self) -> Path | None:
-        """The run to resume, `last` where none is named, None without --resume. Raises ConfigError."""
+        """The run to resume: `last` where no run is named, None without --resume. Raises ConfigError."""
         if self.run is not None and not self.resume:
             raise ConfigError(f"{self.run}: a run is named to resume it: write --resume {self.run}.")
         return (self.run or Path(LAST)) if self.resume else None
@@ -79,15 +79,15 @@ class Lasting:
 
     @property
     def seconds(self) -> float | None:
-        """The seconds, None for no end. Raises ConfigError for a value that is not above zero."""
+        """The duration in seconds, None for no end. Raises ConfigError for a value that is not above zero."""
         return None if self.for_s is None else positive(self.for_s, "--for")
 
 
 def rig_of(folder: Path | None, *, or_real: bool = False) -> Rig:
-    """Return the campaign, its devices and whether they are simulated, with a note if so.
+    """Return the campaign, its devices and whether they are simulated; print a note if they are.
 
-    Where the simulated rig was killed, it raises ConfigError, so that a command for it starts no real motor, or with
-    `or_real` the devices are rig.toml's, with a note.
+    Raises ConfigError where the simulated rig was killed, so that a command meant for it starts no real motor. With
+    `or_real`, the devices are then those of rig.toml, and a note is printed.
     """
     from cfid.rig.sim_file import SIM_FILE, devices_in, is_left_behind
 
@@ -104,7 +104,7 @@ def rig_of(folder: Path | None, *, or_real: bool = False) -> Rig:
 
 
 def refuse_mixture(option: str, simulated: bool) -> None:
-    """Raise ConfigError for a device given by option while a simulated rig serves the campaign."""
+    """Raise ConfigError for a device given by an option while a simulated rig serves the campaign."""
     if simulated:
         raise ConfigError(
             f"{option} names a real device while a simulated rig serves this campaign, and a run is one or the other: "
@@ -113,15 +113,15 @@ def refuse_mixture(option: str, simulated: bool) -> None:
 
 
 def effort_of(seconds: float, runs_folder: Path, *, rate_hz: float) -> str:
-    """Return how long a recording lasts and how much of the disk it takes, for the question before it.
+    """Return how long a recording lasts and how much disk space it takes, for the question before the recording.
 
-    `rate_hz` are the rows a second of all devices. Raises ConfigError where the disk has no room for it.
+    `rate_hz` is the number of rows per second of all devices. Raises ConfigError where the disk has too little space.
     """
     return f", for {clock(seconds)} min ({space_of(seconds, runs_folder, rate_hz=rate_hz)})"
 
 
 def space_of(seconds: float, runs_folder: Path, *, rate_hz: float) -> str:
-    """Return how much of the disk a recording takes, and how much is free; raises as `effort_of`."""
+    """Return how much disk space a recording takes, and how much is free. Raises as `effort_of` does."""
     needed = seconds * rate_hz * _BYTES_A_ROW
     place = next(folder for folder in (runs_folder, *runs_folder.resolve().parents) if folder.is_dir())
     free = shutil.disk_usage(place).free
@@ -154,9 +154,10 @@ def record(
     judge: Judge | None,
     found: Found = nothing_found,
 ) -> None:
-    """Record a run and print its summary, also when it failed. Raises the error that ended it.
+    """Record a run and print its summary, even if the run failed. Raises the error that ended the run.
 
-    `judge` returns what a complete run is good for, None where no fit takes it; `found` evaluates what did not fail.
+    `judge` returns what a complete run is good for; it is None where no fit uses the run. `found` evaluates a run that
+    did not fail.
     """
     run, failure = attempt(plan, devices, live)
     if run is not None:
@@ -172,7 +173,7 @@ def record(
 
 
 def attempt(plan: "Plan", devices: "Sequence[Device]", live: LiveLine) -> "tuple[Run | None, CfidError | None]":
-    """Record a run; return it, where run.toml tells how it ended, and the error that ended it too early."""
+    """Record a run; return the run, or None where run.toml does not state how it ended, and the error that ended it."""
     from cfid.records.run import RUN_FILE
     from cfid.rig.log import record_run
 
@@ -197,7 +198,7 @@ def attempt(plan: "Plan", devices: "Sequence[Device]", live: LiveLine) -> "tuple
 
 
 def _closed(folder: Path) -> "Run | None":
-    """Return a run that was closed, None where its run.toml could not be written or is gone."""
+    """Return a run that was closed, or None where its run.toml could not be written or is missing."""
     from cfid.records.run import read_run
 
     try:

@@ -14,10 +14,10 @@ _LOOK_S = 0.002
 
 
 class Screen:
-    """Writes to stderr in a thread of its own.
+    """Write to stderr from a separate thread.
 
-    A stopped terminal (Ctrl-S), or a pipe whose reader is busy, may block for any time. Text that it has not accepted
-    when the program ends is lost.
+    A stopped terminal (Ctrl-S), or a pipe whose reader is busy, may block for any length of time. Text that it has not
+    accepted by the end of the program is lost.
     """
 
     def __init__(self) -> None:
@@ -28,11 +28,11 @@ class Screen:
 
     @property
     def idle(self) -> bool:
-        """Whether everything is written."""
+        """Whether everything has been written."""
         return not self._texts.unfinished_tasks
 
     def write(self, text: str) -> None:
-        """Write as soon as possible; a text is dropped when very many are waiting."""
+        """Write a text as soon as possible; drop it if too many texts are waiting."""
         if self.file is None:
             return
         if self._thread is None:
@@ -43,7 +43,7 @@ class Screen:
             self._texts.put_nowait(text)
 
     def finish(self) -> None:
-        """Wait until everything is written, for a limited time."""
+        """Wait for a limited time until everything is written."""
         end_s = time.monotonic() + _FINISH_WITHIN_S
         while not self.idle and time.monotonic() < end_s:
             time.sleep(_LOOK_S)
@@ -51,14 +51,14 @@ class Screen:
     def _write_all(self, file: int) -> None:
         while True:
             left = self._texts.get().encode("utf-8", "replace")
-            with contextlib.suppress(OSError):  # a terminal that was closed
+            with contextlib.suppress(OSError):  # raised by a closed terminal
                 while left:
                     left = left[os.write(file, left) :]
             self._texts.task_done()
 
 
 def _stderr() -> int | None:
-    """Return the file descriptor of stderr, None if it was closed: another file may have the number by now."""
+    """Return the file descriptor of stderr, None if it was closed, since another file may have its number by now."""
     try:
         return None if sys.stderr is None else sys.stderr.fileno()
     except (OSError, ValueError):

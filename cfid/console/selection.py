@@ -1,4 +1,4 @@
-"""Select the runs of a command: by names, globs, `last`, or by kind where none is named."""
+"""Select the runs of a command: by names, globs or `last`, or by kind where the command names none."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -29,12 +29,12 @@ def chosen(
     wanted: str,
     excluded: bool = False,
 ) -> list[str]:
-    """Return the words, with `last` and globs replaced by run names; without words, all runs that match.
+    """Return the words, with `last` and globs replaced by run names; without words, return all runs that match.
 
-    Only complete runs that are not excluded are selected so, and a note names the others. Words that are paths, or
-    have the form NAME=FILE, stay as they are. A run that was interrupted and resumed is one with that which completed
-    it. `wanted` describes the expected runs, for messages; with `excluded` a glob selects excluded runs too. Raises
-    ConfigError when a word matches nothing.
+    Globs, `last` and the kind select only complete runs that are not excluded, and a note names the others. Words that
+    are paths, or have the form NAME=FILE, stay unchanged. An interrupted run is selected together with the run that
+    completed it. `wanted` describes the expected runs in messages; with `excluded`, a glob selects excluded runs too.
+    Raises ConfigError when a word matches nothing.
     """
     from cfid.records.resumed import resumed_by
 
@@ -54,7 +54,7 @@ def chosen(
             found.append(word)
             continue
         names = [_latest(runs, campaign, wanted)] if word == LAST else _matching(word, named, campaign, wanted)
-        found += [name for name in names if name not in found]  # a run that two words name counts once
+        found += [name for name in names if name not in found]  # two words may name the same run
     return _whole(found, campaign)
 
 
@@ -63,7 +63,7 @@ def _included(run: "Run") -> "Run":
 
 
 def _whole(words: Sequence[str], campaign: "Campaign | None") -> list[str]:
-    """Return the words, each run after the interrupted ones that it completes."""
+    """Return the words, with the interrupted runs that a run completes inserted before this run."""
     found: list[str] = []
     for word in words:
         found += [part for part in (*_completed_by(word, campaign), word) if part not in found]
@@ -71,7 +71,7 @@ def _whole(words: Sequence[str], campaign: "Campaign | None") -> list[str]:
 
 
 def _completed_by(word: str, campaign: "Campaign | None") -> list[str]:
-    """Return the names of the runs that a run completes, none for words that name no run."""
+    """Return the names of the runs that a run completes, none for a word that names no run."""
     from cfid.records.resumed import with_completed
     from cfid.records.run import read_run
 
@@ -86,7 +86,7 @@ def _is_search(word: str) -> bool:
 
 
 def name_other_folders(runs_folder: Path, words: Sequence[str]) -> None:
-    """Print a note on each folder among the runs that has no run.toml: of globs those that they name, else all."""
+    """Print a note on each folder among the runs that lacks a run.toml: only matching ones if words contain globs."""
     from cfid.records.run import folders_without_run
 
     patterns = [word if is_glob(word) else "*" for word in words if _is_search(word)] or ["*"]
@@ -96,12 +96,12 @@ def name_other_folders(runs_folder: Path, words: Sequence[str]) -> None:
 
 
 def is_glob(word: str) -> bool:
-    """Return whether a word is a pattern of names."""
+    """Return whether a word is a pattern for names."""
     return bool(set(word) & set("*?["))
 
 
 def is_named(folder: Path, glob: str) -> bool:
-    """Return whether a glob matches a run folder's name, or, where it has folders itself, the folder's path."""
+    """Return whether a glob matches the name of a run folder, or its path if the glob itself contains folders."""
     if Path(glob).name == glob:
         return fnmatch(folder.name, glob)
     path = folder.absolute() if Path(glob).is_absolute() else os.path.relpath(folder)
@@ -109,14 +109,14 @@ def is_named(folder: Path, glob: str) -> bool:
 
 
 def labelled(kind: str, *bodies: str) -> Matches:
-    """Return a predicate for runs of a kind, and of some bodies; a run without a body is of the vehicle."""
+    """Return a predicate for runs of a kind and, if given, of some bodies; a run without a body is of the vehicle."""
     return lambda run: run.header.kind == kind and (not bodies or (run.header.label.body or "crazyflie") in bodies)
 
 
 def _every(runs: "Sequence[Run]", campaign: "Campaign | None", wanted: str) -> list[str]:
     taken = _taken(runs, campaign, wanted)
     left = _left(runs)
-    what, *more = wanted.split(" ", 1)  # runs of cfid log thrust
+    what, *more = wanted.split(" ", 1)  # for example "runs of cfid log thrust"
     which = " ".join([counted(len(taken), f"complete {what.removesuffix('s')}", f"complete {what}"), *more])
     note(f"takes {which}" + (f"; left out: {left}." if left else "."))
     return taken
@@ -153,7 +153,7 @@ def _matching(glob: str, runs: "Sequence[Run]", campaign: "Campaign | None", wan
 
 
 def readable_runs(runs_folder: Path) -> "list[Run]":
-    """Return a campaign's readable runs; a note names each unreadable one, which might have been meant."""
+    """Return a campaign's readable runs; print a note on each unreadable run, which the operator may have meant."""
     from cfid.records.run import Run, list_runs
 
     found = list_runs(runs_folder)
@@ -174,7 +174,7 @@ def _why_left(run: "Run") -> str:
 
 
 def interrupted(word: Path, campaign: "Campaign", *, kind: str) -> Path:
-    """Return the folder of the run that --resume names: a path, a run of the campaign, or `last`, of its kind.
+    """Return the folder of the run that --resume names: a path, a run of the campaign, or the `last` run of this kind.
 
     Raises ConfigError when there is no run of this kind.
     """

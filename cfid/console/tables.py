@@ -11,16 +11,16 @@ from rich.text import Text
 from cfid.console.messages import echo, fitted, printable
 from cfid.records.parameters import Parameter
 
-UNLIMITED = 10_000  # columns: more than any table takes
+UNLIMITED = 10_000  # columns: more than any table needs
 
-_NARROW = 60  # columns, below which a table may have to break words
-_DIGITS = 7  # of a value whose uncertainty is unknown; the thesis prints as many
+_NARROW = 60  # columns: on fewer, a table may have to break words
+_DIGITS = 7  # of a value of unknown uncertainty; the thesis prints the same number
 
 
 def print_parameters(parameters: Mapping[str, Parameter], *, title: str) -> None:
-    """Print value, standard uncertainty and unit of every parameter; commands print lists of rows themselves.
+    """Print value, standard uncertainty and unit of every parameter, except lists of rows, which commands print.
 
-    Nothing is printed where there are lists of rows alone.
+    Nothing is printed if all parameters are lists of rows.
     """
     table = Table(title=Text(printable(title)), title_justify="left")
     for heading in ("parameter", "value", "std", "unit"):
@@ -34,7 +34,7 @@ def print_parameters(parameters: Mapping[str, Parameter], *, title: str) -> None
 
 
 def print_table(table: Table, *, narrow: int = _NARROW) -> None:
-    """Print a table, or on a terminal of fewer columns than `narrow` that breaks its words, each row as lines."""
+    """Print a table; on a terminal with fewer than `narrow` columns that would break words, print each row as lines."""
     console = Console()
     unlimited = console.options.update(max_width=UNLIMITED)
     if console.width >= narrow or console.measure(table, options=unlimited).minimum <= console.width:
@@ -51,7 +51,7 @@ def print_table(table: Table, *, narrow: int = _NARROW) -> None:
 
 
 def value_and_deviation(value: Any, std: Any) -> tuple[str, str]:
-    """Return a value, rounded at the second digit of its standard uncertainty, and the uncertainty."""
+    """Return a value, rounded to the second digit of its standard uncertainty, and the uncertainty."""
     if not isinstance(value, int | float) or isinstance(value, bool):
         return ("-" if value is None else str(value)), "-"
     if not isinstance(std, int | float) or not math.isfinite(std) or std <= 0:

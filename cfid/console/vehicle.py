@@ -27,7 +27,7 @@ Motor = Annotated[
 
 
 def motors_of(words: Sequence[str] | None, usual: Sequence[int], *, least: int = 1) -> tuple[int, ...]:
-    """Return the motors of `--motor`, each once and in order. Raises ConfigError for anything else."""
+    """Return the motors of `--motor`, each once, in ascending order. Raises ConfigError for anything else."""
     if not words:
         return tuple(usual)
     return tuple(sorted(set(comma_list(words, "--motor", int, least=least, most=4, example="1,3"))))
@@ -66,7 +66,7 @@ class VehicleOptions(LinkOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ExperimentOptions(VehicleOptions):
-    """The vehicle of a recording with motors, before which the signals are looked at."""
+    """The vehicle of a recording with motors, which a look at the signals precedes."""
 
     no_preflight: Annotated[
         bool,
@@ -111,7 +111,7 @@ def reach_at(setting: "CrazyflieLink", held: ExitStack) -> "ReadyVehicle":
 
 
 def refuse(vehicle: "ReadyVehicle", motors: Sequence[int], commands: Sequence[int]) -> int:
-    """Return the largest of the commands. Raises ConfigError when rig.toml or the rotors do not allow one of them.
+    """Return the largest of the commands. Raises ConfigError when rig.toml or the rotors forbid one of them.
 
     Raises DeviceError for a vehicle whose motors cannot be started in its present state.
     """
@@ -133,8 +133,8 @@ def confirm(
 ) -> None:
     """Have the operator confirm that the vehicle is fastened, before motors turn at these commands.
 
-    `effort` states how long, and what that takes; `ring` calls the operator. Raises ConfigError without a
-    confirmation, and as `refuse` does.
+    `effort` states how long the motors turn and what that takes; `ring` calls the operator. Raises ConfigError without
+    a confirmation, and otherwise as `refuse` does.
     """
     largest = refuse(vehicle, motors, commands)
     if yes:

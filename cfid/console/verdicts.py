@@ -1,4 +1,4 @@
-"""Judge a recording as soon as it ends, and keep the verdict in its run.toml."""
+"""Judge a recording as soon as it ends, and store the verdict in its run.toml."""
 
 import contextlib
 from collections.abc import Callable
@@ -12,15 +12,15 @@ if TYPE_CHECKING:
 
 _LARGEST_BYTES = 400_000_000  # of a run: 13 minutes of a load cell at 7 kHz, read in half a minute within 1.5 GB
 _FEW_LOST = 0.01  # of a device's samples
-_MANY_SKIPPED = 0.1  # of those that were due: fewer cost a fit nothing
+_MANY_SKIPPED = 0.1  # of the samples that were due: fewer do not affect a fit
 
-Judge = Callable[["Run"], str]  # returns what a run is good for; a CfidError states why it is not
+Judge = Callable[["Run"], str]  # returns what a run is good for, or raises a CfidError that states why it is not usable
 
 
 def judged(run: "Run", judge: Judge | None) -> "Run":
-    """Return a run with its verdict, which run.toml has from now on; a run that was ended early as it is.
+    """Return a run with its verdict, which is stored in run.toml; return a run that was ended early unchanged.
 
-    A fault that ended a run is its verdict.
+    If a fault ended the run, the fault is its verdict.
     """
     if run.header.state == "failed":
         return _with_verdict(run, run.header.reason, usable=False)
@@ -33,8 +33,8 @@ def judged(run: "Run", judge: Judge | None) -> "Run":
     try:
         usable, text = True, f"{judge(run)}{_losses(run)}"
     except CfidError as error:
-        usable, text = False, f"{error}{_losses(run)}"  # which may be the cause
-    except KeyboardInterrupt:  # the run is complete, and how the motors stopped is still to be printed
+        usable, text = False, f"{error}{_losses(run)}"  # losses may be the cause
+    except KeyboardInterrupt:  # the run is complete, and the report of the motors' stop is yet to be printed
         note("not judged: interrupted.")
         return run
     return _with_verdict(run, text, usable=usable)
@@ -51,7 +51,7 @@ def _with_verdict(run: "Run", text: str, *, usable: bool) -> "Run":
 
 
 def _losses(run: "Run") -> str:
-    """Return a sentence for each device that lost more than a hundredth of its samples, or skipped a tenth."""
+    """Return a sentence for each device that lost more than 1 % of its samples, or skipped more than 10 %."""
     from cfid.rig.stalls import STOOD
 
     sentences = []
@@ -69,15 +69,15 @@ def _losses(run: "Run") -> str:
 
 
 def _missed_s(record: "DeviceRecord", *, reason: str) -> float:
-    """Return for how many seconds a device has no rows for a reason, as its gaps state it."""
+    """Return for how many seconds a device has no rows because of `reason`, according to its gaps."""
     gaps = (record.model_extra or {}).get("gaps", ())
     return float(sum(one["to_s"] - one["from_s"] for one in gaps if one["reason"].startswith(reason)))
 
 
 def verdict_line(run: "Run") -> str:
-    """Return what a recording is good for; "" where nothing judges it.
+    """Return what a recording is good for, or "" where nothing judges it.
 
-    The fault that ended a run is not repeated: it is the error that ends the command.
+    The fault that ended a run is not repeated, since it is also the error that ends the command.
     """
     verdict = run.header.verdict
     if run.header.state == "failed":
@@ -92,7 +92,7 @@ def verdict_line(run: "Run") -> str:
 
 
 def _again(run: "Run") -> str:
-    """Return what to do about a run of no use: of one that completes others, the fault may be theirs."""
+    """Return what to do about an unusable run; if the run completes others, the fault may be in those."""
     from cfid.records.resumed import resumed_by
 
     if not (before := resumed_by(run)):
@@ -102,14 +102,14 @@ def _again(run: "Run") -> str:
 
 
 def _completing(run: "Run") -> str:
-    """Return the sentence that names the command which records what a staircase or series lacks; "" for another run."""
+    """Return a sentence on the command that records what a staircase or series lacks, or "" for another run."""
     if "planned" in run.header.requested:
         return f"`cfid log {run.header.family} --resume {run.folder.name}` records what the series lacks."
     if "steps" not in run.header.requested:
         return ""
     from cfid.records.steps import steps_left
 
-    with contextlib.suppress(CfidError):  # unreadable rows are not said here
-        if not any(steps_left(run)):  # --resume would refuse
+    with contextlib.suppress(CfidError):  # unreadable rows are reported elsewhere
+        if not any(steps_left(run)):  # --resume would refuse such a run
             return ""
     return f"`cfid log {run.header.kind} --resume {run.folder.name}` records what it lacks."

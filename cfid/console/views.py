@@ -1,4 +1,4 @@
-"""The view of each device in a recording, for `cfid show`: numbers, a curve for the terminal, a figure."""
+"""The view of each device in a recording, for `cfid show`: numbers, a curve for the terminal, and a figure."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from cfid.records.tables.table import Array
     from cfid.records.tables.wrench import WrenchRecord
 
-_CURVE_POINTS = 400  # more than a terminal has dots from left to right
+_CURVE_POINTS = 400  # more than the dots across a terminal
 
 
 class Curve(NamedTuple):
@@ -39,7 +39,7 @@ class Curve(NamedTuple):
 class View:
     """One device's recording, ready to show; `lines` state how a file of another program was read.
 
-    `drawn` is false for one of so many that it gets no figure.
+    `drawn` is false for a view without a figure, of a log with too many series.
     """
 
     device: str
@@ -69,10 +69,10 @@ def views_of(
     esc_us: tuple[float, float] | None = None,
     clock: Literal["true", "84/85"] | None = None,
 ) -> tuple[list[View], tuple[str, ...]]:
-    """Read a RUN; return a view of every device in it, and why another could not be read.
+    """Read a RUN; return a view of every readable device in it, and why the others could not be read.
 
-    The columns of a file outside a run decide what it is. Raises DataError when nothing can be read, ConfigError for
-    a setting of another kind of file.
+    A file outside a run is identified by its columns. Raises DataError when nothing can be read, and ConfigError for a
+    setting that belongs to another kind of file.
     """
     from cfid.console.log_views import log_views, stand_view
     from cfid.records.run_notes import run_at
@@ -102,7 +102,7 @@ def views_of(
 
 
 def _kind_of(path: Path, reading: "Foreign") -> "Kind | None":
-    """Return what a file outside a run is: a log where nothing but a time column is known; None for no file."""
+    """Return the kind of a file outside a run, None for no file; a file with only a known time column is a log."""
     from cfid.records.logs.kinds import has_times, kind_at
 
     kind = kind_at(path, reading) if path.is_file() else None
@@ -114,7 +114,7 @@ def _reader_of(run: "Run", device: str, readers: Mapping[str, Callable[[], View]
 
 
 def _readable(readers: list[Callable[[], View]]) -> tuple[list[View], tuple[str, ...]]:
-    """Read every device that can be read: a fault in one does not hide the others."""
+    """Read every device that can be read; a fault in one does not hide the others."""
     views: list[View] = []
     faults: list[DataError] = []
     for read in readers:
@@ -159,7 +159,7 @@ def _wrench_view(device: str, record: "WrenchRecord") -> View:
 
         return wrench_figure(record, title=record.name)
 
-    # Means, since single samples of a vibration would alias into a false curve.
+    # Draw means, since single samples of a vibration would alias into a false curve.
     length = -(-len(record.time_s) // _CURVE_POINTS)
     means = block_means(record.time_s, length=length), block_means(record.values_of(record.main_axis), length=length)
     return View(
@@ -175,7 +175,7 @@ def _wrench_view(device: str, record: "WrenchRecord") -> View:
 
 
 def _means(record: "WrenchRecord") -> dict[str, Parameter]:
-    """Return the means and scatter of forces and torques, of a load cell of fewer axes each by itself."""
+    """Return means and scatter of forces and torques: as vectors, or axis by axis for a load cell with fewer axes."""
     from cfid.records.tables.wrench import AXES
 
     if record.axes == AXES:
@@ -230,21 +230,21 @@ def _device_view(run: "Run", device: str) -> View:
 
 
 def _states(since_s: "Array", words: "Array") -> str:
-    """Return the vehicle's states in order, each with the second at which it began."""
+    """Return the vehicle's states in order, each with the time in seconds at which it began."""
     named = [(time_s, VehicleState.of(int(word)).name) for time_s, word in zip(since_s, words, strict=True)]
     changes = [named[0], *(after for before, after in pairwise(named) if after[1] != before[1])]
     return "vehicle: " + ", ".join(f"{name} at {time_s:.1f} s" for time_s, name in changes)
 
 
 def shown_columns(columns: "Mapping[str, Array]", rows: int) -> "Mapping[str, Array]":
-    """Return columns (rows,) to draw; of events that have no variables, which are times alone, how many there were."""
+    """Return the columns (rows,) to draw; for events without variables, which are only times, a running count."""
     import numpy as np
 
     return columns or {"events": np.arange(1.0, rows + 1)}
 
 
 def curve_of(time_s: "Array", value: "Array", name: str, *, factor: float = 1.0) -> Curve:
-    """Return some of the values (n,) at times (n,), times a factor."""
+    """Return some of the values (n,) at times (n,), multiplied by a factor."""
     import numpy as np
 
     chosen = np.linspace(0, len(time_s) - 1, min(_CURVE_POINTS, len(time_s))).astype(int)
@@ -252,7 +252,7 @@ def curve_of(time_s: "Array", value: "Array", name: str, *, factor: float = 1.0)
 
 
 def sampling(time_s: "Array") -> dict[str, Parameter]:
-    """Return how many samples there are at times (n,) since the first, how long, and how far apart."""
+    """Return the number of samples at times (n,) since the first, their duration and their intervals."""
     import numpy as np
 
     from cfid.large import differences, some_steps
