@@ -1,4 +1,4 @@
-"""Groups of commands: the table lists them, and calling one imports its module."""
+"""Groups of commands: the table lists the commands, and calling a command imports its module."""
 
 import functools
 from collections.abc import Callable, Sequence
@@ -12,11 +12,11 @@ from typer.main import get_command, get_group
 from cfid.cli.table import COMMANDS
 from cfid.console.messages import patience
 
-_OF_FILES = frozenset(("convert", "fit", "import", "report", "show", "tf", "validate"))  # first words
+_OF_FILES = frozenset(("convert", "fit", "import", "report", "show", "tf", "validate"))  # may take long
 
 
 class LazyGroup(TyperGroup):
-    """The commands below a path such as "" or "fit": lists show the table's lines, calling one imports its module."""
+    """The commands below a path such as "" or "fit"; lists show lines of the table, and a call imports the module."""
 
     def __init__(self, *, name: str | None = None, **settings: Any) -> None:
         """List the commands below the path `name`; `settings` are typer's."""
@@ -30,15 +30,16 @@ class LazyGroup(TyperGroup):
 
 
 def _below(path: str) -> dict[str, str]:
-    """Return the paths of the commands of a group by their last words."""
+    """Return the paths of a group's commands by their last words."""
     above_and_word = ((each.rpartition(" "), each) for each in COMMANDS)
     return {word: each for (above, _, word), each in above_and_word if above == path}
 
 
 def _imported(path: str, rest: Sequence[str] = ()) -> Any:
-    """Return the command of a path. One that takes any words is a group only where the next of the `rest` is below it.
+    """Return the command of a path, or its group where commands exist below the path.
 
-    Else the group would take the first of the words for a command.
+    A command with arguments of its own is a group only if the first word of `rest` names a command below it. Otherwise
+    the group would mistake the first argument for a command.
     """
     where, line = COMMANDS[path]
     group = typer.Typer(cls=LazyGroup, name=path, help=line, no_args_is_help=True)

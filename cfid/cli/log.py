@@ -1,4 +1,4 @@
-"""`cfid log encoder`, `cfid log gyro` and `cfid log loadcell`: a device recorded into a new run."""
+"""`cfid log encoder`, `cfid log gyro` and `cfid log loadcell`: record one device into a new run."""
 
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Annotated
@@ -125,7 +125,7 @@ def gyro(
 
 
 def _period_ms(ready: "ReadyVehicle") -> "tuple[int, Mapping[int, float]]":
-    """Return the period of the log's rows, and the losses that were measured to choose it: a radio's alone."""
+    """Return the period of the log's rows, and the losses measured to choose it, which only a radio link has."""
     from cfid.rig.log_rate import PERIODS_MS, fastest_period_ms
     from cfid.rig.ready_vehicle import INERTIAL
 

@@ -1,4 +1,4 @@
-"""The program `cfid` with the commands of the table, and the one place where errors become exit codes."""
+"""The program `cfid` with the commands of the table; the only place where errors become exit codes."""
 
 import os
 import sys
@@ -43,14 +43,14 @@ def cfid(
 
 
 def _as_sentence(message: Warning | str, category: type[Warning], *_place: object, **_more: object) -> None:
-    """Print what a library warns of without the place in its source; drop what only its developers can act on."""
+    """Print a library's warning without its source location; drop a warning that only its developers can act on."""
     if not issubclass(category, DeprecationWarning | PendingDeprecationWarning | FutureWarning | ResourceWarning):
         text = str(message).strip().partition("\n")[0].rstrip(".")
         note(f"a library that cfid uses warns: {text}.")
 
 
 def _drop_output() -> None:
-    """Drop what was printed and cannot be written, which Python would try once more at its end."""
+    """Drop printed text that cannot be written; Python would try again to write it at exit."""
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
@@ -66,7 +66,7 @@ def main(words: Sequence[str] | None = None) -> None:
     """
     from cfid.errors import CfidError, DataError, FitError, RejectedError
 
-    # Threads of the linear algebra wait for each other longer than these small matrices take.
+    # With these small matrices, threads of the linear algebra would wait for each other longer than they compute.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     with warnings.catch_warnings():
         warnings.showwarning = _as_sentence
@@ -80,15 +80,15 @@ def main(words: Sequence[str] | None = None) -> None:
 
                 remember_refusal(sys.argv[1:] if words is None else words, error)
             sys.exit(error.exit_code)
-        except OSError as error:  # whatever names no file is stdout or stderr
+        except OSError as error:  # an error without a file name is of stdout or stderr
             what = "the output cannot be written" if error.filename is None else str(error.filename)
             with suppress(OSError):
                 fault(f"{what}: {error.strerror or error}.")
             _drop_output()
             sys.exit(1)
         finally:
-            # Python ends by the signal, not by exit code 130, when Ctrl-C met code that was compiled at run time, also
-            # where that was handled. The next such code that ends well clears this.
+            # If Ctrl-C interrupted code that was compiled at run time, Python ends by the signal instead of with exit
+            # code 130, even if the interrupt was handled. Other such code that completes clears this state.
             exec("")
 
 

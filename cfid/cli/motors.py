@@ -100,7 +100,7 @@ def stop(*, vehicle: LinkOptions, yes: Unasked = False, campaign: CampaignFolder
 
 
 def _held_beside(uri: str | None) -> list[str]:
-    """Return the vehicles that other programs hold on this computer beside the one that was named to stop."""
+    """Return the vehicles that programs on this computer hold, except the vehicle that the command names."""
     from cfid.rig.address import resolved
     from cfid.rig.lock import vehicles_held
 
@@ -125,7 +125,7 @@ def _found() -> str:
 
 
 def _setting(uri: str | None, campaign: Path | None) -> "CrazyflieLink":
-    """Return the link to the vehicle; a stop needs no campaign, no valid rig.toml and no current folder."""
+    """Return the link to the vehicle, also without a campaign, a valid rig.toml or a current folder."""
     from cfid.errors import ConfigError
     from cfid.records.devices import CrazyflieLink
 
@@ -152,7 +152,7 @@ def _drive(vehicle: "ReadyVehicle", live: LiveLine, procedure: "Procedure") -> N
 
 
 def stopped_line(uri: str, kind: str, seconds: float) -> str:
-    """Return what is known of a stop that took so many seconds, by the kind of firmware."""
+    """Return a line about a stop that took `seconds`: whether this `kind` of firmware confirms a stop."""
     if kind == "thesis":
         return f"{uri}: a stop was sent. The modules of 2015 do not confirm it, and play a sine to its end."
     return f"{uri}: {stop_line(seconds)}"

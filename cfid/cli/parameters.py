@@ -1,4 +1,4 @@
-"""`cfid parameters` and `cfid set`: list a campaign's parameters, and store those measured by hand."""
+"""`cfid parameters` and `cfid set`: list a campaign's parameters, and store parameters measured by hand."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -21,9 +21,9 @@ BY_HAND = "set"  # the section of parameters.toml for values measured by hand
 CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")]
 
 _MOST = "motor.max_thrust_n"
-_CUBIC = "motor.thrust_voltage_poly"  # lowest power first; the firmware's own may be stored by hand
+_CUBIC = "motor.thrust_voltage_poly"  # lowest power first; the firmware's own polynomial may be stored by hand
 _NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
-# Values of rig.toml are changed there, so that they have one place: table, key, key of the standard uncertainty.
+# These values are changed in rig.toml, so that each has one place: table, key, key of the standard uncertainty.
 _IN_RIG = {
     "mass_kg": ("vehicle", "mass_kg", "mass_std_kg"),
     "gravity_mps2": ("site", "gravity_mps2", "gravity_std_mps2"),
@@ -48,9 +48,9 @@ def list_parameters(
 
 
 def _named(sections: "Mapping[str, Section]", names: Sequence[str]) -> "dict[str, Section]":
-    """Return the sections with only those parameters whose names contain a name, in capitals or not.
+    """Return the sections with only those parameters whose names contain one of `names`, ignoring case.
 
-    Raises ConfigError where none does; a note has each name that is in none.
+    Prints a note on each name that matches no parameter. Raises ConfigError where none of the names matches any.
     """
     from dataclasses import replace
 

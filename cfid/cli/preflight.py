@@ -1,4 +1,4 @@
-"""`cfid rig preflight`: seconds of real signals, judged before minutes are recorded."""
+"""`cfid rig preflight`: judge a few seconds of real signals before a recording of minutes."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -26,8 +26,8 @@ Answers = dict[str, "list[DeviceAnswer]"]
 _SWING_S = 60.0
 _SHORTEST_S = 0.5
 _VEHICLE_ROWS_HZ = 100.0
-_LOW_COMMAND, _HOLD_S, _REST_S = 20000, 3.0, 1.5  # of the propellers' balance
-_UNBALANCED, _WORSE = 1.2, 2.0  # the line's amplitude as a part of the thrust, and of the others' median
+_LOW_COMMAND, _HOLD_S, _REST_S = 20000, 3.0, 1.5  # for the balance of the propellers
+_UNBALANCED, _WORSE = 1.2, 2.0  # limits of the line's amplitude over the thrust, and of that over the median
 
 
 @flat
@@ -94,7 +94,7 @@ def _look(
     balance: bool,
     quiet: bool,
 ) -> None:
-    """Sample the devices of the experiment, and add what their signals show to the answers."""
+    """Sample the devices of the experiment, and add the verdicts on their signals to the answers."""
     from cfid.console.live import LiveLine
     from cfid.console.preflight import TARE_S, judged
     from cfid.console.preflight_lines import sends_lines
@@ -132,7 +132,7 @@ def _look(
 
 
 def _plan(experiment: Experiment) -> "list[Held]":
-    """Return what the plain `cfid log` command of the experiment would do."""
+    """Return the plan of the experiment's `cfid log` command without options."""
     from cfid.drag.wind.command import SweepOptions
     from cfid.estimate.battery_endurance import Held
     from cfid.motors.command import StaircaseOptions, thrust_staircase
@@ -169,9 +169,9 @@ def _disk(seconds: float, runs_folder: Path, rate_hz: float) -> "DeviceAnswer":
 def _balances(
     crazyflie: "ReadyVehicle", loadcell: "Device", at_rest: "Sampled", vehicle: VehicleOptions, live: Any
 ) -> "list[DeviceAnswer]":
-    """Turn each motor at a low command, once the operator confirms it, and judge its propeller.
+    """Turn each motor at a low command after the operator confirms it, and judge its propeller.
 
-    The vehicle's log `at_rest` has the battery.
+    `at_rest`, the vehicle's log with motors off, contains the battery's voltage.
     """
     from cfid.cli.motors import stopped_line
     from cfid.console.messages import clock, note

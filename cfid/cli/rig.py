@@ -52,7 +52,7 @@ def check(
 
 
 def encoder_answers(devices: "Devices", rig: "RigFile") -> "list[DeviceAnswer]":
-    """Return what the encoder of whichever kind answers."""
+    """Return the answers of the encoder, whatever its kind."""
     from cfid.records.line_devices import LineDevice
     from cfid.rig.check import check_encoder
     from cfid.rig.check_lines import check_lines
@@ -63,7 +63,7 @@ def encoder_answers(devices: "Devices", rig: "RigFile") -> "list[DeviceAnswer]":
 
 
 def loadcell_answers(devices: "Devices") -> "list[DeviceAnswer]":
-    """Return what the load cell of whichever kind answers."""
+    """Return the answers of the load cell, whatever its kind."""
     from cfid.records.line_devices import LineDevice
     from cfid.rig.check import check_loadcell
     from cfid.rig.check_lines import check_lines
@@ -76,7 +76,7 @@ def loadcell_answers(devices: "Devices") -> "list[DeviceAnswer]":
 def report_answers(
     command: str, answers: "Mapping[str, Sequence[DeviceAnswer]]", *, simulated: bool, json: bool
 ) -> None:
-    """Print what devices answered. Raises DeviceError that names those with a fault."""
+    """Print the answers of the devices. Raises DeviceError, which names the devices with a fault."""
     from cfid.errors import DeviceError
 
     if json:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from cfid.errors import DataError
     from cfid.records.run import Run
 
-_LONGEST_REASON = 60  # letters in the table; `cfid show` has the whole verdict
+_LONGEST_REASON = 60  # characters in the table; `cfid show` prints the whole verdict
 
 CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")]
 RunWord = Annotated[str, typer.Argument(metavar="RUN", help="A run's name or folder, a glob, or last.")]
@@ -100,7 +100,7 @@ def _amend(
 def _meant(word: str, folder: Path | None) -> "list[Run]":
     """Return the runs that a word names, in any state.
 
-    Raises ConfigError when there is none, DataError for an unreadable one.
+    Raises ConfigError when no run matches, and DataError for an unreadable run.
     """
     from cfid.errors import ConfigError, DataError
     from cfid.records.run import RUN_FILE, list_runs, read_run
@@ -141,7 +141,7 @@ def _print_runs(runs: "list[Run | DataError]", *, only: str, newest: int | None,
 
     from cfid.console.tables import print_table
 
-    # Other commands take a run's name: it is never shortened.
+    # A run's name is never shortened, since other commands take it as an argument.
     table = Table(box=SIMPLE, pad_edge=False)
     table.add_column("run", no_wrap=True, min_width=max((len(row["run"]) for row, _ in rows), default=0))
     for heading in ("state", "rows", "lost"):
@@ -155,7 +155,7 @@ def _print_runs(runs: "list[Run | DataError]", *, only: str, newest: int | None,
 
 
 def _cells(row: Mapping[str, Any], run: "Run") -> "list[Text]":
-    """Return a row of the table: a complete run that is not usable is so called, and long reasons are cut short."""
+    """Return the cells of a run; a complete but unusable run is called unusable, and long reasons are shortened."""
     from rich.text import Text
 
     cells = (row["run"], run.outcome, row["rows"], row["lost"], _note(run, whole=False))
@@ -183,12 +183,12 @@ def _row(run: "Run") -> dict[str, Any]:
 
 
 def _note(run: "Run", *, whole: bool) -> str:
-    """Return what is notable about a run, reasons that cfid wrote in full or their beginning."""
+    """Return remarks on a run; reasons that cfid wrote are in full if `whole`, else shortened."""
     header, verdict = run.header, run.header.verdict
     excluded = f"excluded: {header.excluded}" if header.excluded else ""
     slow = [f"{name}: {device.achieved}" for name, device in header.devices.items() if device.achieved]
     unusable = "" if verdict is None or verdict.usable else verdict.text
-    reason = "" if unusable and header.state == "failed" else header.reason  # the verdict has it
+    reason = "" if unusable and header.state == "failed" else header.reason  # the verdict contains it already
     if not whole:
         unusable, reason = (shorten(text, _LONGEST_REASON, placeholder=" ...") for text in (unusable, reason))
     elif unusable:

@@ -59,7 +59,7 @@ def _outcome(views: "Sequence[View]", faults: tuple[str, ...], *, draws: bool) -
     told = [*_verdict(views[0].path), *(note for view in views for note in view.notes)]
     notes = [
         one for one in told if not any(other.endswith(f": {one}") for other in told)
-    ]  # of the run, and of a device
+    ]  # the run and a device may share a note
     return Result(
         command="show",
         method="",
@@ -73,7 +73,7 @@ def _outcome(views: "Sequence[View]", faults: tuple[str, ...], *, draws: bool) -
 
 
 def _verdict(path: "Path") -> list[str]:
-    """Return why a run is not usable, of its verdict; nothing of any other recording."""
+    """Return the reason why a run is not usable, from its verdict; nothing for any other recording."""
     from cfid.records.run import run_holding
 
     run = run_holding(path)
@@ -82,7 +82,7 @@ def _verdict(path: "Path") -> list[str]:
 
 
 def _parameters(views: "Sequence[View]") -> "dict[str, Parameter]":
-    """Return the parameters as `recording.*`, or of several devices as `recording.<device>.*`."""
+    """Return the parameters as `recording.*`, or as `recording.<device>.*` if the recording has several devices."""
     return {
         ".".join(["recording", *([view.device] if len(views) > 1 else []), name]): parameter
         for view in views

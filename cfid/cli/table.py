@@ -1,6 +1,6 @@
-"""The table of all commands in the order of the lists: the function of each, and its line in the lists.
+"""The table of all commands in the order of the lists: each command's function and its line in the lists.
 
-Lists and `--help` of a group are printed from this table alone, so that they import no command's module.
+Lists and the `--help` of a group are printed from this table alone, so that they import no command's module.
 """
 
 COMMANDS: dict[str, tuple[str | None, str]] = {
