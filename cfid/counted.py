@@ -2,5 +2,5 @@
 
 
 def counted(count: int, one: str, many: str = "") -> str:
-    """Return a count and what is counted: `1 run`, `3 runs`, or `many` where an s does not make the plural of `one`."""
+    """Return a count with its noun, as in `1 run` and `3 runs`; `many` is a plural that is not formed with an s."""
     return f"{count} {one if count == 1 else many or f'{one}s'}"

@@ -2,47 +2,47 @@
 
 
 class CfidError(Exception):
-    """Base of all errors that end in a sentence instead of a traceback."""
+    """The base of all errors that cfid reports as a sentence instead of a traceback."""
 
     exit_code: int
 
 
 class ConfigError(CfidError):
-    """Wrong arguments, or an invalid rig.toml: names the file and the key."""
+    """Wrong arguments, or an invalid rig.toml; the message names the file and the key."""
 
     exit_code = 2
 
 
 class DeviceError(CfidError):
-    """A port, a protocol or a link failed: names the port, the counts and the next step."""
+    """A port, a protocol or a link failed; the message names the port, the counts and the next step."""
 
     exit_code = 3
 
 
 class StopError(DeviceError):
-    """Motors did not confirm a stop: reported before any other error."""
+    """The motors did not confirm a stop; this is reported before any other error."""
 
 
 class DataError(CfidError):
-    """A recording is missing, cut, or has a wrong column or unit: names the file and the line."""
+    """A recording is missing or cut, or has a wrong column or unit; the message names the file and the line."""
 
     exit_code = 4
 
 
 class FitError(CfidError):
-    """No fit was found, or it was rejected: gives the figures."""
+    """No fit was found, or it was rejected; the message gives the figures."""
 
     exit_code = 5
 
 
 class RejectedError(FitError):
-    """A fit was found, and rejected: the campaign keeps why."""
+    """A fit was found and rejected; the campaign stores the reason."""
 
 
 def check_positive(**arguments: float | None) -> None:
-    """Check that the arguments which are given are numbers above zero.
+    """Check that all arguments that are not None are finite numbers above zero.
 
-    Raises ConfigError naming the first that is not.
+    Raises ConfigError, which names the first argument that is not.
     """
     for name, value in arguments.items():
         if value is not None and not 0 < value < float("inf"):

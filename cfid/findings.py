@@ -10,17 +10,18 @@ Severity = Literal["note", "warning", "rejection"]
 
 SEVERITIES: tuple[Severity, ...] = ("note", "warning", "rejection")
 
-_MOST_NAMES = 2  # of places in a sentence
-_WORD = re.compile(r"(?!cfid)(?:a|[a-z]{2,})(?=[ ,'])")  # and no name or symbol
+_MOST_NAMES = 2  # of places that a sentence names
+_WORD = re.compile(r"(?!cfid)(?:a|[a-z]{2,})(?=[ ,'])")  # an ordinary word, not a name or a symbol
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """A rejection removes the quantities that it concerns, a warning is printed with them, a note is information.
+    """A rejection, which removes the quantities that it concerns, a warning, which is printed with them, or a note.
 
     `code` is a row of docs/reference/findings.md. `quantities` are keys, or patterns of keys such as `swing.*`; a
-    finding without any concerns the whole result. `sentence` is one or a few: what was found, with the numbers, the
-    limit, and the next step. `where` names the files, runs, commands or mounts in which it was found, if any.
+    finding without quantities concerns the whole result. `sentence` is one sentence or a few: what was found, with the
+    numbers, the limit, and the next step. `where` names the files, runs, commands or mounts that the finding is about,
+    if any.
     """
 
     code: str
@@ -31,21 +32,21 @@ class Finding:
 
     @property
     def text(self) -> str:
-        """The sentence after the places: one or two by name; of more, the first and how many others."""
+        """The sentence after its places: up to two places by name; of more, the first and the number of the others."""
         if len(self.where) > _MOST_NAMES:
             return f"{self.where[0]} and {len(self.where) - 1} more: {self.sentence}"
         return f"{', '.join(self.where)}: {self.sentence}" if self.where else self.sentence
 
     def at(self, place: str) -> "Finding":
-        """Return it as found in one place."""
+        """Return the finding with `place` as its only place."""
         return replace(self, where=(place,))
 
     def as_json(self) -> dict[str, Any]:
-        """Return the object of --json."""
+        """Return the finding's object in --json."""
         return {"code": self.code, "severity": self.severity, "quantities": self.quantities, "text": self.text}
 
     def concerns(self, key: str) -> bool:
-        """Return whether it concerns a quantity."""
+        """Return whether the finding concerns a quantity."""
         return not self.quantities or any(fnmatchcase(key, pattern) for pattern in self.quantities)
 
 
@@ -55,22 +56,22 @@ def note(code: str, sentence: str, *quantities: str) -> Finding:
 
 
 def warning(code: str, sentence: str, *quantities: str) -> Finding:
-    """Return a warning about quantities that are given nevertheless."""
+    """Return a warning about quantities that remain in the result."""
     return Finding(code=code, severity="warning", sentence=sentence, quantities=quantities)
 
 
 def rejection(code: str, sentence: str, *quantities: str) -> Finding:
-    """Return a rejection, the reason why quantities are not given."""
+    """Return a rejection: the reason why quantities are removed from the result."""
     return Finding(code=code, severity="rejection", sentence=sentence, quantities=quantities)
 
 
 def of_recording(name: str, notes: Iterable[str]) -> tuple[Finding, ...]:
-    """Return what the reader of a recording noted, as warnings."""
+    """Return the notes of the reader of a recording as warnings."""
     return tuple(warning("recording", text).at(name) for text in notes)
 
 
 def merged(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Return findings, each once, in their order; one that was found in several places names all of them."""
+    """Return each finding once, in the original order; a finding made in several places names all of them."""
     places: dict[Finding, dict[str, None]] = {}
     for finding in findings:
         places.setdefault(replace(finding, where=()), {}).update(dict.fromkeys(finding.where))
@@ -78,23 +79,23 @@ def merged(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 
 
 def texts(findings: Iterable[Finding], *severities: Severity) -> tuple[str, ...]:
-    """Return the texts of the findings of some severities, each once."""
+    """Return the texts of the findings with the given severities, each once."""
     return tuple(dict.fromkeys(finding.text for finding in merged(findings) if finding.severity in severities))
 
 
 def begun(text: str) -> str:
-    """Return a text as a line begins with it: with a capital, unless its first word is a name or a symbol."""
+    """Return a text for the beginning of a line: with a capital, unless its first word is a name or a symbol."""
     return text[0].upper() + text[1:] if _WORD.match(text) else text
 
 
 def joined(sentences: Iterable[str]) -> str:
-    """Return sentences as one text, each once."""
+    """Return the sentences as one text, each sentence once."""
     first, *others = dict.fromkeys(sentences) or [""]
     return " ".join([first, *map(begun, others)])
 
 
 def rejected(findings: Iterable[Finding], keys: Iterable[str]) -> dict[str, str]:
-    """Return the rejected quantities with their reasons: among `keys`, and those that a rejection names."""
+    """Return the rejected quantities with their reasons: those among `keys`, and those that a rejection names."""
     against = [finding for finding in findings if finding.severity == "rejection"]
     named = (key for finding in against for key in finding.quantities if "*" not in key)
     reasons = {key: [finding.text for finding in against if finding.concerns(key)] for key in (*keys, *named)}

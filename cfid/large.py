@@ -1,4 +1,4 @@
-"""Arrays that may be larger than the memory: beyond some size they are kept in a temporary file."""
+"""Arrays that may be larger than the memory: above a certain size they are kept in a temporary file."""
 
 import math
 import os
@@ -21,7 +21,7 @@ _LEAST_BYTES = 1 << 25  # a minute of forces at 7 kHz stays in memory
 
 
 def empty(*shape: int) -> Array:
-    """Return an array of a shape for numbers that are written next. Raises ConfigError where no disk has room."""
+    """Return an uninitialized array of a shape. Raises ConfigError where the disk has too little space."""
     size = 8 * math.prod(shape)
     if size < _LEAST_BYTES:
         return np.empty(shape)
@@ -30,7 +30,7 @@ def empty(*shape: int) -> Array:
 
 
 def joined(blocks: Iterable[Array]) -> Array:
-    """Return one or more blocks (m, k) one after another. Raises ConfigError where no disk has room."""
+    """Return one or more blocks (m, k), concatenated. Raises ConfigError where the disk has too little space."""
     kept: list[Array] = []
     rest = iter(blocks)
     for block in rest:
@@ -41,7 +41,7 @@ def joined(blocks: Iterable[Array]) -> Array:
 
 
 def stored(value: Array) -> Array:
-    """Return an array, a large one from a temporary file, so that it takes no memory. Raises as `empty`."""
+    """Return an array, moved to a temporary file if it is large, so that it takes no memory. Raises as `empty` does."""
     if value.nbytes < _LEAST_BYTES:
         return value
     found = empty(*value.shape)
@@ -50,7 +50,7 @@ def stored(value: Array) -> Array:
 
 
 def stored_together(values: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray[Any]]:
-    """Return arrays of any types, from one temporary file where they are large together. Raises as `empty`."""
+    """Return arrays of any types, in one temporary file if they are large in total. Raises as `empty` does."""
     room = empty(-(-sum(value.nbytes for value in values) // 8)).view(np.uint8)
     found: list[npt.NDArray[Any]] = []
     begin = 0
@@ -63,7 +63,7 @@ def stored_together(values: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray[Any]
 
 
 def side_by_side(columns: Sequence[Array]) -> Array:
-    """Return columns (n,) as one array (n, s). Raises as `empty`."""
+    """Return s columns (n,) as one array (n, s). Raises as `empty` does."""
     if len(columns) == 1:
         return columns[0][:, np.newaxis]
     found = empty(len(columns[0]), len(columns))
@@ -73,18 +73,18 @@ def side_by_side(columns: Sequence[Array]) -> Array:
 
 
 def chosen_rows(value: Array, rows: npt.NDArray[np.bool_]) -> Array:
-    """Return the chosen rows of an array (n, ...), itself where these are all."""
+    """Return the chosen rows of an array (n, ...), or the array itself if all rows are chosen."""
     return value if rows.all() else stored(value[rows])
 
 
 def parts(rows: int) -> Iterator[slice]:
-    """Yield the slices of so many rows that are worked on one after another."""
+    """Yield consecutive slices of this number of rows, which are processed one after another."""
     for begin in range(0, rows, PART_ROWS):
         yield slice(begin, min(begin + PART_ROWS, rows))
 
 
 def differences(value: Array, *, order: int = 1) -> Iterator[tuple[int, Array]]:
-    """Yield the differences of neighbours of a series (n,), or theirs, in parts, each with the place of its first."""
+    """Yield the differences of a given order of a series (n,) in parts, each with the index of its first element."""
     for begin in range(0, len(value) - order, PART_ROWS):
         with np.errstate(over="ignore"):
             step = np.diff(value[begin : begin + PART_ROWS + order], n=order)
@@ -92,19 +92,19 @@ def differences(value: Array, *, order: int = 1) -> Iterator[tuple[int, Array]]:
 
 
 def some_steps(value: Array) -> Array:
-    """Return the differences of neighbours of a series (n,), of a long one parts of them."""
+    """Return the differences of neighbours of a series (n,); of a long series, a part of them."""
     several = len(value) // PART_ROWS + 1
     return np.concatenate([np.zeros(0), *(step[: PART_ROWS // several] for _, step in differences(value))])
 
 
 def longest_step(value: Array) -> int:
-    """Return the place before the largest difference of neighbours of a series (n,)."""
+    """Return the index of the element before the largest difference of neighbours of a series (n,)."""
     places = [begin + int(np.argmax(step)) for begin, step in differences(value)]
     return max(places, key=lambda place: float(value[place + 1] - value[place]))
 
 
 def usual_step(value: Array) -> float:
-    """Return the median of the positive differences that `some_steps` gives, NaN where there is none."""
+    """Return the median of the positive differences that `some_steps` returns, NaN where none is positive."""
     steps = some_steps(value)
     return float(np.median(steps[steps > 0])) if np.any(steps > 0) else math.nan
 
@@ -121,7 +121,7 @@ def _on_disk(blocks: Iterator[Array]) -> Array:
 
 
 def _file(size: int) -> IO[bytes]:
-    """Return a nameless temporary file whose room is taken: a program dies that writes where a disk is full."""
+    """Return an unnamed temporary file with its space reserved, since a write to a mapping dies on a full disk."""
     try:
         file = tempfile.TemporaryFile(prefix="cfid-")  # noqa: SIM115 - the caller closes it
         if sys.platform == "linux" and size:

@@ -1,4 +1,4 @@
-"""Names that are imported when they are first used, so that `import cfid` and the start of a recording take no time."""
+"""Import names when they are first used, so that `import cfid` and the start of a recording take no time."""
 
 from collections.abc import Callable, Mapping
 from importlib import import_module
@@ -6,7 +6,7 @@ from typing import Any
 
 
 def attached(package: str, places: Mapping[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Return a package's `__getattr__` and `__dir__`; `places` has the module of each name, "" for a module itself."""
+    """Return a package's `__getattr__` and `__dir__`; `places` maps each name to its module, a module itself to ""."""
 
     def get(name: str) -> Any:
         if name not in places:
@@ -18,7 +18,7 @@ def attached(package: str, places: Mapping[str, str]) -> tuple[Callable[[str], A
 
 
 def later(module: str, name: str) -> Callable[..., Any]:
-    """Return a function of a module that is imported at the first call."""
+    """Return a function whose module is imported at its first call."""
 
     def call(*arguments: Any, **named: Any) -> Any:
         return getattr(import_module(module), name)(*arguments, **named)

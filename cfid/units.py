@@ -1,7 +1,7 @@
-"""Numbers of units and of the vehicle that every experiment shares, each once; nothing here computes.
+"""Constants of units and of the vehicle that all experiments share, each defined once; nothing here computes.
 
-The simulation's plants keep their own on purpose: a plant that shared a constant with a fit
-could not catch a wrong one. What the wires fix, such as the largest command, is the wires'.
+The simulated plants have their own constants on purpose: a plant that shared a constant with a fit could not reveal a
+wrong one. Constants that a wire format fixes, such as the largest command, belong to `wire`.
 """
 
 import math
@@ -10,12 +10,12 @@ from cfid.wire.app import LARGEST_COMMAND
 
 RPM = 2 * math.pi / 60  # rad/s of one revolution per minute
 MM = 1e-3  # m
-USUAL_GRAVITY_MPS2 = 9.81  # as section 3.3.1 of the thesis takes it, where no rig.toml states the local one
-COVERAGE_95 = 1.96  # standard deviations either side of a normal distribution's 95 %
+USUAL_GRAVITY_MPS2 = 9.81  # as in section 3.3.1 of the thesis; used where no rig.toml states the local value
+COVERAGE_95 = 1.96  # standard deviations on either side that cover 95 % of a normal distribution
 
 FULL_COMMAND = LARGEST_COMMAND
-NEAR_FULL = 0.95  # of the full command: where less was measured, what it gives is extrapolated
-DEAD_COMMAND = 1000  # up to here a motor stands (thesis, section 3.3.2)
+NEAR_FULL = 0.95  # of the full command: if no measured command reached this, values at full command are extrapolated
+DEAD_COMMAND = 1000  # up to this command a motor stands still (thesis, section 3.3.2)
 
 MOTORS = (1, 2, 3, 4)
 ROTORS = len(MOTORS)
