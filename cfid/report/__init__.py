@@ -1,1 +1,1 @@
-"""The report of a campaign, gathered from its runs, fits and parameters."""
+"""The report of a campaign, compiled from its runs, fits and parameters."""

@@ -1,6 +1,6 @@
-"""Compare what different experiments say about one property of the vehicle, over the joint uncertainty.
+"""Compare the values that different experiments give for one property of the vehicle, over the joint uncertainty.
 
-Causes that both fits share, such as an arm, count once: they move both alike.
+Causes of uncertainty that both fits share, such as an arm, count once, since they shift both values alike.
 """
 
 import math
@@ -21,16 +21,17 @@ from cfid.records.rig_file import Rig
 from cfid.report.known import Known
 from cfid.wire.app import MIDDLE
 
-LARGEST_IN_STD = 3.0  # standard uncertainties of the difference, beyond which the two disagree
+LARGEST_IN_STD = 3.0  # standard uncertainties of the difference; beyond it, two values disagree
 _PARALLEL = 1e-3  # rad, between the directions of two mounts
-_AIR_KG_PER_M3, _AIR_STD = 1.2, 0.1  # the latter relative: 0 to 30 degrees C, up to 1000 m
+_AIR_KG_PER_M3, _AIR_STD = 1.2, 0.1  # the second one is relative: 0 to 30 degrees C, up to 1000 m
 
 
 @dataclass(frozen=True)
 class Agreement:
     """Two values of one property with their standard uncertainties, their difference, and whether they agree.
 
-    `at_least` is true where the first may exceed the second. `in_std` is the difference over its standard uncertainty.
+    `at_least` is true where the first value may exceed the second. `in_std` is the difference over its standard
+    uncertainty.
     """
 
     title: str
@@ -48,12 +49,12 @@ class Agreement:
 
     @property
     def agrees(self) -> bool:
-        """Whether the two agree."""
+        """Whether the two values agree."""
         return self.in_std >= -LARGEST_IN_STD and (self.at_least or self.in_std <= LARGEST_IN_STD)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """A warning where they do not agree."""
+        """A warning where the two values disagree."""
         if self.agrees:
             return ()
         text = (
@@ -67,7 +68,7 @@ class Agreement:
 def agreements_of(known: Known, latest: Mapping[str, Fit]) -> tuple[Agreement, ...]:
     """Return the comparisons that a campaign's parameters allow; `latest` has the last fit of each section.
 
-    Rejected quantities are not compared, nor those without a standard uncertainty.
+    Rejected quantities and quantities without a standard uncertainty are not compared.
     """
     return (
         *_gains(known),
@@ -81,7 +82,7 @@ def agreements_of(known: Known, latest: Mapping[str, Fit]) -> tuple[Agreement, .
 
 
 def _gains(known: Known) -> Iterator[Agreement]:
-    """Compare each static gain of the transfer function with the slope of the thrust map at the sines' middle."""
+    """Compare each static gain of the transfer function with the slope of the thrust map at the sines' mean command."""
     map_slope = slope_of(known, "motor.thrust_poly")
     if map_slope is None:
         return
@@ -95,7 +96,7 @@ def _gains(known: Known) -> Iterator[Agreement]:
 
 
 def slope_of(known: Known, key: str) -> Compared | None:
-    """Return the slope of an accepted thrust map at the sines' middle, None without one."""
+    """Return the slope of an accepted thrust map at the sines' mean command, None without such a map."""
     found = sound(known, key)
     if found is None:
         return None
@@ -108,7 +109,7 @@ def _is_series_gain(key: str) -> bool:
 
 
 def _hovering(known: Known) -> Iterator[Agreement]:
-    """Compare the mass that four motors hold at full command with the weighed one: it flies."""
+    """Compare the mass that four motors hold at full command with the weighed mass; a vehicle that flies holds more."""
     held = sound(known, "motor.hover_mass_kg")
     if held is None:
         return
@@ -119,10 +120,10 @@ def _hovering(known: Known) -> Iterator[Agreement]:
 
 
 def _power(known: Known) -> Iterator[Agreement]:
-    """Compare a rotor's torque times its speed with the power that its thrust takes at least [Lei].
+    """Compare a rotor's torque times its speed with the least power that its thrust can take [Lei].
 
-    No rotor takes less than T^1.5 / sqrt(2 rho A): speeds or torques that are too small show. One whose radius nobody
-    stated is as large as the platform's can be.
+    No rotor takes less than T^1.5 / sqrt(2 rho A), which reveals speeds or torques that are too small. A rotor without
+    a stated radius is assumed to be as large as the platform allows.
     """
     maps = [sound(known, key) for key in ("motor.thrust_poly", "motor.speed_poly", "motor.torque_poly")]
     expected = range_of("rotor_radius_m", known.rig.vehicle.platform)
@@ -145,14 +146,14 @@ def _power(known: Known) -> Iterator[Agreement]:
 
 
 def _at(found: tuple[Section, str], x: float) -> Compared:
-    """Return the value of a map at x, whose highest power comes first."""
+    """Return the value at x of a map with its highest power first."""
     section, key = found
     count = len(section.parameters[key].value)
     return _number(found, [x**power for power in range(count - 1, -1, -1)])
 
 
 def _scales(latest: Mapping[str, Fit]) -> Iterator[Agreement]:
-    """Compare the thrust map with scales, as the ratio of the two."""
+    """Compare the thrust map with scales, by their ratio."""
     quality = latest["thrust"].quality if "thrust" in latest else {}
     gain, std = quality.get("verification_gain"), quality.get("verification_gain_std")
     if not (is_number(gain) and is_number(std) and std):
@@ -164,7 +165,8 @@ def _scales(latest: Mapping[str, Fit]) -> Iterator[Agreement]:
 def _time_constants(known: Known) -> Iterator[Agreement]:
     """Compare the time constant of steps with that of the transfer function.
 
-    A sine sees a mean of spinning up and down: the scatter of the steps, not that of their mean, is the uncertainty.
+    A sine yields a mean of spinning up and down, so the uncertainty is the scatter of the steps, not that of their
+    mean.
     """
     steps, lag = of_steps(known), sound(known, "tf.time_constant_s")
     if steps is not None and lag is not None:
@@ -173,7 +175,7 @@ def _time_constants(known: Known) -> Iterator[Agreement]:
 
 
 def of_steps(known: Known, *, rising: bool | None = None) -> Compared | None:
-    """Return the mean time constant of accepted steps with their scatter: up, down or all; None of less than two."""
+    """Return the mean time constant and the scatter of accepted steps: up, down or all; None for fewer than two."""
     steps = known.find("dynamics.time_constant_s")
     if steps is None or steps.rejected:
         return None
@@ -190,7 +192,7 @@ def of_steps(known: Known, *, rising: bool | None = None) -> Compared | None:
 
 
 def _clocks(known: Known, latest: Mapping[str, Fit]) -> Iterator[Agreement]:
-    """Compare the rate of the vehicle's clock by pings with that by crossings, which may scatter from run to run."""
+    """Compare the vehicle's clock rate from pings with that from crossings, which may scatter from run to run."""
     pings = sound(known, "latency.clock_skew")
     skews = _skews(latest["tf"].quality.get("series")) if "tf" in latest else []
     if pings is None or not skews:
@@ -203,7 +205,7 @@ def _clocks(known: Known, latest: Mapping[str, Fit]) -> Iterator[Agreement]:
 
 
 def _skews(series: Any) -> list[tuple[float, float]]:
-    """Return the clock skews of all series with their standard uncertainties; none of what is no such table."""
+    """Return the clock skews of all series with their standard uncertainties; none for content of another form."""
     tables = [one for one in series.values() if isinstance(one, Mapping)] if isinstance(series, Mapping) else []
     columns = [(one.get("clock_skew"), one.get("clock_skew_std")) for one in tables]
     return [
@@ -216,7 +218,7 @@ def _skews(series: Any) -> list[tuple[float, float]]:
 
 
 def _distances(known: Known) -> Iterator[Agreement]:
-    """Compare the inertias about the centre of mass by two mounts along one axis."""
+    """Compare the inertias about the centre of mass from two mounts along the same axis."""
     key = "inertia.centre_kg_m2"
     for first, second in _parallel_mounts(known.rig):
         one, other = sound(known, f"{key}.{first}"), sound(known, f"{key}.{second}")
@@ -235,7 +237,7 @@ def _parallel_mounts(rig: Rig) -> Iterator[tuple[str, str]]:
 
 
 def sound(known: Known, key: str) -> tuple[Section, str] | None:
-    """Return the section of an accepted parameter with a standard uncertainty, and its key."""
+    """Return the section and the key of an accepted parameter with a standard uncertainty, None for any other."""
     found = known.find(key)
     if found is None or found.rejected or found.parameter.std is None:
         return None

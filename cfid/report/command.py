@@ -39,7 +39,7 @@ def report(
 
     found = here(campaign)
     formats: dict[str, Format] = {"": "html", **{f".{one}": one for one in get_args(Format)}}
-    # a name that is a suffix alone, as .md, has it too
+    # a file name that is only a suffix, such as .md, also states a format
     chosen = form or formats.get("" if out is None else Path(f"_{out.name}").suffix)
     if out == Path("-"):
         raise ConfigError("a report is a file: --out must name one, not -.")

@@ -14,13 +14,13 @@ from cfid.report.published import Published, PublishedInertia
 from cfid.units import FULL_COMMAND, ROTORS
 
 _INERTIA = "inertia.matrix_kg_m2"
-_TABLE_SCALE = 2**16  # of Bitcraze's tables, whose commands are shares of it
-_HOVERS = 0.01  # of its weight, to which a hovering command's thrust must agree
+_TABLE_SCALE = 2**16  # full scale of Bitcraze's tables, which state commands as shares of it
+_HOVERS = 0.01  # of the weight: tolerance for the thrust of a hovering command
 
 
 @dataclass(frozen=True)
 class ComparisonRow:
-    """A row: author, vehicle, a value for each column (None: unknown), the frame, the source and a note."""
+    """A row with author, vehicle, a value for each column (None if unknown), frame, source and a note."""
 
     who: str
     vehicle: str
@@ -32,7 +32,7 @@ class ComparisonRow:
 
 @dataclass(frozen=True)
 class PublishedComparison:
-    """A quantity in the columns' common unit; `yours` with standard uncertainties, None without a measurement."""
+    """A quantity in a unit common to all columns; `yours` is the campaign's row, None without a measurement."""
 
     title: str
     about: str
@@ -47,7 +47,7 @@ Values = tuple[float | None, ...]
 
 
 def comparisons(known: Known) -> tuple[PublishedComparison, ...]:
-    """Return all published quantities; those that this campaign lacks have no row of its own."""
+    """Return comparisons of all published quantities; a quantity that the campaign lacks has only published rows."""
     return (
         _mass(known),
         _inertia(known),
@@ -74,7 +74,7 @@ def _inertia(known: Known) -> PublishedComparison:
     std: Values = ()
     if found is not None:
         values = tuple(turned(found.parameter.value, frame).values())
-        # A standard uncertainty has no sign: it is turned like its entry, and its size counts.
+        # Turning an entry may change its sign, which a standard uncertainty does not have.
         std = tuple(abs(x) for x in turned(found.parameter.std, frame).values()) if found.parameter.std else ()
     others = tuple(_turned_line(one) for one in published.INERTIA)
     return PublishedComparison(
@@ -227,7 +227,7 @@ def _drag(known: Known) -> tuple[PublishedComparison, PublishedComparison]:
 
 
 def _hover_speed_sum_rad_s(known: Known) -> float | None:
-    """Return the sum of four rotors' speeds in hover, None where a map is missing or does not reach it."""
+    """Return the sum of the four rotors' speeds in hover, None where a map is missing or does not reach hover."""
     thrust, speed = known.find("motor.thrust_poly"), known.find("motor.speed_poly")
     if thrust is None or speed is None:
         return None
@@ -252,7 +252,7 @@ def _compared(
     unit: str,
     about: str = "",
 ) -> PublishedComparison:
-    """Return a comparison; `by` are the parameters behind the campaign's own values."""
+    """Return a comparison; `by` contains the parameters that the campaign's own values come from."""
     lines = tuple(ComparisonRow(one.who, one.vehicle, one.values, "", one.source, one.note) for one in others)
     return PublishedComparison(title, about, columns, unit, _yours(known, values, by) if values else None, std, lines)
 

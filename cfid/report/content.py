@@ -27,14 +27,14 @@ from cfid.report.repeats import RepeatedFit, repeated_fits
 from cfid.report.sheet import SheetGroup, sheet_of
 from cfid.report.summary import FirstScreen, summary_of
 
-FORMAT = 1  # of the JSON object
+FORMAT = 1  # version of the JSON object
 
 Kind = TypeVar("Kind")
 
 
 @dataclass(frozen=True)
 class About:
-    """The vehicle, the dates and the cfid versions. `recorded` are the starts of the first and the last run."""
+    """The vehicle, the dates and the cfid versions; `recorded` contains the start times of the first and last run."""
 
     vehicle: str
     campaign: str
@@ -51,14 +51,14 @@ class About:
 
     @property
     def days(self) -> str:
-        """The day of the runs, or the first and the last; "" without runs."""
+        """The day of the runs, or their first and last day, or "" without runs."""
         return " to ".join(dict.fromkeys(f"{start:%Y-%m-%d}" for start in self.recorded or ()))
 
     @property
     def recorded_in(self) -> str:
-        """How many runs there are, how many are being recorded, and how many no fit selects.
+        """The number of runs, and how many of them are being recorded, or are selected by no fit.
 
-        The latter failed, were excluded or judged as not usable.
+        No fit selects runs that failed, were excluded or were judged as not usable.
         """
         parts = {"being recorded": self.growing_runs, "not usable or excluded": self.unused_runs}
         named = " and ".join(f"{count} of them {state}" for state, count in parts.items() if count)
@@ -81,7 +81,7 @@ class RunLine:
 
 @dataclass(frozen=True)
 class Report:
-    """The content of a report, in its order."""
+    """The content of a report, in the order of the report."""
 
     about: About
     summary: FirstScreen
@@ -94,7 +94,7 @@ class Report:
     unreadable: tuple[str, ...]
 
     def as_json(self) -> dict[str, Any]:
-        """Return plain lists and numbers, dates in ISO format; None is unknown."""
+        """Return the content as plain lists and numbers, with dates in ISO format and None for unknown values."""
         content: dict[str, Any] = _dates_as_text(plain({"format": FORMAT, **asdict(self)}))
         return content
 
@@ -102,8 +102,9 @@ class Report:
 def gather(campaign: Campaign, *, now: datetime, kind: CampaignKind | None = None) -> Report:
     """Read a campaign's parameters, fits and runs, and return the report.
 
-    `kind` states in place of rig.toml what the campaign should find: what else is missing is not named. Raises
-    DataError when parameters.toml is invalid; the report names unreadable fits and runs.
+    `kind` replaces the kind of campaign in rig.toml, which determines what the campaign should find; other missing
+    quantities are not named. Raises DataError when parameters.toml is invalid; the report names unreadable fits and
+    runs.
     """
     runs, broken_runs = _readable(list_runs(campaign.runs_folder))
     fits, broken_fits = _readable(list_fits(campaign.fits_folder))
@@ -154,7 +155,7 @@ def _about(campaign: Campaign, runs: Sequence[Run], fits: Sequence[Fit], now: da
 
 
 def _is_unused(run: Run, runs: Sequence[Run]) -> bool:
-    """Return whether no fit takes a run, alone or with one that completes it, and it is not being recorded."""
+    """Return whether a run is not being recorded, and no fit uses it alone or with a run that completes it."""
     if run.usable or run.grows:
         return False
     included = [one for one in runs if not one.header.excluded]

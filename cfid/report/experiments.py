@@ -20,7 +20,7 @@ _KINDS = list(EXPERIMENTS)
 
 @dataclass(frozen=True)
 class Experiment:
-    """One measurement of a kind; paths of figures and sources are relative to the campaign's folder."""
+    """One measurement; the paths of its figures and sources are relative to the campaign's folder."""
 
     name: str
     title: str
@@ -39,28 +39,28 @@ class Experiment:
 
     @property
     def rejections(self) -> tuple[str, ...]:
-        """The reasons why quantities of it were rejected."""
+        """The reasons why quantities of the experiment were rejected."""
         return tuple(map(begun, texts(self.findings, "rejection")))
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Warnings, then notes."""
+        """The warnings, followed by the notes."""
         return tuple(map(begun, (*texts(self.findings, "warning"), *texts(self.findings, "note"))))
 
     @property
     def anchor(self) -> str:
-        """The target of links to it."""
+        """The target of links to the experiment."""
         stem = "".join(letter if letter.isalnum() else "-" for letter in self.name)
         first = self.sources[0].sha256[:8] if self.sources else "0"
-        return f"{stem}-{self.found:%Y%m%d%H%M%S}-{first}"  # two fits may end in the same second
+        return f"{stem}-{self.found:%Y%m%d%H%M%S}-{first}"  # the hash separates fits of the same second
 
 
 def experiments_of(
     measured: Mapping[str, Sequence[Measurement]], fits: Iterable[Fit], stale: Stale, folder: Path
 ) -> tuple[Experiment, ...]:
-    """Return all measurements in the order of the thesis' chapters, and within a kind the latest first.
+    """Return all measurements in the order of the thesis' chapters, with the latest of each kind first.
 
-    Figures that lie outside `folder`, the campaign's, are left out with a note.
+    Figures outside `folder`, the campaign's, are left out with a note.
     """
     drawn_by = {figure: fit for fit in fits for figure in fit.figures}  # a later fit replaces an earlier one's figures
     kinds = sorted(measured, key=_place)
@@ -72,7 +72,7 @@ def experiments_of(
 
 
 def title_of(name: str) -> str:
-    """Return the title of a kind of fit: `swing x` is the swing about x."""
+    """Return the title of a kind of fit, such as `swing x` for the swing about x."""
     kind, _, rest = name.partition(" ")
     title = EXPERIMENTS[kind].title if kind in EXPERIMENTS else kind
     return f"{title} {rest}".rstrip()
@@ -126,7 +126,7 @@ def _replaced(measurement: Measurement) -> list[str]:
 
 
 def stems_of(figures: Iterable[str]) -> list[str]:
-    """Return the paths of figures without suffix, each once: a figure is a file of pixels and one of lines."""
+    """Return the paths of figures without suffix, each once, since a figure is stored as both a PNG and an SVG file."""
     return list(dict.fromkeys(figure.removesuffix(".png").removesuffix(".svg") for figure in figures))
 
 

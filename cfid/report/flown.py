@@ -1,4 +1,4 @@
-"""Compare what flights gave with what the rig gave, over the joint uncertainty."""
+"""Compare results of flights with results of the rig, over the joint uncertainty."""
 
 from collections.abc import Iterator
 
@@ -20,13 +20,13 @@ _HIGHEST_V = 10.0  # of a motor: two cells
 def flown_agreements(known: Known) -> tuple[Agreement, ...]:
     """Return the comparisons of flights with the rig that a campaign's parameters allow.
 
-    Rejected quantities are not compared, nor those without a standard uncertainty.
+    Rejected quantities and quantities without a standard uncertainty are not compared.
     """
     return (*_moments(known), *_thrust(known), *_thrust_over_voltage(known), *_time_constants(known))
 
 
 def _moments(known: Known) -> Iterator[Agreement]:
-    """Compare the moments of inertia, each as a flight shows it."""
+    """Compare the moments of inertia, each as seen in flight."""
     matrix, frame = sound(known, _MATRIX), known.rig.vehicle.body_frame
     for axis, along in (("roll", frame.forward), ("pitch", frame.left), ("yaw", frame.up)):
         moment = sound(known, f"flight.inertia_kg_m2.{axis}")
@@ -38,10 +38,11 @@ def _moments(known: Known) -> Iterator[Agreement]:
 
 
 def _turned_alone(section: Section, axis: int) -> Compared | None:
-    """Return 1 / (J^-1)_ii of the matrix J: a torque over the angular acceleration about its own axis i.
+    """Return 1 / (J^-1)_ii of the inertia matrix J: a torque about axis i over the angular acceleration about axis i.
 
-    Other torques are not correlated with it, and the products of inertia turn the vehicle about other axes too. With
-    g = J^-1 e_i / (J^-1)_ii it is g^T J g, and g g^T is its derivative with respect to J. None of a singular matrix.
+    This is what a flight shows, since other torques are not correlated with this one, and the products of inertia turn
+    the vehicle about other axes too. With g = J^-1 e_i / (J^-1)_ii, the value is g^T J g, and its derivative with
+    respect to J is g g^T. Returns None for a singular matrix.
     """
     matrix = np.array(section.parameters[_MATRIX].value, dtype=np.float64)
     if not np.linalg.det(matrix) > 0:
@@ -60,7 +61,7 @@ def _thrust(known: Known) -> Iterator[Agreement]:
 
 
 def _thrust_over_voltage(known: Known) -> Iterator[Agreement]:
-    """Compare the thrust at the voltage, to 0.1 V, with which the vehicle hovers: there a flight shows it best."""
+    """Compare the thrust at the voltage at which the vehicle hovers, to 0.1 V; a flight shows thrust best there."""
     flown, on_rig = (sound(known, key) for key in ("flight.thrust_voltage_poly", "motor.thrust_voltage_poly"))
     mass_kg = (known.numbers("flight.mass_kg") or [None])[0]
     if flown is None or on_rig is None or mass_kg is None:
@@ -73,20 +74,20 @@ def _thrust_over_voltage(known: Known) -> Iterator[Agreement]:
 
 
 def _hovering_v(flown: Parameter, *, held_n: float) -> float | None:
-    """Return the lowest voltage of a motor, in steps of 0.1 V, at which a rotor holds that; None where none does."""
+    """Return the lowest motor voltage, in steps of 0.1 V, at which a rotor holds `held_n`; None if no voltage does."""
     volts = np.arange(1, 10 * _HIGHEST_V + 1) / 10
     holds = np.polynomial.polynomial.polyval(volts, np.array(flown.value, dtype=np.float64)) >= held_n
     return float(volts[holds.argmax()]) if holds.any() else None
 
 
 def _at_v(found: tuple[Section, str], volts: float) -> Compared:
-    """Return the value at a voltage of a map whose lowest power comes first."""
+    """Return the value at a voltage of a map with its lowest power first."""
     section, key = found
     return number_of(section, key, [volts**power for power in range(len(section.parameters[key].value))])
 
 
 def _time_constants(known: Known) -> Iterator[Agreement]:
-    """Compare the mean lag with that of sines, which see both, and the lags up and down with those of steps."""
+    """Compare the mean lag with that of sines, which average up and down, and the lags up and down with steps."""
     lag, of_sines = sound(known, "flight.time_constant_s"), sound(known, "tf.time_constant_s")
     if lag is not None and of_sines is not None:
         sides = (_FLOWN, number_of(*lag)), ("cfid tf identify", number_of(*of_sines))

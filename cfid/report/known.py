@@ -1,4 +1,4 @@
-"""Look up a campaign's parameters, and turn matrices to forward, left and up."""
+"""Look up a campaign's parameters, and turn matrices to the axes forward, left and up."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class Known:
     sections: Mapping[str, Section]
 
     def find(self, key: str) -> FoundParameter | None:
-        """Return a parameter, from the latest section that has it."""
+        """Return a parameter from the latest section that contains it, None if none does."""
         found = [
             FoundParameter(name, section, section.parameters[key], key in section.rejected)
             for name, section in self.sections.items()
@@ -35,20 +35,21 @@ class Known:
         return max(found, key=lambda one: one.section.found, default=None)
 
     def numbers(self, key: str) -> list[float | None] | None:
-        """Return the numbers of a parameter in order, a scalar as one, None for a missing parameter."""
+        """Return the numbers of a parameter in order, one for a scalar, None for a missing parameter."""
         found = self.find(key)
         return None if found is None else [number.value for number in found.parameter.numbers(key)]
 
 
 def axis_of(name: str) -> tuple[int, int]:
-    """Return the index of a body axis among x, y, z, and its sign."""
+    """Return the index of a body axis in x, y, z, and its sign."""
     return "xyz".index(name[-1]), -1 if name.startswith("-") else 1
 
 
 def turned(matrix: list[list[float]], frame: BodyFrame) -> dict[str, float]:
-    """Return the entries of a symmetric matrix (3, 3) of a body frame along forward, left and up.
+    """Return the entries of a symmetric matrix (3, 3) of a body frame, turned to the axes forward, left and up.
 
-    Roll is about forward, pitch about left, yaw about up. The products stay entries of the matrix, with its sign.
+    Roll is about forward, pitch about left, yaw about up. Products of inertia remain entries of the matrix, with its
+    sign convention.
     """
     axes = {"roll": axis_of(frame.forward), "pitch": axis_of(frame.left), "yaw": axis_of(frame.up)}
     names = [("roll", "roll"), ("pitch", "pitch"), ("yaw", "yaw"), ("roll", "pitch"), ("roll", "yaw"), ("pitch", "yaw")]

@@ -8,20 +8,20 @@ from cfid.records.fits import Fit
 
 @dataclass(frozen=True)
 class Measurement:
-    """The valid fit of a measurement, and the earlier ones of exactly the same recordings, which it replaces."""
+    """The valid fit of a measurement, and the earlier fits of exactly the same recordings, which it replaces."""
 
     fit: Fit
     replaced: tuple[Fit, ...]
 
 
 def measurements_of(fits: Iterable[Fit]) -> dict[str, tuple[Measurement, ...]]:
-    """Return the measurements of each kind of fit by its name, oldest first.
+    """Return the measurements of each kind of fit by the name of the kind, the oldest first.
 
-    Fits of one kind that share all source hashes are one measurement, and the latest of them counts.
+    Fits of one kind that share all source hashes are one measurement, of which the latest fit counts.
     """
     same: dict[tuple[str, object], list[Fit]] = {}
     for fit in sorted(fits, key=lambda fit: fit.section.found):
-        # A fit from numbers alone has no sources, and is a measurement of its own.
+        # A fit of numbers alone has no sources, and is a measurement by itself.
         same.setdefault((fit.name, fit.hashes or id(fit)), []).append(fit)
     found = [Measurement(group[-1], tuple(group[:-1])) for group in same.values()]
     found.sort(key=lambda one: one.fit.section.found)

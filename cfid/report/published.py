@@ -1,7 +1,7 @@
 """Published values of the Crazyflie: each number with its vehicle, its frame and its source.
 
-Facts alone, in the units that the columns of `comparison` name. Values that were copied from the thesis without
-turning its frame say so: in the thesis x is the pitch axis and y the roll axis, in all that copied it x is forward.
+These are facts only, in the units of the columns of `comparison`. A note marks values that were copied from the thesis
+without turning its frame: in the thesis x is the pitch axis and y the roll axis; in all copies x is forward.
 """
 
 from typing import NamedTuple
@@ -32,7 +32,7 @@ _QUOTED = "as others quote it; the original was not read"
 
 
 class Published(NamedTuple):
-    """One source's numbers, one for each column; None where it gives none."""
+    """The numbers of one source, one for each column; None where the source gives no number."""
 
     who: str
     vehicle: str
@@ -42,7 +42,7 @@ class Published(NamedTuple):
 
 
 class PublishedInertia(NamedTuple):
-    """An inertia matrix as its source prints it: xx, yy, zz, xy, xz, yz in kg m^2, and the directions of its axes."""
+    """An inertia matrix as printed in its source: xx, yy, zz, xy, xz, yz in kg m^2, and the directions of its axes."""
 
     who: str
     vehicle: str
@@ -167,7 +167,7 @@ SPEEDS_RAD_S = (1000.0, 1500.0, 2000.0)
 
 
 def _of_rpm(*coefficients: float) -> tuple[float, ...]:
-    """Return thrust at SPEEDS_RAD_S of a polynomial in rpm, lowest power first."""
+    """Return the thrust at SPEEDS_RAD_S from a polynomial in rpm, lowest power first."""
     return tuple(sum(c * (speed / RPM) ** i for i, c in enumerate(coefficients)) for speed in SPEEDS_RAD_S)
 
 
@@ -246,7 +246,7 @@ THRUST_AT_VOLTAGE_N = (
 
 
 def _first_order(plant: Dynamics) -> tuple[float, float]:
-    """Return time constant and static gain."""
+    """Return the time constant and the static gain."""
     return plant.lags_s[0], plant.static_gain_n
 
 

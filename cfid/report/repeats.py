@@ -14,14 +14,14 @@ from cfid.records.covariances import shaped_as
 from cfid.records.parameters import Section
 from cfid.report.measurements import Measurement
 
-Effects = Mapping[str, float]  # of one standard uncertainty of causes that fits share, by their name
+Effects = Mapping[str, float]  # by the name of a cause that fits share: the effect of one standard uncertainty of it
 
-_OWN = 1e-3  # of a standard uncertainty: what is left without common causes is no less, as it is a rounded difference
+_OWN = 1e-3  # of a standard uncertainty: at least this remains without common causes, since inputs are rounded
 
 
 @dataclass(frozen=True)
 class RepeatReading:
-    """One measurement's value of a quantity; `counts` is False without a standard uncertainty or when rejected."""
+    """One measured value of a quantity; `counts` is False if it was rejected or has no standard uncertainty."""
 
     value: float
     std: float | None
@@ -30,7 +30,7 @@ class RepeatReading:
 
 @dataclass(frozen=True)
 class Made:
-    """When and how one of several measurements was fitted, and whether it is accepted."""
+    """When and how one of several measurements was fitted, and whether the fit was accepted."""
 
     found: datetime
     method: str
@@ -39,12 +39,12 @@ class Made:
 
 @dataclass(frozen=True)
 class Repeat:
-    """A quantity's readings, one for each measurement (None: it lacks it), and the test of those that count.
+    """A quantity's readings, one for each measurement (None if it lacks the quantity), and the test of their agreement.
 
-    Mean, chi-squared and `probability` are those of `estimate.repetition`. A cause of error that all readings name, as
-    the gain of their load cell, makes none of their differences: test and drift leave it out, the mean's uncertainty
-    contains it. Drift is the last reading less the first.
-    All None where fewer than two readings count.
+    Mean, chi-squared and `probability` are those of `estimate.repetition`. A cause of error that all readings share,
+    such as the gain of one load cell, causes no difference between them: test and drift leave it out, but the mean's
+    uncertainty contains it. Drift is the last reading minus the first. The results are None where fewer than two
+    readings count.
     """
 
     quantity: str
@@ -60,15 +60,15 @@ class Repeat:
 
     @property
     def agrees(self) -> bool | None:
-        """Whether the readings agree within their uncertainties; None where that is unknown."""
+        """Whether the readings agree within their uncertainties, None if unknown."""
         return None if self.probability is None else self.probability >= LEAST_PROBABILITY
 
 
 @dataclass(frozen=True)
 class RepeatedFit:
-    """All quantities of a kind of fit of different recordings, oldest first.
+    """All quantities of one kind of fit, each from several recordings, the oldest first.
 
-    `shared` is a sentence on what weakens the test, if anything does.
+    `shared` is a sentence on recordings that fits share, which weakens the test; "" if they share none.
     """
 
     name: str
@@ -78,7 +78,7 @@ class RepeatedFit:
 
 
 def repeated_fits(measured: Mapping[str, Sequence[Measurement]]) -> tuple[RepeatedFit, ...]:
-    """Return the fits that were measured more than once."""
+    """Return the kinds of fit with more than one measurement."""
     found = []
     for name, several in measured.items():
         quantities = _quantities(several) if len(several) > 1 else ()
@@ -110,7 +110,7 @@ def _quantities(several: Sequence[Measurement]) -> tuple[Repeat, ...]:
 
 
 def _effects(section: Section, key: str) -> Mapping[str, Effects]:
-    """Return what each cause that fits share does to the numbers of a parameter, by their place in it."""
+    """Return the effect of each cause that fits share on the numbers of a parameter, by their place in it."""
     found: dict[str, dict[str, float]] = {}
     value = section.parameters[key].value
     for cause, moved in section.common.items():
@@ -134,7 +134,7 @@ def _is_repeated(row: Sequence[RepeatReading | None]) -> bool:
 def compared(
     quantity: str, unit: str, readings: tuple[RepeatReading | None, ...], effects: tuple[Effects, ...] = ()
 ) -> Repeat:
-    """Return readings of one quantity with their mean, drift and chi-squared; `effects` of causes on each of them."""
+    """Return readings of one quantity with mean, drift and chi-squared; `effects` has the causes' effects on each."""
     changes = effects or ({},) * len(readings)
     counting = [
         (one.value, one.std, own)
@@ -163,7 +163,7 @@ def compared(
 
 
 def _shared(several: Sequence[Measurement]) -> str:
-    """Return a sentence if measurements share recordings, since they are then not independent."""
+    """Return a sentence if measurements share recordings and are thus not independent, else ""."""
     seen: set[str] = set()
     twice: set[str] = set()
     for measurement in several:

@@ -1,6 +1,6 @@
 """The sheet of the thesis' appendix A for this vehicle: every parameter with uncertainty, interval, unit and origin.
 
-A missing quantity is listed with the command that gives it.
+A missing quantity is listed with the command that determines it.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -18,12 +18,12 @@ from cfid.records.parameters import Section
 from cfid.records.stale import Stale
 from cfid.report.known import Known
 
-BARELY = 2.0  # standard uncertainties from zero: what is nearer is consistent with it
+BARELY = 2.0  # standard uncertainties from zero; a nearer value is consistent with zero
 
 
 @dataclass(frozen=True)
 class Row:
-    """One number: its symbol, value and standard uncertainty in its unit; None is unknown."""
+    """One number: symbol, value, standard uncertainty and unit; None means unknown."""
 
     symbol: str
     value: float | None
@@ -32,20 +32,20 @@ class Row:
 
     @property
     def family(self) -> tuple[str, str]:
-        """The key of the numbers that share one power of ten in print."""
+        """The key of the numbers that share a power of ten when printed."""
         return self.symbol.partition(" ")[0].partition("_")[0], self.unit
 
     @property
     def is_barely_there(self) -> bool:
-        """Whether it is consistent with zero."""
+        """Whether the number is consistent with zero."""
         return self.value is not None and self.std is not None and abs(self.value) < BARELY * self.std
 
 
 @dataclass(frozen=True)
 class ValueOrigin:
-    """How a quantity was found, and whether it is accepted: None for values stated by hand.
+    """How a quantity was found, and whether it was accepted, which is None for values stated by hand.
 
-    `recordings` counts runs of the campaign, `files` the other files that were read.
+    `recordings` counts runs of the campaign, and `files` counts the other files that were read.
     """
 
     how: str
@@ -58,7 +58,7 @@ class ValueOrigin:
 
 @dataclass(frozen=True)
 class SheetEntry:
-    """A quantity of the sheet with its numbers and their origin, or the command that gives it where it is missing."""
+    """A quantity of the sheet: its numbers and their origin, or the command that determines it if it is missing."""
 
     keys: tuple[str, ...]
     title: str
@@ -69,7 +69,7 @@ class SheetEntry:
 
     @property
     def zeros(self) -> str:
-        """A sentence that names those of several accepted numbers which are consistent with zero, "" for none."""
+        """A sentence that names which of several accepted numbers are consistent with zero, "" if none are."""
         if len(self.rows) < 2 or self.origin is None or self.origin.accepted is False:
             return ""
         terms: dict[str, list[Row]] = {}
@@ -86,14 +86,14 @@ class SheetEntry:
 
 @dataclass(frozen=True)
 class SheetGroup:
-    """Quantities under one heading of the sheet."""
+    """The quantities under one heading of the sheet."""
 
     title: str
     quantities: tuple[SheetEntry, ...]
 
 
 class _Wanted(NamedTuple):
-    """Quantities of one fit under one title, by default that of the first."""
+    """Quantities of one fit under one title, by default the title of the first quantity."""
 
     keys: tuple[str, ...]
     equation: str = ""
@@ -103,10 +103,10 @@ class _Wanted(NamedTuple):
 def sheet_of(
     known: Known, commands: Mapping[str, str], stale: Stale, *, wanted: Collection[str]
 ) -> tuple[SheetGroup, ...]:
-    """Return the sheet. `commands` has the command of each section's last fit.
+    """Return the sheet; `commands` contains the command of each section's last fit.
 
-    `stale` returns the reasons why a section is no longer current. Of what is missing, the quantities of the `wanted`
-    sections are named, which the campaign should find.
+    `stale` returns the reasons why a section is no longer current. Missing quantities are listed only for the `wanted`
+    sections, which the campaign should find.
     """
     groups = {
         title: tuple(
@@ -124,13 +124,13 @@ def sheet_of(
 def _mass(known: Known) -> SheetEntry:
     vehicle = known.rig.vehicle
     origin = ValueOrigin("as rig.toml states", None, 0, 0, None, ())
-    mass = registered("mass_kg")  # the report's JSON has another key for it
+    mass = registered("mass_kg")  # the report's JSON has another key for the mass
     rows = (Row(mass.symbol, vehicle.mass_kg, vehicle.mass_std_kg or None, mass.unit),)
     return SheetEntry(("vehicle.mass_kg",), "Mass", "", rows, origin, "")
 
 
 def _quantity(known: Known, wanted: _Wanted, commands: Mapping[str, str], stale: Stale) -> SheetEntry:
-    """Return a quantity from those of its parts that are known; all come from one fit."""
+    """Return an entry from those of its quantities that are known; all come from one fit."""
     first = registered(wanted.keys[0])
     title = wanted.title or first.title[0].upper() + first.title[1:]
     found = [(registered(key), one) for key in wanted.keys if (one := known.find(key)) is not None]
@@ -163,7 +163,7 @@ def origin_of(
     return ValueOrigin(
         how=f"cfid {command}{method}",
         found=section.found,
-        recordings=len({path.parent for path in in_runs}),  # each device of a run has a file
+        recordings=len({path.parent for path in in_runs}),  # a run has a file for each device
         files=len(set(paths)) - len(set(in_runs)),
         accepted=not any(key in section.rejected for key in keys),
         findings=(*dict.fromkeys(section.rejected[key] for key in keys if key in section.rejected), *stale(section)),
@@ -197,7 +197,7 @@ def _rows(quantity: Quantity, found: list[Number]) -> list[Row]:
     if quantity.shape is Shape.POLYNOMIAL:
         units = coefficient_units(quantity.key, len(found))
         places = places if quantity.lowest_first else places[::-1]
-    elif len(found) == 3:  # along the body's axes
+    elif len(found) == 3:  # components along the body axes
         places = list("xyz")
     rows = zip(places, found, units, strict=True)
     return [Row(f"{symbol}_{place}", e.value, e.std, own) for place, e, own in rows if not _is_set(quantity, e)]

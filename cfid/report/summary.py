@@ -1,4 +1,4 @@
-"""The first screen of a report: the main numbers in plain units, the weakest, what matters, and what comes next."""
+"""The first screen of a report: main numbers in plain units, the weakest number, main findings and the next step."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -23,14 +23,14 @@ from cfid.wire.app import MIDDLE
 
 _MOST_FINDINGS = 5
 _RECORDING = "recording"  # the code of findings about runs
-_STALE = "stale"  # and of those about a fit that is no longer current
+_STALE = "stale"  # the code of findings about a fit that is no longer current
 _MILLIONTH = "10⁻⁶ "
 _DRAG = f"{_MILLIONTH}kg/rad"
 
 
 @dataclass(frozen=True)
 class MainNumber:
-    """A number in plain units with its standard uncertainty, both as text; `std` is relative, "" where unknown."""
+    """A number in plain units with its standard uncertainty, as text; `std` is the relative one, "" if unknown."""
 
     title: str
     value: str
@@ -39,9 +39,9 @@ class MainNumber:
 
 @dataclass(frozen=True)
 class FirstScreen:
-    """What a reader wants to know first; `weakest` is the least sure of those that are for something.
+    """What a reader wants to know first; `weakest` is a sentence on the number that is least certain for its purpose.
 
-    `remarks` are those of `cfid status`: what to fit again, or record again or once more.
+    `remarks` are those of `cfid status`: what to fit again, to record again or to record once more.
     """
 
     numbers: tuple[MainNumber, ...]
@@ -53,11 +53,11 @@ class FirstScreen:
     remarks: tuple[str, ...] = ()
 
 
-Weights = Callable[[int, Rig], Sequence[float]]  # of a quantity's so many numbers, for a rig
+Weights = Callable[[int, Rig], Sequence[float]]  # from the count of a quantity's numbers, and the rig
 
 
 class _Main(NamedTuple):
-    """A weighted sum of a quantity's numbers, by its key, and the plain unit: so many of the quantity's own."""
+    """A weighted sum of a quantity's numbers; `scale` converts it from the quantity's unit to the plain `unit`."""
 
     title: str
     key: str
@@ -67,7 +67,7 @@ class _Main(NamedTuple):
 
 
 def _only(place: int) -> Weights:
-    """Return the weights that leave one number."""
+    """Return the weights that select one number."""
     return lambda count, _: [float(number == place) for number in range(count)]
 
 
@@ -96,8 +96,8 @@ def summary_of(
     step: Next,
     remarks: Sequence[str] = (),
 ) -> FirstScreen:
-    """Return the first screen of a campaign whose tasks stand as given, with its next step and the guide's remarks."""
-    if step.words[0] == "report":  # which this is
+    """Return the first screen of a campaign from its tasks' status, its next step and the guide's remarks."""
+    if step.words[0] == "report":  # the reader has the report already
         step = replace(step, words=("export",), why=f"{step.why} Hand it to firmware and simulators.")
     findings = tuple(_findings([one for one in experiments if not _is_replaced(one, experiments)]))
     return FirstScreen(
@@ -142,7 +142,7 @@ def _main(title: str, value: float, std: float | None, scale: float, unit: str) 
 
 
 def _weakest(statuses: Sequence[TaskStatus]) -> str:
-    """Return the number that is least sure for what it is for, and mostly why, "" where none can be judged."""
+    """Return a sentence on the number least certain for its purpose, with the main cause; "" if none can be judged."""
     worst = max((found for one in statuses for found in one.found), key=lambda found: found.short_by, default=None)
     if worst is None or not worst.short_by:
         return ""
@@ -152,15 +152,15 @@ def _weakest(statuses: Sequence[TaskStatus]) -> str:
 
 
 def _title(key: str) -> str:
-    """Return what the registry calls a quantity, as a sentence begins."""
+    """Return the registered title of a quantity, for the beginning of a sentence."""
     quantity = find(key)
     return quantity.title[0].upper() + quantity.title[1:] if quantity else key
 
 
 def _is_replaced(experiment: Experiment, others: Iterable[Experiment]) -> bool:
-    """Return whether findings of a later fit of the kind count instead: it took all recordings of this one, and more.
+    """Return whether a later fit of this kind replaces an experiment, as it used all its recordings and more.
 
-    Where this one is no longer current, any later fit that was accepted is what its findings ask for.
+    An experiment that is no longer current is replaced by any later accepted fit, which is what its findings request.
     """
     own = {source.sha256 for source in experiment.sources}
     stale = any(finding.code == _STALE for finding in experiment.findings)
@@ -172,10 +172,10 @@ def _is_replaced(experiment: Experiment, others: Iterable[Experiment]) -> bool:
 
 
 def _findings(experiments: Sequence[Experiment]) -> Iterator[str]:
-    """Yield what was rejected, then warnings of results, then of recordings, each sentence once with its experiments.
+    """Yield rejections, then warnings on results, then on recordings, each sentence once with its experiments.
 
-    A run that lost samples is common, and must not hide what a result suffers from: such losses of accepted fits are
-    one sentence, the last. That runs are simulated stands above, once for all.
+    Runs often lose samples, which must not hide the faults of a result, so all such losses of accepted fits are one
+    sentence at the end. That runs are simulated is stated once, above the findings.
     """
     bearable: dict[str, set[str]] = {}  # names of recordings that lost samples, by the accepted experiment
     for severity, recordings in (("rejection", False), ("rejection", True), ("warning", False), ("warning", True)):

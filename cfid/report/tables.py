@@ -9,8 +9,8 @@ from cfid.quantities.values import ENTRIES, is_matrix, is_rows
 from cfid.records.parameters import Parameter, plain
 
 _CAUSES = "common_causes"
-_LARGEST = 1e100  # of standard uncertainties: the square of a larger one may be no number
-_MOST_PARTS = 3  # of a variance that are named
+_LARGEST = 1e100  # of standard uncertainties: the square of a larger one might overflow
+_MOST_PARTS = 3  # of a variance: smaller parts are summed as others
 
 _TITLES = {
     _CAUSES: "what uncertainties come from: parts of the variance, the mean over a quantity's numbers",
@@ -23,7 +23,7 @@ _TITLES = {
 
 @dataclass(frozen=True)
 class ReportTable:
-    """A table of plain cells: text, numbers, True or False, lists of these, None for unknown."""
+    """A table of plain cells: text, numbers, booleans, lists of these, or None if unknown."""
 
     title: str
     columns: tuple[str, ...]
@@ -31,14 +31,14 @@ class ReportTable:
 
 
 def parameter_tables(parameters: Mapping[str, Parameter]) -> Iterator[ReportTable]:
-    """Yield the parameters that are lists of rows, each as a table."""
+    """Yield a table for each parameter that is a list of rows."""
     for key, parameter in parameters.items():
         if is_rows(plain(parameter.value)):
             yield _of_rows(key, plain(parameter.value))
 
 
 def quality_tables(quality: Mapping[str, Any]) -> Iterator[ReportTable]:
-    """Yield a fit's figures of quality: scalars in one table, rows, mappings and matrices in their own."""
+    """Yield a fit's quality figures: scalars in one table, and lists of rows, mappings and matrices each in its own."""
     single: list[tuple[str, Any]] = []
     tables: list[ReportTable] = []
     for name, value in plain(quality).items():
@@ -69,9 +69,10 @@ def _of_mapping(name: str, content: Mapping[str, Any]) -> list[ReportTable]:
 
 
 def _of_causes(content: Mapping[str, Mapping[str, Any]]) -> ReportTable:
-    """Return a row a quantity with the parts of its variance, the largest first: a column a cause would not fit a page.
+    """Return a table with one row per quantity, which lists the parts of its variance, the largest first.
 
-    The fit's file has the standard uncertainty of each number by each cause.
+    One column per cause would not fit on a page. The fit's file contains the standard uncertainty of each number from
+    each cause.
     """
     rows = []
     for key, stds in content.items():
@@ -87,7 +88,7 @@ def _of_causes(content: Mapping[str, Mapping[str, Any]]) -> ReportTable:
 
 
 def _is_budget(content: Any) -> bool:
-    """Return whether each quantity has as many numbers for each cause: a fit's file may have been edited."""
+    """Return whether a quantity has equally many numbers for every cause; an edited fit file may not."""
     if not isinstance(content, Mapping) or not all(isinstance(one, Mapping) and one for one in content.values()):
         return False
     each = [[list(_leaves(value)) for value in one.values()] for one in content.values()]

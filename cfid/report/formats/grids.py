@@ -34,11 +34,11 @@ ABOUT_PUBLISHED = (
 )
 
 
-_SMALLEST = 1e-5  # of what a power of ten leaves before the decimal point
+_SMALLEST = 1e-5  # of a number after scaling by its power of ten
 
 
 class Grid(NamedTuple):
-    """Headings and rows of text, an empty cell for what is unknown."""
+    """Headings and rows of text; a cell is empty if its value is unknown."""
 
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -64,9 +64,9 @@ def row_grid(rows: tuple[Row, ...], heading: str = "") -> Grid:
 
 
 def _power(row: Row, family: list[float | None]) -> int:
-    """Return the family's power of ten, or the row's own where that would leave nothing but zeros.
+    """Return the family's power of ten, or the row's own where the family's would leave only zeros.
 
-    A value that is known to very many digits, as a time since 1970, is printed in its unit.
+    A value that is known to many digits, such as a time since 1970, is printed in its own unit.
     """
     sizes = [abs(x) for x in (row.value, row.std) if x]
     shared, own = power_of_ten(family), power_of_ten(sizes)
@@ -77,7 +77,7 @@ def _power(row: Row, family: list[float | None]) -> int:
 
 
 def verdict(accepted: bool | None) -> str:
-    """Return the verdict on a quantity in a word; a value stated by hand is `stated`."""
+    """Return the verdict on a quantity in one word; a value stated by hand is `stated`."""
     return "stated" if accepted is None else "accepted" if accepted else "rejected"
 
 
@@ -99,7 +99,7 @@ def table_grid(table: ReportTable) -> Grid:
 
 
 def repeat_grid(fit: RepeatedFit) -> Grid:
-    """Return the readings of all quantities side by side with their test."""
+    """Return the readings of all quantities side by side, with the test of their agreement."""
     made = (f"{one.found:%Y-%m-%d %H:%M}{'' if one.accepted else ', rejected'}" for one in fit.made)
     head = ("", "unit", *made, "mean", "drift", "χ²", "by chance", "agree")
     return Grid(head, tuple(_repeat_row(repeat) for repeat in fit.quantities))
@@ -118,7 +118,7 @@ def _repeat_row(repeat: Repeat) -> tuple[str, ...]:
 
 
 def agreement_grid(agreements: tuple[Agreement, ...]) -> Grid:
-    """Return properties by two experiments each, with the difference over its joint uncertainty."""
+    """Return properties as found by two experiments each, with the difference over its joint uncertainty."""
     return Grid(
         ("", "first", "second", "unit", "difference", "over its std", "agree"),
         tuple(_agreement_row(one) for one in agreements),
@@ -141,7 +141,7 @@ def _agreement_row(one: Agreement) -> tuple[str, ...]:
 
 
 def comparison_grid(comparison: PublishedComparison, sources: dict[str, int]) -> Grid:
-    """Return a comparison, values in one power of ten, sources by their number in the list that follows."""
+    """Return a comparison with values in one power of ten, and with sources as numbers of the list that follows."""
     lines = [comparison.yours, *comparison.others] if comparison.yours else list(comparison.others)
     power = power_of_ten(value for line in lines for value in line.values)
     unit = with_power(comparison.unit, power)
@@ -154,7 +154,7 @@ def comparison_grid(comparison: PublishedComparison, sources: dict[str, int]) ->
 
 
 def comparison_notes(comparison: PublishedComparison) -> list[str]:
-    """Return the notes on a comparison's rows, each once with the rows that it concerns."""
+    """Return the notes on a comparison's rows, each note once with the rows that it concerns."""
     lines = [*([comparison.yours] if comparison.yours else []), *comparison.others]
     who = [line.who for line in lines]
     named: dict[str, list[str]] = {}
@@ -166,7 +166,7 @@ def comparison_notes(comparison: PublishedComparison) -> list[str]:
 
 
 def comparison_unit(comparison: PublishedComparison) -> str:
-    """Return the unit of a comparison of several columns, with the power of ten of its values."""
+    """Return the unit of a comparison with several columns, with the power of ten of its values."""
     lines = [comparison.yours, *comparison.others] if comparison.yours else comparison.others
     power = power_of_ten(value for line in lines for value in line.values)
     return with_power(comparison.unit, power) if len(comparison.columns) > 1 else ""

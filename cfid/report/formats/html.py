@@ -15,8 +15,8 @@ from cfid.report.experiments import Experiment, stems_of, title_of
 from cfid.report.formats import grids
 from cfid.report.formats.sealed import MARK
 
-LARGEST_SVG_BYTES = 400_000  # above it the PNG beside it is taken, which a page draws more quickly
-LARGEST_BYTES = 20_000_000  # of a figure that a page holds at all
+LARGEST_SVG_BYTES = 400_000  # of a larger figure, its PNG is embedded, which a browser draws faster
+LARGEST_BYTES = 20_000_000  # larger figures are not embedded at all
 
 _KINDS = {".svg": "image/svg+xml", ".png": "image/png"}
 _INDEX = re.compile(r"\b([^\W\d_]\d?)_(\w+)")
@@ -26,7 +26,7 @@ _CODE = re.compile(r"`([^`]+)`")
 
 
 def as_html(report: Report, folder: Path) -> str:
-    """Return the page; figures are read from the campaign's folder, and a missing one is named instead."""
+    """Return the page; figures are read from `folder`, the campaign's, and a missing figure is named instead."""
     environment = Environment(
         loader=PackageLoader("cfid.report.formats", "templates"),
         autoescape=True,
@@ -57,9 +57,9 @@ def _counts(report: Report) -> dict[str, int]:
 
 
 def _figures(report: Report, folder: Path) -> dict[str, list[dict[str, Any]]]:
-    """Return for each experiment its figures: a file's content as the page holds it, or why there is none.
+    """Return the figures of each experiment by its anchor: name, embedded content ("" if none), earlier experiment.
 
-    A figure that two experiments drew alike, as of the recording they share, is shown once.
+    If two experiments drew the same figure, such as that of a recording they share, it is shown once.
     """
     shown: dict[str, Experiment] = {}
     result: dict[str, list[dict[str, Any]]] = {}
@@ -74,7 +74,7 @@ def _figures(report: Report, folder: Path) -> dict[str, list[dict[str, Any]]]:
 
 
 def _embedded(folder: Path, stem: str) -> str:
-    """Return a figure's file as an address that holds its content; "" where the folder has no file that is readable."""
+    """Return a figure's file as a data URL; "" where the folder has no readable file of suitable size."""
     paths = [folder / f"{stem}{suffix}" for suffix in _KINDS]
     with contextlib.suppress(OSError):
         sizes = {path: path.stat().st_size for path in paths if lies_in(folder, path) and path.is_file()}
@@ -86,16 +86,16 @@ def _embedded(folder: Path, stem: str) -> str:
 
 
 def _formula(text: str) -> Markup:
-    """Return a formula or a symbol with its indices lowered and its exponents raised."""
+    """Return a formula or a symbol with its indices as subscripts and its exponents as superscripts."""
     raised = _POWER.sub(r"<sup>\1</sup>", str(escape(text)))
     return Markup(_INDEX.sub(r"<i>\1</i><sub>\2</sub>", raised))
 
 
 def _commands(text: str) -> Markup:
-    """Return a sentence with what stands between backquotes as code."""
+    """Return a sentence with the text between backquotes as code."""
     return Markup(_CODE.sub(r"<code>\1</code>", str(escape(text))))
 
 
 def _aside(text: str) -> Markup:
-    """Return a cell with what stands in brackets at its end below the rest."""
+    """Return a cell with the text in brackets at its end in small print below the rest."""
     return Markup(_BRACKETS.sub(r"<small>\1</small>", str(escape(text))))

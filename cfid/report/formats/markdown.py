@@ -1,6 +1,6 @@
 """Render a report as Markdown: tables that GitHub and pandoc read, figures as links relative to the campaign.
 
-Names, notes and findings are text: a page rendered from it has no tag, link or attribute of theirs.
+Names, notes and findings are escaped, so they cannot add a tag, link or attribute to a page rendered from the report.
 """
 
 import re
@@ -97,7 +97,7 @@ def _experiment(experiment: Experiment) -> Iterator[str]:
     )
     yield from (f"- {_plain(text)}" for text in (*experiment.rejections, *experiment.remarks, *experiment.notes))
     yield ""
-    # Of a figure's two files the one that every viewer of Markdown shows.
+    # Of a figure's two files, link the one that every Markdown viewer shows.
     pixels = [figure for figure in experiment.figures if figure.endswith(".png")]
     yield from (f"![{_plain(Path(figure).stem)}](<{quote(figure, errors='replace')}>)\n" for figure in pixels)
     if experiment.parameters:
@@ -139,17 +139,17 @@ def _table(grid: grids.Grid) -> str:
 
 
 def _plain(text: str) -> str:
-    """Return a text in one line in which no character means anything to Markdown, or to HTML inside it."""
+    """Return a text on one line without characters that are special in Markdown, or in HTML inside Markdown."""
     return re.sub(r"\s+", " ", text).translate(_ESCAPED)
 
 
 def _commands(text: str) -> str:
-    """Return a sentence with what stands between backquotes as code."""
+    """Return a sentence with the text between backquotes as code."""
     parts = re.sub(r"\s+", " ", text).split("`")
     return "".join(f"`{part}`" if place % 2 and part else _plain(part) for place, part in enumerate(parts))
 
 
 def _fenced(text: str) -> str:
-    """Return lines as they are, between fences that are longer than any in them."""
+    """Return lines unchanged, between fences that are longer than any fence in them."""
     fence = max(["``", *re.findall("`+", text)], key=len) + "`"
     return f"{fence}\n{text}\n{fence}\n"

@@ -1,4 +1,4 @@
-"""Format a report's numbers: to the significant digits of their uncertainty, in a common power of ten."""
+"""Format a report's numbers to the significant digits of their uncertainty, in a common power of ten."""
 
 import math
 from collections.abc import Iterable
@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from cfid.units import COVERAGE_95
 
-_DIGITS = 7  # of a value whose deviation is unknown; the thesis prints as many
+_DIGITS = 7  # of a value of unknown standard uncertainty; the thesis prints the same number
 _MOST_DECIMALS = 12
 _PLAIN = (1e-1, 1e4)  # sizes that need no power of ten
 MILLI = -3
@@ -24,7 +24,7 @@ class Printed(NamedTuple):
 
 
 def printed(value: float | None, std: float | None, power: int) -> Printed:
-    """Return a value and its standard uncertainty as text, in units of ten to a power."""
+    """Return a value, its standard uncertainty and its interval as text, in units of a power of ten."""
     if value is None or not math.isfinite(value):
         return Printed("", "", "", "")
     scale = 10.0**-power
@@ -38,7 +38,7 @@ def printed(value: float | None, std: float | None, power: int) -> Printed:
 
 
 def plus_minus_in(value: float | None, std: float | None, power: int) -> str:
-    """Return a value and its standard uncertainty, where there is one, in units of a common power of ten."""
+    """Return a value and its standard uncertainty, if known, in units of a common power of ten."""
     if value is None or not math.isfinite(value):
         return ""
     scale = 10.0**-power
@@ -49,7 +49,7 @@ def plus_minus_in(value: float | None, std: float | None, power: int) -> str:
 
 
 def against(value: float | None, yours: float | None) -> str:
-    """Return how a value compares with yours: by how much in per cent, or how many times as large."""
+    """Return how a value compares with yours: the difference in per cent, or the ratio if far from one."""
     if value is None or not yours or not math.isfinite(value / yours):
         return ""
     ratio = value / yours
@@ -62,7 +62,7 @@ def against(value: float | None, yours: float | None) -> str:
 
 
 def power_of_ten(values: Iterable[float | None]) -> int:
-    """Return the multiple of three that brings the largest of some values between 1 and 1000, 0 if none is needed."""
+    """Return the multiple of three that scales the largest of some values to 1 to 1000, or 0 if none is needed."""
     largest = max((abs(x) for x in values if x is not None and math.isfinite(x)), default=0.0)
     if largest == 0 or _PLAIN[0] <= largest < _PLAIN[1]:
         return 0
@@ -70,13 +70,13 @@ def power_of_ten(values: Iterable[float | None]) -> int:
 
 
 def plain_number(value: float, digits: int = 5) -> str:
-    """Return a number to so many digits, with a minus sign that is as wide as a plus."""
+    """Return a number with this many digits, with a minus sign that is as wide as a plus sign."""
     mantissa, _, exponent = f"{value:.{digits}g}".partition("e")
     return _minus(mantissa) + (f"·10{str(int(exponent)).translate(_SUPERSCRIPTS)}" if exponent else "")
 
 
 def with_power(unit: str, power: int) -> str:
-    """Return a unit behind its power of ten, `10⁻⁶ kg m²`, or the plain unit of that size: g, ms, mm, mN."""
+    """Return a unit after its power of ten, as in `10⁻⁶ kg m²`, or the plain unit of that size: g, ms, mm, mN."""
     if power == MILLI and (plain := _THOUSANDTHS.get(unit.partition("(")[0])):
         return "".join([plain, *unit.partition("(")[1:]])
     words = [f"10{str(power).translate(_SUPERSCRIPTS)}" if power else "", unit_text(unit)]
@@ -84,12 +84,12 @@ def with_power(unit: str, power: int) -> str:
 
 
 def unit_text(unit: str) -> str:
-    """Return a unit with raised exponents; a pure number has none."""
+    """Return a unit with raised exponents, or "" for a pure number."""
     return "" if unit == "1" else unit.replace("^2", "²").replace("^3", "³")
 
 
 def cell_text(value: Any) -> str:
-    """Return the text of a table's cell of any kind; "" is unknown."""
+    """Return the text of a table cell with a value of any type, or "" if unknown."""
     if value is None:
         return ""
     if isinstance(value, bool):

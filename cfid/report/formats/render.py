@@ -15,9 +15,9 @@ Format = Literal["html", "md", "json", "tex"]
 
 
 def rendered(report: Report, form: Format, folder: Path) -> str:
-    """Return a report's text; figures are read from the campaign's folder.
+    """Return a report's text; figures are read from `folder`, the campaign's.
 
-    What a terminal would obey becomes a question mark, in JSON an escape.
+    Characters that a terminal would obey become question marks, or escapes in JSON.
     """
     # Each renderer is imported when it is wanted: a template engine is no use to a program that reads JSON.
     if form == "html":

@@ -1,7 +1,7 @@
 """Write a report's file atomically, and never over a file of another origin.
 
-Every report has one mark, `cfid VERSION report HASH`. The hash is of the file with zeros in its place, so that an
-edited report no longer counts as cfid's.
+Every report contains one mark, `cfid VERSION report HASH`. The hash is that of the file with zeros in place of the
+hash, so that an edited report no longer counts as a file of cfid.
 """
 
 import hashlib
@@ -13,14 +13,14 @@ from cfid.errors import ConfigError
 from cfid.records.files import check_regular, write_whole
 from cfid.records.kept import refuse_kept
 
-_LARGEST = 1 << 28  # bytes; no report is so large
+_LARGEST = 1 << 28  # bytes; no report is as large as this
 _ZEROS = "0" * 64
-MARK = f"cfid {__version__} report {_ZEROS}"  # what a renderer writes, once
+MARK = f"cfid {__version__} report {_ZEROS}"  # a renderer writes this once
 _MARK = re.compile(rb"(cfid [\w.+-]+ report )([0-9a-f]{64})")
 
 
 def write_report(path: Path, text: str, *, force: bool = False) -> None:
-    """Write a rendered report with its mark; each byte of a name that is not UTF-8 becomes a question mark.
+    """Write a rendered report with its mark; bytes of names that are not UTF-8 become question marks.
 
     Raises ConfigError when a file of that name is not an unchanged report of cfid and `force` is not set, or when the
     folder cannot be written.
@@ -51,7 +51,7 @@ def _sealed(content: bytes) -> bytes:
 
 
 def _is_ours(path: Path) -> bool:
-    """Return whether a file is an unchanged report. Raises OSError, also for a pipe or a device."""
+    """Return whether a file is an unchanged report. Raises OSError for an unreadable file, a pipe or a device."""
     check_regular(path)
     content = path.read_bytes() if path.stat().st_size <= _LARGEST else b""
     mark = _MARK.search(content)

@@ -1,6 +1,6 @@
-"""Render a report's tables as plain LaTeX: any pdflatex compiles it with longtable alone.
+"""Render a report's tables as plain LaTeX, which any pdflatex with longtable compiles.
 
-Figures, tables of windows and the fits' lines are in the other formats only.
+Only the other formats contain figures, tables of windows and the fits' lines.
 """
 
 import re
@@ -56,7 +56,7 @@ _HEAD = r"""\documentclass[a4paper,landscape,10pt]{article}
 
 
 def as_tex(report: Report) -> str:
-    """Return a document that compiles."""
+    """Return a complete document that compiles."""
     return "\n".join([f"% {MARK}", _HEAD, *_parts(report), r"\end{document}", ""])
 
 
@@ -134,6 +134,6 @@ def _row(cells: tuple[str, ...]) -> str:
 
 
 def _tex(text: str) -> str:
-    """Return a text in one line that pdflatex prints as it is; what its fonts lack becomes a question mark."""
+    """Return a text on one line that pdflatex prints verbatim; characters that its fonts lack become question marks."""
     line = re.sub(r"\s+", " ", text).translate(_ESCAPED)
     return "".join(character if " " <= character <= "~" else "?" for character in line)
