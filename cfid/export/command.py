@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from cfid.records.parameters import Section
 
 LIST, SAMPLES = "list", "samples"
-FOLDER = "exports"  # of a campaign
+FOLDER = "exports"  # in a campaign's folder
 
 
 def export(
@@ -75,14 +75,14 @@ def export(
     if count is not None or seed is not None:
         raise ConfigError("--samples and --seed go with `cfid export samples`: a file has the measured numbers.")
     wanted, vehicle = target_named(target), known.vehicle
-    text = text_of(wanted, vehicle)  # first the refusals that --force does not lift
+    text = text_of(wanted, vehicle)  # raises first, since --force does not lift its refusals
     refuse(wanted, known, force=force)
     _write(text, out or str(found.folder / FOLDER / wanted.file_name), force=force)
     _warn(wanted, vehicle)
 
 
 class ExportInput(NamedTuple):
-    """The sections of a campaign's parameters.toml, why they are no longer current, and the vehicle of the exports."""
+    """The sections of a campaign's parameters.toml, the reasons why they are stale, and the vehicle to export."""
 
     sections: "dict[str, Section]"
     stale: "Stale"
@@ -90,7 +90,7 @@ class ExportInput(NamedTuple):
 
 
 def refuse(target: "Target", known: ExportInput, *, force: bool) -> None:
-    """Raise DataError for quantities that should not be exported; with `force` they pass, marked."""
+    """Raise DataError for quantities that should not be exported; with `force`, these are exported and marked."""
     from cfid.errors import DataError
     from cfid.export.refusals import objections, refuse_rejected
 

@@ -20,16 +20,16 @@ from cfid.export.vehicle import ExportVehicle
 from cfid.export.wording import HASH, number, numbers, rows
 from cfid.units import RPM
 
-_DRONE = "cf2x_L250"  # crazyflow knows only the drones of its list
+_DRONE = "cf2x_L250"  # crazyflow accepts only the drones of its list
 
 
 def write(vehicle: ExportVehicle) -> str:
-    """Return the file; a number that crazyflow needs and nobody measured is zero and marked."""
+    """Return the file; a number that crazyflow needs but that was not measured is zero and marked."""
     drag = drag_n_s_per_m(vehicle) if "drag" in vehicle else (0.0, 0.0, 0.0)
     spin = vehicle.quantities["rotor_inertia"].value if "rotor_inertia" in vehicle else 0.0
     drag_words = "N/(m/s) with four rotors hovering" if "drag" in vehicle else "NOT MEASURED: zero switches drag off"
     spin_words = "kg m^2" if "rotor_inertia" in vehicle else "NOT MEASURED: zero leaves out the rotors' own inertia"
-    _, *rising_torque = rpm_to_torque(vehicle)  # what is constant cancels between rotors that turn left and right
+    _, *rising_torque = rpm_to_torque(vehicle)  # a constant torque cancels between left- and right-turning rotors
     least = float(vehicle["thrust_range"][0]["thrust_min_n"])
     diagonal = [[-drag[i] if i == j else 0.0 for j in range(3)] for i in range(3)]
     return f"""
@@ -54,10 +54,10 @@ def _mixing(vehicle: ExportVehicle) -> tuple[Sequence[float], ...]:
 
 
 def rpm_to_thrust(vehicle: ExportVehicle) -> tuple[float, float, float]:
-    """Return thrust in N over speed in rpm, lowest power first, with none at rest.
+    """Return thrust in N over speed in rpm, lowest power first, with no thrust at rest.
 
-    `thrust_of_speed` keeps its value and slope at hovering; where that pulls downwards at small speeds, and without it,
-    k omega^2.
+    The polynomial keeps the value and slope of `thrust_of_speed` at hovering. Without `thrust_of_speed`, or where the
+    polynomial would pull downwards at low speeds, it is k omega^2.
     """
     if "thrust_of_speed" in vehicle:
         speed = hover_speed_rad_s(vehicle)
@@ -69,7 +69,7 @@ def rpm_to_thrust(vehicle: ExportVehicle) -> tuple[float, float, float]:
 
 
 def rpm_to_torque(vehicle: ExportVehicle) -> tuple[float, float, float]:
-    """Return torque in N m over speed in rpm, lowest power first: the torque's tangent at hovering, of the thrust."""
+    """Return torque in N m over speed in rpm, lowest power first, by the tangent of torque over thrust at hovering."""
     slope, hovering = moment_per_thrust_m(vehicle), hover_thrust_n(vehicle)
     offset = value_of(vehicle["torque_of_thrust"], hovering) - slope * hovering
     constant, linear, quadratic = rpm_to_thrust(vehicle)
@@ -77,7 +77,7 @@ def rpm_to_torque(vehicle: ExportVehicle) -> tuple[float, float, float]:
 
 
 def rotor_coefficients(vehicle: ExportVehicle) -> tuple[float, float, float, float]:
-    """Return (rising 1/s, 1/(rpm s), falling 1/s, 1/(rpm s)), or a plain lag where only that is known."""
+    """Return (rising 1/s, 1/(rpm s), falling 1/s, 1/(rpm s)), or those of a plain lag if only this is known."""
     if "rising" in vehicle and "falling" in vehicle:
         (a, b), (c, d) = vehicle["rising"], vehicle["falling"]
         return a, b * RPM, c, d * RPM

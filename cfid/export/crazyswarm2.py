@@ -1,4 +1,4 @@
-"""Crazyswarm2's crazyflies.yaml with one vehicle, and the firmware parameters of its type."""
+"""Crazyswarm2's crazyflies.yaml with one vehicle and the firmware parameters of its type."""
 
 from cfid.export.hover import inertia_kg_m2
 from cfid.export.target import Target

@@ -1,6 +1,6 @@
-"""One JSON file with everything measured, for programs without an export of their own, and for uncertainties.
+"""One JSON file with all measured quantities and uncertainties, for programs without an export of their own.
 
-`vehicle.schema.json` in this package describes it.
+`vehicle.schema.json` in this package describes the file.
 """
 
 import json
@@ -26,7 +26,7 @@ from cfid.export.vehicle import SOURCES, ExportQuantity, ExportVehicle
 from cfid.records.parameters import Value, plain
 
 FORMAT = "cfid-vehicle-1"
-_DIRECTIONAL = ("inertia.", "drag.", "centre_of_mass_m")  # keys whose numbers belong to the campaign's body axes
+_DIRECTIONAL = ("inertia.", "drag.", "centre_of_mass_m")  # prefixes of keys with values in the body frame
 _DEPENDENCES = ("covariance", "common")
 _TENSORS = ("inertia.matrix_kg_m2", "drag.simple_kg_per_rad", "drag.cross_coupling_kg_per_rad")
 
@@ -58,7 +58,7 @@ def write(vehicle: ExportVehicle) -> str:
 
 
 def covariance_blocks(content: Mapping[str, Any]) -> dict[str, Value]:
-    """Return the covariances and common causes in the sections of a parameters.toml, by section, unchanged."""
+    """Return the unchanged covariances and common causes of a parameters.toml, by section."""
     blocks = {
         name: {key: plain(table[key]) for key in _DEPENDENCES if key in table}
         for name, table in content.items()
@@ -68,7 +68,7 @@ def covariance_blocks(content: Mapping[str, Any]) -> dict[str, Value]:
 
 
 def _all(vehicle: ExportVehicle) -> list[ExportQuantity]:
-    """Return every quantity once: as exports take them, then what no export takes."""
+    """Return every quantity once: first those that exports use, then the others."""
     known = (*vehicle.quantities.values(), vehicle.gravity, vehicle.centre)
     taken = {quantity.key: quantity for quantity in known}
     return list((taken | {q.key: q for q in vehicle.others if q.key not in taken}).values())
@@ -96,7 +96,7 @@ def _entry(quantity: ExportQuantity, vehicle: ExportVehicle) -> dict[str, Value]
 
 
 def _turned(value: Sequence[Any], turn: Callable[[Sequence[Sequence[float]]], Sequence[Sequence[float]]]) -> Value:
-    """Return a matrix, or the diagonal of one, in the vehicle's frame."""
+    """Return a matrix, or the diagonal of a matrix, in the vehicle's frame."""
     unknown = float("nan")
     if isinstance(value[0], Sequence):
         return plain(turn([[unknown if part is None else part for part in row] for row in value]))
@@ -116,7 +116,7 @@ def _rotors(vehicle: ExportVehicle) -> list[dict[str, Value]]:
 
 
 def _at_hovering(vehicle: ExportVehicle) -> dict[str, Value]:
-    """Return what follows around hovering, from the quantities that are known and make sense."""
+    """Return derived quantities at hovering, as far as the known quantities make sense."""
     derived: Mapping[str, tuple[str, Callable[[ExportVehicle], Value]]] = {
         "thrust_of_a_motor_n": ("mass", hover_thrust_n),
         "command": ("thrust_of_command", hover_command),
@@ -132,7 +132,7 @@ def _at_hovering(vehicle: ExportVehicle) -> dict[str, Value]:
 def _or_none(calculate: Callable[[ExportVehicle], Value], vehicle: ExportVehicle) -> Value:
     try:
         return calculate(vehicle)
-    except DataError:  # no number instead of a wrong one; the other exports give the reason
+    except DataError:  # no number is better than a wrong one; the other exports state the reason
         return None
 
 

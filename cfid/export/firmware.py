@@ -1,4 +1,4 @@
-"""A C header that replaces the Crazyflie firmware's defaults by measured numbers."""
+"""A C header that replaces the Crazyflie firmware's defaults with measured numbers."""
 
 from collections.abc import Iterator
 
@@ -12,9 +12,9 @@ from cfid.quantities.values import ENTRIES
 
 
 def write(vehicle: ExportVehicle) -> str:
-    """Return the header: a macro for everything that is known.
+    """Return the header, with a macro for each known quantity.
 
-    Raises DataError when the thrust over motor voltage is no cubic that the firmware can invert.
+    Raises DataError when the thrust over motor voltage is not a cubic that the firmware can invert.
     """
     if "thrust_of_voltage" in vehicle and (fault := _fault(vehicle)):
         raise DataError(f"no header: {fault} Fit again with `cfid fit thrust`, which constrains the cubic.")
@@ -46,7 +46,7 @@ def _macros(vehicle: ExportVehicle) -> Iterator[tuple[str, float, str]]:
 
 
 def _fault(vehicle: ExportVehicle) -> str:
-    """Return why the firmware cannot invert the map, from its least thrust up."""
+    """Return why the firmware cannot invert the map of thrust over voltage from its least thrust up, or ""."""
     known = vehicle.quantities.get("max_thrust")
     return cubic_fault(thrust_of_voltage(vehicle), max_thrust_n=known.value if known else None)
 

@@ -1,6 +1,7 @@
-"""The body frame of a campaign turned to that of the targets: x forward, y left, z up, origin in the centre of mass.
+"""Turn from a campaign's body frame to that of the targets: x forward, y left, z up, origin in the centre of mass.
 
-Body axes are signed axes of each other, so turning exchanges entries and signs, and rounds nothing.
+Each axis of one frame is an axis of the other, up to its sign. So turning only permutes entries and changes signs, and
+rounds nothing.
 """
 
 from collections.abc import Sequence
@@ -12,14 +13,14 @@ Matrix = tuple[Vector, Vector, Vector]
 
 
 def turned_matrix(matrix: Sequence[Sequence[float]], frame: BodyFrame) -> Matrix:
-    """Return a tensor (3, 3) of the body frame in the axes forward, left and up: R M R^T."""
+    """Return a tensor (3, 3) of the body frame in the axes forward, left and up, which is R M R^T."""
     columns = zip(*(frame.turned(row) for row in matrix), strict=True)
     a, b, c = zip(*map(frame.turned, columns), strict=True)
     return a, b, c
 
 
 def turned_spread(matrix: Sequence[Sequence[float]], frame: BodyFrame) -> Matrix:
-    """Return the standard uncertainties (3, 3) of a tensor's entries, turned with their entries; they have no sign."""
+    """Return the standard uncertainties (3, 3) of a tensor's entries, moved with the entries but without signs."""
     a, b, c = (_vector([abs(part) for part in row]) for row in turned_matrix(matrix, frame))
     return a, b, c
 

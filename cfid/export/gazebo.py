@@ -1,4 +1,4 @@
-"""A complete SDF model for Gazebo, with the four motors of its MulticopterMotorModel; speeds are in rad/s."""
+"""A complete SDF model for Gazebo, with four motors of type MulticopterMotorModel; speeds are in rad/s."""
 
 from cfid.export import sdf
 from cfid.export.target import Target
@@ -12,7 +12,7 @@ _TOPIC = f"""<robotNamespace>{_NAME}</robotNamespace>
 
 
 def write(vehicle: ExportVehicle) -> str:
-    """Return the model."""
+    """Return the model file."""
     rotors = "".join(sdf.rotor(vehicle, motor, body_name=_BODY, link=_link(motor), joint=_joint(motor)) for motor in _M)
     motors = "".join(
         sdf.motor_model(vehicle, motor, number_=motor, link=_link(motor), joint=_joint(motor), topic=_TOPIC)

@@ -1,6 +1,6 @@
-"""Derive quantities around hovering, in SI and the targets' frame: x forward, y left, z up.
+"""Derive quantities around hovering, in SI units and in the targets' frame: x forward, y left, z up.
 
-Every function takes a vehicle that has the quantities it names.
+Every function takes a vehicle that has the quantities that its docstring names.
 """
 
 import math
@@ -14,8 +14,8 @@ from cfid.units import FULL_COMMAND, MOTOR_AZIMUTH_DEG, ROTOR_TURNS
 _CUBIC = 4  # coefficients
 
 # The motors m1 to m4 of a Crazyflie, seen from above: (forward, left) in arm lengths, and the sign of the yaw
-# moment that a rotor's drag gives the vehicle. m1 is in front on the right and turns counter-clockwise; its air
-# turns the vehicle clockwise.
+# moment that a rotor's drag exerts on the vehicle. m1 is at the front right and turns counter-clockwise; the drag on
+# it turns the vehicle clockwise.
 _DIAGONAL = math.sqrt(0.5)
 PLACES = tuple((1 if abs(at) < 90 else -1, 1 if at > 0 else -1) for at in MOTOR_AZIMUTH_DEG.values())
 YAW_SIGNS = tuple(-turn for turn in ROTOR_TURNS.values())
@@ -27,7 +27,7 @@ def inertia_kg_m2(vehicle: ExportVehicle) -> Matrix:
 
 
 def inertia_std_kg_m2(vehicle: ExportVehicle) -> Matrix | None:
-    """Return the standard uncertainties of the matrix' entries, where there are some."""
+    """Return the standard uncertainties (3, 3) of the matrix' entries, None if unknown."""
     std = vehicle.quantities["inertia"].std
     if std is None:
         return None
@@ -35,32 +35,32 @@ def inertia_std_kg_m2(vehicle: ExportVehicle) -> Matrix | None:
 
 
 def arm_per_axis_m(vehicle: ExportVehicle) -> float:
-    """Return the distance of a motor from the forward and the left axis, from `arm`, which runs diagonally."""
+    """Return the distance of a motor from the forward and left axes, from `arm`, which is the diagonal distance."""
     return _DIAGONAL * float(vehicle["arm"])
 
 
 def rotor_places_m(vehicle: ExportVehicle) -> tuple[Vector, ...]:
-    """Return where the thrusts of m1 to m4 act, from the centre of mass; heights were not measured and are zero."""
+    """Return where m1 to m4 act, relative to the centre of mass, in m; heights were not measured and are zero."""
     side = arm_per_axis_m(vehicle)
     ahead, left, _ = middle_m(vehicle)
     return tuple((side * x + ahead, side * y + left, 0.0) for x, y in PLACES)
 
 
 def middle_m(vehicle: ExportVehicle) -> Vector:
-    """Return the middle between the motors, from the centre of mass, at its height."""
+    """Return the middle between the motors relative to the centre of mass, in m, at the height of the latter."""
     ahead, left, _ = vehicle.frame.turned((vehicle.centre_m[0], vehicle.centre_m[1], 0.0))
     return 0.0 - ahead, 0.0 - left, 0.0
 
 
 def hover_thrust_n(vehicle: ExportVehicle) -> float:
-    """Return a motor's share of the weight."""
+    """Return a motor's share of the weight in N."""
     return float(vehicle["mass"]) * vehicle.gravity_mps2 / 4
 
 
 def hover_command(vehicle: ExportVehicle) -> float:
-    """Return the command whose thrust hovers, from `thrust_of_command`.
+    """Return the command at which the vehicle hovers, from `thrust_of_command`.
 
-    Raises DataError when no command does.
+    Raises DataError when no command suffices.
     """
     poly, wanted = vehicle["thrust_of_command"], hover_thrust_n(vehicle)
     low, high = 0.0, float(FULL_COMMAND)
@@ -75,14 +75,14 @@ def hover_command(vehicle: ExportVehicle) -> float:
 
 
 def hover_speed_rad_s(vehicle: ExportVehicle) -> float:
-    """Return the rotor speed that hovers, from `thrust_per_speed_squared`."""
+    """Return the rotor speed at which the vehicle hovers, from `thrust_per_speed_squared`."""
     return math.sqrt(hover_thrust_n(vehicle) / float(vehicle["thrust_per_speed_squared"]))
 
 
 def most_speed_rad_s(vehicle: ExportVehicle) -> float:
     """Return the rotor speed at the full command, from `speed_of_command`.
 
-    Raises DataError when it is not above zero.
+    Raises DataError when this speed is not above zero.
     """
     return _above_zero(value_of(vehicle["speed_of_command"], FULL_COMMAND), "motor.speed_poly at the full command")
 
@@ -90,7 +90,7 @@ def most_speed_rad_s(vehicle: ExportVehicle) -> float:
 def thrust_of_voltage(vehicle: ExportVehicle) -> Sequence[float]:
     """Return the four coefficients of thrust over motor voltage, lowest power first.
 
-    Raises DataError when the campaign has another polynomial: firmware and its tools have a cubic.
+    Raises DataError when the campaign's polynomial is no cubic, since the firmware and its tools need a cubic.
     """
     cubic: Sequence[float] = vehicle["thrust_of_voltage"]
     if len(cubic) != _CUBIC:
@@ -101,9 +101,9 @@ def thrust_of_voltage(vehicle: ExportVehicle) -> Sequence[float]:
 def moment_per_thrust_m(vehicle: ExportVehicle) -> float:
     """Return the slope of a rotor's torque over its thrust at hovering, from `torque_of_thrust`.
 
-    The slope is what yaws: a constant part of the torque cancels between the two pairs of rotors.
+    Only the slope yaws the vehicle, since a constant part of the torque cancels between the two pairs of rotors.
 
-    Raises DataError when it is not above zero: the vehicle would yaw the other way.
+    Raises DataError when the slope is not above zero, since the vehicle would then yaw the other way.
     """
     slope = slope_of(vehicle["torque_of_thrust"], hover_thrust_n(vehicle))
     return _above_zero(slope, "the slope of motor.torque_poly at hovering")
@@ -121,7 +121,7 @@ def moment_per_speed_squared_nm_s2(vehicle: ExportVehicle) -> float:
 
 
 def drag_kg_per_rad(vehicle: ExportVehicle) -> Vector:
-    """Return drag over (sum of rotor speeds times velocity), positive where it brakes, forward, left and up."""
+    """Return drag over (sum of rotor speeds times velocity) along forward, left and up, positive if it brakes."""
     value = vehicle["drag"]
     if not isinstance(value[0], Sequence):
         value = [[part if i == j else 0.0 for j in range(3)] for i, part in enumerate(value)]
@@ -130,13 +130,13 @@ def drag_kg_per_rad(vehicle: ExportVehicle) -> Vector:
 
 
 def drag_n_s_per_m(vehicle: ExportVehicle) -> Vector:
-    """Return drag over velocity while the four rotors hover."""
+    """Return drag over velocity along forward, left and up, with the four rotors at hovering speed."""
     x, y, z = (4 * hover_speed_rad_s(vehicle) * part for part in drag_kg_per_rad(vehicle))
     return x, y, z
 
 
 def has_lag(vehicle: ExportVehicle) -> bool:
-    """Return whether the lags are known, one way or the other."""
+    """Return whether the lags are known, either from the rotor model or from `thrust_lag`."""
     return _has_rotor_model(vehicle) or "thrust_lag" in vehicle
 
 
@@ -147,10 +147,10 @@ def _has_rotor_model(vehicle: ExportVehicle) -> bool:
 def lags_s(vehicle: ExportVehicle) -> tuple[float, float]:
     """Return the time constants of rising and falling rotor speeds for small changes around hovering.
 
-    From `rising` and `falling`, w' = a (u - w) + b (u^2 - w^2), whose slope there is -(a + 2 b w); else from
-    `thrust_lag`, both ways.
+    They come from `rising` and `falling`, w' = a (u - w) + b (u^2 - w^2), whose slope at hovering is -(a + 2 b w), or
+    else from `thrust_lag`, which serves both directions.
 
-    Raises DataError when the slope is not negative there: speeds would run away.
+    Raises DataError when the slope at hovering is not negative, since speeds would then run away.
     """
     if not _has_rotor_model(vehicle):
         return float(vehicle["thrust_lag"]), float(vehicle["thrust_lag"])
@@ -162,7 +162,7 @@ def lags_s(vehicle: ExportVehicle) -> tuple[float, float]:
 
 
 def value_of(poly: Sequence[float], x: float) -> float:
-    """Return a polynomial's value, highest power first."""
+    """Return the value at x of a polynomial with its highest power first."""
     total = 0.0
     for coefficient in poly:
         total = total * x + coefficient
@@ -170,6 +170,6 @@ def value_of(poly: Sequence[float], x: float) -> float:
 
 
 def slope_of(poly: Sequence[float], x: float) -> float:
-    """Return a polynomial's slope, highest power first."""
+    """Return the slope at x of a polynomial with its highest power first."""
     order = len(poly) - 1
     return value_of([coefficient * (order - i) for i, coefficient in enumerate(poly[:-1])], x)

@@ -1,7 +1,7 @@
 """The joint distribution of several fits' parameters, and draws from it.
 
-Within a fit its covariances hold, and numbers in none of them are independent. The covariance between fits with a
-common cause is the product of their changes per standard uncertainty of the cause.
+Within a fit, its covariances apply, and numbers without a covariance are independent. The covariance between fits with
+a common cause is the product of their changes per standard uncertainty of the cause.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,16 +17,16 @@ from cfid.records.parameters import Section, plain
 
 Array = npt.NDArray[np.float64]
 
-_NEGATIVE = 1e-6  # of the largest eigenvalue of the correlations: what is below zero by less is rounding
-_DIFFERENT = 0.01  # of a standard uncertainty, from where a covariance states another one
+_NEGATIVE = 1e-6  # of the largest eigenvalue of the correlations: smaller negative eigenvalues are rounding
+_DIFFERENT = 0.01  # of a standard uncertainty: beyond it, a covariance contradicts the std
 
 
 @dataclass(frozen=True, kw_only=True)
 class Joint:
-    """A normal distribution of the numbers of parameters: `mean` (n,), `covariance` (n, n), `names` of each.
+    """A normal distribution of the numbers of parameters: `mean` (n,), `covariance` (n, n) and n `names`.
 
-    `values` are the parameters as found, whose numbers stand in this order. `exact` are those without a standard
-    uncertainty, `independent` those with several numbers and no covariance between them.
+    `values` contains the parameters as found, whose numbers are in this order. `exact` names parameters without a
+    standard uncertainty, `independent` those with several numbers but no covariance between them.
     """
 
     values: Mapping[str, Any]
@@ -37,9 +37,9 @@ class Joint:
     independent: tuple[str, ...]
 
     def draw(self, count: int, rng: np.random.Generator) -> Array:
-        """Return draws (count, n), possible or not.
+        """Return draws (count, n), whether or not a vehicle can have them.
 
-        Raises DataError when the covariances are those of no distribution.
+        Raises DataError when no distribution can have these covariances.
         """
         std = np.sqrt(np.diag(self.covariance))
         unit = np.where(std > 0, std, 1.0)
@@ -53,7 +53,7 @@ class Joint:
         return np.asarray(self.mean + unit * (rng.standard_normal((count, len(self.mean))) @ factor.T))
 
     def shaped(self, numbers: Array) -> dict[str, Any]:
-        """Return the parameters that a draw (n,) is."""
+        """Return the parameters of a draw (n,), each in its own shape."""
         found, begin, row = {}, 0, numbers.tolist()
         for key, value in self.values.items():
             count = len(numbers_of(key, value))
@@ -63,9 +63,9 @@ class Joint:
 
 
 def joint_of(fits: Sequence[tuple[Section, Sequence[str]]]) -> Joint:
-    """Return the joint distribution of some parameters of fits; each parameter is taken from one fit alone.
+    """Return the joint distribution of some parameters of fits; each parameter is taken from only one fit.
 
-    Raises DataError for a covariance that contradicts its parameter's std, and for a std whose square is no number.
+    Raises DataError for a covariance that contradicts the std of its parameter, and for a std whose square overflows.
     """
     values = {key: plain(section.parameters[key].value) for section, keys in fits for key in keys}
     places: dict[str, slice] = {}
@@ -81,7 +81,7 @@ def joint_of(fits: Sequence[tuple[Section, Sequence[str]]]) -> Joint:
     effects = _effects(fits, places, end)
     shared = sum((np.outer(effect, effect) for effect in effects), np.zeros((end, end)))
     for one in places.values():
-        shared[one, one] = 0.0  # contained in its own uncertainty
+        shared[one, one] = 0.0  # a parameter's own uncertainty contains this
     covariance += shared
     for section, keys in fits:
         for block in section.covariance:
@@ -112,7 +112,7 @@ def _variances(section: Section, key: str) -> Array:
 
 
 def _refuse_contradiction(section: Section, key: str, variances: Array) -> None:
-    """Raise DataError where the diagonal of a covariance is not what a parameter's std states, if it states one."""
+    """Raise DataError if a parameter has a std that contradicts the diagonal of its covariance."""
     std = _std(section, key)
     if section.parameters[key].std is not None and not np.allclose(np.sqrt(variances), std, rtol=_DIFFERENT, atol=0):
         raise DataError(
@@ -122,7 +122,7 @@ def _refuse_contradiction(section: Section, key: str, variances: Array) -> None:
 
 
 def _std(section: Section, key: str) -> Array:
-    """Return a parameter's standard uncertainties, zero where they are not known."""
+    """Return a parameter's standard uncertainties, with zero for unknown ones."""
     parameter = section.parameters[key]
     std = plain(parameter.std)
     if std is None:
@@ -131,7 +131,7 @@ def _std(section: Section, key: str) -> Array:
 
 
 def _effects(fits: Sequence[tuple[Section, Sequence[str]]], places: Mapping[str, slice], end: int) -> list[Array]:
-    """Return what one standard uncertainty of each common cause does to all numbers (n,)."""
+    """Return the effect of one standard uncertainty of each common cause on all numbers (n,)."""
     found: dict[str, Array] = {}
     for section, keys in fits:
         for cause, effects in section.common.items():
@@ -142,7 +142,7 @@ def _effects(fits: Sequence[tuple[Section, Sequence[str]]], places: Mapping[str,
 
 
 def _own_places(section: Section, of: Sequence[str], inside: Sequence[str]) -> Array:
-    """Return where the numbers of some parameters stand in a covariance of several."""
+    """Return the rows that the numbers of some parameters have in a covariance of several parameters."""
     own: list[int] = []
     begin = 0
     for key in of:

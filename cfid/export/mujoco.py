@@ -1,4 +1,4 @@
-"""A complete MuJoCo model: floor, light, the vehicle with its sensors, four motors with their lag, and drag."""
+"""A complete MuJoCo model: floor, light, the vehicle with its sensors, four motors with lag, and drag."""
 
 from cfid.export.hover import (
     YAW_SIGNS,
@@ -56,7 +56,7 @@ def _motor(vehicle: ExportVehicle, motor: int, yaw_sign: int) -> str:
 
 
 def _drag(vehicle: ExportVehicle) -> str:
-    """Return actuators that brake along the body's axes whatever their control is: MuJoCo's way to such a force."""
+    """Return actuators that brake along the body axes, whatever their control, as MuJoCo models such a force."""
     if not has(vehicle, _DRAG):
         return ""
     return "".join(

@@ -1,4 +1,4 @@
-"""OmniDrones' YAML file of a multirotor; speeds are in rad/s."""
+"""OmniDrones' YAML file for a multirotor; speeds are in rad/s."""
 
 import math
 
@@ -14,7 +14,7 @@ from cfid.export.vehicle import ExportVehicle
 from cfid.export.wording import HASH, number, numbers
 from cfid.quantities.values import ENTRIES
 
-_ORDER = (3, 2, 1, 0)  # motors m4 to m1: by angle, as OmniDrones numbers its rotors
+_ORDER = (3, 2, 1, 0)  # motors m4 to m1: OmniDrones numbers rotors by angle
 
 
 def write(vehicle: ExportVehicle) -> str:

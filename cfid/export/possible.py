@@ -1,4 +1,4 @@
-"""Check whether a vehicle can have parameters: a possible body, and rising maps that the firmware can invert."""
+"""Check whether a vehicle can have given parameters: a possible body, and rising maps that the firmware can invert."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -22,15 +22,15 @@ _POSITIVE = (
     "motor.thrust_per_speed_squared_n_s2",
     "tf.time_constant_s",
 )
-_POINTS = 50  # of a range, at which a slope is looked at
+_POINTS = 50  # of a range, at which a slope is checked
 
 
 def impossible(values: Mapping[str, Any], *, commands: tuple[float, float] = (DEAD_COMMAND, FULL_COMMAND)) -> str:
-    """Return the first reason why parameters, by key, belong to no vehicle, "" where there is none.
+    """Return the first reason why no vehicle can have the parameters, given by key, or "" if a vehicle can.
 
-    `commands` is the range in which the maps of the command were measured; the other maps are looked at where these
-    lead. Thrust over motor voltage has to be one that the firmware can invert, see `cubic_fault`; how far rounding lets
-    its motor commands fall is no property of the vehicle, and not judged.
+    `commands` is the range in which the maps of the command were measured; the other maps are checked over the values
+    that these maps reach. The firmware must be able to invert thrust over motor voltage, see `cubic_fault`. How far its
+    motor commands may fall by rounding is no property of the vehicle and is not judged.
     """
     for key in _POSITIVE:
         if key in values and not values[key] > 0:
@@ -46,7 +46,7 @@ def impossible(values: Mapping[str, Any], *, commands: tuple[float, float] = (DE
 
 
 def _impossible_beyond(values: Mapping[str, Any], thrust: Array) -> str:
-    """Go on with the maps of thrust and of speed, over the thrusts (m,) that are reached, if any are known."""
+    """Continue with the maps of thrust and of speed, over the thrusts (m,) that are reached, if any are known."""
     if len(thrust) and "motor.torque_poly" in values and not _rises(values["motor.torque_poly"], thrust):
         return "motor.torque_poly does not rise"
     cubic = values.get("motor.thrust_voltage_poly")
@@ -66,7 +66,7 @@ def _impossible_beyond(values: Mapping[str, Any], thrust: Array) -> str:
 
 
 def _reached_n(values: Mapping[str, Any], cmd: Array) -> Array:
-    """Return the thrusts (m,) above the idle thrust, in rising order, as far as a map or the largest tells them."""
+    """Return the thrusts (m,) above the idle thrust, in rising order, from a map or the largest thrust; else none."""
     if "motor.thrust_poly" in values:
         thrust = np.polyval(values["motor.thrust_poly"], cmd)
         return np.asarray(thrust[thrust >= IDLE * thrust[-1]])

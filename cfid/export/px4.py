@@ -20,7 +20,7 @@ _RATES_HZ = {"air_pressure": 50, "magnetometer": 100, "imu": 250, "navsat": 30}
 
 
 def write(vehicle: ExportVehicle) -> str:
-    """Return the model."""
+    """Return the model file."""
     rotors = "".join(
         sdf.rotor(vehicle, motor, body_name="base_link", link=f"rotor_{i}", joint=f"rotor_{i}_joint")
         for i, motor in enumerate(_ORDER)
@@ -48,7 +48,7 @@ def _sensor(name: str, rate_hz: int) -> str:
 
 
 def write_airframe(vehicle: ExportVehicle) -> str:
-    """Return the start script: geometry, motors, and the thrust of hovering."""
+    """Return the start script, with the geometry, the motors and the thrust of hovering."""
     places, most = rotor_places_m(vehicle), most_speed_rad_s(vehicle)
     hovering = hover_thrust_n(vehicle) / (vehicle["thrust_per_speed_squared"] * most**2)
     lines = []

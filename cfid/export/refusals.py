@@ -1,4 +1,4 @@
-"""Find the quantities that only --force exports: rejected, outdated or implausible ones."""
+"""Find the quantities that are exported only with --force: those rejected, outdated or implausible."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -12,7 +12,7 @@ from cfid.records.parameters import Section
 
 
 def refuse_rejected(target: Target, vehicle: ExportVehicle, sections: Mapping[str, Section]) -> None:
-    """Raise DataError where a fit rejected a quantity that a target has a place for, and nothing else gave it."""
+    """Raise DataError if a fit rejected a quantity that a target can express, and no other source gives it."""
     names = {name for need in (*target.needs, *target.uses) for name in need.replace("+", "|").split("|")}
     lost = {key for name in names if name not in vehicle for key in SOURCES[name].keys}
     for section in sections.values():
@@ -23,7 +23,7 @@ def refuse_rejected(target: Target, vehicle: ExportVehicle, sections: Mapping[st
 def objections(
     target: Target, vehicle: ExportVehicle, sections: Mapping[str, Section], *, stale: Stale = lambda _: ()
 ) -> tuple[str, ...]:
-    """Return the reasons, as sentences, why a target's quantities should not be exported."""
+    """Return sentences on why quantities of a target should not be exported."""
     against = [
         reason
         for quantity in taken(target, vehicle)
@@ -33,7 +33,7 @@ def objections(
 
 
 def marked(vehicle: ExportVehicle, sections: Mapping[str, Section]) -> ExportVehicle:
-    """Return the vehicle with implausible and rejected quantities marked, for the comments of each file."""
+    """Return the vehicle with its implausible and rejected quantities marked, for the comments in each file."""
     quantities = {}
     for name, quantity in vehicle.quantities.items():
         marks = [

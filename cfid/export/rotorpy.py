@@ -1,4 +1,4 @@
-"""A Python file with RotorPy's dictionary of a multirotor; speeds are in rad/s."""
+"""A Python file with RotorPy's dictionary for a multirotor; speeds are in rad/s."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""Vehicles drawn from the uncertainties, as lists that RotorPy and crazyflow take: their own exports, one by one."""
+"""Lists of vehicles drawn from the uncertainties, for RotorPy and crazyflow; each vehicle is an export of its own."""
 
 import ast
 import json
@@ -22,7 +22,7 @@ _QUAD = "quad_params"
 
 
 def with_values(vehicle: ExportVehicle, values: Mapping[str, Value]) -> ExportVehicle:
-    """Return a vehicle with other values by key; the range of the inverse thrust map follows the map."""
+    """Return a vehicle with other values, given by key; the range of the inverse thrust map follows the map."""
     quantities = {
         name: replace(quantity, value=values.get(quantity.key, quantity.value))
         for name, quantity in vehicle.quantities.items()
@@ -37,16 +37,16 @@ def with_values(vehicle: ExportVehicle, values: Mapping[str, Value]) -> ExportVe
 
 
 def rendered(target: Target, vehicle: ExportVehicle) -> Any:
-    """Return one vehicle as a target's own export has it: RotorPy's as Python, crazyflow's as tables.
+    """Return one vehicle as its target exports it: Python source for RotorPy, tables for crazyflow.
 
-    Raises DataError when the target cannot take it.
+    Raises DataError when the target cannot take the vehicle.
     """
     text = target.write(vehicle)
     return _dictionary(text) if target is ROTORPY else next(iter(tomllib.loads(text).values()))
 
 
 def warnings_of(target: Target, vehicle: ExportVehicle) -> tuple[str, ...]:
-    """Return warnings about the sampled quantities: simulated, implausible, rejected or outdated ones."""
+    """Return warnings about the sampled quantities that are simulated, implausible, rejected or outdated."""
     of_no_vehicle = simulated(target, vehicle)
     marks = [f"SIMULATED, no vehicle was measured: {', '.join(of_no_vehicle)}."] if of_no_vehicle else []
     marks_of = [f"REJECTED by its fit: {key}." for key in unaccepted(target, vehicle)]
@@ -54,7 +54,7 @@ def warnings_of(target: Target, vehicle: ExportVehicle) -> tuple[str, ...]:
 
 
 def listed(target: Target, drawn: Sequence[Any], comments: Iterable[str]) -> str:
-    """Return the file with all of them."""
+    """Return the file that lists all drawn vehicles."""
     if target is ROTORPY:
         head = commented(comments, HASH)
         return f"{head}\nimport numpy as np\n\nQUADS = [\n{''.join(f'{text},{chr(10)}' for text in drawn)}]\n"
@@ -69,7 +69,7 @@ def _of_map(row: Mapping[str, Value], poly: Sequence[float]) -> Mapping[str, Val
 
 
 def _dictionary(text: str) -> str:
-    """Return the source of RotorPy's dictionary in a module."""
+    """Return the source text of RotorPy's dictionary in a module."""
     named = {
         node.targets[0].id: node.value
         for node in ast.parse(text).body

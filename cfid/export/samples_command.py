@@ -1,4 +1,4 @@
-"""`cfid export samples`: vehicles drawn from the joint distribution of what was measured, for domain randomisation."""
+"""`cfid export samples`: draw vehicles from the joint distribution of measured values, for domain randomisation."""
 
 import io
 from collections import Counter
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from cfid.records.covariances import Covariance
     from cfid.records.parameters import Section
 
-MOST_REJECTED = 0.5  # of the draws: beyond, what is left is another distribution
-_FEWEST = 200  # draws by which that is judged
+MOST_REJECTED = 0.5  # of the draws: with more, the remaining draws have another distribution
+_FEWEST = 200  # draws by which the rejected share is judged
 
 
 class Drawn(NamedTuple):
-    """Possible vehicles: their numbers, and each target's renderings; how many were drawn, and why some are not in."""
+    """Possible vehicles: numbers, renderings by target, the count of all draws, and why some were rejected."""
 
     numbers: list[Any]
     rendered: "dict[str, list[Any]]"
@@ -32,14 +32,15 @@ class Drawn(NamedTuple):
 
     @property
     def rejected_share(self) -> float:
-        """The part of the draws that was rejected."""
+        """The share of the draws that was rejected."""
         return sum(self.reasons.values()) / self.draws
 
 
 def write_samples(known: "ExportInput", folder: Path, *, count: int, seed: int, force: bool) -> None:
-    """Draw vehicles and write them as CSV, NPZ and, as far as they are measured, as lists for RotorPy and crazyflow.
+    """Draw vehicles and write them as CSV and NPZ, and as lists for RotorPy and crazyflow if their needs are measured.
 
-    Raises DataError for what should not be exported, and when over half of the draws are no possible vehicle.
+    Raises DataError for quantities that should not be exported, and when over half of the draws are no possible
+    vehicle.
     """
     from cfid.export.command import refuse
     from cfid.export.samples import CRAZYFLOW, FILES, ROTORPY, listed, warnings_of
@@ -86,7 +87,7 @@ def _refuse_to_replace(folder: Path, paths: "Sequence[Path]", *, force: bool) ->
 
 
 def draw(joint: "Joint", known: "ExportInput", targets: "list[Target]", *, count: int, seed: int) -> Drawn:
-    """Draw until there are enough possible vehicles that the targets can take.
+    """Draw until enough vehicles are possible and suitable for the targets.
 
     Raises DataError when over half of the draws are not possible.
     """
@@ -122,7 +123,7 @@ def draw(joint: "Joint", known: "ExportInput", targets: "list[Target]", *, count
 
 
 def _vehicle(values: dict[str, Any], known: "ExportInput", targets: "list[Target]") -> tuple[str, dict[str, Any]]:
-    """Return why a draw is no possible vehicle, "" where it is one, and what each target has of it."""
+    """Return why a draw is no possible vehicle ("" if it is possible), and its rendering for each target."""
     from cfid.errors import DataError
     from cfid.export.possible import impossible
     from cfid.export.samples import rendered, with_values
@@ -137,7 +138,7 @@ def _vehicle(values: dict[str, Any], known: "ExportInput", targets: "list[Target
 
 
 def _commands(known: "ExportInput") -> tuple[float, float]:
-    """Return the range of commands that was measured above the dead zone."""
+    """Return the range of measured commands above the dead zone."""
     from cfid.units import DEAD_COMMAND, FULL_COMMAND
 
     found = known.vehicle.quantities.get("thrust_of_command")
@@ -146,7 +147,7 @@ def _commands(known: "ExportInput") -> tuple[float, float]:
 
 
 def _everything(known: "ExportInput") -> "Target":
-    """Return a target that takes every quantity, to be judged like any other."""
+    """Return a target that uses every quantity, so that the samples are judged like any other target."""
     from cfid.export.target import Target
 
     return Target(
@@ -168,10 +169,10 @@ def _joint(known: "ExportInput") -> "Joint":
     fits: dict[str, tuple[Section, list[str]]] = {
         quantity.key: (_stated(quantity), [quantity.key])
         for quantity in (*vehicle.quantities.values(), vehicle.centre, vehicle.gravity)
-        if quantity.origin == vehicle.gravity.origin  # rig.toml
+        if quantity.origin == vehicle.gravity.origin  # stated by rig.toml
     }
     for quantity in vehicle.quantities.values():
-        if quantity.key in fits or quantity.key == "motor.command_of_thrust":  # follows from the map
+        if quantity.key in fits or quantity.key == "motor.command_of_thrust":  # the latter follows from the map
             continue
         holding = [
             (quantity.key not in section.rejected, section.found, name)
@@ -184,7 +185,7 @@ def _joint(known: "ExportInput") -> "Joint":
 
 
 def _stated(quantity: "ExportQuantity") -> "Section":
-    """Return what rig.toml states as a fit; mass and arm, each with itself as the cause that it shares."""
+    """Return a quantity of rig.toml in the form of a fit; mass and arm are common causes of other quantities too."""
     from datetime import UTC, datetime
 
     from cfid.records.parameters import Parameter, Section
@@ -203,7 +204,7 @@ def _stated(quantity: "ExportQuantity") -> "Section":
 
 
 def _independent(quantity: "ExportQuantity") -> "tuple[Covariance, ...]":
-    """Return the covariance of lengths that were measured one by one."""
+    """Return the covariance of a list of lengths that were measured independently, nothing for other quantities."""
     import numpy as np
 
     from cfid.records.covariances import covariance_between

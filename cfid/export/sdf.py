@@ -1,7 +1,7 @@
-"""SDFormat: links, joints and motors of a Crazyflie, as Gazebo and PX4 both take them; speeds are in rad/s.
+"""SDFormat: links, joints and motors of a Crazyflie for both Gazebo and PX4; speeds are in rad/s.
 
-Rotors have links of their own there. Their mass and inertia are taken out of the body's, so that the vehicle as a whole
-has what was measured.
+Each rotor is a separate link. The mass and inertia of the rotors are subtracted from those of the body, so that the
+whole vehicle has the measured values.
 """
 
 import math
@@ -42,12 +42,12 @@ NOTES = (
     "is right. Each rotor's link has one hundredth of the mass, taken out of the body's mass and inertia.",
 )
 _SLOWDOWN = 10.0  # joints above 785 rad/s alias in PX4's steps of 4 ms
-_ROTOR_SHARE = 0.01  # of the mass: enough for the solver, little enough to take out of the body
-_RADIUS_M = 0.0231  # where it was not measured: gym-pybullet-drones' prop_radius
+_ROTOR_SHARE = 0.01  # of the mass: enough for the solver, and little enough to subtract from the body
+_RADIUS_M = 0.0231  # if not measured: the prop_radius of gym-pybullet-drones
 
 
 def body(vehicle: ExportVehicle, name: str, sensors: str = "") -> str:
-    """Return the link of everything but the rotors, its frame's origin in the centre of mass of the whole vehicle."""
+    """Return the link of all but the rotors; the origin of its frame is the centre of mass of the whole vehicle."""
     mass = float(vehicle["mass"])
     rotor = _ROTOR_SHARE * mass
     places = rotor_places_m(vehicle)
@@ -120,7 +120,7 @@ def rotor(vehicle: ExportVehicle, motor: int, *, body_name: str, link: str, join
 
 
 def motor_model(vehicle: ExportVehicle, motor: int, *, number_: int, link: str, joint: str, topic: str) -> str:
-    """Return the plugin that turns commands in rad/s into forces; `topic` is XML that states where it listens."""
+    """Return the plugin that converts commands in rad/s to forces; `topic` is the XML that names its topic."""
     up, down = lags_s(vehicle)
     ahead, left, _ = drag_kg_per_rad(vehicle) if "drag" in vehicle else (0.0, 0.0, 0.0)
     fields: Mapping[str, float] = {
@@ -150,7 +150,7 @@ def _radius_m(vehicle: ExportVehicle) -> float:
 
 
 def _rotor_moments(vehicle: ExportVehicle, mass_kg: float) -> Vector:
-    """Return a rotor's moments of inertia, those of a disc: its own where it was measured, times the slowdown."""
+    """Return a rotor's moments of inertia as a disc, from the measured axial inertia times the slowdown if known."""
     along = mass_kg * _radius_m(vehicle) ** 2 / 2
     if "rotor_inertia" in vehicle:
         along = _SLOWDOWN * float(vehicle["rotor_inertia"])
@@ -158,7 +158,7 @@ def _rotor_moments(vehicle: ExportVehicle, mass_kg: float) -> Vector:
 
 
 def _add(inertia: list[list[float]], place: Sequence[float], mass_kg: float) -> None:
-    """Add what a point mass at a place has about the origin."""
+    """Add the inertia of a point mass at a place about the origin."""
     square = math.fsum(part * part for part in place)
     for i in range(3):
         for j in range(3):

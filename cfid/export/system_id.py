@@ -1,4 +1,4 @@
-"""The parameter file of the system identification that comes with the Crazyflie firmware; speeds are in rpm."""
+"""The parameter file of the system identification in the Crazyflie firmware; speeds are in rpm."""
 
 from collections.abc import Iterator, Sequence
 
@@ -22,9 +22,9 @@ from cfid.units import RPM
 
 
 def write(vehicle: ExportVehicle) -> str:
-    """Return the file: what is known, in the names and orders that the identification writes.
+    """Return the file of known quantities, with the names and the order that the identification writes.
 
-    Raises DataError when the thrust over motor voltage is no cubic, or does not reach THRUST_MAX.
+    Raises DataError when the thrust over motor voltage is not a cubic, or does not reach THRUST_MAX.
     """
     cubic = thrust_of_voltage(vehicle)
     return "\n" + "".join(f"{name} = {value}  # {words}\n" for name, value, words in _entries(vehicle, cubic))
@@ -62,14 +62,14 @@ def _entries(vehicle: ExportVehicle, cubic: Sequence[float]) -> Iterator[tuple[s
 
 
 def _thrust_lag(vehicle: ExportVehicle) -> float:
-    """Return 1/s: for small changes thrust lags as its rotor does."""
+    """Return the rate of the thrust lag in 1/s; for small changes, thrust lags as its rotor does."""
     return 1 / vehicle["thrust_lag"] if "thrust_lag" in vehicle else 2 / sum(lags_s(vehicle))
 
 
 def _voltage_of(cubic: Sequence[float], thrust_n: float) -> float:
-    """Return the motor voltage of a thrust.
+    """Return the motor voltage that gives a thrust.
 
-    Raises DataError when no voltage up to 5 V gives it.
+    Raises DataError when no voltage up to 5 V gives this thrust.
     """
     poly = list(reversed(cubic))
     low, high = 0.0, 5.0
@@ -82,7 +82,7 @@ def _voltage_of(cubic: Sequence[float], thrust_n: float) -> float:
 
 
 def _voltage_to_rpm(vehicle: ExportVehicle, cubic: Sequence[float]) -> tuple[float, float]:
-    """Return rpm over motor voltage, lowest power first: thrust of voltage and k omega^2 together."""
+    """Return rpm over motor voltage, lowest power first, from thrust over voltage and thrust as k omega^2."""
     voltage, speed = _voltage_of(cubic, hover_thrust_n(vehicle)), hover_speed_rad_s(vehicle)
     slope = slope_of(list(reversed(cubic)), voltage) / (2 * vehicle["thrust_per_speed_squared"] * speed)
     return (speed - slope * voltage) / RPM, slope / RPM

@@ -1,4 +1,4 @@
-"""A target of an export: what it needs, what it also uses, its file, and the comments that every file begins with."""
+"""A target of an export: what it needs, what it can also use, its file, and the comments at the head of every file."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -24,12 +24,12 @@ _SIGNED = ("tf.delay_s",)  # negative where the force is earlier than its stampe
 
 @dataclass(frozen=True, kw_only=True)
 class Target:
-    """A file that another program takes.
+    """A file that another program reads.
 
-    `needs` and `uses` name quantities of `SOURCES`; `a|b` is either. `no_place` names those that the format cannot
-    express. `write` gives the file's text without the comments at its head, for a vehicle that has all it needs;
-    a format without comments (`comment` empty) has no head. `notes` state units and meanings; a file of scalars
-    alone is not `directional`, and states no frame.
+    `needs` and `uses` name quantities of `SOURCES`; `a|b` means either, `a+b` both. `no_place` names quantities that
+    the format cannot express. `write` returns the text of the file without the comments at its head, for a vehicle that
+    has all needs; a format without comments (empty `comment`) has no head. `notes` state units and meanings. A file
+    that contains only scalars is not `directional` and states no frame.
     """
 
     name: str
@@ -45,7 +45,7 @@ class Target:
 
 
 def has(vehicle: ExportVehicle, need: str) -> bool:
-    """Return whether a quantity, or one of `a|b`, is known; of `a+b` both have to be."""
+    """Return whether a quantity is known, or for `a|b` one of the two, or for `a+b` both."""
     return bool(_met(vehicle, need))
 
 
@@ -61,12 +61,12 @@ def keys_of(need: str) -> str:
 
 
 def given_by(need: str) -> str:
-    """Return the commands that give a need, each once."""
+    """Return the commands that determine the quantities of a need, each once."""
     return " or ".join(dict.fromkeys(SOURCES[name].given_by for name in _names(need)))
 
 
 def need_text(need: str) -> str:
-    """Return the keys of a need and the commands that give them."""
+    """Return the keys of a need and the commands that determine them."""
     return f"{keys_of(need)} ({given_by(need)})"
 
 
@@ -84,7 +84,7 @@ def text_of(target: Target, vehicle: ExportVehicle) -> str:
     if not target.comment:
         return body
     head = commented(_heading(target, vehicle), target.comment)
-    if body.startswith(("<?xml", "#!", "#VRML")):  # these must stay the first line
+    if body.startswith(("<?xml", "#!", "#VRML")):  # such a line must stay first
         declaration, _, rest = body.partition("\n")
         return f"{declaration}\n{head}{rest}"
     return head + body
@@ -103,7 +103,7 @@ def unaccepted(target: Target, vehicle: ExportVehicle) -> tuple[str, ...]:
 
 
 def caveats(target: Target, vehicle: ExportVehicle) -> tuple[str, ...]:
-    """Return the caveats of a target's quantities, a sentence each."""
+    """Return the caveats of a target's quantities, one sentence each."""
     known = [f"{q.key}: {q.caveat}" for q in (*taken(target, vehicle), *_marked_in_rig(vehicle)) if q.caveat]
     return (*known, *(line.strip() for line in _hovering(vehicle) if "EXTRAPOLATED" in line))
 
@@ -114,7 +114,7 @@ def simulated(target: Target, vehicle: ExportVehicle) -> tuple[str, ...]:
 
 
 def left_out(target: Target, vehicle: ExportVehicle) -> tuple[str, ...]:
-    """Return what a target could use and the vehicle lacks."""
+    """Return what a target could use but the vehicle lacks."""
     return tuple(use for use in target.uses if not has(vehicle, use))
 
 
@@ -145,12 +145,12 @@ def _heading(target: Target, vehicle: ExportVehicle) -> Iterator[str]:
 
 
 def _marked_in_rig(vehicle: ExportVehicle) -> Sequence[ExportQuantity]:
-    """Return which of gravity and the centre of mass need a comment."""
+    """Return gravity and the centre of mass, if they need a comment."""
     return [quantity for quantity in (vehicle.gravity, vehicle.centre) if quantity.caveat]
 
 
 def _no_place(target: Target, vehicle: ExportVehicle) -> Iterator[str]:
-    """List measured quantities that this format cannot express."""
+    """Yield the measured quantities that this format cannot express."""
     keys = [vehicle.quantities[name].key for name in target.no_place if name in vehicle]
     if keys:
         yield "Measured, but this format has no place for:"
@@ -181,7 +181,7 @@ def _inertia(target: Target, vehicle: ExportVehicle) -> Iterator[str]:
 
 
 def _hovering(vehicle: ExportVehicle) -> Iterator[str]:
-    """Yield command and speed of hovering, to check a simulation with; two ways to the speed show how they agree."""
+    """Yield command and rotor speed of hovering, to check a simulation; the speed comes from two maps if known."""
     if not has(vehicle, "thrust_of_command"):
         return
     try:
@@ -215,13 +215,13 @@ def _measured(quantity: ExportQuantity) -> Iterator[str]:
 
 
 def taken(target: Target, vehicle: ExportVehicle) -> Sequence[ExportQuantity]:
-    """Return the quantities that a target's file is made of."""
+    """Return the quantities that a target's file contains."""
     names = dict.fromkeys(name for need in (*target.needs, *target.uses) for name in _met(vehicle, need))
     return [vehicle.quantities[name] for name in names]
 
 
 def _met(vehicle: ExportVehicle, need: str) -> Sequence[str]:
-    """Return the quantities that meet a need: those of its first choice that is known whole."""
+    """Return the quantities that meet a need: those of its first choice of which all are known."""
     choices = (choice.split("+") for choice in need.split("|"))
     return next((names for names in choices if all(name in vehicle for name in names)), [])
 

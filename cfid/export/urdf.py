@@ -30,12 +30,12 @@ _NO_PLACE = (
     "thrust_of_voltage", "thrust_of_speed", "rising", "falling", "thrust_lag", "delay", "rotor_inertia", "thrust_range",
 )  # fmt: skip
 
-# The gyms' parsers cannot do without these; cfid does not measure them. From the cf2x.urdf of both.
+# The gyms' parsers need these values, which cfid does not measure; they are from the cf2x.urdf of both gyms.
 _GYMS_OWN = {
     "max_speed_kmh": 30.0,
     "gnd_eff_coeff": 11.36859,
     "prop_radius": 2.31348e-2,
-    "drag_coeff_xy": 0.0,  # not theirs: nothing measured is no drag
+    "drag_coeff_xy": 0.0,  # not from the gyms: drag that was not measured is zero
     "drag_coeff_z": 0.0,
     "dw_coeff_1": 2267.18,
     "dw_coeff_2": 0.16,
@@ -46,7 +46,7 @@ _HULL = '<origin rpy="0 0 0" xyz="0 0 0"/>\n      <geometry>\n        <cylinder 
 
 
 def properties(vehicle: ExportVehicle) -> dict[str, float]:
-    """Return the attributes that both programs share, by name."""
+    """Return the attributes that both gyms share, by name."""
     kf = vehicle["thrust_per_speed_squared"] * RPM**2
     weight = vehicle["mass"] * vehicle.gravity_mps2
     found = {
@@ -64,7 +64,7 @@ def properties(vehicle: ExportVehicle) -> dict[str, float]:
 
 
 def speed_properties(vehicle: ExportVehicle) -> dict[str, float]:
-    """Return the straight line of speed over command, rpm of a command: the tangent at hovering."""
+    """Return the tangent at hovering of speed in rpm over command."""
     poly, hovering = vehicle["speed_of_command"], hover_command(vehicle)
     slope = slope_of(poly, hovering) / RPM
     return {"pwm2rpm_scale": slope, "pwm2rpm_const": value_of(poly, hovering) / RPM - slope * hovering}
@@ -111,7 +111,7 @@ def _robot(vehicle: ExportVehicle, measured: Mapping[str, float], gyms_own: Mapp
 
 
 def _point(name: str, place_m: tuple[float, float, float]) -> str:
-    """Return a link without mass: where forces act."""
+    """Return a massless link at a place where forces act."""
     return f"""  <link name="{name}_link">
     <inertial>
       <origin rpy="0 0 0" xyz="{numbers(place_m, " ")}"/>

@@ -1,4 +1,4 @@
-"""Collect a campaign's quantities once for all exports; nothing is turned or converted here."""
+"""Collect a campaign's quantities once for all exports, without turning or converting them."""
 
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -22,13 +22,13 @@ _AT_FULL_COMMAND = ("motor.max_thrust_n", "motor.speed_poly")
 
 @dataclass(frozen=True)
 class ExportSource:
-    """The keys that a quantity may stand under, the first that is there wins."""
+    """The keys that a quantity may have in parameters.toml; the first key found is used."""
 
     keys: tuple[str, ...]
 
     @property
     def given_by(self) -> str:
-        """The way to measure it."""
+        """The way to measure the quantity."""
         return registered(self.keys[0]).given_by
 
 
@@ -56,10 +56,10 @@ SOURCES: Mapping[str, ExportSource] = {
 
 @dataclass(frozen=True, kw_only=True)
 class ExportQuantity:
-    """A value with its standard uncertainty of the same shape (None where there is none), its unit and origin.
+    """A value with its standard uncertainty of the same shape (None if unknown), its unit and its origin.
 
-    `caveat` is a warning on its use, `commands` the smallest and the largest command of a motor in its fit, where it
-    had any. `simulated` marks a quantity with simulated recordings.
+    `caveat` is a warning on the use of the value. `commands` contains the smallest and the largest motor command of the
+    fit, if the fit had any. `simulated` marks a quantity from simulated recordings.
     """
 
     key: str
@@ -75,12 +75,13 @@ class ExportQuantity:
 
 @dataclass(frozen=True, kw_only=True)
 class ExportVehicle:
-    """All that is known, in the body frame that rig.toml states; `quantities` has the names of `SOURCES`.
+    """All known quantities, in the body frame that rig.toml states; the keys of `quantities` are those of `SOURCES`.
 
-    `gravity` and `centre` are what rig.toml states, the latter the centre of mass (3,) in m from the vehicle's middle,
-    on the table it stands on; so are the mass, and the arm where none was noted by hand. `others` are the quantities
-    that no target takes, `further` has by section the values of keys that were taken from another section. `covariance`
-    has by section the covariances and common causes of parameters.toml. `platform` sets what is plausible.
+    `gravity` and `centre` come from rig.toml, as does the mass, and the arm unless it was set by hand. `centre` is the
+    centre of mass (3,) in m from the vehicle's middle, at the height of the table that the vehicle stands on. `others`
+    contains the quantities that no target uses. `further` contains, by section, values whose key was taken from another
+    section. `covariance` contains, by section, the covariances and common causes of parameters.toml. `platform`
+    determines what is plausible.
     """
 
     name: str
@@ -98,17 +99,17 @@ class ExportVehicle:
         return name in self.quantities
 
     def __getitem__(self, name: str) -> Value:
-        """Return a quantity's value; it has to be known."""
+        """Return the value of a quantity, which has to be known."""
         return self.quantities[name].value
 
     @property
     def gravity_mps2(self) -> float:
-        """The acceleration of free fall."""
+        """The acceleration of free fall in m/s^2."""
         return float(self.gravity.value)
 
     @property
     def centre_m(self) -> Sequence[float]:
-        """The centre of mass (3,), in the campaign's axes."""
+        """The centre of mass (3,) in m, in the campaign's axes."""
         return list(self.centre.value)
 
 
@@ -123,10 +124,10 @@ def collect(
 ) -> ExportVehicle:
     """Collect what the exports need from a campaign's rig and the sections of its parameters.toml.
 
-    `simulated` are the names of the runs that were recorded on a simulated rig, `stale` tells why a section is no
-    longer current, `covariance` is as `ExportVehicle` has it.
+    `simulated` contains the names of the runs that were recorded on a simulated rig. `stale` returns the reasons why a
+    section is no longer current. `covariance` is that of `ExportVehicle`.
 
-    Raises ConfigError when the rig does not state which body axis points forward: nothing could be turned then.
+    Raises ConfigError when the rig does not state which body axis points forward, since nothing could be turned then.
     """
     if "body_frame" not in rig.vehicle.model_fields_set:
         raise ConfigError(
@@ -152,7 +153,7 @@ def collect(
         name: [quantity_of(key, name, section) for key in section.parameters if (best | givers)[key] != name]
         for name, section in sections.items()
     }
-    quantities["mass"] = _weighed(rig, rig_file)  # stands in rig.toml alone
+    quantities["mass"] = _weighed(rig, rig_file)  # the mass is only in rig.toml
     if "arm" not in quantities and rig.loadcell.arm_mm is not None:
         arm = _arm(rig, rig.loadcell.arm_mm, rig_file)
         by_other = [f"{name}: {sentence}" for name, sentence in unlike.items() if sentence]
@@ -220,7 +221,7 @@ def _centre(rig: Rig, rig_file: str) -> ExportQuantity:
 
 
 def _find(sections: Mapping[str, Section], key: str) -> tuple[str, str, Section] | None:
-    """Return a key with its section, named: where several have it, an accepted one, and the latest of those."""
+    """Return a key, and the name and content of its section: of several, the latest in which it is accepted."""
     known = {
         name: section
         for name, section in sections.items()
@@ -253,14 +254,14 @@ def _quantity(key: str, name: str, section: Section, simulated: Collection[str],
 
 
 def _recording(source: File) -> str:
-    """Return the run that a file belongs to, or the name of a file that is in none."""
+    """Return the run that a file belongs to, or the name of a file outside all runs."""
     path = Path(source.path)
     in_run = path.parts[:1] == (RUNS_FOLDER,) and len(path.parts) > 1
     return path.parts[1] if in_run else path.name
 
 
 def _commands(section: Section) -> tuple[float, float] | None:
-    """Return the smallest and the largest command of a section's table, or of the flight logs' rotors."""
+    """Return the smallest and the largest command in a section's table, or of its rotors in flight logs."""
     keys = {"motor.table": ("cmd",), "dynamics.time_constant_s": ("cmd_from", "cmd_to")}
     known = [
         row[column]
@@ -274,7 +275,7 @@ def _commands(section: Section) -> tuple[float, float] | None:
 
 
 def _extrapolated(commands: tuple[float, float] | None) -> str:
-    """Return a sentence where the motors were measured well below the full command, else nothing."""
+    """Return a sentence if the motors were only measured well below the full command, else ""."""
     if commands is None or commands[1] >= NEAR_FULL * FULL_COMMAND:
         return ""
     return f"EXTRAPOLATED at the full command: {commands[1]:.0f} of {FULL_COMMAND} is the largest that was measured."

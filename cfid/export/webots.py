@@ -15,7 +15,7 @@ from cfid.export.wording import HASH, number, numbers
 
 
 def write(vehicle: ExportVehicle) -> str:
-    """Return the PROTO."""
+    """Return the PROTO file."""
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia_kg_m2(vehicle)
     return f"""#VRML_SIM R2023b utf8
 
@@ -92,7 +92,7 @@ PROTO Crazyflie [
 
 
 def _propeller(vehicle: ExportVehicle, motor: int) -> str:
-    """Return a motor; Webots turns the vehicle against a positive torque, and takes thrust with the speed's sign."""
+    """Return a motor; Webots turns the vehicle against a positive torque, and thrust has the sign of the speed."""
     thrust = -YAW_SIGNS[motor] * float(vehicle["thrust_per_speed_squared"])
     along = drag_kg_per_rad(vehicle)[2] if "drag" in vehicle else 0.0
     return f"""      Propeller {{

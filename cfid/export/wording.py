@@ -9,18 +9,18 @@ HASH, SLASHES, XML = "#", "//", "<!--"
 
 
 def number(value: float) -> str:
-    """Return a number that C, TOML, YAML, XML and Python all read as floating point."""
+    """Return a number that C, TOML, YAML, XML and Python all read as a floating-point number."""
     mantissa, exponent_mark, exponent = f"{value + 0.0:.10g}".partition("e")
     return f"{mantissa}{'' if '.' in mantissa else '.0'}{exponent_mark}{exponent}"
 
 
 def numbers(values: Iterable[float], separator: str = ", ") -> str:
-    """Return numbers in a row."""
+    """Return numbers with a separator between them."""
     return separator.join(number(value) for value in values)
 
 
 def rows(matrix: Iterable[Sequence[float]]) -> str:
-    """Return a matrix as TOML and Python nest it, a line a row."""
+    """Return a matrix as a nested list of TOML and Python, one line per row."""
     return "[\n" + "".join(f"    [{numbers(row)}],\n" for row in matrix) + "]"
 
 
@@ -34,7 +34,7 @@ def shown(value: Value, digits: int = 7) -> str:
 
 
 def commented(lines: Iterable[str], style: str) -> str:
-    """Return lines as comments, whatever they hold: names come from files that people write."""
+    """Return lines as comments, whatever they contain, since names come from files that people write."""
     safe = ["".join(c if c.isprintable() else "?" for c in line).rstrip("\\ ") for line in lines]
     if style == XML:
         inside = "".join(f"  {re.sub('-(?=-)', '- ', line).removesuffix('-')}".rstrip() + "\n" for line in safe)
@@ -43,6 +43,6 @@ def commented(lines: Iterable[str], style: str) -> str:
 
 
 def identifier(name: str) -> str:
-    """Return a name of letters, digits and underscores alone."""
+    """Return a name reduced to letters, digits and underscores."""
     kept = "".join(c if c.isascii() and c.isalnum() else "_" for c in name).strip("_")
     return kept or "vehicle"
