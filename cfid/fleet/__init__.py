@@ -1,1 +1,1 @@
-"""Compare many campaigns."""
+"""Compare and refit many campaigns."""

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from cfid.fleet.comparison import ComparedNumber
     from cfid.fleet.summary import Summary
 
-_FOLDERS_FOR_A_PROCESS = 16  # reading fewer takes less time than starting a process
+_FOLDERS_FOR_A_PROCESS = 16  # reading fewer folders takes less time than starting a process
 _MOST_NAMES = 3
 
 Index = Annotated[
@@ -71,7 +71,7 @@ def processors() -> int:
 
 
 def _summaries(places: Sequence[str], *, jobs: int, scheduler: str | None) -> "tuple[list[Summary], list[CfidError]]":
-    """Return the summaries of campaigns in their order, named apart, and the errors of those that cannot be read."""
+    """Return the campaigns' summaries in order, with distinct names, and the errors of unreadable campaigns."""
     from dataclasses import replace
 
     from cfid.fleet.summary import Summary, summarise, with_shared
@@ -99,7 +99,7 @@ def _hand_out(
     out: Path | None,
     json: bool,
 ) -> None:
-    """Write the table to a file where one is named; print it, or the JSON object."""
+    """Write the table to a file if one is named, else print it; print the JSON object if requested."""
     from cfid.fleet import tables
 
     if out is not None:
@@ -116,7 +116,7 @@ def _hand_out(
 
 
 def _print_findings(summaries: "Sequence[Summary]", *, details: bool) -> None:
-    """Print each finding, or without details of each kind the first, and how many campaigns have such ones."""
+    """Print each finding; of many findings of one kind, print without `details` only the first and the count."""
     found = defaultdict[str, list[tuple[str, str]]](list)
     for summary in summaries:
         for finding in summary.findings:

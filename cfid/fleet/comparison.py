@@ -1,4 +1,4 @@
-"""Compare each number of many campaigns: mean, scatter against what the uncertainties explain, outliers, drift."""
+"""Compare each number across campaigns: mean, scatter against what the uncertainties explain, outliers and drift."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -13,19 +13,20 @@ from cfid.fleet.summary import KnownValue, Summary
 
 Array = npt.NDArray[np.float64]
 
-FEWEST = 5  # values, of which one can be called an outlier
-_FALSE = 0.01  # of tables without outliers that name one
-_CERTAIN = 0.995  # that a drift is one: 99 % on both sides
-_OF_NORMAL = 1.4826  # median absolute deviation to standard deviation
+FEWEST = 5  # values, for one of them to be called an outlier
+_FALSE = 0.01  # share of tables without outliers in which one is named
+_CERTAIN = 0.995  # confidence in a drift on one side: 99 % for both sides
+_OF_NORMAL = 1.4826  # standard deviation over median absolute deviation
 
 
 @dataclass(frozen=True, kw_only=True)
 class ComparedNumber:
-    """One number in all campaigns: its value in each, None where it is missing, and how the accepted ones agree.
+    """One number in all campaigns: its value in each, None if missing, and how well the accepted values agree.
 
-    `expected_scatter` is the standard deviation that the stated uncertainties alone would give, None where none is
-    stated. `outliers` are the campaigns that lie apart from the others, `rejected` those whose number was rejected,
-    `unstated` those whose number has no uncertainty; where two others have one, it does not count.
+    `expected_scatter` is the standard deviation that the stated uncertainties alone would cause, None if unknown.
+    `outliers` names the campaigns that lie apart from the others, `rejected` those whose number was rejected, and
+    `unstated` those whose number has no uncertainty. Numbers without an uncertainty do not count if at least two others
+    have one.
     """
 
     name: str
@@ -39,13 +40,13 @@ class ComparedNumber:
 
     @property
     def used(self) -> int:
-        """How many values count."""
+        """The number of values that count."""
         accepted = sum(known is not None and known.accepted for known in self.values)
         return accepted if self.expected_scatter is None else accepted - len(self.unstated)
 
     @property
     def drifts(self) -> bool:
-        """Whether the drift is one beyond its uncertainty, at 99 %."""
+        """Whether the drift is significant at 99 % confidence."""
         found = self.repeats
         if found is None or found.drift_per_day is None or not found.drift_std_per_day:
             return False
@@ -54,7 +55,7 @@ class ComparedNumber:
 
 
 def compare(summaries: Sequence[Summary]) -> list[ComparedNumber]:
-    """Compare the numbers of campaigns; the same name with another unit is another number."""
+    """Compare the numbers of campaigns; numbers of the same name in different units are different numbers."""
     names = [summary.name for summary in summaries]
     tables = [{(known.name, known.unit): known for known in summary.known} for summary in summaries]
     keys = dict.fromkeys(key for table in tables for key in table)
@@ -88,13 +89,13 @@ def _compared(name: str, values: Sequence[KnownValue | None], campaigns: Sequenc
 
 
 def outliers(value: Array, std: Array) -> list[int]:
-    """Return the places of values (n,) with standard uncertainties (n,), nan for none, that lie apart from the others.
+    """Return the indices of outliers among values (n,) with standard uncertainties (n,), nan for unknown ones.
 
-    One does when its distance from the median, in units of the others' scatter or of its own uncertainty where that is
-    larger, is one that one table in a hundred without outliers would have. The scatter is the median absolute deviation
-    (F. R. Hampel, The influence curve and its role in robust estimation, JASA 69, 1974), which outliers hardly widen.
-    Student's t with half the degrees of freedom allows for the median of few. Of fewer than five values none is called
-    an outlier.
+    A value is an outlier if its distance from the median exceeds a limit that only one in a hundred tables without
+    outliers would exceed. The unit of the distance is the scatter of the values, or the value's own uncertainty if that
+    is larger. The scatter is the median absolute deviation (F. R. Hampel, The influence curve and its role in robust
+    estimation, JASA 69, 1974), which outliers hardly widen. Student's t with half the degrees of freedom allows for the
+    median of few values. Among fewer than five values, none is called an outlier.
     """
     count = len(value)
     if count < FEWEST:

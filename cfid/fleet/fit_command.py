@@ -1,4 +1,4 @@
-"""`cfid fleet fit`: refit many campaigns from their recordings, into a new folder."""
+"""`cfid fleet fit`: refit many campaigns from their recordings, with the results in a new folder."""
 
 import os
 import time
@@ -19,10 +19,11 @@ if TYPE_CHECKING:
     from cfid.fleet.refit import Refitted
     from cfid.fleet.results import Results
 
-_MOVED = 0.1  # standard uncertainties, from where a number counts as another one
-_LINES = 20  # of progress
+_MOVED = 0.1  # standard uncertainties, from which on a number counts as moved
+_LINES = 20  # printed about the progress
 _MOST_LISTED = 10  # in a message
-# By every process. Not pandas: what it imports may begin threads, beside which nothing should be forked.
+# Every process needs these. pandas is not among them: its imports may start threads, and no process should be forked
+# from one with threads.
 _NEEDED = ("cfid.fleet.refit", "scipy.optimize", "scipy.signal")
 
 
@@ -59,7 +60,7 @@ def fleet_fit(
     from cfid.fleet.workers import on_cluster, on_processes
 
     found, unmatched = campaigns(places or [], index)
-    every = [one for one in found if one != os.path.realpath(out)]  # which a glob matches too
+    every = [one for one in found if one != os.path.realpath(out)]  # a glob may match it too
     changes = changes_of(changed or [], method)
     work = partial(refit, changes=changes)
     with results_in(out, changes=changes) as results:
@@ -85,12 +86,12 @@ def fleet_fit(
 
 
 def _keep(results: "Results", answers: "Iterator[tuple[str, Refitted | DataError]]", every: Sequence[str]) -> list[str]:
-    """Keep each answer as it comes; return the sentences of campaigns that cannot be refitted."""
+    """Store each answer as it arrives; return sentences on the campaigns that cannot be refitted."""
     from cfid import __version__
     from cfid.errors import DataError
 
     def done() -> int:
-        return sum(one in results.done for one in every)  # the folder may hold others, that were asked for before
+        return sum(one in results.done for one in every)  # the folder may hold other campaigns of earlier commands
 
     faults = []
     began_s, before = time.monotonic(), done()
@@ -117,7 +118,7 @@ def _keep(results: "Results", answers: "Iterator[tuple[str, Refitted | DataError
 
 
 def _print_progress(done: int, total: int, before: int, seconds: float) -> None:
-    """Print how far the fleet is, at some of its campaigns."""
+    """Print the progress of the fleet, after some of its campaigns."""
     if done == total or done % -(-total // _LINES) == 0:
         rest_s = seconds / (done - before) * (total - done)
         ahead = "" if done == total else f", {clock(rest_s)} to go"
@@ -130,7 +131,7 @@ def _failures(row: Mapping[str, Any]) -> list[str]:
 
 
 def _shortened(texts: Sequence[str]) -> list[str]:
-    """Return sentences of fits, and in place of many how many more there are: the manifest has each."""
+    """Return sentences on fits; of many, return the first and the number of the others, which the manifest contains."""
     more = len(texts) - _MOST_LISTED
     return [*texts[:_MOST_LISTED], *([f"and {more} more, which the manifest names."] if more > 0 else [])]
 
@@ -142,7 +143,7 @@ def _print_json(rows: "Sequence[Mapping[str, Any]]", faults: Sequence[str]) -> N
 
 
 def _print_summary(rows: "Sequence[Mapping[str, Any]]", _: Sequence[str]) -> None:
-    """Print a row for each fit: how many campaigns have it, and how far its numbers moved since they were kept."""
+    """Print a row for each fit: in how many campaigns it was made, and how far its numbers moved from the kept ones."""
     from rich.box import SIMPLE
     from rich.console import Console
     from rich.markup import escape

@@ -1,4 +1,4 @@
-"""Find campaigns by folders, globs, an index or addresses, and bring what one needs to this computer."""
+"""Find campaigns by folders, globs, an index or addresses, and fetch the needed files to this computer."""
 
 import asyncio
 import glob
@@ -21,22 +21,22 @@ from cfid.records.rig_file import RIG_FILE
 from cfid.records.run import RUN_FILE
 
 _ADDRESS = re.compile(r"[A-Za-z][\w+.-]*://")
-_NAME = re.compile(r"[A-Za-z0-9_+-][A-Za-z0-9_.+ -]*")  # of a file that another computer lists: no path, nothing hidden
+_NAME = re.compile(r"[A-Za-z0-9_+-][A-Za-z0-9_.+ -]*")  # of a file that another computer lists: no path, not hidden
 _SHOWN = 100  # characters of an invalid name that a message quotes
 _SILENT_S = 20.0
-_LOOK_S = 1.0  # between looks at how much came
-_LISTED_S = 30.0  # for the whole list of a folder, which may drip
+_LOOK_S = 1.0  # between checks of how much has arrived
+_LISTED_S = 30.0  # for the whole list of a folder, which may arrive slowly
 _LARGEST_INDEX = 1 << 24  # bytes
-_LARGEST_TEXT, _LARGEST_RECORDING = 1 << 26, 1 << 33  # bytes; of the first no more is read, of rows these are a day's
-_MOST_FILES = 2000  # in a folder: a run has some ten, and a campaign a few hundred fits
-_SLOWEST_BPS = 1000.0  # bytes a second, below any network on which somebody would wait for a recording
+_LARGEST_TEXT, _LARGEST_RECORDING = 1 << 26, 1 << 33  # bytes; the latter holds the rows of a day
+_MOST_FILES = 2000  # in a folder: a run has about ten, and a campaign has a few hundred fits
+_SLOWEST_BPS = 1000.0  # bytes per second, slower than any network usable for recordings
 
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """A campaign at hand: its folder here, and a function that brings a run there by its name.
+    """A readable campaign: its folder on this computer, and a function that fetches a run into it by its name.
 
-    `address` replaces the folder in messages and sources; "" where the campaign lies on this computer.
+    `address` replaces the folder in messages and sources; it is "" for a campaign on this computer.
     """
 
     folder: Path
@@ -44,22 +44,22 @@ class Place:
     bring_run: Callable[[str], None]
 
     def named(self, text: str) -> str:
-        """Return a text with the campaign's address in place of the folder here."""
+        """Return a text with the campaign's address in place of the local folder."""
         return text.replace(str(self.folder), self.address) if self.address else text
 
 
 def is_address(word: str) -> bool:
-    """Return whether a word is an address of fsspec, such as `https://lab.example/c1`, and no folder."""
+    """Return whether a word is an address for fsspec, such as `https://lab.example/c1`, and not a folder."""
     return _ADDRESS.match(word) is not None
 
 
 def campaigns(
     words: Sequence[str], index: str | None = None, *, addresses: bool = True
 ) -> tuple[list[str], list[CfidError]]:
-    """Return the campaigns of folders, globs and addresses, and of an index, each once, and what is none.
+    """Return the campaigns of folders, globs, addresses and an index, each once, and the faults of other words.
 
-    An index is a text file or its address, with a folder, glob or address on each line, relative to it. Without
-    `addresses` each one is a fault, and no server is asked. Raises CfidError where there is no campaign at all.
+    An index is a text file or the address of one, with a folder, glob or address on each line, relative to the index.
+    Without `addresses`, each address is a fault, and no server is contacted. Raises CfidError if no campaign is found.
     """
     given = [*words, *([] if index is None else _listed(index))]
     if not given:
@@ -81,9 +81,9 @@ def campaigns(
 
 @contextmanager
 def at_hand(campaign: str) -> Iterator[Place]:
-    """Make a campaign readable here: one of another computer in a temporary folder, without its runs.
+    """Make a campaign readable here: fetch one from another computer to a temporary folder, without its runs.
 
-    Raises CfidError when it cannot be read.
+    Raises CfidError when the campaign cannot be read.
     """
     if not is_address(campaign):
         yield Place(folder=Path(campaign), address="", bring_run=lambda _: None)
@@ -91,7 +91,7 @@ def at_hand(campaign: str) -> Iterator[Place]:
     with _faults(campaign):
         files, root = _files_at(campaign)
     with tempfile.TemporaryDirectory(prefix="cfid-fleet-") as temporary:
-        folder = Path(temporary).resolve() / "campaign"  # not a name of the server's, which may lead elsewhere
+        folder = Path(temporary).resolve() / "campaign"  # a name from the server might lead elsewhere
 
         def bring(name: str, only: Sequence[str] | None = None) -> None:
             there, here = f"{root}/{name}" if name else root, folder / name
@@ -115,9 +115,9 @@ def at_hand(campaign: str) -> Iterator[Place]:
 
 
 def _matching(word: str) -> list[str]:
-    """Return the campaigns that a word names; a glob matches folders alone, and links that lead nowhere.
+    """Return the campaigns that a word names; a glob matches only folders and broken links.
 
-    Raises CfidError for a glob that matches nothing, or cannot be followed.
+    Raises CfidError for a glob that matches nothing or cannot be resolved.
     """
     found = _addresses(word) if is_address(word) else _folders(word)
     if not found:
@@ -128,10 +128,10 @@ def _matching(word: str) -> list[str]:
 def _folders(word: str) -> list[str]:
     try:
         if not is_glob(word) or Path(word).exists():
-            return [os.path.realpath(word)]  # which a loop of links does not stop
+            return [os.path.realpath(word)]  # works with a loop of links
         matches = sorted(glob.glob(word))  # noqa: PTH207 - Path.glob takes no absolute pattern
         return [os.path.realpath(one) for one in matches if Path(one).is_dir() or not Path(one).exists()]
-    except (OSError, ValueError) as error:  # a name too long, a zero byte
+    except (OSError, ValueError) as error:  # the name may be too long or contain a zero byte
         raise ConfigError(f"{word[:_SHOWN]}: is no folder: {error}.") from None
 
 
@@ -145,7 +145,7 @@ def _addresses(word: str) -> list[str]:
 
 
 def _listed(index: str) -> list[str]:
-    """Return the lines of an index, relative ones as those of its folder; a line that begins with # is a comment."""
+    """Return the lines of an index, relative ones resolved from its folder; a line that begins with # is a comment."""
     if is_address(index):
         with _faults(index), tempfile.TemporaryDirectory(prefix="cfid-fleet-") as temporary:
             files, path = _files_at(index)
@@ -171,7 +171,7 @@ def _listed(index: str) -> list[str]:
 
 
 def _files_at(address: str) -> tuple[Any, str]:
-    """Return the file system of an address and its path there. Raises what it raises."""
+    """Return the file system of an address and the path in it. Raises whatever the file system raises."""
     try:
         from fsspec.core import url_to_fs  # noqa: PLC0415 - an extra
     except ImportError:
@@ -181,7 +181,7 @@ def _files_at(address: str) -> tuple[Any, str]:
 
 
 def _fetch(files: Any, path: str, here: Path, largest: int) -> None:
-    """Bring a file of at most so many bytes. Raises ValueError where it is larger, or comes too slowly."""
+    """Fetch a file of at most `largest` bytes. Raises ValueError if it is larger or arrives too slowly."""
     arriving = Arriving(largest)
     if not getattr(files, "async_impl", False):
         files.get_file(path, str(here), callback=arriving)
@@ -192,7 +192,7 @@ def _fetch(files: Any, path: str, here: Path, largest: int) -> None:
         fetched = asyncio.ensure_future(files._get_file(path, str(here), callback=arriving))
         try:
             while not (await asyncio.wait({fetched}, timeout=_LOOK_S))[0]:
-                arriving.check_pace()  # also of what comes before the file itself
+                arriving.check_pace()  # also checks what precedes the file itself
             await fetched
         finally:
             fetched.cancel()
@@ -201,41 +201,41 @@ def _fetch(files: Any, path: str, here: Path, largest: int) -> None:
 
 
 class Arriving:
-    """Watches a file that another computer sends, as fsspec calls it: one that is too large or too slow ends."""
+    """Watch a file that another computer sends, as a callback of fsspec; stop it if it is too large or too slow."""
 
     def __init__(self, largest: int, *, clock: Callable[[], float] = time.monotonic) -> None:
-        """Begin with nothing; `largest` in bytes, `clock` in seconds."""
+        """Start with zero bytes; `largest` is in bytes, `clock` in seconds."""
         self._largest, self._clock = largest, clock
         self._began_s, self._bytes = clock(), 0
 
     def set_size(self, size: int | None) -> None:
-        """Take the size that the server states, which may be wrong."""
+        """Ignore the size that the server states, which may be wrong."""
 
     def relative_update(self, count: int) -> None:
-        """Count bytes that came. Raises ValueError."""
+        """Count bytes that have arrived. Raises ValueError if they are too many or too slow."""
         self._bytes += count
         if self._bytes > self._largest:
             raise ValueError(f"it sends more than {self._largest >> 20} MB, where a smaller file is expected")
         self.check_pace()
 
     def check_pace(self) -> None:
-        """Raise ValueError where less came than any network brings."""
+        """Raise ValueError if data arrives more slowly than over any usable network."""
         spent_s = self._clock() - self._began_s
         if spent_s > _SILENT_S and self._bytes < _SLOWEST_BPS * spent_s:
             raise ValueError(f"it sent {self._bytes} bytes in {spent_s:.0f} s (limit {_SLOWEST_BPS:g} a second)")
 
 
 def _limits(address: str) -> dict[str, Any]:
-    """Return options by which a server that is silent for long, or lists without end, ends in an error."""
+    """Return options that cause an error if a server stays silent for long or sends an endless list."""
     if not address.lower().startswith(("http://", "https://")):
         return {}
     import aiohttp  # noqa: PLC0415 - comes with the extra
 
     class ShortPage(aiohttp.ClientResponse):
-        """A page that is read whole, as the list of a folder is; a file comes in parts."""
+        """A page that is read as a whole, such as the list of a folder; a file arrives in parts."""
 
         async def read(self) -> bytes:
-            """Return the page. Raises ValueError for one that is larger than any list."""
+            """Return the page. Raises ValueError if it is larger than any list."""
             page = bytearray()
             async for part in self.content.iter_chunked(1 << 16):
                 page += part
@@ -249,14 +249,14 @@ def _limits(address: str) -> dict[str, Any]:
 
 
 def _patience(files: Any) -> dict[str, float]:
-    """Return the setting that ends a list of a folder which takes too long, of file systems that have it."""
+    """Return the setting that stops a folder's list that takes too long, if the file system has such a setting."""
     return {"timeout": _LISTED_S} if getattr(files, "async_impl", False) else {}
 
 
 def _listing(files: Any, folder: str) -> list[tuple[str, str]]:
-    """Return the paths of a folder's files, each with its name; a name that leads elsewhere is left out.
+    """Return the paths of a folder's files, each with its name; names that lead elsewhere are left out.
 
-    Raises DataError for more than a campaign's folder has.
+    Raises DataError for more files than any folder of a campaign contains.
     """
     paths = [one["name"] for one in files.ls(f"{folder}/", detail=True, **_patience(files)) if one["type"] == "file"]
     named = [(path, PurePosixPath(unquote(path) if is_address(path) else path).name) for path in paths]
@@ -268,15 +268,15 @@ def _listing(files: Any, folder: str) -> list[tuple[str, str]]:
 
 @contextmanager
 def _faults(place: str) -> Iterator[None]:
-    """Turn what a file system raises, of whatever library, into one DataError."""
+    """Turn any error of a file system, whatever its library, into a DataError."""
     try:
         yield
     except (ConfigError, DataError):
         raise
     except Exception as error:
         reason = str(error) or type(error).__name__
-        if isinstance(error, FileNotFoundError) and str(error) in place:  # as aiohttp's, of an address
+        if isinstance(error, FileNotFoundError) and str(error) in place:  # aiohttp's error names only the address
             reason = "no such file or folder is there"
-        if isinstance(error, TimeoutError) and not str(error):  # as fsspec's have no words
+        if isinstance(error, TimeoutError) and not str(error):  # fsspec's error has no text
             reason = f"it did not answer within {_LISTED_S:.0f} s"
         raise DataError(f"{place}: cannot be read: {reason.splitlines()[0].rstrip('.')}.") from None

@@ -1,4 +1,4 @@
-"""Repeat a fit by its command, with the options that its file in fits/ states."""
+"""Repeat a fit through its command, with the options that its file in fits/ states."""
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
@@ -30,7 +30,7 @@ Method = Literal["default", "thesis"]
 Command = Callable[..., None]
 
 NO_CHANGES: Mapping[str, str] = MappingProxyType({})
-LABELS = "labels"  # among the options: what was typed for runs, as 20:0.1=RUN
+LABELS = "labels"  # the option that contains the labels typed for runs, such as 20:0.1=RUN
 
 _COMMANDS: Mapping[str, Command] = {
     "fit swing": swing,
@@ -51,7 +51,7 @@ _COMMANDS: Mapping[str, Command] = {
 
 
 def changes_of(words: Sequence[str], method: Method | None) -> dict[str, str]:
-    """Return options that replace those of fits, from words such as "peaks=12", and a method.
+    """Return options that replace those of fits, from words such as "peaks=12" and from a method.
 
     Raises ConfigError for a word without a value, and for an option that no fit has.
     """
@@ -69,9 +69,9 @@ def changes_of(words: Sequence[str], method: Method | None) -> dict[str, str]:
 
 
 def options_of(kept: Fit, changes: Mapping[str, str] = NO_CHANGES) -> dict[str, Any]:
-    """Return the options of a kept fit, with `changes` in place of its own where its command has such an option.
+    """Return the options of a kept fit, with those of `changes` that its command has in place of its own.
 
-    Raises DataError for a fit that cannot be repeated, and for an option that its command does not take.
+    Raises DataError for a fit that cannot be repeated, and for an option that its command does not have.
     """
     swings = kept.quality.get("swings", ())
     known = [str(one.get("axis")) for one in swings if "known_kg_m2" in one] if is_rows(swings) else []
@@ -84,7 +84,7 @@ def options_of(kept: Fit, changes: Mapping[str, str] = NO_CHANGES) -> dict[str, 
 
 
 def again(kept: Fit, runs: Sequence[Path], *, campaign: Path, options: Mapping[str, Any]) -> Result:
-    """Fit the runs in these folders as a kept fit, with rig.toml and the earlier fits of a campaign."""
+    """Fit the runs in these folders like a kept fit, with the rig.toml and the earlier fits of a campaign."""
     command, taken = _command_of(kept), list[Result]()
     argument = next(iter(inspect.signature(command).parameters))
     labelled = _with_labels(runs, options.get(LABELS, ()))
@@ -95,7 +95,7 @@ def again(kept: Fit, runs: Sequence[Path], *, campaign: Path, options: Mapping[s
 
 
 def _with_labels(runs: Sequence[Path], typed: Sequence[str]) -> list[str]:
-    """Return runs as words, with the labels that were typed for them. Raises DataError for a label of no such run."""
+    """Return runs as words, with the labels typed for them. Raises DataError for a label of any other run."""
     labels = {PurePath(run).name: label for label, _, run in (str(word).partition("=") for word in typed)}
     if lost := labels.keys() - {run.name for run in runs}:
         raise DataError(f"{labels[min(lost)]}={min(lost)} was typed, which is none of its runs: fit it by hand.")
@@ -110,7 +110,7 @@ def _command_of(kept: Fit) -> Command:
 
 
 def _shown_by(kept: Fit) -> dict[str, Any]:
-    """Return the options that the result of an older file shows: method, order of a map, shape, terms of drag."""
+    """Return the options that can be inferred from an older file: method, order of a map, shape, terms of drag."""
     keys, method = " ".join(kept.section.parameters), kept.section.method
     found: dict[str, Any] = {} if method == "default" else {"method": method}
     poly = kept.section.parameters.get(f"motor.{kept.name}_poly")
@@ -129,7 +129,7 @@ def _shown_by(kept: Fit) -> dict[str, Any]:
 
 
 def _checked(name: str, value: Any, taken: Mapping[str, inspect.Parameter]) -> Any:
-    if name == "verify" and isinstance(value, str):  # of a fit that took one run of scales
+    if name == "verify" and isinstance(value, str):  # older fits took a single run of scales
         value = [value]
     try:
         return TypeAdapter(list[str] if name == LABELS else taken[name].annotation).validate_python(value)

@@ -1,4 +1,4 @@
-"""Refit one campaign from its recordings: what a process, or a worker of a cluster, is given to do."""
+"""Refit one campaign from its recordings: the task of one process, or of one worker of a cluster."""
 
 import re
 import tempfile
@@ -18,17 +18,17 @@ from cfid.records.resumed import resumed_by
 from cfid.records.rig_file import RIG_FILE
 from cfid.records.run import Run, read_run
 
-_BY_HAND = "set"  # the section of values measured by hand, which no recording gives
-_FARTHEST = 1e9  # standard uncertainties up to which a move is stated: an edited value or std gives any
+_BY_HAND = "set"  # the section of values measured by hand, which no recording contains
+_FARTHEST = 1e9  # standard uncertainties: larger moves, as after an edit of a value or std, count as this
 _RUN_NAME = re.compile(r"[A-Za-z0-9_+-][A-Za-z0-9_.+-]*")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Refit:
-    """One fit made again, or the sentence why it was not.
+    """One repeated fit, or a sentence on why it was not repeated.
 
-    `moved` is the largest change of an accepted number, in standard uncertainties of the kept one, and `most` that
-    number's name; None and "" where nothing can be compared.
+    `moved` is the largest change of an accepted number, in standard uncertainties of the kept number, and `most` is the
+    name of this number; they are None and "" where nothing can be compared.
     """
 
     name: str
@@ -40,9 +40,9 @@ class Refit:
 
 @dataclass(frozen=True, kw_only=True)
 class Refitted:
-    """A campaign made again: its files by their names, and what became of each fit; `fault` where it cannot be read.
+    """A refitted campaign: its files by name, and the outcome of each fit, or the `fault` if it cannot be read.
 
-    A cluster's worker may have another version of cfid.
+    `cfid_version` is kept because a cluster's worker may have another version of cfid.
     """
 
     files: Mapping[str, bytes]
@@ -53,9 +53,9 @@ class Refitted:
 
 
 def refit(campaign: str, changes: Mapping[str, str] = NO_CHANGES) -> Refitted:
-    """Repeat the last fit of each kind of a campaign, in the order in which they were made; nothing of it is changed.
+    """Repeat the last fit of each kind in a campaign, in the original order, without changing the campaign.
 
-    `changes` replace options of the fits. Raises no CfidError: one faulty campaign must not stop the others.
+    `changes` replaces options of the fits. Raises no CfidError, since one faulty campaign must not stop the others.
     """
     began_s = time.process_time()
     try:
@@ -70,7 +70,7 @@ def refit(campaign: str, changes: Mapping[str, str] = NO_CHANGES) -> Refitted:
 
 
 def _repeat_all(place: Place, folder: Path, changes: Mapping[str, str]) -> Iterable[Refit]:
-    """Make a campaign in a folder with the rig of another and its fits, which are repeated."""
+    """Make a campaign in a folder with the rig of the original campaign, and repeat the original fits in it."""
     own = open_campaign(place.folder)
     (folder / RIG_FILE).write_bytes((place.folder / RIG_FILE).read_bytes())
     made = open_campaign(folder)
@@ -114,7 +114,7 @@ def _repeat(fit: Fit, own: Campaign, made: Campaign, place: Place, changes: Mapp
 
 
 def _runs_of(fit: Fit, own: Campaign, place: Place) -> tuple[list[Run], tuple[str, ...]]:
-    """Return the runs of a fit, without those that were excluded since, and notes. Raises DataError for other files."""
+    """Return a fit's runs, except those excluded since, and notes. Raises DataError for a fit of other files."""
     paths = [PurePath(source.path) for source in fit.section.sources]
     elsewhere = [
         str(path)
@@ -136,9 +136,9 @@ def _runs_of(fit: Fit, own: Campaign, place: Place) -> tuple[list[Run], tuple[st
 
 
 def _scales(named: Path, own: Campaign, place: Place) -> Path:
-    """Return where the scales are that a fit was verified with: a file, or a run by its name.
+    """Return the path of the recording of scales that verified a fit: a file, or the folder of a named run.
 
-    The runs that it completes are brought too.
+    The runs that this run completes are fetched too.
     """
     if named.exists() or not _RUN_NAME.fullmatch(str(named)):
         return named
@@ -150,7 +150,7 @@ def _scales(named: Path, own: Campaign, place: Place) -> Path:
 
 
 def _moves(kept: Section, made: Section) -> list[tuple[float, str]]:
-    """Return the change of each number in standard uncertainties of the kept one, up to the farthest, and its name."""
+    """Return the change of each number, in standard uncertainties of the kept number up to a limit, and its name."""
     new = {one.name: one.value for key, found in made.parameters.items() for one in found.numbers(key)}
     return [
         (min(abs(value - one.value) / one.std, _FARTHEST), one.name)

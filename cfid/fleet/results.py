@@ -1,7 +1,7 @@
-"""The folder of campaigns that were refitted, with a manifest of them by which an interrupted fleet goes on.
+"""The folder of refitted campaigns, with a manifest that lets an interrupted fleet continue.
 
-Each campaign is a folder that commands take like any other. It gets its name when it is complete and the manifest
-states it, so that a crash leaves no half of one. Nothing is replaced.
+Each campaign is a folder that commands accept like any other. The folder gets its name when it is complete and the
+manifest names it, so that a crash leaves no incomplete campaign. Nothing is replaced.
 """
 
 import hashlib
@@ -25,22 +25,22 @@ from cfid.records.rig_file import RIG_FILE
 from cfid.records.run import RUN_FILE
 
 MANIFEST = "manifest.jsonl"
-_HALF = ".half-"  # begins the name of a folder that is not complete
+_HALF = ".half-"  # beginning of the name of an incomplete folder
 _LARGEST = 1 << 26  # bytes of a manifest
-_LONGEST = 200  # characters of a folder's name, of the 255 bytes that file systems take; an address may have more
+_LONGEST = 200  # characters of a folder's name; file systems take 255 bytes, and an address may be longer
 FORMAT = 1
 
 
 class Results:
-    """A folder of refitted campaigns; `done` has the manifest's row of each, by its folder or address."""
+    """A folder of refitted campaigns; `done` contains the manifest's row of each campaign, by its folder or address."""
 
     def __init__(self, folder: Path, done: Mapping[str, Mapping[str, Any]], taken: set[str]) -> None:
-        """Go on with a folder in which some campaigns are done, and names are taken."""
+        """Continue a folder in which some campaigns are done and some names are taken."""
         self.folder, self.done = folder, dict(done)
         self._taken, self._names, self._states = taken, dict[str, str](), dict[str, str]()
 
     def name(self, campaigns: Sequence[str]) -> None:
-        """Name the folders of campaigns that are not done, in their order: they may end in any other."""
+        """Name the folders of campaigns that are not done, in the given order, since they may end in any order."""
         for campaign in campaigns:
             if campaign not in self.done:
                 self._names[campaign] = self._free_name(campaign)
@@ -48,12 +48,12 @@ class Results:
                 self._states[campaign] = _state(campaign)
 
     def changed(self, campaigns: Iterable[str]) -> list[str]:
-        """Return the campaigns that are done, and whose rig.toml, fits or labels of runs are others by now."""
+        """Return the done campaigns whose rig.toml, fits or labels of runs have changed since."""
         done = [(one, self.done[one].get("state")) for one in campaigns if one in self.done]
         return [one for one, state in done if state and state != _state(one)]
 
     def keep(self, campaign: str, refitted: Refitted) -> Mapping[str, Any]:
-        """Write a campaign that has a name, and its row to the manifest; return the row. Raises ConfigError."""
+        """Write a named campaign to its folder and its row to the manifest; return the row. Raises ConfigError."""
         name = self._names[campaign]
         row = {
             "campaign": campaign,
@@ -72,7 +72,7 @@ class Results:
             ],
         }
         with _faults(self.folder / name):
-            half = Path(tempfile.mkdtemp(prefix=_HALF, dir=self.folder))  # a name that nobody can foretell
+            half = Path(tempfile.mkdtemp(prefix=_HALF, dir=self.folder))  # its name is not predictable
             half.chmod(0o777 & ~_umask())
             for file, content in refitted.files.items():
                 path = half / file
@@ -98,13 +98,13 @@ class Results:
 
 
 def _state(campaign: str) -> str:
-    """Return a hash of what a campaign of this computer is refitted by, beside its recordings; "" of an address."""
+    """Return a hash of what determines a refit besides the recordings, for a campaign on this computer, else ""."""
     if is_address(campaign):
         return ""
     found = hashlib.sha256()
     folder = Path(campaign)
     for pattern in (RIG_FILE, f"{FITS_FOLDER}/*", f"{RUNS_FOLDER}/*/{RUN_FILE}"):
-        with suppress(OSError):  # what cannot be read is named where it is refitted
+        with suppress(OSError):  # the refit reports unreadable files
             for path in sorted(folder.glob(pattern)):
                 found.update(path.relative_to(folder).as_posix().encode("utf-8", "surrogateescape"))
                 found.update(hashlib.sha256(read_small(path)).digest())
@@ -113,9 +113,9 @@ def _state(campaign: str) -> str:
 
 @contextmanager
 def results_in(folder: Path, *, changes: Mapping[str, str]) -> Iterator[Results]:
-    """Make the folder, or go on with one of the same version and options; no other command writes there meanwhile.
+    """Make the folder, or continue one of the same version and options; lock it against other commands meanwhile.
 
-    Raises ConfigError where the folder holds anything else, or is being written.
+    Raises ConfigError if the folder contains anything else, or if another command is writing to it.
     """
     others = {f"set {name}": value for name, value in sorted(changes.items()) if name != "method"}
     method = changes.get("method", "as kept")
@@ -125,12 +125,12 @@ def results_in(folder: Path, *, changes: Mapping[str, str]) -> Iterator[Results]
     with file:
         with _faults(folder):
             results = _begun(file, folder, head)
-        yield results  # an error of what is done meanwhile is none of the folder's
+        yield results  # errors of the caller are no faults of the folder
 
 
 @contextmanager
 def _faults(folder: Path) -> Iterator[None]:
-    """Turn an error of a file into a ConfigError that names the folder."""
+    """Turn an OSError into a ConfigError that names the folder."""
     try:
         yield
     except OSError as error:
@@ -138,7 +138,7 @@ def _faults(folder: Path) -> Iterator[None]:
 
 
 def _manifest(folder: Path, head: Mapping[str, Any]) -> BinaryIO:
-    """Open the manifest of a folder, which is made where there is none. Raises OSError, ConfigError."""
+    """Open the manifest of a folder, and make it if it does not exist. Raises OSError, ConfigError."""
     path = folder / MANIFEST
     folder.mkdir(parents=True, exist_ok=True)
     if path.is_symlink():
@@ -152,7 +152,7 @@ def _manifest(folder: Path, head: Mapping[str, Any]) -> BinaryIO:
 
 
 def _begun(file: BinaryIO, folder: Path, head: Mapping[str, Any]) -> Results:
-    """Return what an open manifest states, without what a crash left. Raises OSError, ConfigError, DataError."""
+    """Return the results in an open manifest; remove what a crash left. Raises OSError, ConfigError, DataError."""
     path = folder / MANIFEST
     _lock(file.fileno(), folder)
     content = file.read(_LARGEST + 1)
@@ -162,7 +162,7 @@ def _begun(file: BinaryIO, folder: Path, head: Mapping[str, Any]) -> Results:
     if not rows or rows[0] != head:
         was = rows[0] if rows else "no first line"
         raise ConfigError(f"{path}: was begun with {_said(was)}, now {_said(head)}: give a new folder.")
-    file.truncate(content.rfind(b"\n") + 1)  # without a line that a crash cut
+    file.truncate(content.rfind(b"\n") + 1)  # removes a line that a crash cut
     for left in folder.glob(f"{_HALF}*"):
         if left.is_dir() and not left.is_symlink():
             shutil.rmtree(left, ignore_errors=True)
@@ -177,7 +177,7 @@ def _umask() -> int:
 
 
 def _rows(content: bytes, path: Path) -> Iterator[dict[str, Any]]:
-    """Yield the rows up to one that was cut. Raises DataError for one that is no row."""
+    """Yield the rows up to a line that was cut. Raises DataError for a line that is not a row."""
     lines = content.splitlines(keepends=True)
     for number, line in enumerate(lines, 1):
         if not line.endswith(b"\n"):
@@ -193,7 +193,7 @@ def _rows(content: bytes, path: Path) -> Iterator[dict[str, Any]]:
 
 
 def _is_row(row: Mapping[str, Any]) -> bool:
-    """Return whether a row is one that `keep` writes, its folder one of this folder's."""
+    """Return whether `keep` may have written a row, whose folder must be directly in this folder."""
     texts = [row.get("campaign"), row.get("folder")]
     fits = row.get("fits")
     if not isinstance(fits, list) or not all(isinstance(text, str) for text in texts):
@@ -219,7 +219,7 @@ def _said(head: Any) -> str:
 
 
 def _lock(handle: int, folder: Path) -> None:
-    """Take the folder for this process, where the system has such locks. Raises ConfigError."""
+    """Lock the folder for this process, if the system has such locks. Raises ConfigError."""
     try:
         import fcntl  # noqa: PLC0415 - POSIX alone
     except ImportError:
@@ -229,4 +229,4 @@ def _lock(handle: int, folder: Path) -> None:
     except BlockingIOError:
         raise ConfigError(f"{folder}: another `cfid fleet fit` writes there: wait until it has ended.") from None
     except OSError:
-        return  # some network drives have none
+        return  # some network drives have no locks

@@ -1,4 +1,4 @@
-"""Summarise a campaign: its numbers, and whether its recordings are still those of its fits.
+"""Summarise a campaign: its numbers, and whether its recordings are still those that its fits used.
 
 A summary can be made in another process, or on another computer that can read the folder.
 """
@@ -19,12 +19,12 @@ from cfid.records.parameters import Section, Source, load_sections
 from cfid.records.rig_file import RIG_FILE
 from cfid.records.run import Run, list_runs
 
-_LARGEST = 1e60  # of numbers that can be compared; those of an edited file may be any
-START_IN_NAME = "%Y-%m-%d_%H%M%S"  # of a run
+_LARGEST = 1e60  # of numbers that can be compared; an edited file may contain any number
+START_IN_NAME = "%Y-%m-%d_%H%M%S"  # the start of a run, in its name
 
 
 class KnownValue(NamedTuple):
-    """A number of a campaign, with its standard uncertainty where it has one, and the time of its last recording."""
+    """A number of a campaign, with its standard uncertainty if known, and the time of its last recording."""
 
     name: str
     value: float
@@ -36,9 +36,9 @@ class KnownValue(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Summary:
-    """A campaign. `findings` name runs that cannot be read, and recordings that are missing or have changed since.
+    """A campaign; `findings` name unreadable runs, and recordings that are missing or have changed since their fit.
 
-    `name` is the folder's, or its path where another one of the fleet has that name.
+    `name` is the name of the folder, or its path if another folder of the fleet has the same name.
     """
 
     folder: Path
@@ -49,11 +49,11 @@ class Summary:
     known: tuple[KnownValue, ...]
     lab_book: dict[str, dict[str, int]]
     findings: tuple[Finding, ...]
-    recordings: frozenset[str]  # hashes of those that its numbers rest on
+    recordings: frozenset[str]  # hashes of the recordings behind its numbers
 
 
 def summarise(place: str) -> Summary | CfidError:
-    """Return a campaign's summary, or its error, so that one faulty campaign does not hide the others."""
+    """Return a campaign's summary or its error, so that one faulty campaign does not hide the others."""
     folder = Path(place)
     try:
         campaign = find_campaign(folder, start=folder)
@@ -88,7 +88,7 @@ def summarise(place: str) -> Summary | CfidError:
 
 
 def with_shared(summaries: Sequence[Summary]) -> list[Summary]:
-    """Return summaries with a finding for each that rests on recordings of an earlier one: a copy, or one refitted."""
+    """Return summaries with a finding on each that shares recordings with an earlier one, as a copy or a refit does."""
     first, found = dict[str, str](), []
     for one in summaries:
         known = [first[each] for each in sorted(one.recordings) if each in first]
@@ -100,9 +100,9 @@ def with_shared(summaries: Sequence[Summary]) -> list[Summary]:
 
 
 def _recorded(section: Section, runs: Sequence[Run]) -> datetime:
-    """Return the start of a section's last run; without runs, the time of the fit.
+    """Return the start time of a section's last run, or the time of the fit if it has no runs.
 
-    A run that lies elsewhere, as of a campaign that was refitted, has its start in its name.
+    The name of a run states its start, which is used for a run that is elsewhere, as after a refit.
     """
     started = {run.folder.name: run.header.started for run in runs}
     names = [PurePath(source.path).parent.name for source in section.sources]
@@ -118,7 +118,7 @@ def _start_in(name: str) -> datetime | None:
 
 
 def _numbers(section_name: str, section: Section, recorded: datetime) -> list[KnownValue]:
-    """Return a section's numbers; a name that several sections share, as of `swing x`, gets the section's own."""
+    """Return a section's numbers; in sections such as `swing x`, which share names, each name ends with (x)."""
     which = section_name.partition(" ")[2]
     own = f" ({which})" if which else ""
     return [
@@ -132,7 +132,7 @@ def _numbers(section_name: str, section: Section, recorded: datetime) -> list[Kn
 
 
 def _is_measured(one: KnownValue) -> bool:
-    """Return whether a number can be compared: its square and its ratio to others are numbers, too."""
+    """Return whether a number can be compared, so that its square and its ratio to others do not overflow."""
     return abs(one.value) < _LARGEST and (not one.std or 1 / _LARGEST < one.std < _LARGEST)
 
 
@@ -147,7 +147,7 @@ def _float(std: float | None) -> float | None:
 
 def _source_finding(folder: Path, source: Source) -> Finding | None:
     if is_address(source.path):
-        return None  # of another computer, which is not contacted
+        return None  # other computers are not contacted
     try:
         same = sha256_of(folder / source.path) == source.sha256
     except DataError:

@@ -24,12 +24,12 @@ from cfid.records.kept import refuse_kept
 
 SUFFIXES = (".csv", ".parquet", ".html")
 
-_NUMBER_WIDE = 29  # of most numbers' names: on a narrower terminal they are folded before outliers are
-_NARROW = 80  # columns, below which a table may not fit
+_NUMBER_WIDE = 29  # characters of most numbers' names: on a narrow terminal, longer names are folded first
+_NARROW = 80  # columns: on fewer, a table may not fit
 _NUMBERS = {
     "mean", "mean_std", "scatter", "expected_scatter", "probability", "drift_per_day", "drift_std_per_day", "std",
 }  # fmt: skip
-_MOST_NAMES = 3  # of outliers, in a cell of the terminal's table
+_MOST_NAMES = 3  # of outliers, in a cell of the table on the terminal
 _PAGE = """<!doctype html>
 <html lang="en">
 <meta charset="utf-8">
@@ -44,7 +44,7 @@ td {{ border-top: 1px solid #ccc }}</style>
 
 
 def print_comparisons(comparisons: Sequence[ComparedNumber], summaries: Sequence[Summary]) -> None:
-    """Print how many campaigns there are, and a row a number."""
+    """Print the number of campaigns, and one row per compared number."""
     runs = sum(summary.complete_runs for summary in summaries)
     others = sum(summary.other_runs for summary in summaries)
     console = Console()
@@ -62,7 +62,7 @@ def print_comparisons(comparisons: Sequence[ComparedNumber], summaries: Sequence
     table.add_column("outliers", overflow="fold")
     for one in comparisons:
         table.add_row(*map(_cell, (one.name, *_figures(one), "; ".join(_remarks(one, of=len(summaries))))))
-    # rich would fold outliers as well, and cut off what its choice left no room for
+    # rich would fold outliers too, and cut off text that then does not fit
     longest = max((len(one.name) for one in comparisons), default=0)
     excess = console.measure(table, options=console.options.update(max_width=UNLIMITED)).maximum - console.width
     table.columns[0].width = min(longest, max(longest - excess, _NUMBER_WIDE))
@@ -75,7 +75,7 @@ def print_comparisons(comparisons: Sequence[ComparedNumber], summaries: Sequence
 
 
 def print_details(comparisons: Sequence[ComparedNumber], summaries: Sequence[Summary]) -> None:
-    """Print every campaign, and every value of every number below its name."""
+    """Print every campaign, and below the name of every number all its values."""
     console = Console()
     table = Table(box=SIMPLE, pad_edge=False)
     for heading in ("", "campaign", "vehicle", "runs", "not complete"):
@@ -97,7 +97,7 @@ def print_details(comparisons: Sequence[ComparedNumber], summaries: Sequence[Sum
 
 
 def _in_a_spreadsheet(text: str) -> str:
-    """Return a text that a spreadsheet takes for text, and not for a formula that somebody else wrote."""
+    """Return a text that a spreadsheet reads as text, not as a formula that somebody else wrote."""
     return f"'{printable(text)}" if text[:1] in tuple("=+-@") else printable(text)
 
 
@@ -107,7 +107,7 @@ def write_table(path: Path, rows: Sequence[Mapping[str, Any]], *, title: str) ->
     texts = [{key: shown(one) if isinstance(one, str) else one for key, one in row.items()} for row in rows]
     frame = DataFrame(texts)
     for name in _NUMBERS & {*frame.columns}:
-        frame[name] = frame[name].astype(float)  # where none is known too
+        frame[name] = frame[name].astype(float)  # even if no value is known
     content = BytesIO()
     if path.suffix == ".csv":
         frame.to_csv(content, index=False)
@@ -129,7 +129,7 @@ def write_table(path: Path, rows: Sequence[Mapping[str, Any]], *, title: str) ->
 
 
 def comparison_rows(comparisons: Sequence[ComparedNumber]) -> list[dict[str, Any]]:
-    """Return a row a number."""
+    """Return one row per number."""
     return [
         {
             "number": one.name,
@@ -153,7 +153,7 @@ def comparison_rows(comparisons: Sequence[ComparedNumber]) -> list[dict[str, Any
 
 
 def detail_rows(comparisons: Sequence[ComparedNumber], summaries: Sequence[Summary]) -> list[dict[str, Any]]:
-    """Return a row a number and campaign."""
+    """Return one row per number and campaign."""
     return [
         {
             "campaign": summary.name,
@@ -173,12 +173,12 @@ def detail_rows(comparisons: Sequence[ComparedNumber], summaries: Sequence[Summa
 
 
 def _cell(text: str) -> str:
-    """Return a text of a campaign for a table of the terminal, without markup and in one line."""
+    """Return a text of a campaign for a table on the terminal, on one line, without markup."""
     return escape(printable(text))
 
 
 def _figures(one: ComparedNumber) -> tuple[str, str, str]:
-    """Return the mean with the digits that it is sure of, scatter, and what is expected of it."""
+    """Return the mean with its significant digits, the scatter and the expected scatter."""
     found = one.repeats
     if found is None:
         alone = next((known for known in one.values if known is not None and known.accepted), None)
@@ -189,7 +189,7 @@ def _figures(one: ComparedNumber) -> tuple[str, str, str]:
 
 
 def _remarks(one: ComparedNumber, *, of: int) -> list[str]:
-    """Return what to look at: in how few campaigns it is, rejected values, outliers by name, a drift beyond chance."""
+    """Return remarks: in how few campaigns a number is, rejected values, outliers by name, a drift beyond chance."""
     found, remarks = one.repeats, []
     if one.used < of:
         remarks.append(f"in {one.used}")

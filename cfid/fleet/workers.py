@@ -1,6 +1,6 @@
-"""Do one piece of work for each of many campaigns: in processes of this computer, or on a Dask cluster.
+"""Run one task for each of many campaigns: in processes of this computer, or on a Dask cluster.
 
-A process that dies, by a lack of memory say, takes nothing with it: another repeats the campaign it had.
+If a process dies, for example from a lack of memory, nothing is lost: another process repeats its campaign.
 """
 
 import multiprocessing
@@ -24,14 +24,14 @@ from cfid.errors import ConfigError, DataError
 Answer = TypeVar("Answer")
 Work = Callable[[str], Answer]
 
-TRIES = 3  # of a campaign, after which the processes that it kills are not the computer's fault
-# One thread each, as a Dask worker has: more would wait for each other, and add up in another order.
+TRIES = 3  # after this many deaths of its processes, the campaign is at fault, not the computer
+# One thread per process, as for a Dask worker: more threads would wait for each other and sum in another order.
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
 @dataclass(kw_only=True)
 class _Worker:
-    """A process, the end of the pipe to it, the folder of its temporary ones, and what it is doing."""
+    """A process, this end of the pipe to it, the folder of its temporary folders, and its current task."""
 
     process: BaseProcess
     pipe: Connection
@@ -39,7 +39,7 @@ class _Worker:
     task: str = ""
 
     def do(self, task: str) -> None:
-        """Give it work; one that has died is found out when it should answer."""
+        """Send a task to the process; if the process has died, this is noticed when its answer is due."""
         self.task = task
         try:
             self.pipe.send(task)
@@ -50,10 +50,10 @@ class _Worker:
 def on_processes(
     work: Work[Answer], tasks: Sequence[str], *, number: int, imports: Sequence[str] = ()
 ) -> Iterator[tuple[str, Answer | DataError]]:
-    """Yield each task with its answer, as they end; with an error where its process died for the third time.
+    """Yield each task with its answer when it ends, or with an error if its process died for the third time.
 
-    Processes are new ones, so that an answer does not depend on what this one did before. They end with the iterator.
-    `imports` are modules that the work needs, which are imported once for all processes where systems can.
+    The processes are new, so that an answer does not depend on what this process did before. They end with the
+    iterator. `imports` names modules that the work needs; if the system allows, they are imported once for all.
     """
     left, tries = deque(tasks), Counter[str]()
     workers: dict[Connection, _Worker] = {}
@@ -63,7 +63,7 @@ def on_processes(
             worker.do(left.popleft())
             workers[worker.pipe] = worker
         else:
-            worker.pipe.close()  # upon which it ends
+            worker.pipe.close()  # the process then ends
             worker.room.cleanup()
 
     try:
@@ -77,7 +77,7 @@ def on_processes(
                     answer = worker.pipe.recv()
                 except (EOFError, OSError, pickle.UnpicklingError):
                     worker.process.join()
-                    worker.room.cleanup()  # of what it could not
+                    worker.room.cleanup()  # remove what the dead process left
                     tries[task] += 1
                     if tries[task] < TRIES:
                         left.appendleft(task)
@@ -93,14 +93,14 @@ def on_processes(
                     yield task, answer
     finally:
         for worker in workers.values():
-            worker.pipe.close()  # upon which also one ends in which a library's callback swallowed the signal
+            worker.pipe.close()  # ends even a process in which a library's callback swallows the signal
             worker.process.terminate()
             worker.process.join()
             worker.room.cleanup()
 
 
 def on_cluster(work: Work[Answer], tasks: Sequence[str], address: str) -> Iterator[tuple[str, Answer | DataError]]:
-    """Yield the same from a Dask cluster that exists, which repeats what a worker that died had."""
+    """Yield the same from an existing Dask cluster, which repeats the tasks of workers that died."""
     with _client(address) as client:
         from distributed import as_completed  # noqa: PLC0415 - an extra
 
@@ -109,7 +109,7 @@ def on_cluster(work: Work[Answer], tasks: Sequence[str], address: str) -> Iterat
             task = futures.pop(future)
             try:
                 answer = future.result()
-            except Exception as error:  # of the cluster, of any kind
+            except Exception as error:  # the cluster may raise an error of any type
                 yield task, DataError(f"{task}: no worker of the cluster could do it: {error}".splitlines()[0])
             else:
                 yield task, answer
@@ -140,12 +140,12 @@ def _start(work: Work[Any], imports: Sequence[str]) -> _Worker:
 
 
 def _begun(*given: Any, imports: Sequence[str]) -> BaseProcess:
-    """Begin a process that serves: forked from one that imports modules and does nothing else, where systems can."""
+    """Start a worker process, forked if the system allows from a process that only imports the modules."""
     if "forkserver" in multiprocessing.get_all_start_methods():
         forking = multiprocessing.get_context("forkserver")
         forking.set_forkserver_preload([*imports])
         forked = forking.Process(target=_serve, args=given, daemon=True)
-        with suppress(OSError):  # it has a socket among temporary files, whose folder's name may be too long for one
+        with suppress(OSError):  # the path of the temporary folder may be too long for its socket
             forked.start()
             return forked
     spawned = multiprocessing.get_context("spawn").Process(target=_serve, args=given, daemon=True)
@@ -155,7 +155,7 @@ def _begun(*given: Any, imports: Sequence[str]) -> BaseProcess:
 
 @contextmanager
 def _environment(added: Mapping[str, str]) -> Iterator[None]:
-    """Set variables that a process inherits which is started meanwhile."""
+    """Set environment variables that processes started in this context inherit."""
     before = {name: os.environ.get(name) for name in added}
     os.environ.update(added)
     try:
@@ -169,20 +169,20 @@ def _environment(added: Mapping[str, str]) -> Iterator[None]:
 
 
 def _serve(pipe: Connection, work: Work[Any], room: str) -> None:
-    """Work in a process of its own, until the pipe is closed or the command ends it."""
+    """Work in a separate process, until the pipe is closed or the command ends the process."""
     tempfile.tempdir = room
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the command too, which ends this
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit())  # so that its temporary folders go
-    warnings.simplefilter("ignore")  # of libraries: nobody could tell of which campaign
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C also reaches the command, which ends this process
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())  # so that its temporary folders are removed
+    warnings.simplefilter("ignore")  # warnings of libraries do not name the campaign
     try:
         _do_each(pipe, work)
     finally:
-        shutil.rmtree(room, ignore_errors=True)  # of a command that was killed
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # nothing of its own is left, and libraries close what is theirs
+        shutil.rmtree(room, ignore_errors=True)  # a killed command cannot remove it
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # only libraries have anything left to close
 
 
 def _do_each(pipe: Connection, work: Work[Any]) -> None:
-    """Do what comes through a pipe until it is closed."""
+    """Do each task that arrives through a pipe, until the pipe is closed."""
     while True:
         try:
             task = pipe.recv()
@@ -190,7 +190,7 @@ def _do_each(pipe: Connection, work: Work[Any]) -> None:
             return
         try:
             answer = work(task)
-        except Exception as error:  # a bug, which one campaign meets and the others need not
+        except Exception as error:  # a bug in one campaign must not stop the others
             answer = DataError(f"{task}: {type(error).__name__}: {error}")
         try:
             pipe.send(answer)
