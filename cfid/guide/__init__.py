@@ -1,1 +1,1 @@
-"""Guide an operator through a campaign: what is found, what is missing, and the one command to type next."""
+"""Guide an operator through a campaign: what was found, what is missing, and the command to type next."""

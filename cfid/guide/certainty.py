@@ -1,4 +1,4 @@
-"""How sure a quantity is against what it is for, and what its uncertainty is mostly due to."""
+"""How certain a quantity is compared with what its purpose requires, and the main cause of its uncertainty."""
 
 import math
 from collections.abc import Iterator
@@ -9,15 +9,16 @@ from cfid.guide.plan import Aim
 from cfid.records.parameters import Parameter, Section
 
 _OWN = "noise and the inputs of its own fit"
-_SMALL = 0.1  # of a value's largest number: smaller ones, as products of inertia, are judged by the largest
+_SMALL = 0.1  # of a value's largest number: smaller ones, such as products of inertia, are judged by the largest
 
 
 @dataclass(frozen=True, kw_only=True)
 class Certainty:
-    """How sure a quantity is, relative to its largest number, against what it is for; None where it was not found.
+    """The relative standard uncertainty of a quantity, None if it was not found, and the aim that it should meet.
 
-    `bounded_by` names what rig.toml states and without which it would be sure enough: no recording changes that.
-    `mostly` is the largest part of its uncertainty: a cause that fits share, or its own fit's noise and inputs.
+    `bounded_by` names a value of rig.toml without whose uncertainty the quantity would meet its aim, which no recording
+    can change. `mostly` is the largest part of the uncertainty: a cause that fits share, or the noise and inputs of its
+    own fit.
     """
 
     aim: Aim
@@ -27,12 +28,12 @@ class Certainty:
 
     @property
     def short_by(self) -> float:
-        """How many times as uncertain it is as it should be, 0 where that is unknown."""
+        """The ratio of the quantity's uncertainty to the aim, 0 if unknown."""
         return 0.0 if self.std is None else self.std / self.aim.std
 
 
 def certainty_of(section: Section, aim: Aim) -> Certainty:
-    """Judge a quantity by its least sure number, relative to that, or to the largest one where that is small."""
+    """Judge a quantity by its least certain number, relative to this number, or to the largest one if it is small."""
     parameter = section.parameters.get(aim.key)
     if parameter is None or aim.key in section.rejected:
         return Certainty(aim=aim, std=None)
@@ -46,7 +47,7 @@ def certainty_of(section: Section, aim: Aim) -> Certainty:
 
 
 def _judged(section: Section, parameter: Parameter, aim: Aim) -> Iterator[Compared]:
-    """Yield the numbers by which a quantity is judged, those without a standard uncertainty left out."""
+    """Yield the numbers by which a quantity is judged, without those that have no standard uncertainty."""
     numbers = list(parameter.numbers(aim.key))
     if aim.weights is not None:
         if all(one.std is not None for one in numbers):
@@ -59,7 +60,7 @@ def _judged(section: Section, parameter: Parameter, aim: Aim) -> Iterator[Compar
 
 
 def _bounding(found: Compared, aim: Aim, ratio: float) -> str:
-    """Return the largest cause that rig.toml states, where a number would be sure enough but for those; else ""."""
+    """Return the largest cause from rig.toml if a number would meet the aim without such causes, else ""."""
     shares = {cause: abs(effect / found.value) for cause, effect in found.effects.items()}
     enough = ratio <= aim.std or _own_std(found) / abs(found.value) > aim.std
     return "" if enough or not shares else max(shares, key=lambda cause: shares[cause])
@@ -72,7 +73,7 @@ def _mostly(found: Compared) -> str:
 
 
 def _own_std(found: Compared) -> float:
-    """Return the standard uncertainty of a number without the causes that fits share."""
+    """Return the standard uncertainty that a number would have without the causes that fits share."""
     return math.sqrt(max(found.std**2 - sum(effect**2 for effect in found.effects.values()), 0.0))
 
 

@@ -1,4 +1,4 @@
-"""`cfid status` and `cfid next`: where a campaign stands, and the next step of it."""
+"""`cfid status` and `cfid next`: the state of a campaign, and its next step."""
 
 import os
 import shlex
@@ -66,7 +66,7 @@ def next_step(
 
 
 def _prepared(recording: "Assignment", campaign: "Campaign") -> tuple[str, ...]:
-    """Say what to do at the rig; return the command's words with what the operator answered."""
+    """Print what to do at the rig; return the command's words, completed with the operator's answers."""
     from cfid.rig.sim_file import devices_in
 
     echo(fitted(printable(recording.reminder)))
@@ -80,7 +80,7 @@ def _prepared(recording: "Assignment", campaign: "Campaign") -> tuple[str, ...]:
 
 
 def _simulated(recording: "Assignment") -> str:
-    """Return the words with which the simulated rig is set up for a recording, "" where it serves any."""
+    """Return the options that set up the simulated rig for a recording, or "" if it needs none."""
     label = recording.label
     if label.weight_g is not None:
         return f"--weight {label.weight_g:g}"
@@ -88,9 +88,9 @@ def _simulated(recording: "Assignment") -> str:
 
 
 def _typed(question: str) -> str:
-    """Return the line typed. Ctrl-C ends the program by itself. Raises ConfigError when the input ends."""
+    """Return the typed line. Ctrl-C ends the program by itself. Raises ConfigError when the input ends."""
     echo(f"{question}: ", nl=False)
-    line = typed_line()  # and no byte more: the command that this program becomes asks further questions
+    line = typed_line()  # reads no byte more, since the command that follows asks more questions
     if not line:
         echo()
         raise ConfigError(
@@ -110,7 +110,7 @@ def _name_unreadable_runs(campaign: "Campaign") -> None:
 
 
 def _become(words: tuple[str, ...], campaign: "Campaign") -> None:
-    """Replace this program by the command: signals, terminal and exit code are the command's own."""
+    """Replace this program with the command, which then has the signals, the terminal and the exit code."""
     sys.stdout.flush()
     where = ["--campaign", str(campaign.folder)]
     os.execv(sys.executable, [sys.executable, "-m", "cfid.cli.main", *words, *where])
@@ -128,7 +128,7 @@ def _print(
 
     table = Table(box=SIMPLE, pad_edge=False)
     for heading in ("fit", "runs", "state", "how sure", "what for"):
-        width = 5 if heading == "how sure" else None  # of "4.2 %", which stays whole
+        width = 5 if heading == "how sure" else None  # keeps "4.2 %" on one line
         table.add_column(heading, overflow="fold", min_width=width)
     for one in statuses:
         runs = f"{one.recorded} of {len(one.task.recordings)}"

@@ -1,4 +1,4 @@
-"""Series of sines and staircases that are not complete yet: which are short of a fit, and what completes them."""
+"""Series of sines and staircases that are not complete yet: which are too short for a fit, and what completes them."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -16,25 +16,25 @@ from cfid.units import DEAD_COMMAND
 
 
 def completing(recording: Assignment, runs: Sequence[Run]) -> Assignment:
-    """Return a recording as what completes its last run, where that is of a staircase or series that ended early."""
+    """Return a recording, changed to complete its last run if this is a staircase or series that ended early."""
     same = [run for run in runs if not run.header.excluded and recording.is_of(run.header.kind, run.header.label)]
     if not same or same[-1].grows:
         return recording
     name = same[-1].folder.name
     words: Words = (*recording.words[:2], "--resume", name)
     if same[-1].header.family == "sine" and (lacks := _lacks(same[-1], runs)):
-        if len(lacks) < len(_lacks(same[-1], runs, excluded=False)):  # which --resume alone would play again
+        if len(lacks) < len(_lacks(same[-1], runs, excluded=False)):  # --resume alone would repeat the excluded ones
             words = (*words, "--periods", ",".join(str(one.periods) for one in lacks))
         return replace(recording, words=words, questions=None, completes=name)
     try:
         missing(same[-1].folder, kind=same[-1].header.kind)
-    except (ConfigError, DataError):  # it is neither, or lacks nothing
+    except (ConfigError, DataError):  # the run is complete, or no staircase
         return recording
     return replace(recording, words=words, questions=None, completes=name)
 
 
 def short_series(runs: Iterable[Run], every: Sequence[Run]) -> dict[str, str]:
-    """Return for each run of a series of sines that lacks some how many of them are usable, by the run's name."""
+    """Return, by run name, a sentence for each run of an incomplete series on how many of its sines are usable."""
     sentences = {}
     for run in runs:
         if run.header.family == "sine" and (lacks := _lacks(run, every)):
@@ -45,7 +45,7 @@ def short_series(runs: Iterable[Run], every: Sequence[Run]) -> dict[str, str]:
 
 
 def short_staircases(runs: Sequence[Run]) -> dict[str, str]:
-    """Return for each staircase, where all of its kind have too few commands together for a map, why, by its name."""
+    """Return, by run name, a sentence for each staircase of a kind that has too few commands in total for a map."""
     sentences: dict[str, str] = {}
     for kind, needed in FEWEST_COMMANDS.items():
         steps = {run.folder.name: _commands(run) for run in runs if run.header.kind == kind}
@@ -57,9 +57,9 @@ def short_staircases(runs: Sequence[Run]) -> dict[str, str]:
 
 
 def _commands(run: Run) -> set[int]:
-    """Return the commands at which motors turned in a staircase and in those that it completes, as a fit takes them.
+    """Return the commands at which motors turned in a staircase and in those that it completes, as a fit uses them.
 
-    None where a run.toml states no staircase, or a file cannot be read.
+    The set is empty if a run.toml states no staircase, or if a file cannot be read.
     """
     try:
         return {step for part in with_completed(run) for step in recorded_steps(part) if step > DEAD_COMMAND}
@@ -68,9 +68,9 @@ def _commands(run: Run) -> set[int]:
 
 
 def _lacks(run: Run, every: Sequence[Run], *, excluded: bool = True) -> list[Sine]:
-    """Return the sines of a run's series that have no usable run; none where its run.toml states no series.
+    """Return the sines of a run's series that have no usable run; none if its run.toml states no series.
 
-    One that was `excluded` is there: it may be kept for verification.
+    With `excluded`, a sine whose run was excluded is not missing, since the run may be kept for verification.
     """
     try:
         return missing_sines(SineSweep.of_run(run), every, simulated=run.header.simulated, excluded=excluded)

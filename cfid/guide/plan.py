@@ -1,4 +1,4 @@
-"""What each kind of campaign records and fits, in order, and how sure its results should be."""
+"""What each kind of campaign records and fits, in order, and how certain its results should be."""
 
 import random
 from collections.abc import Callable, Mapping, Sequence
@@ -13,15 +13,15 @@ Words = tuple[str, ...]
 
 _WEIGHTS_G = (20, 30, 40)
 _WINDS = 6
-_ABOVE_IDLE: Words = ("--from", "8000", "--motor", "1,2,3,4")  # of a Brushless: rotors left out idle at 7000, and pull
+_ABOVE_IDLE: Words = ("--from", "8000", "--motor", "1,2,3,4")  # for a Brushless: unused rotors idle at 7000, and pull
 
 
 @dataclass(frozen=True, kw_only=True)
 class Aim:
-    """A quantity, and the relative standard uncertainty that what it is for asks for.
+    """A quantity, and the relative standard uncertainty that its purpose requires.
 
-    A polynomial is judged where it is used, by the sum of its numbers times `weights`, which takes their count: its
-    coefficients alone do not tell how sure its values are.
+    A polynomial is judged where it is used: by the sum of its numbers times `weights`, a function of their count. Its
+    coefficients alone do not show how certain its values are.
     """
 
     key: str
@@ -32,11 +32,11 @@ class Aim:
 
 @dataclass(frozen=True, kw_only=True)
 class Assignment:
-    """A run to record: the words of the command, what to do at the rig before, and how to tell the run by its label.
+    """A run to record: the words of the command, what to do at the rig first, and the label that identifies the run.
 
-    `questions` are put before, and fill the words' places in braces. `kind` may be the beginning of a run's kind.
-    What `repeats` another recording shows what drifted between the two, and no fit needs it. `completes` is the name of
-    a run that ended early, of which it is the rest.
+    `questions` are asked first, and the answers replace words in braces. `kind` may be the beginning of a run's kind.
+    A recording that `repeats` another one shows the drift between the two, and no fit needs it. `completes` is the name
+    of a run that ended early, whose rest this recording is.
     """
 
     words: Words
@@ -49,24 +49,24 @@ class Assignment:
 
     @property
     def command(self) -> str:
-        """The command as it is shown: what a question fills is a word in capitals."""
+        """The command as it is shown, with a word in capitals for the answer to each question."""
         blanks = {name: name.upper().replace("_", "-") for name in self.questions or {}}
         return f"cfid {' '.join(word.format(**blanks) for word in self.words)}"
 
     def is_of(self, kind: str, label: Label) -> bool:
-        """Return whether a run of a kind with a label is this recording, or another of the same."""
+        """Return whether a run of a kind with a label is this recording or a repetition of it."""
         same = (self.label.axis, self.label.weight_g) == (label.axis, label.weight_g)
         return kind.partition("_")[0] == self.kind and same and is_vehicle(label)
 
 
 def is_vehicle(label: Label) -> bool:
-    """Return whether a run is of the vehicle, and not of another body on its mounts."""
+    """Return whether a run is of the vehicle, not of another body on its mounts."""
     return (label.body or "crazyflie") == "crazyflie"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """One fit: its section of parameters.toml, the runs that it takes, its command and what it should find."""
+    """One fit: its section of parameters.toml, the runs that it uses, its command and what it should find."""
 
     section: str
     recordings: tuple[Assignment, ...]
@@ -79,11 +79,12 @@ def tasks(
 ) -> tuple[Task, ...]:
     """Return a campaign's tasks; `kind` replaces that of rig.toml.
 
-    The vehicle's gyro records swings where it does so already (`by_gyro`), and those on threads, which have no encoder.
+    The vehicle's gyro records swings on threads, which have no encoder, and all swings if it already recorded some
+    (`by_gyro`).
 
-    The mounts that were `swung` come first, as they were, then the others in an order drawn by `order`, so that no
-    drift of a day looks like a difference between axes. The first is swung about once more at the end: what differs
-    then has drifted.
+    The mounts already `swung` come first, in their order, then the others in a random order with the seed `order`, so
+    that no drift over the day looks like a difference between axes. The first mount is swung once more at the end, and
+    any difference is then a drift.
     """
     every = {
         "inertia": _inertia(rig, _mounts(rig, order, swung), by_gyro=by_gyro),
@@ -161,12 +162,12 @@ def _thrust(rig: Rig) -> Task:
 def _torque(rig: Rig) -> Task:
     weights = partial(slope_at_hover, rig=rig)
     aim = Aim(key="motor.torque_poly", std=0.05, purpose="yaw in a simulator, in hover: 5 %", weights=weights)
-    recordings = () if _is_brushless(rig) else (_forces(rig),)  # the torques of all four rotors cancel
+    recordings = () if _is_brushless(rig) else (_forces(rig),)  # the torques of its four rotors cancel
     return Task(section="torque", recordings=recordings, fit=("fit", "torque"), aims=(aim,))
 
 
 def slope_at_hover(count: int, rig: Rig) -> list[float]:
-    """Return the weights by which a polynomial of thrust, highest power first, gives its slope in hover."""
+    """Return weights by which the coefficients of a thrust polynomial, highest power first, sum to its hover slope."""
     thrust_n = rig.vehicle.mass_kg * rig.site.gravity_mps2 / 4
     return [power * thrust_n ** max(power - 1, 0) for power in reversed(range(count))]
 
@@ -183,7 +184,7 @@ def _speed(rig: Rig) -> Task:
 
 
 def at_middle(count: int) -> list[float]:
-    """Return the weights by which a polynomial of the command, highest power first, gives its value at MIDDLE."""
+    """Return weights by which coefficients of a command polynomial, highest power first, give its value at MIDDLE."""
     return [MIDDLE**power for power in reversed(range(count))]
 
 

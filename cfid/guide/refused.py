@@ -1,4 +1,4 @@
-"""Remember that a fit of a whole campaign gave nothing, so that it is not offered again before something changes."""
+"""Remember that a fit of a whole campaign gave no result, so that it is not suggested again until something changes."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -8,13 +8,13 @@ from cfid.errors import CfidError
 from cfid.guide.plan import tasks
 from cfid.records.campaign import find_campaign
 
-_OUTPUT = ("--no-figures", "--json", "--quiet")  # change no number
+_OUTPUT = ("--no-figures", "--json", "--quiet")  # these do not affect results
 
 
 def remember_refusal(words: Sequence[str], error: CfidError) -> None:
-    """Keep why a command gave nothing, where it is a fit as `cfid status` names it: of all runs, by its defaults.
+    """Store why a command gave no result, if it is a fit as `cfid status` names it: of all runs, with its defaults.
 
-    What cannot be kept is not, since the command has ended with its error already.
+    A failure to store the reason is ignored, since the command has already ended with its own error.
     """
     with suppress(CfidError, OSError):
         rest, folder = _without_campaign([word for word in words if word not in _OUTPUT])
@@ -27,7 +27,7 @@ def remember_refusal(words: Sequence[str], error: CfidError) -> None:
 
 
 def _without_campaign(words: Sequence[str]) -> tuple[list[str], Path | None]:
-    """Return a command's words without the option of its campaign, and that."""
+    """Return a command's words without the option --campaign, and the folder that it names."""
     if "--campaign" not in words[:-1]:
         return list(words), None
     place = list(words).index("--campaign")

@@ -1,4 +1,4 @@
-"""Where a campaign stands: every task with what is recorded and found, and the one command that comes next."""
+"""The state of a campaign: every task with what was recorded and found, and the command that comes next."""
 
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
@@ -17,19 +17,19 @@ from cfid.records.run import Run
 from cfid.records.stale import Stale, is_blind, other_facts, stale_in
 from cfid.records.tables.angle import ENCODER
 
-_CONTRADICTS = "contradicts the others"  # why a run is to be left out
+_CONTRADICTS = "contradicts the others"  # the reason for leaving out a run
 
 State = Literal["missing", "not fitted", "stale", "rejected", "accepted"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class TaskStatus:
-    """A task: what is still to be recorded, how its fit stands and why, and how sure its quantities are.
+    """A task: what is still to be recorded, the state of its fit and why, and how certain its quantities are.
 
-    `rarest` is what to record again where a fit is rejected: of what it suspects, else of all recordings, the one that
-    was made least often, the last of several. `wrong` is the name of a run without which others about its mount agree.
-    A change of rig.toml since the fit cannot be seen where it is `blind`. `unlike` states which facts of its recordings
-    rig.toml states otherwise now.
+    `rarest` is what to record again after a rejected fit: among the recordings that the fit suspects, or else among
+    all, the one made least often, and the last of several. `wrong` is the name of a run without which the other runs on
+    its mount agree. `blind` means that a change of rig.toml since the fit cannot be detected. `unlike` states which
+    facts differ between its recordings and the current rig.toml.
     """
 
     task: Task
@@ -44,13 +44,13 @@ class TaskStatus:
 
     @property
     def recorded(self) -> int:
-        """How many of its runs are there."""
+        """The number of the task's runs that are recorded."""
         return len(self.task.recordings) - len(self.lacking)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Unusable:
-    """A run whose verdict is that it is of no use, and which no later one replaces: why, and how to record it again."""
+    """A run that was judged not usable and that no later run replaces: why, and how to record it again."""
 
     run: str
     reason: str
@@ -59,7 +59,7 @@ class Unusable:
 
 @dataclass(frozen=True, kw_only=True)
 class Next:
-    """The command that comes next, why, and what to do at the rig before."""
+    """The command that comes next, the reason, and the recording that it makes, if any."""
 
     words: Words
     why: str
@@ -72,7 +72,7 @@ class Next:
 
 
 def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> tuple[TaskStatus, ...]:
-    """Return how each task of a campaign stands. Raises DataError when parameters.toml is invalid."""
+    """Return the state of each task of a campaign. Raises DataError when parameters.toml is invalid."""
     runs, every = campaign.runs(), campaign.runs(complete=False)
     stale = stale_in(campaign.folder, every, campaign.rig)
     sections, rejected = campaign.sections(), campaign.rejected_sections()
@@ -101,12 +101,12 @@ def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> tuple[
 
 
 def beside(campaign: Campaign, statuses: Sequence[TaskStatus]) -> tuple[str, ...]:
-    """Return the fits in parameters.toml that the kind of campaign does not ask for, as those of flights."""
+    """Return the fits in parameters.toml that the kind of campaign does not require, such as those of flights."""
     return tuple(name for name in campaign.sections() if name not in {one.task.section for one in statuses})
 
 
 def unusable_in(campaign: Campaign, statuses: Sequence[TaskStatus]) -> tuple[Unusable, ...]:
-    """Return the campaign's runs of no use whose recordings are still lacking, of a resumed one the last part."""
+    """Return the campaign's unusable runs whose recordings are still missing; for a resumed run, its last part."""
     lacking = [recording for one in statuses for recording in one.lacking if not (one.reason and recording.repeats)]
     found, usable, every = [], campaign.runs(), campaign.runs(complete=False)
     resumed = {resumed_by(run) for run in every if not run.header.excluded}
@@ -117,21 +117,21 @@ def unusable_in(campaign: Campaign, statuses: Sequence[TaskStatus]) -> tuple[Unu
         again = next((one for one in lacking if one.is_of(header.kind, header.label)), None)
         if again is None or any(_replaces(other, run, again) for other in usable):
             continue
-        if again.completes in ("", run.folder.name):  # the rest of another recording takes its place
+        if again.completes in ("", run.folder.name):  # else the rest of another recording replaces it
             reason = header.verdict.text.removeprefix(f"{run.folder.name}: ")
             found.append(Unusable(run=run.folder.name, reason=reason, again=again))
     return tuple(found)
 
 
 def _replaces(other: Run, run: Run, recording: Assignment) -> bool:
-    """Return whether another run is a later one of the same recording."""
+    """Return whether another run is a later run of the same recording."""
     return recording.is_of(other.header.kind, other.header.label) and other.header.started > run.header.started
 
 
 def remarks_of(statuses: Iterable[TaskStatus], unusable: Iterable[Unusable], step: Next) -> tuple[str, ...]:
-    """Return as sentences why fits stand as they do, what once more would show, and which runs are of no use.
+    """Return sentences on the state of fits, on what a repetition would show, and on unusable runs.
 
-    A reason that the next `step` gives already is left out.
+    A reason that the next `step` already states is left out.
     """
     statuses = tuple(statuses)
     reasons = [
@@ -157,9 +157,9 @@ def remarks_of(statuses: Iterable[TaskStatus], unusable: Iterable[Unusable], ste
 
 
 def next_of(statuses: Sequence[TaskStatus], *, kind: CampaignKind | None = None) -> Next:
-    """Return what comes next: the first thing to record, then to fit, to repeat, to improve, else the report.
+    """Return what comes next: the first step to record or fit, else to repeat, else to improve, else the report.
 
-    The report is that of the `kind` of campaign that was asked for in place of rig.toml's.
+    The report is for the `kind` of campaign that was given in place of that in rig.toml.
     """
     report: Words = ("report", *(("--kind", kind) if kind else ()))
     for one in statuses:
@@ -200,9 +200,9 @@ def _status(
     *,
     short: Mapping[str, str],
 ) -> TaskStatus:
-    """Judge a task by its runs, by its section of parameters.toml, and by the last fit that was rejected whole.
+    """Judge a task by its runs, its section of parameters.toml, and the last fit that was rejected completely.
 
-    Runs of a series or staircase that is `short`, by name with the sentence that states it, are not its recording yet.
+    `short` contains the runs of short series and staircases, by name with a sentence, which do not count as recorded.
     """
     lacking = _lacking(task.recordings, [run for run in runs if run.folder.name not in short])
     short_of_runs = any(not one.repeats for one in lacking)
@@ -212,7 +212,7 @@ def _status(
     if section is not None and (rejected := [text for key, text in section.rejected.items() if _aimed(task, key)]):
         state, reason, suspects = "rejected", rejected[0], section.suspects
     elif section is not None and (reasons := stale(section)):
-        state, reason = "missing" if short_of_runs else "stale", reasons[0]  # without them a fit may refuse for ever
+        state, reason = "missing" if short_of_runs else "stale", reasons[0]  # without these runs, a fit may always fail
     elif refused is not None and refused.suspects and _holds(refused, section, own, stale):
         state, reason, suspects = "rejected", next(iter(refused.rejected.values())), refused.suspects
     elif short_of_runs or (section is None and lacking):
@@ -249,7 +249,7 @@ def _rarest(recordings: Sequence[Assignment], runs: Sequence[Run], suspects: Seq
 
 
 def _being_recorded(status: TaskStatus, runs: Sequence[Run]) -> str:
-    """Return that a run which a task lacks is being recorded, "" where none is."""
+    """Return a sentence if a run that a task lacks is being recorded, else ""."""
     lacking = [run for run in runs if any(one.is_of(run.header.kind, run.header.label) for one in status.lacking)]
     growing = [run.folder.name for run in lacking if run.grows]
     return f"{growing[-1]} is being recorded: wait until it has ended." if growing else ""
@@ -260,7 +260,7 @@ def _aimed(task: Task, key: str) -> bool:
 
 
 def _lacking(recordings: Iterable[Assignment], runs: Sequence[Run]) -> tuple[Assignment, ...]:
-    """Return the recordings without a run of their own."""
+    """Return the recordings that have no run of their own."""
     left, lacking = list(runs), []
     for recording in recordings:
         run = next((run for run in left if recording.is_of(run.header.kind, run.header.label)), None)
@@ -277,7 +277,7 @@ def _newer(section: Section, runs: Sequence[Run]) -> int:
 
 
 def _holds(refused: Section, section: Section | None, runs: Sequence[Run], stale: Stale) -> bool:
-    """Return whether a fit that was rejected used every run as it is now, and none was accepted after it."""
+    """Return whether a rejected fit is current: it used all runs as they are now, and no fit was accepted later."""
     latest = section is None or section.found < refused.found
     used_all = _used_by(refused) >= {run.folder.name for run in runs}
     return latest and used_all and bool(refused.rejected) and not stale(refused)
