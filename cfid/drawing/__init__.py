@@ -1,1 +1,1 @@
-"""Style of figures, saving, and figures of recordings."""
+"""The style of figures, their files, and figures of recordings."""

@@ -17,7 +17,7 @@ Array = npt.NDArray[np.float64]
 TURNS_FROM = 2  # a record that spans more turns than this is drawn in turns
 
 _TIME = "time (s)"
-_SMOOTHED = 9  # samples of the grid, over which the speed's parabola lies
+_SMOOTHED = 9  # samples of the grid in each parabola of the speed
 
 
 @styled
@@ -46,7 +46,7 @@ def _draw_angle(axes: Axes, record: AngleRecord) -> None:
 
 
 def _draw_speed(axes: Axes, record: AngleRecord) -> None:
-    """Draw the slope of a parabola through neighbouring samples; plain differences are mostly noise."""
+    """Draw the speed as the slope of a parabola through neighbouring samples; plain differences are mostly noise."""
     step = max(GRID_S, float(np.median(some_steps(record.time_s))))
     name_panel(axes, f"(b) speed, smoothed over {1e3 * step * _SMOOTHED:.0f} ms", x=_TIME, y="speed (rad/s)")
     pieces = []
@@ -83,5 +83,5 @@ def _in_turns(record: AngleRecord) -> bool:
 
 def _gaps(time_s: Array) -> npt.NDArray[np.intp]:
     """Return the samples after which the recording paused."""
-    least = GAP * usual_step(time_s)  # NaN where time stands still
+    least = GAP * usual_step(time_s)  # NaN if time never advances
     return np.concatenate([begin + np.flatnonzero(step > least) for begin, step in differences(time_s)])

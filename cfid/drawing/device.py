@@ -14,19 +14,19 @@ Array = npt.NDArray[np.float64]
 
 _PANEL_IN = 1.9
 _MOST_PANELS = 8
-_HELD = re.compile(r"m[1-4]")  # a command holds until the next
-_COUNTERS = ("vehicle_us", "vehicle_ms", "report", "sample")  # straight lines, of use to programs only
-_WIDE = 40  # characters of names for which a title and a legend have place beside each other
-_FEW = 400  # rows, up to which each is marked
+_HELD = re.compile(r"m[1-4]")  # a command holds until the next one
+_COUNTERS = ("vehicle_us", "vehicle_ms", "report", "sample")  # straight lines, useful only to programs
+_WIDE = 40  # characters of names up to which title and legend fit next to each other
+_FEW = 400  # rows: below this number, each row is marked
 
 
 @styled
 def device_figure(
     time_s: Array, columns: Mapping[str, Array], *, title: str, notes: Sequence[str], along: str = "time (s)"
 ) -> Figure:
-    """Return a panel for each group of columns (n,) that differ by a number only, over times (n,) in seconds.
+    """Return a figure with a panel for each group of columns (n,) that differ only by a number, over times (n,) in s.
 
-    `along` names the axis where they are not times. A group of more columns than colours shows the first of them.
+    `along` names the horizontal axis if it shows no times. A group with more columns than colours shows the first ones.
     """
     panels = groups(list(columns))[:_MOST_PANELS]
     page, grid = figure(len(panels), 1, heights_in=[_PANEL_IN] * len(panels), title=title, notes=notes)
@@ -53,14 +53,14 @@ def _title(drawn: Sequence[str], count: int) -> str:
 
 
 def _labels(drawn: Sequence[str]) -> list[str]:
-    """Return the labels of columns: their names, or where these are long what they differ by, their numbers."""
+    """Return the labels of columns: their names, or if these are long only the numbers in which they differ."""
     if len(drawn) < 2 or len(", ".join(drawn)) <= _WIDE:
         return list(drawn)
     return [" ".join(re.findall(r"\d+", name)) or name for name in drawn]
 
 
 def groups(names: Sequence[str]) -> list[list[str]]:
-    """Return columns in groups that differ by digits only, such as m1 to m4; counters only where they are alone."""
+    """Return columns in groups that differ only by digits, such as m1 to m4; counters only if no others exist."""
     shown = [name for name in names if name not in _COUNTERS] or list(names)
     found: dict[str, list[str]] = {}
     for name in shown:

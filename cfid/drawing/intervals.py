@@ -17,7 +17,7 @@ def draw_intervals(axes: Axes, time_s: npt.NDArray[np.float64], *, usual_s: floa
     name_panel(axes, f"({letter}) sampling intervals", x="interval (ms)", y="count (-)")
     low = 1e3 * min(float(step.min()) for _, step in differences(time_s))
     high = 1e3 * max(float(step.max()) for _, step in differences(time_s))
-    # With an even clock only rounding lies between the two: bins that narrow would show nothing.
+    # With an even clock, the intervals differ only by rounding, and bins as narrow as that would show nothing.
     room = max(0.0, 0.1 * 1e3 * usual_s - (high - low)) / 2
     edges = np.histogram_bin_edges([], bins=_BINS, range=(low - room, high + room))
     counts = sum(np.histogram(1e3 * step, bins=edges)[0] for _, step in differences(time_s))

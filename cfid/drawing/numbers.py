@@ -1,15 +1,15 @@
-"""Format numbers with their standard uncertainty for figures."""
+"""Format numbers with their standard uncertainties for figures."""
 
 import math
 
 MICRO = 1e6  # of a unit
-FIT_ALONE = "± leaves out", "instruments' errors"  # a row of numbers as a fit has them: a sheet's ± has those too
+FIT_ALONE = "± leaves out", "instruments' errors"  # a row below numbers of a fit; a sheet's ± includes those errors
 
 _ROOM = 19  # characters: six digits with their uncertainty
 
 
 def plus_minus(value: float, std: float, *, unit: str = "") -> str:
-    """Return a value and its standard uncertainty, both to the uncertainty's second digit where there is room."""
+    """Return a value and its standard uncertainty, both to the second digit of the latter if they fit."""
     return _plus_minus(value, std, unit).replace("-", "−")
 
 
@@ -22,7 +22,7 @@ def _plus_minus(value: float, std: float, unit: str) -> str:
 
 
 def shortened(text: str, characters: int) -> str:
-    """Return a text shortened in its middle, where the names of runs differ least."""
+    """Return a text shortened in the middle, where names of runs differ least."""
     if len(text) <= characters:
         return text
     tail = (characters - 1) // 2

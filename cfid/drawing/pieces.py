@@ -1,4 +1,4 @@
-"""Draw a long record by its beginning and its end, where the whole would be one dark bar."""
+"""Draw only the start and the end of a long record, which would be one dark bar as a whole."""
 
 from typing import NamedTuple
 
@@ -15,16 +15,16 @@ _SHOWN_PERIODS = 5
 
 
 class Piece(NamedTuple):
-    """Axes and the samples that they show."""
+    """A panel's axes and the samples that they show."""
 
     axes: Axes
     samples: slice
 
 
 def pieces(page: Figure, grid: GridSpec, row: int, time_s: Array, *, period_s: float) -> list[Piece]:
-    """Return axes for a whole record (n,), or a pair of them for its first and its last periods.
+    """Return axes for a whole record (n,), or a pair of axes for its first and its last periods.
 
-    They fill a row of a grid of two columns. The pair shares its vertical axis; the second has no labels of its own.
+    They fill one row of a grid with two columns. The pair shares a vertical axis; the second has no labels of its own.
     """
     if time_s[-1] - time_s[0] <= MANY_PERIODS * period_s:
         return [Piece(page.add_subplot(grid[row, :]), slice(None))]

@@ -1,4 +1,4 @@
-"""Draw the rig as rig.toml states it, so that a wrong sign or a wrong arm is seen: mounts, load cell, wind."""
+"""Draw the rig as rig.toml states it, so that a wrong sign or a wrong arm shows: mounts, load cell, wind."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -17,19 +17,19 @@ Point = tuple[float, float]
 _ARM_MM, _ROTOR_MM = 46.0, 23.0  # of a Crazyflie
 _CUBE_MM = 19.0  # the edge of the thesis' mounting cube (C.1.7)
 _PANEL_IN = 3.0
-_SHORTEST_MM, _LONGER_MM = 24.0, 7.0  # half an axis, and by how much each next one is longer: names stay apart
+_SHORTEST_MM, _LONGER_MM = 24.0, 7.0  # half an axis, and how much longer each next one is, to separate the names
 _ARROW_MM = 40.0
-_NAME_MM = 9.0  # between two names
+_NAME_MM = 9.0  # least distance between two names
 _BODY_AXES = {"x": (_ARROW_MM, 0, 0), "y": (0, _ARROW_MM, 0), "z": (0, 0, _ARROW_MM)}
 _WIND_MM = 95.0
 
 
 @styled
 def mounts_figure(mounts: Mapping[str, Mount], frame: BodyFrame, *, title: str = "") -> Figure:
-    """Return the swings' axes through the vehicle, from above and from its right: points and directions to scale.
+    """Return the swings' axes through the vehicle, from above and from its right, with points and directions to scale.
 
-    The nose points up in the one and to the right in the other, whichever body axis of `frame` it lies along. Where
-    axes pass within a few millimetres of each other, a cube with their holes sits on the arm.
+    The nose points up in the first view and to the right in the second, whichever body axis of `frame` is forward.
+    Where axes pass within a few millimetres of each other, a cube with their holes is on the arm.
     """
     page, grid = figure(1, 2, heights_in=[_PANEL_IN], title=title)
     above, side = (
@@ -57,10 +57,10 @@ def mounts_figure(mounts: Mapping[str, Mount], frame: BodyFrame, *, title: str =
 def load_cell_figure(
     yaw_deg: float, *, azimuth_deg: float | None = None, angles_deg: Sequence[float] = (), title: str = ""
 ) -> Figure:
-    """Return the load cell under the vehicle, from above and from the side, and where the wind comes from, if any.
+    """Return the load cell under the vehicle, from above and from the side, with the direction of the wind, if any.
 
-    `yaw_deg` is how far the cell's x axis lies left of the nose, `azimuth_deg` how far the wind generator stands to its
-    right, and `angles_deg` how far the wind is from the vertical, each setting of it.
+    `yaw_deg` is the angle of the cell's x axis to the left of the nose, `azimuth_deg` the angle of the wind generator
+    to the right of the nose, and `angles_deg` the angle of the wind from the vertical for each wind setting.
     """
     page, grid = figure(1, 2, heights_in=[_PANEL_IN], title=title)
     above, side = (
@@ -96,7 +96,7 @@ def _from_the_right(parts: Vector) -> Point:
 
 
 def _cubes(mounts: Mapping[str, Mount]) -> list[tuple[float, ...]]:
-    """Return the middles in mm of the points that lie together."""
+    """Return the middle in mm of each group of mount points that are close together."""
     groups: list[list[tuple[float, ...]]] = []
     for mount in mounts.values():
         point = tuple(1e3 * length for length in mount.point_m)
@@ -146,11 +146,11 @@ def _load_cell_side(axes: Axes) -> None:
     axes.add_patch(Rectangle((-_ARM_MM, 12), 2 * _ARM_MM, 6, fc="none", ec=MUTED))
     for end in (-_ARM_MM, _ARM_MM):
         axes.plot([end - _ROTOR_MM, end + _ROTOR_MM], [24, 24], color=MUTED, lw=1.5)
-    _arrow(axes, (-12, 18), (-12, 18 + _ARROW_MM), "Fz", MODEL)  # beside a wind from above
+    _arrow(axes, (-12, 18), (-12, 18 + _ARROW_MM), "Fz", MODEL)  # leaves space for a wind from above
 
 
 def _axis(axes: Axes, middle: Point, along: Point, name: str, colour: str) -> None:
-    """Draw an axis through a point; one that is seen from its end is a ring."""
+    """Draw an axis through a point; an axis seen end-on is a ring."""
     axes.plot(*middle, "o", color=colour, ms=3)
     if math.hypot(*along) < 1:
         axes.plot(*middle, "o", color=colour, ms=9, mfc="none")
@@ -164,7 +164,7 @@ def _axis(axes: Axes, middle: Point, along: Point, name: str, colour: str) -> No
 
 
 def _is_free(axes: Axes, spot: Point) -> bool:
-    """Return whether no name stands so near that another one would cover it."""
+    """Return whether a name at a spot would cover no other name."""
     return all(math.dist(spot, one.xy) > _NAME_MM for one in axes.texts if isinstance(one, Annotation))
 
 
@@ -172,7 +172,7 @@ def _arrow(axes: Axes, begin: Point, end: Point, name: str, colour: str) -> None
     axes.annotate("", end, begin, arrowprops={"arrowstyle": "->", "color": colour, "lw": 1.2})
     beyond = end[0] + 0.2 * (end[0] - begin[0]), end[1] + 0.2 * (end[1] - begin[1])
     axes.annotate(name, beyond, color=colour, size=8.5, ha="center", va="center")
-    axes.plot(*beyond, alpha=0)  # the panel reaches to it: what lies outside is not drawn
+    axes.plot(*beyond, alpha=0)  # extends the panel, which clips what is outside
 
 
 def _wind(axes: Axes, begin: Point, end: Point, name: str) -> None:

@@ -19,9 +19,9 @@ PNG_DPI = 150
 
 _MAKER = "cfid"
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_HEAD_BYTES = 4096  # both formats name their creator near the beginning
-# matplotlib's own prologue: a drawing program that edited our SVG keeps the creator's name but not these lines,
-# and then the file is somebody's work.
+_HEAD_BYTES = 4096  # both formats name their creator near the start
+# matplotlib's own prologue: a drawing program that edits our SVG keeps the creator's name but not these lines, and
+# the file is then somebody's work.
 _OUR_SVG = re.compile(
     rb'\A<\?xml version="1\.0" encoding="utf-8" standalone="no"\?>\s*<!DOCTYPE svg [^>]*>\s*<svg [^>]*>\s*'
     rb"<metadata>.*?<dc:creator>\s*<cc:Agent>\s*<dc:title>cfid ",
@@ -31,12 +31,12 @@ _OUR_SVG = re.compile(
 
 @styled
 def save_figure(figure: Figure, stem: Path, *, force: bool = False) -> list[Path]:
-    """Write `<stem>.png` and `<stem>.svg` and return their paths; equal figures make equal files.
+    """Write `<stem>.png` and `<stem>.svg` and return their paths; equal figures yield equal files.
 
-    Earlier figures of cfid are replaced. Both files are rendered and checked before one is written.
+    Earlier figures of cfid are replaced. Both files are rendered and checked before either is written.
 
-    Raises ConfigError when a file of that name is not cfid's and `force` is not set, when it is a run's, or when the
-    folder cannot be written.
+    Raises ConfigError when a file of that name was not written by cfid and `force` is not set, when it belongs to a
+    run, or when the folder cannot be written.
     """
     maker = f"{_MAKER} {__version__}"
     with _laid_out(figure):
@@ -56,11 +56,11 @@ def save_figure(figure: Figure, stem: Path, *, force: bool = False) -> list[Path
 
 @contextmanager
 def _laid_out(figure: Figure) -> Iterator[None]:
-    """Lay a figure out once for all files: to do so for each, as matplotlib does, takes longer than to draw it."""
+    """Lay out a figure once for all files; matplotlib would do so for each, which takes longer than drawing it."""
     layout, dpi = figure.get_layout_engine(), figure.dpi
     figure.dpi = PNG_DPI
     if layout is not None:
-        for _ in range(2):  # ticks change with the room that the first finds for them
+        for _ in range(2):  # the first pass may change the ticks
             layout.execute(figure)
     figure.set_layout_engine(None)
     try:
@@ -98,7 +98,7 @@ def _made_by_cfid(path: Path) -> bool:
 
 
 def _png_text(head: bytes, keyword: bytes) -> bytes:
-    """Return a PNG's text of that keyword, else nothing; chunks are length, kind, content, checksum."""
+    """Return a PNG's text with this keyword, else b""; chunks consist of length, kind, content and checksum."""
     at = len(_PNG_SIGNATURE)
     while at + 8 <= len(head):
         length, kind = struct.unpack_from(">I4s", head, at)

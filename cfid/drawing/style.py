@@ -1,7 +1,7 @@
 """The style of every figure: one palette, one page, one place for titles, legends, rejections and notes.
 
 Figures are made without pyplot, so that they share no state, and with cfid's own settings, so that they look the same
-whatever the user's matplotlibrc contains.
+with any matplotlibrc of the user.
 """
 
 import functools
@@ -25,8 +25,8 @@ Array = npt.NDArray[np.float64]
 P = ParamSpec("P")
 T = TypeVar("T")
 
-# After Okabe and Ito, whose colours the colour-blind can distinguish. Recorded data is wide and pale below computed
-# curves, thin and dark, so that the two also differ on a grey print.
+# After Okabe and Ito, whose colours the colour-blind can distinguish. Recorded data is wide and pale, and computed
+# curves above it are thin and dark, so that the two also differ in a grey print.
 RECORDED = "#0072B2"
 RECORDED_BELOW = "#8CC8EE"
 MODEL = "#A33F00"
@@ -37,13 +37,13 @@ ALERT = "#C1121F"
 SERIES = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#8C8C00")
 DASHES: tuple[Literal["-", "--", ":", "-."], ...] = ("-", "--", ":", "-.")
 
-PAGE_WIDTH_IN = 7.2  # fills a page of A4 between its margins at 90 %
-KEY_IN = 0.12  # height of a row with a legend alone
+PAGE_WIDTH_IN = 7.2  # at 90 % it fills an A4 page between its margins
+KEY_IN = 0.12  # height of a row with only a legend
 
 _GRID = "#DDDDDD"
 _LINE_IN = 0.165
-_CHARACTERS = 112  # of a line of text across the page
-_MOST_POINTS = 4000  # of a drawn line: two extremes for every dot of a printed page
+_CHARACTERS = 112  # in a line of text across the page
+_MOST_POINTS = 4000  # of a drawn line: two extremes for every dot across a printed page
 
 STYLE = {
     "axes.axisbelow": True,
@@ -60,7 +60,7 @@ STYLE = {
     "axes.titlesize": 9.5,
     "axes.titlepad": 5.0,
     "axes.xmargin": 0.015,
-    "font.family": "DejaVu Sans",  # comes with matplotlib: the same on every machine
+    "font.family": "DejaVu Sans",  # comes with matplotlib, so it is the same on every computer
     "font.size": 9,
     "grid.color": _GRID,
     "grid.linewidth": 0.6,
@@ -74,7 +74,7 @@ STYLE = {
     "legend.handletextpad": 0.5,
     "lines.linewidth": 1.0,
     "svg.fonttype": "path",
-    "svg.hashsalt": "cfid",  # identifiers within the file follow from its content alone
+    "svg.hashsalt": "cfid",  # makes identifiers in the file depend only on its content
     "text.color": INK,
     "xtick.color": MUTED,
     "xtick.labelcolor": INK,
@@ -86,7 +86,7 @@ STYLE = {
 
 
 def styled(draw: Callable[P, T]) -> Callable[P, T]:
-    """Run a function that draws or saves under cfid's settings."""
+    """Run a function that draws or saves with cfid's settings of matplotlib."""
 
     @functools.wraps(draw)
     def inside(*args: P.args, **kwargs: P.kwargs) -> T:
@@ -106,10 +106,10 @@ def figure(
     rejections: Sequence[str] = (),
     notes: Sequence[str] = (),
 ) -> tuple[Figure, GridSpec]:
-    """Return a page of the common width and its grid of `rows` and `columns`, rows of given heights.
+    """Return a page of the common width, and its grid of `rows` with the given heights and `columns`.
 
-    Above the grid are the title, then `rejections` in red and `notes` in grey, wrapped; the page grows with them. Texts
-    are printed literally: a dollar sign in a file's name starts no formula.
+    Above the grid are the title, then wrapped `rejections` in red and `notes` in grey; the page grows with them. Texts
+    are printed literally, so that a dollar sign in a file's name starts no formula.
     """
     head = [(line, INK, "bold") for line in _wrapped(title, 84)]
     head += [(line, ALERT, "normal") for text in rejections for line in _wrapped(text, _CHARACTERS)]
@@ -129,32 +129,32 @@ def figure(
 
 
 def name_panel(axes: Axes, title: str, *, x: str, y: str, colour: str = INK) -> None:
-    """Write a panel's title at its left and both axes' quantities with their units."""
+    """Write a panel's title at its left, and the quantities of both axes with their units."""
     axes.set_title(title, parse_math=False, color=colour)
     axes.set_xlabel(x)
     axes.set_ylabel(y)
 
 
 def legend(axes: Axes) -> None:
-    """Put the legend above the axes at their right, where no data can be below it."""
+    """Put the legend above the axes on the right, where it cannot cover data."""
     handles, _ = axes.get_legend_handles_labels()
     axes.legend(handles=handles, loc="lower right", bbox_to_anchor=(1, 1), ncols=len(handles), borderaxespad=0.35)
 
 
 def key_row(axes: Axes, *entries: Artist) -> None:
-    """Turn axes into one legend for all panels below them."""
+    """Turn axes into a common legend for all panels below them."""
     axes.set_axis_off()
     axes.legend(handles=entries, loc="center right", ncols=len(entries))
 
 
 def key_column(axes: Axes, handles: Sequence[Artist]) -> None:
-    """Turn axes beside a panel into its legend."""
+    """Turn the axes next to a panel into its legend."""
     axes.set_axis_off()
     axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(0, 1), labelspacing=0.6)
 
 
 def words(axes: Axes, title: str, lines: Sequence[tuple[str, str]], *, red: Sequence[str] = ()) -> None:
-    """Turn axes into a small table of names and what they are, those named in `red` in red."""
+    """Turn axes into a small table of names and texts, with the rows named in `red` in red."""
     axes.set_axis_off()
     axes.set_title(title, parse_math=False)
     for i, (name, value) in enumerate(lines):
@@ -175,9 +175,9 @@ def words(axes: Axes, title: str, lines: Sequence[tuple[str, str]], *, red: Sequ
 
 
 def thinned(x: Array, y: Array) -> tuple[Array, Array]:
-    """Return a line that looks the same with a bounded number of points, so that a long record stays small.
+    """Return a line that looks the same with a bounded number of points, so that a figure of a long record stays small.
 
-    Of every short segment the lowest and the highest sample are kept, in their order.
+    The lowest and the highest sample of every short segment are kept, in their order.
     """
     if len(x) <= _MOST_POINTS:
         return x, y
@@ -188,13 +188,13 @@ def thinned(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def draw_line(axes: Axes, x: Array, y: Array, *, factor: float = 1.0, **how: Any) -> None:
-    """Draw a line of any number of samples, whose values (n,) are multiplied by a factor."""
+    """Draw a line with any number of samples, whose values (n,) are multiplied by a factor."""
     pieces = [thinned(x[part], factor * y[part]) for part in parts(len(x))]
     axes.plot(*(np.concatenate(each) for each in zip(*pieces, strict=True)), **how)
 
 
 def _extremes(y: Array, edges: npt.NDArray[np.intp], pick: np.ufunc) -> npt.NDArray[np.intp]:
-    """Return for each segment between edges the first sample that is its extreme."""
+    """Return the first extreme sample of each segment between edges."""
     extreme = np.repeat(pick.reduceat(y, edges), np.diff(np.append(edges, len(y))))
     at = np.flatnonzero(y == extreme)
     _, first = np.unique(np.searchsorted(edges, at, side="right"), return_index=True)

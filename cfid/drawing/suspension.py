@@ -79,7 +79,7 @@ def _centre(axes: Axes, x: float, y: float) -> None:
 def _size(
     axes: Axes, begin: tuple[float, float], end: tuple[float, float], name: str, *, side: float, align: str = "center"
 ) -> None:
-    """Draw a length with its name, beside or above it."""
+    """Draw a length with its name next to it or above it."""
     axes.annotate("", begin, end, arrowprops={"arrowstyle": "<->", "color": _SIZE, "lw": 1.0})
     upright = begin[0] == end[0]
     x, y = (begin[0] + end[0]) / 2, (begin[1] + end[1]) / 2

@@ -21,21 +21,21 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
 _TIME = "time (s)"
-MEAN_S = 0.05  # length of the drawn means: some turns of the slowest rotor
+MEAN_S = 0.05  # duration of each drawn mean: several turns of the slowest rotor
 _MOST_MEANS = 1000
-_HOST_GAP_S = 0.1  # the same for times of arrival at a computer, which may be late by tens of milliseconds
-_EVEN = 0.5  # of the median interval: if no interval is shorter, the times are the box's own
+_HOST_GAP_S = 0.1  # least gap between arrival times at a computer, which may be late by tens of milliseconds
+_EVEN = 0.5  # of the median interval: if no interval is shorter, the times are those of the box
 _RESOLUTION_S = 1.0  # length of the segments whose spectra are averaged; rotors do not hold a speed for longer
 _MOST_LINES = 5
-_ABOVE_NOISE = 8.0  # times the median of the spectrum around a line
+_ABOVE_NOISE = 8.0  # least ratio of a line to the median of the spectrum around it
 _AROUND_HZ = 100.0
 _APART_HZ = 12.0  # between two labelled lines
-_LEAST_SHARE = 0.02  # of the highest line, for a line that is labelled
-_SHOWN_RATIO = 350.0  # of highest to lowest frequency shown: from 10 Hz at 7 kHz
-_LEAST = 1e-5  # of the highest amplitude, for an amplitude that is shown
-_SHORTEST = 16  # samples of such a segment
-_LABEL_DECADES = 0.9  # above the highest line, for the labels
-_LABEL_WIDTH = 0.085  # of the panel, from one label to the next
+_LEAST_SHARE = 0.02  # of the highest line: lower lines are not labelled
+_SHOWN_RATIO = 350.0  # highest over lowest frequency shown: from 10 Hz at 7 kHz
+_LEAST = 1e-5  # of the highest amplitude: lower amplitudes are not shown
+_SHORTEST = 16  # samples in a segment of the spectrum
+_LABEL_DECADES = 0.9  # space for the labels above the highest line
+_LABEL_WIDTH = 0.085  # of the panel's width, from one label to the next
 
 
 class AmplitudeSpectrum(NamedTuple):
@@ -63,10 +63,10 @@ def wrench_figure(record: WrenchRecord, *, title: str) -> Figure:
 
 
 def spectrum_of(time_s: Array, value: Array) -> AmplitudeSpectrum:
-    """Return the amplitude spectrum of a record (n,) without its mean, up to half its rate.
+    """Return the amplitude spectrum of a record (n,) without its mean, up to half its sampling rate.
 
-    Welch's method: Hann windows of one second with half overlap. Of a record with gaps the longest segment between
-    two of them is taken, of a long segment its middle.
+    Welch's method uses Hann windows of one second with half overlap. If a record has gaps, its longest segment without
+    a gap is used; of a long segment, only the middle is used.
     """
     gaps = gaps_of(time_s)
     begins, ends = np.append(0, gaps + 1), np.append(gaps, len(time_s) - 1)
@@ -81,7 +81,7 @@ def spectrum_of(time_s: Array, value: Array) -> AmplitudeSpectrum:
 
 
 def lines_of(spectrum: AmplitudeSpectrum) -> Indices:
-    """Return the indices of the highest lines above the noise around them, at most five, in order of frequency."""
+    """Return the indices of the highest lines that exceed the noise around them, at most five, by frequency."""
     step_hz, amplitude_n = float(spectrum.frequency_hz[0]), spectrum.amplitude_n
     around = max(1, round(_AROUND_HZ / step_hz))
     blocks = np.arange(0, len(amplitude_n), around)
@@ -94,7 +94,7 @@ def lines_of(spectrum: AmplitudeSpectrum) -> Indices:
 
 
 def _lowest_hz(spectrum: AmplitudeSpectrum) -> float:
-    """Return the lowest frequency to show: below it are drift and steps of the command."""
+    """Return the lowest frequency to show; below it are only drift and steps of the command."""
     return max(float(spectrum.frequency_hz[0]), float(spectrum.frequency_hz[-1]) / _SHOWN_RATIO)
 
 
@@ -112,9 +112,9 @@ def _is_even(time_s: Array) -> bool:
 def _evenly(time_s: Array, value: Array) -> tuple[Array, float]:
     """Return a segment on an even grid, and its rate in Hz.
 
-    The box samples evenly: where a computer stamped the arrivals, the samples' order is the better clock.
+    The box samples evenly, so if a computer stamped the arrivals, the order of the samples is the better clock.
     """
-    step_s = float(np.polyfit(np.arange(len(time_s)), time_s, 1)[0])  # a single late stamp does not bend a line
+    step_s = float(np.polyfit(np.arange(len(time_s)), time_s, 1)[0])  # one late timestamp hardly changes the slope
     if _is_even(time_s):
         _, value = resample(time_s, value, step_s=step_s)
     return value, 1 / step_s
@@ -123,7 +123,7 @@ def _evenly(time_s: Array, value: Array) -> tuple[Array, float]:
 def _draw_axes(
     axes: Axes, record: WrenchRecord, values: Array, *, names: Sequence[str], title: str, y: str, factor: float = 1.0
 ) -> None:
-    """Draw three axes (n, 3) times a factor, samples pale and means above them, which vibration does not hide."""
+    """Draw three axes (n, 3) times a factor: pale samples, and above them means that vibration does not hide."""
     time = record.time_s
     interval_s = usual_step(time) if _is_even(time) else float(time[-1] - time[0]) / (len(time) - 1)
     length = min(len(time), max(1, round(MEAN_S / interval_s), len(time) // _MOST_MEANS))
@@ -132,7 +132,7 @@ def _draw_axes(
     axes.broken_barh(pauses, (0.0, 1.0), transform=axes.get_xaxis_transform(), color=ALERT, alpha=0.25, lw=0.8)
     measured = [one for one in zip(values.T, SERIES, names, strict=False) if one[2] in record.axes]
     for column, colour, _ in measured:
-        # A band of thousands of strokes: rasterized, it makes an SVG of a third of the size.
+        # The samples form a band of thousands of strokes; rasterizing it reduces the SVG to a third of the size.
         draw_line(axes, time, column, factor=factor, color=colour, alpha=0.3, lw=0.5, rasterized=True)
     for column, colour, name in measured:
         means = block_means(time, length=length), factor * block_means(column, length=length)
@@ -142,7 +142,7 @@ def _draw_axes(
 
 
 def _draw_spectrum(axes: Axes, spectrum: AmplitudeSpectrum, axis: str) -> None:
-    """Draw both axes logarithmic: rotors are in the lowest tenth of the range of a fast box."""
+    """Draw the spectrum on logarithmic axes, since rotors are in the lowest tenth of the range of a fast box."""
     frequency_hz, amplitude_n = spectrum
     title = f"(c) amplitude spectrum of {axis}, Hann windows of {1 / frequency_hz[0]:.2g} s"
     name_panel(axes, title, x="frequency (Hz)", y=f"amplitude ({'N' if axis.startswith('F') else 'Nm'})")
@@ -166,11 +166,11 @@ def _label_line(axes: Axes, frequency_hz: float, amplitude_n: float, place: floa
 
 
 def _spread(wanted: Array) -> Array:
-    """Return places along an axis, from 0 to 1, as near to the wanted ones (n,) as the labels' width allows."""
+    """Return places along an axis, from 0 to 1, as near to the wanted places (n,) as the width of labels allows."""
     if not len(wanted):
         return wanted
     steps = _LABEL_WIDTH * np.arange(len(wanted))
-    # Such places are steps plus a sequence that never falls; the nearest one is midway between two bounds.
+    # Such places are steps plus a sequence that never falls; the nearest such sequence is midway between two bounds.
     free = wanted - steps
     level = (np.maximum.accumulate(free) + np.minimum.accumulate(free[::-1])[::-1]) / 2
     return np.asarray(np.clip(level, _LABEL_WIDTH / 2, 1 - _LABEL_WIDTH / 2 - steps[-1]) + steps)
