@@ -46,7 +46,7 @@ def demo(
 
 
 def _record(campaign: "Campaign", truth: Path | None, seed: int) -> dict[str, float]:
-    """Simulate everything as fast as possible; return the true values by the parameters' names."""
+    """Simulate all recordings as fast as possible; return the true values by parameter name."""
     from cfid.demo.recordings import write_runs
     from cfid.sim.demo import demo_truth, simulate_demo
     from cfid.sim.truth_file import load_truth
@@ -65,7 +65,7 @@ def _record_over_wires(campaign: "Campaign", truth: Path | None, seed: int) -> d
 
     record_over_wires(campaign, truth=truth, seed=seed)
     known = true_motors(USUAL_TRUTH if truth is None else load_truth(truth))
-    # This computer adds a delay of its own, unknown and larger than the simulated radio's.
+    # This computer adds an unknown delay, which is larger than that of the simulated radio.
     return {name: value for name, value in known.items() if name not in ("tf.delay_s", "latency.rtt_mean_s")}
 
 
@@ -91,5 +91,5 @@ def _new_campaign(folder: Path) -> "Campaign":
 
     make_campaign(folder)
     campaign = find_campaign(folder, start=folder)
-    assert campaign is not None  # it was named
+    assert campaign is not None  # the folder was given
     return campaign

@@ -1,4 +1,4 @@
-"""Run the demo's fits by the operator's own commands, and print the true values beside the estimates."""
+"""Run the demo's fits with the operator's own commands, and print the true values next to the estimates."""
 
 import math
 import subprocess
@@ -18,9 +18,9 @@ from cfid.records.parameters import Section, load_sections
 from cfid.records.run import Run, list_runs
 from cfid.units import COVERAGE_95
 
-_AT_ONCE = 2  # fits, one for each processor of a small computer
+_AT_ONCE = 2  # fits at a time: one for each processor of a small computer
 
-# The longest first, so that no processor waits for it at the end.
+# The longest fit is first, so that no processor waits for it at the end.
 FITS = (
     "fit inertia",
     "fit rotor {thrust[1]}",
@@ -45,9 +45,9 @@ HANDED_ON = ("export firmware", "export crazyflow", "export mujoco", "report")
 
 
 def run_all(campaign: Campaign, commands: Sequence[str], *, figures: bool) -> None:
-    """Run commands of cfid, two at once, and print their output in order; run names replace the names of kinds.
+    """Run commands of cfid, two at a time, and print their output in order; run names replace names of kinds.
 
-    Raises FitError that names the command which failed.
+    Raises FitError, which names the command that failed.
     """
     names, processes = runs_by_kind(campaign), _Processes(campaign, figures=figures)
     with ThreadPoolExecutor(_AT_ONCE) as pool:
@@ -69,15 +69,15 @@ def _tell_done(words: str, every: Sequence["Future[tuple[int, str, str]]"], _: o
 
 
 class _Processes:
-    """Commands of cfid in processes of their own, each in the campaign's folder."""
+    """Commands of cfid, each in a separate process, in the campaign's folder."""
 
     def __init__(self, campaign: Campaign, *, figures: bool) -> None:
-        """Start no process yet."""
+        """Prepare to run commands, without starting a process."""
         self._folder, self._drawn = campaign.folder, [] if figures else ["--no-figures"]
         self._started: list[subprocess.Popen[str]] = []
 
     def run(self, words: str) -> tuple[int, str, str]:
-        """Run a command to its end; return exit code, stdout and stderr."""
+        """Run a command until it ends; return its exit code, stdout and stderr."""
         drawn = self._drawn if words.startswith(("fit", "tf")) else []
         process = subprocess.Popen(
             [sys.executable, "-m", "cfid.cli.main", *words.split(), *drawn],
@@ -104,7 +104,7 @@ def _print_output(words: str, code: int, out: str, err: str) -> None:
 
 
 def runs_by_kind(campaign: Campaign) -> dict[str, list[str]]:
-    """Return the names of the campaign's runs by kind, the first recorded first."""
+    """Return the names of the campaign's runs by kind, in the order of recording."""
     found: dict[str, list[str]] = {}
     for run in list_runs(campaign.runs_folder):
         if isinstance(run, Run):
@@ -113,7 +113,7 @@ def runs_by_kind(campaign: Campaign) -> dict[str, list[str]]:
 
 
 def print_comparison(campaign: Campaign, truth: Mapping[str, float]) -> None:
-    """Print the true value beside every estimate, and whether it lies in the 95 % interval."""
+    """Print the true value next to every estimate, and whether the 95 % interval contains it."""
 
     table = Table(title="true values of the simulation and estimates", title_justify="left")
     table.add_column("parameter", overflow="fold")

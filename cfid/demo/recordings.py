@@ -14,7 +14,7 @@ from cfid.sim.demo_runs import SimulatedRun
 
 
 def write_runs(campaign: Campaign, runs: Iterable[SimulatedRun]) -> list[Path]:
-    """Write runs one after the other in time, the last of them ending now; return their folders."""
+    """Write runs with consecutive times, the last of which ends now; return their folders."""
     runs = list(runs)
     begin = datetime.now(UTC) - timedelta(seconds=sum(run.next_after_s for run in runs))
     folders = []

@@ -1,4 +1,4 @@
-"""Record the demo in real time: serve a simulated rig on real wires and run the operator's log commands on it."""
+"""Record the demo in real time: serve a simulated rig on real wires, and run the operator's log commands on it."""
 
 import subprocess
 import sys
@@ -12,7 +12,7 @@ from cfid.errors import DeviceError
 from cfid.records.campaign import Campaign
 from cfid.rig.sim_file import SIM_FILE
 
-# A short list, since each takes as long as on a real rig: about two minutes together.
+# The list is short, since each command takes as long as on a real rig: about two minutes in total.
 LOGS = (
     "log encoder --axis x --for 14",
     "log thrust --from 16000 --to 64000 --step 16000 --hold 3 --rest 1.5 --rate-hz 1000 --yes",
@@ -25,7 +25,7 @@ _LOOKS_EVERY_S = 0.1
 
 
 def record_over_wires(campaign: Campaign, *, truth: Path | None, seed: int) -> None:
-    """Serve a rig and record the LOGS from it. Raises DeviceError that names the command which failed."""
+    """Serve a rig and record the LOGS from it. Raises DeviceError, which names the command that failed."""
     with _served(campaign.folder, truth=truth, seed=seed):
         for words in LOGS:
             headline(f"\n$ cfid {words}")
