@@ -1,11 +1,11 @@
-"""Coverage of the 95 % intervals on rigs that are not ideal, a row for each imperfection.
+"""Coverage of the 95 % intervals on rigs that are not ideal, with a row for each imperfection.
 
     python -m tests.nightly.coverage --n 200 --out coverage.jsonl
     python -m tests.nightly.coverage --out coverage.jsonl --table
 
-A line of the file is one fit. What stands there is not repeated, so that a run can be ended and continued. The seeds
-of a row are 0 to n - 1: each draws the values of the row's imperfections from their distributions, and then the
-recording. The rows take turns, 20 seeds at a time, so that a run that is ended has about as many of each.
+Each line of the file is one fit. Fits in the file are not repeated, so that a run can be ended and continued. The
+seeds of a row are 0 to n - 1: each draws the values of the row's imperfections from their distributions, and then the
+recording. The rows take turns, 20 seeds at a time, so that a run that was ended has about as many fits of each row.
 """
 
 import argparse
@@ -36,14 +36,14 @@ from tests.nightly import experiments as on
 
 LIPO = {"battery": {"kind": "lipo"}}
 _TURN = 20  # seeds
-WRONG = 4.0  # standard uncertainties, of what is accepted
+WRONG = 4.0  # standard uncertainties: a larger error of an accepted value counts as wrong
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """An experiment with imperfections (key and size, None for the usual one), and what else the truth file has.
+    """An experiment with imperfections (key and size, None for the usual size), and other content of the truth file.
 
-    `rig` has the keys of rig.toml, "table.key", by which the lab states how well it knows its scales; None states none.
+    `rig` contains keys of rig.toml, as "table.key", that state how well the lab knows its scales; None states nothing.
     """
 
     name: str
@@ -139,7 +139,7 @@ ROWS = (
 
 
 def measure(place: int, seed: int) -> dict[str, Any]:
-    """Draw a rig, record and fit; return a line of the file."""
+    """Draw a rig, record, and fit; return a line of the file."""
     row, began_s = ROWS[place], time.monotonic()
     for_truth, for_recording = np.random.default_rng(seed).spawn(2)
     line: dict[str, Any] = {"row": row.name, "seed": seed, "numbers": {}, "rejected": {}, "warnings": []}
@@ -165,7 +165,7 @@ def measure(place: int, seed: int) -> dict[str, Any]:
             line["rejected"] = {key: why for result in measured.results for key, why in _refused(result).items()}
             line["warnings"] = sorted(
                 {one.code for found in measured.results for one in found.findings if one.severity == "warning"}
-                - {"recording"}  # that it is simulated
+                - {"recording"}  # it only reports that the recording is simulated
             )
     return {**line, "seconds": round(time.monotonic() - began_s, 2)}
 
@@ -232,7 +232,7 @@ def _shown(number: str, lines: list[Mapping[str, Any]]) -> str:
 
 
 def main() -> None:
-    """Measure what the file lacks, and print the table."""
+    """Measure the fits that the file lacks, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--n", type=int, help="fits a row; default: 1000 of quick ones, else 200")
     parser.add_argument("--minutes", type=float, default=math.inf, help="begin no further fits after this time")
@@ -261,7 +261,7 @@ def _measure_all(arguments: argparse.Namespace) -> None:
 
 
 def turns(begin: str, fits: int | None) -> Iterator[tuple[int, range]]:
-    """Yield the place of a row and seeds, for the rows whose names begin so, until each has its fits."""
+    """Yield the index of a row and its next seeds, for rows whose names start with `begin`, until each has its fits."""
     rows = [(place, fits or row.fits) for place, row in enumerate(ROWS) if row.name.startswith(begin)]
     for first in range(0, max((count for _, count in rows), default=0), _TURN):
         yield from ((place, range(first, min(first + _TURN, count))) for place, count in rows)

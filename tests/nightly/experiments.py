@@ -1,4 +1,4 @@
-"""Whole experiments on simulated rigs, fitted as a notebook fits them: what was true, and the results."""
+"""Whole experiments on simulated rigs, fitted as in a notebook: the true values and the results."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -37,7 +37,7 @@ FULL_COMMAND = 65535
 
 
 class Measured(NamedTuple):
-    """True numbers by name, and what was found."""
+    """The true numbers by name, and the results."""
 
     truth: Mapping[str, float]
     results: Sequence[Result]
@@ -47,7 +47,7 @@ Experiment = Callable[[Campaign, SimTruth, np.random.Generator], Measured]
 
 
 def swing(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
-    """One swing. True is the frequency of the pendulum itself, without a cable's spring."""
+    """One swing. The true value is the frequency of the pendulum itself, without the spring of a cable."""
     vehicle = draw_vehicle(campaign.rig, truth, rng=rng)
     (path,) = write_runs(campaign, swing_runs("crazyflie", vehicle, ["x"], truth, rng))
     body = pendulum(vehicle, "x")
@@ -60,7 +60,7 @@ def matrix(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Mea
 
 
 def swapped_matrix(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
-    """Six swings, of which two have each other's label."""
+    """Six swings, of which two have exchanged labels."""
     runs = _six_swings(campaign, truth, rng)
     one, other = rng.choice(len(runs), 2, replace=False)
     runs[one], runs[other] = replace(runs[one], axis=runs[other].axis), replace(runs[other], axis=runs[one].axis)
@@ -84,7 +84,7 @@ def friction(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> M
 
 
 def swapped_friction(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
-    """Drops, of which the first and the last, 20 and 50 g, have each other's label."""
+    """Drops, of which the first and the last, 20 and 50 g, have exchanged labels."""
     runs = drop_runs(campaign.rig, truth, campaign.rig.site.gravity_mps2, rng)
     light, heavy = runs[0].weight_g, runs[-1].weight_g
     runs[0], runs[-1] = replace(runs[0], weight_g=heavy), replace(runs[-1], weight_g=light)
@@ -105,12 +105,12 @@ def thrust_and_torque(campaign: Campaign, truth: SimTruth, rng: np.random.Genera
 
 
 def up_and_down(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
-    """The same, of a staircase up and down."""
+    """The same for a staircase up and down."""
     return _maps(campaign, truth, _staircase(campaign, truth, rng, (*STEPS, *STEPS[::-1])))
 
 
 def slow_up_and_down(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
-    """The same, each command held for as long as the thesis did."""
+    """The same with each command held for as long as in the thesis."""
     return _maps(campaign, truth, _staircase(campaign, truth, rng, (*STEPS, *STEPS[::-1]), hold_s=10.0))
 
 
@@ -127,7 +127,7 @@ _TORQUE = "motor.torque_poly [0]"
 
 
 def maximum_thrust(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
-    """A staircase to 56000; true is the thrust at full command after it, with the battery as it is then."""
+    """A staircase to 56000; the true value is the thrust at full command afterwards, with the battery as it then is."""
     path = _staircase(campaign, truth, rng, MODERATE_STEPS)
     when, duration_s = staircase_steps([*MODERATE_STEPS, FULL_COMMAND], motors=MOTORS, hold_s=HOLD_S, rest_s=REST_S)
     stand = simulate_stand(
@@ -153,14 +153,14 @@ def _staircase(
 
 
 def speed(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
-    """A tachometer's readings, typed."""
+    """Typed readings of a tachometer."""
     (path,) = write_runs(campaign, [speed_run(truth, rng)])
     known = {name: true for name, true in true_motors(truth).items() if name.startswith("motor.speed_poly")}
     return Measured(known, [cfid.motors.maps.fit_speed(path)])
 
 
 def step_response(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
-    """Steps of one motor, its speed estimated from vibration: the time constant of each."""
+    """Steps of one motor, with its speed estimated from vibration: the time constant of each step."""
     run = record_staircase(truth, rng, steps=QUICK_STEPS, motors=(1,), hold_s=1.5, rest_s=1.5, rate_hz=FULL_RATE_HZ)
     (path,) = write_runs(campaign, [run])
     result = cfid.motors.steps.fit(path)
@@ -183,20 +183,20 @@ def _rows(result: Result) -> list[dict[str, float]]:
 
 
 def transfer_function(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
-    """A series of sines. True of a rotor that slows down more slowly is the mean of its two rates, 1/s."""
+    """A series of sines. For a rotor that slows down more slowly, the mean of its two rates in 1/s is true."""
     known = {name: true for name, true in true_motors(truth).items() if name.startswith("tf.")}
     known["tf.time_constant_s"] *= (1 + truth.rotors.slower_fall) / (1 + truth.rotors.slower_fall / 2)
     return Measured(known, [cfid.transfer.fit(write_runs(campaign, sine_runs(truth, rng)))])
 
 
 def drag(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
-    """Wind runs at six settings, and the reference."""
+    """Wind runs at six settings, and a reference run."""
     known = {f"drag.simple_kg_per_rad [{axis}]": value for axis, value in enumerate(truth.wind.kg_per_rad)}
     return Measured(known, [cfid.drag.fit(write_runs(campaign, record_chapter_4(truth, rng)))])
 
 
 def pings(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
-    """Half a minute of pings: the mean round trip, and the vehicle's clock."""
+    """Half a minute of pings: the mean round trip, and the rate of the vehicle's clock."""
     return _pings(campaign, truth, ping_run(truth, rng))
 
 

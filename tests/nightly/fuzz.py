@@ -1,10 +1,10 @@
-"""Damaged files and packets for every reader: each is read or refused with a sentence, in time and memory.
+"""Damaged files and packets for every reader: each is read or refused with a sentence, within time and memory limits.
 
     python -m tests.nightly.fuzz --cases 1000
     python -m tests.nightly.fuzz --cases 1000 --reader "run.toml" --seed 7
 
-Hypothesis edits a valid content, and prefers edits after which more of it is still accepted. What it finds is made
-small and printed: a traceback, more than 5 s, more than 1 GB, numbers that the file does not hold.
+Hypothesis edits valid content, and prefers edits after which more of it is still accepted. It minimises and prints
+what it finds: a traceback, more than 5 s, more than 1 GB, or numbers that the file does not contain.
 """
 
 import argparse
@@ -25,8 +25,8 @@ from hypothesis import strategies as st
 from tests.nightly.readers import READERS, Reader
 
 LONGEST_S = 5.0
-MOST_KB = 1 << 20  # of memory in use
-MOST_ADDRESSES = 3 << 30  # of bytes: Arrow reserves a gigabyte at once, and uses little of it
+MOST_KB = 1 << 20  # of used memory
+MOST_ADDRESSES = 3 << 30  # bytes of address space: Arrow reserves a gigabyte at once, but uses little of it
 TOKENS = (
     b"nan", b"inf", b"-inf", b"1e999", b"-1e-320", b"-0", b"9" * 400, b"1_000", b"0x1f", b"1,5", b"1.2.3", b"", b" ",
     b",", b";", b"\t", b'"', b"'", b"#", b"\0", b"\r", b"\n", b"\r\n", b"\x0b", b"\x0c", b"\x1b[2J", b"\x85",
@@ -46,7 +46,7 @@ edits = st.lists(_edit, min_size=1, max_size=5)
 
 
 def damaged(content: bytes, how: list[tuple[str, int, int, bytes]]) -> bytes:
-    """Return a content after edits, each at a place, over a length, with a token."""
+    """Return content after edits, each of a kind, at a place, over a length, with a token."""
     for kind, place, length, token in how:
         at = place % (len(content) + 1)
         part = content[at : at + length]
@@ -67,14 +67,14 @@ def damaged(content: bytes, how: list[tuple[str, int, int, bytes]]) -> bytes:
 
 
 class TooLongError(BaseException):
-    """A reader took too long; no reader catches it."""
+    """A reader took too long; no reader catches this error."""
 
 
 @contextlib.contextmanager
 def limited() -> Iterator[None]:
-    """Raise TooLongError after 5 s of processor time, and MemoryError where the process grows by more than 1 GB.
+    """Raise TooLongError after 5 s of processor time, and MemoryError if the process grows by more than 1 GB.
 
-    What would grow it much further is refused the addresses, and raises MemoryError at once.
+    An allocation that would make it grow much more gets no address space, and raises MemoryError at once.
     """
 
     def ended(number: int, frame: FrameType | None) -> None:
@@ -98,12 +98,12 @@ def limited() -> Iterator[None]:
 
 
 def read(reader: Reader, content: bytes, folder: Path) -> bool:
-    """Let a reader read a content; return whether it accepted it. Raises what it must not, and AssertionError."""
+    """Return whether a reader accepts content. Raises errors that the reader must not raise, and AssertionError."""
     path = folder / reader.file
     path.write_bytes(content)
     with limited(), warnings.catch_warnings():
         warnings.simplefilter("error")
-        warnings.simplefilter("ignore", ResourceWarning)  # of libraries
+        warnings.simplefilter("ignore", ResourceWarning)  # raised by libraries
         try:
             found = reader.read(path)
         except reader.raises as error:
@@ -117,7 +117,7 @@ def read(reader: Reader, content: bytes, folder: Path) -> bool:
 
 
 def attack(reader: Reader, *, cases: int, seed: int) -> str:
-    """Damage a reader's contents so often; return what was found, "" if nothing."""
+    """Damage a reader's contents `cases` times; return a description of the fault found, or ""."""
     with TemporaryDirectory(prefix="cfid-fuzz-") as name:
         folder = Path(name)
         for content in reader.contents:
@@ -142,7 +142,7 @@ def attack(reader: Reader, *, cases: int, seed: int) -> str:
 
 
 def main() -> None:
-    """Attack the readers, print a line for each, and exit with 1 if something was found."""
+    """Attack the readers, print a line for each, and exit with 1 if a fault was found."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", type=int, default=1000, help="for each reader")
     parser.add_argument(

@@ -1,14 +1,14 @@
-"""The evidence of a night: statistics, long recordings, damaged files, other programs and benches, on one machine.
+"""The evidence of one night: statistics, long recordings, damaged files, other programs and benches, on one machine.
 
     bash .ci/nightly night-1            # four hours at most
     bash .ci/nightly night-1 --small    # the smallest sizes: whether every stage runs
     bash .ci/nightly night-1 --stage fuzz
     bash .ci/nightly night-1 --page     # no measurement: writes its figures into the evidence page
 
-The folder gets a log of each command, and results.jsonl: command, figure, value, date, the machine's load at the
-command's start, and how long it took. A night that was ended is continued by the same words: what is in results.jsonl
-is not repeated, nor is what a command keeps by itself. A stage begins nothing after its share of the time; what still
-runs then is ended, and begun anew by the next start. What took longest in the last results begins first.
+The folder gets a log of each command, and results.jsonl with command, figure, value, date, the machine's load at the
+start of the command, and its duration. The same words continue a night that was ended: commands in results.jsonl are
+not repeated, nor is work that a command stores itself. A stage starts no command after its share of the time; commands
+that still run then are ended, and started again next time. The longest commands of the last results start first.
 """
 
 import argparse
@@ -36,10 +36,10 @@ HEADING = "## The last night (`bash .ci/nightly`)\n"
 ENDED = "exit code"
 TIME_LIMIT = "none: ended at its time limit"
 FUZZ_CASES = 100_000  # of all readers
-# Tests that wait for motors and swings more than they compute, and how many at once: 2900 stops take three hours one
-# after another. One such file runs at a time, ahead of what computes: beside another, devices answered too late.
+# Tests that wait for motors and swings more than they compute, with the number of workers: 2900 stops in sequence take
+# three hours. Only one such file runs at a time, ahead of programs that compute: with two, devices answered too late.
 WORKERS = {"test_motors_stop.py": 6, "test_guided_campaign.py": 2, "test_killed_runs.py": 1, "test_preflight.py": 1}
-_AHEAD = "-10"  # as `nice` counts
+_AHEAD = "-10"  # a value of `nice`
 _LOOK_S = 0.1
 _asked_to_end = threading.Event()
 
@@ -47,7 +47,7 @@ Line = Mapping[str, Any]
 
 
 class Stage(NamedTuple):
-    """Commands, with {size} where they take one: their sizes, the minutes of the stage, and how many run at once."""
+    """Commands, with {size} in place of their size, their sizes, the minutes of the stage, and how many run at once."""
 
     commands: tuple[str, ...]
     size: str
@@ -77,7 +77,7 @@ STAGES = {
         str(FUZZ_CASES // len(READERS)), "100", 25, at_once=2,
     ),
     "consumers": Stage(("bash .ci/consumers",), "", "", 5),
-    "slow": Stage(_slow_tests(), "", "--collect-only ", 150, at_once=4),  # some wait for motors
+    "slow": Stage(_slow_tests(), "", "--collect-only ", 150, at_once=4),  # some tests wait for motors
     "coverage": Stage(
         ("python -m tests.nightly.coverage {size} --jobs 2 --out {folder}/coverage.jsonl",), "--minutes 15", "--n 1", 17
     ),
@@ -101,9 +101,9 @@ _PATTERNS = tuple(
 
 
 def figures(output: str) -> Iterator[tuple[str, str]]:
-    """Yield name and value of each figure in a command's output, a goal behind its value."""
+    """Yield the name and value of each figure in a command's output, with the goal after the value."""
     for line in output.splitlines():
-        shown = line.lstrip(".")  # of the tests that passed before
+        shown = line.lstrip(".")  # dots of the tests that passed before
         found = next(filter(None, (pattern.fullmatch(shown) for pattern in _PATTERNS)), None)
         if found is not None:
             got: dict[str, str] = {"figure": "tests", "goal": "", "n": ""}
@@ -117,20 +117,20 @@ def figures(output: str) -> Iterator[tuple[str, str]]:
 
 
 def lines_of(path: Path) -> list[dict[str, Any]]:
-    """Return the lines of a file of results; none where it is absent."""
+    """Return the lines of a file of results, none if it does not exist."""
     if not path.exists():
         return []
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
 
 
 class Started:
-    """A command of the project that runs, in a session of its own, with its output in a log of the folder."""
+    """A running command of the project, in a separate session, with its output in a log in the folder."""
 
     def __init__(self, command: str, folder: Path) -> None:
         self.command = command
         words = [word.replace("{folder}", str(folder)) for word in shlex.split(command)]
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-        environment.pop("PYTHONDONTWRITEBYTECODE", None)  # which would time how modules are compiled, at each start
+        environment.pop("PYTHONDONTWRITEBYTECODE", None)  # it would include the compilation of modules in each start
         while "=" in words[0]:
             name, _, value = words.pop(0).partition("=")
             environment[name] = value
@@ -143,12 +143,12 @@ class Started:
                 words, cwd=ROOT, env=environment, stdout=file, stderr=subprocess.STDOUT, start_new_session=True
             )
         if _runs_against_a_clock(command):
-            # Linux weighs whole sessions against each other: the priorities that tests take count within theirs.
-            with suppress(OSError):  # of another system, or of a user to whom it is not granted
+            # Linux weighs whole sessions against each other; priorities that tests set count only within their session.
+            with suppress(OSError):  # raised on other systems, and for users without the right
                 Path(f"/proc/{self._process.pid}/autogroup").write_text(_AHEAD, encoding="ascii")
 
     def code(self, end_s: float) -> str:
-        """Return how it ended, empty while it runs; one that runs past a time is ended."""
+        """Return how the command ended, "" while it runs; end a command that runs beyond `end_s`."""
         code = self._process.poll()
         if code is None and time.monotonic() > end_s:
             self.end()
@@ -156,12 +156,12 @@ class Started:
         return "" if code is None else str(code)
 
     def end(self) -> None:
-        """End it, with what it started."""
+        """End the command and the programs that it started."""
         os.killpg(self._process.pid, signal.SIGTERM)
         self._process.wait()
 
     def lines(self, code: str) -> list[Line]:
-        """Return its figures, and how it ended."""
+        """Return the command's figures, and how it ended."""
         found = [*figures(self._log.read_text(encoding="utf-8", errors="replace")), (ENDED, code)]
         took_s = round(time.monotonic() - self._began_s)
         facts = {"date": f"{datetime.now(UTC):%Y-%m-%d}", "load": self._load, "took_s": took_s}
@@ -173,18 +173,18 @@ def _runs_against_a_clock(command: str) -> bool:
 
 
 def _can_begin(command: str, running: Sequence[Started]) -> bool:
-    """Return whether a command can run beside those that run."""
+    """Return whether a command can run in parallel with those that run."""
     return not (_runs_against_a_clock(command) and any(_runs_against_a_clock(one.command) for one in running))
 
 
 def run_stage(name: str, folder: Path, *, small: bool) -> None:
-    """Run what a stage lacks, and add its lines to the results as commands end; begin nothing after its time."""
+    """Run the commands that a stage lacks, and store their lines as they end; start none after the stage's time."""
     stage, results = STAGES[name], folder / "results.jsonl"
     size = stage.small if small else stage.size
     done = {line["command"] for line in lines_of(results) if line["figure"] == ENDED}
     took_s = {line["command"]: line.get("took_s") for line in lines_of(RESULTS)}
     lacking = [one for one in (text.replace("{size}", size) for text in stage.commands) if one not in done]
-    lacking.sort(key=lambda one: -(took_s.get(one) or math.inf))  # a long one begun last would run alone
+    lacking.sort(key=lambda one: -(took_s.get(one) or math.inf))  # a long command that starts last would run alone
     end_s = time.monotonic() + 60 * stage.minutes
     running: list[Started] = []
     with results.open("a", encoding="utf-8") as file:
@@ -195,7 +195,7 @@ def run_stage(name: str, folder: Path, *, small: bool) -> None:
                     lacking.remove(can_begin[0])
                     running.append(Started(can_begin[0], folder))
                 time.sleep(_LOOK_S)
-                if _asked_to_end.is_set():  # looked at here, where every command that was started is known
+                if _asked_to_end.is_set():  # checked here, where all started commands are known
                     raise KeyboardInterrupt
                 for one in list(running):
                     if code := one.code(end_s):
@@ -212,7 +212,7 @@ def run_stage(name: str, folder: Path, *, small: bool) -> None:
 
 
 def section(lines: list[dict[str, Any]]) -> str:
-    """Return the section of the page: every figure with its command, its date and the load at its start."""
+    """Return the section of the page: every figure with its command, its date and the load at the start."""
     rows = [
         f"| `{line['command']}` | {line['figure']} | {line['value']} | {line['date']} | {line['load']:g} "
         f"| {line.get('took_s', '')} |"
@@ -229,21 +229,21 @@ def section(lines: list[dict[str, Any]]) -> str:
 
 
 def write_page(lines: list[dict[str, Any]]) -> None:
-    """Put the figures into the page, and the results beside it."""
+    """Write the figures into the page, and the results to the file next to it."""
     before = PAGE.read_text(encoding="utf-8").partition(HEADING)[0].rstrip("\n")
     PAGE.write_text(f"{before}\n\n{section(lines)}", encoding="utf-8")
     RESULTS.write_text("".join(json.dumps(line, ensure_ascii=False) + "\n" for line in lines), encoding="utf-8")
 
 
 def main() -> None:
-    """Run what the folder lacks, or write the page."""
+    """Run the commands that the folder lacks, or write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="folder of results, continued")
     parser.add_argument("--small", action="store_true", help="the smallest sizes")
     parser.add_argument("--stage", choices=STAGES, help="only this stage")
     parser.add_argument("--page", action="store_true", help="only write the figures into the page")
     arguments = parser.parse_args()
-    for number in (signal.SIGINT, signal.SIGTERM):  # started in the background, it would ignore the first
+    for number in (signal.SIGINT, signal.SIGTERM):  # a program in the background would ignore the first
         signal.signal(number, lambda *_: _asked_to_end.set())
     folder = arguments.folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Every reader with a file or a packet that it takes as it is: what the fuzzer damages."""
+"""Every reader with valid files or packets, which the fuzzer damages."""
 
 import io
 import math
@@ -40,9 +40,9 @@ from tests.report.fits_by_hand import NOON
 
 @dataclass(frozen=True, kw_only=True)
 class Reader:
-    """What reads a file (or the bytes of a packet), contents that it accepts, and what it may raise.
+    """A function that reads a file (or the bytes of a packet), contents that it accepts, and errors that it may raise.
 
-    `fault` returns what is wrong with that which was read of a content, "" if nothing is known to be.
+    `fault` returns what is wrong with the result of reading given content, or "" if no fault is known.
     """
 
     name: str
@@ -93,7 +93,7 @@ def _matlab() -> bytes:
 
 
 def _written(write: Callable[[Path], Any]) -> bytes:
-    """Return the content of the one file that a function writes into a folder."""
+    """Return the content of the only file that a function writes into a folder."""
     with TemporaryDirectory() as folder:
         write(Path(folder))
         (path,) = (path for path in Path(folder).rglob("*") if path.is_file())
@@ -140,7 +140,7 @@ def _page() -> bytes:
 
 
 def _other_numbers(content: bytes, found: Any) -> str:
-    """Compare a table with the numbers of its text where that is as plain as the tables' own: commas and a header."""
+    """Compare a table with the numbers in its text, if this text is as plain as cfid's own: commas and a header."""
     try:
         lines = content.decode("ascii").split("\n")
         plain = [[float(field) for field in line.split(",")] for line in lines[1:] if line]
@@ -158,7 +158,7 @@ def _with_checksum(content: bytes) -> bytes:
 
 
 def _unnoticed(content: bytes, log: FlightLog) -> str:
-    """Return that a log whose checksum is wrong was read without a note."""
+    """Return a sentence if a log with a wrong checksum was read without a note, else ""."""
     whole = len(content) > 4 and content == _with_checksum(content)
     return "" if whole or log.notes else "its checksum is wrong, and no note says so"
 
@@ -225,7 +225,7 @@ def _not_as_sent(content: bytes, found: rdt.Records) -> str:
 
 
 def _decoders(payload: bytes) -> Any:
-    """Let every decoder of the vehicle's packets read a payload: each returns None for one that is not its own."""
+    """Let every decoder of the vehicle's packets read a payload; each returns None for a payload of another kind."""
     for decode in (
         app.decode_thrust, app.decode_thrust_answer, app.decode_sine, app.decode_sine_answer, app.decode_crossing,
         app.decode_done, app.decode_hello, app.decode_state, crtp.decode_packet, crtp.decode_echo,

@@ -1,8 +1,8 @@
-"""A long recording of encoder and load cell: in virtual time, or at once in real time from a simulated rig.
+"""A long recording of encoder and load cell: in virtual time, or of both at once in real time from a simulated rig.
 
     python -m tests.nightly.soak --virtual 3600 --real 600
 
-Printed are rows, losses and gaps, and for real time what the recorder's process grew by, in memory and in open files.
+It prints rows, losses and gaps, and for real time the growth of the recorder's process in memory and open files.
 """
 
 import argparse
@@ -30,7 +30,7 @@ STARTS_WITHIN_S = 60.0
 
 
 def virtual(for_s: float, folder: Path) -> None:
-    """Record each instrument so long, on a clock that is turned, and print what is missing."""
+    """Record each instrument for `for_s` seconds on a virtual clock, and print what is missing."""
     for name, couple in (("encoder", encoder), ("loadcell", loadcell)):
         session = Session(folder / name, Clock())
         instrument = (encoder(session, SOUND_ENCODER) if couple is encoder else loadcell(session, SOUND_LOADCELL))[0]
@@ -41,7 +41,7 @@ def virtual(for_s: float, folder: Path) -> None:
 
 
 def real(for_s: float, folder: Path) -> None:
-    """Record both at once over their wires from a simulated rig, and print what is missing and what grew."""
+    """Record both at once over their wires from a simulated rig; print what is missing, and how the process grew."""
     make_campaign(folder)
     with subprocess.Popen((*CFID, "rig", "sim", "--axis", "x"), cwd=folder, stderr=subprocess.DEVNULL) as rig:
         try:
@@ -59,7 +59,7 @@ def real(for_s: float, folder: Path) -> None:
             after = {name: _used(logger.pid) for name, logger in loggers.items()}
             codes = {name: logger.wait(for_s + STARTS_WITHIN_S) for name, logger in loggers.items()}
         finally:
-            rig.terminate()  # a rig of a job in the background ignores Ctrl-C
+            rig.terminate()  # a rig started in the background ignores Ctrl-C
     for name, code in codes.items():
         (run,) = (one for one in map(read_run, sorted((folder / "runs").iterdir())) if name in one.header.devices)
         what = f"{name}, {for_s:g} s of real time"
@@ -99,7 +99,7 @@ def _content(file: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Record as long as asked."""
+    """Record for the given times."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--virtual", type=float, default=3600.0, help="seconds; 0 leaves it out")
     parser.add_argument("--real", type=float, default=600.0, help="seconds; 0 leaves it out")

@@ -1,4 +1,4 @@
-"""The nightly table's own machinery, on the quickest row."""
+"""The code that makes the nightly table, on the quickest row."""
 
 import json
 from pathlib import Path

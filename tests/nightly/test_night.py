@@ -1,4 +1,4 @@
-"""The night's own machinery: what counts as a figure, what is not repeated, and that the page has the last results."""
+"""The code of the night: what counts as a figure, what is not repeated, and that the page has the last results."""
 
 import json
 import os
