@@ -1,8 +1,8 @@
 """How soon unmodified cflib is fully connected with the simulated vehicle, and what serving that vehicle costs.
 
-A peer that only echoes each packet gives the round trip that machine and sockets need in any case. The server's
-processor time is measured at rest, connected, with motors and with a log; and with the load cell's 7 kHz on top,
-while the rotors turn steadily and while they follow a sine of 500 commands a second.
+A peer that only echoes each packet gives the round trip that computer and sockets need in any case. The server's
+processor time is measured at rest, connected, with motors and with a log, then also with the load cell at 7 kHz, while
+the rotors turn steadily and while they follow a sine of 500 commands a second.
 """
 
 import logging
@@ -39,7 +39,7 @@ PORTS = app.AppPorts()
 
 
 def main() -> None:
-    cflib.crtp.CLASSES[:] = [UdpDriver]  # no USB is searched
+    cflib.crtp.CLASSES[:] = [UdpDriver]  # do not search USB
     logging.getLogger("cflib").setLevel(logging.CRITICAL)
     with tempfile.TemporaryDirectory() as name, serving(Path(name)) as (devices, process):
         tell_connects(devices["crazyflie"]["uri"])
@@ -49,7 +49,7 @@ def main() -> None:
 
 @contextmanager
 def serving(folder: Path) -> Iterator[tuple[dict[str, Any], int]]:
-    """Run `cfid rig sim` in a campaign; give where its devices are, and its process."""
+    """Run `cfid rig sim` in a campaign; yield the addresses of its devices, and its process number."""
     (folder / "rig.toml").write_text(new_rig_text())
     words = (sys.executable, "-m", "cfid.cli.main", "rig", "sim")
     with subprocess.Popen(words, cwd=folder, stderr=subprocess.DEVNULL) as server:
@@ -63,7 +63,7 @@ def serving(folder: Path) -> Iterator[tuple[dict[str, Any], int]]:
 
 
 class Connected:
-    """A link of cflib's that is fully connected."""
+    """A fully connected link of cflib."""
 
     def __init__(self, uri: str) -> None:
         self.answers = 0
@@ -98,7 +98,7 @@ class Connected:
         self.send(5, 1, struct.pack("<BBH", 8, 200, period_ms))
 
     def play_sine(self) -> None:
-        """Keep the app alive and let it play for longer than anything is measured."""
+        """Keep the app alive and let it play for longer than any measurement takes."""
 
         def keep_alive() -> None:
             while self.cf.link is not None:
@@ -132,7 +132,7 @@ def tell_connects(uri: str) -> None:
 
 
 def echo_round_trips() -> list[float]:
-    """Return how long a packet to a thread that sends it back takes in seconds, over the loopback, 1000 times."""
+    """Return 1000 round-trip times in seconds of a packet over the loopback, to a thread that sends it back."""
     with socket.socket(type=socket.SOCK_DGRAM) as peer, socket.socket(type=socket.SOCK_DGRAM) as own:
         peer.bind(("127.0.0.1", 0))
         own.connect(peer.getsockname())
@@ -178,7 +178,7 @@ def tell_cost(devices: dict[str, Any], process: int) -> None:
 
 
 def core_percent(process: int) -> float:
-    """Return the share of a core that a process uses, for SECONDS, a little after now."""
+    """Return the share of a core that a process uses during SECONDS, after a short delay."""
     time.sleep(0.5)
     before = _ticks(process)
     time.sleep(SECONDS)

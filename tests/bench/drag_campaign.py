@@ -1,8 +1,8 @@
 """A wind campaign of 112 recordings of 12 s at 7 kHz: read and reduced by `cfid fit drag`, against read with pandas.
 
-The recordings are made by the simulated wind tunnel over the thesis' winds (C.3.1), written as its logger did. cfid
-reads two files at once, pandas one after the other as a script does; both meet the same files. The goal is a ratio of
-0.6 at least by the wall clock; processor time is printed too, because others may use the machine meanwhile.
+The recordings come from the simulated wind tunnel at the thesis' wind settings (C.3.1), in the format of its logger.
+cfid reads two files at once, pandas one after the other as a script does; both read the same files. The goal is a ratio
+of at least 0.6 by the wall clock; processor time is printed too, because others may use the machine meanwhile.
 """
 
 import os
@@ -33,7 +33,7 @@ def write(path: Path, wind: Wind, command: int, rng: np.random.Generator) -> Non
 
 
 def campaign(folder: Path) -> tuple[Path, list[Path]]:
-    """Write the recordings and their index; return it and the recordings."""
+    """Write the recordings and their index; return the paths of the index and of the recordings."""
     rng = np.random.default_rng(3)
     rows, files = ["command,angle_deg,wind_min_mps,wind_max_mps,tach_rpm,loadcell"], []
     still = Wind(0.0, 0.0, 0.0)

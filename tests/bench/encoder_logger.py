@@ -1,8 +1,8 @@
-"""`cfid log encoder` at 1 kHz over a pseudo terminal, against a logger of the thesis' kind.
+"""`cfid log encoder` at 1 kHz over a pseudo terminal, against a logger like that of the thesis.
 
-That one asks again as soon as an answer came, and keeps a list until the end. Processor time a sample is
-compared. Ours is judged by the grid of the rate: a place of it without a row of its own was missed, whether the
-poll was skipped or got no answer.
+The latter polls again as soon as an answer has arrived, and keeps a list until the end. The processor times per sample
+are compared. cfid's log is judged on the time grid of the rate: a grid point without its own row was missed, whether
+the poll was skipped or got no answer.
 """
 
 import os
@@ -111,7 +111,7 @@ def serving(folder: Path) -> Iterator[None]:
 
 
 def processor_s(folder: Path, *words: str) -> float:
-    """Run a logger for so many seconds, end it by Ctrl-C, and return the processor time it took."""
+    """Run a logger for SECONDS, end it with Ctrl-C, and return the processor time that it took."""
     before = os.times()
     with subprocess.Popen(words, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as logger:
         time.sleep(SECONDS)

@@ -2,9 +2,11 @@
 
 Each campaign has swings, dropped weights and a test body, with three fits. Some are simulated, with different seeds;
 the others are copies of them. Numbers have to be the same to the last bit. BENCH_CAMPAIGNS sets how many there are
-(200), BENCH_SEEDS how many are simulated (4), BENCH_FITS which fits each has; `swing` alone makes campaigns of one run.
+(200), BENCH_SEEDS how many are simulated (4), and BENCH_FITS which fits each has; with only `swing`, campaigns have one
+run.
 
-Goal: processor time a campaign within 1.2 times that of the same fits by commands in one process that has imported all.
+Goal: at most 1.2 times the processor time per campaign of the same fits by commands in one process that has imported
+all modules.
 """
 
 import contextlib
@@ -38,7 +40,7 @@ CAMPAIGNS = int(os.environ.get("BENCH_CAMPAIGNS", "200"))
 SEEDS = int(os.environ.get("BENCH_SEEDS", "4"))
 FITS = tuple(os.environ.get("BENCH_FITS", "inertia,friction,testbody").split(","))
 WARM_ROUNDS = 7
-_SUBREAPER = 36  # PR_SET_CHILD_SUBREAPER: what a command's processes were forked from comes here when it ends
+_SUBREAPER = 36  # PR_SET_CHILD_SUBREAPER: this process inherits the fork server of a command that ends
 ONE_THREAD = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
@@ -51,7 +53,7 @@ def run(*words: object) -> float:
 
 
 def run_counted(*words: object) -> tuple[float, float]:
-    """Run cfid; return its seconds by the wall clock and of processor time, that of its own processes included."""
+    """Run cfid; return its seconds by the wall clock and of processor time, including that of its own processes."""
     ctypes.CDLL(None).prctl(_SUBREAPER, 1, 0, 0, 0)
     others, before = _children(), resource.getrusage(resource.RUSAGE_CHILDREN)
     took_s = run(*words)
@@ -62,7 +64,7 @@ def run_counted(*words: object) -> tuple[float, float]:
 
 
 def _children() -> set[int]:
-    """Return the processes of this one, with those that a command left to it, as what its processes are forked from."""
+    """Return the children of this process, including those that a command left to it, such as its fork server."""
     return {int(pid) for path in Path("/proc/self/task").glob("*/children") for pid in path.read_text().split()}
 
 
@@ -71,7 +73,7 @@ def words_of(fit: str, place: Path) -> list[str]:
 
 
 def warm_rounds(place: Path) -> None:
-    """Fit a campaign and refit it in turns in this process; print the processor time of both in each round."""
+    """Fit and refit a campaign in turns in this process; print the processor time of both in each round."""
     for _ in range(WARM_ROUNDS):
         began_s = time.process_time()
         for fit in FITS:
@@ -83,7 +85,7 @@ def warm_rounds(place: Path) -> None:
 
 
 def warm_s(place: Path) -> tuple[float, float]:
-    """Return the processor time of a campaign's fits in a warm process, and how much a refit takes of it: medians."""
+    """Return medians of the processor time of a campaign's fits in a warm process, and of a refit's ratio to it."""
     command = [sys.executable, "-m", "tests.bench.fleet", str(place)]
     ended = subprocess.run(command, check=True, env=ONE_THREAD, capture_output=True, text=True)
     fitted_s, again_s = np.array(ended.stdout.split(), dtype=np.float64).reshape(-1, 2)[1:].T
@@ -91,7 +93,7 @@ def warm_s(place: Path) -> tuple[float, float]:
 
 
 def make_campaigns(folder: Path) -> float:
-    """Make the campaigns; return the processor time that the fits of one take as commands of their own."""
+    """Make the campaigns; return the processor time that the fits of one campaign take as separate commands."""
     spent_s = []
     for number in range(min(SEEDS, CAMPAIGNS)):
         place = folder / f"c{number:03}"
@@ -117,13 +119,13 @@ def numbers(folder: Path) -> dict[str, Any]:
 
 
 def of_workers_s(folder: Path) -> float:
-    """Return the processor time that a worker took for a campaign, as the manifest states it, the median."""
+    """Return the median processor time that a worker took for a campaign, as the manifest states it."""
     rows = [json.loads(line) for line in (folder / "manifest.jsonl").read_text().splitlines()[1:]]
     return float(np.median([row["processor_s"] for row in rows]))
 
 
 def on_cluster(folder: Path, out: Path) -> float:
-    """Refit on a cluster of two workers, of which one is killed when a third is done; return the seconds."""
+    """Refit on a cluster of two workers, one of which is killed after a third of the campaigns; return the seconds."""
     from distributed import LocalCluster
 
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as cluster:

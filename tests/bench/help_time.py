@@ -1,4 +1,4 @@
-"""Start-up: `cfid --help` and a command's help against those of a bare typer program with rich, processes in turn."""
+"""Start-up time: `cfid --help` and the help of a command, against a bare typer program with rich, in turns."""
 
 import statistics
 import subprocess

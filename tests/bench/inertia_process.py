@@ -1,6 +1,6 @@
-"""Six swings to a matrix as a whole process, against importing numpy, scipy.optimize and pandas.
+"""From six swings to a matrix in a whole process, against importing numpy, scipy.optimize and pandas.
 
-The goal is of the wall clock; processor time is printed too, because others may use the machine meanwhile.
+The goal applies to the wall clock; processor time is printed too, because others may use the machine meanwhile.
 """
 
 import resource

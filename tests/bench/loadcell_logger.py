@@ -1,8 +1,8 @@
-"""`cfid log loadcell` over the simulated wire, against a logger of the thesis' kind.
+"""`cfid log loadcell` over the simulated wire, against a logger like that of the thesis.
 
-That one makes a tuple of each packet, and a table of all at the end. The box sends each record on its own, as a
-real one does, so that every datagram can wake up its receiver. Processor time and resident memory are those of
-the logger's process from second 10 to the end. Then what the logger loses when it is stopped for half of every
+The latter makes a tuple of each packet, and a table of all packets at the end. The box sends each record separately, as
+a real one does, so that every datagram can wake up its receiver. Processor time and resident memory are those of the
+logger's process from second 10 to the end. Afterwards, losses are measured when the logger is stopped for half of every
 second, and at ten times the rate of the box.
 """
 
@@ -38,7 +38,7 @@ FAST_HZ = 70_000
 
 
 class Cost(NamedTuple):
-    """What a logger's process used: share of a core in percent, resident memory at both ends in MB."""
+    """What a logger's process used: share of a core in percent, and resident memory at start and end in MB."""
 
     core_percent: float
     memory_from_mb: float
@@ -71,7 +71,7 @@ def main() -> None:
 
 
 def stall(folder: Path) -> None:
-    """Stop the logger's process for half of every second, in real-time mode, which needs the most room."""
+    """Stop the logger's process for half of every second, in real-time mode, which needs the most buffer space."""
     words = (*CFID, "log", "loadcell", "--for", f"{SECONDS:g}", "--real-time")
     with subprocess.Popen(words, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as logger:
         time.sleep(2)
@@ -158,7 +158,7 @@ print(len(rows))
 
 
 def serve(folder: Path, internal_hz: int) -> None:
-    """Serve a box that sends as often as it samples; a real one samples at 7 kHz."""
+    """Serve a box that sends each sample as it is taken; a real box samples at 7 kHz."""
 
     async def served(loop: Loop, ending: Ending) -> None:
         box = NetFTBox(

@@ -1,9 +1,9 @@
-"""A crest-optimised odd multisine in one run, against sines one by one: deviations, biases and bench time.
+"""A crest-optimised odd multisine in one run, against single sines: standard deviations, biases and bench time.
 
-Both go to the same simulated rotor, load cell and radio, and end in the same maximum likelihood. Deviations are those
-found by repetition. A run is integrated once for each of a few rotors, which vibrate differently; drawn anew each time
-are the load cell's noise and the radio's lateness. Biases are those of one series without either, also with rotors
-that are less simple than the identified lag.
+Both drive the same simulated rotor, load cell and radio, and are fitted by the same maximum likelihood. Deviations are
+found by repetition. A run is integrated once for each of a few rotors, which vibrate differently; the load cell's noise
+and the radio's lateness are drawn again for each repetition. Biases are those of one series without noise and lateness,
+also for rotors that are less simple than the identified lag.
 """
 
 import os
@@ -35,36 +35,36 @@ Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
 
 ROTORS = int(os.environ.get("BENCH_ROTORS", "3"))
-DRAWS = int(os.environ.get("BENCH_DRAWS", "30"))  # for each of them
+DRAWS = int(os.environ.get("BENCH_DRAWS", "30"))  # for each rotor
 PROCESSES = 2
 
 LINES = 31
 AMPLITUDE = 20000
-PERIOD = 4000  # samples: N of the sines, and what the multisine repeats
-MOST = 100  # periods within that: 12.5 Hz, up to which transfer functions are fitted
-OVERHEAD_S = 3.5  # of a run: a second at rest before, and the 2.5 s beside that `cfid log sine` reckons with
-REST = 500  # samples before and after each run, while the load cell is read
-READINGS = 2  # a sample: 1 kHz
-THINNED = 10  # readings to a mean, before the multisine's least squares
-BESIDE = 20  # bins on either side of a line that tell its noise
+PERIOD = 4000  # samples: N of the sines, and the period of the multisine
+MOST = 100  # periods within PERIOD: 12.5 Hz, the highest frequency of the fits
+OVERHEAD_S = 3.5  # of a run: a second at rest before it, and 2.5 s more in the estimate of `cfid log sine`
+REST = 500  # samples before and after each run with the load cell recorded
+READINGS = 2  # per sample: 1 kHz
+THINNED = 10  # readings per mean, before the least squares of the multisine
+BESIDE = 20  # bins on either side of a line from which its noise is estimated
 BEGIN_S, VEHICLE_CLOCK, CELL_LATENCY_S = 1.75e9, 84 / 85, 0.0006
 PUNCTUAL = RadioTruth(latency_s=0.0, jitter_s=0.0)
 RISING = RotorTruth()
 FALLING = RotorTruth(time_constant_s=1.5 * RISING.time_constant_s)
-GAIN_N = (  # of thrust over command about the middle
+GAIN_N = (  # of thrust over command around the middle
     2
     * RISING.thrust_ns2_per_rad2
     * RISING.rad_per_s_per_command
     * (RISING.idle_rad_per_s + RISING.rad_per_s_per_command * MIDDLE)
 )
 STAMPS = ("on-board stamps", "host stamps alone")
-WHAT = ("gain %", "lag %", "delay ms", "least ms")  # delay after the mean report, and after the quickest
+WHAT = ("gain %", "lag %", "delay ms", "least ms")  # delays after the mean report and after the quickest report
 HEADER = " " * 56 + "".join(f"{what:>10}" for what in WHAT)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Multisine(Sine):
-    """Periods of one wave (4000,) between -1 and 1 with so many lines, after as much as a sine needs to settle."""
+    """Periods of one wave (4000,) between -1 and 1 with given lines, after the time that a sine needs to settle."""
 
     wave: Array
     lines: tuple[int, ...]
@@ -75,7 +75,7 @@ class Multisine(Sine):
 
 
 class Contestant(NamedTuple):
-    """Runs that together make one transfer function."""
+    """Runs that together yield one transfer function."""
 
     name: str
     plans: Sequence[Sine]
@@ -90,7 +90,7 @@ class Contestant(NamedTuple):
 
 
 class Plant(NamedTuple):
-    """A rotor: of what class, by which truth, and how much voltage it loses in a second."""
+    """A rotor: its class, its truth, and how much voltage it loses per second."""
 
     rotors: type[SimulatedRotors] = SimulatedRotors
     truth: RotorTruth = RISING
@@ -98,7 +98,7 @@ class Plant(NamedTuple):
 
 
 class Bent(RotorTruth):
-    """A steady speed less a cube of the command, which at both ends is 5 % of its swing."""
+    """A steady speed minus a cubic term of the command, which is 5 % of the speed's amplitude at both ends."""
 
     def steady_rad_per_s(self, command: Array, *, volts: Array | float) -> Array:
         bend = 0.05 * self.rad_per_s_per_command * AMPLITUDE * ((command - MIDDLE) / AMPLITUDE) ** 3
@@ -106,7 +106,7 @@ class Bent(RotorTruth):
 
 
 class Coasting(SimulatedRotors):
-    """Rotors whose motor does not brake: they slow down one and a half times as slowly as they gather speed."""
+    """Rotors whose motors do not brake: they take one and a half times as long to slow down as to speed up."""
 
     def advance(self, time_s: Array, command: Array, *, volts: float | None = None) -> Array:
         steady = RISING.steady_rad_per_s(command, volts=NOMINAL_V if volts is None else volts)
@@ -118,15 +118,15 @@ PLANTS = {
     "as simulated": Plant(),
     "bent": Plant(truth=Bent()),
     "coasting": Plant(rotors=Coasting),
-    "sagging": Plant(sag_v_per_s=5e-4),  # what one motor takes of a cell of 240 mAh
+    "sagging": Plant(sag_v_per_s=5e-4),  # what one motor draws from a cell of 240 mAh
 }
 
 
-# What is played.
+# The signals.
 
 
 def spaced(count: int, *, step: int = 1, first: int = 1) -> tuple[int, ...]:
-    """Return so many l from the first on, evenly over the logarithm as far as there are so many at such steps."""
+    """Return `count` values of l, from `first` on at multiples of `step`, as even over the logarithm as possible."""
     tried, found = count, ()
     while len(found) < count:
         exact = np.geomspace(first, MOST + 1 - step, tried)
@@ -144,18 +144,18 @@ def sines(count: int, *, first: int = 1, samples: int = PERIOD) -> Contestant:
 
 
 def up_and_down(contestant: Contestant) -> Contestant:
-    """Return every second frequency rising, then the others falling: no time of the series has frequencies its own."""
+    """Return every second frequency rising, then the others falling, so that no time has frequencies of its own."""
     plans = list(contestant.plans)
     return Contestant(f"{contestant.name}, up and down", [*plans[::2], *plans[1::2][::-1]])
 
 
 def multisine(count: int, *, bench_s: float, step: int = 2) -> Contestant:
-    """Return as many whole periods as a bench time allows."""
+    """Return a multisine of as many whole periods as a bench time allows."""
     lines = spaced(count, step=step)
     around = round((SETTLE_S + END_S) / SAMPLE_S)
     periods = int(((bench_s - OVERHEAD_S) / SAMPLE_S - around) / PERIOD)
     plan = Multisine(
-        periods=periods * max(lines),  # of its fastest line
+        periods=periods * max(lines),  # those of its fastest line
         samples=around + periods * PERIOD,
         amplitude=AMPLITUDE,
         wave=low_crest(lines),
@@ -166,9 +166,9 @@ def multisine(count: int, *, bench_s: float, step: int = 2) -> Contestant:
 
 @cache
 def low_crest(lines: tuple[int, ...], *, starts: int = 8) -> Array:
-    """Return a period of lines of one amplitude, with the lowest peak found, as 1, and that peak at its beginning.
+    """Return a period of lines of equal amplitude with the lowest peak found, scaled to a peak of 1 at its start.
 
-    Norms of rising order are minimised one after the other (P. Guillaume, J. Schoukens, R. Pintelon, I. Kollar,
+    Norms of increasing order are minimised one after the other (P. Guillaume, J. Schoukens, R. Pintelon, I. Kollar,
     Crest-factor minimization using nonlinear Chebyshev approximation methods, 1991).
     """
     rng = np.random.default_rng(0)
@@ -186,7 +186,7 @@ def low_crest(lines: tuple[int, ...], *, starts: int = 8) -> Array:
 
 
 def turns(lines: Sequence[int], samples: int) -> Complex:
-    """Return exp(j l angle) for angles once around (samples, lines)."""
+    """Return exp(j l angle) for the angles of one turn (samples, lines)."""
     return np.asarray(np.exp(2j * np.pi / samples * np.outer(np.arange(samples), lines)))
 
 
@@ -200,11 +200,11 @@ def log_norm(phases: Array, turned: Complex, order: int) -> tuple[float, Array]:
     return float(np.log(peak) + np.log(power) / order), gradient
 
 
-# What comes of it.
+# The recordings.
 
 
 def wrenches(contestant: Contestant, plant: Plant, rng: np.random.Generator) -> list[Array]:
-    """Return, for each run, what motor 1 does to the load cell (n, 6), at a quarter and three quarters of a sample."""
+    """Return, for each run, the wrench of motor 1 on the load cell (n, 6), at 1/4 and 3/4 of each sample."""
     since_s, found = 0.0, []
     at_rest = np.zeros(REST)
     readings_s = np.array([0.25, 0.75, 1.0]) * SAMPLE_S
@@ -222,7 +222,7 @@ def wrenches(contestant: Contestant, plant: Plant, rng: np.random.Generator) -> 
 def record(
     contestant: Contestant, felt: Sequence[Array], radio: RadioTruth, cell: LoadCellTruth, rng: np.random.Generator
 ) -> list[RecordedSine]:
-    """Return the runs as they are recorded, one after the other."""
+    """Return the runs as if recorded one after the other."""
     link, loadcell = Direction(radio, rng), SimulatedLoadCell(cell, rng)
     at_s, runs = BEGIN_S, []
     for plan, wrench in zip(contestant.plans, felt, strict=True):
@@ -256,11 +256,11 @@ def without_stamps(run: RecordedSine) -> RecordedSine:
     return replace(run, reports=Reports(run.reports.host_s, run.reports.command))
 
 
-# What is found in it.
+# The fits.
 
 
 def identified(runs: Sequence[RecordedSine], radio: RadioTruth) -> Array:
-    """Return by how much gain, lag and delays are off (4,), as `WHAT` says."""
+    """Return the errors (4,) of gain, lag and delays, in the order and units of `WHAT`."""
     series = align(runs)
     measured = respond_at_once(series) if isinstance(runs[0].sine, Multisine) else measure("", series)
     fit = fit_transfer([measured])
@@ -277,7 +277,7 @@ def identified(runs: Sequence[RecordedSine], radio: RadioTruth) -> Array:
 
 
 def respond_at_once(series: SineSeries) -> MeasuredSeries:
-    """Return the responses at all lines of a multisine by one least squares, with the noise from between them."""
+    """Return the responses at all lines of a multisine by one least-squares fit, with the noise between the lines."""
     (run,) = series.runs
     plan = run.sine
     assert isinstance(plan, Multisine)
@@ -299,7 +299,7 @@ def respond_at_once(series: SineSeries) -> MeasuredSeries:
             value=complex(phasor / drive),
             covariance=2 * level / len(force) / abs(drive) ** 2 * np.eye(2),
             start_std_s=0.0,
-            shared_s={**run.shared_s, "start": run.start_std_s},  # one start turns all lines
+            shared_s={**run.shared_s, "start": run.start_std_s},  # one start time shifts all lines
             harmonics=(),
             mean_n=float(found[0]),
         )
@@ -314,7 +314,7 @@ def respond_at_once(series: SineSeries) -> MeasuredSeries:
 
 
 def whole_periods(run: SineRun) -> tuple[Array, Array]:
-    """Return times and force of as many whole periods as there are after settling, as means of a few readings."""
+    """Return times and force of all whole periods after settling, as means of a few readings."""
     periods = int((run.duration_s - SETTLE_S - END_S) / (PERIOD * run.sample_s) + 1e-3)
     begin = int(np.searchsorted(run.time_s, SETTLE_S))
     taken = slice(begin, begin + periods * PERIOD * READINGS)
@@ -323,7 +323,7 @@ def whole_periods(run: SineRun) -> tuple[Array, Array]:
 
 
 def columns_of(time_s: Array, omega: Array) -> Array:
-    """Return constant, drift and its bend, then cosine and sine of each frequency."""
+    """Return a constant, a linear and a quadratic drift, then cosine and sine of each frequency."""
     place = 2 * (time_s - time_s.mean()) / np.ptp(time_s)
     waves = np.exp(1j * omega[:, None] * time_s)
     pairs = np.stack([waves.real, waves.imag], axis=1).reshape(-1, len(time_s))
@@ -331,12 +331,12 @@ def columns_of(time_s: Array, omega: Array) -> Array:
 
 
 def kept_by_means(omega: Array, step_s: float) -> Array:
-    """Return what means of readings `step_s` apart leave of waves."""
+    """Return the factors by which means of readings `step_s` apart attenuate waves."""
     return np.asarray(np.sin(THINNED * omega * step_s / 2) / (THINNED * np.sin(omega * step_s / 2)))
 
 
 def noise_levels(residual: Array, plan: Multisine) -> Array:
-    """Return the variance per sample of white noise as strong as that around each line, where no harmonic is."""
+    """Return the variance per sample of white noise as strong as that around each line, in bins without harmonics."""
     powers = np.abs(np.fft.rfft(residual)) ** 2 / len(residual)
     periods = plan.samples // PERIOD
     between = np.arange(len(powers)) % periods > 0
@@ -344,7 +344,7 @@ def noise_levels(residual: Array, plan: Multisine) -> Array:
     return np.array([powers[bins][between[bins]].mean() for bins in near])
 
 
-# How they compare.
+# The comparison.
 
 
 def repeat(contestant: Contestant, seed: int) -> Array:
@@ -366,14 +366,14 @@ def bias(contestant: Contestant, plant: Plant) -> Array:
 
 
 def needed_s(contestant: Contestant, deviations: Array, wanted: Array) -> Array:
-    """Return the bench time of one run that would be as sure as wanted: variances fall with the time it is used."""
+    """Return the bench time of one run that reaches the wanted deviations: variances fall with the used time."""
     (plan,) = contestant.plans
     beside_s = OVERHEAD_S + SETTLE_S + END_S
     return np.asarray(beside_s + (plan.samples * SAMPLE_S - SETTLE_S - END_S) * (deviations / wanted) ** 2)
 
 
 def compare(one_by_one: Contestant, errors: Array, at_once: Contestant, at_once_errors: Array) -> None:
-    """Print deviations of errors (repetitions, stamps, 4), and what the multisine needs to be as sure as the sines."""
+    """Print deviations of errors (repetitions, stamps, 4), and the time in which the multisine matches the sines."""
     for place, stamps in enumerate(STAMPS):
         deviations = [found[:, place].std(axis=0, ddof=1) for found in (errors, at_once_errors)]
         print(f"{stamps}:")

@@ -1,8 +1,8 @@
 """Load-cell files of 12 s at 7 kHz: read and reduced, against read with pandas alone.
 
-The thesis has 112 of them: rest, one command for about 9 s, rest, with vibration, drift and spikes. Eight are written
-as `cfid log loadcell` does and read in turn, so that both ways meet equal caches and clocks; times are those of the
-processor, because others may use it meanwhile. The goal is a ratio of 0.8 at least.
+The thesis has 112 such files: pause, one command for about 9 s, pause, with vibration, drift and spikes. Eight are
+written as `cfid log loadcell` does, and both ways read them in turn, so that caches and clocks are equal. Times are of
+the processor, because others may use it meanwhile. The goal is a ratio of at least 0.8.
 """
 
 import os

@@ -11,7 +11,7 @@ import statistics
 import time
 from collections.abc import Callable
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # as a command of cfid does: one core is compared
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # as in a command of cfid: the comparison is for one core
 
 import lmfit
 import numpy as np
@@ -86,7 +86,7 @@ def median_seconds(
 
 
 def long_swing() -> None:
-    """Print the processor time of a whole fit of two minutes at 1 kHz, and of its peer."""
+    """Print the processor time of a whole fit of two minutes at 1 kHz, and of one integration by solve_ivp."""
     pendulum = Pendulum(axis_inertia_kg_m2=INERTIA, gravity_moment_nm=MOMENT, viscous_nms_per_rad=8e-7, coulomb_nm=5e-7)
     motion = swing([pendulum], [HandRelease(angle_rad=math.radians(50))], duration_s=LONG_S, step_s=5e-4, store_every=2)
     noise = np.random.default_rng(1).normal(0, NOISE_RAD, len(motion.time_s))

@@ -1,9 +1,9 @@
 """43 sine runs from CSV files to a transfer function, against reading the files with pandas and the thesis' loop.
 
-The files are those of a series as the thesis recorded it: five of the load cell, one of crossings a run, and an index.
-Whole processes are compared first: the command against a program that reads the same files with pandas and ends. Then,
-within this process and with the same reader for all, the fit and the thesis' loop: `transfer_thesis`, a transcription
-of C.2.5. A rate in Hz may be given; the load cell's own is 7000.
+The files are those of a series as the thesis recorded it: five of the load cell, one of crossings per run, an index.
+Whole processes are compared first: the command against a program that reads the same files with pandas and ends. Then
+the fit and the thesis' loop are compared within this process, with the same reader for both; the loop is
+`transfer_thesis`, a transcription of C.2.5. A rate in Hz may be given; the load cell's own rate is 7000.
 """
 
 import resource
@@ -97,9 +97,9 @@ def process(*words: object) -> Callable[[], object]:
 
 
 def race(contestants: dict[str, Callable[[], object]]) -> float:
-    """Let all run in turns; print the median of each, and of its ratios to the first. Return the second's ratio.
+    """Run all contestants in turns; print medians of each and of its ratios to the first; return the second's ratio.
 
-    The goal is of the wall clock; processor time is printed too, because others may use the machine meanwhile.
+    The goal applies to the wall clock; processor time is printed too, because others may use the machine meanwhile.
     """
     seconds: dict[str, list[tuple[float, float]]] = {what: [] for what in contestants}
     for _ in range(ROUNDS):
@@ -120,7 +120,7 @@ def race(contestants: dict[str, Callable[[], object]]) -> float:
 
 
 def _processor_s() -> float:
-    """Return the processor time of this process and of those that it waited for."""
+    """Return the processor time of this process and of the processes that it waited for."""
     used = [resource.getrusage(whose) for whose in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(one.ru_utime + one.ru_stime for one in used)
 

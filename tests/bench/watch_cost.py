@@ -1,7 +1,8 @@
-"""What a viewer of `cfid watch` costs the recorder, in one run: its processor time with and without, in turn.
+"""What a viewer of `cfid watch` costs the recorder in one run: its processor time with and without a viewer, in turn.
 
-A simulated load cell at 7 kHz is recorded; every other part of the run, of BENCH_SECONDS each (10), a page is open in
-headless Chromium. Also the pictures a second that the page drew, and the share of a core that `cfid watch` itself took.
+A simulated load cell at 7 kHz is recorded; during every other part of the run, of BENCH_SECONDS each (10), a page is
+open in headless Chromium. The bench also prints how many pictures per second the page drew, and the share of a core
+that `cfid watch` itself took.
 """
 
 import os
@@ -35,7 +36,7 @@ def used_s(process: "subprocess.Popen[str]") -> float:
 
 
 def shares(*processes: "subprocess.Popen[str]") -> list[float]:
-    """Return the shares of a core in percent that processes take from now on."""
+    """Return the shares of a core in percent that processes use from now on."""
     begin_s, before = time.monotonic(), [used_s(process) for process in processes]
     time.sleep(SECONDS)
     spent_s = time.monotonic() - begin_s

@@ -1,7 +1,7 @@
-"""What a picture of `cfid watch` takes in an hour's run at 7 kHz, by how much is recorded: the time must not grow.
+"""The time of a picture of `cfid watch` in an hour's run at 7 kHz, which must not grow as more is recorded.
 
-The rows lie in a run folder as a recorder writes them, but all at once. The time of a picture is that of reading a
-tenth of a second of new rows, and of taking the curves of forces and torques in each span.
+The rows are in a run folder as a recorder writes them, but written all at once. The time of a picture is that of
+reading a tenth of a second of new rows, and of computing the curves of forces and torques in each span.
 """
 
 import resource
@@ -28,7 +28,7 @@ FILE = "loadcell.csv"
 
 
 class Recorder:
-    """Appends rows to the file of a run, whose forces and torques repeat each second."""
+    """Append rows to the file of a run, with forces and torques that repeat each second."""
 
     def __init__(self, file: BinaryIO) -> None:
         counts = np.random.default_rng(1).integers(-90_000, 90_000, (RATE_HZ, len(AXES)))
@@ -43,7 +43,7 @@ class Recorder:
 
 
 def main() -> None:
-    """Let a run grow, and state the times at each mark."""
+    """Let a run grow, and print the times at each mark."""
     first_ms, taken_ms, minutes = dict[str, float](), dict[str, float](), 0
     with tempfile.TemporaryDirectory() as folder, (open_run(Path(folder)) / FILE).open("ab") as file:
         run, recorder = LiveRun(Path(file.name).parent), Recorder(file)
@@ -62,7 +62,7 @@ def main() -> None:
 
 
 def open_run(folder: Path) -> Path:
-    """Begin the run of a load cell, and return its folder."""
+    """Start the run of a load cell, and return its folder."""
     record = DeviceRecord.model_validate({"file": FILE, "columns": ("t", *AXES), "rate_hz": RATE_HZ})
     devices, started = {LOADCELL: record}, datetime.now(UTC)
     writer = create_run(folder, kind="loadcell", label=Label(), devices=devices, started=started, cfid_version="0")
@@ -70,7 +70,7 @@ def open_run(folder: Path) -> Path:
 
 
 def picture_ms(run: LiveRun, recorder: Recorder) -> dict[str, float]:
-    """Return the processor time that a picture takes, a median, for each span."""
+    """Return the median processor time of a picture for each span, in ms."""
     taken = {span: list[float]() for span in SPANS_S}
     for _ in range(PICTURES):
         recorder.write(RATE_HZ // 10)
