@@ -1,4 +1,4 @@
-"""Files as an operator would have them, and the program run as an operator runs it."""
+"""Files such as an operator has, and fixtures that run the program as an operator does."""
 
 import contextlib
 import fcntl
@@ -32,7 +32,7 @@ Once = Callable[[str, Callable[[Path], None]], Path]
 LONGEST_S = 120.0
 RECORDINGS_SEED = 5
 
-_WITH_DEVICES = ("log", "motors", "rig", "next")  # signals, loops and terminals are a process' own
+_WITH_DEVICES = ("log", "motors", "rig", "next")  # need signals, loops and terminals of their own process
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def cfid(tmp_path: Path) -> Cfid:
 
 
 def sentences(content: Mapping[str, Any]) -> list[str]:
-    """Return the sentences of a result's findings, as --json has it."""
+    """Return the sentences of the findings in a result's --json."""
     return [finding["text"] for finding in content["findings"]]
 
 
@@ -60,7 +60,7 @@ def _in_a_process(words: list[str], folder: Path) -> subprocess.CompletedProcess
 
 
 def in_this_process(words: Sequence[str], folder: Path) -> subprocess.CompletedProcess[str]:
-    """Run a command without starting Python anew, which takes longer than most commands do."""
+    """Run a command in this process, since a new Python takes longer to start than most commands take."""
     out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
     with (
         contextlib.chdir(folder),
@@ -81,7 +81,7 @@ def tf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFi
 
 @pytest.fixture(scope="session")
 def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
-    """Make a folder once for all processes that run tests: the first that wants it makes it, the others wait."""
+    """Make a folder once for all test processes: the first process that needs it makes it, and the others wait."""
     place = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
         place = place.parent
@@ -102,7 +102,7 @@ def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
 
 @pytest.fixture(scope="session")
 def rig_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The rig.toml of a new campaign, under another name: a file to name, not a campaign to find."""
+    """The rig.toml of a new campaign under another name, so that tests can name the file but find no campaign."""
     path = tmp_path_factory.mktemp("rig") / "geometry.toml"
     path.write_text(new_rig_text())
     return path
@@ -110,7 +110,7 @@ def rig_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def recordings(once: Once, rig_file: Path) -> list[SimulatedRun]:
-    """Swings of vehicle and test body, and dropped weights: simulated once for all that takes them as files or runs."""
+    """Swings of vehicle and test body, and dropped weights, simulated once for all tests that use them."""
 
     def simulate(folder: Path) -> None:
         runs, _ = record_chapter_2(load_rig(rig_file), USUAL_TRUTH, np.random.default_rng(RECORDINGS_SEED))
@@ -145,7 +145,7 @@ def write(path: Path, run: SimulatedRun) -> None:
 
 @pytest.fixture
 def bodies(once: Once, recordings: list[SimulatedRun], tmp_path: Path) -> Path:
-    """A campaign of its own with swings of vehicle and test body, and dropped weights."""
+    """A separate campaign with swings of vehicle and test body, and dropped weights."""
 
     def make(folder: Path) -> None:
         make_campaign(folder)

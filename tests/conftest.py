@@ -1,4 +1,4 @@
-"""What the tests of all rooms share."""
+"""Settings and fixtures that the tests of all packages share."""
 
 import gc
 import os
@@ -14,26 +14,26 @@ from tests.priority import ahead_of_others
 
 pytest_plugins = ["tests.campaigns", "tests.drawn"]
 
-# Tests run on all processors already: threads of the linear algebra, also of programs that tests start, would wait
-# for each other. Read when NumPy is imported, hence here.
+# Tests already run on all processors, so threads of the linear algebra, also in programs that tests start, would wait
+# for each other. NumPy reads the variable when it is imported, so it is set here.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# Programs that tests start load compiled modules, where each would compile the whole of cfid anew.
+# Programs that tests start load compiled modules; otherwise each program would compile all of cfid again.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
 
-# The same examples every time; how long one takes is the computer's business. Ten times as many with
-# --hypothesis-profile many.
+# The examples are the same every time, and have no deadline, since the time they take depends on the computer. There
+# are ten times as many with --hypothesis-profile many.
 settings.register_profile("cfid", deadline=None, derandomize=True, max_examples=50)
 settings.register_profile("many", settings.get_profile("cfid"), max_examples=500)
 settings.load_profile("cfid")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the tutorial, which takes longest, and spread what waits for clocks among what computes.
+    """Start with the tutorial, which takes longest, and spread tests that wait for clocks among tests that compute.
 
-    Every worker begins with a part of its own, and all of them would wait at the end.
+    Every worker starts with a part of its own, so otherwise all workers would wait at the end.
     """
     timed = [item for item in items if _against_a_clock(item)]
     place = dict[Path, float]()
@@ -42,10 +42,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             place.setdefault(item.path, i / len(some))
     items.sort(key=lambda item: (item.path.name != "test_tutorial.py", place[item.path]))
     for item in timed:
-        # What runs against a clock gets a second try: a computer with more to do than it has cores may have kept the
-        # devices and programs of the first from the processor. A witness, as of killed runs, can tell by how much rows
-        # are late for that, but not what a program does that was held up: a device that is silent for half a second
-        # is lost, and an answer after 50 ms is to no poll. The closing line counts it; a fault fails twice.
+        # A test that runs against a clock gets a second try, since a computer with more tasks than cores may have kept
+        # the devices and programs of the first try from the processor. A witness, as in the tests of killed runs, can
+        # measure how late rows are for that reason, but not what a delayed program does: a device that is silent for
+        # half a second is lost, and an answer after 50 ms belongs to no poll. The closing line of pytest counts second
+        # tries; a real fault fails twice.
         if item.get_closest_marker("flaky") is None:
             item.add_marker(pytest.mark.flaky(reruns=1))
 
@@ -55,13 +56,13 @@ def _against_a_clock(item: pytest.Item) -> bool:
 
 
 def pytest_collection_finish() -> None:
-    """Keep what was collected for good: to look through it again for garbage takes half a second, over and over."""
+    """Exclude the collected tests from garbage collection, which would take half a second each time to search them."""
     _keep_what_is_there()
 
 
 @pytest.fixture(autouse=True, scope="session")
 def locks_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Keep the locks that tests take apart from those of the computer's users."""
+    """Separate the locks that tests take from those of the computer's users."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(os.environ, "CFID_LOCKS", str(tmp_path_factory.mktemp("locks") / "cfid"))
         yield
@@ -69,7 +70,7 @@ def locks_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Non
 
 @pytest.fixture(autouse=True, scope="session")
 def signals_that_are_not_ignored() -> None:
-    """Heed what tests send to the programs that they start, which inherit what is ignored: under nohup, say."""
+    """Stop ignoring signals that tests send to programs, which would inherit this, for example under nohup."""
     for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP):
         if signal.getsignal(number) == signal.SIG_IGN:
             signal.signal(number, signal.SIG_DFL)
@@ -79,7 +80,7 @@ def signals_that_are_not_ignored() -> None:
 def in_time() -> Iterator[None]:
     """Keep tests that only compute from delaying this one, whose devices and programs run against a clock."""
     with ahead_of_others():
-        # No simulated device answers while its process looks for garbage, and half a second is a device that is lost.
+        # No simulated device answers during a garbage collection in its process, and after half a second it is lost.
         _keep_what_is_there()
         yield
 

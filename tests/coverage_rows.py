@@ -1,4 +1,4 @@
-"""Rows of coverage tables: how often the 95 % intervals of simulated campaigns hold the truth."""
+"""Rows of coverage tables: how often the 95 % intervals of simulated campaigns contain the true value."""
 
 from typing import NamedTuple
 
@@ -10,13 +10,13 @@ Array = npt.NDArray[np.float64]
 
 
 def reaches_93_percent(held: npt.ArrayLike) -> bool:
-    """Return whether the exact binomial interval of the share of intervals that hold the truth reaches 93 %."""
+    """Return whether the exact binomial interval of the share of intervals that contain the truth reaches 93 %."""
     hits = np.asarray(held, dtype=bool)
     return bool(binomtest(int(hits.sum()), hits.size).proportion_ci().high >= 0.93)
 
 
 class Row(NamedTuple):
-    """Errors and standard uncertainties, an entry a campaign, relative to `scale` as they are printed."""
+    """Errors and standard uncertainties, one entry per campaign, which are printed relative to `scale`."""
 
     name: str
     error: Array
@@ -26,7 +26,7 @@ class Row(NamedTuple):
 
     @property
     def hits(self) -> int:
-        """How many intervals hold the truth."""
+        """The number of intervals that contain the true value."""
         return int(np.sum(np.abs(self.error) < 1.96 * self.std))
 
     @property
@@ -35,11 +35,11 @@ class Row(NamedTuple):
         return float(np.sqrt(np.mean((self.error / self.std) ** 2)))
 
     def covers(self) -> bool:
-        """Return whether the exact binomial interval of the coverage reaches into 93 to 97 % or lies above."""
+        """Return whether the exact binomial interval of the coverage reaches into 93 to 97 % or is above it."""
         return reaches_93_percent(np.abs(self.error) < 1.96 * self.std)
 
     def __str__(self) -> str:
-        """The row as it is printed."""
+        """The printed row."""
         low, high = binomtest(self.hits, self.error.size).proportion_ci()
         return (
             f"{self.name:48s} n {self.error.size:5d}  bias {100 * self.error.mean() / self.scale:+.3f} %  "

@@ -1,4 +1,4 @@
-"""Records with known physics, made here from closed forms or SciPy, and what a drawn page is asked."""
+"""Records with known physics, made from closed forms or SciPy, and a view of a drawn page for tests."""
 
 from collections.abc import Callable, Iterator
 from itertools import combinations
@@ -25,7 +25,7 @@ ENCODER_STEP_RAD = 2 * np.pi / 8192
 
 
 class Page:
-    """A figure, to be asked about."""
+    """A figure, with methods that return what it shows."""
 
     def __init__(self, figure: Figure) -> None:
         self.figure = figure
@@ -43,7 +43,7 @@ class Page:
         return " ".join(text.get_text() for text in self.texts() if same_color(text.get_color(), ALERT))
 
     def overlapping(self) -> list[tuple[str, str]]:
-        """Lay the page out and return the pairs of texts over each other; one that leaves the page, with itself."""
+        """Lay out the page and return the pairs of overlapping texts; a text that leaves the page pairs with itself."""
         assert isinstance(self.figure.canvas, FigureCanvasAgg)
         self.figure.draw_without_rendering()
         unseen = {id(text) for axes in self.figure.axes for text in _not_drawn(axes)}
@@ -55,7 +55,7 @@ class Page:
 
 
 def _not_drawn(axes: Axes) -> Iterator[Text]:
-    """Yield the labels of ticks beyond an axis' limits, which matplotlib keeps, and all those of hidden axes."""
+    """Yield the labels of ticks beyond an axis' limits, which matplotlib keeps, and all labels of hidden axes."""
     for axis in (axes.xaxis, axes.yaxis):
         low, high = sorted(axis.get_view_interval())
         for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks()):
@@ -66,7 +66,7 @@ def _not_drawn(axes: Axes) -> Iterator[Text]:
 
 
 def swing_record(*, seconds: float = 9.0, wobble_rad: float = 0.0, release_rad: float = 0.8) -> tuple[Array, Array]:
-    """Return a pendulum that is lifted, held, and let go at 1 s, as an encoder of 13 bits sees it."""
+    """Return the record of a 13-bit encoder of a pendulum that is lifted, held, and released at 1 s."""
     time = np.arange(0.0, seconds, 0.002)
     held = time < 1.0
 
@@ -97,14 +97,14 @@ def fit(swing: FreeSwing) -> SwingFit:
 
 @pytest.fixture(scope="session")
 def shaken() -> tuple[FreeSwing, SwingFit]:
-    """A swing whose arm has a motion of its own, so that no pendulum describes it."""
+    """A swing whose arm moves by itself, so that no pendulum describes it."""
     found = find_swing(*swing_record(wobble_rad=0.03))
     return found, fit_swing(found)
 
 
 @pytest.fixture(scope="session")
 def drop() -> Callable[..., Drop]:
-    """Weights that fall by eq. 2.13; a ripple keeps the speed from settling."""
+    """Weights that fall according to eq. 2.13; a ripple keeps the speed from settling."""
 
     def fall(weight_kg: float, *, ripple: float = 0.0, slower: float = 0.0, seed: int = 0) -> Drop:
         time = np.arange(0.0, 2.5, 0.002)

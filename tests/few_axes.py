@@ -1,4 +1,4 @@
-"""Turns a run of a six-axis load cell into what a device that sends lines would have recorded of some axes."""
+"""Turn a run of a six-axis load cell into the run of a device that sends lines with only some of the axes."""
 
 import pandas as pd
 
@@ -6,7 +6,7 @@ from cfid.records.run import Run, read_run, write_header
 
 
 def with_axes(run: Run, *axes: str) -> Run:
-    """Rewrite a run's load cell with these axes alone, in N and N m; return the run."""
+    """Rewrite the load-cell file of a run with only these axes, in N and N m; return the run."""
     record = run.header.devices["loadcell"]
     facts = dict(record.model_extra or {})
     path = run.device_file("loadcell")

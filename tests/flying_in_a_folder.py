@@ -1,4 +1,4 @@
-"""A campaign whose vehicle and load cell are simulated inside the test, on real wires, and `cfid` run on it.
+"""A campaign whose vehicle and load cell are simulated inside the test, on real wires, and on which `cfid` runs.
 
 The test sees what the motors do, on the clock that it shares with every process of this computer.
 """
@@ -27,7 +27,7 @@ from tests.lateness import kept_waiting_s
 from tests.priority import run_devices
 from tests.processes import started
 
-LONGEST_S = 120.0  # that anything may take, on a busy computer
+LONGEST_S = 120.0  # any step may take this long on a busy computer
 LOADCELL_HZ = 700
 
 
@@ -51,7 +51,7 @@ class Pilot:
         return self._err.read_text()
 
     def wait_until_motors_run(self, for_s: float = 0.2) -> None:
-        """Wait until motors have run for so long."""
+        """Wait until motors have run for `for_s` seconds."""
         self._bench.wait_until(lambda: any(self._bench.motors) or self.process.poll() is not None, self)
         assert any(self._bench.motors), f"no motor ran\n{self.out}{self.err}"
         time.sleep(for_s)
@@ -62,7 +62,7 @@ class Pilot:
             time.sleep(0.02)
 
     def end(self) -> int:
-        """Wait for the end and return the exit code."""
+        """Wait for the end of the program and return its exit code."""
         try:
             return self.process.wait(LONGEST_S)
         except subprocess.TimeoutExpired:
@@ -70,7 +70,7 @@ class Pilot:
 
 
 class Bench:
-    """The campaign's folder, and the simulated rig that runs beside the test."""
+    """The campaign's folder, and the simulated rig that runs in parallel with the test."""
 
     def __init__(self, folder: Path, loop: Loop, *, hung_on: str | None = None, **truth: Any) -> None:
         self.folder = folder
@@ -88,7 +88,7 @@ class Bench:
         (folder / RIG_FILE).write_text(new_rig_text())
         rig = load_rig(folder / RIG_FILE)
         self.rig = SimulatedRig(
-            rig if hung_on else rig.model_copy(update={"mounts": {}}),  # no encoder here whose swing would count
+            rig if hung_on else rig.model_copy(update={"mounts": {}}),  # without mounts, no encoder swings
             axis=hung_on,
             reactor=loop,
             folder=folder,
@@ -107,7 +107,7 @@ class Bench:
 
     @property
     def motors(self) -> Four:
-        """What the motors do now."""
+        """The present state of the motors."""
         return self.history[-1][1]
 
     def start(self, *words: object, **options: Any) -> Pilot:
@@ -115,14 +115,14 @@ class Bench:
         return self._pilots[-1]
 
     def vehicle_suffers(self, **faults: Any) -> None:
-        """From now on; faults that are timed are there at once."""
+        """Set faults of the vehicle from now on; timed faults start at once."""
         self.rig.crazyflie.faults = CrazyflieFaults(**faults)
 
     def loadcell_suffers(self, **faults: Any) -> None:
         self.rig.loadcell.faults = LoadCellFaults(**faults)
 
     def in_loop(self, act: Callable[[], Any]) -> Any:
-        """Run something beside the devices and return what comes of it."""
+        """Run a function in the loop of the devices and return its result."""
         return blockingCallFromThread(self._loop, act)
 
     def wait_until(self, there: Any, pilot: Pilot) -> None:
@@ -132,7 +132,7 @@ class Bench:
             time.sleep(0.005)
 
     def stopped_after(self, since_s: float) -> float:
-        """Return how long after a time the motors were off, less what the computer was late; 0 if off before."""
+        """Return how long after a time the motors were off, minus the computer's delay; 0 if they were off before."""
         end_s, late_s = since_s + LONGEST_S, 0.0
         while any(self.motors):
             assert time.monotonic() < end_s, "the motors are still on"
@@ -156,9 +156,9 @@ class Bench:
 
 @contextmanager
 def bench_in(folder: Path, *, hung_on: str | None = None, **truth: Any) -> Iterator[Bench]:
-    """Open a bench in a folder, in a loop of its own; `truth` are tables of the truth file.
+    """Open a bench in a folder, in a separate loop; `truth` contains tables of the truth file.
 
-    With `hung_on` its vehicle swings on that mount.
+    With `hung_on`, its vehicle swings on that mount.
     """
     loop = Loop()
     thread = threading.Thread(target=run_devices, args=(loop,))

@@ -1,14 +1,14 @@
-"""For how long a busy computer kept a test from what it waits for: taken off before a time is compared with a bound."""
+"""How long a busy computer delayed a test; this is subtracted before a time is compared with a limit."""
 
 import hashlib
 import time
 
 _SLEEP_S = 0.005
-_WORK = bytes(1 << 19)  # a millisecond, without Python's lock
+_WORK = bytes(1 << 19)  # takes a millisecond, without Python's lock
 
 
 def kept_waiting_s() -> float:
-    """Sleep a little and work a little; return by how much that took longer than on a computer with time to spare."""
+    """Sleep and work for a short time; return how much longer this took than on an idle computer."""
     began_s, worked_s = time.monotonic(), time.thread_time()
     time.sleep(_SLEEP_S)
     hashlib.sha256(_WORK).digest()

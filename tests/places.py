@@ -1,4 +1,4 @@
-"""Where the project stands, and the measurements beside it that tests read in place."""
+"""The project's folder, and the folder of the measurements outside it that tests read."""
 
 import os
 from pathlib import Path

@@ -1,6 +1,6 @@
-"""What runs against a clock runs before what only computes, where the system grants it (an administrator's tests).
+"""Run what depends on a clock before what only computes, if the system allows it (for tests of an administrator).
 
-A rig's wires do not wait: a simulated load cell that three other tests keep from the processor is a broken load cell.
+A rig's wires do not wait: a simulated load cell that three other tests keep from the processor acts like a broken one.
 """
 
 import os
@@ -8,12 +8,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
-_AHEAD = -10  # as `nice` counts: nine times the share of what computes
+_AHEAD = -10  # a value of `nice`: nine times the share of a program that computes
 
 
 @contextmanager
 def ahead_of_others() -> Iterator[None]:
-    """Run before other programs, and so does all that is started in between."""
+    """Run before other programs in this context, together with all programs started in it."""
     usual = os.getpriority(os.PRIO_PROCESS, 0)
     run_at(_AHEAD)
     try:
@@ -23,15 +23,16 @@ def ahead_of_others() -> Iterator[None]:
 
 
 def run_at(priority: int) -> None:
-    """Take a priority where the system grants it."""
+    """Set the priority of this process, if the system allows it."""
     with suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, priority)
 
 
 def run_devices(loop: Any) -> None:
-    """Run a loop of devices in its thread, which as real ones wait for no processor, where the system grants it.
+    """Run a loop of devices in this thread with real-time priority, if the system allows it.
 
-    cfid's own loop runs ahead of programs that compute: beside it, a device that waits would lose polls.
+    Real devices do not wait for a processor. cfid's own loop runs ahead of programs that compute, so a simulated device
+    that waited would lose polls.
     """
     with suppress(AttributeError, OSError):
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))

@@ -1,7 +1,7 @@
-"""`cfid` in processes of their own, forked from one that has imported it: they start at once, and are real otherwise.
+"""`cfid` in separate processes, forked from a process that has imported it, so that they start at once.
 
-Nine tenths of what `python -m cfid.cli.main log encoder` costs the processor is imports. A forked process is signalled,
-suspended, typed to and killed like any other; only what the kernel calls it is the name of the one it was forked from.
+Imports are nine tenths of the processor time of `python -m cfid.cli.main log encoder`. A forked process can be
+signalled, suspended, typed to and killed like any other; only its name in the kernel is that of its parent.
 """
 
 import atexit
@@ -27,7 +27,7 @@ from cfid.sim.app_core import load_library
 from tests.places import ROOT
 from tests.priority import run_at
 
-_ROOMS = ("cfid.cli", "cfid.console", "cfid.rig", "cfid.sim")  # what commands that reach devices have in common
+_ROOMS = ("cfid.cli", "cfid.console", "cfid.rig", "cfid.sim")  # common to the commands that reach devices
 _NUMBER = 8  # characters of a number that is reported
 _AT_THE_DOOR = """#!{python} -IS
 import json, os, signal, socket, sys
@@ -49,7 +49,7 @@ sys.exit(code if code >= 0 else 128 - code)
 def started(
     words: Iterable[object], *, anew: bool = False, wrapper: Sequence[str] = (), **options: Any
 ) -> "Forked | subprocess.Popen[bytes]":
-    """Start `cfid`: forked, or `anew`, by a wrapper, or after a function in a Python of its own."""
+    """Start `cfid` by a fork, or in a new Python if `anew`, with a wrapper, or with a `preexec_fn`."""
     arguments = [str(word) for word in words]
     if not (anew or wrapper or "preexec_fn" in options):
         return Forked(arguments, **options)
@@ -58,7 +58,7 @@ def started(
 
 
 class Forked:
-    """A running `cfid`, with as much of `subprocess.Popen` as tests use; output goes to files."""
+    """A running `cfid` with those methods of `subprocess.Popen` that tests use; its output goes to files."""
 
     def __init__(
         self,
@@ -88,7 +88,7 @@ class Forked:
         self.pid = self._reported()
 
     def poll(self) -> int | None:
-        """Return the exit code, or minus the signal that ended it; None while it runs."""
+        """Return the exit code, or minus the number of the signal that ended the program; None while it runs."""
         if self.returncode is None and self._has_reported(0.0):
             self.returncode = os.waitstatus_to_exitcode(self._reported())
             os.close(self._reports)
@@ -102,9 +102,9 @@ class Forked:
         return code
 
     def communicate(self, typed: bytes = b"", timeout: float | None = None) -> None:
-        """Type something, close the keyboard, and wait for the end."""
+        """Type text, close standard input, and wait for the end of the program."""
         assert self.stdin is not None
-        with contextlib.suppress(BrokenPipeError):  # it ended before it read all
+        with contextlib.suppress(BrokenPipeError):  # raised if the program ends before it has read all
             self.stdin.write(typed)
             self.stdin.close()
         self.wait(timeout)
@@ -125,7 +125,7 @@ class Forked:
 
 @contextlib.contextmanager
 def cfid_in_a_shell() -> Iterator[Path]:
-    """Make a folder for a shell's PATH whose program `cfid` forks what it runs, and so does cfid that runs cfid."""
+    """Make a folder for a shell's PATH with a program `cfid` that runs by a fork, also when cfid itself runs cfid."""
     with (
         tempfile.TemporaryDirectory(prefix="cfid") as folder,
         socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as door,
@@ -140,7 +140,7 @@ def cfid_in_a_shell() -> Iterator[Path]:
 
 @functools.cache
 def _nursery() -> socket.socket:
-    """Start the process that others are forked from; it ends with this one."""
+    """Start the process that others are forked from; it ends with this process."""
     opened = contextlib.ExitStack()
     atexit.register(opened.close)
     return opened.enter_context(_nursery_of())
@@ -151,7 +151,7 @@ def _nursery_of(*doors: socket.socket) -> Iterator[socket.socket]:
     ours, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with its:
         handles = [handle.fileno() for handle in (its, *doors)]
-        # `motors stop` signals a process of this user whose command line has the word cfid, and no other.
+        # `motors stop` signals only processes of this user with the word cfid in their command line.
         command = [sys.executable, "-W", "error", "-m", "tests.processes", "cfid", *map(str, handles)]
         process = subprocess.Popen(command, pass_fds=handles, cwd=ROOT)
     try:
@@ -165,12 +165,12 @@ def _import_all(rooms: Iterable[str]) -> None:
     for room in map(importlib.import_module, rooms):
         for module in pkgutil.walk_packages(room.__path__, f"{room.__name__}."):
             importlib.import_module(module.name)
-    load_library()  # compiled once for all
-    gc.freeze()  # a child that leaves does not look through all this
+    load_library()  # compile it once for all processes
+    gc.freeze()  # a child that exits need not search all this
 
 
 def _born(asking: Sequence[socket.socket]) -> list[str]:
-    """Fork a process for everything that is asked and return its words in it; end here when the first is closed."""
+    """Fork a process for each request and return its words in the child; exit when the first socket is closed."""
     while True:
         asked = select.select(asking, [], [])[0][0]
         wanted, handles, _, _ = socket.recv_fds(asked, 1 << 20, 4)
@@ -196,7 +196,7 @@ def _born(asking: Sequence[socket.socket]) -> list[str]:
     os.chdir(folder)
     os.environ.clear()
     os.environ.update(environment)
-    if asked is not asking[0]:  # what it starts with its own Python comes to the same door
+    if asked is not asking[0]:  # programs that it starts with its own Python are forked too
         sys.executable = str(shutil.which("cfid"))
     sys.stdin, sys.stdout = open(0, closefd=False), open(1, "w", closefd=False)  # noqa: SIM115 - as Python opens them
     sys.stderr = open(2, "w", buffering=1, errors="backslashreplace", closefd=False)  # noqa: SIM115
@@ -204,7 +204,7 @@ def _born(asking: Sequence[socket.socket]) -> list[str]:
 
 
 def _keep(report: int) -> None:
-    """Fork once more and return in the child; wait for its end here, and report its number and how it ended."""
+    """Fork again and return in the child; in the parent, wait for the child, and report its number and its status."""
     child = os.fork()
     if child:
         os.write(report, f"{child:{_NUMBER}}".encode())
@@ -214,9 +214,9 @@ def _keep(report: int) -> None:
 
 
 def _leave(ended: Sequence[SystemExit]) -> None:
-    """Leave without what Python does at last: to take all modules apart is half of what a short command costs.
+    """Exit without Python's final cleanup of modules, which is half of the cost of a short command.
 
-    Its threads have ended, and what it is to do at its end is done. What cannot be written is left to Python.
+    Threads and exit handlers have ended by then. If output cannot be written, Python handles the error.
     """
     if len(ended) == 1 and isinstance(ended[0].code, int | None):
         with contextlib.suppress(OSError, ValueError):
@@ -227,7 +227,7 @@ def _leave(ended: Sequence[SystemExit]) -> None:
 
 if __name__ == "__main__":
     ended: list[SystemExit] = []
-    atexit.register(_leave, ended)  # the first, which is called last
+    atexit.register(_leave, ended)  # registered first, so called last
     sockets = [socket.socket(fileno=int(number)) for number in sys.argv[2:]]
     _import_all(_ROOMS if len(sockets) == 1 else ["cfid"])
     from cfid.cli.main import main

@@ -1,4 +1,4 @@
-"""A campaign whose rig is simulated inside the test, on real wires, and `cfid` run on it as an operator does.
+"""A campaign whose rig is simulated inside the test, on real wires, and on which `cfid` runs as for an operator.
 
 The faults of the two devices are set while a log runs, so that no test depends on how quickly a program starts.
 """
@@ -38,11 +38,11 @@ from cfid.wire.rdt import Request, encode_request
 from tests.priority import run_devices
 from tests.processes import started
 
-LOADCELL_HZ = 700  # of 7000: a tenth of the work, the same code
+LOADCELL_HZ = 700  # instead of 7000: a tenth of the work with the same code
 ENCODER_HZ = 100
-LONGEST_S = 120.0  # that anything may take, on a busy computer
+LONGEST_S = 120.0  # any step may take this long on a busy computer
 
-# A port begins a line of its own where a second fault follows the first.
+# The path of a port starts a separate line if a second fault follows the first.
 _SENTENCE = re.compile(r"(note: |cfid: |recording into |figure: |\S*rig.sim.toml: |\S+/port: )")
 
 Act = TypeVar("Act")
@@ -50,9 +50,9 @@ Array = npt.NDArray[np.float64]
 
 
 class Box(FaultyNetFT):
-    """A box that remembers who asked it last, and how often anybody did anything.
+    """A box that remembers its last client, and counts all contacts.
 
-    With a `thief` the stream is taken from whoever has it, once it has begun to flow.
+    A `thief` takes the stream from its present client once the stream has started.
     """
 
     client: Address = ("", 0)
@@ -67,31 +67,31 @@ class Box(FaultyNetFT):
         return [datagram for datagram in datagrams if datagram[1] != self.thief]
 
     def alive(self, now_s: float) -> bool:
-        """Return whether it answers."""
+        """Return whether the box answers."""
         self.contacts += 1
         return super().alive(now_s)
 
     def request(self, datagram: bytes, client: Address, now_s: float) -> None:
-        """Hear an RDT request."""
+        """Handle an RDT request."""
         self.client = client
         super().request(datagram, client, now_s)
 
 
 class Interface(FaultyE201):
-    """An encoder's interface that counts how often it was asked, and who it is; it may not let itself be stopped."""
+    """An encoder's interface that counts requests, and requests for its version; if `unstoppable`, it ignores stops."""
 
     contacts = introductions = 0
     unstoppable = False
 
     def received(self, data: bytes, now_s: float) -> list[Reply]:
-        """Return what leaves after which delay in answer to `data`."""
+        """Return the replies to `data`, each with its delay."""
         self.contacts += 1
         self.introductions += data.count(VERSION)
         return super().received(data.replace(STOP_CONTINUOUS, b"") if self.unstoppable else data, now_s)
 
 
 class Said(NamedTuple):
-    """What a command said in the end."""
+    """The exit code and the output of a command that has ended."""
 
     code: int
     out: str
@@ -110,14 +110,14 @@ class Command:
 
     @property
     def err(self) -> str:
-        """What it said on stderr so far."""
+        """The output on stderr so far."""
         return self._files[1].read_text()
 
     def wait_until_said(self, text: str, *, times: int = 1) -> None:
         self.wait_until(lambda: self.err.count(text) >= times, text)
 
     def wait_until(self, there: Callable[[], object], what: str) -> None:
-        """Wait for something that happens while the command runs."""
+        """Wait for an event that happens while the command runs."""
 
         def known() -> bool:
             assert self.process.poll() is None or there(), f"ended before: {what}\n{self.err}"
@@ -126,7 +126,7 @@ class Command:
         wait_until(known, f"{what}\n{self.err}")
 
     def wait_for_rows(self, count: int) -> None:
-        """Wait for so many rows more in the file of the run that was begun last."""
+        """Wait for `count` more rows in the file of the run that was started last."""
         self.wait_until(lambda: self._lab.rows() is not None, "a run")
         before = self._lab.rows() or 0
         self.wait_until(lambda: (self._lab.rows() or 0) >= before + count, f"{count} rows")
@@ -136,9 +136,9 @@ class Command:
         return self.end()
 
     def end(self, *, streaming: bool = False) -> Said:
-        """Wait for the end; in whatever way it comes, no traceback is shown and the box streams no more.
+        """Wait for the end; check that no traceback is shown and that the box no longer streams.
 
-        With `streaming`, to another log, it goes on.
+        With `streaming`, check that the box continues to stream to another log.
         """
         try:
             code = self.process.wait(LONGEST_S)
@@ -147,7 +147,7 @@ class Command:
         out, err = (path.read_text() for path in self._files)
         assert "Traceback" not in err
         assert "Unhandled" not in err
-        if code != 2:  # the usage of a command is set in a frame
+        if code != 2:  # the usage of a command is printed in a frame
             assert all(_SENTENCE.match(line) for line in err.splitlines()), err
         wait_until(lambda: self._lab.box.streaming == streaming, f"streaming: {streaming}\n{err}")
         return Said(code, out, err)
@@ -159,7 +159,7 @@ class Lab:
     def __init__(self, folder: Path, reactor: PosixReactorBase) -> None:
         self.folder = folder
         self.commands: list[Command] = []
-        # Locks of devices and the simulated rig's own folder lie with the test.
+        # Locks of devices, and the folder of the simulated rig, are in the folder of the test.
         self.locks = folder / "cfid-locks"
         places = {"TMPDIR": str(folder), "CFID_LOCKS": str(self.locks)}
         self.environment = {**os.environ, **places, "NO_COLOR": "1", "COLUMNS": "100"}
@@ -179,7 +179,7 @@ class Lab:
         self.point_at(self.ports)
 
     def point_at(self, ports: BoxPorts, *, port: object = None, address: str = LOOPBACK) -> None:
-        """Write rig.toml with the devices at these places."""
+        """Write a rig.toml with the devices at these addresses and ports."""
         content = re.sub(r"(?ms)^\[devices\.\w+\].*?(?=^\[)", "", new_rig_text())
         (self.folder / RIG_FILE).write_text(
             f"{content}\n[devices.encoder]\nport = '{self.port if port is None else port}'\nrate_hz = {ENCODER_HZ}.0\n"
@@ -188,7 +188,7 @@ class Lab:
         )
 
     def in_reactor(self, act: Callable[[], Act]) -> Any:
-        """Run something beside the devices and return what comes of it."""
+        """Run a function in the loop of the devices and return its result."""
         return blockingCallFromThread(self._reactor, act)  # type: ignore[arg-type]  # twisted hides that it is one
 
     def start(self, *words: object, **options: Any) -> Command:
@@ -200,7 +200,7 @@ class Lab:
         return self.start(*words).end(streaming=streaming)
 
     def loadcell_suffers(self, **faults: Any) -> None:
-        """From now on; faults that are timed are there at once and until others are set."""
+        """Set faults of the load cell from now on; timed faults start at once and last until others are set."""
         self.box.faults = LoadCellFaults(**faults)
 
     def encoder_suffers(self, **faults: Any) -> None:
@@ -232,7 +232,7 @@ class Lab:
         self.in_reactor(self._server.close)
 
     def run_folder(self) -> Path | None:
-        """Return the folder of the run that was begun last."""
+        """Return the folder of the run that was started last."""
         return max((self.folder / RUNS_FOLDER).glob("*"), key=lambda path: path.stat().st_mtime_ns, default=None)
 
     def run(self) -> Run:
@@ -241,7 +241,7 @@ class Lab:
         return read_run(folder)
 
     def rows(self) -> int | None:
-        """Return how many rows the last run has by now."""
+        """Return how many rows the last run has so far."""
         folder = self.run_folder()
         files = [] if folder is None else list(folder.glob("*.csv"))
         return max(files[0].read_bytes().count(b"\n") - 1, 0) if files else None
@@ -256,7 +256,7 @@ def _load(time_s: Array) -> Array:
 
 @contextmanager
 def lab_in(folder: Path) -> Iterator[Lab]:
-    """Open a rig in a folder, in a loop of its own."""
+    """Open a rig in a folder, in a separate loop."""
     reactor = Loop()
     thread = threading.Thread(target=run_devices, args=(reactor,))
     thread.start()

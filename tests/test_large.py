@@ -1,4 +1,4 @@
-"""Arrays beyond the memory: those on the disk hold the same numbers, and a full disk is reported."""
+"""Arrays larger than the memory: arrays on disk contain the same numbers, and a full disk is reported."""
 
 import tempfile
 from typing import Any
@@ -10,7 +10,7 @@ import pytest
 from cfid.errors import ConfigError
 from cfid.large import chosen_rows, differences, empty, joined, side_by_side, stored, stored_together, usual_step
 
-ROWS = 5_000_000  # 40 MB, more than stays in memory
+ROWS = 5_000_000  # 40 MB, too large to stay in memory
 
 
 def test_blocks_are_joined_whether_they_stay_in_memory_or_not() -> None:
@@ -47,7 +47,7 @@ def test_arrays_of_several_types_are_stored_together() -> None:
 
 
 def test_the_usual_step_of_a_long_series_is_that_of_its_parts() -> None:
-    time_s = np.repeat(np.arange(ROWS // 5) * 0.005, 5)  # stamps that repeat
+    time_s = np.repeat(np.arange(ROWS // 5) * 0.005, 5)  # repeated timestamps
     assert usual_step(time_s) == pytest.approx(0.005)
     assert sum(len(step) for _, step in differences(time_s)) == ROWS - 1
 
