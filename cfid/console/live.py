@@ -130,7 +130,7 @@ def line_of(recorder: "Recorder", *, task: str = "", question: str = "", left: s
     """Return the parts of the line, the most important first, since a narrow terminal cuts off the end.
 
     The question shares the first part with what remains, by default the time, so both stay on a narrow line. Readings,
-    such as an angle, and losses and rates are those of the devices that show something.
+    such as an angle, and rates are those of the devices that show something, losses those of all.
     """
     every = list(recorder.progress.values())
     shown = [own for own in every if own.reading is not None] or every

@@ -15,8 +15,8 @@ Array = npt.NDArray[np.float64]
 def read_once(time_s: Array, angle_rad: Array) -> tuple[Array, Array, tuple[Finding, ...]]:
     """Return the times (m,) and angles (m,) of a record's rows (n,) with a new reading, and notes on what rows are.
 
-    Rows that repeat a reading show an axis that stands still and then jumps. Readings within a turn show the steps of
-    the sensor: those of an axis that turns evenly for long are alike.
+    Rows that repeat a reading show an axis that stands still and then jumps. Angles are compared within a turn, where
+    they show the sensor's steps; those over many turns of an even speed grow by steps that are not the sensor's.
     """
     if count_of_edges(angle_rad):
         text = "rows are changes of the encoder's count by one: where none was written, the axis stood still."

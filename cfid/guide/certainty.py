@@ -9,7 +9,7 @@ from cfid.guide.plan import Aim
 from cfid.records.parameters import Parameter, Section
 
 _OWN = "noise and the inputs of its own fit"
-_SMALL = 0.1  # of a value's largest number: smaller ones, such as products of inertia, are judged by the largest
+_SMALL = 0.1  # of a value's largest number: smaller ones, such as products of inertia, are not judged
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +33,7 @@ class Certainty:
 
 
 def certainty_of(section: Section, aim: Aim) -> Certainty:
-    """Judge a quantity by its least certain number, relative to this number, or to the largest one if it is small."""
+    """Judge a quantity by the least certain of its numbers, relative to itself; small ones do not count."""
     parameter = section.parameters.get(aim.key)
     if parameter is None or aim.key in section.rejected:
         return Certainty(aim=aim, std=None)

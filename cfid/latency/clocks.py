@@ -148,7 +148,7 @@ def _line_of_least(place: Array, above: Array, *, usual_s: float) -> tuple[float
     scatter = math.sqrt(float(line.residual @ line.residual) / line.degrees_of_freedom)
     if scatter <= max(_WANDERS * usual_s * parts / len(place), _ROUNDED_S):
         return None
-    # Few parts show their correlation poorly, and least where there is none.
+    # Few parts show their correlation poorly: it never makes the uncertainty smaller.
     std = np.maximum(line.std, std_of(sandwich(rows, line.residual, longest=parts // 4)))
     offset_std_s, slope_std = (widened(float(one), line.degrees_of_freedom) for one in std)
     return float(line.values[1]), offset_std_s, slope_std

@@ -37,8 +37,8 @@ def fit(
     """Fit what the load cell shows of known weights hung at known places, in one orientation or several.
 
     Each run's label has the weight, the axis of the cell along which gravity points, and the place. `at_std_m` is the
-    standard uncertainty of each place. Raises ConfigError for no run, DataError for a run without such a label or named
-    twice, FitError where the loads determine no gain.
+    standard uncertainty of each place whose label states none. Raises ConfigError for no run, DataError for a run
+    without such a label or named twice, FitError where the loads determine no gain.
     """
     loaded = [run if isinstance(run, LoadedRun) else read_load(run) for run in runs]
     if not loaded:

@@ -22,7 +22,7 @@ from cfid.records.tables.vehicle import (
     holds,
     read_commands,
     read_rows,
-    told_speeds_rad_s,
+    reported_speeds_rad_s,
 )
 from cfid.records.tables.wrench import AXES, LOADCELL, WrenchRecord
 
@@ -60,7 +60,7 @@ class RunStaircase:
         if self.run is None or not holds(self.run, VEHICLE_LOG):
             return None
         rows = read_rows(self.run, VEHICLE_LOG)
-        speeds, time_s = told_speeds_rad_s(rows), rows.time_s - self.began_s
+        speeds, time_s = reported_speeds_rad_s(rows), rows.time_s - self.began_s
         alive = [without_dead(point.motors, speeds, self.record.name)[0] for point in points]
         if not all(own and all(motor in speeds for motor in own) for own in alive):
             return None
@@ -75,7 +75,7 @@ class RunStaircase:
         if self.run is None or not holds(self.run, VEHICLE_LOG):
             return ()
         ran = sorted({motor for point in self.reduced.points for motor in point.motors})
-        return without_dead(ran, told_speeds_rad_s(read_rows(self.run, VEHICLE_LOG)), self.record.name)[1]
+        return without_dead(ran, reported_speeds_rad_s(read_rows(self.run, VEHICLE_LOG)), self.record.name)[1]
 
 
 def without_dead(ran: Sequence[int], speeds: Mapping[int, Array], name: str) -> tuple[list[int], tuple[Finding, ...]]:

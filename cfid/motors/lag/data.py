@@ -163,9 +163,9 @@ def _is_of_flight(path: Path, reading: Foreign) -> bool:
 
 
 def of_stand(table: StandTable) -> RotorLog | None:
-    """Return a thrust stand's speeds as a log if its command never rests, else None.
+    """Return a thrust stand's speeds as a log of a command of every rotor that never rests.
 
-    The command is that of every rotor. Raises DataError for a table without times or speeds.
+    None if the command rests, and for a table without times or speeds.
     """
     time_s, speeds, known = table.time_s, table.speeds_rad_s, np.isfinite(table.command)
     if time_s is None or speeds is None or np.count_nonzero(np.diff(table.command[known])) < _FEWEST_CHANGES:

@@ -135,7 +135,7 @@ def fit_lag(
 
 
 def _without_odd(search: Search, plain: OptimizeResult) -> tuple[list[LogSegment], Array]:
-    """Return the pieces without speeds that no rotor had, and the times of these speeds, judged by a `plain` fit."""
+    """Return the pieces without speeds that no rotor had by a `plain` fit, none if all fit, and those speeds' times."""
     missing = plain.fun[: len(search.measured)]
     missed = np.var(missing) > (1 - EXPLAINED[search.kind]) * np.var(search.measured)
     if search.kind != "speed" or not (missed or any_far(missing)):

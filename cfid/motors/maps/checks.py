@@ -97,7 +97,7 @@ def marker_findings(
 def exchange_findings(command: Array, value: Array, *, order: int, quantities: Sequence[str]) -> tuple[Finding, ...]:
     """Reject a map of values (n,) of which two commands seem exchanged: the lower one has the larger value.
 
-    The points must outnumber the polynomial's coefficients by three, and fit it much better once exchanged.
+    The commands must outnumber the polynomial's coefficients by three, and fit it much better once exchanged.
     """
     commands = np.unique(command)
     if len(commands) < order + 4:

@@ -41,8 +41,8 @@ from cfid.records.tables.vehicle import (
     holds,
     read_commands,
     read_rows,
+    reported_speeds_rad_s,
     shown_at_commands,
-    told_speeds_rad_s,
 )
 from cfid.records.tables.wrench import LOADCELL, WrenchReading, WrenchRecord, read_wrench
 from cfid.units import MOTORS
@@ -239,7 +239,7 @@ def _of_speeds(run: Run) -> Evidence:
     """Reduce the speeds that the vehicle reported, as a staircase, to the mean of the motors that ran."""
 
     rows, (log, commands) = read_rows(run, VEHICLE_LOG), read_commands(run)
-    speeds = told_speeds_rad_s(rows)
+    speeds = reported_speeds_rad_s(rows)
     ran, dead = without_dead([motor for motor in MOTORS if commands[:, motor - 1].any()], speeds, run.folder.name)
     if not ran or not all(motor in speeds for motor in ran):
         raise DataError(f"{run.folder}: the vehicle's log has no speeds: an RPM deck or brushless motors report them.")

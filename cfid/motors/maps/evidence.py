@@ -50,7 +50,7 @@ class Stand:
 
 @dataclass(frozen=True, kw_only=True)
 class Reduced:
-    """A record of the load cell that was reduced, for its figure; `thrust` is the index of that channel."""
+    """A record of the load cell that was reduced, for its figure; `thrust` is the index of the thrust's channel."""
 
     name: str
     time_s: Array

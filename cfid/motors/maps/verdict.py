@@ -27,8 +27,8 @@ from cfid.records.tables.vehicle import (
     VEHICLE_LOG,
     holds,
     read_rows,
+    reported_speeds_rad_s,
     shown_at_commands,
-    told_speeds_rad_s,
 )
 from cfid.records.tables.wrench import AXES, LOADCELL, WrenchReading, read_wrench
 from cfid.units import DEAD_COMMAND, USUAL_GRAVITY_MPS2
@@ -232,7 +232,7 @@ def _of_instrument(run: Run, plan: StaircasePlan) -> str:
             if unit == "rpm":
                 return f"{found}{_counted(run)}.{_about_speeds(run, driven)}"
             return f"{found}.{_about_weights(run)}"
-    speeds = told_speeds_rad_s(read_rows(run, VEHICLE_LOG)) if holds(run, VEHICLE_LOG) else {}
+    speeds = reported_speeds_rad_s(read_rows(run, VEHICLE_LOG)) if holds(run, VEHICLE_LOG) else {}
     if not any(np.any(speed > 0) for speed in speeds.values()):
         raise DataError("the vehicle's log has no speed above 0.")
     return f"the vehicle's log has the speeds.{_about_speeds(run, np.array(plan.steps))}"

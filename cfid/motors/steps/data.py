@@ -16,7 +16,15 @@ from cfid.motors.vibration.ridge import speed_ridge
 from cfid.records.parameters import Source
 from cfid.records.run import Run
 from cfid.records.tables.stand import StandTable
-from cfid.records.tables.vehicle import VEHICLE_LOG, Rows, begin_s, holds, read_commands, read_rows, told_speeds_rad_s
+from cfid.records.tables.vehicle import (
+    VEHICLE_LOG,
+    Rows,
+    begin_s,
+    holds,
+    read_commands,
+    read_rows,
+    reported_speeds_rad_s,
+)
 from cfid.records.tables.wrench import LOADCELL, WrenchReading, read_wrench
 from cfid.units import MOTORS
 
@@ -90,7 +98,7 @@ def of_run(run: Run, reading: WrenchReading) -> SpeedRecord:
     command = commands.max(axis=1)
     rows = read_rows(run, VEHICLE_LOG) if holds(run, VEHICLE_LOG) else None
     ran = [motor for motor in MOTORS if commands[:, motor - 1].any()]
-    speeds = {} if rows is None else told_speeds_rad_s(rows)
+    speeds = {} if rows is None else reported_speeds_rad_s(rows)
     if rows is None or not ran or not all(motor in speeds for motor in ran):
         return _of_vibration(run, log, command, reading, rows)
     record = SpeedRecord(

@@ -134,7 +134,7 @@ def _slopes(residual: Callable[[Array], Array], p: Array, lengths: Sequence[int]
     """Return the forward differences of the residuals of s steps; each step's `own` parameters change that step only.
 
     The residuals are those of the steps' values, then those of the expected values of each step's parameters, if any.
-    The levels of all steps are moved at once, so hundreds of steps cost seven evaluations instead of two for each.
+    The levels of all steps are moved at once, so hundreds of steps cost a few evaluations instead of two for each.
     """
     moves = math.sqrt(np.finfo(float).eps) * np.maximum(1.0, np.abs(p)) * np.where(p < 0, -1.0, 1.0)
     now, numbers = residual(p), np.arange(len(lengths))

@@ -118,7 +118,7 @@ def shown_at_commands(run: Run, device: str, column: str) -> tuple[Source, Array
     return shown.source, *np.reshape(found, (-1, 2)).T
 
 
-def told_speeds_rad_s(rows: Rows) -> dict[int, Array]:
+def reported_speeds_rad_s(rows: Rows) -> dict[int, Array]:
     """Return the speeds (n,) in rad/s that an RPM deck or brushless motors reported, by motor; empty without any."""
     named = {motor: (f"rpm.m{motor}", f"motor.m{motor}_rpm") for motor in MOTORS}
     return {motor: RPM * rows.columns[name] for motor, names in named.items() for name in names if name in rows.columns}

@@ -19,7 +19,6 @@ def rendered(report: Report, form: Format, folder: Path) -> str:
 
     Characters that a terminal would obey become question marks, or escapes in JSON.
     """
-    # Each renderer is imported when it is wanted: a template engine is no use to a program that reads JSON.
     if form == "html":
         return printable_lines(as_html(report, folder))
     if form == "md":
