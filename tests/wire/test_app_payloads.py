@@ -1,4 +1,4 @@
-"""The services' bytes: the thesis' C structs written out by hand, and what the app adds behind them."""
+"""The bytes of the services: the C structs of the thesis, written out by hand, followed by what the app appends."""
 
 import math
 import struct
@@ -90,17 +90,17 @@ def test_an_empty_ping_is_answered_with_nothing_and_any_other_with_the_time() ->
 
 
 def thrust_answer(answer: ThrustAnswer) -> bytes:
-    """What the app packs: the request, its verdict, four commands, the time."""
+    """Return the bytes that the app packs: the request, its verdict, four commands and the time."""
     return struct.pack("<HiB4HI", *answer[:3], *answer.commands, answer.microseconds)
 
 
 def sine_answer(answer: SineAnswer) -> bytes:
-    """What the app packs: the request, its verdict, whether it clips, the periods."""
+    """Return the bytes that the app packs: the request, its verdict, whether the sine clips, and the periods."""
     return struct.pack("<HHfIBBI", *answer)
 
 
 def hello(answer: Hello) -> bytes:
-    """What the app packs: its mark, the protocol, two rates, the time."""
+    """Return the bytes that the app packs: its mark, the protocol, two rates and the time."""
     return struct.pack("<4sBHHQ", b"cfid", *answer)
 
 

@@ -1,4 +1,4 @@
-"""CRTP as recorded with real firmware, and what cfid says on the stock ports."""
+"""CRTP as recorded with real firmware, and the packets that cfid sends on the stock ports."""
 
 import json
 
@@ -52,7 +52,7 @@ def test_an_echo_of_ours_is_told_from_cflibs_own() -> None:
 
 
 def test_a_parameter_is_set_by_its_name() -> None:
-    """As param_logic.c of 2026.08 takes a request apart: command, group, name, type, value; the answer has an error."""
+    """Follow param_logic.c of 2026.08: a request has command, group, name, type and value; an answer has an error."""
     begin = bytes.fromhex("00") + b"motorPowerSet\0m1\0"
     assert crtp.encode_set_by_name("motorPowerSet.m1", "H", 30000) == begin + bytes.fromhex("09 3075")
     assert crtp.encode_set_by_name("motorPowerSet.enable", "B", 0) == b"\0motorPowerSet\0enable\0\x08\0"
@@ -69,9 +69,9 @@ def test_parameters_are_written_and_read_by_number() -> None:
     assert crtp.decode_write_parameter(m1, bytes.fromhex("2301 3075")) == 30000
     assert crtp.decode_read_parameter(m1, bytes.fromhex("2301 00 3075")) == 30000
     assert crtp.decode_read_parameter(m1, bytes.fromhex("2301 02 3075")) is None  # an error
-    assert crtp.decode_read_parameter(m1, bytes.fromhex("2401 00 3075")) is None  # another's
+    assert crtp.decode_read_parameter(m1, bytes.fromhex("2401 00 3075")) is None  # about another parameter
     assert crtp.decode_write_parameter(m1, bytes.fromhex("2301 30")) is None
-    assert crtp.decode_write_parameter(m1, bytes.fromhex("2401 3075")) is None  # another's
+    assert crtp.decode_write_parameter(m1, bytes.fromhex("2401 3075")) is None  # about another parameter
 
 
 def test_a_log_block_names_its_variables_by_type_and_number() -> None:

@@ -1,4 +1,4 @@
-"""What is sent to an E201, and what it says of itself."""
+"""The commands that an E201 gets, and its replies about itself."""
 
 import pytest
 

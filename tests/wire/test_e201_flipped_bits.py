@@ -1,4 +1,4 @@
-"""One flipped bit in a position's text, with the word's own check behind: no other position is ever taken for it."""
+"""A flipped bit in a reply never yields another position, thanks to the check of the word itself."""
 
 from collections.abc import Iterator
 
@@ -8,7 +8,7 @@ import pytest
 from cfid.wire.e201 import PositionReader
 from cfid.wire.rls import STEPS_PER_TURN, decode_words, encode_positions
 
-PARTS = 9  # of all positions; each has every pattern of the lowest bits
+PARTS = 9  # of all positions; each part takes every ninth, and so has every pattern of the lowest bits
 WORDS: list[int] = encode_positions(np.arange(STEPS_PER_TURN)).tolist()
 FORMS = {"stamped": b"%d:1000000\r", "stamped with a space": b"%d 1000000\r", "plain": b"%d\r"}
 

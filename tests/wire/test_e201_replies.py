@@ -1,4 +1,4 @@
-"""The E201's replies in any slicing and with any damage: only whole ones are read, all others are counted."""
+"""The E201's replies in any slicing and with any damage: only whole replies are read, and all others are counted."""
 
 import pickle
 from collections.abc import Callable
@@ -43,7 +43,7 @@ def number(text: bytes, limit: int) -> int | None:
 
 
 def what_it_says(reply: bytes) -> EncoderReading | None:
-    """Return what a whole reply says, read without the tested reader's pattern."""
+    """Return the reading of a whole reply, parsed without the pattern of the tested reader."""
     fields = reply.removeprefix(b"\n").replace(b":", b" ").split(b" ")
     numbers = [number(text, limit) for text, limit in zip(fields, (WORD_LIMIT, 1 << 32), strict=False)]
     if len(reply) > 64 or len(fields) > 2 or None in numbers or numbers[0] is None:
@@ -52,7 +52,7 @@ def what_it_says(reply: bytes) -> EncoderReading | None:
 
 
 def expected(replies: list[bytes]) -> list[EncoderReading]:
-    """Return the readings of replies: of either form until two in a row are alike, then of that form alone."""
+    """Return the readings of replies: of either form until two in a row have the same form, then only of that form."""
     readings: list[EncoderReading] = []
     form: bool | None = None
     for reading in filter(None, map(what_it_says, replies)):

@@ -1,4 +1,4 @@
-"""Lines of numbers in any slicing and with any damage: a reading is a whole line of the stated form, or none."""
+"""Lines of numbers in any slicing and with any damage: only a whole line of the stated form is a reading."""
 
 from itertools import pairwise
 
@@ -50,7 +50,7 @@ def test_numbers_with_a_separator_are_a_reading(line: bytes, end: bytes) -> None
         b"1024,1e999",
         b"1024,1_0",
         b"1024,0x10",
-        b"1024,\xd9\xa3",  # an Arabic three, which Python reads as a number
+        b"1024,\xd9\xa3",  # an Arabic digit three, which Python reads as a number
         b"1024,-3.5\x00",
         b'1024,"-3.5',
         b'1024,"-3,5"',
@@ -160,5 +160,5 @@ def test_a_line_without_end_takes_no_memory() -> None:
 
 
 def test_the_checksum_is_that_of_nmea_0183() -> None:
-    # The line of the standard's own example in circulation, whose sum is printed in it.
+    # The widely copied example of the standard, whose line contains its checksum.
     assert checksum(b"GPGLL,5300.97914,N,00259.98174,E,125926,A") == 0x28

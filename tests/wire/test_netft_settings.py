@@ -1,4 +1,4 @@
-"""The page a Net F/T describes itself with, and what it is asked over HTTP."""
+"""The page with which a Net F/T describes itself, and the requests that it gets over HTTP."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""How the order of RDT records is found at the start of a stream, and found again: nothing makes it refuse for good."""
+"""How the order of RDT records is found at the start of a stream, and found again: nothing blocks it for good."""
 
 import pickle
 import random
@@ -19,7 +19,7 @@ def stream(first: int, last: int, *, start: int = 1000, step: int = 7) -> list[N
 
 
 def took(order: RecordOrder, numbers: Sequence[Numbers], *, block: int = 40) -> list[int]:
-    """Return the rdt_sequence of what an order gives for records that come in blocks."""
+    """Return the rdt_sequence of the records that an order takes when they come in blocks."""
     taken: list[int] = []
     for i in range(0, len(numbers), block):
         rdt, ft = np.array(numbers[i : i + block], np.int64).T.astype(np.uint32)

@@ -1,4 +1,4 @@
-"""The order of RDT records against a plain model with sets: what is taken, and what every other record counts as."""
+"""The order of RDT records compared with a simple model of sets: which records are taken, and how all others count."""
 
 from enum import Enum
 from itertools import pairwise
@@ -39,7 +39,7 @@ class Stream(NamedTuple):
 
 
 class Model:
-    """What is to become of arrivals, record by record; three intact ones of different place make a stream known."""
+    """The expected result of each arrival; a stream is known after three intact records with different places."""
 
     def __init__(self, *, next_place: int = 1) -> None:
         self.arrivals = Arrivals()
@@ -78,7 +78,7 @@ class Model:
 
 
 def records_of(came: list[Came], now: Stream, before: Stream) -> Records:
-    """Return what arrived as records; the counts say the place, so that rows can be told from each other."""
+    """Return arrivals as records; the counts encode the place, so that rows can be distinguished."""
     places = np.array([one.place for one in came], np.int64)
     streams = [before if one.kind is Kind.LEFT_OVER else now for one in came]
     numbers = places % WRAP << 32 | np.array(
@@ -96,7 +96,7 @@ def records_of(came: list[Came], now: Stream, before: Stream) -> Records:
 
 
 def arrivals_of(plan: bytes, first: int, left_over: range) -> list[Came]:
-    """Return how records arrive whose fate the low bits of a byte each say; the high bits say how far off."""
+    """Return arrivals by a plan of one byte per record: low bits select the record's fate, high bits a distance."""
     came: list[Came] = []
     for place, fate in enumerate(plan, first):
         off = fate >> 5
@@ -111,7 +111,7 @@ def arrivals_of(plan: bytes, first: int, left_over: range) -> list[Came]:
 
 
 def with_flips(came: list[Came], flips: list[tuple[int, int]], *, known: bool) -> list[Came]:
-    """Garble some: never three without an intact one between, and one at most before the stream is known."""
+    """Garble some records: at most two with no intact one between them, and at most one until the stream is known."""
     wanted = dict(flips)
     seen: set[int] = set()
     since = 0 if known else 1

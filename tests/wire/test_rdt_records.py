@@ -28,7 +28,7 @@ REQUESTS = [
     (Request(Command.BIAS, 4294967295), "1234 0042 FFFFFFFF"),
 ]
 RECORD = bytes.fromhex(
-    "00000001 000186A0 80010000"  # the first of its request, sample 100000, a latched threshold
+    "00000001 000186A0 80010000"  # the first record of its request, sample 100000, a latched threshold
     "000F4240 FFF0BDC0 00000000 FFFFFFFF 00000100 FFFFFF00"
 )
 BLOCK = bytes.fromhex(

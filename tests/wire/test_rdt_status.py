@@ -1,4 +1,4 @@
-"""Status words in words, for both families."""
+"""Status words as text, for both families."""
 
 import pytest
 from hypothesis import HealthCheck, given, settings

@@ -1,4 +1,4 @@
-"""The encoder's 22-bit words: what they mean, and exactly which wrong bits they give away."""
+"""The encoder's 22-bit words: their meaning, and exactly which wrong bits they reveal."""
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,7 @@ COPIED = range(14, 22)
 
 
 def as_printed(position: int) -> int:
-    """Return the word as the thesis' largest reading shows it: 13 bits, a zero, and the first eight again."""
+    """Return the word in the form of the thesis' largest reading: 13 bits, a zero, and the first eight bits again."""
     bits = f"{position:013b}"
     return int(bits + "0" + bits[:8], base=2)
 

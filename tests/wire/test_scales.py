@@ -1,4 +1,4 @@
-"""Lines of scales in any slicing and with any damage: a weight is a whole line of a known form, or none."""
+"""Lines of scales in any slicing and with any damage: only a whole line of a known form is a weight."""
 
 import pickle
 from itertools import pairwise

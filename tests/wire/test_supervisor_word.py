@@ -5,8 +5,8 @@ import pytest
 from cfid.wire.crtp import Packet
 from cfid.wire.supervisor import ASK_STATE, RELAX_SETPOINT, decode_arming, decode_state, encode_arming
 
-# Words that recordings of the real supervisor show, and the state it was in (those that a word cannot distinguish
-# share its name).
+# Words in recordings of the real supervisor, and the state that it was in (states that a word cannot distinguish
+# share a name).
 WORDS = [
     ("8c0000", "not ready"),  # not_initialized
     ("8c0402", "not ready"),  # preflight_not_passed, arms itself

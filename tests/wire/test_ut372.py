@@ -1,4 +1,4 @@
-"""A UT372's packets in any slicing and with any damage: only whole ones are read, and what may be misread is listed."""
+"""A UT372's packets in any slicing and with any damage: only whole ones are read; possible misreadings are listed."""
 
 import pickle
 import re
@@ -12,7 +12,7 @@ from cfid.wire.ut372 import SET_BAUD, TachometerReading, Ut372Reader, unpack_rep
 
 FEW = settings(max_examples=200, deadline=None, derandomize=True)
 
-# The characters of the digits as sigrok's wiki lists them; the eighth segment of a cell is the decimal point behind it.
+# The characters of the digits as sigrok's wiki lists them; the eighth segment of a cell is the decimal point after it.
 WIKI = {"0": b"7;", "1": b"60", "2": b"5>", "3": b"7<", "4": b"65", "5": b"3=", "6": b"3?", "7": b"70", "8": b"7?"}
 WIKI |= {"9": b"7=", " ": b"00"}
 POINTED = {"0.": b"?;", "1.": b">0", "2.": b"=>", "3.": b"?<", "4.": b">5", "5.": b";=", "6.": b";?", "7.": b"?0"}
@@ -64,7 +64,7 @@ def cells_of(text: str) -> list[bytes]:
 
 
 def shown(cells: bytes) -> list[str]:
-    """Return what cells show, the lowest first, read without the tested reader's table."""
+    """Return the characters that cells show, the lowest first, read without the table of the tested reader."""
     return [CELLS.get(cells[begin : begin + 2], "?") for begin in range(0, len(cells), 2)]
 
 
@@ -134,7 +134,7 @@ def test_of_any_bytes_in_any_slicing_whole_packets_are_read_and_all_others_count
         packet("     "),
         packet("13537").replace(b"7<", b"0;"),  # an L
         packet("13537").replace(b"7<", b"80"),  # a point without a digit
-        packet("13537", "12345").replace(b"65", b"64"),  # a time that is none
+        packet("13537", "12345").replace(b"65", b"64"),  # an invalid time
         packet("13537").replace(b"7<", b"7L"),
         packet("13537").replace(b"7<", b"7|"),
         REAL.lower().replace(b"?<", b"fc"),
@@ -168,7 +168,7 @@ def test_a_flipped_bit_is_found_or_lights_one_segment_of_another_digit_or_a_poin
             (changed,) = [pair for pair in pairs if pair[0] != pair[1]]
             before, after = (text.rstrip(".") for text in changed)
             assert before == after or "".join(sorted(before + after)) in A_SEGMENT_APART
-    assert misread <= 11  # of 216 bits; 7 of the real packet
+    assert misread <= 11  # of 216 bits; 7 for the real packet
 
 
 @FEW
@@ -195,9 +195,9 @@ def test_endless_input_without_an_end_is_not_remembered() -> None:
     [
         ("f0 00 00 00 00 00 00 00", ""),
         ("f1 d1 00 00 00 00 00 00", "d1"),
-        ("f2 35 41 00 00 00 00 00", "35 41"),  # the wiki's own
+        ("f2 35 41 00 00 00 00 00", "35 41"),  # the wiki's example
         ("f7 30 37 30 3f 3c 33 3d", "30 37 30 3f 3c 33 3d"),
-        ("f1 30 37 30 3f 3c 33 3d", "30"),  # what stands behind is left over
+        ("f1 30 37 30 3f 3c 33 3d", "30"),  # the byte after the stated number of bytes is ignored
     ],
 )
 def test_a_report_of_the_bridge_is_as_many_bytes_as_it_says(report: str, data: str) -> None:
