@@ -1,4 +1,4 @@
-"""The C sources under test, compiled as strictly as it goes."""
+"""The C sources under test, compiled with strict warnings that count as errors."""
 
 import shutil
 import subprocess
@@ -14,7 +14,7 @@ SANITISED = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover
 
 
 def program(driver: str, folder: Path, *flags: str) -> Path:
-    """Compile a driver of this folder with the core; return the program."""
+    """Compile a driver of this folder with the core, and return the program."""
     compiler, core = shutil.which("gcc"), find_source()
     if compiler is None:
         pytest.skip("there is no gcc to compile the app's core with")

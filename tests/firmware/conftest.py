@@ -1,4 +1,4 @@
-"""What the tests of this folder share: a core of the app on a stand."""
+"""A fixture that the tests of this folder share: a core of the app on a stand."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What may befall a vehicle: packets of any bytes, ticks soon or late, consent given and taken."""
+"""Events that a vehicle may meet: packets of any bytes, ticks that come soon or late, consent given and withdrawn."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -11,11 +11,11 @@ from cfid.sim.propulsion import Four
 from cfid.wire import app
 from tests.firmware.stand import MAY_NOT_RUN, MAY_RUN
 
-BEGIN_US = 2**32 - 3_000_000  # the low 32 bits wrap on the way
+BEGIN_US = 2**32 - 3_000_000  # the low 32 bits wrap during the events
 
 
 class Event(NamedTuple):
-    """A packet, or a tick where there is none, so many microseconds after what came before."""
+    """A packet, or a tick if there is none, `after_us` microseconds after the previous event."""
 
     after_us: int
     allowed: bool
@@ -23,7 +23,7 @@ class Event(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What a tick returned, and what the outbox held after some of them."""
+    """The commands that a tick returned, and the packets in the outbox if it was emptied after the event."""
 
     commands: Four | None
     sent: tuple[Sent, ...]
@@ -67,14 +67,14 @@ _driven = st.builds(
     lambda first, packet, ticks: [first[0], Event(0, True, packet), *ticks], _kept_alive, _requests, _soon
 )
 
-# Runs of events that follow each other, so that motors often do run; and anything else in between.
+# Sequences in which events depend on each other, so that motors often do run, and any other events between them.
 events = st.lists(st.one_of(_driven, _kept_alive, _soon, _later, _some), max_size=12).map(
     lambda runs: [event for run in runs for event in run]
 )
 
 
 def outcomes(core: AppCore, happening: Iterable[Event], *, drained_every: int) -> list[Outcome]:
-    """Return what the core did at each event; its outbox is emptied at every so manyth only, or it would never fill."""
+    """Return what the core did at each event; its outbox is emptied at every `drained_every`-th, so it can fill."""
     now_us, done = BEGIN_US, []
     for number, (after_us, allowed, packet) in enumerate(happening):
         now_us += after_us

@@ -1,4 +1,4 @@
-"""A core of the app on a stand: its clock, its keep-alives, and what it was heard to say."""
+"""A core of the app on a stand: its clock, its keep-alives, and the packets that it sent."""
 
 from typing import NamedTuple
 
@@ -27,7 +27,7 @@ def new_core() -> AppCore:
 
 
 class Heard(NamedTuple):
-    """A packet that the app sent, and when."""
+    """A packet that the app sent, and the time at which it did."""
 
     at_us: int
     service: int
@@ -47,7 +47,7 @@ class Stand:
         self._ticks = 0
 
     def tell(self, service: int, channel: int, payload: bytes = b"") -> bytes:
-        """Send a packet; return the payload of the answer."""
+        """Send a packet and return the payload of the answer."""
         self.core.receive(service, channel, payload, now_us=self.now_us, vehicle=self.vehicle)
         *others, answer = self.core.sent()
         self._keep(others)
@@ -55,7 +55,7 @@ class Stand:
         return answer[2]
 
     def say(self, service: int, channel: int, payload: bytes = b"") -> None:
-        """Send a packet and keep what comes."""
+        """Send a packet and keep the packets that the app sends."""
         self.core.receive(service, channel, payload, now_us=self.now_us, vehicle=self.vehicle)
         self._keep(self.core.sent())
 
@@ -80,7 +80,7 @@ class Stand:
         return answer
 
     def tick(self) -> Four | None:
-        """Let a millisecond pass."""
+        """Let a millisecond pass, and return the commands."""
         self.now_us += TICK_US
         if self.alive and self._ticks % KEEP_ALIVE_TICKS == 0:
             self.keep_alive()
@@ -90,7 +90,7 @@ class Stand:
         return orders.commands
 
     def run(self, ms: int) -> list[Four]:
-        """Return the commands of each millisecond; where the stock controller has the motors, they stand."""
+        """Return the commands of each millisecond; they are zero while the stock controller has the motors."""
         return [self.tick() or STILL for _ in range(ms)]
 
     def crossings(self) -> list[app.Crossing]:
@@ -101,7 +101,7 @@ class Stand:
         return [(at_us, done) for at_us, p in self.on(app.SineChannel.DONE) if (done := app.decode_done(p))]
 
     def on(self, channel: int) -> list[tuple[int, bytes]]:
-        """Return when what came on a channel of the sine service."""
+        """Return the times and payloads of the packets on a channel of the sine service."""
         return [(h.at_us, h.payload) for h in self.heard if (h.service, h.channel) == (SINE, channel)]
 
     def _keep(self, packets: list[tuple[int, int, bytes]]) -> None:

@@ -1,4 +1,4 @@
-"""The app's packets byte for byte, written out from the C structs of the thesis; what is added stands behind them.
+"""The app's packets byte for byte, written out from the C structs of the thesis, followed by what the app appends.
 
 C.2.1 packs uint16_t thrust, int motorID; C.2.4 uint16_t motorID, uint16_t ampl, float omega, uint32_t N, and sends a
 uint16_t at each crossing and one byte when done; C.2.6 answers with nothing. The controller is little-endian.
@@ -41,7 +41,7 @@ def test_a_sine_packet_of_2015_plays_and_its_reports_begin_as_they_did(stand: St
     played = stand.run(1100)
     assert [commands[1] for commands in played[:18:2]] == [50000, 44142, 30000, 15857, 10000, 15857, 30000, 44142, 0]
     reports = [payload for _, payload in stand.on(0)]
-    # The value of 2015, then the sample's index, its time (milliseconds 1, 5, 13 and 17), and which report it is.
+    # The value of 2015, then the sample's index, its time (milliseconds 1, 5, 13 and 17), and the report's number.
     assert reports == [
         bytes.fromhex("50c3  00000000 e8f5052a 0000"),
         bytes.fromhex("3075  02000000 8805062a 0100"),

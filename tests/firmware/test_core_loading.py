@@ -1,4 +1,4 @@
-"""The app's core in the simulated vehicle: compiled once, or a sentence that names what is missing and the way out."""
+"""The app's core in the simulated vehicle is compiled once, or an error names what is missing and the alternative."""
 
 import shutil
 from pathlib import Path

@@ -191,7 +191,7 @@ def test_a_sine_that_is_stopped_before_its_first_sample_has_played_none(stand: S
 def test_a_later_keep_alive_does_not_revive_old_commands(stand: Stand) -> None:
     stand.keep_alive()
     stand.thrust(30000, app.ALL_MOTORS_THRUST)
-    stand.now_us += 500_000  # without a tick, as while the firmware tests its own motors
+    stand.now_us += 500_000  # without a tick, as when the firmware tests its own motors
     assert stand.keep_alive().commands == STILL
     assert stand.run(100) == [STILL] * 100
     assert stand.thrust(30000, app.ALL_MOTORS_THRUST).verdict == AppVerdict.ACCEPTED
@@ -245,7 +245,7 @@ def test_what_is_for_nobody_is_not_answered(stand: Stand, service: int, channel:
 
 def test_reports_that_find_the_outbox_full_are_numbered_and_the_last_two_words_wait(stand: Stand) -> None:
     core, now_us = stand.core, BEGIN_US
-    request = app.encode_sine(app.SineRequest(1, 20000, app.omega_of(100, 200), 200))  # each sample crosses
+    request = app.encode_sine(app.SineRequest(1, 20000, app.omega_of(100, 200), 200))  # each sample crosses the middle
     core.receive(PING, 2, app.encode_alive(0), now_us=now_us, vehicle=MAY_RUN)
     core.receive(SINE, 0, request, now_us=now_us, vehicle=MAY_RUN)
     assert len(core.sent()) == 2

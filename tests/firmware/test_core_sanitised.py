@@ -59,7 +59,7 @@ def records(happening: list[Event]) -> bytes:
 
 
 def written(happening: list[Event]) -> bytes:
-    """Return what the driver writes when its core does as the one that the simulation compiles."""
+    """Return what the driver writes if its core behaves like the one that the simulation compiles."""
     out = bytearray()
     for event, (commands, sent) in zip(
         happening, outcomes(new_core(), happening, drained_every=DRAINED_EVERY), strict=True

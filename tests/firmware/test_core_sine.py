@@ -1,4 +1,4 @@
-"""The app's sine is eq. 3.6, u[n] = A cos(2 pi l n/N) + 30000, cut to an integer, and its crossings those of C.2.4."""
+"""The app's sine is eq. 3.6, u[n] = A cos(2 pi l n/N) + 30000, cut to an integer; its crossings are those of C.2.4."""
 
 import subprocess
 from pathlib import Path
@@ -13,17 +13,17 @@ from cfid.wire import app
 from tests.firmware.compiling import program
 from tests.firmware.stand import Stand, new_core
 
-N = 8000  # the thesis' (3.4.2)
+N = 8000  # as in the thesis (3.4.2)
 Integers = npt.NDArray[np.int64]
 
 
 def eq_3_6(amplitude: int, periods: int, samples: int) -> npt.NDArray[np.float64]:
-    """Return u[n] before it is cut; whole turns are taken off, or it would be off by 1e-7 after thousands of them."""
+    """Return u[n] before it is cut; whole turns are removed, since thousands of them would add an error of 1e-7."""
     return amplitude * np.cos(2 * np.pi * (periods * np.arange(samples) % samples) / samples) + 30000
 
 
 def cut(u: npt.NDArray[np.float64]) -> Integers:
-    """Return samples not yet clipped; what is a whole number but for rounding counts as whole."""
+    """Return samples, cut but not clipped; a value that is whole except for rounding counts as whole."""
     whole = np.rint(u)
     return np.where(np.abs(u - whole) < 1e-7, whole, np.trunc(u)).astype(np.int64)
 
@@ -33,14 +33,14 @@ def commands_of(amplitude: int, periods: int, samples: int) -> Integers:
 
 
 def crossings_of(commands: Integers) -> list[tuple[int, int]]:
-    """Return index and value of what C.2.4 reports: the first sample, and each that leaves the side of the middle."""
+    """Return index and value of what C.2.4 reports: the first sample, and each that leaves its side of the middle."""
     side = np.sign(commands - 30000)
     crosses = (side[:-1] != 0) & (side[1:] != side[:-1])
     return [(int(n), int(commands[n])) for n in (0, *(np.flatnonzero(crosses) + 1))]
 
 
 def played(stand: Stand, amplitude: int, periods: int, samples: int, motor: int = 1) -> Integers:
-    """Return the motor's commands, one each sample, of a whole sine."""
+    """Play a whole sine and return the motor's commands, one per sample."""
     stand.keep_alive()
     answer = stand.sine(motor, amplitude, app.omega_of(periods, samples), samples)
     assert (answer.verdict, answer.periods) == (app.AppVerdict.ACCEPTED, periods)
@@ -52,7 +52,7 @@ def test_every_l_of_8000_samples_is_within_a_unit_of_eq_3_6(tmp_path: Path) -> N
     done = subprocess.run([made, str(amplitude), str(N)], capture_output=True, check=True)
     commands = np.frombuffer(done.stdout, np.uint16).reshape(N // 2 + 1, N)
     turn = commands_of(amplitude, 1, N)
-    for periods, sine in enumerate(commands):  # without eq. 3.6's rounding it is exact
+    for periods, sine in enumerate(commands):  # exact, since no rounding of eq. 3.6 is involved
         assert np.array_equal(sine, turn[periods * np.arange(N) % N])
     for periods, sine in enumerate(commands):
         u = amplitude * np.cos(2 * np.pi * periods / N * np.arange(N)) + 30000
@@ -109,10 +109,10 @@ def test_crossings_are_those_of_eq_3_6(stand: Stand, motor: int, amplitude: int,
     [
         (30000, 12, 8000, False),
         (30001, 12, 8000, True),
-        (30001, 0, 8000, False),  # stands at its largest value
+        (30001, 0, 8000, False),  # constant at its largest value
         (35535, 0, 8000, False),
         (35536, 0, 8000, True),
-        (30001, 1, 3, False),  # its three samples never reach the smallest
+        (30001, 1, 3, False),  # none of its three samples reaches the smallest value
         (35535, 1, 3, False),
         (35536, 1, 3, True),
         (30001, 4, 8, True),

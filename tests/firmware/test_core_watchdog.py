@@ -1,4 +1,4 @@
-"""Whatever comes, no motor runs 500 ms after the last keep-alive, after a stop, or without the supervisor's consent."""
+"""No motor ever runs 500 ms or more after the last keep-alive, after a stop, or without the supervisor's consent."""
 
 from itertools import pairwise
 
@@ -18,7 +18,7 @@ def is_keep_alive(event: Event) -> bool:
 
 
 def counts(outcome: Outcome) -> bool:
-    """Return whether the answer to a keep-alive takes it for the owner's."""
+    """Return whether the answer to a keep-alive accepts it as one of the owner's."""
     state = decode_state(outcome.sent[-1][2])
     assert state is not None
     return Flags.NOT_OWNER not in state.flags

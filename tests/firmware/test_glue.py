@@ -1,4 +1,4 @@
-"""The app's glue, compiled against prototypes of what it uses of the firmware, and run among stand-ins for them."""
+"""The app's glue, compiled with prototypes of what it uses of the firmware, and run with stand-ins for these."""
 
 import shutil
 import subprocess
@@ -80,7 +80,7 @@ STOP = packet(12, PingChannel.STOP, encode_alive(2))
 
 
 def seen(events: list[str], what: str) -> list[tuple[int, str]]:
-    """Return the rounds and the rest of the events of a kind."""
+    """Return the round and the rest of each event of this name."""
     parted = (event.split(" ", 2) for event in events)
     return [(int(part[0]), part[2] if len(part) > 2 else "") for part in parted if part[1] == what]
 
