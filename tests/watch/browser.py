@@ -1,4 +1,4 @@
-"""A page in headless Chromium, driven by its own protocol over a WebSocket: what it asked for, said, and shows."""
+"""A page in headless Chromium, driven over its WebSocket protocol: its requests, its errors, and what it shows."""
 
 import asyncio
 import base64
@@ -23,12 +23,12 @@ class Browser:
     """Chromium without a window."""
 
     def __init__(self, folder: Path, *, behind: int) -> None:
-        # Drawing without a graphics card takes a processor whole: it must not keep a simulated rig from one.
+        # Drawing without a graphics card occupies a whole processor, which a simulated rig may need.
         command = [
             "nice", "-n", str(behind), BROWSER or "", "--headless", "--no-sandbox", "--disable-gpu",
             "--hide-scrollbars", "--remote-debugging-port=0", f"--user-data-dir={folder}", "about:blank",
         ]  # fmt: skip
-        # Nothing of it keeps a pipe of the test's open, or waits for somebody to read its own.
+        # Chromium keeps no pipe of the test open, and never waits for a reader of its own output.
         quiet = subprocess.DEVNULL
         self.process = subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True)
         self.loop = asyncio.new_event_loop()
@@ -46,19 +46,19 @@ class Browser:
         return f"127.0.0.1:{lines[0]}"
 
     def open(self, address: str, *, width_px: int = 1280, height_px: int = 900, dark: bool = False) -> "Page":
-        """Open a page in a tab of its own."""
+        """Open a page in a new tab."""
         page = Page(self, width_px, height_px, dark)
         page.go(address)
         return page
 
     def close(self) -> None:
-        os.killpg(self.process.pid, signal.SIGKILL)  # with the processes of its tabs, which outlive a plain end
+        os.killpg(self.process.pid, signal.SIGKILL)  # including the processes of its tabs, which survive a plain end
         self.process.wait(_LONGEST_S)
         self.loop.close()
 
 
 class Page:
-    """A tab; `requests` are the addresses that it asked for, `said` the errors on its console."""
+    """A tab; `requests` are the addresses that it requested, `said` the errors on its console."""
 
     def __init__(self, browser: Browser, width_px: int, height_px: int, dark: bool) -> None:
         self.requests: list[str] = []
@@ -86,7 +86,7 @@ class Page:
         return answer["result"].get("value")
 
     def wait_for(self, script: str) -> Any:
-        """Wait until an expression is true in the page, and return it."""
+        """Wait until an expression is true in the page, and return its value."""
 
         async def waiting() -> Any:
             end_s = self._loop.time() + _LONGEST_S
@@ -110,11 +110,11 @@ class Page:
             self._ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
     def wheel(self, x: float, y: float, *, delta: float) -> None:
-        """Turn the wheel over a place; below zero is away from oneself."""
+        """Turn the wheel over a place; a negative `delta` turns it away from the user."""
         self._ask("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=delta)
 
     def picture(self) -> bytes:
-        """Return what the page shows as PNG."""
+        """Return a PNG of the page."""
         return base64.b64decode(self._ask("Page.captureScreenshot", format="png")["data"])
 
     def close(self) -> None:
@@ -141,7 +141,7 @@ class Page:
             assert message is not None, "Chromium ended"
             content = json.loads(message)
             if content.get("id") == self._number:
-                if method == "Runtime.evaluate" and "error" in content:  # the page was left meanwhile
+                if method == "Runtime.evaluate" and "error" in content:  # the page was left in the meantime
                     return {"result": {}}
                 assert "error" not in content, content
                 return content["result"]
@@ -164,7 +164,7 @@ class Page:
 
 @contextmanager
 def browser_in(folder: Path, *, behind: int = 10) -> Iterator[Browser]:
-    """Start Chromium with a profile in a folder, so much nicer than the test itself."""
+    """Start Chromium with its profile in a folder, at a niceness `behind` above that of the test."""
     browser = Browser(folder, behind=behind)
     try:
         yield browser

@@ -1,4 +1,4 @@
-"""`cfid watch` from the terminal: its address, its end, and what it says where something is missing."""
+"""`cfid watch` from the terminal: its address, its end, and its message if something is missing."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""Decimation by extremes: no peak is lost at any zoom, in bounded memory."""
+"""Decimation by extremes: no peak is lost at any zoom, and memory is bounded."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def test_the_whole_run_has_its_extremes_however_it_arrived(count: int, sizes: li
 
     assert np.array_equal(seen.low.min(axis=0), values.min(axis=0))
     assert np.array_equal(seen.high.max(axis=0), values.max(axis=0))
-    assert len(seen.time_s) <= most + 14  # and the bins without a partner, one a level
+    assert len(seen.time_s) <= most + 14  # plus the bins without a partner, one per level
     assert seen.time_s[0] == 0
     assert np.all(np.diff(seen.time_s) > 0)
 

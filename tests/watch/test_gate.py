@@ -1,4 +1,4 @@
-"""Who may ask the server of the page for what."""
+"""Which requests the server of the page answers, and from whom."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What a run's folder shows while it grows: curves in their units, losses, rates, state, the time left."""
+"""What a run's folder shows while it grows: curves in their units, losses, rates, state, remaining time."""
 
 import math
 import os
@@ -30,7 +30,7 @@ Recording = Callable[..., RunWriter]
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Iterator[Recording]:
-    """Begin runs of one device, which end with the test."""
+    """Begin runs of one device each, which end with the test."""
     writers: list[RunWriter] = []
 
     def begin(
@@ -71,7 +71,7 @@ def test_rows_of_the_vehicles_log_that_are_lost_are_counted_by_its_own_time(reco
     writer = recording("crazyflie", ("vehicle_ms", "pm.vbat"), kind="thrust")
     run = LiveRun(writer.folder)
     number = np.delete(np.arange(100), [5, 40, 41])
-    stamps = (10 * number + number % 2 + 2**24 - 300) % 2**24  # late by a millisecond now and then
+    stamps = (10 * number + number % 2 + 2**24 - 300) % 2**24  # a millisecond late now and then
     for part in np.array_split(np.arange(len(number)), 30):
         rows(writer, "crazyflie", begin_s + number[part] / 100, stamps[part], np.full(len(part), 3.7))
         run.read(1.0)
@@ -80,7 +80,7 @@ def test_rows_of_the_vehicles_log_that_are_lost_are_counted_by_its_own_time(reco
 
 
 def test_a_short_run_that_is_read_at_once_has_a_rate(recording: Recording) -> None:
-    """Without one its force had no spectrum."""
+    """Its force had no spectrum, because the rate was missing."""
     begin_s = time.time()
     writer = recording("crazyflie", ("vehicle_ms", "pm.vbat"), kind="thrust")
     rows(writer, "crazyflie", begin_s + np.arange(300) / 100, 10 * np.arange(300), np.full(300, 3.7))
@@ -196,7 +196,7 @@ def test_a_single_typed_reading_has_a_mark_and_many_rows_a_line_alone(recording:
 
 
 def marked(run: LiveRun) -> list[float]:
-    """Return the values of a run's first signal that are marked in a picture of its first seconds."""
+    """Return the marked values of a run's first signal in a picture of its first seconds."""
     run.read(1.0)
     plot = SignalPlot(run.signals[0], Range1d(0.0, 10.0), Colours(dark=False))
     plot.draw(0.0, 10.0, 10.0)
@@ -259,7 +259,7 @@ def test_nobody_knows_how_long_typing_takes(recording: Recording) -> None:
 
 
 def test_a_device_without_new_rows_has_no_rate_any_more(tmp_path: Path) -> None:
-    """As commands, a row each change: two of them would be some 6 Hz for as long as the second one holds."""
+    """Commands, for example, have a row per change: two rows would give some 6 Hz for as long as the second holds."""
     columns = {"commands": ("t", "m1"), "crazyflie": ("t", "pm.vbat")}
     begin_s = time.time()
     with create_run(

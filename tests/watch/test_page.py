@@ -1,5 +1,4 @@
-"""The page in a real browser, beside a simulated rig that records: it moves, it stops motors, and it takes no orders
-from elsewhere."""
+"""The page in a real browser while a simulated rig records: curves move, motors stop, other pages control nothing."""
 
 import fcntl
 import http.client
@@ -24,7 +23,7 @@ pytestmark = [
 NOTE = "<script>document.title='taken'</script> & more"
 RECORDED = ("log", "thrust", "--from", 30000, "--to", 30000, "--hold", 600, "--rest", 0.3, "--yes", "--note", NOTE)
 
-# The newest time that is drawn of a column, and what the facts say.
+# The newest time that is drawn of a column, and the text of the facts.
 DRAWN = """(() => { for (const m of window.Bokeh?.documents[0]?._all_models.values() ?? [])
   if (m.type === 'ColumnDataSource' && 'Fx' in m.data) return m.data.t[m.data.t.length - 1] ?? 0; return 0 })()"""
 FACTS = "document.getElementById('facts').textContent"
@@ -41,7 +40,7 @@ PLOT = """(() => { let found; const look = root => { for (const e of root.queryS
 
 @dataclass
 class Show:
-    """A recording with turning motors, `cfid watch` beside it, and a browser."""
+    """A recording with turning motors, `cfid watch` next to it, and a browser."""
 
     bench: Bench
     recorder: Pilot
@@ -64,7 +63,7 @@ class Show:
         return page
 
     def asked(self, method: str, path: str, **headers: str) -> int:
-        """Return the status of an answer to a program that states any headers."""
+        """Return the status of the answer to a program that can send any headers."""
         line = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
         own = {name.replace("_", "-"): value for name, value in headers.items()}
         line.request(method, path, headers=own, body=b"" if method == "POST" else None)
@@ -76,7 +75,7 @@ class Show:
 
 @pytest.fixture(scope="module")
 def one_browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Draw one page at a time: browsers side by side keep each other's rigs from the processor."""
+    """Draw one page at a time, since browsers in parallel keep each other's rigs from the processor."""
     with (tmp_path_factory.getbasetemp().parent / "browser.lock").open("w") as turn:
         fcntl.flock(turn, fcntl.LOCK_EX)
         yield
@@ -86,7 +85,7 @@ def one_browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 def opened_show(tmp_path_factory: pytest.TempPathFactory, one_browser: None, in_time: None) -> Iterator[Show]:
     folder = tmp_path_factory.mktemp("show")
     with ExitStack() as opened:
-        # Stock firmware drives its motors on when the program that drives them hangs.
+        # Stock firmware keeps its motors running when the program that drives them hangs.
         bench = opened.enter_context(bench_in(folder, crazyflie={"firmware": "stock"}))
         browser = opened.enter_context(browser_in(tmp_path_factory.mktemp("browser")))
         recorder = recording_on(bench)
@@ -103,7 +102,7 @@ def opened_show(tmp_path_factory: pytest.TempPathFactory, one_browser: None, in_
 
 @pytest.fixture
 def show(opened_show: Show) -> Show:
-    """Record anew where a busy computer kept a device waiting until the recording before ended."""
+    """Start a new recording if the previous one ended because a busy computer kept a device waiting."""
     if opened_show.recorder.process.poll() is not None:
         opened_show.recorder = recording_on(opened_show.bench)
     return opened_show
@@ -150,7 +149,7 @@ def test_a_zoomed_picture_stays_until_it_is_told_to_follow(show: Show) -> None:
     zoomed = page.value(RANGE)
     before = page.value(FACTS)
     page.wait_for(f"{FACTS} !== {before!r}")
-    # A picture that was overtaken by the zoom is followed by the same axis, one rounding further, so that it is sent.
+    # When a zoom overtakes a picture, the axis is sent again, its last digit changed, since equal values are not sent.
     assert page.value(RANGE) == pytest.approx(zoomed, rel=1e-12)
     page.value("[...Bokeh.documents[0]._all_models.values()].find(m => m.type === 'Toggle').active = false")
     page.wait_for(f"{RANGE}[1] > {zoomed[1]} + 1")

@@ -1,4 +1,4 @@
-"""What a viewer sees follows the recording, and stays where it was paused."""
+"""A viewer's picture follows the recording, and stays where it was paused."""
 
 from collections.abc import Callable
 from datetime import UTC, datetime
@@ -30,7 +30,7 @@ def swing(folder: Path, *, seconds: float) -> Path:
 
 @pytest.fixture
 def viewed(tmp_path: Path) -> Seen:
-    """Return the picture of a run of 100 s, with what it watches and its document."""
+    """Return the picture of a run of 100 s, with the watched folder and the document."""
     swing(tmp_path, seconds=100)
     watched, document = Watched(folder=None, runs_folder=tmp_path), Document()
     picture = Picture(document, watched, dark=False)
@@ -49,7 +49,7 @@ def read_until(watched: Watched, done: Callable[[], bool]) -> None:
 
 
 def shown(document: Document) -> tuple[float, float]:
-    """Answer as a browser that drew the last picture; return from when to when it shows."""
+    """Answer like a browser that drew the last picture; return the start and the end of the time that it shows."""
     span = document.select_one({"type": Range1d, "name": TIME})
     assert isinstance(span, Range1d)
     if span.tags:

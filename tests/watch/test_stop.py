@@ -1,4 +1,4 @@
-"""The page's button stops the vehicle that the shown run drives, whatever the campaign here names."""
+"""The page's button stops the vehicle that the shown run drives, whichever vehicle the local campaign names."""
 
 import http.client
 import json
@@ -40,7 +40,7 @@ def ask(port: int, method: str, path: str, **headers: str) -> str:
 
 
 def press(port: int) -> dict[str, object]:
-    """Press the button of a page."""
+    """Press the button of a page and return the answer."""
     token = re.search(r'data-token="([^"]+)"', ask(port, "GET", "/"))
     assert token is not None
     answer: dict[str, object] = json.loads(
@@ -100,7 +100,7 @@ def test_a_stop_that_fails_says_that_motors_may_run(tmp_path: Path) -> None:
 
 
 def test_a_sine_drives_the_vehicle_that_its_run_states_whatever_rig_toml_names(tmp_path: Path) -> None:
-    """A sine has no commands of its own: its crossings, log and supervisor state the vehicle."""
+    """A sine records no commands: its crossings, log and supervisor state name the vehicle."""
     with bench_in(tmp_path) as bench:
         rig = bench.folder / "rig.toml"
         rig.write_text(rig.read_text().replace(bench.uri, NOBODY))
@@ -117,7 +117,7 @@ def test_a_sine_drives_the_vehicle_that_its_run_states_whatever_rig_toml_names(t
 
 
 def test_the_vehicles_of_all_runs_that_are_recorded_in_the_campaign_are_stopped(tmp_path: Path) -> None:
-    """The page shows the newer run, which turns no motor."""
+    """The page shows the newer run, in which no motor turns."""
     folders = tmp_path / "shown", tmp_path / "other"
     for folder in folders:
         folder.mkdir()

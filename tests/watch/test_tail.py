@@ -1,4 +1,4 @@
-"""Rows of a file that grows: each once, whole, and whatever happens to the file."""
+"""Rows of a file that grows: each whole row once, whatever happens to the file."""
 
 from pathlib import Path
 
