@@ -1,4 +1,4 @@
-"""Clocks compared by stamps that come late: lines under them, counters that wrap, starts found by a phase."""
+"""Clocks compared by stamps that arrive late: lines under the stamps, counters that wrap, starts found from a phase."""
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,7 @@ JITTER_S = 0.016
 
 
 def stamps(count: int, rng: np.random.Generator, *, rate: float = 85 / 84) -> tuple[Array, Array]:
-    """Times of a vehicle's clock, and of their arrival at the host, at least 12 ms later."""
+    """Return times of a vehicle's clock, and of their arrival at the host at least 12 ms later."""
     device_s = np.sort(rng.uniform(0, 100, count))
     return device_s, UNIX_S + rate * device_s + 0.012 + rng.exponential(JITTER_S, count)
 

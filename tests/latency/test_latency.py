@@ -89,7 +89,7 @@ def test_the_clocks_offset_and_skew_scatter_as_stated(tmp_path: Path) -> None:
     for seed in range(60):
         found = latency.fit([ping_run(tmp_path, seed=seed, count=80)]).quantities
         offset, skew = found["latency.clock_offset_s"], found["latency.clock_skew"]
-        # Half of the least round trip stands for the least one-way latency.
+        # Half of the smallest round trip is the estimate of the smallest one-way latency.
         least_s = LEAST_S - found["latency.rtt_min_s"].value / 2
         offsets.append((offset.value - ZERO_S - least_s) / offset.std)
         skews.append((skew.value - (RATE - 1)) / skew.std)
@@ -222,7 +222,7 @@ def test_single_round_trips_that_cannot_be_are_left_out_and_named(tmp_path: Path
 
 
 def foreign_pings(path: Path, *, begin_s: float, stamps: dict[int, float] | None = None) -> Path:
-    """Write pings as another program has them, whose stamps are wrong in some rows."""
+    """Write pings in the form of another program, with wrong stamps in some rows."""
     rng = np.random.default_rng(4)
     sent_s = begin_s + 0.1 * np.arange(400)
     there_s, back_s = rng.uniform(0.004, 0.006, 400), rng.uniform(0.004, 0.006, 400)

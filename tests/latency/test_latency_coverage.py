@@ -1,4 +1,4 @@
-"""Round trips and clocks over channels that are not ideal: bursts, congestion, latencies that are no exponentials."""
+"""Round trips and clocks over channels that are not ideal: bursts, congestion, latencies that are not exponential."""
 
 from collections.abc import Callable
 
@@ -14,7 +14,7 @@ EVERY_S, RATE, LEAST_S = 0.1, 1.00002, 0.005
 
 
 def exponential(count: int, rng: np.random.Generator) -> tuple[Array, float]:
-    """Latencies over the least (n,) in s, and their true mean."""
+    """Return latencies beyond the smallest (n,) in s, and their true mean."""
     return rng.exponential(2e-3, count), 2e-3
 
 
@@ -23,12 +23,12 @@ def gamma(count: int, rng: np.random.Generator) -> tuple[Array, float]:
 
 
 def rounded(count: int, rng: np.random.Generator) -> tuple[Array, float]:
-    """Latencies without a sharp edge: hardly any is near the least."""
+    """Return latencies without a sharp edge: hardly any is near the smallest."""
     return rng.gamma(2.0, 2e-3, count), 4e-3
 
 
 def bursts(count: int, rng: np.random.Generator) -> tuple[Array, float]:
-    """Retries come in bursts: one packet in ten, ten in a row on average."""
+    """Return latencies with retries in bursts: one packet in ten, in runs of ten on average."""
     busy, state = np.zeros(count, dtype=bool), False
     for place, draw in enumerate(rng.random(count).tolist()):
         state = draw > 1 / 10 if state else draw < 1 / 90
@@ -37,7 +37,7 @@ def bursts(count: int, rng: np.random.Generator) -> tuple[Array, float]:
 
 
 def congestion(count: int, rng: np.random.Generator) -> tuple[Array, float]:
-    """The least latency wanders by 1 ms, with a correlation time of 3 s."""
+    """Return latencies whose minimum wanders by 1 ms, with a correlation time of 3 s."""
     decay = np.exp(-EVERY_S / 3.0)
     wander = lfilter([1.0], [1.0, -decay], np.sqrt(1 - decay**2) * rng.standard_normal(count + 500))[500:]
     return 5e-3 + 1e-3 * wander + rng.gamma(3.0, 5e-4, count), 6.5e-3
@@ -79,7 +79,7 @@ def test_round_trips_and_clocks_lie_within_their_intervals(name: str, count: int
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "count"), [("exponential", 500), ("gamma", 500), ("rounded", 300), *((name, 2000) for name in CHANNELS)]
-)  # 500 of the others are too short to know how they are correlated, and marked
+)  # 500 pings of the others are too few to show how they are correlated, and are marked
 def test_round_trips_and_clocks_cover_over_many_campaigns(name: str, count: int) -> None:
     for row in rows(name, 1000, count=count, seed=2):
         print(row)
