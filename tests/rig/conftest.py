@@ -1,4 +1,4 @@
-"""What the tests of this room share."""
+"""Fixtures that the tests of this package share."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from tests.rig.virtual import Session
 
 @pytest.fixture(autouse=True, scope="module")
 def wires_in_time(in_time: None) -> None:
-    """Run the wires of this room in time."""
+    """Run the wires of this package in time."""
 
 
 @pytest.fixture

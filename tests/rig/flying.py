@@ -1,4 +1,4 @@
-"""Procedures with a simulated vehicle inside one process, on a clock that a test turns."""
+"""Procedures with a simulated vehicle inside one process, on a clock that the test advances."""
 
 import math
 from collections.abc import Callable, Coroutine, Mapping, Sequence
@@ -51,10 +51,10 @@ Doing = Callable[["Flight"], Coroutine[Any, Any, None]]
 
 
 class Turned(Clock):
-    """Twisted's clock for tests, in which other threads are the same one."""
+    """Twisted's clock for tests, in which calls from other threads run in the same thread."""
 
     def pause(self, seconds: float) -> None:
-        """Let time pass without a turn of the loop, as for a suspended process."""
+        """Let time pass without running the loop, as if the process were suspended."""
         self.rightNow += seconds
 
     def callFromThread(self, function: Callable[..., Any], *args: Any) -> None:  # noqa: N802 - Twisted's name
@@ -69,7 +69,7 @@ class Left:
 
 
 class SimulatedLink:
-    """The link to a simulated vehicle without cflib; it pings ten times a second, as cflib does."""
+    """The link to a simulated vehicle, without cflib; it pings ten times a second, as cflib does."""
 
     uri = "sim://vehicle"
 
@@ -77,7 +77,7 @@ class SimulatedLink:
         self.fault = ""
         self.received_s = clock.seconds()
         self.sent: list[Packet] = []
-        self.loses: set[tuple[int, int]] = set()  # ports and channels whose packets from the vehicle do not arrive
+        self.loses: set[tuple[int, int]] = set()  # ports and channels whose packets from the vehicle never arrive
         self._radio, self._clock, self._truth = radio, clock, truth
         self._came: list[tuple[Packet, float]] = []
         self._wake: Callable[[], None] = lambda: None
@@ -105,7 +105,7 @@ class SimulatedLink:
         return _entry(parameters(rpm_deck=self._truth.rpm_deck), name)
 
     def step(self) -> None:
-        """Let the vehicle live up to now, and hear what it sent."""
+        """Advance the vehicle to the present time, and collect the packets that it sent."""
         now_s = self._clock.seconds()
         if self._radio.closed(now_s):
             self.fault = f"{self.uri}: the link was closed."
@@ -125,7 +125,7 @@ class SimulatedLink:
 
 
 class Flight:
-    """A vehicle fastened to a bench, and what a test did with it: the motors' history, the run, the failure."""
+    """A vehicle fastened to a bench, with the history of its motors, its devices and its messages."""
 
     def __init__(
         self,
@@ -212,7 +212,7 @@ class Flight:
     def record(
         self, instruments: Sequence[Instrument], doing: Callable[[Mapping[str, Any]], Coroutine[Any, Any, None]]
     ) -> tuple[Run, Exception | None]:
-        """Record until a procedure is done; return the run and what was raised."""
+        """Record until a procedure is done; return the run and the exception that was raised, or None."""
         devices = {i.name: DeviceRecord(file=f"{i.name}.csv", columns=i.columns) for i in instruments}
         run = create_run(
             self._runs_folder,
@@ -234,7 +234,7 @@ class Flight:
         return read_run(run.folder), failure
 
     def turn(self, *, until: Callable[[], bool] = lambda: False, for_s: float = LONGEST_S) -> None:
-        """Turn the clock until something holds, or for some seconds."""
+        """Advance the clock until a condition holds, or for `for_s` seconds."""
         end_s = self.clock.seconds() + for_s
         while self.clock.seconds() < end_s:
             self.link.step()
@@ -244,7 +244,7 @@ class Flight:
         assert for_s < LONGEST_S, "it never ended"
 
     def stopped_after(self, fault_s: float) -> float:
-        """Return how long after a time the last motor stopped; they must be off by now."""
+        """Return how many seconds after `fault_s` the last motor stopped; all motors must be off by now."""
         assert not any(self.motors[-1][1]), "motors are still on"
         return self.motors[-1][0] - fault_s
 

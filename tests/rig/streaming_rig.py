@@ -1,6 +1,6 @@
-"""A simulated rig in a thread beside the test, and a process that logs both of its devices into one run.
+"""A simulated rig in a thread of the test, and a process that logs both of its devices into one run.
 
-As a program, `python -m tests.rig.streaming_rig CAMPAIGN [SECONDS]`, it is that process.
+Run as a program, `python -m tests.rig.streaming_rig CAMPAIGN [SECONDS]`, this module is that process.
 """
 
 import contextlib
@@ -41,12 +41,12 @@ from tests.priority import run_devices
 DEVICES = ("encoder", "loadcell")
 PATIENCE_S = 30.0
 
-_FASTEST_STEPS_PER_S = 21_000  # of the swing: 16 rad/s, which the releases drawn come near (15.5)
+_FASTEST_STEPS_PER_S = 21_000  # of the swing: 16 rad/s; the drawn releases come close to it (15.5)
 
 
 @dataclass(frozen=True)
 class ServedRig:
-    """A simulated rig that serves a campaign; `thread` is the kernel's number of the one that it runs in."""
+    """A simulated rig that serves a campaign; `thread` is the kernel's number of the thread in which it runs."""
 
     campaign: Path
     rig: SimulatedRig
@@ -67,7 +67,7 @@ class ServedRig:
 
 @contextlib.contextmanager
 def served_rig(folder: Path, *, seed: int = 1) -> Iterator[ServedRig]:
-    """Serve a rig on real wires, with a campaign folder whose rig.sim.toml points at it."""
+    """Serve a rig on real wires, with a campaign folder whose rig.sim.toml names its addresses."""
     folder.mkdir(exist_ok=True)
     (folder / RIG_FILE).write_text(new_rig_text())
     rig = load_rig(folder / RIG_FILE)
@@ -107,14 +107,14 @@ def _in_loop(loop: Loop, act: Callable[[], Any]) -> Any:
 
 @dataclass
 class Logger:
-    """A process that records a run; `folder` is the run's."""
+    """A process that records a run into `folder`."""
 
     process: "subprocess.Popen[str]"
     folder: Path
     killed_s: float = field(default=0.0)
 
     def wait_for_rows(self) -> None:
-        """Wait until both devices have as many rows in their files as make a recording."""
+        """Wait until the files of both devices have enough rows for a recording."""
         end_s = time.monotonic() + PATIENCE_S
         while any((self.folder / f"{name}.csv").stat().st_size < 2000 for name in DEVICES):
             assert time.monotonic() < end_s, "no rows"
@@ -122,13 +122,13 @@ class Logger:
             time.sleep(0.002)
 
     def kill(self) -> None:
-        """Kill it and wait for its end; what the kernel counted of it can be read for as long as the block takes."""
+        """Kill the process and wait for its end; the kernel's counts about it stay readable until the block ends."""
         self.killed_s = time.time()
         self.process.kill()
         os.waitid(os.P_PID, self.process.pid, os.WEXITED | os.WNOWAIT)
 
     def end(self, *signals: signal.Signals, pause_s: float = 0.0) -> str:
-        """Send signals and wait for the end; return what was said if that was no good one."""
+        """Send signals and wait for the end; return exit code and output after a failure or an error message, or ""."""
         for number in signals:
             self.process.send_signal(number)
             time.sleep(pause_s)
@@ -138,7 +138,7 @@ class Logger:
 
 @contextlib.contextmanager
 def logger(rig: ServedRig, *words: str) -> Iterator[Logger]:
-    """Start to log both devices of a rig, in a process that does not outlive the test."""
+    """Start a process that logs both devices of a rig, and kill it when the block ends."""
     command = [sys.executable, "-W", "error", "-m", "tests.rig.streaming_rig", str(rig.campaign), *words]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
@@ -151,7 +151,7 @@ def logger(rig: ServedRig, *words: str) -> Iterator[Logger]:
 
 
 def whole_rows(path: Path) -> pd.DataFrame:
-    """Read the rows that end with their line; each has all columns and nothing but numbers."""
+    """Read the rows that end with a newline; each has all columns and only numbers."""
     text = path.read_bytes()
     rows = pd.read_csv(io.BytesIO(text[: text.rfind(b"\n") + 1]), dtype=np.float64)
     assert not rows.isna().to_numpy().any()
@@ -160,7 +160,7 @@ def whole_rows(path: Path) -> pd.DataFrame:
 
 
 def check_loadcell(rows: pd.DataFrame) -> None:
-    """No record is missing, doubled or wrong, and the times are those of a steady clock."""
+    """Check that no record is missing, doubled or wrong, and that the times are those of a steady clock."""
     assert rows["rdt_sequence"].iloc[0] == 1
     assert np.all(np.diff(rows["rdt_sequence"]) == 1)
     assert np.all(np.diff(rows["ft_sequence"]) == 1)
@@ -170,7 +170,7 @@ def check_loadcell(rows: pd.DataFrame) -> None:
 
 
 def check_encoder(rows: pd.DataFrame) -> None:
-    """Every word passes its own check, and the axis moves as fast as it can by the device's own clock."""
+    """Check that every word is valid and that the axis never moves faster, by the device's own clock, than it can."""
     words = decode_words(rows["phi"].to_numpy(dtype=np.int64))
     assert words.valid.all()
     half = STEPS_PER_TURN // 2
@@ -182,7 +182,7 @@ def check_encoder(rows: pd.DataFrame) -> None:
 
 
 def check_rows(folder: Path) -> dict[str, pd.DataFrame]:
-    """Return the rows of both devices, which are right."""
+    """Return the rows of both devices after a check that they are right."""
     rows = {name: whole_rows(folder / f"{name}.csv") for name in DEVICES}
     check_loadcell(rows["loadcell"])
     check_encoder(rows["encoder"])
@@ -190,7 +190,7 @@ def check_rows(folder: Path) -> dict[str, pd.DataFrame]:
 
 
 def check_cut_run(folder: Path) -> dict[str, pd.DataFrame]:
-    """Return the rows of a run that was cut: it opens, says so, and no row is wrong."""
+    """Return the rows of a run that was cut, after a check that it opens, is reported as cut, and has no wrong row."""
     run = read_run(folder)
     assert run.cut
     rows = check_rows(folder)
@@ -201,7 +201,7 @@ def check_cut_run(folder: Path) -> dict[str, pd.DataFrame]:
 
 
 def check_complete_run(folder: Path) -> Run:
-    """Return a run that is complete: every row is there and right, and run.toml counts them."""
+    """Return a run after a check that it is complete: every row is there and right, and run.toml counts them."""
     run = read_run(folder)
     assert run.header.state == "complete", run.header.reason
     rows = check_rows(folder)
@@ -229,7 +229,7 @@ def _record(campaign_folder: Path, for_s: float | None) -> None:
 
 
 def _say(sentence: str) -> None:
-    if "receive buffer" not in sentence:  # whose size is this computer's affair
+    if "receive buffer" not in sentence:  # the size of the buffer depends on this computer
         print(sentence, file=sys.stderr)
 
 

@@ -1,4 +1,4 @@
-"""A loop runs before programs that compute, where the system grants it, and only as long as it runs."""
+"""A loop has priority over programs that compute, where the system permits it, and only while it runs."""
 
 import os
 import subprocess
@@ -44,7 +44,7 @@ for each in (right, seen, os.sched_getscheduler(0)):
 
 
 def looped(user: str) -> list[str]:
-    """Return whether a user has the right, what the loop returned, and the policy after it."""
+    """Return whether a user has the permission, what the loop returned, and the scheduling policy afterwards."""
     words = [sys.executable, "-W", "error", "-c", LOOP, user]
     ended = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stderr) == (0, "")
@@ -63,7 +63,7 @@ def test_whoever_has_not_records_all_the_same() -> None:
 
 
 def test_on_a_single_processor_a_loop_runs_among_the_others() -> None:
-    """A loop that hung ahead of others would leave `cfid motors stop` a twentieth of the processor."""
+    """A loop that hung with priority would leave `cfid motors stop` only a twentieth of the processor."""
     assert looped("single")[1:] == [str(os.SCHED_OTHER), str(os.SCHED_OTHER)]
 
 

@@ -1,4 +1,4 @@
-"""What a check of the rig finds, and that it always comes back with what it found."""
+"""What a check of the rig finds, and that it always returns its findings."""
 
 import socket
 from collections.abc import Iterator

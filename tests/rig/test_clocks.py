@@ -1,4 +1,4 @@
-"""Times of samples that a device counts, from arrivals that come late now and then; and the host's own clock."""
+"""Times of samples that a device counts, from arrivals that are sometimes late; and the host's own clock."""
 
 import math
 import time
@@ -26,14 +26,14 @@ NO_ARRIVAL: Any = {"arrived": np.empty(0, np.intp), "arrival_s": np.empty(0)}
 
 @dataclass(frozen=True, kw_only=True)
 class Stream:
-    """What a device sampled and when: counts (n,), instants (n,), and arrivals of every datagram."""
+    """The samples of a device: counts (n,), instants (n,), and the arrival of every datagram."""
 
     ticks: npt.NDArray[np.uint32]
     true_s: Array
     arrival_s: Array
 
     def timed(self, clock: SampleClock) -> Array:
-        """Give a clock all blocks in turn; return the instants that it finds."""
+        """Pass all blocks in turn to a clock; return the instants that it finds."""
         ends = np.arange(DATAGRAM - 1, BLOCK, DATAGRAM)
         arrivals = self.arrival_s.reshape(-1, len(ends))
         blocks = self.ticks.reshape(-1, BLOCK)
@@ -44,14 +44,14 @@ class Stream:
         return np.concatenate(found)
 
     def error_s(self, found_s: Array) -> Array:
-        """Return what the instants are late, beyond the smallest delay, which nobody can know."""
+        """Return how late the found instants are, beyond the smallest delay, which cannot be known."""
         return found_s - self.true_s - SMALLEST_DELAY_S
 
 
 def stream(
     *, blocks: int, ppm: float, jitter: str, first_tick: int = 1000, late_start_s: float = 0.0, seed: int = 1
 ) -> Stream:
-    """A device that is `ppm` quick; a 50 ms stall of what carries its datagrams every few seconds."""
+    """Return the samples of a device that runs `ppm` fast; every few seconds, its datagrams stall for 50 ms."""
     rng = np.random.default_rng(seed)
     index = np.arange(blocks * BLOCK)
     true_s = BEGAN_S + index / HZ / (1 + 1e-6 * ppm)
@@ -67,7 +67,7 @@ def stream(
 
 
 def check_regular(found_s: Array) -> None:
-    """Neighbours keep their distance to a tenth of a microsecond, where 100 would be allowed."""
+    """Check that the steps are regular to a tenth of a microsecond, where 100 would be allowed."""
     steps_s = np.diff(found_s)
     assert steps_s.min() > 0
     assert np.abs(steps_s - 1 / HZ).max() < 1e-7
@@ -129,7 +129,7 @@ def test_samples_without_an_arrival_continue_the_count() -> None:
 
 
 def test_samples_before_any_arrival_are_timed_by_when_they_were_read() -> None:
-    """The box' count alone is its own uptime, and no time on this computer's clock."""
+    """The box' count alone gives its own uptime, which is no time on this computer's clock."""
     clock = SampleClock(ticks_per_s=HZ)
     device = stream(blocks=200, ppm=0, jitter="exponential")
 
@@ -140,7 +140,7 @@ def test_samples_before_any_arrival_are_timed_by_when_they_were_read() -> None:
     assert first_s[-1] == pytest.approx(BEGAN_S + 0.06)
     assert again_s[-1] == pytest.approx(BEGAN_S + 9.06)
     check_regular(first_s)
-    assert np.abs(device.error_s(device.timed(clock))).max() < 2e-3  # the first arrival counts as ever
+    assert np.abs(device.error_s(device.timed(clock))).max() < 2e-3  # the first arrival counts as usual
 
 
 def test_a_sample_is_expected_when_its_count_says() -> None:

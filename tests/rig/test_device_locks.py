@@ -1,4 +1,4 @@
-"""Who holds a device, and which rig a campaign's commands use: locks that end with their process."""
+"""Who holds a device, and which rig a campaign's commands use: both depend on locks that end with their process."""
 
 import contextlib
 import hashlib
@@ -45,7 +45,7 @@ needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root may act for
 
 @pytest.fixture(autouse=True)
 def locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Keep the locks of a test apart from everybody's."""
+    """Separate the locks of a test from all others."""
     folder = tmp_path / "locks"
     monkeypatch.setenv("CFID_LOCKS", str(folder))
     return folder
@@ -53,7 +53,7 @@ def locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @contextlib.contextmanager
 def another_process(body: str, *words: str) -> Iterator["subprocess.Popen[str]"]:
-    """Run a program that says a line once it holds something, and ends with its input."""
+    """Run a program that prints a line once it holds something, and ends with its input."""
     command = [sys.executable, "-c", body, *words]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         try:
@@ -71,7 +71,7 @@ def the_holder(device: str = DEVICE) -> Holder:
 
 
 def names_in_use() -> list[str]:
-    """Return the abstract names of this computer's sockets, without the locks of tests beside this one."""
+    """Return the abstract names of this computer's sockets, without the locks of tests that run in parallel."""
     names: list[str] = re.findall(r" @(.+)", Path("/proc/net/unix").read_text())
     own_set = hashlib.sha256(os.environ["CFID_LOCKS"].encode()).hexdigest()[:12]
     return [name for name in names if not name.startswith("cfid/") or name.startswith(f"cfid/{own_set}/")]
@@ -110,7 +110,7 @@ def test_who_looks_at_a_device_again_and_again_keeps_nobody_from_taking_it() -> 
 
 
 def test_a_holder_that_was_asked_for_too_often_is_found_all_the_same() -> None:
-    """Nobody takes the connections that ask who listens, and a socket keeps some hundreds of them."""
+    """The holder accepts no connection from processes that look for it, and a socket queues some hundreds of them."""
     with another_process(HOLD, DEVICE) as first, contextlib.ExitStack() as asking:
         (name,) = {name for name in names_in_use() if name.endswith(DEVICE)}
         with contextlib.suppress(BlockingIOError):
@@ -214,7 +214,7 @@ def test_vehicles_that_others_hold_are_told_by_their_addresses() -> None:
 
 
 def test_vehicles_are_listed_again_and_again_without_a_connection_to_who_holds_them() -> None:
-    """A lock accepts no connection: those that ask who listens stay in its queue, and fill it."""
+    """A lock accepts no connection: connections that look for its holder stay in its queue, and fill it."""
     uri = "radio://0/80/2M/E7E7E7E701"
     with another_process(HOLD, uri), DeviceLock.take("usb://0"):
         for _ in range(2 * socket.SOMAXCONN):
@@ -277,7 +277,7 @@ def test_a_process_that_passed_its_lock_on_and_ended_is_not_taken_for_whoever_ge
     body = HOLD.replace('print("held"', 'import os\nif os.fork(): os._exit(0)\nprint("held"')
     with another_process(body, DEVICE) as first:
         first.wait(10)
-        assert the_holder().process == first.pid  # which the kernel remembers
+        assert the_holder().process == first.pid  # the kernel remembers this process
         assert not the_holder().is_ours
         assert not the_holder().send(signal.SIGTERM)
 
@@ -312,7 +312,7 @@ sys.stdin.read()
 
 
 def test_no_file_that_anybody_could_plant_takes_part_in_a_lock(locks: Path, tmp_path: Path) -> None:
-    """Folders of locks were /tmp/cfid-locks once, and what the variable names."""
+    """Locks were once files, in /tmp/cfid-locks or in the folder that CFID_LOCKS names."""
     victim = tmp_path / "precious"
     victim.write_text("process 1 (cfid log)")
     names = ["link", "pipe", "folder", "forbidden", "another name", "huge"]
@@ -417,7 +417,7 @@ def test_a_command_that_was_meant_for_a_killed_simulated_rig_does_not_go_on_to_t
     ):
         rig_of(tmp_path)
 
-    assert rig_of(tmp_path, or_real=True)[1:] == (rig.devices, False)  # of `cfid motors stop`, which must never wait
+    assert rig_of(tmp_path, or_real=True)[1:] == (rig.devices, False)  # for `cfid motors stop`, which must never wait
     assert "the devices are the real ones of rig.toml" in " ".join(capsys.readouterr().err.split())
 
 

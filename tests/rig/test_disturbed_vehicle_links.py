@@ -30,7 +30,7 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 
 @contextmanager
 def relayed(uri: str, arriving: Callable[[bytes], Sequence[bytes]]) -> Iterator[str]:
-    """Give an address of the vehicle at which `arriving` is what arrives of each of its packets."""
+    """Yield a relayed address of the vehicle; `arriving` returns what arrives of each packet from the vehicle."""
     ended = threading.Event()
     with socket.socket(type=socket.SOCK_DGRAM) as near, socket.socket(type=socket.SOCK_DGRAM) as far:
         near.bind(("127.0.0.1", 0))
@@ -65,7 +65,7 @@ def test_packets_that_arrive_three_times_are_those_of_one_vehicle(bench: Bench) 
 
 
 def test_an_empty_packet_before_the_apps_hello_makes_it_no_firmware_of_2015(bench: Bench) -> None:
-    """Its motors obeyed nothing then, and the command ended as if they had turned."""
+    """Its motors then obeyed nothing, and the command ended as if they had turned."""
     empty = bytes([AppPorts().ping << 4])
     with relayed(bench.uri, lambda packet: [empty, packet]) as uri:
         pilot = bench.start("motors", "set", 20000, "--motor", 1, "--for", 1, "--yes", "--uri", uri)
@@ -89,7 +89,7 @@ def test_a_row_of_the_vehicles_log_that_arrives_three_times_is_recorded_once_and
 
 
 class SlowDriver:
-    """A driver of cflib's whose sender is held up after it has looked for the link, until that is closed."""
+    """A driver of cflib whose sender, having checked for the link, is held up until the link is closed."""
 
     def __init__(self) -> None:
         self.looked, self.closing = threading.Event(), threading.Event()

@@ -1,4 +1,4 @@
-"""A box' page that never ends is given up in time, however it goes on."""
+"""A page of the box that never ends is abandoned in time, whichever part of the page never ends."""
 
 import socket
 import threading
@@ -14,7 +14,7 @@ from cfid.rig.box import read_settings
 
 @pytest.fixture
 def dripping(request: pytest.FixtureRequest) -> Iterator[LoadCellBox]:
-    """Serve what begins a page, and then a byte twice a second."""
+    """Serve the beginning of a page, and then a byte twice a second."""
     ended = threading.Event()
     with socket.create_server(("127.0.0.1", 0)) as server:
 

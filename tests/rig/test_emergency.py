@@ -1,4 +1,4 @@
-"""A stop beside a process that hangs: over a link of its own, or over one that has to be taken from that process."""
+"""A stop while another process hangs: over a separate link, or over a link that has to be taken from that process."""
 
 import contextlib
 import fcntl
@@ -22,7 +22,7 @@ from cfid.wire.app import AppPorts, AppState, Flags, PingChannel, encode_state
 from cfid.wire.crtp import Packet, encode_set_by_name
 from tests.flying_in_a_folder import Bench, bench_in
 
-# A process that drives stock motors, and has the only radio there is: a locked file.
+# A process that drives stock motors and holds the only radio, which is a locked file.
 DRIVE = """
 import fcntl, os, signal, sys, time
 from cfid.rig.line import open_line
@@ -41,7 +41,7 @@ time.sleep(600)
 
 
 class Radio:
-    """A link that one process at a time can open."""
+    """A link that only one process at a time can open."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -137,7 +137,7 @@ def test_a_radio_of_a_process_that_is_no_cfid_is_not_taken_from_it(bench: Bench,
         with pytest.raises(StopError, match=f"^{MAY_BE_RUNNING}: process {driver.pid} .* this user cannot end it"):
             stop_vehicle(bench.uri, AppPorts(), say=print, opened=radio.open)
         assert driver.poll() is None
-        assert bench.motors == (0, 20000, 0, 0)  # and it is true
+        assert bench.motors == (0, 20000, 0, 0)  # the motors do still run
 
 
 def test_where_no_thin_link_opens_the_whole_one_carries_the_stop(bench: Bench, radio: Radio) -> None:
@@ -145,7 +145,7 @@ def test_where_no_thin_link_opens_the_whole_one_carries_the_stop(bench: Bench, r
         raise DeviceError(f"{uri}: no.")
 
     with driving(bench, radio, "heeds"):
-        pass  # killed: motors of stock firmware run on
+        pass  # killed: motors of stock firmware keep running
     assert bench.motors == (0, 20000, 0, 0)
     assert stop_vehicle(bench.uri, AppPorts(), say=print, opened=opened).kind == "stock"
     assert not any(bench.motors)
@@ -160,7 +160,7 @@ def test_a_lock_without_a_driver_is_no_obstacle(bench: Bench) -> None:
 
 
 class Answering:
-    """A line to a vehicle that answers each packet in a way of its own."""
+    """A line to a vehicle whose answers to packets can be lost, wrong or late."""
 
     def __init__(self, *, ignores: int = 0, error: int = 0, late: bool = False, commands: int = 0) -> None:
         self.sent: list[Packet] = []
@@ -173,7 +173,7 @@ class Answering:
         if self._ignores:
             self._ignores -= 1
         elif packet.port == 2:
-            begin = packet.payload[: packet.payload.index(b"\0", 16) + 1]  # behind the parameter's own name
+            begin = packet.payload[: packet.payload.index(b"\0", 16) + 1]  # ends after the parameter's own name
             self._answers.append(Packet(2, 3, begin + bytes([self._error])))
         elif packet[:2] == (12, PingChannel.STOP):
             number = int.from_bytes(packet.payload, "little")
@@ -207,7 +207,7 @@ def test_what_was_lost_is_sent_again_until_it_is_acknowledged() -> None:
 
 def test_firmware_without_the_parameters_has_nothing_to_clear() -> None:
     assert stop_over(Answering(error=2), AppPorts()).by_parameters
-    assert not stop_over(Answering(error=22), AppPorts()).by_parameters  # of another type: it is not known
+    assert not stop_over(Answering(error=22), AppPorts()).by_parameters  # of another type: not surely cleared
 
 
 def test_an_app_that_goes_on_driving_or_answers_another_stop_has_acknowledged_nothing() -> None:

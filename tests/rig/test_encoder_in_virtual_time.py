@@ -1,4 +1,4 @@
-"""An encoder polled on a clock that the test turns: every poll is a row or a loss, and no row is another poll's."""
+"""An encoder polled on a clock that the test advances: every poll is a row or a loss, and no row is of another poll."""
 
 from typing import Any
 
@@ -22,7 +22,7 @@ def facts(run: Run) -> dict[str, Any]:
 
 
 def check_angles(rows: pd.DataFrame, *, late_s: float = 2e-3, but: int = 0) -> None:
-    """Every row but so many says where the axis, which turns at 0.5 rad/s, was when it was stamped or before."""
+    """Check that all but `but` rows have an angle that the axis, at 0.5 rad/s, had at their time or shortly before."""
     words = decode_words(rows["phi"].to_numpy())
     angle = np.unwrap(words.position / STEPS_PER_TURN * TURN)
     true = 0.5 * (rows["t"].to_numpy() - UNIX_S)
@@ -89,8 +89,8 @@ def test_garbled_replies_are_losses_and_never_rows(session: Session) -> None:
     assert failure is None
     assert garbled > 300
     assert len(rows) + run.header.devices["encoder"].lost == facts(run)["polls"]
-    assert garbled - 2 <= run.header.devices["encoder"].lost <= garbled  # now and then it is the device's name
-    check_angles(rows, late_s=0.006, but=2)  # of what lost digits, one in 512 passes the word's check
+    assert garbled - 2 <= run.header.devices["encoder"].lost <= garbled  # at times it is the device's name
+    check_angles(rows, late_s=0.006, but=2)  # of words that lost digits, one in 512 passes the word's check
 
 
 @pytest.mark.parametrize("stamped", [True, False])
@@ -154,7 +154,7 @@ def test_a_slow_device_is_polled_as_fast_as_it_answers(session: Session) -> None
 
 
 def check_grid(run: Run, *, places: int) -> None:
-    """Every place of the grid is a row, a loss or was skipped."""
+    """Check that every place of the grid is a row, a loss, or was skipped."""
     rows = rows_of(run, "encoder")
     lost = run.header.devices["encoder"].lost
     assert len(rows) + lost == pytest.approx(places, abs=3)
@@ -236,7 +236,7 @@ def test_places_of_the_grid_that_were_skipped_are_counted(session: Session) -> N
 
     assert failure is None
     assert run.header.devices["encoder"].lost == 0
-    assert skipped == pytest.approx(20 * (100 - 40), rel=0.01)  # an answer takes 25 ms by the test's clock
+    assert skipped == pytest.approx(20 * (100 - 40), rel=0.01)  # an answer takes 25 ms on the test's clock
     assert len(rows_of(run, "encoder")) + skipped == pytest.approx(20 * 100, abs=3)
     assert run.header.devices["encoder"].achieved == "40 of 100 Hz"
     assert f"{skipped} samples were never taken" in " ".join(read_angle(run.folder, Reading()).notes)
@@ -251,7 +251,7 @@ def test_a_delay_of_a_few_milliseconds_is_made_up_for_at_1_khz(session: Session)
     run, _ = session.record(instrument, for_s=4, also=hold_up, step_s=2.5e-4)
     rows = rows_of(run, "encoder")
 
-    assert len(rows) == pytest.approx(4000, abs=12)  # the last may be held up too
+    assert len(rows) == pytest.approx(4000, abs=12)  # the last sample may be held up too
     assert run.header.devices["encoder"].skipped == 0
     assert rows["t"].diff().max() > 0.008
     check_angles(rows, late_s=0.01)

@@ -1,4 +1,4 @@
-"""What is known of an encoder before it is recorded: where it is, and the width of its word."""
+"""What is known about an encoder before a recording: its port, and the width of its word."""
 
 import os
 import pty

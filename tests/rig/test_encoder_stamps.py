@@ -1,4 +1,4 @@
-"""The encoder's own stamps beside the host's clock: unwrapped, and believed only while they count microseconds."""
+"""The encoder's own stamps compared with the host's clock: unwrapped, and accepted only if they count microseconds."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ BEGAN_S = 5000.0  # on the host's clock
 
 
 def blocks(stamps: Stamps, taken_s: np.ndarray, came_s: np.ndarray, *, ticks_per_s: float = 1e6) -> np.ndarray:
-    """Hand over positions in blocks of 50 ms; return which were found late."""
+    """Pass positions on in blocks of 50 ms; return which ones were found late."""
     late = []
     for begin in range(0, len(taken_s), BLOCK):
         part = slice(begin, begin + BLOCK)
@@ -21,7 +21,7 @@ def blocks(stamps: Stamps, taken_s: np.ndarray, came_s: np.ndarray, *, ticks_per
 
 
 def seconds(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Times at which positions are taken, on a device that is 100 ppm quick, and come: up to 3 ms later."""
+    """Return times at which positions are taken, on a device 100 ppm fast, and at which they come: up to 3 ms later."""
     taken_s = np.arange(count) / HZ
     return taken_s * (1 + 1e-4), BEGAN_S + taken_s + np.random.default_rng(1).uniform(1e-3, 4e-3, count)
 

@@ -1,4 +1,4 @@
-"""Everything that goes wrong with the encoder, its interface and its cable: a sentence, an exit code, true rows."""
+"""Each fault of the encoder, its interface or its cable leads to a sentence, an exit code and correct rows."""
 
 import os
 import re
@@ -17,7 +17,7 @@ from cfid.wire.rls import STEPS_PER_TURN, decode_words
 from tests.rig_in_a_folder import ENCODER_HZ, Lab, lab_in
 
 LOG = ("log", "encoder")
-FIRST = ENCODER_HZ // 3  # rows that are waited for
+FIRST = ENCODER_HZ // 3  # rows to wait for
 
 
 @pytest.fixture
@@ -31,7 +31,7 @@ def rows_of(lab: Lab) -> pd.DataFrame:
 
 
 def check_rows(lab: Lab) -> None:
-    """Every poll is a row or a loss, and every row is an angle of an axis that turns at 0.5 rad/s."""
+    """Check that every poll is a row or a loss, and every row is an angle of an axis that turns at 0.5 rad/s."""
     rows = rows_of(lab)
     record = lab.run().header.devices["encoder"]
     facts = lab.facts("encoder")
@@ -46,7 +46,7 @@ def check_rows(lab: Lab) -> None:
 
 
 def check_nothing_mixed_up(lab: Lab) -> None:
-    """No answer is lost but to a computer that was too busy to hear it within 50 ms."""
+    """Check that no answer is lost, except where a busy computer did not receive it within 50 ms."""
     losses = lab.facts("encoder")["losses"]
     assert losses["garbled_replies"] == losses["unasked"] == losses["failed_check"] == losses["missing_in_gaps"] == 0
     assert lab.run().header.devices["encoder"].lost <= losses["late_replies"] <= 5
@@ -120,7 +120,7 @@ def test_a_silence_that_ends_is_a_gap_with_its_losses(lab: Lab) -> None:
     lab.encoder_suffers()
     log.wait_for_rows(FIRST)
     ended = log.ask_to_end()
-    gaps = lab.facts("encoder")["gaps"]  # one, or more where the computer was busy
+    gaps = lab.facts("encoder")["gaps"]  # one, or more if the computer was busy
     gaps_s = [gap["to_s"] - gap["from_s"] for gap in gaps]
 
     assert ended.code == 0

@@ -1,4 +1,4 @@
-"""Everything that goes wrong with the load cell and its network: a sentence, an exit code, and rows that are true."""
+"""Each fault of the load cell or its network leads to a sentence, an exit code and correct rows."""
 
 import signal
 import socket
@@ -18,8 +18,8 @@ from cfid.wire.rdt import Command, Request, encode_request
 from tests.rig_in_a_folder import LOADCELL_HZ, Lab, lab_in, wait_until
 
 LOG = ("log", "loadcell")
-BLOCK = 14  # records of a datagram
-FIRST = LOADCELL_HZ // 4  # rows that are waited for
+BLOCK = 14  # records per datagram
+FIRST = LOADCELL_HZ // 4  # rows to wait for
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ def rows_of(lab: Lab) -> pd.DataFrame:
 
 
 def check_count(lab: Lab) -> None:
-    """Rows and losses together are what the box sent, and no time or number comes twice."""
+    """Check that rows and losses add up to what the box sent, and that no time or number occurs twice."""
     rows = rows_of(lab)
     record = lab.run().header.devices["loadcell"]
     assert record.rows == len(rows)
@@ -44,7 +44,7 @@ def check_count(lab: Lab) -> None:
 
 @contextmanager
 def answering(answer: bytes) -> Iterator[int]:
-    """Answer whatever is asked over TCP with the same bytes; yields the port."""
+    """Answer every request over TCP with the same bytes; yield the port."""
 
     class Answer(socketserver.BaseRequestHandler):
         def handle(self) -> None:
@@ -231,7 +231,7 @@ def test_another_client_that_takes_the_stream_again_and_again_ends_the_run(lab: 
     assert reasons == ["the stream broke off", "the stream broke off", "silent at the end"]
 
 
-# A box that does not answer, or is none
+# A box that does not answer, or another device
 
 
 def test_a_firewall_that_keeps_udp_out_is_told_by_log_and_by_check(lab: Lab) -> None:
@@ -361,7 +361,7 @@ def test_a_rate_that_the_box_does_not_have_is_told_with_one_that_it_has(lab: Lab
     assert "Its rates are 7000/n Hz: set devices.loadcell.rate_hz in rig.toml to such a rate, 3500 for" in ended.err
 
 
-# What the status word says
+# What the status word reports
 
 
 def test_a_load_beyond_the_range_ends_the_run_with_its_rows_kept(lab: Lab) -> None:
@@ -481,7 +481,7 @@ def test_a_killed_log_is_cut_and_the_next_one_takes_the_stream(lab: Lab) -> None
     log.wait_for_rows(FIRST)
     log.process.kill()
     log.process.wait()
-    assert lab.box.streaming  # nobody told it to stop
+    assert lab.box.streaming  # nothing stopped it
     assert lab.run().cut
     ended = lab.cfid(*LOG, "--for", 0.5)
 

@@ -1,4 +1,4 @@
-"""Tachometer, scales and typed readings, over pseudo terminals in the loop and on a clock that the test turns."""
+"""Tachometer, scales and typed readings, over pseudo terminals in the loop and on a clock that the test advances."""
 
 import math
 import os
@@ -25,7 +25,7 @@ from tests.rig.virtual import UNIX_S, Session, rows_of
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo terminals of Unix")
 
-PACKET = b"070?<3=7<60655>607;007885\r\n"  # a real tachometer's, of 1353.7 rpm: see tests/wire/test_ut372.py
+PACKET = b"070?<3=7<60655>607;007885\r\n"  # from a real tachometer, of 1353.7 rpm: see tests/wire/test_ut372.py
 HELD = PACKET[:21] + b"7<85\r\n"
 COUNTED = PACKET[:23] + b"86\r\n"
 LARGEST = PACKET[:23] + b"95\r\n"
@@ -68,7 +68,7 @@ def scales(session: Session) -> tuple[HandHeld, Cable]:
 
 
 def every(period_s: float, act: Callable[[], None], *, until_s: float = math.inf) -> Callable[[float], None]:
-    """Return what a session calls at every step, and acts on a grid, first after a period."""
+    """Return a function for every step of a session, which acts every `period_s`, first after one period."""
     due_s = period_s
 
     def step(now_s: float) -> None:
@@ -81,7 +81,7 @@ def every(period_s: float, act: Callable[[], None], *, until_s: float = math.inf
 
 
 def at_another_speed(data: bytes, *, sent_baud: int, read_baud: int) -> bytes:
-    """Return what a port reads that listens at the wrong speed: the line's level where it takes its bits."""
+    """Return the bytes that a port reads at the wrong speed: it samples the level of the line at its own bit times."""
     levels = [level for byte in data for level in (0, *(byte >> bit & 1 for bit in range(8)), 1)] + [1] * 20
     found, at = [], 0.0
     step = sent_baud / read_baud
@@ -233,7 +233,7 @@ def test_typed_readings_are_rows_at_the_time_of_typing(session: Session) -> None
 
 
 class Pty:
-    """A serial port, of which the test holds the device's end."""
+    """A serial port whose device end the test holds."""
 
     def __init__(self) -> None:
         self.device, self._host = os.openpty()
@@ -260,7 +260,7 @@ def pty() -> Iterator[Pty]:
 def listened(
     make: Callable[[Loop], HandHeld], acts: list[Callable[[], None]], *, step_s: float = 0.25
 ) -> tuple[list[Block], HandHeld]:
-    """Start an instrument in a real loop, take after each act, and close it twice."""
+    """Start an instrument in a real loop, take a block after each act, and close the instrument twice."""
 
     async def main(loop: Loop, ending: Ending) -> tuple[list[Block], HandHeld]:
         instrument = make(loop)
@@ -349,7 +349,7 @@ def test_a_hidraw_device_that_is_none_or_another_is_said(tmp_path: Path) -> None
 
 
 class Bridge:
-    """A device each read of which is a report, as that of a hidraw file is."""
+    """A device from which each read returns a report, as from a hidraw file."""
 
     def __init__(self) -> None:
         self._device, self._host = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -405,7 +405,7 @@ def test_an_unplugged_bridge_is_said(bridge: Bridge) -> None:
 
 
 def add_hidraw(root: Path, name: str, hid_id: str, *, node: bool = True) -> None:
-    """Add a device as Linux shows it: its node, and the properties of the HID device behind it."""
+    """Add a device as Linux presents it: its node, and the properties of the HID device behind that node."""
     folder = root / "sys/class/hidraw" / name / "device"
     folder.mkdir(parents=True)
     (folder / "uevent").write_text(f"DRIVER=hid-generic\nHID_ID={hid_id}\nHID_NAME=device\nHID_UNIQ=\n")

@@ -1,4 +1,4 @@
-"""Runs of both devices at once that are killed or told to end: what is on the disk then, and what the devices do."""
+"""Runs of both devices that are killed or asked to end: what remains on the disk, and what the devices do."""
 
 import re
 import signal
@@ -24,7 +24,7 @@ from tests.rig.streaming_rig import (
 )
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and pseudo terminals of Unix")
-once = pytest.mark.flaky(reruns=0)  # a witness takes the place of a second try
+once = pytest.mark.flaky(reruns=0)  # a witness replaces the second try
 
 MOST_MISSING_S = 0.1
 STEP_S = 0.005
@@ -34,7 +34,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Missing(NamedTuple):
-    """How long before a kill the last row of a device was taken, and for how much of that nothing was held up."""
+    """How long before a kill the last row of a device was taken, and for how much of that time nothing was held up."""
 
     seconds: float
     free_s: float
@@ -42,13 +42,13 @@ class Missing(NamedTuple):
 
 @dataclass(frozen=True)
 class Witness:
-    """When a rig and its recorder were looked at before a kill (n,), and whether either had been held up since (n,)."""
+    """Times of looks at a rig and its recorder before a kill (n,), and whether either was held up since (n,)."""
 
     times_s: Array
     held_up: npt.NDArray[np.bool_]
 
     def free_s(self, since_s: float, until_s: float) -> float:
-        """Return for how long both could run; where the witness itself was held up, two steps of that count at most."""
+        """Return for how long both could run; time between looks counts as two steps at most, even if it was longer."""
         later = self.times_s > since_s
         times_s = np.concatenate([[since_s], self.times_s[later], [until_s]])
         held_up = np.append(self.held_up[later], False)
@@ -56,17 +56,17 @@ class Witness:
 
 
 class Thread:
-    """A thread as its kernel sees it."""
+    """A thread as the kernel reports it."""
 
     def __init__(self, number: int) -> None:
         self._folder = Path(f"/proc/{number}")
         self._ran = ""
 
     def held_up(self) -> bool:
-        """Return whether it has not run since the last call, though it was to.
+        """Return whether the thread was ready to run since the last call but did not run.
 
-        It waits for a processor, or in the kernel for the one that a terminal's bytes wait for. A thread that sleeps or
-        writes to a disk meanwhile is not held up.
+        It waits for a processor, or in the kernel for the processor that handles the bytes of a terminal. A thread that
+        sleeps or writes to a disk meanwhile is not held up.
         """
         before, self._ran = self._ran, re.sub(r" \d+ ", " ", (self._folder / "schedstat").read_text())
         waits = (self._folder / "stat").read_text().rpartition(") ")[2].startswith("R")
@@ -74,7 +74,7 @@ class Thread:
 
 
 def killed_under_observation(log: Logger, rig: ServedRig) -> Witness:
-    """Look at a recorder and its rig for a while and kill the recorder."""
+    """Observe a recorder and its rig for a while, then kill the recorder."""
     threads = [Thread(log.process.pid), Thread(rig.thread)]
     times_s, held_up = [time.time()], [[False, False]]
     while times_s[-1] < times_s[0] + 4 * MOST_MISSING_S:
@@ -86,7 +86,7 @@ def killed_under_observation(log: Logger, rig: ServedRig) -> Witness:
 
 
 def killed_run(rig: ServedRig, after_s: float) -> dict[str, Missing]:
-    """Kill a run; return what of each device is missing at its end."""
+    """Kill a run; return what is missing at its end, for each device."""
     with logger(rig) as log:
         log.wait_for_rows()
         time.sleep(after_s)
@@ -106,16 +106,16 @@ def ended_run(rig: ServedRig, ending: signal.Signals, after_s: float) -> None:
 
 
 def check_quiet(rig: ServedRig) -> None:
-    """Nothing is sent any more, and the devices are free."""
+    """Check that nothing is sent any more, and that the devices are free."""
     assert not rig.streaming
     assert rig.holders() == []
 
 
 def check_killed_runs(folder: Path, count: int, *, seed: int, longest_s: float) -> None:
-    """Kill so many runs at random times: none misses more than 100 ms at its end, of either device.
+    """Kill `count` runs at random times, and check that no device misses more than 100 ms at the end of any.
 
-    On a computer with more to do than it has cores the rig sends late and its recorder writes late: time in which
-    either was held up does not count.
+    On a computer with more tasks than cores, the rig sends late and its recorder writes late: time in which either was
+    held up does not count.
     """
     rng = np.random.default_rng(seed)
     with served_rig(folder, seed=seed) as rig:
@@ -173,9 +173,9 @@ def test_a_process_killed_while_it_closes_leaves_a_run_that_opens(tmp_path: Path
             log.process.send_signal(signal.SIGTERM)
             time.sleep(0.02)  # the stream takes 60 ms to stop
             log.kill()
-        check = check_cut_run if read_run(log.folder).cut else check_complete_run  # on a computer that was busy
+        check = check_cut_run if read_run(log.folder).cut else check_complete_run  # complete if the computer was busy
         check(log.folder)
-        with logger(rig, "0.3") as after:  # finds the devices free, and the box still streaming to nobody
+        with logger(rig, "0.3") as after:  # the devices are free, and the box still streams to nobody
             assert log.end() is not None
             assert after.end() == ""
         check_complete_run(after.folder)

@@ -1,4 +1,4 @@
-"""Devices that send lines, over pseudo terminals and in virtual time: rows are whole lines, all else is counted."""
+"""Devices that send lines, over pseudo terminals and in virtual time: whole lines are rows, all else is counted."""
 
 import json
 import os
@@ -42,7 +42,7 @@ CELL = LoadCellLines(
     rate_hz=80,
     values=(LineValue(name="device_us"), LineValue(name="Fz", unit="g", scale=0.5)),
 )
-G = 9.80665e-3  # newtons of a gram
+G = 9.80665e-3  # newtons per gram
 
 
 class Cable:
@@ -86,7 +86,7 @@ def cell(session: Session, *, patient: bool = True, device: LoadCellLines = CELL
 
 
 def sending(cable: Cable, line: Callable[[int], bytes], *, period_s: float = 0.0125) -> Callable[[float], None]:
-    """Return what a session calls at every step, and which sends lines on a grid."""
+    """Return a function for every step of a session, which sends lines on a grid."""
     sent = 0
 
     def step(now_s: float) -> None:
@@ -136,7 +136,7 @@ def test_lines_that_do_not_match_are_counted_as_lost(session: Session) -> None:
 
 
 def torn(whole: Callable[[int], bytes], *, share: float = 0.05) -> Callable[[int], bytes]:
-    """Return lines of which a share is cut anywhere, so that the next one joins them; the first and last are whole."""
+    """Return lines of which a share is cut anywhere, so that the next line joins them; the first and last are whole."""
     rng = np.random.default_rng(3)
     cut = {n: rng.random() for n in range(10, 460) if rng.random() < share}
     return lambda n: whole(n)[: int(cut[n] * len(whole(n)))] if n in cut else whole(n)
@@ -147,7 +147,7 @@ def ticking(count: int) -> bytes:
 
 
 def test_lines_that_run_into_one_are_rows_or_lost(session: Session) -> None:
-    """One in twenty is cut: 36 of 46 were missing without a word, and 30 rows had a clock of up to 2e9 us."""
+    """One line in twenty is cut: once, 36 of 46 were missing without a report, and 30 rows had clocks up to 2e9 us."""
     instrument, cable = cell(session)
     run, _ = session.record(instrument, for_s=6, also=sending(cable, torn(ticking)))
     rows, losses = rows_of(run, "loadcell"), facts(run)["losses"]
@@ -167,7 +167,7 @@ def test_lines_that_run_into_one_are_rows_or_lost(session: Session) -> None:
 def test_lines_whose_clock_is_false_at_the_begin_are_lost_as_later_ones_are(
     session: Session, false: Sequence[int]
 ) -> None:
-    """The first line was a row, with a clock off by up to 2e9 us: nothing before it could refute that."""
+    """The first line was once a row, with a clock off by up to 2e9 us: no earlier line could refute its time."""
     instrument, cable = cell(session)
     jumping = sending(cable, lambda n: b"%d,7\r\n" % (3_000_000_000 - n) if n in false else ticking(n))
     run, _ = session.record(instrument, for_s=5, also=jumping)
@@ -247,7 +247,7 @@ def test_a_silence_is_a_gap_with_the_lines_that_the_rate_implies(session: Sessio
 
 
 def standing(session: Session, send: Callable[[float], None]) -> Callable[[float], None]:
-    """Return what sends lines while the recorder stands for 2 s, once."""
+    """Return a function that sends lines, and once suspends the recorder for 2 s."""
     stood = False
 
     def stand(now_s: float) -> None:
@@ -304,7 +304,7 @@ def test_lines_in_bursts_are_lost_only_where_the_devices_clock_skips_some(
 
 @pytest.mark.parametrize(("overflown", "shown"), [(0, 0), (120, 1)])
 def test_lines_that_all_came_late_are_no_gap_in_the_summary(session: Session, overflown: int, shown: int) -> None:
-    """A busy computer's summary was "13000 rows, 0 lost (2 gaps)": what these were, nothing said."""
+    """The summary of a busy computer was "13000 rows, 0 lost (2 gaps)", and nothing explained the gaps."""
     instrument, cable = cell(session)
     send = sending(cable, lambda n: b"" if 80 < n <= 80 + overflown else line(n))
     run, _ = session.record(instrument, for_s=6, also=standing(session, send))
@@ -350,7 +350,7 @@ def test_a_silence_at_the_end_is_a_gap_with_its_losses(session: Session) -> None
 
 
 def test_lines_that_come_in_chunks_are_kept_after_a_gap_too(session: Session) -> None:
-    """An adapter passes lines on every 16 ms; a device without a clock of its own that sends 1000 a second."""
+    """An adapter passes lines on every 16 ms, from a device that sends 1000 per second and has no clock of its own."""
     quick = CELL.model_copy(update={"values": CELL.values[1:], "rate_hz": 1000.0})
     instrument, cable = cell(session, device=quick)
     chunks = sending(cable, lambda n: b"" if 60 < n <= 180 else b"1\n" * 16, period_s=0.016)
@@ -412,7 +412,7 @@ def test_a_plug_that_comes_back_is_a_gap(session: Session) -> None:
 
     assert failure is None
     assert facts(run)["gaps"][0]["reason"] == "unplugged"
-    assert run.header.devices["loadcell"].lost == pytest.approx(160, abs=45)  # looked for twice a second
+    assert run.header.devices["loadcell"].lost == pytest.approx(160, abs=45)  # the port is looked for twice a second
     assert "unplugged" in session.said[0]
     assert "back" in session.said[1]
 
@@ -510,7 +510,7 @@ def test_a_plug_that_stays_away_fails_the_run(session: Session) -> None:
 
 
 class Board:
-    """A microcontroller on a serial port, of which the test holds the end."""
+    """A microcontroller on a serial port; the test holds the device's end."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -543,7 +543,7 @@ def board(tmp_path: Path) -> Iterator[Board]:
 
 
 def recorded(folder: Path, make: Callable[[ExitStack], Device], act: Callable[[Loop], Any]) -> Run:
-    """Record while `act`, a coroutine, sends; the run ends with it."""
+    """Record while the coroutine `act` sends; the run ends with it."""
 
     async def procedure(_: Any, loop: Loop) -> None:
         await act(loop)
@@ -561,7 +561,7 @@ def device(board: Board, held: ExitStack, said: list[str]) -> Device:
 def test_half_lines_junk_and_bursts_over_a_port_leave_only_whole_lines(tmp_path: Path, board: Board) -> None:
     async def act(loop: Loop) -> None:
         await sleep(loop, 0.2)
-        board.send(b"999,9")  # the end of a line of which the beginning is gone
+        board.send(b"999,9")  # the end of a line whose beginning is missing
         board.send(b"99\r\n")
         for count in range(40):
             whole = line(count)
@@ -640,7 +640,7 @@ def test_counts_need_the_counts_of_a_turn(board: Board) -> None:
 def checked(
     board: Board, lines: Callable[[int], bytes], *, rate_hz: float = 80, device: LoadCellLines = CELL
 ) -> dict[str, tuple[str, str, str]]:
-    """Return answers by question while the board sends on a thread of its own."""
+    """Return answers by question, while a separate thread sends for the board."""
     ended = threading.Event()
 
     def send() -> None:
@@ -684,7 +684,7 @@ def test_check_takes_a_swinging_bodys_readings_as_they_are(board: Board) -> None
 
 
 def test_check_shows_a_clock_that_is_none(board: Board) -> None:
-    state, answer, advice = checked(board, lambda n: b"0,%d\r\n" % (301 + n))["device_us"]  # 0,301 is a number there
+    state, answer, advice = checked(board, lambda n: b"0,%d\r\n" % (301 + n))["device_us"]  # 0,301 is one number there
 
     assert (state, answer.split(" in ")[0]) == ("warning", "went 0 s")
     assert "commas" in advice
@@ -778,7 +778,7 @@ def test_a_force_cell_that_sends_lines_gives_a_thrust_map(tmp_path: Path) -> Non
         content = re.sub(r"(?ms)^\[devices\.\w+\].*?(?=^\[)", "", new_rig_text())
         (tmp_path / RIG_FILE).write_text(content + RIG)
         with rig_sim(lab):
-            for _ in range(3):  # beside other work a process may be kept waiting for longer than motors are left alone
+            for _ in range(3):  # under load, a process may be delayed for longer than motors are left alone
                 logged = lab.cfid("log", "thrust", *staircase)
                 waited = "not recorded: loadcell, losses" in logged.err or "kept waiting" in logged.err
                 if not (logged.code == 3 and waited):

@@ -1,4 +1,4 @@
-"""The line under a recording: what matters most comes first, and fits a terminal of 80 columns."""
+"""The line under a recording: what matters most comes first, and the line fits a terminal of 80 columns."""
 
 import math
 from typing import Any
@@ -17,14 +17,14 @@ SECOND_S, BLOCK_S = 1.0, 0.05
 
 
 class Named:
-    """An instrument that is asked for nothing but its name."""
+    """An instrument that has only a name."""
 
     def __init__(self, name: str) -> None:
         self.name = name
 
 
 class Stopped:
-    """A loop whose clock shows one time."""
+    """A loop whose clock stands still."""
 
     def __init__(self) -> None:
         self.now_s = 0.0
@@ -163,7 +163,7 @@ def test_an_angle_in_words_of_22_bits_is_shown_from_the_first_too() -> None:
 
 
 def shown_after(arrivals_s: list[float], *, until_s: float) -> list[str]:
-    """Return what a battery's voltage shows whose rows arrive at these times, block after block."""
+    """Return the text about a battery's voltage after each block; the rows arrive at `arrivals_s`."""
     recorder, _ = recorder_of(crazyflie=volts(0))
     shown = []
     for block in range(round(until_s / BLOCK_S)):

@@ -1,4 +1,4 @@
-"""A load cell recorded for minutes of a clock that the test turns: what is lost, late, doubled, gone and back."""
+"""A load cell recorded for minutes on a clock that the test advances: losses, delays, duplicates, gaps and returns."""
 
 from collections.abc import Callable
 from typing import Any
@@ -170,7 +170,7 @@ def test_a_restart_after_which_the_box_counts_on_from_above_is_seen_by_when_its_
     assert gap["reason"] == "the box was restarted"
     assert rows["t"].iloc[-1] == pytest.approx(UNIX_S + 5, abs=0.03)
     assert rows["t"].diff().min() > 0
-    assert run.header.devices["loadcell"].lost == 0  # what it would have sampled without power is nobody's
+    assert run.header.devices["loadcell"].lost == 0  # records that a box without power would have sampled are not lost
 
 
 def test_a_silence_at_the_end_is_a_gap_with_its_losses(session: Session) -> None:
@@ -235,7 +235,7 @@ def test_an_error_bit_ends_the_run_within_100_ms(session: Session, status: int, 
 
     assert isinstance(failure, DeviceError)
     assert word in str(failure)
-    assert session.clock.seconds() < 3 + 0.1 + 0.2  # the fault, the bound, and the stop of the stream
+    assert session.clock.seconds() < 3 + 0.1 + 0.2  # the fault, the limit, and the stop of the stream
     assert not box.streaming
     assert (rows["status"] == status).any()
 
@@ -266,14 +266,14 @@ def test_a_status_bit_that_was_flipped_on_the_way_ends_no_run(session: Session, 
 
     assert failure is None
     assert session.said == []
-    assert (rows_of(run, "loadcell")["status"] == 1 << bit).sum() > 100  # each stands in its row
+    assert (rows_of(run, "loadcell")["status"] == 1 << bit).sum() > 100  # the bit stays in its row
 
 
 # The end
 
 
 def without(wire: RdtWire, lost: Callable[[int], bool]) -> list[float]:
-    """Lose requests to stop on their way, by their number from 1; return when they were sent."""
+    """Lose those requests to stop whose number, from 1, `lost` selects; return the times at which they were sent."""
     send, stops = wire.send, []
 
     def sometimes(datagram: bytes) -> None:

@@ -1,4 +1,4 @@
-"""Every way out of a command that spins motors stops them, over real wires, with the app and with stock firmware."""
+"""Every way to end a command that spins motors stops them, over real wires, with the app and with stock firmware."""
 
 import contextlib
 import os
@@ -26,8 +26,8 @@ from tests.flying_in_a_folder import Bench, Pilot, bench_in
 STOPPED_WITHIN_S = 0.7
 STOPPED_BY_ANOTHER_WITHIN_S = 1.0  # from the moment `motors stop` is typed
 TIMES = 20
-AFTERWARDS_S = 0.8  # longer than the app waits for a keep-alive, and until a setpoint is old
-LOCKS_AFTER_S = 2.6  # longer than until an old setpoint locks a vehicle
+AFTERWARDS_S = 0.8  # longer than the app waits for a keep-alive, and than a setpoint stays valid
+LOCKS_AFTER_S = 2.6  # longer than it takes until an old setpoint locks a vehicle
 HOLD = ("motors", "set", 30000, "--motor", 1, "--motor", 3, "--yes")
 ALL_MOTORS = ("--motor", 1, "--motor", 2, "--motor", 3, "--motor", 4)
 STAIRS = (
@@ -74,7 +74,7 @@ Act = Callable[[Bench, Pilot, "Keyboard | None"], None]
 
 
 class Keyboard:
-    """What a pilot's standard input leads to: a pipe, or a terminal of its own."""
+    """The source of a pilot's standard input: a pipe, or a separate terminal."""
 
     def __init__(self, *, terminal: bool) -> None:
         self._terminal = terminal
@@ -82,7 +82,7 @@ class Keyboard:
 
     @property
     def is_heard(self) -> bool:
-        """Whether nothing typed from now on is thrown away, as a terminal does when it begins to hand over keys."""
+        """Whether all typed input is received from now on; a terminal discards some when it switches to single keys."""
         return not (self._terminal and termios.tcgetattr(self.end)[3] & termios.ICANON)
 
     def type(self, typed: bytes) -> None:
@@ -95,7 +95,7 @@ class Keyboard:
 
 
 class Way(NamedTuple):
-    """A way out: the command, what is done to it while motors run, exit code, and what it says."""
+    """A way to end a command: its words, what happens to it while motors run, its exit code and its message."""
 
     words: tuple[object, ...]
     act: Act
@@ -123,7 +123,7 @@ def overload(bench: Bench, pilot: Pilot, keyboard: Keyboard | None) -> None:
 
 
 def wait(bench: Bench, pilot: Pilot, keyboard: Keyboard | None) -> None:
-    """Do nothing: it ends by itself."""
+    """Do nothing, since the command ends by itself."""
 
 
 def typing(typed: bytes) -> Act:
@@ -143,7 +143,7 @@ def little_room() -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
 
 
-# All that ends or suspends a program by default; signal(7) has the list.
+# All signals that end or suspend a program by default, as listed in signal(7).
 OTHER_SIGNALS = (
     *(signal.SIGQUIT, signal.SIGTRAP, signal.SIGABRT, signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM, signal.SIGSTKFLT),
     *(signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU, signal.SIGXCPU, signal.SIGVTALRM, signal.SIGPROF, signal.SIGIO),
@@ -184,9 +184,9 @@ WAYS: dict[str, Way] = {
     "overload in preflight": Way(PREFLIGHT, overload, 3, "not ready: signals"),
     **{signal_name(number): Way(HOLD, signals(number), 0) for number in OTHER_SIGNALS},
 }
-OWN_DELAY_S = {"battery low": 0.5, "load cell lost": 0.5}  # until it counts as one
+OWN_DELAY_S = {"battery low": 0.5, "load cell lost": 0.5}  # until the fault counts as one
 OWN_DELAY_S |= {f"{name} in preflight": delay_s for name, delay_s in OWN_DELAY_S.items()}
-NOT_WITH_STOCK = {"SIGKILL", "link silent", "link closed"}  # its documented exceptions
+NOT_WITH_STOCK = {"SIGKILL", "link silent", "link closed"}  # the documented exceptions of stock firmware
 NOT_WITH_STOCK |= {f"{name} in preflight" for name in NOT_WITH_STOCK}
 VEHICLES = {
     "app": {"firmware": "app"},
@@ -195,7 +195,7 @@ VEHICLES = {
     "stock, Brushless": {"firmware": "stock", "platform": "cf21bl"},
 }
 EACH = [(way, kind) for way in WAYS for kind in VEHICLES if not ("stock" in kind and way in NOT_WITH_STOCK)]
-# In the default run each signal is tried with the app, and the ways that differ by vehicle with every one.
+# By default, each signal is tried with the app, and the ways that differ between vehicles with every vehicle.
 OFTEN = [
     (way, kind)
     for way, kind in EACH
@@ -205,18 +205,18 @@ GONE_WRONG = {
     SupervisorState.LEVEL_OUT,
     SupervisorState.FREE_FALL,
     SupervisorState.LOCKED,
-}  # where motors stopped and the vehicle is of no more use
+}  # the motors stopped, and the vehicle cannot be used further
 
 
 class Stopped(NamedTuple):
-    """After how many seconds motors stood, and the state in which the vehicle was left."""
+    """The time in s until the motors stopped, and the state in which the vehicle was left."""
 
     after_s: float
     state: SupervisorState
 
 
 def stop_once(folder: Path, name: str, kind: str, *, afterwards_s: float = AFTERWARDS_S) -> Stopped:
-    """Let motors run, take a way out, and return how that ended."""
+    """Let motors run, end the command in the named way, and return the result."""
     way = WAYS[name]
     with bench_in(folder, crazyflie=VEHICLES[kind]) as bench, contextlib.ExitStack() as opened:
         if name in BUGS:
@@ -241,7 +241,7 @@ def stop_once(folder: Path, name: str, kind: str, *, afterwards_s: float = AFTER
         stopped_s = bench.stopped_after(began_s + OWN_DELAY_S.get(name, 0.0))
         last_s = bench.history[-1][0]
         code = pilot.end()
-        # The second Ctrl-C may come when all is done and the interpreter leaves.
+        # The second Ctrl-C may arrive when everything is done and the interpreter exits.
         codes = (way.code, 130, -signal.SIGINT) if name == "Ctrl-C twice" else (way.code,)
         assert code in codes, f"{pilot.out}{pilot.err}"
         assert way.told in pilot.err
@@ -254,9 +254,9 @@ def stop_once(folder: Path, name: str, kind: str, *, afterwards_s: float = AFTER
 
 
 def stop_from_beside(folder: Path, kind: str) -> float:
-    """Suspend the command that drives motors, stop them from another, and return how long that took."""
+    """Suspend the command that drives motors, stop the motors from another, and return how long that took."""
     with bench_in(folder, crazyflie={"firmware": kind}) as bench:
-        pilot = bench.start(*HOLD, anew=True)  # what the kernel calls it is printed
+        pilot = bench.start(*HOLD, anew=True)  # the message has the kernel's name of the process
         pilot.wait_until_motors_run()
         began_s = time.monotonic()
         suspend(pilot)
@@ -349,7 +349,7 @@ def test_motors_stop_needs_nobody_who_reads_what_it_prints(tmp_path: Path, full:
         pilot = bench.start(*HOLD)
         pilot.wait_until_motors_run()
         rig = tmp_path / "rig.toml"
-        rig.write_text(f"{rig.read_text()}\nx = [")  # of which a note is printed before the stop
+        rig.write_text(f"{rig.read_text()}\nx = [")  # a note about this is printed before the stop
         other = bench.start("motors", "stop", "--uri", bench.uri, **dict.fromkeys(full, nowhere))
         bench.wait_until(lambda: not any(bench.motors), other)
         assert other.end() == 0
@@ -475,7 +475,7 @@ def test_stock_firmware_without_a_link_is_the_exception_and_the_operator_is_told
 
         assert code == 3
         assert f"{MAY_BE_RUNNING}: stock firmware keeps motors running without a link" in pilot.err
-        assert bench.motors == (30000, 0, 30000, 0)  # and it is true
+        assert bench.motors == (30000, 0, 30000, 0)  # the motors do still run
 
 
 @pytest.mark.parametrize("kind", ["app", "stock", "old"])
@@ -483,7 +483,7 @@ def test_stock_firmware_without_a_link_is_the_exception_and_the_operator_is_told
     "before_s", [0.06, 0.12, *(pytest.param(before_s, marks=pytest.mark.slow) for before_s in (0.02, 0.2))]
 )
 def test_a_signal_shortly_before_a_step_leaves_no_motor_on(tmp_path: Path, kind: str, before_s: float) -> None:
-    """What the procedure was about to do when the end was asked for must not come after the stop."""
+    """Actions that the procedure was about to take when the end was requested must not come after the stop."""
     radio = {"latency_s": 0.0285, "jitter_s": 0.008}
     words = (
         "log",
@@ -504,7 +504,7 @@ def test_a_signal_shortly_before_a_step_leaves_no_motor_on(tmp_path: Path, kind:
     with bench_in(tmp_path, crazyflie={"firmware": kind}, radio=radio) as bench:
         pilot = bench.start(*words)
         pilot.wait_until_motors_run(0.0)
-        step_s = bench.history[-1][0] + 0.8 + 0.6  # about when the second one is sent
+        step_s = bench.history[-1][0] + 0.8 + 0.6  # the approximate time at which the second step is sent
         time.sleep(max(step_s - before_s - time.monotonic(), 0.0))
         pilot.send(signal.SIGINT)
         code = pilot.end()

@@ -1,4 +1,4 @@
-"""What goes wrong during a recording is said within its first steps, and the operator may end it there."""
+"""Faults during a recording are reported within its first steps, and the operator may end it there."""
 
 import math
 import os
@@ -27,7 +27,7 @@ BLOCK_S, RATE_HZ = 0.05, 700
 
 
 def staircase(hold_s: float, thrust_n: Any) -> list[str]:
-    """Return what is said of three steps, block by block; `thrust_n` takes the seconds since a step began."""
+    """Return the notes about three steps, block by block; `thrust_n` takes the seconds since a step began."""
     steps, rng, said = Steps(1e6), np.random.default_rng(1), []
     for k, command in enumerate((0, 20000, 0, 25000, 0, 30000, 0)):
         said.append(steps("commands", [np.array([10.0 * k]), *np.full((4, 1), command)]))
@@ -56,7 +56,7 @@ def test_motors_that_the_cell_does_not_feel_are_said() -> None:
 
 
 def sine(amplitude_n: float) -> tuple[list[str], float]:
-    """Return what is said of a sine of 2 Hz, and when it was, in seconds from its first report."""
+    """Return the note about a sine of 2 Hz, and its time in s after the first report."""
     felt, rng = Felt(2 * np.pi * 2.0, 1e6), np.random.default_rng(2)
     for begin_s in np.arange(0.0, 8.0, BLOCK_S):
         if abs(begin_s - 1.0) < 1e-9:

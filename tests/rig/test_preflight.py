@@ -1,4 +1,4 @@
-"""`cfid rig preflight` and its quick part: what is wrong with the signals is named before anything is recorded."""
+"""`cfid rig preflight` and its quick part: faults of the signals are named before anything is recorded."""
 
 import json
 import math
@@ -34,7 +34,7 @@ def lab(tmp_path: Path) -> Iterator[Lab]:
 
 
 def shakes(bench: Bench, hz: float, amplitude_n: float) -> None:
-    """Let something shake the stand from now on."""
+    """Shake the stand from now on."""
     cell = bench.rig.loadcell.box.load_cell
     read = cell.read
 
@@ -51,7 +51,7 @@ def fill_fz(bench: Bench, share: float) -> None:
     cell._unloaded[2] = share * cell._ranges[2]
 
 
-# The whole of it
+# The whole preflight
 
 
 def test_a_sound_rig_is_ready_with_every_line_within_its_limit(tmp_path: Path) -> None:
@@ -272,7 +272,7 @@ def test_what_only_disturbs_is_noted_and_the_recording_goes_on(tmp_path: Path) -
 
 
 def preflight_of(folder: Path, **truth: Any) -> dict[str, str]:
-    """Return the state of each line, balance included, at 7 kHz."""
+    """Return the state of each line at 7 kHz, including the balance."""
     folder.mkdir()
     with bench_in(folder, **truth) as bench:
         content = (folder / "rig.toml").read_text().replace("rate_hz = 700\n", "rate_hz = 7000\n")
@@ -284,9 +284,9 @@ def preflight_of(folder: Path, **truth: Any) -> dict[str, str]:
 
 
 def drawn_rig(rng: np.random.Generator) -> dict[str, Any]:
-    """Draw a sound rig: cells from half full, biases to a tenth of the range, propellers below 1.2 times their thrust.
+    """Draw a sound rig: battery from half full, biases to a tenth of range, propellers below 1.2 times their thrust.
 
-    A propeller's line is 0.85 times its thrust; times what is drawn here, and 0.8 to 1.2 drawn by the simulation.
+    A propeller's line is 0.85 times its thrust, times the factor drawn here and 0.8 to 1.2 drawn by the simulation.
     """
     bias = rng.uniform(-0.1, 0.1, 6) * (20, 20, 60, 1, 1, 1)
     return {

@@ -1,4 +1,4 @@
-"""Preflight of devices that send lines: their steps are judged by what is measured, their rate by what they state."""
+"""Preflight of devices that send lines: their steps are judged by what is measured, their rate by the stated rate."""
 
 import json
 import re
@@ -20,13 +20,13 @@ from tests.rig_in_a_folder import lab_in, rig_sim
 Array = npt.NDArray[np.float64]
 
 MASS_KG = 0.028
-ONE, TWO = (Held(64000, motors, 10.0) for motors in (1, 2))  # 0.134 and 0.268 N of vehicles that carry twice themselves
+ONE, TWO = (Held(64000, motors, 10.0) for motors in (1, 2))  # 0.134 and 0.268 N of vehicles that lift twice their mass
 
 
 def forces_judged(
     raw: Array, *, rate_hz: float, value: LineValue, plan: Held = TWO, lost: int = 0
 ) -> dict[str, DeviceAnswer]:
-    """Return the answers about a load cell's raw numbers (n,), one every period."""
+    """Return the answers about the raw numbers of a load cell (n,), one per period."""
     cell = LoadCellLines(kind="lines", port="/dev/null", rate_hz=rate_hz, values=(value,))
     columns = {"t": np.arange(len(raw)) / rate_hz, value.name: cell.factor(value) * raw} if len(raw) else {}
     found = judged(

@@ -1,6 +1,6 @@
-"""The recorder with instruments of the test's own: its order, its time, and that every device is let go of.
+"""The recorder with instruments of the test: their order, their times, and the release of every device.
 
-And an encoder whose replies a stall holds up.
+The last test has an encoder whose replies are held up by a stall.
 """
 
 import subprocess
@@ -32,7 +32,7 @@ STEP_S = 0.001
 
 
 class Counter:
-    """An instrument that counts at 1 kHz, writes down what it is asked, and fails where the test says so."""
+    """An instrument that counts at 1 kHz, notes the calls that it gets, and fails where the test demands it."""
 
     columns: tuple[str, ...] = ("t", "count")
 
@@ -81,7 +81,7 @@ class Counter:
 
 
 class Desk:
-    """A clock, what the instruments were asked, and the run that they were recorded into."""
+    """A clock, the calls that the instruments got, and the folder of the runs."""
 
     def __init__(self, folder: Path) -> None:
         self.clock = Clock()
@@ -100,7 +100,7 @@ class Desk:
         also: Callable[[float], None] = lambda now_s: None,
         show: Callable[[], None] = lambda: None,
     ) -> tuple[Run, BaseException | None, Recorder]:
-        """Record until it ends; return the run, what was raised, and the recorder."""
+        """Record until the end; return the run, the exception that was raised or None, and the recorder."""
         run = new_run(self._folder, *(instrument.name for instrument in instruments))
         recorder = Recorder(instruments, run, loop=self.clock, show=show)
         done: list[object] = []
@@ -114,7 +114,7 @@ class Desk:
         return read_run(run.folder), failure, recorder
 
     def of(self, name: str) -> list[str]:
-        """Return what one instrument was asked, one `take` for many in a row."""
+        """Return the calls that one instrument got, with consecutive calls of `take` as one."""
         asked = [what.split(".")[1] for what in self.asked if what.startswith(f"{name}.")]
         return [what for at, what in enumerate(asked) if asked[at - 1 : at] != [what]]
 
@@ -345,7 +345,7 @@ def test_progress_of_days_takes_no_more_memory_than_that_of_a_minute() -> None:
 
 
 def test_replies_that_a_stall_held_up_are_not_taken_for_those_of_later_polls(session: Session) -> None:
-    """After 75 ms the reply to a poll given up comes, and those to later ones 15 ms after another."""
+    """The reply to an abandoned poll comes after 75 ms, and the replies to later polls follow at intervals of 15 ms."""
     free_s = 0.0
 
     def held_s(now_s: float) -> float:

@@ -1,4 +1,4 @@
-"""A tachometer and scales that send lines during a staircase: `fit speed` and `--verify` read what they sent."""
+"""A tachometer and scales that send lines during a staircase: `fit speed` and `--verify` read these lines."""
 
 import json
 import math
@@ -28,7 +28,7 @@ DEVICE = "\n[devices.{name}]\nkind = 'lines'\nport = '{port}'\nrate_hz = 20\nval
 
 @contextmanager
 def sending(bench: Bench, name: str, line: Callable[[Four], str]) -> Iterator[Path]:
-    """A device at a pseudo terminal that sends twenty lines a second of what belongs to the motors' commands."""
+    """Serve a device at a pseudo terminal that sends twenty lines per second, which depend on the motors' commands."""
     host, device = os.openpty()
     tty.setraw(host)
     tty.setraw(device)
@@ -53,7 +53,7 @@ def sending(bench: Bench, name: str, line: Callable[[Four], str]) -> Iterator[Pa
 
 @contextmanager
 def showing(bench: Bench, name: str, value: str, shown: Callable[[Four], float], more: str = "") -> Iterator[None]:
-    """Such a device that rig.toml names, with a number in each line."""
+    """Serve such a device, with a number in each line, and add it to rig.toml."""
     with sending(bench, name, lambda motors: f"{shown(motors):.1f}") as link:
         with (bench.folder / "rig.toml").open("a") as file:
             file.write(DEVICE.format(name=name, port=link, value=value) + more)
@@ -61,7 +61,7 @@ def showing(bench: Bench, name: str, value: str, shown: Callable[[Four], float],
 
 
 def rpm(motors: Four) -> float:
-    """What a tachometer shows of a rotor; it keeps showing the last speed while the rotor stands."""
+    """Return what a tachometer shows of a rotor; the last speed stays on display while the rotor stands."""
     speed = IDLE_RAD_PER_S + RAD_PER_S_PER_COMMAND * (motors[0] or 50000)
     return speed * 60 / math.tau
 
@@ -70,7 +70,7 @@ def rpm(motors: Four) -> float:
 def test_a_speed_map_is_fitted_to_what_a_tachometer_sent_as_lines_by_its_own_markers(
     tmp_path: Path, markers: int
 ) -> None:
-    """One that sends the rotor's speed, and one that counts both blades, while a hand-held one has two markers."""
+    """One device sends the rotor's speed and one counts both blades, while a hand-held one has two markers."""
     with (
         bench_in(tmp_path) as bench,
         showing(bench, "tachometer", "rpm", lambda motors: markers * rpm(motors), f"markers = {markers}"),
@@ -110,7 +110,7 @@ def test_speeds_of_a_tachometer_that_the_fit_rejects_are_of_no_use_at_once(
 
 @pytest.mark.parametrize("shared", [True, False])
 def test_no_motor_starts_before_a_line_of_the_tachometer_matches(tmp_path: Path, shared: bool) -> None:
-    """Its port is that of another board, which a second table of rig.toml may name too."""
+    """Its port is that of another board, which a second table of rig.toml may also name."""
     with bench_in(tmp_path) as bench, sending(bench, "tachometer", lambda motors: "28187500,83943") as link:
         with (bench.folder / "rig.toml").open("a") as file:
             file.write(DEVICE.format(name="tachometer", port=link, value="rpm") + "markers = 1\n")
@@ -129,7 +129,7 @@ def test_a_first_line_that_comes_late_delays_the_staircase_and_costs_no_step(tmp
     recording_s: list[float] = []
 
     def late(motors: Four) -> str:
-        """Send lines two seconds after the recording began, as a board that restarts."""
+        """Send lines only two seconds after the recording began, like a board that restarts."""
         if any(tmp_path.glob("runs/*_speed")):
             recording_s.append(time.monotonic())
         return f"{rpm(motors):.1f}" if recording_s and recording_s[-1] - recording_s[0] > 2 else "starting"

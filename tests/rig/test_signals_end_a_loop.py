@@ -1,4 +1,4 @@
-"""Signals ask a loop to end: its coroutine does so in its own time, and the program's own handlers come back."""
+"""Signals request the end of a loop: its coroutine ends in its own time, and the program's handlers are restored."""
 
 import os
 import pty
@@ -24,7 +24,7 @@ def say(*words):
     print(*words, flush=True)
 """
 ENDINGS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
-# What ends or suspends a program that does not care (signal(7)), and can be caught.
+# Signals that end or suspend a program by default (signal(7)), and can be caught.
 BY_DEFAULT = (
     *("SIGHUP", "SIGINT", "SIGQUIT", "SIGTRAP", "SIGABRT", "SIGUSR1", "SIGUSR2", "SIGALRM", "SIGTERM", "SIGSTKFLT"),
     *("SIGTSTP", "SIGTTIN", "SIGTTOU", "SIGXCPU", "SIGVTALRM", "SIGPROF", "SIGIO", "SIGPWR", "SIGSYS"),
@@ -106,7 +106,7 @@ say(run_until_done(main) or "time is over")
 
 
 def test_a_background_job_that_its_terminal_warns_comes_to_its_end() -> None:
-    """The terminal sends the signal again each time the write is tried again, for ever if nobody gives in."""
+    """The terminal sends the signal again whenever the write is retried, forever unless one side gives in."""
     body = (
         PREFACE
         + """

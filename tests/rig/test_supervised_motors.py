@@ -1,4 +1,4 @@
-"""Motors under a supervisor with states over time: arming, states that end a run, stops that are confirmed."""
+"""Motors under a supervisor whose state changes: arming, states that end a run, stops that are confirmed."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -21,7 +21,7 @@ from cfid.wire.supervisor import Bits, VehicleState
 from tests.rig.flying import CLIENT, Flight
 
 ALL = (1, 2, 3, 4)
-SETPOINT = Packet(3, 0, bytes(14))  # what the stock library sends on closing
+SETPOINT = Packet(3, 0, bytes(14))  # the stock library sends this when it closes
 BOTH = pytest.mark.parametrize("platform", ["cf2", "cf21bl"])
 FIRMWARES = pytest.mark.parametrize("firmware", ["app", "stock"])
 
@@ -192,7 +192,7 @@ def test_a_state_in_which_motors_may_not_run_fails_the_run_by_its_name(
 
 
 def test_motors_wait_for_a_vehicle_that_is_away_for_a_moment(tmp_path: Path) -> None:
-    """One that arms itself refuses thrust for 120 to 160 ms, 30 s after it got ready."""
+    """A vehicle that arms itself refuses thrust for 120 to 160 ms, 30 s after it became ready."""
     flight = Flight(tmp_path)
     for late_s in (29.8, 30.1, 30.2, 30.3):
         flight = Flight(tmp_path, powered_for_s=100.0)
@@ -203,7 +203,7 @@ def test_motors_wait_for_a_vehicle_that_is_away_for_a_moment(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("rest_s", [4.8, 4.9, 4.94, 4.97, 5.0, 5.03, 5.1])
 def test_a_pause_that_ends_when_the_vehicle_disarms_itself_takes_no_motors_back(tmp_path: Path, rest_s: float) -> None:
-    """It lands 2 s after its motors stopped and disarms itself 3 s later, just when the next step may begin."""
+    """The vehicle lands 2 s after its motors stop and disarms itself 3 s later, just when the next step may begin."""
     flight = Flight(tmp_path)
     stairs = StaircasePlan(steps=(10000, 20000, 30000), motors=ALL, hold_s=0.5, rest_s=rest_s)
     _, failure = flight.record(
@@ -274,7 +274,7 @@ def test_rotors_that_may_idle_on_are_named_where_nobody_saw_them_disarmed(tmp_pa
 
 
 def test_a_stop_that_is_answered_and_not_obeyed_is_confirmed_once_the_motors_stand(tmp_path: Path) -> None:
-    """The app itself stops them half a second after the last keep-alive, and only then answers zeros."""
+    """The app itself stops the motors half a second after the last keep-alive, and only then answers zeros."""
     flight = Flight(tmp_path, faults=CrazyflieFaults(stop_ignored=True))
     run, failure = flight.record([flight.commands(), flight.states()], holding(flight, 20000))
     stopped_s = flight.motors[-1][0]
@@ -329,7 +329,7 @@ def test_a_program_that_drives_the_motors_keeps_a_second_one_out(tmp_path: Path)
 
     assert isinstance(failure, DeviceError)
     assert "another program drives the motors" in str(failure)
-    assert "stopped_in_s" not in (run.header.devices["commands"].model_extra or {})  # its motors go on
+    assert "stopped_in_s" not in (run.header.devices["commands"].model_extra or {})  # the other's motors keep running
     assert not any(any(motors) for _, motors in flight.motors)
 
 
@@ -354,7 +354,7 @@ def test_a_brushed_vehicle_that_was_disarmed_while_it_armed_itself_is_armed(tmp_
     flight = Flight(tmp_path, firmware=firmware)
     disarm = encode_packet(Packet(9, 1, b"\x01\x00"))
     flight.turn(for_s=0.5)
-    for _ in range(30):  # late or repeated requests: one of them meets the state in which it arms itself
+    for _ in range(30):  # late or repeated requests: one of them meets the state in which the vehicle arms itself
         flight.sim.received(disarm, CLIENT, flight.clock.seconds())
         flight.turn(for_s=0.01)
     flight.turn(for_s=2.0)
@@ -396,5 +396,5 @@ def test_a_vehicle_that_was_armed_is_ready_for_any_other_client(tmp_path: Path) 
     flight.turn(for_s=1.0)
 
     assert flight.supervisor.state is not None
-    assert Bits.ARMED not in flight.supervisor.state.bits  # as it was seen last
+    assert Bits.ARMED not in flight.supervisor.state.bits  # the state that was seen last
     assert state_of(flight) is SupervisorState.READY

@@ -1,4 +1,4 @@
-"""Commands that reach the vehicle, as their operator meets them, over real wires to a simulated one."""
+"""Commands that drive the vehicle, as their operator sees them, over real wires to a simulated vehicle."""
 
 import json
 import os
@@ -61,7 +61,7 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 
 @contextmanager
 def listening(answer: Callable[[bytes], bytes | None]) -> Iterator[str]:
-    """Give the address of something that answers datagrams in its own way."""
+    """Yield the address of a program that answers datagrams with what `answer` returns."""
     ended = threading.Event()
     with socket.socket(type=socket.SOCK_DGRAM) as line:
         line.bind(("127.0.0.1", 0))
@@ -87,7 +87,7 @@ def listening(answer: Callable[[bytes], bytes | None]) -> Iterator[str]:
 
 
 def refused(bench: Bench, *words: object, within_s: float = 15.0) -> str:
-    """Run a command that cannot reach the vehicle and return the sentence it ends with."""
+    """Run a command that cannot reach the vehicle, and return its last sentence."""
     pilot = bench.start(*words)
     began_s, late_s = time.monotonic(), 0.0
     while pilot.process.poll() is None:
@@ -98,7 +98,7 @@ def refused(bench: Bench, *words: object, within_s: float = 15.0) -> str:
     return pilot.err.splitlines()[-1]
 
 
-# Reaching it
+# Connection
 
 
 def test_a_silent_address_is_told_within_its_time(bench: Bench) -> None:
@@ -161,7 +161,7 @@ def test_a_link_that_is_closed_leaves_no_thread(bench: Bench, monkeypatch: pytes
     assert left == []
 
 
-# What state it is in
+# The vehicle's state
 
 
 def spoiled(bench: Bench, state: str) -> None:
@@ -422,7 +422,7 @@ def test_a_run_toml_that_cannot_be_written_at_the_end_is_named_with_how_the_moto
     (folder,) = (bench.folder / "runs").iterdir()
     header = folder / "run.toml"
     header.rename(folder / "begun.toml")
-    header.mkdir()  # no file takes its place, also for an administrator
+    header.mkdir()  # no file can replace a folder, not even for an administrator
     if fault:
         bench.vehicle_suffers(low_battery_after_s=0)
 
@@ -490,7 +490,7 @@ def test_a_sine_on_board_is_known_to_a_sample_and_felt_by_the_load_cell(bench: B
     assert run.header.requested == {"l": 12, "n": 1000, "amplitude": 20000, "motor": 1}
 
     cell = pd.read_csv(run.device_file("loadcell"))
-    begin_s = (crossings.t - on_board_s).min()  # the report that was the least late
+    begin_s = (crossings.t - on_board_s).min()  # from the report with the smallest delay
     played = cell[(cell.t > begin_s) & (cell.t < begin_s + 2.0)]
     phase = 2 * np.pi * 6 * (played.t - begin_s)  # l 500/N hertz
     basis = np.column_stack([np.ones(len(played)), np.cos(phase), np.sin(phase)])
@@ -531,7 +531,7 @@ def test_stock_firmware_plays_no_sine_and_says_what_it_needs(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("firmware", ["app", "stock", "old"])
 def test_round_trips_are_those_that_the_radio_made(tmp_path: Path, firmware: str) -> None:
-    # What the host adds is more on a busy machine now and then, and usually little; it is never less.
+    # The host always adds some time: usually little, sometimes more on a busy machine.
     for attempt in range(3):
         measured_s, pings, found = ping_the_bench(tmp_path / str(attempt), firmware)
         added_s = measured_s - pings
@@ -640,18 +640,18 @@ class Terminal:
         self.pilot = bench.start(*words, stdin=slave, stdout=slave, stderr=slave)
         os.close(slave)
         self._shown = ""
-        self._answered = 0  # letters that were shown before the last answer
+        self._answered = 0  # number of characters shown before the last answer
 
     @property
     def shown(self) -> str:
-        """What was shown so far."""
+        """The text that was shown so far."""
         with suppress(OSError):  # the other end is closed
             while select.select([self._master], [], [], 0)[0]:
                 self._shown += os.read(self._master, 65536).decode(errors="replace")
         return self._shown
 
     def wait_for(self, text: str) -> None:
-        """Wait until a text is shown that was not there at the last answer."""
+        """Wait until a text is shown that was not yet shown at the last answer."""
         end_s = time.monotonic() + LONGEST_S
         while text not in self.shown[self._answered :]:
             assert self.pilot.process.poll() is None, self.shown
@@ -659,7 +659,7 @@ class Terminal:
             time.sleep(0.005)
 
     def answer(self, *answers: tuple[str, str]) -> None:
-        """Type lines, each once its question is shown: what comes before it is forgotten."""
+        """Type lines, each once its question is shown; a question must come after the previous answer."""
         for question, line in answers:
             self.wait_for(question)
             self._answered = len(self.shown)
@@ -690,7 +690,7 @@ def test_the_last_reading_is_taken_back_before_the_recording_ends(bench: Bench, 
     terminal.close()
 
 
-# Two markers a turn.
+# Two markers per turn.
 THREE_READINGS = (
     ("RPM at command 20000", "23000"),
     ("RPM at command 30000", "30600"),
@@ -739,7 +739,7 @@ def test_a_terminal_that_is_closed_at_a_reading_ends_a_recording_as_sighup_does(
     pilot = bench.start("log", "speed", *TYPED, stdin=slave, **where)
     os.close(slave)
     bench.wait_until(lambda: bench.motors[0] == 20000 or pilot.process.poll() is not None, pilot)
-    time.sleep(0.5)  # of the hold
+    time.sleep(0.5)  # part of the hold
     os.close(master)
     assert pilot.end() == 0, pilot.err
     header = bench.run().header

@@ -1,4 +1,4 @@
-"""Staircases, sines and pings with a simulated vehicle, and every way in which its motors stop, in virtual time."""
+"""Staircases, sines and pings with a simulated vehicle, and all ways in which its motors stop, in virtual time."""
 
 from pathlib import Path
 from typing import Any
@@ -41,14 +41,14 @@ def sine(l: int, samples: int = 2000, *, amplitude: int = 20000, motor: int = 1)
 
 
 def commanded(request: SineRequest, l: int) -> np.ndarray[Any, np.dtype[np.int64]]:  # noqa: E741
-    """Eq. 3.6, cut and clipped."""
+    """Return the commands of eq. 3.6, cut and clipped."""
     n = np.arange(request.samples)
     exact = request.amplitude * np.cos(2 * np.pi * l * n / request.samples) + 30000
     return np.clip(np.trunc(np.round(exact, 6)), 0, 65535).astype(np.int64)
 
 
 def crossings_of(u: np.ndarray[Any, np.dtype[np.int64]]) -> list[int]:
-    """Where C.2.4 reports: at the first sample, and where the middle is crossed or reached."""
+    """Return where C.2.4 reports: at the first sample, and where the middle is crossed or reached."""
     falls = (u[:-1] > 30000) & (u[1:] <= 30000)
     rises = (u[:-1] < 30000) & (u[1:] >= 30000)
     return [0, *(np.flatnonzero(falls | rises) + 1).tolist()]
@@ -78,7 +78,7 @@ def test_a_staircase_drives_the_motors_and_writes_down_when(tmp_path: Path, firm
     assert steps.m1.tolist() == [10000, 20000]
     for _, row in steps.iterrows():
         began_s = next(time_s for time_s, motors in flight.motors if motors[0] == row.m1)
-        assert row.t - UNIX_S == pytest.approx(began_s, abs=0.15)  # the way there; parameters are set one by one
+        assert row.t - UNIX_S == pytest.approx(began_s, abs=0.15)  # the link's latency; parameters are set one by one
     assert messages[0] == "command 0 (1 of 3)"
     log = rows(run, "crazyflie")
     assert set(log["motor.m1"]) == {0, 10000, 20000}
@@ -107,7 +107,7 @@ def test_the_crossings_of_a_sine_are_those_of_equation_3_6(tmp_path: Path, firmw
         on_board_s = np.diff(reports.vehicle_us.to_numpy()) / 1e6
         assert on_board_s == pytest.approx(np.diff(reports["sample"].to_numpy()) / 500, abs=0.0021)
         assert reports.report.tolist() == list(range(len(reports)))
-    elif l < 250:  # the modules of 2015 take omega as it comes, a float: close to an extreme they differ
+    elif l < 250:  # the modules of 2015 use omega as it comes, a float: close to an extreme they differ
         assert len(reports) == len(expected) + 1
     assert run.header.devices["crossings"].lost == 0
 
@@ -176,7 +176,7 @@ def test_a_lossy_link_costs_repetitions_and_no_command(tmp_path: Path) -> None:
     assert {motors[0] for _, motors in flight.motors} == {0, 10000, 20000}
 
 
-# What may not be
+# What is refused
 
 
 @KINDS
@@ -223,7 +223,7 @@ def test_the_app_refuses_nonsense_and_says_why(tmp_path: Path, request_: SineReq
     assert len(flight.motors) == 1
 
 
-# Ways out: the motors are off 0.7 s later, or the operator is told that they may not be
+# Ways out: the motors are off 0.7 s later, or a message states that they may not be
 
 BEGUN_S = 3.0
 
@@ -249,7 +249,7 @@ def test_with_the_app_every_fault_stops_the_motors(tmp_path: Path, fault: Crazyf
     assert isinstance(failure, DeviceError)
     assert told in str(failure)
     assert MAY_BE_RUNNING not in str(failure)
-    late_s = 0.5 if told.startswith("the battery") else 0.0  # it has to be low for so long
+    late_s = 0.5 if told.startswith("the battery") else 0.0  # it has to be low for this long
     assert flight.stopped_after(1.0 + BEGUN_S + late_s) < 0.7
     assert max(max(motors) for _, motors in flight.motors) == 30000
     assert rows(run, "commands").iloc[-1].tolist()[1:] == [0, 0, 0, 0]
@@ -311,7 +311,7 @@ async def sleep_for(flight: Flight, seconds: float) -> None:
 
 
 def test_a_log_that_ends_after_a_stall_of_cfid_itself_is_noticed_at_once_and_the_stall_is_named(tmp_path: Path) -> None:
-    """Firmware ends its logs where the link is silent for a second; a stall is over when the next row arrives."""
+    """Firmware ends its logs if the link is silent for a second; a stall is over when the next row arrives."""
     flight = Flight(tmp_path)
     ended_s: list[float] = []
 
@@ -342,7 +342,7 @@ def test_without_the_app_a_lost_link_is_told_in_a_sentence_that_nobody_misses(
     assert isinstance(failure, DeviceError)
     assert MAY_BE_RUNNING in str(failure)
     assert "PULL THE BATTERY" in str(failure)
-    assert flight.motors[-1][1] == (30000, 30000, 0, 0)  # and it is true
+    assert flight.motors[-1][1] == (30000, 30000, 0, 0)  # the motors do still run
 
 
 @pytest.mark.parametrize("firmware", ["stock", "old"])
@@ -412,7 +412,7 @@ def test_the_modules_of_2015_cannot_be_stopped_in_a_sine_and_that_is_told(tmp_pa
 
 
 def test_a_battery_that_is_empty_until_the_end_is_named_once(tmp_path: Path) -> None:
-    """Its voltage rises a little once the motors stand, and the rows after that are written too."""
+    """Its voltage rises a little once the motors stop, and the rows that follow are written too."""
     battery = BatteryTruth(kind="lipo", capacity_mah=4.0, resistance_ohm=0.02, open_circuit_v=(2.8, 3.3))
     flight = Flight(tmp_path, battery=battery, stop_below_v=3.1)
     _, failure = flight.record(

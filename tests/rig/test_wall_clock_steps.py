@@ -1,4 +1,4 @@
-"""A wall clock that somebody sets while a run is recorded: no time in the run leaps, and nothing is lost."""
+"""A wall clock that is set while a run is recorded: no time in the run jumps, and nothing is lost."""
 
 import os
 import shutil
@@ -23,13 +23,13 @@ from tests.rig_in_a_folder import wait_until
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="preloads a library, reads the kernel's stamps")
 
 LOST_POLLS = 2  # at most
-LOGGED_S = 6.0  # two programs that start seconds apart on a busy computer still run at once
+LOGGED_S = 6.0  # long enough that two programs, which start seconds apart on a busy computer, run at the same time
 Environment = Callable[[int], dict[str, str]]
 
 
 @pytest.fixture
 def stepping(tmp_path: Path) -> Environment:
-    """Return the environment of a process whose wall clock leaps by so many seconds once the file `step` is there."""
+    """Return a function that makes an environment whose wall clock jumps by `step_s` once the file `step` exists."""
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None:
         pytest.skip("there is no C compiler to make the clock that leaps")
@@ -65,7 +65,7 @@ def test_a_run_during_which_the_clock_is_set_is_smooth_and_complete(
         steps_s = np.diff(rows["t"])
         assert run.header.state == "complete"
         record = run.header.devices[device]
-        # An answer that a busy computer held up for 50 ms belongs to no poll; none is late by the clock that was set.
+        # An answer that a busy computer delayed by 50 ms belongs to no poll; setting the clock makes none late.
         late = (record.model_extra or {})["losses"]["late_replies"] if device == "encoder" else 0
         assert record.lost - late <= (LOST_POLLS if device == "encoder" else 0)
         assert late < 0.02 * len(rows)
@@ -97,7 +97,7 @@ def recording_into(process: "subprocess.Popen[str]") -> Path:
 
 def recorded(folder: Path) -> int:
     file = folder / "encoder.csv"
-    return file.read_bytes().count(b"\n") - 1 if file.exists() else 0  # and the head
+    return file.read_bytes().count(b"\n") - 1 if file.exists() else 0  # without the header
 
 
 # The kernel's stamps

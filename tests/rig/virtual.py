@@ -1,4 +1,4 @@
-"""Instruments coupled to simulated devices inside one process, on a clock that a test turns."""
+"""Instruments coupled to simulated devices inside one process, on a clock that the test advances."""
 
 from collections.abc import Callable
 from datetime import UTC, datetime
@@ -49,7 +49,7 @@ class RdtWire:
         self.closed = False
 
     def send(self, datagram: bytes) -> None:
-        self.drain()  # the box has sent all that was due before it hears a request
+        self.drain()  # the box has sent all that was due before it receives a request
         self.box.request(datagram, CLIENT, self.clock.seconds())
 
     def drain(self) -> None:
@@ -80,7 +80,7 @@ class Session:
         also: Callable[[float], None] = lambda now_s: None,
         step_s: float = STEP_S,
     ) -> tuple[Run, Exception | None]:
-        """Record until the end, calling `also` at every step of the clock; return the run and what was raised."""
+        """Record until the end, calling `also` at every step of the clock; return the run and the exception or None."""
         record = DeviceRecord(file=f"{instrument.name}.csv", columns=instrument.columns)
         run = create_run(
             self._runs_folder,
@@ -106,7 +106,7 @@ class Session:
 def loadcell(
     session: Session, faults: LoadCellFaults, *, buffered: bool = True, rate_hz: int = 700, first_ft: int = 1000
 ) -> tuple[LoadCell, FaultyNetFT, RdtWire]:
-    """Couple a load cell to a simulated box at a rate that keeps tests quick."""
+    """Couple a load cell to a simulated box, at a rate that keeps tests fast."""
     cell = SimulatedCell(LoadCellTruth(), np.random.default_rng(4))
     box = NetFTBox(
         load_cell=cell,
@@ -136,9 +136,9 @@ def rows_of(run: Run, device: str) -> pd.DataFrame:
 
 
 class SerialWire:
-    """A cable between an encoder and its interface, with the device's own delays.
+    """A cable between an encoder and its interface, with the delays of the device.
 
-    `held_s` returns for how long a reply is held up on the computer's side that would arrive at a time.
+    `held_s` returns for how long the computer holds up a reply that would arrive at a given time.
     """
 
     def __init__(
@@ -182,7 +182,7 @@ def encoder(
     rate_hz: float = 100,
     held_s: Callable[[float], float] | None = None,
 ) -> tuple[Encoder, list[SerialWire]]:
-    """Couple an encoder to a simulated interface on a slowly turning axis; the list gets every cable plugged in."""
+    """Couple an encoder to a simulated interface on a slowly turning axis; the list collects every cable plugged in."""
     wires: list[SerialWire] = []
     device = E201Device(lambda time_s: 0.5 * time_s, reply_s=5e-4, first_stamp_us=first_stamp_us)
     device.stamps = stamped
