@@ -21,7 +21,7 @@ def blocks(stamps: Stamps, taken_s: np.ndarray, came_s: np.ndarray, *, ticks_per
 
 
 def seconds(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return times at which positions are taken, on a device 100 ppm fast, and at which they come: up to 3 ms later."""
+    """Return times at which positions are taken, on a device 100 ppm fast, and at which they come, 1 to 4 ms later."""
     taken_s = np.arange(count) / HZ
     return taken_s * (1 + 1e-4), BEGAN_S + taken_s + np.random.default_rng(1).uniform(1e-3, 4e-3, count)
 

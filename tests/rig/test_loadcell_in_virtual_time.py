@@ -66,7 +66,7 @@ def test_a_count_that_jumps_is_a_break_and_no_time(session: Session, numbers: tu
     take_in, came = wire.inbox.add, list[float]()
 
     def jump(data: bytes, source: tuple[str, int], arrival_s: float) -> None:
-        """Add to both numbers of each record from the third second on."""
+        """Add to the numbers of each record from the third second on."""
         came.append(arrival_s)
         words = np.frombuffer(data, ">u4").reshape(-1, 9).copy()
         if len(came) > 150:  # datagrams of 14 records at 700 Hz
@@ -104,7 +104,7 @@ def test_garbled_datagrams_are_never_rows_with_a_wrong_number(session: Session) 
     harmed = {"cut": 0, "flipped": 0}
 
     def harm(data: bytes, source: tuple[str, int], arrival_s: float) -> None:
-        """Cut one datagram in twelve, and flip a bit of its numbers in another."""
+        """Cut about one datagram in twelve, and flip a bit of the numbers in about another."""
         fate = rng.integers(12)
         garbled = bytearray(data)
         if fate == 0:
@@ -255,7 +255,7 @@ def test_a_status_bit_that_was_flipped_on_the_way_ends_no_run(session: Session, 
     take_in, rng = wire.inbox.add, np.random.default_rng(7)
 
     def harm(data: bytes, source: tuple[str, int], arrival_s: float) -> None:
-        """Flip the bit in one record of every other datagram."""
+        """Flip the bit in one record of about every other datagram."""
         garbled = bytearray(data)
         if rng.integers(2):
             garbled[36 * rng.integers(1, 13) + 8 + (31 - bit) // 8] ^= 1 << bit % 8
