@@ -1,8 +1,8 @@
-"""Let every system call of a job that opens or changes files fail once in turn, and look at the campaign after each.
+"""Make each system call of a job that opens or changes files fail in turn, and check the campaign after each failure.
 
     LD_PRELOAD=failing_calls.so python -m tests.records.failing_calls FOLDER KIND ...
 
-Printed is a JSON object: how often each job was tried, and what was wrong after which call.
+Prints a JSON object: how often each job was tried, and what was wrong after which call.
 """
 
 import ctypes
@@ -35,8 +35,8 @@ NOON = datetime(2026, 11, 21, 12, tzinfo=UTC)
 Job = Callable[[Campaign], None]
 ROWS, BLOCKS = 400, 3
 OLD, NEW = f"<!-- {MARK} -->\nold\n", f"<!-- {MARK} -->\n{'new ' * 5000}\n"
-# Error, half a write, all later calls too: an error once, a write that takes a part, a disk that is full from then on,
-# or one that an error made read-only, which flushes nothing any more.
+# Error number, whether half of a write succeeds, whether all later calls fail too: a single error, a partial write, a
+# disk that is full from then on, or a disk that an error made read-only, which no longer flushes anything.
 KINDS = {
     "ENOSPC": (errno.ENOSPC, 0, 0), "EIO": (errno.EIO, 0, 0), "EMFILE": (errno.EMFILE, 0, 0),
     "EROFS": (errno.EROFS, 0, 1),
@@ -81,7 +81,7 @@ def upgrade(campaign: Campaign) -> None:
 
 
 JOBS = (record, fit, parameters, note, report, export, upgrade)
-# Files that each job may replace; a job adds others, and changes none.
+# Files that each job may replace; a job may add other files, but changes no others.
 REPLACED: dict[Job, set[str]] = {
     fit: {"parameters.toml"}, parameters: {"parameters.toml"}, note: {"runs/2026-11-21_120000_swing_x/run.toml"},
     report: {"report.md"}, export: {"exports/vehicle.json"}, upgrade: {"parameters.toml", "fits/old.json"},
@@ -89,7 +89,7 @@ REPLACED: dict[Job, set[str]] = {
 
 
 class Ended(NamedTuple):
-    """How a job ended: its message, "" where it succeeded; a traceback instead of it where it failed otherwise."""
+    """How a job ended: the message of its error, "" after success, and the traceback of an unexpected failure."""
 
     message: str
     trace: str
@@ -126,7 +126,7 @@ def make(folder: Path) -> None:
 
 
 def attempt(job: Job, campaign: Campaign, which: int, kind: str) -> Ended:
-    """Do a job in a process of its own, in which one call fails; `which` is 0 for none."""
+    """Do a job in a separate process, in which call number `which` fails, or no call if `which` is 0."""
     calls, (reader, writer) = ctypes.CDLL(None), os.pipe()
     child = os.fork()
     if not child:
@@ -156,14 +156,14 @@ def contents(folder: Path) -> dict[str, bytes]:
 def faults(
     job: Job, ended: Ended, before: dict[str, bytes], done: dict[str, bytes], campaign: Campaign
 ) -> Iterator[str]:
-    """Yield what is wrong after an attempt; `done` are the files after the job without a failure."""
+    """Yield what is wrong after an attempt; `done` contains the files after the same job without a failure."""
     after = contents(campaign.folder)
     if ended.trace:
         yield ended.trace.strip().splitlines()[-1]
     for name, content in before.items():
         allowed = {content, done[name]} if name in REPLACED.get(job, set()) else {content}
         if job in (fit, parameters) and name == "parameters.toml" and after.get(name) not in allowed:
-            load_sections(campaign.parameters_file)  # of another time of the fit
+            load_sections(campaign.parameters_file)  # the time of the fit differs, so the file only has to be readable
         elif after.get(name) not in allowed:
             yield f"{name} is gone or half written"
         if ended.message and "is unchanged" in ended.message and name in ended.message and after.get(name) != content:
@@ -206,7 +206,7 @@ def _faults_of_run(run: Run, ended: Ended) -> Iterator[str]:
 
 
 def main() -> None:
-    """Try each call of each job in each kind of failure."""
+    """Make each call of each job fail, in each kind of failure."""
     folder, kinds = Path(sys.argv[1]).resolve(), sys.argv[2:]
     tries: dict[str, int] = {}
     wrong: list[str] = []

@@ -1,4 +1,4 @@
-"""Time and angle of a file: found by name, in the unit that was meant, continuous over turns; or asked for."""
+"""Time and angle of a file: found by name, in the right unit, and continuous over turns; or the user is asked."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -37,7 +37,7 @@ def refusal(folder: Path, text: str, kind: type[Exception] = DataError, **option
 
 
 def words(angle_rad: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
-    """Return what a 13-bit encoder says in 22-bit words."""
+    """Return the 22-bit words that a 13-bit encoder sends for an angle."""
     return encode_positions(np.floor(angle_rad / TURN * 8192).astype(np.int64) % 8192)
 
 
@@ -142,12 +142,12 @@ def test_a_swing_s_own_extremes_are_no_faults(tmp_path: Path, rate_hz: float) ->
 
 
 def off_by(record: AngleRecord, angle_rad: npt.NDArray[Any]) -> float:
-    """Return the largest difference from an angle, whole turns of the first sample aside."""
+    """Return the largest difference from an angle, without the whole turns by which the first samples differ."""
     difference = record.angle_rad - angle_rad
     return float(np.abs(difference - TURN * np.round(difference[0] / TURN)).max())
 
 
-# Heads
+# Headers
 
 
 HEADS = {
@@ -604,7 +604,7 @@ def test_counts_per_turn_are_a_number_or_the_name_of_a_word() -> None:
     assert counts_per_turn("rls-13bit-in-22") == "rls-13bit-in-22"
 
 
-# Places that cannot be read
+# Paths that cannot be read
 
 
 @pytest.mark.parametrize("name", ["nowhere.csv", "x" * 300, "file.csv/inside"])
@@ -691,7 +691,7 @@ def test_quoted_numbers_with_decimal_commas_are_read(tmp_path: Path) -> None:
 
 
 def test_slow_rows_whose_times_have_fractions_and_no_unit_are_asked_for(tmp_path: Path) -> None:
-    text = text_of(1730.06 * TIME_S, ANGLE_RAD, head="t,phi_rad")  # 1.73 apart
+    text = text_of(1730.06 * TIME_S, ANGLE_RAD, head="t,phi_rad")  # rows are 1.73 apart
     assert "names no unit, and rows that are 1.73 apart may be slow ones in s, or in ms: give `time_unit`" in refusal(
         tmp_path, text, ConfigError
     )

@@ -1,4 +1,4 @@
-"""A killed process, a full disk, a forbidden file: what was recorded stays readable, what happened is said."""
+"""A killed process, a full disk, a forbidden file: recordings stay readable, and what happened is reported."""
 
 import os
 import shutil
@@ -52,7 +52,7 @@ def store(name, size):
 """
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="limits and name spaces of Linux")
-SMALL_DISK = ["unshare", "-rm", "mount", "-t", "tmpfs", "none", "/tmp"]  # in a name space of its own
+SMALL_DISK = ["unshare", "-rm", "mount", "-t", "tmpfs", "none", "/tmp"]  # in a separate name space
 without_small_disks = (
     not shutil.which("unshare") or subprocess.run(SMALL_DISK, capture_output=True, check=False).returncode
 )
@@ -128,7 +128,7 @@ def test_a_run_counts_as_recorded_while_its_process_lives_however_old_its_rows_a
 def test_a_run_that_no_process_of_this_computer_holds_counts_as_recorded_while_its_files_grow(tmp_path: Path) -> None:
     folder = Path(output("print(new().folder, flush=True); import os; os._exit(0)", tmp_path).strip())
 
-    assert read_run(folder).outcome == "recording"  # by another computer, for all that this one knows
+    assert read_run(folder).outcome == "recording"  # this computer cannot know whether another one is recording
     os.utime(folder / "encoder.csv", (0, 0))
     assert read_run(folder).outcome == "cut"
 

@@ -1,4 +1,4 @@
-"""A CSV file from anywhere is read as it was meant, or refused with the line that is at fault: never misread."""
+"""A CSV file from any source is read as it was meant, or refused with the faulty line; it is never misread."""
 
 import gzip
 import hashlib
@@ -26,7 +26,7 @@ def write(folder: Path, content: str | bytes) -> Path:
 
 
 def refusal(folder: Path, content: str | bytes, *, columns: tuple[str, ...] = ("t", "phi"), skip_lines: int = 0) -> str:
-    """Return the sentence after the path, which has to be there."""
+    """Return the error message without the path with which it has to start."""
     path = write(folder, content)
     with pytest.raises(DataError) as caught:
         open_table(path, skip_lines=skip_lines).numbers(columns)
@@ -390,7 +390,7 @@ def test_a_line_without_a_row_in_a_late_block_is_counted(tmp_path: Path, line: s
 
 def test_rows_are_left_out_of_a_table_of_many_blocks(tmp_path: Path) -> None:
     table = open_table(write(tmp_path, "t,phi\n" + "".join(f"{at},{2 * at}\n" for at in range(200_000))))
-    left = table.without([0, 150_000]).without([149_998])  # of what is left: the row before
+    left = table.without([0, 150_000]).without([149_998])  # numbered among the remaining rows
     assert np.array_equal(left.numbers(["t"])[:, 0], np.delete(np.arange(200_000), [0, 149_999, 150_000]))
     assert left.line_of_row(149_998) == 150_003
 

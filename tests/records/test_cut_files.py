@@ -1,4 +1,4 @@
-"""A file that was cut at any byte gives its whole rows or a sentence, and never a number that was cut."""
+"""A file that was cut at any byte gives its complete rows or an error message, and never a truncated number."""
 
 from pathlib import Path
 
@@ -27,7 +27,7 @@ def test_a_table_cut_at_any_byte_is_its_first_rows_or_is_refused(tmp_path: Path,
     for length in range(len(content) + 1):
         path.write_bytes(content[:length])
         lines = content[:length].replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
-        rows = max(sum(bool(line.strip()) for line in lines[:-1]) - 1, 0)  # one is the head
+        rows = max(sum(bool(line.strip()) for line in lines[:-1]) - 1, 0)  # one line is the header
         if rows == 0:
             with pytest.raises(DataError, match=r"empty|no end|no rows"):
                 open_table(path)

@@ -1,4 +1,4 @@
-"""Facts of a rig: stated in rig.toml, noted in each run, and one way to turn from the load cell to the vehicle."""
+"""Facts of a rig: stated in rig.toml, noted in each run, with one rotation from the load cell to the vehicle."""
 
 import math
 import tomllib

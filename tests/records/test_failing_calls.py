@@ -1,4 +1,4 @@
-"""Every system call of a recording, a fit, a report, an export or an upgrade fails once: nothing is lost or denied."""
+"""Each system call of a recording, fit, report, export or upgrade fails once: nothing is lost, no message is false."""
 
 import json
 import os

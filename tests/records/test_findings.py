@@ -1,4 +1,4 @@
-"""Findings: the same of several files is one, its sentence names them, and --json has it in four keys."""
+"""Findings: equal findings of several files become one that names the files, and --json gives it in four keys."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Fits as they were delivered: each in a file of its own, whole, readable again."""
+"""Stored fits: each is complete, in a separate file, and can be read back."""
 
 import json
 import threading

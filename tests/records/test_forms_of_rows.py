@@ -1,4 +1,4 @@
-"""Rows that boards' serial monitors and plotters, LabVIEW and R write give the numbers that a plain table gives."""
+"""Rows as written by serial monitors and plotters of boards, LabVIEW and R give the numbers of a plain table."""
 
 from pathlib import Path
 

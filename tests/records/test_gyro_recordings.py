@@ -1,4 +1,4 @@
-"""Runs of a vehicle's gyro, read where an encoder's are: times by its stamps, angle and rate about its axis."""
+"""Runs of a vehicle's gyro, read like those of an encoder: times from its stamps, angle and rate about its axis."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,7 +22,7 @@ AXIS = np.array([0.6, 0.0, 0.8])
 
 
 def rocking(time_s: Array, *, amplitude_rad: float = 0.5, per_s: float = 10.0) -> tuple[Array, Array]:
-    """Return an angle that dies away, and its rate, in rad and rad/s."""
+    """Return the angle of a decaying oscillation in rad, and its rate in rad/s."""
     decay = amplitude_rad * np.exp(-0.1 * time_s)
     angle = decay * np.cos(per_s * time_s)
     return angle, -decay * (per_s * np.sin(per_s * time_s) + 0.1 * np.cos(per_s * time_s))
@@ -36,7 +36,7 @@ def gyro_run(
     arrivals_s: Array,
     bias_dps: float = 0.3,
 ) -> Path:
-    """Write a run of a gyro that turns about AXIS; without stamps as one imported from a card."""
+    """Write a run of a gyro that turns about AXIS; without stamps it is like a run imported from a card."""
     columns = STAMPED if stamps_ms is not None else ("t", *GYRO)
     record = DeviceRecord.model_validate({"file": "crazyflie.csv", "columns": columns})
     rates = np.degrees(rate)[:, None] * AXIS + bias_dps
@@ -81,7 +81,7 @@ def test_rows_without_stamps_keep_the_times_of_their_card(tmp_path: Path) -> Non
     found = read(gyro_run(tmp_path, rate, stamps_ms=None, arrivals_s=time_s))
 
     assert found.time_s == pytest.approx(time_s, abs=1e-6)
-    assert found.time_scale_std == pytest.approx(3e-5)  # of the vehicle's crystal
+    assert found.time_scale_std == pytest.approx(3e-5)  # that of the vehicle's crystal
     assert np.abs(found.angle_rad - angle).max() < 5e-3
 
 
@@ -95,7 +95,7 @@ def test_stamps_that_run_at_84_85_of_real_time_are_refused_and_not_corrected_twi
 
 @pytest.mark.parametrize("late_s", [0.006, 0.02])
 def test_arrivals_that_are_late_on_a_busy_computer_are_no_other_unit_of_stamps(tmp_path: Path, late_s: float) -> None:
-    """Of a recording of one second, first rows that came 6 ms late were 0.9935 s in a second of the stamps."""
+    """First rows that arrive 6 ms late shorten a recording of one second to 0.9935 s per second of the stamps."""
     time_s = np.arange(0, 1, 0.005)
     _, rate = rocking(time_s)
     busy = time_s + late_s * (time_s < 0.4)
@@ -126,7 +126,7 @@ def test_a_restart_of_the_vehicle_is_no_lateness(tmp_path: Path) -> None:
 def test_a_gap_in_a_gyro_s_rows_is_named_where_its_angle_goes_over_the_top(tmp_path: Path) -> None:
     time_s = np.arange(0, 20, 0.005)
     rate = rocking(time_s, amplitude_rad=1.2, per_s=6.0)[1]
-    kept = (time_s < 5.10) | (time_s > 5.62)  # half a swing, in which it turned by more than a radian
+    kept = (time_s < 5.10) | (time_s > 5.62)  # a gap of half a swing, in which the gyro turned by over 1 rad
     folder = gyro_run(tmp_path, rate[kept] + 4.0 * (time_s[kept] > 5.6), stamps_ms=None, arrivals_s=time_s[kept])
 
     with pytest.raises(DataError, match=r"over the top.* The gyro has no rows for 0\.5\d s, after 5\.1 s"):

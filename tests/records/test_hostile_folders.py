@@ -1,4 +1,4 @@
-"""What others do to a campaign's folder while cfid writes there: planted links, removed runs, lines of their own."""
+"""Other programs change a campaign's folder while cfid writes there: planted links, removed runs, added lines."""
 
 import os
 import shutil

@@ -1,4 +1,4 @@
-"""An index and crossings that others made: names, units in brackets, and decimal commas."""
+"""An index and crossings from other sources: names, units in brackets, and decimal commas."""
 
 from pathlib import Path
 

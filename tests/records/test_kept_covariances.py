@@ -1,4 +1,4 @@
-"""What parameters.toml keeps beside values: covariances, common causes, rejections, and the number of its format."""
+"""What parameters.toml keeps besides values: covariances, common causes, rejections, and the number of its format."""
 
 from dataclasses import replace
 from datetime import UTC, datetime

@@ -1,4 +1,4 @@
-"""Angles in MATLAB files: each way in which classrooms save them gives the angle that a CSV file gives."""
+"""Angles in MATLAB files: each layout in which classrooms save them gives the same angle as a CSV file."""
 
 import io
 import struct
@@ -115,7 +115,7 @@ def test_one_of_two_tables_of_equal_columns_is_chosen_by_the_struct(tmp_path: Pa
 
 
 def dspace(times: list[Contents], signals: list[Contents]) -> Contents:
-    """A recording as ControlDesk saves it: arrays of structs, which are no cells."""
+    """Return a recording as ControlDesk saves it, in arrays of structs instead of cells."""
     arrays = {}
     for key, entries in (("X", times), ("Y", signals)):
         arrays[key] = np.array(
@@ -186,7 +186,7 @@ def test_a_cut_mat_file_ends_in_a_sentence(tmp_path: Path, length: int) -> None:
 
 @pytest.mark.parametrize("at", [-3, 125])
 def test_a_damaged_mat_file_ends_in_a_sentence_whichever_command_looks_first(tmp_path: Path, at: int) -> None:
-    """A wrong check sum of a compressed part, or another version, was a traceback where a log was looked for."""
+    """Previously, a wrong checksum of a compressed part or another version gave a traceback while looking for a log."""
     savemat(tmp_path / "a.mat", {"t": TIME_S, "theta": ANGLE_RAD}, do_compression=True)
     content = bytearray((tmp_path / "a.mat").read_bytes())
     content[at] ^= 0x55
@@ -201,8 +201,8 @@ def test_an_element_of_an_unknown_type_ends_in_a_sentence(tmp_path: Path, compre
     plain = io.BytesIO()
     savemat(plain, {"t": TIME_S, "theta": ANGLE_RAD})
     content = bytearray(plain.getvalue())
-    at = content.index(struct.pack("<II", 9, 8 * len(TIME_S)))  # doubles
-    content[at : at + 4] = struct.pack("<I", 15360)  # SciPy's reader ends the process
+    at = content.index(struct.pack("<II", 9, 8 * len(TIME_S)))  # the tag of an array of doubles
+    content[at : at + 4] = struct.pack("<I", 15360)  # this type makes SciPy's reader end the process
     if compressed:
         packed = zlib.compress(bytes(content[128:]))
         content[128:] = struct.pack("<II", 15, len(packed)) + packed
@@ -218,7 +218,7 @@ def test_a_mat_file_without_arrays_is_refused_with_a_way_out(tmp_path: Path) -> 
 
 
 def test_version_7_3_without_its_library_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "h5py", None)  # as where it is not installed
+    monkeypatch.setitem(sys.modules, "h5py", None)  # as if it were not installed
     (tmp_path / "a.mat").write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n")
     with pytest.raises(ConfigError, match=r'pip install "cfid\[mat\]"'):
         read_angle(tmp_path / "a.mat", Reading())

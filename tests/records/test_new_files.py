@@ -1,4 +1,4 @@
-"""A new file is whole or not there, so that the command that could not write it can be repeated."""
+"""A new file is complete or absent, so a command that could not write it can be repeated."""
 
 import resource
 import subprocess
@@ -9,14 +9,14 @@ import pytest
 
 from cfid.records.rig_file import RIG_FILE, new_rig_text
 
-TOO_SMALL = 10  # bytes that a file may have, as on a disk that is nearly full
+TOO_SMALL = 10  # largest size of a file in bytes, as on a disk that is nearly full
 
 
 def run(folder: Path, *words: str, full: bool) -> "subprocess.CompletedProcess[str]":
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (TOO_SMALL, TOO_SMALL))
 
-    command = [sys.executable, "-B", "-m", "cfid.cli.main", *words]  # Python's own cache has no limit to meet
+    command = [sys.executable, "-B", "-m", "cfid.cli.main", *words]  # -B: Python's cache would meet the limit too
     return subprocess.run(
         command, cwd=folder, preexec_fn=limit if full else None, capture_output=True, text=True, check=False
     )

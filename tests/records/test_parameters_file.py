@@ -31,7 +31,7 @@ def section(**values: Any) -> Section:
 
 
 def stored(folder: Path, value: Any, std: Any = None) -> Parameter:
-    """Return a parameter as it is after it was on disk."""
+    """Return a parameter after it was written to the disk and read back."""
     file = folder / "parameters.toml"
     one = Section(
         method="m",
@@ -46,7 +46,7 @@ def stored(folder: Path, value: Any, std: Any = None) -> Parameter:
 
 
 def same(one: Any, other: Any) -> bool:
-    """Compare with nan equal to itself."""
+    """Return whether two values are equal, with nan equal to itself."""
     if isinstance(one, float) and isinstance(other, float):
         return one == other or (math.isnan(one) and math.isnan(other))
     if isinstance(one, list) and isinstance(other, list):
@@ -131,7 +131,7 @@ def test_the_same_section_twice_makes_the_same_file(tmp_path: Path) -> None:
 )
 def test_a_value_comes_back_from_the_disk(tmp_path: Path, value: Any, read: Any) -> None:
     assert same(stored(tmp_path, value).value, read)
-    if not (isinstance(value, float) and value < 0):  # no uncertainty is
+    if not (isinstance(value, float) and value < 0):  # no uncertainty is negative
         assert same(stored(tmp_path, 1.0, std=value).std, None if value is None else read)
     assert stored(tmp_path, value).unit == "N"
 
@@ -319,7 +319,7 @@ def test_a_time_without_a_zone_is_refused_for_it_has_no_place_among_others(tmp_p
 
 
 def test_a_value_in_another_unit_than_its_quantity_has_is_refused(tmp_path: Path) -> None:
-    """It was taken as the quantity's own: 146 g cm^2 went into a prediction as 146 kg m^2."""
+    """Previously, the quantity's own unit was assumed: 146 g cm^2 went into a prediction as 146 kg m^2."""
     file = tmp_path / "parameters.toml"
     one = {"flight.inertia_kg_m2.roll": Parameter(value=146.06, std=1.0, unit="g cm^2")}
     store_section(file, "flight", replace(section(), parameters=one))

@@ -1,4 +1,4 @@
-"""What the rig's platform cannot have is rejected where a result is kept; physics alone judges another body."""
+"""Values impossible for a rig's platform are rejected when a result is kept; physics alone judges other bodies."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -36,7 +36,7 @@ def test_a_static_gain_over_an_arm_of_46_metres_is_never_accepted() -> None:
     assert not found.accepted
     assert found.findings[0].concerns("tf.numerator")
     assert not found.findings[0].concerns("tf.time_constant_s")
-    assert judged(result("tf.static_gain_n", -2.4e-6, 1e-8), of("cf2")).accepted  # the sign is another matter
+    assert judged(result("tf.static_gain_n", -2.4e-6, 1e-8), of("cf2")).accepted  # the sign is not judged here
 
 
 def test_a_known_vehicle_has_narrow_ranges_that_an_uncertain_number_may_leave() -> None:

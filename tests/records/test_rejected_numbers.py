@@ -1,7 +1,7 @@
-"""A rejection takes the numbers of its quantities away everywhere: figures of merit, lines, covariances and rows.
+"""A rejection removes the numbers of its quantities everywhere: figures of merit, lines, covariances and rows.
 
-Each experiment gives a result; then each of its quantities is rejected alone, and the digits that only this quantity
-has are looked for in what is left.
+Each experiment gives a result. Then each of its quantities is rejected alone, and the tests search the remaining
+result for digits that only this quantity has.
 """
 
 import json
@@ -121,7 +121,7 @@ def round_trips(folder: Path) -> Result:
     return latency.fit([ping_run(folder)])
 
 
-# What a rejection of a quantity takes from the figures of merit, of which the numbers are others than the quantity's.
+# Figures of merit that a rejection of a quantity removes, although their numbers differ from those of the quantity.
 LOST: Mapping[Callable[[Path], Result], tuple[str, set[str]]] = {
     round_trips: ("latency.rtt_mean_s", {"one_way_mean_s"}),
     swing: ("swing.natural_frequency_squared_s2", {"damped_cosine", "log_decrement"}),
@@ -138,7 +138,7 @@ LOST: Mapping[Callable[[Path], Result], tuple[str, set[str]]] = {
     verification: ("tf.verify.*.fit_percent", {"runs.*.unfiltered_fit_percent"}),
 }
 
-# Data, which no rejection of a quantity takes away: known axis inertias, and points that a map is fitted to.
+# Data that no rejection of a quantity removes: known axis inertias, and points to which a map is fitted.
 GIVEN = {f"inertia.{kind}_kg_m2.{axis}" for kind in ("axis", "centre") for axis in TABLE_2_3} | {"motor.table"}
 
 
@@ -226,13 +226,13 @@ def _digits_of(quantity: Any) -> Iterator[str]:
 
 
 def _digits(text: str) -> Iterator[str]:
-    """Yield the significant digits of each number, the first eight of them, whatever its power of ten."""
+    """Yield the first eight significant digits of each number, without its power of ten."""
     for number in re.findall(r"\d+\.?\d*(?:e[-+]?\d+)?", text):
         yield number.split("e")[0].replace(".", "").strip("0")[:8]
 
 
 def _states(line: str, own: set[str]) -> bool:
-    """Return whether a line has one of the numbers, rounded to three digits or more."""
+    """Return whether a line states one of the numbers, rounded to three digits or more."""
     shown = {digits for digits in _digits(line) if len(digits) > 3}
     rounded = {f"{float('0.' + digits):.{places}g}"[2:] for digits in own for places in range(4, 8)}
     return bool(shown & rounded)

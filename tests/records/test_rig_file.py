@@ -1,4 +1,4 @@
-"""rig.toml: the thesis' rig as a preset, and every key that cannot be meant so refused by file and key."""
+"""rig.toml: the thesis' rig is a preset, and every invalid key is refused with the names of the file and the key."""
 
 import math
 import tomllib
@@ -99,7 +99,7 @@ def test_a_point_turned_by_its_yaw_keeps_its_distance_from_the_z_axis(yaw: float
     assert np.array([x, y, z]) @ axes * MM == pytest.approx(np.array(turned), abs=1e-12)
 
 
-# What cannot be meant so
+# Invalid values
 
 FAULTS = {
     "a negative mass": (
@@ -230,7 +230,7 @@ def test_a_rig_damaged_anywhere_is_a_rig_or_refused_with_its_name(
     assert 0 < mass_kg < math.inf
 
 
-# Finding it
+# Finding the campaign
 
 
 def test_a_campaign_is_found_in_the_folder_that_was_named_or_above(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""A run folder: made once, appended to, closed, read; never overwritten, and never silent about what it lacks."""
+"""A run folder is made once, appended to, closed and read; it is never overwritten, and it reports what it lacks."""
 
 import tomllib
 from collections.abc import Callable
@@ -148,7 +148,7 @@ def test_a_block_that_does_not_fit_the_columns_is_a_bug_and_writes_nothing(tmp_p
     assert (writer.folder / "encoder.csv").read_text() == "t,phi\n"
 
 
-# Ends
+# Ends of runs
 
 
 def test_ctrl_c_closes_the_run_as_interrupted_with_all_rows(tmp_path: Path) -> None:
@@ -216,7 +216,7 @@ def test_two_devices_cannot_share_a_file_and_a_run_that_cannot_begin_leaves_no_f
     assert list((tmp_path / "runs").iterdir()) == []
 
 
-# Reading what is damaged, newer or changed
+# Reading damaged, newer or changed runs
 
 
 def test_a_run_that_was_not_closed_is_read_and_says_so(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Runs of instruments that sample by themselves: spans without samples are said, and a slow rate is no wrong unit."""
+"""Runs of instruments that sample by themselves: gaps are reported, and a slow rate is no wrong unit."""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime

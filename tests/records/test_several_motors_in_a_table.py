@@ -1,4 +1,4 @@
-"""Tables of motors below each other in one file: rows of one are chosen, and another header ends a table."""
+"""Tables of several motors below each other in one file: rows of one are chosen, and a new header ends a table."""
 
 import re
 from pathlib import Path

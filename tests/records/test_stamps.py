@@ -1,4 +1,4 @@
-"""Samples of a busy computer are placed by the stamps of the device that took them."""
+"""Samples that reach a busy computer late get their times from the stamps of the device that took them."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,9 +19,9 @@ SKEW = 40e-6
 
 
 def busy(rng: np.random.Generator, *, seconds: float = 4.0) -> tuple[Array, Array, Array]:
-    """Return when samples were taken, when they arrived, and the device's stamps of a crystal that is too fast.
+    """Return the times of samples, the times of their arrivals, and the stamps of a device whose crystal is too fast.
 
-    A poll waits for its answer, and this computer turns to other programs for up to 16 ms.
+    A poll waits for its answer, and the computer runs other programs for up to 16 ms.
     """
     taken, arrived, now = [], [], 1.7e9
     while now < 1.7e9 + seconds:
@@ -39,7 +39,7 @@ def placed(arrival_s: Array, stamp_us: Array) -> StampedTimes:
 
 
 def recorded(folder: Path, taken_s: Array, arrived_s: Array, sent_us: npt.NDArray[np.int64]) -> AngleRecord:
-    """Return what is read of a run in which a pendulum's angles arrived with a device's stamps."""
+    """Return the record that is read from a run in which a pendulum's angles arrived with a device's stamps."""
     angle = np.round(40 * np.exp(-taken_s / 20) * np.cos(14 * taken_s) * 4096 / 360).astype(int) + 2000
     devices = {"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi", STAMP), counts_per_turn=4096.0)}
     begun = datetime(2026, 1, 1, tzinfo=UTC)
@@ -95,7 +95,7 @@ def test_a_board_that_restarts_in_a_swing_is_named_and_its_times_are_joined_by_t
 ) -> None:
     rng = np.random.default_rng(4)
     seconds = 0.002 * np.arange(12000.0)
-    seconds = seconds[(seconds < 9) | (seconds > 10.5)]  # silent while it starts
+    seconds = seconds[(seconds < 9) | (seconds > 10.5)]  # the device is silent while it restarts
     late = rng.gamma(3.0, 15e-6, len(seconds)) + np.where(rng.random(len(seconds)) < 0.005, 0.1, 0.0)
     arrived = np.maximum.accumulate(1.7e9 + seconds + late)
     sent = (1e6 * np.where(seconds < 9, seconds + 0.8, seconds - 9) * (1 + SKEW)).astype(np.int64)
@@ -108,7 +108,7 @@ def test_a_board_that_restarts_in_a_swing_is_named_and_its_times_are_joined_by_t
 
 
 def test_stamps_that_lost_a_digit_cost_their_rows_alone(tmp_path: Path) -> None:
-    """Times by them ran to and fro, and a swing ended in a traceback."""
+    """Previously, times from such stamps jumped back and forth, and a swing ended in a traceback."""
     rng = np.random.default_rng(3)
     seconds = 0.002 * np.arange(6000.0)
     arrived, stamps = 1.7e9 + seconds + rng.gamma(3.0, 15e-6, 6000), (1e6 * seconds + 812_000).astype(np.int64)
@@ -118,7 +118,7 @@ def test_stamps_that_lost_a_digit_cost_their_rows_alone(tmp_path: Path) -> None:
     sent[wrong] = short
     record = recorded(tmp_path, seconds, arrived, sent)
 
-    assert 5850 < len(record.time_s) <= 5880  # a right one between two wrong ones goes too
+    assert 5850 < len(record.time_s) <= 5880  # a right stamp between two wrong ones is left out too
     assert np.all(np.diff(record.time_s) > 0)
     assert record.time_s == pytest.approx(0.002 * np.round(record.time_s / 0.002), abs=1e-4)
     assert any("whose device_us is off that of the rows around" in one.text for one in record.findings)
@@ -129,7 +129,7 @@ def test_stamps_that_lost_a_digit_cost_their_rows_alone(tmp_path: Path) -> None:
 def test_lines_in_bunches_are_placed_by_a_clock_that_is_one_and_any_other_is_named(
     tmp_path: Path, unit_s: float, cause: str | None
 ) -> None:
-    """A clock in microseconds places what arrived together; times that are those of arrival repeat, as is warned of."""
+    """A clock in microseconds separates lines that arrive together; otherwise their times repeat, with a warning."""
     seconds: npt.NDArray[np.float64] = 0.002 * np.arange(6000.0)
     arrived = 1.7e9 + 0.016 * np.ceil(seconds / 0.016)
     record = recorded(tmp_path, seconds, arrived, (seconds / unit_s + 812).astype(np.int64))

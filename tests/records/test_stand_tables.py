@@ -1,4 +1,4 @@
-"""Tables of thrust stands and typed ones: columns in SI by their heads, or refused with the line or the known heads."""
+"""Tables, typed or from thrust stands: headers give columns in SI, or an error names the line or the known headers."""
 
 import hashlib
 import math
@@ -40,7 +40,7 @@ def notes_of(table: StandTable) -> tuple[str, ...]:
 
 
 def held(rows: int = 60, head: str = "weight[g],pwm") -> str:
-    """Return a record whose pwm is held for twenty rows each."""
+    """Return a recording in which each pwm is held for twenty rows."""
     return "\n".join([head, *(f"{i % 7},{10000 * (i // 20)}" for i in range(rows)), ""])
 
 
@@ -257,7 +257,7 @@ def test_bitcrazes_ramp_of_2021_is_a_record_over_time() -> None:
     assert "cf2.1-stock-prop.csv: not used: v[V], i[A], p[W]." in notes_of(table)
 
 
-# What is missing or wrong in a part
+# Partly missing or wrong values
 
 
 def test_a_field_that_is_no_number_is_missing_and_named(tmp_path: Path) -> None:
@@ -735,7 +735,7 @@ def test_a_command_whose_header_states_microseconds_is_a_pulse_width_also_where_
 
 
 def test_a_time_that_is_named_keeps_the_unit_of_its_header(tmp_path: Path) -> None:
-    rows = "".join(f"{at / 5},{20000 * (at // 20)},{at // 20}\n" for at in range(80))  # a step that suits s and ms
+    rows = "".join(f"{at / 5},{20000 * (at // 20)},{at // 20}\n" for at in range(80))  # a step plausible in s and in ms
     table = read(tmp_path, "Time (ms),cmd,thrust_n\n" + rows, columns=("t=Time (ms)",))
     assert np.asarray(table.time_s)[-1] == pytest.approx(0.0158)
 
@@ -823,7 +823,7 @@ def stand_columns() -> dict[str, npt.NDArray[np.float64]]:
 
 
 def stepped_stand(change: dict[str, dict[int, float]]) -> str:
-    """Return the text of a stand's recording at 50 Hz with steps of the throttle, and values that are changed."""
+    """Return the text of a stand's recording at 50 Hz with steps of the throttle and some values changed."""
     columns = stand_columns()
     for name, values in change.items():
         columns[name] = columns[name].copy() if name in columns else np.zeros(600)

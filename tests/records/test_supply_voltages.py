@@ -1,4 +1,4 @@
-"""A voltage that a supply cannot have had is found, and real ones stay, of one cell to twelve and of bench supplies."""
+"""Impossible supply voltages are found, and real ones stay, for batteries of one to twelve cells and bench supplies."""
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +12,7 @@ ROWS = 4000
 
 
 def battery(cells: float, *, sag: float = 0.3) -> Array:
-    """Return the voltage of lithium cells that are emptied, under loads that come and go within one row."""
+    """Return the voltage of lithium cells that discharge under loads that change from one row to the next."""
     rng = np.random.default_rng(4)
     load = np.repeat(rng.uniform(0, 1, ROWS // 20) ** 2, 20)
     return np.asarray(cells * (np.linspace(4.3, 3.7, ROWS) - sag * 3.7 * load + rng.normal(0, 0.01, ROWS)))

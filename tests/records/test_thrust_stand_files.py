@@ -32,7 +32,7 @@ def notes_of(table: StandTable) -> tuple[str, ...]:
 
 
 def text_of(rows: list[tuple[Any, ...]] = STEPS, head: str = NAMES) -> str:
-    """Return a file whose every line ends with a comma, and whose servos are absent."""
+    """Return a file in which every line ends with a comma and no servo has values."""
     lines = [
         f"{t},{esc},,0.01,{torque},{thrust},{volts},1.5,{el},{opt},12,0.2,,"
         for t, esc, torque, thrust, volts, el, opt in rows
@@ -224,9 +224,9 @@ def test_a_sensor_that_is_dead_for_a_while_is_missing_under_a_small_thrust_too(t
     rng = np.random.default_rng(4)
     pulses = np.repeat([1000, 1150, 1400, 2000, 1150, 1000], 40)
     rpm = 12.0 * (pulses - 1000)
-    offset = 0.03  # of a load cell that is not tared
+    offset = 0.03  # a load cell that is not tared
     thrust = offset + 1.2e-8 * rpm**2 + 1e-4 * rng.standard_normal(len(pulses))
-    rpm[60:170] = 0  # from within the smallest command on
+    rpm[60:170] = 0  # starts within the smallest command
     rows = [(f"{at / 50}", pulses[at], 0, f"{thrust[at] / GF:.6f}", 8, f"{rpm[at]}", 0) for at in range(len(pulses))]
     speed = np.asarray(read(tmp_path, text_of(rows)).speeds_rad_s)[:, 0]
 

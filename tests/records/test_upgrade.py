@@ -1,4 +1,4 @@
-"""A campaign of 0.1 becomes one of today, and its old files stay."""
+"""A campaign of version 0.1 becomes one of the present version, and its old files stay."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Forces and torques of a run or of a bare file: in N and Nm, or refused with the line and the option to say."""
+"""Forces and torques of a run or of a bare file: in N and Nm, or refused with the line and the option to give."""
 
 import tomllib
 from collections.abc import Callable
