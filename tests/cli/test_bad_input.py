@@ -38,7 +38,7 @@ def scaled(factor: float, column: int) -> Spoil:
 
 
 def in_unit(head: str, factor: float) -> Spoil:
-    """Rewrite counts as an angle, `factor` times radians."""
+    """Return a function that rewrites counts as an angle, `factor` times the angle in rad."""
 
     def spoil(lines: list[str]) -> list[str]:
         rows = [line.split(",") for line in lines[1:]]

@@ -1,6 +1,6 @@
-"""Ten recordings that are good for nothing: each is named as such during the recording, or by its verdict at the end.
+"""Ten unusable recordings: each fault is reported during the recording, or by the verdict at its end.
 
-`pytest -m slow -n 0 -s tests/cli/test_bad_recordings.py` prints what was said, and after which time.
+`pytest -m slow -n 0 -s tests/cli/test_bad_recordings.py` prints each message and the time after which it came.
 """
 
 import json
@@ -28,7 +28,7 @@ SINE = ("sine", "--l", 40, "--n", 1000, "--yes")
 
 
 def pendulum() -> tuple[Array, Array]:
-    """Return time and angle of a swing that is let go at 40 degrees after two seconds."""
+    """Return time and angle of a swing that is released at 40 degrees after two seconds."""
     body = Pendulum(axis_inertia_kg_m2=3e-5, gravity_moment_nm=6.3e-3, viscous_nms_per_rad=4e-6, coulomb_nm=3e-6)
     hand = HandRelease(angle_rad=math.radians(40), wait_s=1.0)
     found = swing([body], [hand], duration_s=30.0)
@@ -40,7 +40,7 @@ def held(time_s: Array, angle_rad: Array) -> Array:
 
 
 def striking(time_s: Array, angle_rad: Array) -> Array:
-    """Let the same pendulum bounce off a stop at -0.35 rad with a half of its speed."""
+    """Return the angle of the same pendulum that bounces off a stop at -0.35 rad with half its speed."""
     step_s, angle, speed, found = 1e-4, float(angle_rad.max()), 0.0, []
     for _ in np.arange(0, time_s[-1], step_s):
         speed -= step_s * (210 * math.sin(angle) + 0.13 * speed)
@@ -106,7 +106,7 @@ def test_an_encoder_that_ends_at_an_angle_is_named_and_the_rest_of_its_swing_usa
 
 
 def scaled(*factors: float) -> Spoil:
-    """Return what makes the axes of the load cell feel so much of their load."""
+    """Return a function that multiplies the load on each axis of the load cell by its factor."""
 
     def spoil(bench: Bench) -> None:
         cell = bench.rig.loadcell.box.load_cell

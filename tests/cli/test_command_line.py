@@ -1,4 +1,4 @@
-"""How the program starts and ends: quickly, with help for everything, with one sentence for an error."""
+"""How the program starts and ends: quickly, with help for everything, and with one sentence for an error."""
 
 import os
 import subprocess
@@ -45,7 +45,7 @@ def test_every_command_has_help_with_an_example(cfid: Cfid, command: str) -> Non
     ended = cfid(*command.split(), "--help")
 
     assert ended.returncode == 0
-    example = {"fit tf": "tf identify"}.get(command, command)  # one command by two names
+    example = {"fit tf": "tf identify"}.get(command, command)  # one command with two names
     assert f"Example: cfid {example}" in " ".join(ended.stdout.split())
 
 

@@ -1,4 +1,4 @@
-"""One of a thing is said in the singular."""
+"""A count of one takes the singular."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Every command, on a terminal, in a campaign whose folder, rig and addresses are named to be obeyed by it."""
+"""Every command on a terminal, in a campaign whose folder, rig and addresses have control sequences in their names."""
 
 import fcntl
 import os
@@ -42,7 +42,7 @@ RECORDINGS = {
     "log wind",
 }
 
-# With these words a command speaks of the campaign, its runs or its rig; any other takes a file that is not there.
+# With these arguments a command names the campaign, its runs or its rig; all others get a file that does not exist.
 WORDS: dict[str, tuple[object, ...]] = {
     "demo": ("{folder}/demo", "--bogus"),
     "new": ("sub",),
@@ -81,7 +81,7 @@ WORDS: dict[str, tuple[object, ...]] = {
 
 @pytest.fixture
 def evil(tmp_path: Path, recordings: list[Any]) -> Iterator[Path]:
-    """A campaign with such names whose rig is simulated."""
+    """A campaign with control sequences in its names, and with a simulated rig."""
     folder = tmp_path / f"campaign{EVIL}"
     make_campaign(folder)
     rig = folder / "rig.toml"
@@ -121,7 +121,7 @@ class Screen:
         return started(words, cwd=folder, env=environment, stdout=self._near, stderr=self._near, **options)
 
     def read(self) -> str:
-        """Return all that was shown so far."""
+        """Return everything that was shown so far."""
         while select.select([self._far], [], [], 0)[0]:
             self._shown += os.read(self._far, 65536)
         return self._shown.decode()
@@ -132,14 +132,14 @@ class Screen:
 
 
 def unprintable(text: str) -> list[str]:
-    """Return what a terminal would obey, except for colours, line ends and the status line's returns."""
+    """Return what a terminal would obey, in context, except colours, line ends and the status line's returns."""
     plain = OWN.sub("", text.replace("\r\n", "\n"))
     found = [place for place, letter in enumerate(plain) if not letter.isprintable() and letter not in "\n\r\a"]
     return [plain[max(place - 60, 0) : place + 20] for place in found]
 
 
 def shown_by(name: str, folder: Path) -> str:
-    """Run a command on a terminal, answer its questions with yes but that to go on, and return what it showed."""
+    """Run a command on a terminal and return what it showed; its questions get a yes, but that of `next` gets a no."""
     words = [str(word).format(folder=folder) for word in WORDS.get(name, ("{folder}/none.csv",))]
     screen = Screen()
     process = screen.start((*name.split(), *words), folder, dict(os.environ), stdin=subprocess.PIPE)
@@ -159,7 +159,7 @@ def shown_by(name: str, folder: Path) -> str:
 def test_no_command_shows_what_the_names_of_a_campaign_would_have_a_terminal_do(evil: Path) -> None:
     shown = {}
     names = [name for name, (function, _) in COMMANDS.items() if function and name != "rig sim"]
-    for name in sorted(names, key=lambda name: name != "fit swing"):  # what it found is shown by others
+    for name in sorted(names, key=lambda name: name != "fit swing"):  # first, since others show its result
         shown[name] = shown_by(name, evil)
         assert "Traceback" not in shown[name], (name, shown[name])
         assert not unprintable(shown[name]), (name, unprintable(shown[name]))

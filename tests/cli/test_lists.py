@@ -29,7 +29,7 @@ def test_a_number_is_finite(text: str) -> None:
 
 
 def test_a_span_rises_from_zero_on() -> None:
-    for text in ("0,4.5", "0:4.5"):  # as now, and as version 0.1
+    for text in ("0,4.5", "0:4.5"):  # the present form, and that of version 0.1
         assert span(text, "--window", unit="seconds", example="4,8") == (0.0, 4.5)
     for text in ("4", "4,4", "8,4", "-1,4", "1,2,3", "nan,4", "0,inf", "a,b"):
         with pytest.raises(ConfigError, match=f"--window {text}: should be FROM,TO in seconds"):

@@ -1,4 +1,4 @@
-"""`cfid log` as its operator meets it: options, labels, what is printed where, and the line that lives."""
+"""`cfid log` as an operator sees it: options, labels, where output goes, and the live line."""
 
 import contextlib
 import fcntl
@@ -75,7 +75,7 @@ def test_an_option_that_cannot_be_meant_so_is_told_before_anything_is_opened(
     assert [path.name for path in tmp_path.iterdir()] == [RIG_FILE]
 
 
-# What the run says
+# What the run states
 
 
 @pytest.mark.parametrize(
@@ -122,14 +122,14 @@ def test_a_load_cell_is_biased_and_sends_singly_when_asked_to(lab: Lab) -> None:
     assert lab.facts("loadcell")["asked"] == "real-time"
     assert lab.facts("loadcell")["biased"]
     assert lab.facts("loadcell")["settings"]["buffer_size"] == 1
-    assert abs(rows["Fz"].iloc[:20].mean()) < 5e5  # half a newton, where the cell's own offset is 1.4
+    assert abs(rows["Fz"].iloc[:20].mean()) < 5e5  # half a newton; the cell's own offset is 1.4 N
     assert lab.facts("loadcell")["settings"]["bias"] == list(lab.box.box.settings.bias_counts)
     assert any(lab.box.box.settings.bias_counts)
 
 
 def test_a_bias_that_the_box_does_not_show_is_told(lab: Lab) -> None:
     lab.loadcell_suffers(refuse_settings=True)
-    lab.box.box.settings.buffer_size = 1  # as asked for, so that nothing else is set
+    lab.box.box.settings.buffer_size = 1  # already the requested value, so that nothing else is set
 
     said = lab.cfid("log", "loadcell", "--bias", "--real-time", "--for", 0.3)
 
@@ -160,7 +160,7 @@ def rows_of(run: Run, device: str) -> pd.DataFrame:
     return pd.read_csv(run.device_file(device))
 
 
-# What is printed where
+# Where output goes
 
 
 @BOTH
@@ -199,7 +199,7 @@ def test_a_reader_that_went_away_costs_words_and_no_rows(lab: Lab) -> None:
 
 
 class Terminal:
-    """A terminal, of 80 columns where nothing else is said, and everything that was shown on it."""
+    """A terminal, 80 columns wide by default, and everything that was shown on it."""
 
     def __init__(self, columns: int = COLUMNS) -> None:
         self.screen, self.end = pty.openpty()
@@ -208,8 +208,8 @@ class Terminal:
         self._shown = b""
 
     def shown(self) -> str:
-        """Read what has come; who shows something waits until it is read."""
-        with contextlib.suppress(OSError):  # nothing there, or nobody writes any more
+        """Return everything that was shown so far; a program may wait for this before it shows more."""
+        with contextlib.suppress(OSError):  # no data yet, or no writer any more
             while data := os.read(self.screen, 4096):
                 self._shown += data
         return self._shown.decode("utf-8", "ignore")
@@ -221,7 +221,7 @@ class Terminal:
         os.write(self.screen, key)
 
     def fill(self) -> None:
-        """Write until it takes no more, since nobody looks at the screen."""
+        """Write until the terminal accepts no more, since nobody reads its screen."""
         end = os.open(os.ttyname(self.end), os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
         with contextlib.suppress(BlockingIOError):
             while os.write(end, b"." * 512):
@@ -266,7 +266,7 @@ def test_a_terminal_shows_a_line_that_lives_and_never_wraps(lab: Lab, device: st
             assert all(len(frame) < COLUMNS for frame in text.split("\r"))
     assert "Traceback" not in shown
     assert shown.endswith("\r\a")
-    assert shown.rstrip("\r\a").rpartition("\r")[2].strip() == ""  # the line is wiped off
+    assert shown.rstrip("\r\a").rpartition("\r")[2].strip() == ""  # the live line is erased
 
 
 @BOTH
@@ -328,7 +328,7 @@ def test_a_terminal_that_takes_nothing_holds_up_no_recording(lab: Lab, stopped_b
         log.wait_until(lambda: re.search(r"0 lost  \d+ Hz", terminal.shown()), "a line")
         terminal.press(b"\x13")
     log.wait_for_rows(500)
-    lab.box.box.status = 0x80010000  # a sentence is to be said
+    lab.box.box.status = 0x80010000  # a fault that has to be reported
     log.wait_for_rows(500)
     said = log.ask_to_end(number)
     terminal.hang_up()
@@ -377,7 +377,7 @@ def test_a_pipe_that_nobody_reads_holds_up_no_recording(lab: Lab) -> None:
         ("encoder --axis x --for 20", "would record the encoder into"),
         ("loadcell", "until Ctrl-C. Nothing was opened."),
         ("ping --count 200 --interval 0.05", "would record 200 pings into"),
-        ("ping --yes", "would record 1000 pings into"),  # as version 0.1 took it
+        ("ping --yes", "would record 1000 pings into"),  # as version 0.1 accepted it
         ("thrust", "33 commands from 0 to 64000"),
         ("speed", "commands from"),
         ("scales", "17 commands from 0 to 64000"),

@@ -1,4 +1,4 @@
-"""A command that takes long says so."""
+"""A command that takes long reports that it is still at work."""
 
 import time
 

@@ -1,4 +1,4 @@
-"""`cfid rig check` and `cfid rig sim`: who answers, a rig to practise on, and what is left of it afterwards."""
+"""`cfid rig check` and `cfid rig sim`: which devices answer, a simulated rig, and what remains of it afterwards."""
 
 import json
 import signal
@@ -93,7 +93,7 @@ def test_a_simulated_rig_tells_where_its_vehicle_is_and_traces_its_motors(lab: L
         uri = tomllib.loads((lab.folder / SIM_FILE).read_text())["devices"]["crazyflie"]["uri"]
         host, _, port = uri.removeprefix("udp://").partition(":")
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
-            for number, value in ((1, b"\x30\x75"), (0, b"\x02")):  # motorPowerSet: 30000, of all motors
+            for number, value in ((1, b"\x30\x75"), (0, b"\x02")):  # motorPowerSet: 30000 for all motors
                 client.sendto(b"\x2e" + bytes([number, 0]) + value, (host, int(port)))
         trace = lab.folder / "motors.txt"
         sim.wait_until(lambda: len(trace.read_text().splitlines()) == 3, "motors that started and stopped")
@@ -110,14 +110,14 @@ def test_a_killed_simulated_rig_is_not_taken_for_the_real_one(lab: Lab) -> None:
 
     ended = lab.cfid("log", "encoder", "--for", 0.3)
 
-    assert ended.code == 2  # the rig's own devices were not meant
+    assert ended.code == 2  # the real devices do not replace the simulated ones
     assert "Start `cfid rig sim` here, or delete this file for the devices of rig.toml." in " ".join(ended.err.split())
     assert list(lab.folder.glob("runs/*")) == []
     assert "the devices are the real ones of rig.toml" in " ".join(lab.cfid("rig", "check").err.split())
     (lab.folder / SIM_FILE).unlink()
     assert lab.cfid("log", "encoder", "--for", 0.3).code == 0
     assert not lab.run().header.simulated
-    with rig_sim(lab):  # and the next one takes its place
+    with rig_sim(lab):  # the next simulated rig takes its place
         assert lab.cfid("rig", "check").err.startswith(SIMULATED)
 
 

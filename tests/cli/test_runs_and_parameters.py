@@ -1,4 +1,4 @@
-"""What runs a word stands for, what fits leave out, what a campaign knows, and what is set by hand."""
+"""Which runs an argument selects, what fits leave out, what a campaign knows, and what is set by hand."""
 
 import json
 import os
@@ -62,7 +62,7 @@ def words(campaign: Campaign, *given: str) -> list[str]:
     return chosen(list(given), campaign, suits=DROPS, wanted="drops")
 
 
-# Words
+# Arguments
 
 
 def test_without_a_word_all_complete_runs_of_the_kind_are_taken_and_the_others_named(
@@ -294,12 +294,12 @@ def test_a_run_that_is_being_recorded_is_not_touched(cfid: Cfid, campaign: Campa
     assert ended.returncode == 2
     assert "is still being recorded" in ended.stderr
     writer.append("encoder", ([1.7e9], [0]))
-    os.utime(writer.folder / "encoder.csv", (0, 0))  # it waits for an encoder, or for a reading to be typed
+    os.utime(writer.folder / "encoder.csv", (0, 0))  # old, as if it waited for an encoder or a typed reading
     assert states(writer.folder.name) == ("recording", "recording")
     assert cfid("runs", "exclude", writer.folder.name).returncode == 2
     shutil.copytree(writer.folder, campaign.runs_folder / "9999-01-01_000000_drop")
     assert states("9999-01-01_000000_drop") == ("cut", "cut")
-    assert cfid("runs", "exclude", "last").returncode == 0  # a run that was cut
+    assert cfid("runs", "exclude", "last").returncode == 0  # the run that was cut
     writer.close("failed")
 
 

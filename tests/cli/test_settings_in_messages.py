@@ -1,4 +1,4 @@
-"""Messages of what Python calls too name settings, in backticks; the command line shows its options instead."""
+"""Messages of the Python interface name settings in backticks; the command line shows its options instead."""
 
 import ast
 import re
@@ -15,11 +15,11 @@ from tests.places import ROOT
 COMMANDS = ROOT / "docs" / "reference" / "commands.md"
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
 SETTING = re.compile(r"`([a-z]\w*)`")
-OF_ANOTHER_PROGRAM = {"--comb"}  # of the simulator that an exported file is for
+OF_ANOTHER_PROGRAM = {"--comb"}  # an option of the simulator that an exported file is for
 
 
 def below_the_command_line() -> Iterator[Path]:
-    """Yield the modules that Python calls; demo, guide and watch type commands, as a person does."""
+    """Yield the modules that Python users call, without demo, guide and watch, which type commands as a person does."""
     for path in sorted((ROOT / "cfid").rglob("*.py")):
         package = path.relative_to(ROOT / "cfid").parts[0]
         if package not in ("cli", "console", "demo", "guide", "watch") and not path.stem.endswith("command"):
@@ -27,7 +27,7 @@ def below_the_command_line() -> Iterator[Path]:
 
 
 def literals(source: str) -> Iterator[str]:
-    """Yield the strings of a module but for docstrings."""
+    """Yield the strings of a module except its docstrings."""
     tree = ast.parse(source)
     alone = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     for node in ast.walk(tree):
@@ -36,7 +36,7 @@ def literals(source: str) -> Iterator[str]:
 
 
 def named(pattern: re.Pattern[str]) -> dict[str, Path]:
-    """Return what a pattern finds in the strings of these modules, and in which module."""
+    """Return what a pattern finds in the strings of these modules, each with its module."""
     texts = ((text, path) for path in below_the_command_line() for text in literals(path.read_text(encoding="utf-8")))
     return {found: path for text, path in texts for found in pattern.findall(text)}
 

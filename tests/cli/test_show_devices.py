@@ -1,4 +1,4 @@
-"""`cfid show` for what is neither angle nor force: commands, battery, crossings, pings, readings."""
+"""`cfid show` of recordings other than angles and forces: commands, battery, crossings, pings, readings."""
 
 import json
 from datetime import UTC, datetime
@@ -21,7 +21,7 @@ DEVICES = {
 
 
 def recorded(folder: Path, *devices: str) -> Path:
-    """Record a run of some devices."""
+    """Record a run of the given devices."""
     records = {name: DeviceRecord(file=f"{name}.csv", columns=("t", *DEVICES[name])) for name in devices}
     with create_run(
         folder,

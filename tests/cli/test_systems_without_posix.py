@@ -28,7 +28,7 @@ for words in sys.argv[1:]:
 
 
 def cfid(*commands: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    """Run commands one after the other in a Python without these modules, up to the first that fails."""
+    """Run commands one after another in a Python without these modules, until one of them fails."""
     return subprocess.run(
         [sys.executable, "-W", "error", "-c", BLOCKED, *commands],
         cwd=folder, capture_output=True, text=True, check=False,

@@ -1,4 +1,4 @@
-"""The table of commands: what lists show is what commands say of themselves, and only the one called is imported."""
+"""The table of commands: lists show what each command's docstring states, and only the called command is imported."""
 
 import inspect
 import subprocess

@@ -1,4 +1,4 @@
-"""What cfid prints on a terminal of 80 columns fits it; a pipe and the files get whole sentences."""
+"""The output of cfid fits a terminal of 80 columns; pipes and files get whole sentences."""
 
 import contextlib
 import fcntl
@@ -55,7 +55,7 @@ class Screen:
             of()
         print(MARK, file=self.file, flush=True)
         read = b""
-        while MARK.encode() not in read:  # a terminal hands on what was written in pieces
+        while MARK.encode() not in read:  # a terminal passes on output in pieces
             read += os.read(self._master, 100_000)
         return read.decode().splitlines()[:-1]
 

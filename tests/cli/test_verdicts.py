@@ -62,7 +62,7 @@ def test_a_drop_is_no_swing_and_is_told_to_be_recorded_again(bodies: Path) -> No
 
 
 def test_a_falling_weight_that_stops_at_once_is_named_as_a_body_that_turned(bodies: Path) -> None:
-    """The floor stops the weight, and the axis with it: no encoder froze."""
+    """The floor stops the weight, and the axis with it, so a constant angle does not mean that the encoder froze."""
     run = runs_of(bodies, "drop")[0]
     path = run.device_file("encoder")
     header, *rows = path.read_text().splitlines()
@@ -110,7 +110,7 @@ def test_a_clock_in_milliseconds_is_named_beside_why_a_swing_of_bunched_lines_is
     run = runs_of(bodies, "swing")[0]
     path, record = run.device_file("encoder"), run.header.devices["encoder"]
     rows = pd.read_csv(path, dtype={"t": np.float64})
-    rows["device_us"] = (1e3 * (rows["t"] - rows["t"][0])).astype(int) + np.arange(len(rows))  # it has to rise
+    rows["device_us"] = (1e3 * (rows["t"] - rows["t"][0])).astype(int) + np.arange(len(rows))  # stamps have to rise
     rows["t"] = 0.1 * np.ceil(rows["t"] / 0.1)
     rows.to_csv(path, index=False, float_format="%.6f")
     kept = record.model_copy(update={"columns": tuple(rows.columns)})
@@ -123,7 +123,7 @@ def test_a_clock_in_milliseconds_is_named_beside_why_a_swing_of_bunched_lines_is
 
 
 def counting(run: Run, **counts: Any) -> Run:
-    """Return a run whose device has other counts of its samples."""
+    """Return a run whose device has the given counts of its samples."""
     (name, record), *_ = run.header.devices.items()
     devices = {name: record.model_copy(update={"rows": 1000, "lost": 0, **counts})}
     return Run(folder=run.folder, header=run.header.model_copy(update={"devices": devices}))
@@ -161,7 +161,7 @@ def test_what_was_missed_while_the_program_was_suspended_is_laid_to_no_other_pro
 
 
 def test_losses_stand_beside_why_a_recording_is_of_no_use(bodies: Path) -> None:
-    """A drop that a busy computer read at 713 of 1000 Hz was told to fall farther alone."""
+    """Previously, the only advice on a drop that a busy computer read at 713 of 1000 Hz was to let it fall farther."""
     run = counting(runs_of(bodies, "drop")[0], rate_hz=1000.0, skipped=1000)
 
     line = verdict_line(judged(run, cfid.swing.verdict.verdict))
@@ -319,14 +319,14 @@ def test_a_cell_whose_force_never_changes_is_not_usable(tmp_path: Path) -> None:
 
 
 def of_one_axis(folder: Path, counts: npt.NDArray[np.float64]) -> Run:
-    """Return a judged run of a bar that reads so many counts (n,) 80 times a second."""
+    """Return a judged run of a bar load cell that reads `counts` (n,) at 80 Hz."""
     times = 1.7e9 + np.arange(len(counts)) / 80
     run = recorded(folder, "loadcell", (times, 2.3e-5 * counts), "t,Fz", units="n,nm")
     return judged(read_run(run), cfid.loadcell.verdict.verdict)
 
 
 def noisy_counts(size: int = 800) -> npt.NDArray[np.float64]:
-    """Return counts (n,) of a bar's amplifier under 1 N."""
+    """Return counts (n,) of the amplifier of a bar load cell under 1 N."""
     return np.rint(43500 + np.random.default_rng(1).normal(0, 20, size))
 
 
@@ -350,7 +350,7 @@ def test_a_cell_that_hangs_for_a_moment_is_named_beside_its_noise(tmp_path: Path
 
 
 def test_scales_whose_steps_are_coarser_than_their_noise_do_not_hang(tmp_path: Path) -> None:
-    """They rest at zero, and flicker by a step under a load."""
+    """The scales read a constant zero without a load, and flicker by one step under a load."""
     counts = np.rint(500 + np.random.default_rng(2).normal(0, 0.4, 800))
     counts[:400] = 0
     assert "repeats" not in verdict_line(of_one_axis(tmp_path, counts))
@@ -386,7 +386,7 @@ def test_a_recording_of_no_use_is_left_out_unless_it_is_named(bodies: Path, cfid
 
 def test_a_recording_of_an_hour_is_not_judged_at_its_end(bodies: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = runs_of(bodies, "swing")[0]
-    os.truncate(run.device_file("encoder"), 500_000_000)  # without a byte on the disk
+    os.truncate(run.device_file("encoder"), 500_000_000)  # sparse, without a byte on the disk
 
     def judge(_: Run) -> str:
         raise AssertionError("this would be read")
