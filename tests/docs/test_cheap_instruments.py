@@ -15,7 +15,7 @@ TEXT = (ROOT / "docs" / "how-to" / "cheap-instruments.md").read_text(encoding="u
 TABLES = re.findall(r"```toml\n(.*?)```", TEXT, re.DOTALL)
 SKETCH = re.findall(r"```cpp\n(.*?)```", TEXT, re.DOTALL)
 
-# A board whose encoder stands at 0x0ABC and whose amplifier reads -2; `micros` passes 1 ms a call.
+# A board whose encoder reads 0x0ABC and whose amplifier reads -2; `micros` advances by 1 ms per call.
 BOARD = """
 #include <cstdio>
 typedef unsigned char byte;

@@ -1,4 +1,4 @@
-"""The page from an empty table to the matrix: its rig.toml determines one, and its commands find the simulated one."""
+"""The page from-an-empty-table.md: its rig.toml determines a matrix, and its commands find the simulated matrix."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""The documentation says what the code computes, and links to what is there."""
+"""The documentation states what the code computes, and its links lead to existing files."""
 
 import importlib.util
 import re

@@ -12,7 +12,7 @@ from tests.places import ROOT
 TEXT = (ROOT / "docs" / "reference" / "faults.md").read_text()
 ROWS = [[cell.strip() for cell in line.strip("|").split("|")] for line in TEXT.splitlines() if line.startswith("|")]
 FAULTS = [row for row in ROWS if row[0] != "fault" and set(row[0]) != {"-"}]
-TEST = re.compile(r"^def (test_\w+)\(.*\n(?:(?:[ )].*)?\n)*", re.MULTILINE)  # up to the next line that is not its own
+TEST = re.compile(r"^def (test_\w+)\(.*\n(?:(?:[ )].*)?\n)*", re.MULTILINE)  # up to the next line outside the test
 EXIT_CODES = {"", "0", "1", "2", "3", "4", "130"}
 
 
@@ -43,7 +43,7 @@ def test_every_row_that_says_so_has_a_test_that_checks_the_rig() -> None:
 
 
 def _tests() -> dict[str, str]:
-    """Return the source of every test by its name; tests of one name together."""
+    """Return the source of every test by its name; the sources of tests with the same name are joined."""
     found: dict[str, str] = defaultdict(str)
     for path in (ROOT / "tests").rglob("test_*.py"):
         for test in TEST.finditer(path.read_text()):

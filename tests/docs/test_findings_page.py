@@ -1,4 +1,4 @@
-"""The page of findings has every code that a result may carry, and no other."""
+"""The page of findings lists every code that a result may have, and no other."""
 
 import ast
 import re
@@ -13,7 +13,7 @@ from tests.places import ROOT
 PAGE = ROOT / "docs" / "reference" / "findings.md"
 
 
-# What rejects one row of several: a warning of the result, which has the other rows.
+# Findings that reject one row of several: the result keeps the other rows, so for the result they are warnings.
 OF_A_ROW = {
     *("step-held-too-short", "step-lag-misfit", "step-lag-noisy", "step-lag-unseen"),
     *("lag-log-too-slow", "lag-misfit", "lag-not-excited"),
@@ -23,7 +23,7 @@ OF_A_ROW = {
 
 
 def codes_in(source: str) -> Iterator[tuple[str, str]]:
-    """Yield code and severity of every finding that a module makes."""
+    """Yield the code and the severity of every finding that a module makes."""
     tree = ast.parse(source)
     imports = (node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module == "cfid.findings")
     makers = {name.asname or name.name: name.name for node in imports for name in node.names}
@@ -51,7 +51,7 @@ def found() -> Mapping[str, frozenset[str]]:
 
 
 def listed() -> list[tuple[str, str]]:
-    """Return code and severity of each row."""
+    """Return the code and the severity in each row of the page."""
     return re.findall(r"^\| `([\w-]+)` \| ([^|]+) \|", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
 
 

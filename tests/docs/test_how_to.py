@@ -1,4 +1,4 @@
-"""What how-to pages show of a command is what the command prints."""
+"""How-to pages show what their commands print."""
 
 import re
 
@@ -11,7 +11,7 @@ HOW_TO = ROOT / "docs" / "how-to"
 
 
 def plain(text: str) -> str:
-    """Return a text without the lines of tables, and with single spaces."""
+    """Return a text without the vertical lines of tables, and with single spaces."""
     return "\n".join(" ".join(re.sub("[│┃]", " ", line).split()) for line in text.splitlines())
 
 

@@ -1,4 +1,4 @@
-"""The reference says what the program has: commands, keys of rig.toml, keys of parameters."""
+"""The reference matches the program: commands, keys of rig.toml, keys of parameters."""
 
 import importlib.util
 import re
@@ -54,7 +54,7 @@ def _keys(model: type[BaseModel], before: str) -> Iterator[tuple[str, str]]:
 
 
 def _tables(kind: Any) -> Iterator[tuple[type[BaseModel], str]]:
-    """Yield the tables below a key, each with what stands behind its name."""
+    """Yield the tables below a key, each with the text that follows the key's name, such as `.NAME` or `[]`."""
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         yield kind, ""
         return

@@ -1,4 +1,4 @@
-"""What a release has: one version, Pythons that agree, templates, and a wheel in which the README's tour runs."""
+"""A release has one version, consistent Python versions, templates, and a wheel that runs the README's tour."""
 
 import os
 import re
@@ -27,7 +27,7 @@ LONGEST_S, RIG_WITHIN_S = 1200.0, 60.0
 
 
 def interpreters() -> list[Path]:
-    """Return one interpreter of each supported version that is found, by its version."""
+    """Return one interpreter of each supported version that is installed, sorted by version."""
     minor = int(PROJECT["requires-python"].rpartition(".")[2])
     pyenv = sorted(Path("~/.pyenv/versions").expanduser().glob("3.*/bin/python"))
     found = [str(path) for path in pyenv] + [shutil.which(f"python3.{each}") or "" for each in range(minor, 20)]
@@ -41,7 +41,7 @@ def interpreters() -> list[Path]:
 
 
 def tour() -> list[str]:
-    """Return the words of the commands of the README's tour."""
+    """Return the arguments of each command in the README's tour."""
     lines = README.partition("## A tour")[2].partition("\nEvery command")[0].splitlines()
     parts = [part.split() for line in lines for part in line.partition("#")[0].split("&&")]
     return [" ".join(words[1:]) for words in parts if words[:1] == ["cfid"]]
@@ -124,7 +124,7 @@ def test_the_tour_of_the_readme_runs_in_an_empty_environment_with_the_wheel(tmp_
 
 
 def _look(command: list[str], lab: Path) -> None:
-    """Open the page of what serves until Ctrl-C."""
+    """Open the page of a command that serves until Ctrl-C."""
     quiet = {**os.environ, "BROWSER": "true"}  # a program that does nothing
     with subprocess.Popen(
         command, cwd=lab, env=quiet, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
@@ -141,7 +141,7 @@ def _look(command: list[str], lab: Path) -> None:
 
 
 def _walk(program: Path, lab: Path) -> None:
-    """Run the tour at a simulated rig, in a campaign whose fits have more than the tour's one recording."""
+    """Run the tour at a simulated rig, in a demo campaign, since fits need more recordings than the tour's one."""
 
     def cfid(words: str, folder: Path) -> None:
         ended = subprocess.run(
@@ -150,7 +150,7 @@ def _walk(program: Path, lab: Path) -> None:
         assert ended.returncode == 0, f"cfid {words}: {ended.stdout}{ended.stderr}"
 
     cfid(f"demo {lab.name} --no-figures", lab.parent)
-    shutil.rmtree(lab / "exports")  # files that the tour writes
+    shutil.rmtree(lab / "exports")  # the tour writes these files itself
     with (
         ahead_of_others(),
         subprocess.Popen([program, "rig", "sim", "--axis", "x"], cwd=lab, stderr=subprocess.DEVNULL) as rig,

@@ -1,4 +1,4 @@
-"""The tutorial runs from its first line to its last, and prints the numbers that stand in it."""
+"""The tutorial runs from its first line to its last, and prints the numbers that its page shows."""
 
 import os
 import re
@@ -25,7 +25,7 @@ MARK = "--- end of a block ---"
 
 
 def steps(page: str) -> Iterator[tuple[str, list[str]]]:
-    """Yield each shell block with the lines that the page shows of its output."""
+    """Yield each shell block with the lines of its output that the page shows."""
     blocks: list[tuple[str, list[str]]] = []
     for kind, text in BLOCK.findall(page):
         if kind == "sh":
@@ -36,18 +36,18 @@ def steps(page: str) -> Iterator[tuple[str, list[str]]]:
 
 
 def alike(text: str, folder: Path) -> str:
-    """Return a text without what no two runs share: dates in names, the folder, and spaces at ends of lines."""
+    """Return a text without what differs between runs: dates in names, the folder, and spaces at ends of lines."""
     text = re.sub(r"\d{4}-\d\d-\d\d_\d{6}", "DATE", text.replace(str(folder), "..."))
     return "\n".join(line.rstrip() for line in text.splitlines())
 
 
 def agrees(shown: str, printed: str) -> bool:
-    """Return whether a printed line is one that the page shows; `   ...` at its end stands for anything.
+    """Return whether a printed line agrees with a line of the page; `   ...` at its end stands for any text.
 
     Whole numbers and words are the same. Other numbers may differ by two of their last digit, or by one in two
-    thousand, and a value in a table by a fifth of its deviation: times stand on the disk as Unix time, to a quarter
-    of a microsecond, so that a recording of the same seed is rounded otherwise at another hour. A window that ends
-    a sample later for that moves the thrust by up to a tenth of its deviation.
+    thousand, and a value in a table by a fifth of its standard uncertainty. Files store times as Unix time, to a
+    quarter of a microsecond, so a recording with the same seed is rounded differently at another hour. A window
+    that ends a sample later for this reason moves the thrust by up to a tenth of its standard uncertainty.
     """
     if shown.endswith("   ..."):
         shown = shown.removesuffix("...").rstrip()
@@ -75,13 +75,13 @@ def _near(shown: str, printed: str, room: float) -> bool:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the folder that the page is run in."""
+    """Return the folder in which the page is run."""
     return tmp_path_factory.mktemp("tutorial")
 
 
 @pytest.fixture(scope="module")
 def outputs(folder: Path) -> list[tuple[str, list[str], str]]:
-    """Run the page in one shell, as its reader would; return each block, what it shall print, and what it printed."""
+    """Run the page in one shell, as a reader would; return each block, its expected output, and its real output."""
     page = list(steps(PAGE.read_text(encoding="utf-8")))
     script = "set -e\n" + f"\necho '{MARK}'\n".join(block for block, _ in page)
     environment = {
@@ -90,7 +90,7 @@ def outputs(folder: Path) -> list[tuple[str, list[str], str]]:
         "COLUMNS": "80",
         "NO_COLOR": "1",
     }
-    # A file rather than a pipe: nothing that stays in the background can keep this waiting.
+    # A file rather than a pipe: no process that stays in the background can keep this waiting.
     with (folder / "said.txt").open("w+", encoding="utf-8") as found, cfid_in_a_shell() as programs, ahead_of_others():
         code = subprocess.run(
             ["bash", "-c", script],

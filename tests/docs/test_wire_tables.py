@@ -1,4 +1,4 @@
-"""Every row of the tables of the wires equals the code, and every constant of the wires has its row."""
+"""Every row in the wire tables equals the code, and every constant of the wire modules has its row."""
 
 import importlib
 import re
@@ -36,7 +36,7 @@ def test_every_constant_of_a_wire_has_its_row(name: str) -> None:
 
 
 def _constants(where: ModuleType) -> Iterator[str]:
-    """Yield the public constants that a module makes itself, its layouts, and the members of its enumerations."""
+    """Yield the public constants that a module itself defines, its layouts, and the members of its enumerations."""
     source = Path(str(where.__file__)).read_text(encoding="utf-8")
     assigned = re.findall(r"^([A-Z][\w, ]*?)(?:: .*)? = ", source, re.MULTILINE)
     own = {name for names in assigned for name in names.split(", ")}
