@@ -1,4 +1,4 @@
-"""Many campaigns side by side: the same numbers by one process, by several, and on a cluster."""
+"""Many campaigns side by side: the same numbers with one process, with several, and on a cluster."""
 
 import hashlib
 import importlib.util
@@ -25,7 +25,7 @@ DAY_0 = datetime(2026, 11, 1, tzinfo=UTC)
 
 
 def campaign(folder: Path, day: int, mass_kg: float, *, std: float | None = 1e-5, accepted: bool = True) -> Path:
-    """Make a campaign that found one number from one run, recorded on a day and fitted much later."""
+    """Make a campaign that found one number from one run, which was recorded on the given day and fitted much later."""
     make_campaign(folder)
     writer = create_run(
         folder / "runs",
@@ -104,7 +104,7 @@ def test_what_no_campaign_shows_is_empty_in_a_table_and_no_word(cfid: Cfid, tmp_
     frame = pd.read_parquet(tmp_path / "fleet.parquet")
     assert frame["drift_per_day"].dtype == frame["scatter"].dtype == np.float64
     assert frame["drift_per_day"].isna().all()
-    assert (frame["scatter"] == 0).all()  # of equal values, not the last digit of their mean
+    assert (frame["scatter"] == 0).all()  # equal values have no scatter, also if their mean is rounded
 
 
 def test_runs_that_cannot_be_read_are_counted_and_named(cfid: Cfid, tmp_path: Path) -> None:
@@ -123,7 +123,7 @@ def test_runs_that_cannot_be_read_are_counted_and_named(cfid: Cfid, tmp_path: Pa
 def test_a_number_that_nobody_measured_is_named_and_stops_no_comparison(
     cfid: Cfid, tmp_path: Path, mass_kg: float, std: float
 ) -> None:
-    """One edited number ended the whole fleet in a traceback."""
+    """Previously, one edited number ended the command for the whole fleet in a traceback."""
     places = [campaign(tmp_path / f"c{day}", day, 0.028 + 1e-6 * day) for day in (1, 2, 3)]
     places.append(campaign(tmp_path / "edited", 4, mass_kg, std=std))
     ended = cfid("fleet", *places)
@@ -154,7 +154,7 @@ def test_campaigns_that_cannot_be_read_are_listed_and_do_not_hide_the_others(cfi
     assert "2 of 3 campaigns cannot be read" in ended.stderr
     assert "nothing/rig.toml: no such file" in ended.stderr
     assert "loop/rig.toml: " in ended.stderr
-    assert "loop/rig.toml: " in cfid("fleet", tmp_path / "[ol]*o*").stderr  # also where a glob finds it
+    assert "loop/rig.toml: " in cfid("fleet", tmp_path / "[ol]*o*").stderr  # also if a glob finds it
     assert cfid("fleet", nothing).returncode == 4
     assert cfid("fleet").returncode == 2
 
@@ -175,14 +175,14 @@ def test_a_table_of_many_campaigns_has_one_row_a_number(cfid: Cfid, tmp_path: Pa
 def test_every_digit_of_a_table_has_its_place_however_narrow_the_terminal_is(
     cfid: Cfid, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, columns: int
 ) -> None:
-    """On 80 columns `3e-09` read `3e-0`; on 40 most columns were gone."""
+    """Previously, a terminal of 80 columns showed `3e-09` as `3e-0`, and one of 40 lost most columns of the table."""
     monkeypatch.setenv("COLUMNS", str(columns))
     for day in range(6):
         folder = campaign(tmp_path / f"c{day}", day, 0.028 + 2e-5 * day)
         noted(folder, "friction", "friction.a_long_name_of_a_number.setup_inertia_kg_m2", 1.007e-5 + 1e-8 * day, "kg")
     printed = cfid("fleet", tmp_path / "c*").stdout
 
-    if columns >= 60:  # the longest name's
+    if columns >= 60:  # what the longest name needs
         assert max(map(len, printed.splitlines())) <= columns
     words = printed.split()
     found = compared(cfid, tmp_path / "c*")["parameters"]["thing.mass_kg"]["repeats"]
@@ -194,7 +194,7 @@ def test_every_digit_of_a_table_has_its_place_however_narrow_the_terminal_is(
 def test_a_value_without_uncertainty_takes_no_weight_and_no_others_agreement(
     cfid: Cfid, tmp_path: Path, std: float | None
 ) -> None:
-    """One value that came to a bound took the weights of 60 campaigns: the mean was fifty times too large."""
+    """Previously, one value at a bound took the weights of 60 campaigns, and the mean was fifty times too large."""
     stated = [campaign(tmp_path / f"c{day}", day, 0.028 + 2e-5 * day) for day in range(4)]
     unsure = campaign(tmp_path / "unsure", 5, 0.9, std=0.5)
     bound = campaign(tmp_path / "bound", 6, 0.028, std=std)

@@ -1,4 +1,4 @@
-"""`cfid fleet fit`: campaigns refitted from their recordings, wherever they lie, into a folder of their own."""
+"""`cfid fleet fit`: campaigns are refitted from their recordings, wherever these are, into a separate folder."""
 
 import contextlib
 import http.server
@@ -38,7 +38,7 @@ OF_C1 = {"friction", "testbody", "swing x"}
 
 @pytest.fixture(scope="session")
 def campaigns(once: Once, recordings: list[Any]) -> Path:
-    """Three campaigns with swings, drops and a test body, fitted by their commands to other parts of them."""
+    """Three campaigns with the same swings, drops and test body, of which commands fitted a different part in each."""
 
     def make(folder: Path) -> None:
         from cfid.console.campaign import make_campaign
@@ -61,13 +61,13 @@ def campaigns(once: Once, recordings: list[Any]) -> Path:
 
 @pytest.fixture
 def three(campaigns: Path, tmp_path: Path) -> Path:
-    """The campaigns, for a test that changes them."""
+    """A copy of the campaigns, for a test that changes them."""
     return Path(shutil.copytree(campaigns, tmp_path / "three"))
 
 
 @pytest.fixture
 def results(once: Once, campaigns: Path, tmp_path: Path) -> Path:
-    """A folder of results with one campaign, for a test that goes on with it."""
+    """A copy of a folder of results with one campaign, for a test that continues from there."""
 
     def make(folder: Path) -> None:
         words = ["fleet", "fit", str(campaigns / "c3"), "--out", "results", "--jobs", "1"]
@@ -78,7 +78,7 @@ def results(once: Once, campaigns: Path, tmp_path: Path) -> Path:
 
 
 def numbers(sections: dict[str, Section]) -> dict[str, Any]:
-    """Return everything that a fit found, to the last bit, without when and where."""
+    """Return everything that the fits found, to the last bit, without times and places."""
     return {
         name: [
             section.method,
@@ -231,7 +231,7 @@ def test_a_campaign_of_a_server_is_made_in_its_temporary_folder_whatever_its_nam
 
 
 class _Endless(http.server.BaseHTTPRequestHandler):
-    """Lists a rig.toml that never ends."""
+    """A server that lists a rig.toml that never ends."""
 
     def do_GET(self) -> None:
         self.send_response(200)
@@ -240,7 +240,7 @@ class _Endless(http.server.BaseHTTPRequestHandler):
         if self.path.endswith("/"):
             self.wfile.write(b'<a href="rig.toml">rig.toml</a>')
             return
-        with contextlib.suppress(OSError):  # who asked has had enough
+        with contextlib.suppress(OSError):  # the client ended the transfer
             while True:
                 self.wfile.write(b"#" * (1 << 20))
 
@@ -249,7 +249,7 @@ class _Endless(http.server.BaseHTTPRequestHandler):
 
 
 def fault_of_campaign_at(server_of: type[http.server.BaseHTTPRequestHandler]) -> str:
-    """Return why a campaign of a server cannot be refitted."""
+    """Return why a campaign on a server cannot be refitted."""
     pytest.importorskip("aiohttp", reason="fsspec's HTTP is not installed: pip install 'cfid[fleet]'")
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), server_of) as server:
         thread = threading.Thread(target=server.serve_forever)
@@ -266,13 +266,13 @@ def test_a_file_of_a_server_that_never_ends_is_refused() -> None:
 
 
 class _EndlessList(_Endless):
-    """Lists files without end."""
+    """A server whose list of files never ends."""
 
     def do_GET(self) -> None:
         self.send_response(200)
         self.send_header("Content-Type", "text/html")
         self.end_headers()
-        with contextlib.suppress(OSError):  # who asked has had enough
+        with contextlib.suppress(OSError):  # the client ended the transfer
             while True:
                 self.wfile.write(b'<a href="a.json">a</a>' * 50_000)
 
@@ -283,7 +283,7 @@ def test_a_list_of_a_server_that_never_ends_is_refused() -> None:
 
 
 class _FullList(_Endless):
-    """Lists 20000 files in each folder, which are empty."""
+    """A server that lists 20000 empty files in each folder."""
 
     def do_GET(self) -> None:
         self.send_response(200)
@@ -299,7 +299,10 @@ def test_a_folder_of_a_server_with_more_files_than_a_campaign_has_is_refused_bef
 
 
 class _Dripping(http.server.BaseHTTPRequestHandler):
-    """Sends a byte a second, whatever is asked for: at /head/ of the head of a file, which is listed at once."""
+    """A server that sends one byte per second, whatever the request.
+
+    Below /head/ it lists a folder at once, and the bytes belong to the HTTP header of a file.
+    """
 
     def do_GET(self) -> None:
         if "/head/" in self.path and self.path.endswith("/"):
@@ -308,7 +311,7 @@ class _Dripping(http.server.BaseHTTPRequestHandler):
             self.end_headers()
             self.wfile.write(b'<a href="rig.toml">rig.toml</a>')
             return
-        with contextlib.suppress(OSError):  # who asked has had enough
+        with contextlib.suppress(OSError):  # the client ended the transfer
             self.wfile.write(b"HTTP/1.1 200 OK\r\nX-Long: " if "/head/" in self.path else b"HTTP/1.1 200 OK\r\n\r\n")
             while True:
                 self.wfile.write(b" ")
@@ -318,7 +321,7 @@ class _Dripping(http.server.BaseHTTPRequestHandler):
         """Print nothing."""
 
 
-@pytest.mark.slow  # it waits for two limits of time
+@pytest.mark.slow  # it waits for two timeouts
 @pytest.mark.parametrize("words", [["{}/c1"], ["{}/*"], ["--index", "{}/index.txt"], ["{}/head/c1"]])
 def test_a_server_that_drips_lists_indices_or_heads_is_left(cfid: Cfid, tmp_path: Path, words: list[str]) -> None:
     pytest.importorskip("aiohttp", reason="fsspec's HTTP is not installed: pip install 'cfid[fleet]'")
@@ -381,7 +384,7 @@ def test_a_fleet_goes_on_where_it_was_interrupted(campaigns: Path, tmp_path: Pat
 
 
 def test_campaigns_of_one_name_have_folders_in_their_order_whichever_ends_first(tmp_path: Path) -> None:
-    """With two processes the folders of two vehicles were exchanged."""
+    """Previously, with two processes, the folders of two vehicles were exchanged."""
     labs = [str(tmp_path / lab / "vehicle") for lab in ("a", "b", "c")]
     with results_in(tmp_path / "out", changes={}) as kept:
         kept.name(labs[:2])

@@ -1,4 +1,4 @@
-"""Work on many campaigns in processes and on a cluster: what a worker that dies had is done by another."""
+"""Work on many campaigns in processes and on a cluster: if a worker dies, another one does its tasks."""
 
 import os
 import subprocess
@@ -72,7 +72,7 @@ def test_a_bug_is_the_answer_to_its_task_alone() -> None:
 
 
 def test_a_process_that_takes_its_end_for_nothing_ends_all_the_same() -> None:
-    """A refit that was interrupted waited for it without end."""
+    """Previously, an interrupted refit waited for such a process without end."""
     answers = on_processes(swallow, ["quick", "slow"], number=1)
     assert isinstance(answers, Generator)
     assert next(answers) == ("quick", "quick")

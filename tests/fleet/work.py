@@ -1,4 +1,4 @@
-"""What the tests' workers do: functions that a process of its own can import."""
+"""Tasks of the tests' workers: functions that a separate process can import."""
 
 import contextlib
 import os
@@ -14,7 +14,7 @@ def length(task: str) -> int:
 
 
 def die_once(task: str) -> str:
-    """Die the first time, as by a lack of memory; `task` is a file that remembers it."""
+    """Die at the first call, as if for lack of memory; the file `task` records that call."""
     path = Path(task)
     if not path.exists():
         path.touch()
@@ -23,25 +23,25 @@ def die_once(task: str) -> str:
 
 
 def die_of_bad(task: str) -> str:
-    """Die whenever the task is bad."""
+    """Die at every call whose task is a file named "bad"."""
     if Path(task).name == "bad":
         os.kill(os.getpid(), signal.SIGKILL)
     return Path(task).name
 
 
 def leave_and_die(task: str) -> None:
-    """Make a temporary folder, and die in it; `task` is a file that gets its name."""
+    """Make a temporary folder, write its name to the file `task`, and die without removing the folder."""
     Path(task).write_text(tempfile.mkdtemp())
     os.kill(os.getpid(), signal.SIGKILL)
 
 
 def fail(task: str) -> str:
-    """Fail as a bug does."""
+    """Fail as a bug would."""
     raise TypeError(f"{task} is no number")
 
 
 def swallow(task: str) -> str:
-    """Answer at once, but for a task "slow", which takes the end of its process for nothing, as callbacks may."""
+    """Answer at once, except to the task "slow", which suppresses the end of its process, as callbacks may do."""
     if task == "slow":
         with contextlib.suppress(SystemExit):
             time.sleep(30)
@@ -49,5 +49,5 @@ def swallow(task: str) -> str:
 
 
 def threads(_: str) -> str | None:
-    """Return how many threads the linear algebra may have."""
+    """Return how many threads the linear algebra may use."""
     return os.environ.get("OPENBLAS_NUM_THREADS")
