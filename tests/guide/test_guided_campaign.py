@@ -1,4 +1,4 @@
-"""An operator who does what `cfid next` says, and types what it asks for, has a campaign and its report in the end."""
+"""An operator who follows `cfid next` and types what it asks for ends with a complete campaign and its report."""
 
 import json
 import math
@@ -22,7 +22,7 @@ from tests.processes import started
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("in_time")]
 
 LONGEST_S = 900.0
-MARKERS = 2  # rig.toml's
+MARKERS = 2  # as in rig.toml
 WINDS = ((0.0, 8, 3.1), (48.4, 8, 2.9), (77.9, 8, 3.6), (0.0, 10, 4.0), (48.4, 10, 3.7), (77.9, 6, 2.8))
 FITS = {
     "inertia": {"inertia", "friction"},
@@ -31,7 +31,7 @@ FITS = {
 
 
 class Operator:
-    """Somebody at the simulated rig who does what is asked."""
+    """An operator at the simulated rig who follows `cfid next`."""
 
     def __init__(self, folder: Path, kind: str) -> None:
         self.folder = folder / "campaign"
@@ -40,7 +40,7 @@ class Operator:
         self.said(folder, "new", "campaign")
 
     def said(self, folder: Path, *words: str, typed: Sequence[object] = ()) -> str:
-        """Run a command, which has to end well, and return what it printed."""
+        """Run a command, which has to succeed, and return what it printed."""
         out, err = folder / ".out", folder / ".err"
         with out.open("wb") as output, err.open("wb") as errors:
             command = started(
@@ -60,7 +60,7 @@ class Operator:
         return content
 
     def take_a_step(self) -> list[str]:
-        """Do what comes next, and return its command."""
+        """Do the next step and return its command."""
         words: list[str] = self.status()["next"]["command"]
         wind = next(self._winds) if "{wind}" in words else None
         answers = [] if wind is None else [wind[0], wind[1], f"{wind[2] - 0.1},{wind[2] + 0.1}"]
@@ -91,7 +91,7 @@ class Operator:
 
 
 def typed_for(words: list[str]) -> list[str]:
-    """Return what a command that runs motors is told: yes, and what a tachometer shows at each command."""
+    """Return the answers to a command that runs motors: yes, and what a tachometer shows at each command."""
     if words[:2] == ["log", "speed"]:
         return ["y", *map(shown_rpm, range(0, 65536, 2000))]
     if "{wind}" in words:
@@ -100,7 +100,7 @@ def typed_for(words: list[str]) -> list[str]:
 
 
 def shown_rpm(command: int) -> str:
-    """Return what a tachometer shows; nothing is read off a rotor that stands."""
+    """Return what a tachometer shows at a command; the reading is empty for a rotor that stands."""
     speed = RotorTruth().steady_rad_per_s(np.array(command), volts=3.7)
     return f"{MARKERS * 60 / math.tau * speed:.0f}" if command else ""
 

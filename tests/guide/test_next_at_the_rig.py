@@ -1,4 +1,4 @@
-"""`cfid next` becomes a command that drives motors, and leaves it every further answer."""
+"""`cfid next` becomes a command that drives motors, and all further answers go to that command."""
 
 import subprocess
 from pathlib import Path
@@ -34,4 +34,4 @@ def test_a_brushless_is_sent_to_staircases_that_its_rotors_allow(tmp_path: Path)
             pilot.process.communicate(b"y\nn\n" if words[0] == "next" else b"n\n")
 
             assert "not confirmed: no motor was started." in pilot.err
-    assert "torque" not in planned  # those of four rotors cancel
+    assert "torque" not in planned  # the torques of four rotors cancel

@@ -69,7 +69,7 @@ def fitted(
     product: float = 0.0,
     by_mass: float = 0.0,
 ) -> None:
-    """Store a matrix of the six swings there are, as `cfid fit inertia` does; the mass has a part in each moment."""
+    """Store a matrix of all swings, like `cfid fit inertia`; `by_mass` is the part of the mass in each moment's std."""
     files = sorted(folder.glob("runs/*/encoder.csv"))
     sources = tuple(Source(str(p.relative_to(folder)), hashlib.sha256(p.read_bytes()).hexdigest()) for p in files)
     matrix = MATRIX + product * (1 - np.eye(3))
@@ -92,7 +92,7 @@ def standing(folder: Path, *, task: str = "inertia") -> tuple[TaskStatus, Next]:
 
 
 def stated(folder: Path, *, kind: CampaignKind | None = None) -> tuple[str, ...]:
-    """Return the remarks on a campaign's fits."""
+    """Return the remarks on the fits of a campaign."""
     statuses = status_of(open_campaign(folder), kind=kind)
     return remarks_of(statuses, (), next_of(statuses, kind=kind))
 
@@ -129,7 +129,7 @@ def test_a_body_on_threads_is_swung_by_its_gyro(folder: Path) -> None:
 
 
 def swung(folder: Path) -> list[str]:
-    """Record every swing that is asked for, in that order; return the axes."""
+    """Record every swing that the next step asks for, in that order; return the axes."""
     axes = []
     while (step := standing(folder)[1]).words[:2] == ("log", "encoder") and "--axis" in step.words:
         axes.append(step.words[3])
@@ -167,7 +167,7 @@ def test_recorded_swings_are_fitted_next_and_a_fit_that_is_no_longer_current_aga
     fitted(folder)
     assert standing(folder)[0].state == "accepted"
 
-    run = read_run(sorted((folder / "runs").iterdir())[0])  # whose mount was swung about twice
+    run = read_run(sorted((folder / "runs").iterdir())[0])  # one of the two swings of its mount
     amend_run(run, excluded="the cable touched")
     left_out, step = standing(folder)
     assert (left_out.state, step.words) == ("stale", ("fit", "inertia"))
@@ -206,7 +206,7 @@ def refused(folder: Path, runs: list[Path], *, suspects: tuple[str, ...] = ()) -
 def test_a_fit_that_suspects_a_mount_has_this_one_recorded_again(folder: Path) -> None:
     axes = swung(folder)
     refused(folder, sorted((folder / "runs").iterdir()), suspects=(axes[0], axes[3]))
-    assert standing(folder)[0].rarest == standing(folder)[0].task.recordings[3]  # axes[0] was swung about twice
+    assert standing(folder)[0].rarest == standing(folder)[0].task.recordings[3]  # axes[0] has two swings
     refused(folder, sorted((folder / "runs").iterdir()), suspects=(axes[0],))
     assert next_of([standing(folder)[0]]).words == ("log", "encoder", "--axis", axes[0], "--for", "20")
 
@@ -221,7 +221,7 @@ def test_a_run_that_a_fit_suspects_is_left_out_next_also_before_all_mounts_were_
 
     shown = cfid("status", "--campaign", folder, "--kind", "inertia").stdout
     assert f"next: cfid runs exclude {runs[1].name} --because 'contradicts the others'" in " ".join(shown.split())
-    assert shown.count("hung anew?") == 1  # the reason, once
+    assert shown.count("hung anew?") == 1  # the reason is shown once
     step = standing(folder)[1]
     assert cfid(*step.words, "--campaign", folder).returncode == 0
     assert standing(folder)[1].words[:2] == ("log", "encoder")
@@ -231,7 +231,7 @@ def test_a_fit_that_was_rejected_whole_is_not_offered_again_until_something_was_
     axes = swung(folder)
     runs = sorted((folder / "runs").iterdir())
     refused(folder, runs[:2])
-    assert standing(folder)[0].state == "not fitted"  # two of seven runs say nothing about all
+    assert standing(folder)[0].state == "not fitted"  # a fit of two runs does not reject all seven
 
     refused(folder, runs)
     rejected, _ = standing(folder)
@@ -243,14 +243,14 @@ def test_a_fit_that_was_rejected_whole_is_not_offered_again_until_something_was_
 
     assert "cfid runs exclude RUN" in step.why
     again = step.words[step.words.index("--axis") + 1]
-    assert again != axes[0]  # which was swung about twice
+    assert again != axes[0]  # axes[0] has two swings
     refused(folder, [*runs, swing(folder, again, minute=99)])
     other = next_of([standing(folder)[0]]).words
-    assert other[other.index("--axis") + 1] not in (axes[0], again)  # not the same one for ever
+    assert other[other.index("--axis") + 1] not in (axes[0], again)  # not the same mount every time
 
     swing(folder, axes[0], minute=100)
     amend_run(read_run(runs[0]), excluded="the mount stayed")
-    assert standing(folder)[1].words[:4] == ("log", "encoder", "--axis", axes[1])  # the first that counts, once more
+    assert standing(folder)[1].words[:4] == ("log", "encoder", "--axis", axes[1])  # the first that counts, repeated
     swing(folder, axes[1], minute=101)
     assert standing(folder)[1].words == ("fit", "inertia")
 
@@ -261,7 +261,7 @@ def test_a_label_that_was_corrected_makes_a_fit_stale_and_takes_a_rejection_back
     refused(folder, runs)
     assert standing(folder)[0].state == "rejected"
     amend_run(read_run(runs[1]), note="a gust", verdict=Verdict(usable=True, text="good"))
-    assert standing(folder)[0].state == "rejected"  # neither says what a fit takes
+    assert standing(folder)[0].state == "rejected"  # neither changes the input of a fit
 
     file = runs[1] / "run.toml"
     axes = {axis: file.read_text().replace(f'axis = "{axis}"', 'axis = "x"') for axis in ("y", "z", "xy", "xz", "yz")}
@@ -275,7 +275,7 @@ def test_a_label_that_was_corrected_makes_a_fit_stale_and_takes_a_rejection_back
 
 
 def test_a_fit_that_gave_nothing_is_not_offered_again_until_something_changes(cfid: Cfid, folder: Path) -> None:
-    swung(folder)  # ten samples each, in which nothing swings
+    swung(folder)  # ten samples per run, in which nothing swings
     assert standing(folder)[1].words == ("fit", "inertia")
     refused_by = cfid("fit", "inertia", "--campaign", folder, "--no-figures")
     assert refused_by.returncode == 4
@@ -333,7 +333,7 @@ def test_a_fit_that_does_not_keep_what_it_took_from_rig_toml_is_named(cfid: Cfid
 def test_an_arm_that_was_corrected_after_the_sines_is_named_by_status_report_and_export(
     cfid: Cfid, folder: Path
 ) -> None:
-    """Runs keep the arm that rig.toml stated: the fit is not stale, and to fit again alone changes nothing."""
+    """Runs keep the arm that rig.toml stated, so the fit is not stale, and fitting again alone changes nothing."""
     gain = {"tf.static_gain_n": Parameter(value=2e-6, std=1e-8, unit="N")}
     section = Section(
         method="default",
@@ -439,14 +439,14 @@ def test_of_a_staircase_that_was_resumed_only_the_last_part_is_named(folder: Pat
 
     later = staircase(folder, minute=9)
     amend_run(read_run(folder / "runs" / later), verdict=Verdict(usable=False, text="a gust."))
-    assert named() == [(later, ("log", "thrust", "--resume", later))]  # which takes the place of the earlier ones
+    assert named() == [(later, ("log", "thrust", "--resume", later))]  # the later run replaces the earlier ones
 
 
 def test_a_run_of_no_use_is_named_no_more_once_a_later_one_of_the_same_is_good(cfid: Cfid, folder: Path) -> None:
     first = tasks(open_campaign(folder).rig, kind="inertia", order="lab")[0].recordings[0].label.axis
     assert first is not None
     amend_run(read_run(swing(folder, first, minute=0)), verdict=Verdict(usable=False, text="no release found."))
-    swing(folder, first, minute=5)  # of which the repeat at the end is still lacking
+    swing(folder, first, minute=5)  # the repeat at the end is still missing
 
     assert "NOT USABLE" not in cfid("status", "--campaign", folder, "--kind", "inertia").stdout
 
@@ -462,7 +462,7 @@ def test_a_fit_all_of_whose_runs_were_excluded_has_them_recorded_next(cfid: Cfid
 
 
 def sine(folder: Path, periods: int, *, minute: int, planned: list[int] | None = None, complete: bool = True) -> str:
-    """Write a run of a sine, of a series where one is planned; return its name."""
+    """Write a run of a sine, which is part of the series `planned`, if any; return its name."""
     devices = {"crossings": DeviceRecord(file="crossings.csv", columns=("t", "sample"))}
     requested = {"l": periods, "n": 4000, "amplitude": 20000, "motor": 1}
     with create_run(
@@ -620,7 +620,7 @@ def climbed(
     held: int | None = None,
     **requested: str,
 ) -> str:
-    """Write a staircase that is complete, or of which some steps were held; return its name."""
+    """Write a staircase that is complete, or interrupted after `held` steps; return its name."""
     devices = {"commands": DeviceRecord(file="commands.csv", columns=("t", "m1", "m2", "m3", "m4"))}
     if kind == "speed":
         devices["readings"] = DeviceRecord(file="readings.csv", columns=("t", "command", "rpm"))
@@ -682,7 +682,7 @@ def test_a_run_recorded_after_the_fit_makes_it_stale(folder: Path) -> None:
     swung(folder)
     fitted(folder, found=BEGAN)
     file = folder / "parameters.toml"
-    file.write_text(file.read_text().replace("_swing_", "_other_"))  # as if it had been fitted to others
+    file.write_text(file.read_text().replace("_swing_", "_other_"))  # as if fitted to other runs
 
     assert standing(folder)[0].state == "stale"
 
@@ -702,10 +702,10 @@ def test_a_rejected_matrix_is_to_be_recorded_again_and_one_that_is_not_sure_enou
 
 def test_what_rig_toml_states_too_vaguely_is_not_recorded_again(cfid: Cfid, folder: Path) -> None:
     swung(folder)
-    fitted(folder, std=2e-6, by_mass=1.5e-6)  # 12 %, without the mass 8 %
+    fitted(folder, std=2e-6, by_mass=1.5e-6)  # 12 %; 8 % without the part of the mass
     assert standing(folder)[0].found[0].bounded_by == ""
 
-    fitted(folder, std=2e-6, by_mass=1.99e-6)  # 1 % without it
+    fitted(folder, std=2e-6, by_mass=1.99e-6)  # 1 % without the part of the mass
     bounded, _ = standing(folder)
     assert (bounded.found[0].bounded_by, bounded.found[0].mostly) == ("mass", "mass")
     step = next_of([bounded])
@@ -793,7 +793,7 @@ def test_next_says_what_to_do_asks_and_becomes_the_command(cfid: Cfid, folder: P
     runs = len(list_runs(folder / "runs"))
     said = cfid("next", "--campaign", folder, "--kind", "inertia", "--yes")
 
-    # Ten rows are no swing: the fit that came next says so, with its own exit code.
+    # Ten rows are no swing: the fit that came next reports this, with its own exit code.
     assert "next: cfid fit inertia" in said.stdout
     assert said.returncode == 4
     assert len(list_runs(folder / "runs")) == runs
@@ -817,7 +817,7 @@ def test_ctrl_c_at_the_question_of_next_ends_it_with_the_code_of_an_interruption
             one = asking.stdout.read(1)
             assert one, said
             said += one
-        for _ in range(3):  # the first may come between the question and the reading of its answer
+        for _ in range(3):  # the first signal may come between the question and the reading of its answer
             asking.send_signal(signal.SIGINT)
             with contextlib.suppress(subprocess.TimeoutExpired):
                 asking.wait(10)
