@@ -1,4 +1,4 @@
-"""A command on a large file, and the peak of its anonymous memory."""
+"""A check of the peak of anonymous memory of a command on a large file."""
 
 import re
 import shutil
@@ -25,14 +25,14 @@ finally:
 
 
 def check_peak(log: Path, tmp_path: Path, words: str) -> None:
-    """Check the peak of anonymous memory of a command on a file, which {log} stands for, and print it."""
+    """Check and print the peak of anonymous memory of a command; {log} in `words` stands for the file."""
     subprocess.run([sys.executable, "-c", WATCHED, "new", tmp_path / "campaign"], check=True, capture_output=True)
     places = {"log": log, "out": tmp_path / "out", "campaign": tmp_path / "campaign"}
     given = [word.format(**places) for word in words.split()]
     ended = subprocess.run(
         [sys.executable, "-c", WATCHED, *given], capture_output=True, text=True, check=False, cwd=tmp_path
     )
-    shutil.rmtree(tmp_path)  # up to 1.3 GB
+    shutil.rmtree(tmp_path)  # it may hold up to 1.3 GB
     peak = re.search(r"^peak (\S+)$", ended.stderr, re.MULTILINE)
     assert ended.returncode == 0, ended.stderr
     assert peak is not None

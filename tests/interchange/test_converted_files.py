@@ -1,4 +1,4 @@
-"""Conversion: every value comes back from the format's own reader, and no file is ever overwritten or left in part."""
+"""Conversion: every value comes back from the format's own reader, and no file is overwritten or left incomplete."""
 
 import csv
 import itertools

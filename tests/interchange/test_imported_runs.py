@@ -1,4 +1,4 @@
-"""`cfid import`: a foreign recording becomes a run that commands read like their own, with its origin, and is kept."""
+"""`cfid import`: a foreign recording is kept, and becomes a run with its origin that commands read like their own."""
 
 import hashlib
 import json
@@ -133,7 +133,7 @@ def test_imported_forces_are_those_of_the_file(tmp_path: Path, campaign: Path) -
 def test_imported_forces_under_known_weights_calibrate_the_cell(
     tmp_path: Path, campaign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Of a cell that shows 2 % too much of Fz and 1 % too little of Ty; z points up, and weights hang along -z."""
+    """The cell shows 2 % too much of Fz and 1 % too little of Ty; z points up, and weights hang along -z."""
     rng = np.random.default_rng(1)
     for grams, x_mm in ((0, 0), (50, 46), (100, 46), (100, -46), (200, 46), (200, -46)):
         force = -9.81e-3 * grams

@@ -1,4 +1,4 @@
-"""A MATLAB file that cfid wrote is read as the recording it was made of: names, units, series and fits are the same."""
+"""A MATLAB file that cfid wrote is read as the recording it came from: names, units, series and fits are the same."""
 
 import math
 from pathlib import Path
@@ -37,7 +37,7 @@ def csv(folder: Path, text: str) -> Path:
 
 
 def stand(folder: Path) -> Path:
-    """Write settled points of five seconds each, whose thrust in kgf is (row / 100)."""
+    """Write settled points of five seconds each; the thrust in kgf is (row / 100)."""
     body = [f"{5 * at},{at},{at / 100},{at / 1e3},{12 - at / 100},{60 * at}" for at in range(100)]
     return csv(folder, "\n".join([STAND, *body, ""]))
 

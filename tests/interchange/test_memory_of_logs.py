@@ -42,7 +42,7 @@ class Rotors:
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Write two hours at 1 kHz of rotors with a lag of 60 ms."""
+    """Write a log of the uSD-card deck: two hours at 1 kHz of rotors with a lag of 60 ms."""
     path = tmp_path_factory.mktemp("large") / "LOG00.BIN"
     record = np.dtype(
         [("id", "<u2"), ("stamp", "<u8"), *((name, "<f4" if one == "f" else "<u2") for name, one in COLUMNS.items())]
@@ -71,7 +71,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 @pytest.fixture(scope="module")
 def ulog(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Write an hour at 1 kHz of the same rotors by PX4's names, with two sensors and the battery."""
+    """Write a ULog file: an hour at 1 kHz of the same rotors under PX4's names, with two sensors and the battery."""
     path, count = tmp_path_factory.mktemp("large") / "log.ulg", 100_000
     topics = {
         "vehicle_angular_velocity": "float[3] xyz",
@@ -110,7 +110,7 @@ def ulog(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 @pytest.fixture(scope="module")
 def blackbox_log(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Write two hours at 2 kHz, of which every row stands for itself."""
+    """Write a blackbox log: two hours at 2 kHz, in which no row depends on another."""
     path = tmp_path_factory.mktemp("large") / "large.bbl"
     draw, at, speed = np.random.default_rng(4), 0, 200.0
     with path.open("wb") as file:
@@ -139,7 +139,7 @@ def test_a_large_ulog_file_takes_little_memory(ulog: Path, tmp_path: Path, words
     check_peak(ulog, tmp_path, words)
 
 
-@pytest.mark.slow  # decoded in Python for six minutes, from which `convert` differs least
+@pytest.mark.slow  # decoding in Python takes six minutes; `convert`, which adds least to it, is left out
 @pytest.mark.parametrize("words", ["show {log}", "fit dynamics {log} --rotor 1 --to 700 --force"])
 def test_a_large_blackbox_log_takes_little_memory(blackbox_log: Path, tmp_path: Path, words: str) -> None:
     pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')

@@ -17,7 +17,7 @@ Array = npt.NDArray[np.float64]
 
 @pytest.fixture(scope="module")
 def angles(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Write hours at 1 kHz in which a pendulum of 1.6 Hz is held, let go at 300 s, and rests."""
+    """Write hours of angles at 1 kHz, in which a pendulum of 1.6 Hz is held, released at 300 s, and comes to rest."""
     path, count, size = tmp_path_factory.mktemp("large") / "angle.csv", 200_000, 0
     found = solve_ivp(
         lambda _, y: (y[1], -101.0 * np.sin(y[0]) - 0.08 * y[1]),
@@ -45,10 +45,10 @@ def angles(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 @pytest.fixture(scope="module")
 def stand(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Write a day of a thrust stand at 100 Hz, in which a motor stands and runs for 1000 s each, at nine commands."""
+    """Write a day of a thrust stand at 100 Hz: a motor stands and runs in turn, 1000 s each, at nine commands."""
     path, count, size = tmp_path_factory.mktemp("large") / "stand.csv", 100_000, 0
     draw = np.random.default_rng(6)
-    on = 1 - np.exp(-np.arange(count) / 6)  # of the final thrust
+    on = 1 - np.exp(-np.arange(count) / 6)  # share of the final thrust
 
     def rows(pulse_us: float) -> list[str]:
         thrust = -1e-3 * (pulse_us - 1000) ** 2 / 1000 * on * (pulse_us > 1000) + draw.normal(0, 1e-4, count)
@@ -68,10 +68,10 @@ def stand(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 @pytest.fixture(scope="module")
 def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Write a load cell at 7 kHz that feels three sines on board a vehicle, and a long step; and an index of each."""
+    """Write 7 kHz load-cell data with three sines of a vehicle and a long step, and an index for each of the two."""
     folder = tmp_path_factory.mktemp("cell")
     count, rate_hz, size = 200_000, 7000, 0
-    draw, periods, samples = np.random.default_rng(8), (100, 200, 400), 20_000  # of 2 ms
+    draw, periods, samples = np.random.default_rng(8), (100, 200, 400), 20_000  # of 2 ms each
     head = "t,Fx,Fy,Fz,Tx,Ty,Tz,status\n"
 
     def rows(time_s: Array) -> str:
