@@ -1,4 +1,4 @@
-"""ULog and blackbox files, composed byte by byte by their formats' descriptions."""
+"""ULog and blackbox files, composed byte by byte according to the descriptions of their formats."""
 
 import struct
 from collections.abc import Sequence
@@ -13,9 +13,9 @@ def message(kind: str, data: bytes) -> bytes:
 
 
 def ulog(*, geometry: str = "", unconnected: bool = False) -> bytes:
-    """Return a ULog; `geometry` has the places of the rotors in order, as "FR RL FL RR".
+    """Return a ULog file; `geometry` lists the places of the rotors in order, such as "FR RL FL RR".
 
-    Of two batteries the first is `unconnected`, where that is asked for.
+    With `unconnected`, the file has two batteries, of which the first is not connected.
     """
     head = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1000)
     head += message("B", bytes(40))
@@ -86,13 +86,13 @@ def blackbox_head() -> bytes:
 def blackbox_row(
     at: int, *, gyro: Sequence[int], motors: Sequence[int], turning: Sequence[int] = (70, 71, 72, 73)
 ) -> bytes:
-    """Return a row; `turning` is in hundreds of electrical turns a minute."""
+    """Return a row; `turning` is in hundreds of electrical revolutions per minute."""
     values = (unsigned(at), unsigned(1000 + 500 * at), *map(signed, gyro), signed(2048))
     return b"I" + b"".join((*values, *map(unsigned, motors), *map(unsigned, turning)))
 
 
 def blackbox_with_voltage(*, firmware: str, reference: int, counts: Sequence[int]) -> bytes:
-    """Return a log of times and the battery's voltage, as differences from a `reference` in 14 bits."""
+    """Return a log of times and the battery's voltage, as 14-bit differences from a `reference`."""
     head = [
         "Product:Blackbox flight data recorder by Nicholas Sherlock",
         "Data version:2",

@@ -42,7 +42,7 @@ def test_a_missing_library_is_named_with_its_extra(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes, extra: str
 ) -> None:
     for name in ("pyulog", "orangebox"):
-        monkeypatch.setitem(sys.modules, name, None)  # as where it is not installed
+        monkeypatch.setitem(sys.modules, name, None)  # as if it were not installed
     with pytest.raises(ConfigError, match=rf'pip install "cfid\[{extra}\]"'):
         read_log(written(tmp_path, content))
 
@@ -107,7 +107,7 @@ def test_a_ulog_file_that_is_read_in_parts_keeps_every_row(tmp_path: Path, damag
     pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
     wide, rows = 2000, 3 * PART_BYTES // 8000
     early, late, words = (b"\0" + bytes([at, 0]) + name for at, name in enumerate((b"wide", b"late", b"wide")))
-    words = b"\1" + words[1:]  # the same topic of a second sensor
+    words = b"\1" + words[1:]  # the same topic from a second sensor
     content = [
         b"ULog\x01\x12\x35\x01" + bytes(8),
         message("B", bytes(40)),
@@ -161,7 +161,7 @@ def test_zeros_after_a_blackbox_log_are_passed_over(tmp_path: Path) -> None:
     pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
     path = written(tmp_path, blackbox())
     rows = read_log(path).series[0].rows
-    os.truncate(path, 1 << 28)  # sparse; byte by byte it would take minutes
+    os.truncate(path, 1 << 28)  # sparse; reading it byte by byte would take minutes
 
     assert rows - 1 <= read_log(path).series[0].rows <= rows + 1
 
@@ -239,7 +239,7 @@ def test_frames_of_a_blackbox_log_are_those_that_its_library_reads(tmp_path: Pat
 
 @pytest.mark.parametrize("damage", [b"\0\0\xff", b"I\1", b"P", b"IIII", b"\xff" * 40, -1, -2, -5, -13])
 def test_damaged_bytes_of_a_blackbox_log_cost_the_frames_that_they_are_in(tmp_path: Path, damage: bytes | int) -> None:
-    """The library goes on with misaligned frames after some of these: their fields are other fields' numbers."""
+    """After some of these, the library continues with misaligned frames, in which fields have the numbers of others."""
     pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
     content = blackbox()
     middle = content.index(b"I" + unsigned(100) + unsigned(1000 + 500 * 100))
@@ -403,7 +403,7 @@ def test_outputs_of_a_blackbox_log_beyond_full_throttle_are_left_out_and_counted
     assert len(odd) == 1
     assert np.flatnonzero(np.isnan(odd[0])).tolist() == [40, 41]
     assert np.nanmax(odd[0]) == 65535
-    assert log.channel("motor[3]")[1][40] == 3600  # as it is in the file
+    assert log.channel("motor[3]")[1][40] == 3600  # as in the file
     assert any("2 outputs of motors are beyond full throttle" in one for one in log.notes)
 
 
@@ -428,7 +428,7 @@ def test_a_blackbox_log_of_eight_motors_names_those_that_are_not_read(tmp_path: 
 
 
 def reports(functions: Sequence[int], rpm: Sequence[int]) -> bytes:
-    """Return a ULog file of 50 reports of motor controllers, each of the motor with its function."""
+    """Return a ULog file of 50 reports of motor controllers; `functions` states the motor of each controller."""
     content = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1000) + message("B", bytes(40))
     content += message("F", b"esc_report:int32_t esc_rpm;uint8_t actuator_function;uint8_t[3] _padding0;")
     content += message("F", f"esc_status:uint64_t timestamp;esc_report[{len(rpm)}] esc;".encode())
@@ -454,7 +454,7 @@ def test_speeds_of_px4_are_of_the_motors_that_their_controllers_state(
     pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
     log = read_log(written(tmp_path, reports(functions, [1000 * place for place, _ in enumerate(functions, start=1)])))
 
-    speed = log.channel("rpm.m1")[1]  # PX4's first motor is front right, as the Crazyflie's
+    speed = log.channel("rpm.m1")[1]  # PX4's first motor is front right, like the Crazyflie's
     np.testing.assert_allclose(speed, front_right * np.pi / 30)
     assert not any("_padding" in name for name in log.series[0].names)
 
@@ -464,7 +464,7 @@ def test_speeds_of_rotors_that_turn_the_other_way_are_counted_by_their_size(tmp_
     log = read_log(written(tmp_path, reports((101, 102, 103, 104), (1000, -2000, 3000, 0))))
     speeds = [log.channel(f"rpm.m{motor}")[1][0] for motor in MOTORS]
     np.testing.assert_allclose(speeds, np.array([1000, 0, 2000, 3000]) * np.pi / 30)
-    np.testing.assert_allclose(log.channel("esc[1].esc_rpm")[1][0], -2000 * np.pi / 30)  # as it is in the file
+    np.testing.assert_allclose(log.channel("esc[1].esc_rpm")[1][0], -2000 * np.pi / 30)  # as in the file
 
 
 @pytest.mark.parametrize(("count", "driven"), [(8, 4), (None, 8), (6, 6)])

@@ -1,4 +1,4 @@
-"""Sensors of three axes that hang, beside those whose steps are coarse."""
+"""Three-axis sensors that hang are distinguished from sensors with coarse steps."""
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +12,7 @@ RATE_HZ, ROWS = 500, 10000
 
 
 def hovering(noise_deg_s: float) -> tuple[Array, Array]:
-    """Return times (n,) and rates (n, 3) in deg/s of a vehicle that hovers, turns to and fro for 2 s, and hovers."""
+    """Return times (n,) and rates (n, 3) in deg/s of a vehicle that hovers but turns back and forth for 2 s."""
     rng = np.random.default_rng(6)
     time_s = np.arange(ROWS) / RATE_HZ
     turning = (time_s > 8) & (time_s < 10)
@@ -26,7 +26,7 @@ def forces() -> tuple[Array, Array]:
 
 
 def test_a_gyro_in_whole_degrees_per_second_does_not_hang_while_the_vehicle_hovers() -> None:
-    """Of 12500 rows of a hovering vehicle's blackbox log 189 were left out, since the gyro hung."""
+    """Previously, 189 of 12500 rows of a hovering vehicle's blackbox log were left out, as if the gyro hung."""
     time_s, rates = hovering(0.2)
     (_, kept), _ = without_hung({"gyro": (time_s, np.radians(np.rint(rates))), "accelerometer": forces()})[0]
     assert len(kept) == ROWS
@@ -36,7 +36,7 @@ def test_a_gyro_in_whole_degrees_per_second_does_not_hang_while_the_vehicle_hove
 def test_a_gyro_of_coarse_steps_that_hangs_while_the_vehicle_turns_is_named(begin: int) -> None:
     time_s, rates = hovering(0.2)
     coarse = np.rint(rates)
-    coarse[begin:4420, 0] = coarse[begin, 0]  # it turns between 4000 and 5000
+    coarse[begin:4420, 0] = coarse[begin, 0]  # the vehicle turns between rows 4000 and 5000
     (_, kept), _ = without_hung({"gyro": (time_s, np.radians(coarse)), "accelerometer": forces()})[0]
     assert ROWS - len(kept) == pytest.approx(4420 - begin, abs=40)
 

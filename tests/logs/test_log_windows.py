@@ -1,4 +1,4 @@
-"""A log that is read part after part gives every row of every channel once."""
+"""A log that is read in parts gives every row of every channel once."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Logs whose rows repeat their times: rounded, of several recordings that take turns, or written twice."""
+"""Logs whose rows repeat times: rounded times, several recordings that take turns, or rows that are written twice."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Logs in CSV files: each program's header is recognised, variables get the firmware's names and their units."""
+"""Logs in CSV files: each program's header is recognised, and variables get the firmware's names and units."""
 
 from pathlib import Path
 from typing import Literal
@@ -218,7 +218,7 @@ def test_nanobench_is_read_with_the_firmware_s_names() -> None:
     assert np.median(acceleration) == pytest.approx(9.81, rel=0.05)
     assert {"motor.m1", "pm.vbat", "stateEstimate.vx", "wx_vicon", "imu_gyro_y"} <= set(log.series[0].names)
     assert log.channel("stateEstimate.roll")[1].max() < np.pi
-    gyro, seen = log.channel("imu_gyro_x")[1], log.channel("wx_vicon")[1]  # by motion capture, late and smoothed
+    gyro, seen = log.channel("imu_gyro_x")[1], log.channel("wx_vicon")[1]  # from motion capture, late and smoothed
     assert gyro @ seen == pytest.approx(seen @ seen, rel=0.3)
 
 
@@ -334,7 +334,7 @@ def test_a_table_of_times_alone_below_a_head_of_words_ends_in_a_sentence(tmp_pat
 
 
 def test_a_client_s_times_in_nanoseconds_are_named_as_that(tmp_path: Path) -> None:
-    """They were taken for ms, 10 s apart by the million: minutes of reading to no rows."""
+    """Previously, the times were read as ms, which took minutes and gave no rows."""
     stamps = 1_760_000_000_000_000_000 + 10_000_000 * np.arange(500)
     path = tmp_path / "log.csv"
     path.write_text("Timestamp,motor.m1,rpm.m1\n" + "".join(f"{stamp},30000,9000\n" for stamp in stamps))

@@ -57,7 +57,7 @@ def test_a_slow_microsecond_clock_shows_beside_the_scheduler_and_is_corrected(tm
     draw = np.random.default_rng(2)
     for rate, known in ((84 / 85, "corrected by 85/84: rows of"), (1.002, "rows lie whole milliseconds apart")):
         true_us = 5_000_000 + 1000 * interval_ms * np.cumsum(draw.choice([1, 1, 1, 3], 300))
-        late_us = draw.integers(0, 40, 300)  # that writing takes at times
+        late_us = draw.integers(0, 40, 300)  # the delay of some writes
         records = [(65535, round(rate * at), (0, 0, 0, 0)) for at in true_us + late_us]
         log = read_log(written(tmp_path, bytes_of([FIXED], records)))
         np.testing.assert_allclose(log.series[0].time_s, 1e-6 * true_us, rtol=2.1e-3, atol=1e-4)
@@ -121,7 +121,7 @@ def test_reading_stops_at_a_record_of_no_known_event(tmp_path: Path) -> None:
 
 def test_the_record_in_which_bytes_are_lost_is_left_out(tmp_path: Path) -> None:
     whole = single()
-    place = len(whole) - 4 - 40 * 23 + 12  # in the numbers of record 60
+    place = len(whole) - 4 - 40 * 23 + 12  # within the numbers of record 60
     found = gyro(read_log(written(tmp_path, whole[:place] + whole[place + 1 :])))
     assert found == pytest.approx([at / 8 for at in range(60)])
 

@@ -13,7 +13,7 @@ POSE: Event = (3, "estPosition", ("source(B)", "x(e)", "count(H)", "low(h)", "wi
 
 
 def bytes_of(events: Sequence[Event], records: Iterable[Record], *, version: int = 2) -> bytes:
-    """Return a log as the firmware's writer composes it."""
+    """Return the bytes of a log as the firmware's writer composes it."""
     header = struct.pack("<BHH", 0xBC, version, len(events))
     letters = {}
     for number, name, variables in events:
