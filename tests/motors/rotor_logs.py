@@ -1,4 +1,4 @@
-"""Logs of rotors whose speeds follow commands by an exact lag, and how far a fit of one is off."""
+"""Logs of rotors whose speeds follow commands with an exact lag, and the errors of a fit to such a log."""
 
 import math
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ RPM = 30 / np.pi
 
 
 def following(change_s: Array, levels: Array, time_s: Array) -> Array:
-    """Return the speeds (n,) at times (n,) behind levels (m,) that hold from times (m,) on, between them exact."""
+    """Return the exact speeds (n,) at `time_s` (n,) that lag behind levels (m,), each held from its `change_s` (m,)."""
     every = [(at, level) for at, level in zip(change_s, levels, strict=True)]
     every = sorted([*every, *((at, None) for at in time_s)], key=lambda each: (each[0], each[1] is None))
     now, leads_to, last_s, found = float(levels[0]), float(levels[0]), float(change_s[0]), []
@@ -35,7 +35,7 @@ def following(change_s: Array, levels: Array, time_s: Array) -> Array:
 
 
 def fit_of(folder: Path, columns: Mapping[str, Array] | pd.DataFrame) -> Result:
-    """Write a log of columns (n,) by name as a table, and fit it."""
+    """Write a log of named columns (n,) as a table, and fit it."""
     path = folder / "log.csv"
     pd.DataFrame(columns).to_csv(path, index=False)
     log = rotor_log(path)
@@ -44,7 +44,7 @@ def fit_of(folder: Path, columns: Mapping[str, Array] | pd.DataFrame) -> Result:
 
 
 def off(result: Result, *, widest: float = math.inf) -> list[float]:
-    """Return by how many standard uncertainties rates are off, which are at most a part `widest` of them."""
+    """Return the errors of both rates in standard uncertainties, which are at most a fraction `widest` of the rates."""
     found = [(result.quantities[f"dynamics.{way}"], tau_s) for way, tau_s in TRUTH]
     assert all(one.std[0] < widest / tau_s for one, tau_s in found)
     return [abs(one.value[0] - 1 / tau_s) / one.std[0] for one, tau_s in found]

@@ -1,4 +1,4 @@
-"""The sentences of what a fit found."""
+"""The sentences of a fit's findings."""
 
 from typing import Any
 

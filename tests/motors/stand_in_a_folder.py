@@ -1,4 +1,4 @@
-"""Runs and files of a thrust stand, written as `cfid log thrust` and the thesis' logger write them."""
+"""Runs and files of a thrust stand, in the forms that `cfid log thrust` and the thesis' logger write."""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -34,7 +34,7 @@ def climbed(
     rotors: RotorTruth | None = None,
     spikes_per_s: float = 0.2,
 ) -> StandRecord:
-    """Return what the stand records of a staircase."""
+    """Return the stand's record of a staircase."""
     steps, duration_s = staircase_steps(commands, motors=motors, hold_s=hold_s, rest_s=rest_s)
     return simulate_stand(
         rotors=rotors or RotorTruth(),
@@ -57,7 +57,7 @@ def write_run(
     facts: RigFacts = NONE_STATED,
     **more: Any,
 ) -> Run:
-    """Write a record as a run of `cfid log thrust` in the campaign `folder`; motors 1 and 3 may have told their rpm."""
+    """Write a record as a `cfid log thrust` run in the campaign `folder`, optionally with the rpm of motors 1 and 3."""
     rpm = np.empty((len(record.tick_s), 0)) if told_rpm is None else told_rpm
     names = ("rpm.m1", "rpm.m3")[: rpm.shape[1]]
     devices = {
@@ -87,7 +87,7 @@ def write_run(
 
 
 def write_thesis_file(path: Path, record: StandRecord) -> Path:
-    """Write a record as the thesis' logger did: t and six columns of counts."""
+    """Write a record in the form of the thesis' logger: t and six columns of counts."""
     counts = np.rint(record.wrench * 1e6).astype(np.int64)
     rows = [
         f"{t:.6f},{','.join(map(str, row))}" for t, row in zip(BEGIN_S + record.time_s, counts.tolist(), strict=True)

@@ -1,4 +1,4 @@
-"""Commands that change between two rows of a log move no time constant, in whatever order early and late ones come."""
+"""Commands that change between two rows of a log bias no time constant, in any order of early and late changes."""
 
 from itertools import accumulate
 from pathlib import Path
@@ -16,7 +16,7 @@ Array = npt.NDArray[np.float64]
 
 
 def fitted(folder: Path, change_s: Array, *, row_s: float, every: int, seed: int) -> Result:
-    """Fit 20 s of two rotors whose commands change at the same times, with speeds in one of `every` rows."""
+    """Fit 20 s of two rotors whose commands change at the same times; one in `every` rows has speeds."""
     rng, time_s = np.random.default_rng(seed), np.arange(0.002, 20, row_s)
     read = np.arange(len(time_s)) % every == 0
     columns = {"t": time_s, "pm.vbat": np.round(4 + rng.normal(0, 0.004, len(time_s)), 3)}
@@ -30,7 +30,7 @@ def fitted(folder: Path, change_s: Array, *, row_s: float, every: int, seed: int
 
 @pytest.mark.parametrize("seed", [21, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (22, 23))])
 def test_changes_that_come_late_in_step_with_the_readings_give_the_lag(tmp_path: Path, seed: int) -> None:
-    """Every second one shows 2 ms late, and those are the ones after which a reading comes soonest."""
+    """Every second change appears 2 ms late, and these are the changes that a reading follows soonest."""
     result = fitted(tmp_path, np.arange(0, 20, 0.35), row_s=0.004, every=5, seed=seed)
     delay = result.quantities["dynamics.delay_s"]
 
@@ -48,7 +48,7 @@ def test_changes_at_any_time_in_rows_of_10_ms_give_the_lag(tmp_path: Path, every
 
 
 def controlled(folder: Path, *, every_s: float, correlated_s: float, row_s: float, noise: float = 0.0) -> Result:
-    """Fit 40 s of four rotors whose commands a controller changes at random, logged in rows; `noise` lasts one step."""
+    """Fit 40 s of four rotors whose controller changes commands at random; each value of `noise` lasts one step."""
     time_s, change_s = np.arange(0, 40, row_s), np.arange(0, 40, every_s)
     kept = np.exp(-every_s / correlated_s)
     columns = {"t": time_s, "pm.vbat": np.full(len(time_s), 4.0)}
@@ -76,7 +76,7 @@ def controlled(folder: Path, *, every_s: float, correlated_s: float, row_s: floa
 def test_commands_that_change_in_all_rows_and_between_them_leave_the_lag_within_its_uncertainty(
     tmp_path: Path, every_s: float, correlated_s: float, row_s: float
 ) -> None:
-    """Rows show one of five commands, and rising and falling come out nearer to each other; both were 10 % long."""
+    """Rows show one command in five, and the rising and falling lags come out too similar; both were 10 % too long."""
     result = controlled(tmp_path, every_s=every_s, correlated_s=correlated_s, row_s=row_s)
     (found,) = (one for one in result.findings if one.code == "lag-command-between-rows")
 
@@ -87,7 +87,7 @@ def test_commands_that_change_in_all_rows_and_between_them_leave_the_lag_within_
 
 
 def test_the_thrust_of_four_rotors_states_that_its_time_constants_lie_nearer_to_each_other() -> None:
-    """Some rise while others fall: by a flight's commands they were nearer by a fifth, at a stated twentieth."""
+    """Some rotors rise while others fall: in a flight, lags came out nearer by a fifth; a twentieth was stated."""
     time_s = np.arange(0, 20, 0.01)
     quick, steady = (
         Signal(time_s, 0.5 + size * np.random.default_rng(1).normal(size=2000).cumsum()) for size in (1e-3, 0)
@@ -97,14 +97,14 @@ def test_the_thrust_of_four_rotors_states_that_its_time_constants_lie_nearer_to_
 
 
 def test_commands_that_alternate_from_row_to_row_have_a_finite_share() -> None:
-    """Their mean squared change is four times their variance, the most that there is."""
+    """Their mean squared change is four times their variance, which is the maximum."""
     command = Signal(np.arange(0, 20, 0.01), np.tile([0.4, 0.6], 1000))
     assert 1 < mixed_share(command) < 3
 
 
 @pytest.mark.parametrize("row_s", [0.01, pytest.param(0.02, marks=pytest.mark.slow)])
 def test_noise_that_commands_have_within_a_row_is_in_the_uncertainty_of_the_lag(tmp_path: Path, row_s: float) -> None:
-    """It makes time constants too long: a row has the noise of one step, and its mean hardly any."""
+    """The noise makes time constants too long: a row shows the noise of one step, but its mean has hardly any."""
     result = controlled(tmp_path, every_s=0.002, correlated_s=0.5, row_s=row_s, noise=2000)
 
     assert 0.7 < result.quantities["dynamics.rising"].value[0] * RISING_S < 0.9
@@ -112,7 +112,7 @@ def test_noise_that_commands_have_within_a_row_is_in_the_uncertainty_of_the_lag(
 
 
 def test_commands_of_a_controller_as_slow_as_rows_leave_the_lag_within_its_uncertainty(tmp_path: Path) -> None:
-    """Held from row to row, they do nothing else in between."""
+    """Each command is held from row to row, so nothing changes in between."""
     result = controlled(tmp_path, every_s=0.02, correlated_s=0.05, row_s=0.02)
     delay = result.quantities["dynamics.delay_s"]
 

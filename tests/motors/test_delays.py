@@ -1,4 +1,4 @@
-"""A rotor's delay that is negative, or consistent with zero, is said to be."""
+"""A rotor's delay that is negative, or consistent with zero, is reported as such."""
 
 import math
 

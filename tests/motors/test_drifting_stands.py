@@ -33,7 +33,7 @@ def codes(findings: Iterable[Finding]) -> set[str]:
 
 
 def times(command: Array) -> Array:
-    """Return when steps of ten seconds were held."""
+    """Return the times at which steps of ten seconds were held."""
     return 10.0 * np.arange(len(command), dtype=np.float64)
 
 
@@ -52,7 +52,7 @@ def test_commands_that_were_held_again_late_show_more_of_a_warm_up_than_those_he
     warm = 1 - 0.02 * np.exp(-np.arange(len(command)) / len(command))
     _, findings = warm_up(measured(command, factor=warm), times(command), None, "run")
 
-    # The mean of all changes is 0.6 %, from first to last it is 1.2 %.
+    # The mean of all changes is 0.6 %; the change from the first step to the last is 1.2 %.
     assert codes(findings) == {"load-cell-drifted"}
     assert float(findings[0].text.split("gave ")[1].split(" %")[0]) == pytest.approx(1.2, abs=0.3)
 
@@ -96,7 +96,7 @@ def test_halves_of_a_log_that_contradict_each_other_are_reported() -> None:
 
 
 def sagging(command: Array) -> tuple[Array, Array]:
-    """Return thrusts and the battery's voltages at commands: it falls by its inner resistance."""
+    """Return thrusts and battery voltages at commands; the voltage falls across the battery's internal resistance."""
     thrust, volts = np.zeros(len(command)), np.full(len(command), 4.0)
     for _ in range(100):
         volts = 4.0 - 8.0 * thrust**1.5
@@ -105,7 +105,7 @@ def sagging(command: Array) -> tuple[Array, Array]:
 
 
 def test_a_supply_that_was_set_to_two_voltages_shows_no_sag() -> None:
-    """Thrust and voltage raised each other until the numbers overflowed."""
+    """Thrust and voltage once raised each other until the numbers overflowed."""
     held = np.arange(6000.0, 65001.0, 5000.0)
     command, volts = np.tile(held, 2), np.repeat([12.0, 7.5], len(held))
     thrust = 2.0 * (command / 65535 * volts / 12) ** 2
@@ -141,7 +141,7 @@ def test_the_largest_thrust_is_stated_at_the_voltage_to_which_the_battery_sags()
 
 def test_a_thrust_beyond_the_points_widens_by_what_the_last_points_surprise() -> None:
     command = np.arange(4000.0, 48001.0, 4000.0)
-    bent = measured(command, factor=1 - 0.1 * (command / 65535) ** 2)  # no polynomial of order 2 is that
+    bent = measured(command, factor=1 - 0.1 * (command / 65535) ** 2)  # no polynomial of order 2 describes this
     truth_n = 0.9 * float(np.polyval(EQ_3_3, 65535))
     found = maximum_thrust(fit_thrust(bent), gravity_mps2=9.81)
     even = maximum_thrust(fit_thrust(measured(command)), gravity_mps2=9.81)

@@ -1,4 +1,4 @@
-"""Steps of the command drawn: speeds, the lag of each step, and the rotor model's time constants."""
+"""Figures of command steps: speeds, the lag of each step, and the rotor model's time constants."""
 
 from collections.abc import Callable
 from typing import Any
@@ -22,7 +22,7 @@ HOLD_S = 1.0
 
 
 def fitted(levels: tuple[float, ...], *, time_constant_s: float = 0.1) -> Fits:
-    """Return speeds that follow levels of a second each, and what was fitted to them."""
+    """Return times, speeds that follow levels held for one second each, and the fits to them."""
     time = np.arange(0.0, HOLD_S * len(levels), 0.01)
     speed = np.full_like(time, levels[0])
     for place, level in enumerate(levels[1:], start=1):

@@ -1,4 +1,4 @@
-"""Files of two commands that were exchanged, and arguments that a run's own label contradicts."""
+"""Exchanged files of two commands, and arguments that contradict a run's own label."""
 
 from datetime import UTC, datetime
 from pathlib import Path

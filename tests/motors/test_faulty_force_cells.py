@@ -1,4 +1,4 @@
-"""A load cell that drops out, or whose unit is wrong, gives neither a good verdict nor a map."""
+"""A load cell that drops out or has the wrong unit gives neither a good verdict nor a map."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -20,20 +20,20 @@ from tests.motors.stand_in_a_folder import climbed, write_run
 
 Array = npt.NDArray[np.float64]
 
-FILTERED = RotorTruth(unbalance=(0.01,) * 6, blade_pass=(0.01,) * 6)  # by the amplifier, which averages vibration
+FILTERED = RotorTruth(unbalance=(0.01,) * 6, blade_pass=(0.01,) * 6)  # the amplifier averages vibration out
 STEPS = tuple(range(0, 64001, 8000))
 
 
 @pytest.fixture
 def run(tmp_path: Path) -> Run:
-    """A staircase of two motors on an amplifier of 80 Hz, 5 s a step."""
+    """A staircase of two motors, recorded with an 80 Hz amplifier, 5 s per step."""
     (tmp_path / RIG_FILE).write_text(new_rig_text())
     record = climbed(STEPS, rate_hz=80.0, hold_s=5.0, rest_s=3.0, spikes_per_s=0.0, rotors=FILTERED)
     return with_axes(write_run(tmp_path, record, steps=STEPS, motors=[1, 3], hold_s=5.0, rest_s=3.0), "Fz")
 
 
 def changed(run: Run, change: Callable[[Array, Array], Array]) -> Run:
-    """Rewrite Fz as a `change` of it and of the command at each row makes it."""
+    """Rewrite Fz as the result of `change`, a function of Fz and of the command in each row."""
     path = run.device_file("loadcell")
     rows, log = pd.read_csv(path), pd.read_csv(run.device_file("commands"))
     command = log["m1"].to_numpy()[np.searchsorted(log["t"], rows["t"], side="right") - 1]
@@ -43,7 +43,7 @@ def changed(run: Run, change: Callable[[Array, Array], Array]) -> Run:
 
 
 def without_load(share: float, *, row: int = 1) -> Callable[[Array, Array], Array]:
-    """Return a change to the first reading in a share of the rows while motors run, so many rows at a time."""
+    """Return a change that repeats the first reading in a share of the rows of running motors, `row` rows at a time."""
 
     def change(force_n: Array, command: Array) -> Array:
         drawn = np.random.default_rng(8).random(-(-len(force_n) // row)) < share

@@ -1,4 +1,4 @@
-"""A load cell of one axis gives the thrust that six axes give, torque by an arm, and says what it cannot give."""
+"""A load cell with one axis gives the same thrust as six axes, or torque by an arm, and reports what it cannot give."""
 
 import subprocess
 from collections.abc import Callable
@@ -21,7 +21,7 @@ from tests.motors.stand_in_a_folder import climbed, write_run
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
 STEPS = tuple(range(0, 64001, 8000))
-RATE_HZ = 80.0  # of a usual load-cell amplifier
+RATE_HZ = 80.0  # typical of load-cell amplifiers
 HOLD_S = 5.0
 
 

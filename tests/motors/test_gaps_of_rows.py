@@ -1,4 +1,4 @@
-"""Rows that a log lost, in which commands changed unseen, move no time constant and are named."""
+"""Rows that a log lost, in which commands changed unseen, bias no time constant and are named."""
 
 from itertools import accumulate
 from pathlib import Path
@@ -23,7 +23,7 @@ def always(rng: np.random.Generator) -> Array:
 
 
 def at_times(rng: np.random.Generator) -> Array:
-    """Return commands (n,) that are held for a quarter of a second or so."""
+    """Return commands (n,) that are each held for about a quarter of a second."""
     held = np.searchsorted(rng.integers(60, 200, 200).cumsum(), np.arange(ROWS), side="right")
     return np.asarray(np.round(rng.uniform(15000, 55000, 201))[held])
 
@@ -42,7 +42,7 @@ def named(result: Result) -> list[str]:
 
 
 def test_what_follows_gaps_of_rows_is_left_out_and_gaps_are_named(tmp_path: Path) -> None:
-    """Of 20 s, 30 gaps of 40 ms are missing, in which the command changed 20 times each."""
+    """In 20 s, 30 gaps of 40 ms are missing, and the command changed 20 times in each gap."""
     rng = np.random.default_rng(3)
     lost = np.zeros(ROWS, bool)
     for first in 600 + 300 * np.arange(30):
@@ -54,7 +54,7 @@ def test_what_follows_gaps_of_rows_is_left_out_and_gaps_are_named(tmp_path: Path
 
 
 def test_a_step_of_the_command_in_a_gap_moves_no_lag(tmp_path: Path) -> None:
-    """Each fifth step comes in a gap, 10 ms after its begin, where the row after the gap shows it 20 ms late."""
+    """Every fifth step falls in a gap, 10 ms after the gap starts; the row after the gap shows the step 20 ms late."""
     rng = np.random.default_rng(4)
     command, lost = at_times(rng), np.zeros(ROWS, bool)
     for step in np.flatnonzero(np.diff(command))[4::5]:
@@ -64,7 +64,7 @@ def test_a_step_of_the_command_in_a_gap_moves_no_lag(tmp_path: Path) -> None:
 
 
 def test_gaps_so_dense_that_little_is_left_are_followed_for_a_shorter_time(tmp_path: Path) -> None:
-    """After each 200 ms some rows are missing: three time constants are longer than that."""
+    """Some rows are missing every 200 ms, which is shorter than three time constants."""
     rng = np.random.default_rng(5)
     lost = (np.arange(ROWS) % 100 >= 95) & (np.arange(ROWS) > 500)
     result = fitted(tmp_path, always(rng), lost, rng)
@@ -75,7 +75,7 @@ def test_gaps_so_dense_that_little_is_left_are_followed_for_a_shorter_time(tmp_p
 
 @pytest.mark.parametrize("every", [2, 3])
 def test_rows_that_come_evenly_or_in_turns_are_no_gaps(tmp_path: Path, every: int) -> None:
-    """A log without each second or third row has rows that are 4 ms apart, or 2 and 4 ms in turns."""
+    """A log without every second or third row has rows 4 ms apart, or alternately 2 and 4 ms apart."""
     rng = np.random.default_rng(6)
     result = fitted(tmp_path, at_times(rng), np.arange(ROWS) % every == 1, rng)
 

@@ -1,4 +1,4 @@
-"""The 95 % intervals of a lag from a command that never rests hold the truth as often as they claim."""
+"""The 95 % intervals of a lag from an ever-changing command contain the true value as often as they claim."""
 
 from typing import Literal
 
@@ -19,10 +19,11 @@ LONG_S, STEP_S, RATE_HZ = 25.0, 2.5e-4, 100.0
 def flown(
     count: int, seed: int, *, rotors: int, noise: float, red: float, sag: float = 0.0
 ) -> tuple[Array, Array, Array]:
-    """Return times (n,), commands (count, rotors, n) of 0 to 1, and what they give (count, n) with noise.
+    """Return times (n,), commands (count, rotors, n) of 0 to 1, and the noisy values (count, n) that they cause.
 
-    Of one rotor that is its speed, of several their thrust. Steps of 0.25 ms follow commands that change
-    every 20 to 90 ms. All that they lead to falls by `sag` until the end, as with an unlogged battery.
+    The values are the speed of a single rotor, or the thrust of several rotors. The simulation takes steps of
+    0.25 ms; commands change every 20 to 90 ms. The steady speed at a command falls by the fraction `sag` until the
+    end, as with an unlogged battery.
     """
     draw = np.random.default_rng(seed)
     rows = round(LONG_S * RATE_HZ)
@@ -48,7 +49,7 @@ def flown(
 
 
 def followed(targets: Array, speed: float) -> list[float]:
-    """Return the speed at the begin of each step in which it follows a target."""
+    """Return the speed at the start of each step in which it follows a target."""
     rising, falling = np.expm1(-STEP_S / np.array([RISING_S, FALLING_S])).tolist()
     course = []
     for to in targets.tolist():
@@ -58,7 +59,7 @@ def followed(targets: Array, speed: float) -> list[float]:
 
 
 def fitted(time_s: Array, commands: Array, values: Array) -> list[Row]:
-    """Fit every log, and return the rows of the three numbers."""
+    """Fit every log, and return the coverage rows of the two time constants and the delay."""
     kind: Literal["speed", "thrust"] = "speed" if commands.shape[1] == 1 else "thrust"
     found, std = [], []
     for command, value in zip(commands, values, strict=True):

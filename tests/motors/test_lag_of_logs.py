@@ -1,4 +1,4 @@
-"""A log of the uSD-card deck gives the lag of its rotors, by their speeds or by the acceleration, or says why not."""
+"""A log of the uSD-card deck gives the lag of its rotors, from speeds or acceleration, or states why it cannot."""
 
 import json
 import math
@@ -58,7 +58,7 @@ def seconds(result: Result, key: str) -> float:
 
 @pytest.fixture(scope="module")
 def four(tmp_path_factory: pytest.TempPathFactory) -> RotorLog:
-    """Two rotors that follow, one whose sensor drops out, and one that shows noise."""
+    """Two rotors that follow their commands, one whose sensor drops out, and one that shows only noise."""
     _, command, speed = flown(4, 7, rotors=1, noise=3.0, red=0.0)
     speed[2, ::50] = 0
     speed[3] = 1800 + 200 * np.random.default_rng(2).standard_normal(speed.shape[1])
@@ -218,7 +218,7 @@ def test_a_voltage_that_is_mostly_impossible_is_not_used_and_that_is_said(tmp_pa
 
 
 def about(result: Result, rotor: int) -> dict[str, str]:
-    """Return the sentences on a rotor, by their codes."""
+    """Return the sentences about a rotor by their codes."""
     return {one.code: one.text for one in result.findings if one.where == (f"rotor {rotor}",)}
 
 
@@ -300,7 +300,7 @@ def test_a_command_that_hardly_moves_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("levels", [2, 3])
 def test_a_command_of_two_levels_is_asked_for_a_third(tmp_path: Path, levels: int) -> None:
-    """A clean square wave on a battery was told to excite the rotor more, and that its speed map does not rise."""
+    """For a clean square wave on a battery, messages asked for more excitation and denied that its speed map rises."""
     draw, change_s, time_s = np.random.default_rng(3), np.arange(0.0, 15.0, 0.5), np.arange(1500) / 100
     command = np.array([30000.0, 38000.0, 46000.0])[np.arange(len(change_s)) % levels]
     held = command[np.searchsorted(change_s, time_s + 1e-9, side="right") - 1]
@@ -352,11 +352,11 @@ def test_parts_of_a_long_log_join_to_the_fit_of_the_whole() -> None:
     np.testing.assert_allclose(same.std_s, whole.std_s, rtol=0.35)
     truth = np.array([RISING_S, FALLING_S, DELAY_S])
     assert np.all(np.abs(np.array(drifted.lag) - truth) < 3 * np.array(drifted.std_s))
-    assert drifted.map_std[0] > same.map_std[0]  # wider by as much as the parts differ
+    assert drifted.map_std[0] > same.map_std[0]  # the difference between the parts widens it
 
 
 def test_parts_that_differ_by_more_than_their_uncertainties_widen_their_mean() -> None:
-    """Two parts, each number two standard uncertainties from the mean: 48 in squares over six degrees of freedom."""
+    """Each number of two parts is two std from the mean: the squares sum to 48 over six degrees of freedom."""
     std = np.array([10.0, 20.0, 30.0, 1e-3, 2e-3, 3e-3])
     mean = np.array([100.0, 2000.0, 300.0, 0.05, 0.07, 0.01])
     parts = [
@@ -388,7 +388,7 @@ def test_a_command_that_changes_between_rows_widens_the_delay_and_is_refused_fro
     seen, between, slow = (fit_lag([segment], kind="speed", row_s=each, moving=True) for each in (0.0, 0.02, 0.04))
     added_s = np.sqrt(between.std_s.delay_s**2 - seen.std_s.delay_s**2)
 
-    early_s = np.linspace(0, 0.02, 10_001)  # uniform within the interval, and to one side
+    early_s = np.linspace(0, 0.02, 10_001)  # uniform within the interval, and one-sided
     assert added_s == pytest.approx(np.sqrt(np.mean(early_s**2)), rel=1e-3)
     assert between.accepted
     assert [one.code for one in slow.findings] == ["lag-log-too-slow"]
@@ -396,7 +396,7 @@ def test_a_command_that_changes_between_rows_widens_the_delay_and_is_refused_fro
 
 @pytest.mark.parametrize("rate_hz", [100, 500])
 def test_commands_that_change_between_rows_leave_the_delay_within_its_uncertainty(tmp_path: Path, rate_hz: int) -> None:
-    """The plant takes commands at any time; rows show them up to an interval late."""
+    """The plant takes commands at any time; rows show them up to one row interval late."""
     fine_s, rng = 1e-4, np.random.default_rng(2)
     rows = round(1 / rate_hz / fine_s)
     command = np.repeat(rng.uniform(20000, 50000, 300), rng.integers(500, 1500, 300))
@@ -420,7 +420,7 @@ def test_commands_that_change_between_rows_leave_the_delay_within_its_uncertaint
 
 
 def test_rotors_of_one_log_share_how_late_rows_show_a_command(tmp_path: Path) -> None:
-    """The mean of four rotors is no better known in that part than one of them."""
+    """All rotors share the error of late rows, so the mean of four rotors is no better known than one rotor."""
     time_s, command, speed = flown(1, 5, rotors=1, noise=5.0, red=0.0)
     columns = {f"motor.m{motor}": (65535 * command[0, 0]).astype(int) for motor in (1, 2, 3, 4)}
     columns |= {f"rpm.m{motor}": NEXT * speed[0] for motor in (1, 2, 3, 4)}
@@ -447,7 +447,7 @@ def test_voltage_belongs_to_the_drive(tmp_path: Path) -> None:
 
 
 def test_a_speed_in_proportion_to_the_voltage_is_not_said_to_change_at_the_same_voltage(tmp_path: Path) -> None:
-    _, command, speed = flown(1, 9, rotors=1, noise=3.0, red=0.0, sag=0.1)  # all of the speed, not the command's part
+    _, command, speed = flown(1, 9, rotors=1, noise=3.0, red=0.0, sag=0.1)  # sag of the whole speed, with its offset
     volts = np.linspace(4.1, 3.69, speed.shape[1])
     columns = (65535 * command[0, 0], NEXT * speed[0], volts)
     result = fit(read(logged(tmp_path, (MOTORS[0], SPEEDS[0], "pm.vbat(f)"), *columns)))
@@ -532,14 +532,14 @@ def test_commands_on_another_scale_give_the_lag_and_no_map(
 
 
 def test_the_thrust_of_a_real_flight_leaves_its_lags_open_about_what_its_authors_found() -> None:
-    """Fitted without whitening, its falling thrust lags by 45 ms: air and vibration are in no model of either."""
+    """Without whitening, the fitted lag of falling thrust is 45 ms: no model contains the air and the vibration."""
     path = DATA / "flights" / "eschmann_log10.usd"
     if not path.is_file():
         pytest.skip("the flight log is not here (CFID_DATA)")
-    result = fit(read(path).between(8.77, 39.13))  # 35 to 65 s by its slow clock, as the authors took
+    result = fit(read(path).between(8.77, 39.13))  # 35 to 65 s on its slow clock, the authors' choice
     for way in ("rising", "falling"):
         rate = result.quantities[f"dynamics.{way}"]
-        assert abs(1 / rate.value[0] - 0.073) < 2 * rate.std[0] / rate.value[0] ** 2  # theirs, both ways, without delay
+        assert abs(1 / rate.value[0] - 0.073) < 2 * rate.std[0] / rate.value[0] ** 2  # the authors' one lag, no delay
         assert 0.04 < 1 / rate.value[0] < 0.1
 
     (open_one,) = (finding for finding in result.findings if finding.code == "lag-not-excited")
@@ -599,7 +599,7 @@ def test_a_fault_of_a_flight_table_s_time_is_not_taken_for_one_of_a_stand_s_colu
 
 
 def test_where_whitening_and_drift_move_a_lag_beyond_noise_that_counts_in_its_uncertainty(tmp_path: Path) -> None:
-    """A chirp at 50 Hz on a supply whose voltage falls with the speed, and the speed with it."""
+    """A chirp logged at 50 Hz on a supply whose voltage falls with the speed, which lowers the speed in turn."""
     rng, row_s, in_std = np.random.default_rng(4), 0.02, []
     for seed in range(4):
         time_s, fine_s = np.arange(0, 60, row_s), 1e-3

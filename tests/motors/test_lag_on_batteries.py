@@ -1,4 +1,4 @@
-"""A log on a battery that sags under load: time constants are the rotors', whatever the voltage does, and when."""
+"""Logs on a battery that sags under load give the rotors' time constants, however and whenever the voltage changes."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,7 +20,7 @@ ROTORS = (1, 2, 3, 4)
 
 
 def flown(path: Path, seed: int, **how: Any) -> Result:
-    """Fit the rotors of a log that is written here."""
+    """Write a log, and fit its rotors."""
     write(path, seed, **how)
     return fitted(path)
 
@@ -41,9 +41,9 @@ def write(
     long_s: float = 20.0,
     rotors: tuple[int, ...] = ROTORS,
 ) -> None:
-    """Write the log of rotors whose speeds go with a power of a voltage that falls with their mean thrust.
+    """Write the log of rotors whose speeds depend on a power of a voltage that falls with their mean thrust.
 
-    Commands come `command_s` late to them, and their speeds `speed_s` late to the log.
+    Commands reach the rotors `command_s` late, and speeds reach the log `speed_s` late.
     """
     rng, steps = np.random.default_rng(seed), round(long_s / STEP_S)
     time_s = STEP_S * np.arange(steps)
@@ -63,7 +63,7 @@ def write(
 
 
 def sagging(gains: Array, *, power: float) -> tuple[Array, Array]:
-    """Return the volts (n,) of a battery that gives way, and speeds (4, n) that it drives by gains (4, n)."""
+    """Return the volts (n,) of a battery that sags, and the speeds (4, n) that it drives with gains (4, n)."""
     rising, falling = np.expm1(-STEP_S / np.array([RISING_S, FALLING_S])).tolist()
     now, volts, speeds = [1000.0] * len(gains), [], []
     for step, each in enumerate(gains.T.tolist()):
@@ -76,7 +76,7 @@ def sagging(gains: Array, *, power: float) -> tuple[Array, Array]:
 
 
 def off(result: Result) -> Iterator[float]:
-    """Yield by how many standard uncertainties each rotor's time constants and the rotor model are off."""
+    """Yield the errors of each rotor's time constants and of the rotor model, in standard uncertainties."""
     for row in result.quantities["dynamics.time_constant_s"].value:
         assert row["accepted"]
         yield (row["time_constant_s"] - (RISING_S if row["rising"] else FALLING_S)) / row["std_s"]
@@ -157,7 +157,7 @@ def test_intervals_on_a_battery_that_sags_hold_the_truth(
 
 @pytest.mark.parametrize("voltage", ["none", pytest.param("of something else", marks=pytest.mark.slow)])
 def test_a_sag_that_no_voltage_shows_is_in_the_uncertainty(tmp_path: Path, voltage: str) -> None:
-    """Time constants came out 2 % short at a stated 0.4 %."""
+    """Time constants were 2 % too short, with a stated uncertainty of 0.4 %."""
     path = tmp_path / "log.csv"
     write(path, 1, power=1.0)
     table = pd.read_csv(path)
@@ -171,7 +171,7 @@ def test_a_sag_that_no_voltage_shows_is_in_the_uncertainty(tmp_path: Path, volta
 
 
 def test_rows_whose_voltage_was_left_out_for_long_are_left_out_too(tmp_path: Path) -> None:
-    """The voltage was held over them, which made time constants short and its power half of what it is."""
+    """The last voltage was held over these rows, which made time constants short and halved the voltage's power."""
     path = tmp_path / "log.csv"
     write(path, 1, power=1.0, long_s=30.0, rotors=ROTORS[:2])
     table = pd.read_csv(path)

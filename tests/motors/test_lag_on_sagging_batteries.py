@@ -1,4 +1,4 @@
-"""Lags of rotors whose battery gives way under them, of a voltage that is read less often than speeds change."""
+"""Lags of rotors on a battery that sags under load, with a voltage that is read less often than speeds change."""
 
 from pathlib import Path
 
@@ -42,7 +42,7 @@ def fitted(folder: Path, log: pd.DataFrame) -> Result:
 def test_a_battery_that_one_rotor_alone_draws_down_does_not_bias_its_lag(
     tmp_path: Path, every: int, seeds: tuple[int, ...]
 ) -> None:
-    """Rates were 2 % high, by 8 to 10 standard uncertainties, of a voltage every 20 ms."""
+    """With a voltage every 20 ms, rates were 2 % too high, or 8 to 10 standard uncertainties."""
     worst = []
     for seed in seeds:
         time_s, log, volts = driven(seed, 1)
@@ -54,7 +54,7 @@ def test_a_battery_that_one_rotor_alone_draws_down_does_not_bias_its_lag(
 
 @pytest.mark.parametrize("seeds", [(3,), pytest.param((4, 5, 6), marks=pytest.mark.slow)])
 def test_blocks_of_a_log_at_rates_of_their_own_give_the_lag(tmp_path: Path, seeds: tuple[int, ...]) -> None:
-    """Commands each 10 ms, speeds each 20 ms between them, and the voltage each 100 ms, joined by their times."""
+    """Commands every 10 ms, speeds every 20 ms between them, and the voltage every 100 ms are joined by their times."""
     worst = []
     for seed in seeds:
         time_s, log, volts = driven(seed, 4)

@@ -1,4 +1,4 @@
-"""Maps of the same windows covary: what many simulated staircases scatter by is what each of them states."""
+"""Maps of the same windows covary: the scatter of many simulated staircases equals what each staircase states."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -26,7 +26,7 @@ TARE_STD_N = 2e-4
 SPEED_STD_RAD_S = 1.0
 STAIRCASES = 400
 
-LOOKED_AT = {  # numbers of one map each: what its coefficients, in the order of parameters.toml, are multiplied by
+LOOKED_AT = {  # one number per map: the factors of its coefficients, in the order of parameters.toml
     "motor.thrust_poly": [40000.0**3, 40000.0**2, 40000.0, 1.0],
     "motor.max_thrust_n": [1.0],
     "motor.thrust_voltage_poly": [1.0, 2.5, 2.5**2, 2.5**3],
@@ -36,7 +36,7 @@ LOOKED_AT = {  # numbers of one map each: what its coefficients, in the order of
 
 
 def tares(count: int) -> Array:
-    """Return the parts of the rests between steps in the tare of each step: half of both neighbours."""
+    """Return the shares of the pauses between steps in the tare of each step: half of each neighbouring pause."""
     shares = np.zeros((count, count + 1))
     for step in range(count):
         shares[step, step : step + 2] = TARE_STD_N / 2
@@ -44,7 +44,7 @@ def tares(count: int) -> Array:
 
 
 def stated(rng: np.random.Generator) -> MotorPoints:
-    """Return a staircase whose windows know their noise, and two neighbours the rest between them."""
+    """Return a staircase whose windows state their noise, and whose neighbouring steps share the pause between them."""
     shared = tares(len(COMMAND))
     noise = THRUST_STD_N * rng.standard_normal(len(COMMAND)) + shared @ rng.standard_normal(shared.shape[1])
     return MotorPoints(
@@ -58,7 +58,7 @@ def stated(rng: np.random.Generator) -> MotorPoints:
 
 
 def unstated(rng: np.random.Generator) -> MotorPoints:
-    """Return a table without deviations: only the points' scatter tells them."""
+    """Return a table without standard uncertainties; only the scatter of its points shows them."""
     return MotorPoints(
         command=COMMAND,
         thrust_n=THRUST_N + 1e-4 * rng.standard_normal(len(COMMAND)),
@@ -67,14 +67,14 @@ def unstated(rng: np.random.Generator) -> MotorPoints:
 
 
 def gusty(rng: np.random.Generator) -> MotorPoints:
-    """Return a staircase whose thrusts vary between windows by twice as much as within them."""
+    """Return a staircase whose thrusts vary twice as much between windows as within them."""
     points = stated(rng)
     assert points.thrust_n is not None
     return replace(points, thrust_n=points.thrust_n + 2 * THRUST_STD_N * rng.standard_normal(len(COMMAND)))
 
 
 def all_but_square(rng: np.random.Generator) -> MotorPoints:
-    """Return a staircase whose thrust the firmware's constraint holds in every second fit."""
+    """Return a staircase on whose thrust the firmware's constraint is active in every second fit."""
     points = stated(rng)
     assert points.thrust_n is not None
     assert points.speed_rad_s is not None
@@ -84,7 +84,7 @@ def all_but_square(rng: np.random.Generator) -> MotorPoints:
 
 
 def looked_at(block: Covariance) -> Array:
-    """Return what makes the numbers looked at of those of a covariance."""
+    """Return the matrix that maps the numbers of a covariance to the numbers in LOOKED_AT."""
     count = {**{key: len(powers) for key, powers in LOOKED_AT.items()}, "motor.hover_mass_kg": 1}
     return np.array(
         [
@@ -95,7 +95,7 @@ def looked_at(block: Covariance) -> Array:
 
 
 def told(points: MotorPoints) -> tuple[Array, Array]:
-    """Return the numbers looked at (5,) of one staircase, and the covariance (5, 5) that is stated of them."""
+    """Return the numbers (5,) of LOOKED_AT for one staircase, and their stated covariance (5, 5)."""
     assert points.thrust_n is not None
     thrust, over_speed = fit_thrust(points, order=3, robust=False), fit_thrust_of_speed(points, robust=False)
     most = maximum_thrust(thrust, gravity_mps2=9.81)
@@ -148,7 +148,7 @@ def test_many_staircases_scatter_as_each_of_them_states(staircase: Staircase, co
 
 
 def apart(points: MotorPoints) -> MotorPoints:
-    """Return thrusts and speeds as those of two runs, one after the other."""
+    """Return thrusts and speeds as if they came from two runs, one after the other."""
     blank = np.full(len(COMMAND), np.nan)
     assert points.thrust_n is not None
     assert points.speed_rad_s is not None
@@ -160,7 +160,7 @@ def apart(points: MotorPoints) -> MotorPoints:
 
 
 def brushless(rng: np.random.Generator) -> MotorPoints:
-    """Return a table of a motor whose speed is a line of the command."""
+    """Return a table of a motor whose speed is linear in the command."""
     speed = 380 + 0.0408 * COMMAND
     noise = 1e-4 * rng.standard_normal(len(COMMAND))
     read = speed + SPEED_STD_RAD_S * rng.standard_normal(len(COMMAND))

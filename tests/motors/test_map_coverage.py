@@ -1,4 +1,4 @@
-"""Motor maps of points that scatter from step to step by more than their windows show, in proportion to the thrust."""
+"""Motor maps of points that scatter between steps by more than their windows show, in proportion to the thrust."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def speed_rad_s(command: Array) -> Array:
 
 
 def scattered(part: float, rng: np.random.Generator, *, both_ways: bool) -> MotorPoints:
-    """Return points whose steps differ from the map by a part of their values beside the noise of their windows."""
+    """Return points whose steps differ from the map by a fraction of their values, plus the noise of their windows."""
     command = np.concatenate([COMMAND, COMMAND[::-1]]) if both_ways else COMMAND
     thrust = thrust_n(command) * (1 + part * rng.standard_normal(len(command)))
     own, shape = RATIO_M * thrust_n(command), len(command)

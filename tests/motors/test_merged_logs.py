@@ -1,4 +1,4 @@
-"""Logs whose rows are those of several devices or vehicles: what one table of them gives, and why it gives nothing."""
+"""Tables that merge the rows of several devices or vehicles: what such a table gives, and why it may give nothing."""
 
 from pathlib import Path
 
@@ -32,7 +32,7 @@ def fitted(folder: Path, log: pd.DataFrame) -> Result:
 
 @pytest.mark.parametrize("late_ms", [0, 3])
 def test_speeds_in_rows_of_their_own_give_the_lag(tmp_path: Path, late_ms: int) -> None:
-    """As where blocks of a log are joined by their times, or put below each other and sorted."""
+    """Such rows come from log blocks that were joined by their times, or concatenated and sorted."""
     log = logged()
     commands, speeds = log[["Timestamp", "motor.m1"]], log[["Timestamp", "rpm.m1"]].iloc[::2]
     speeds = speeds.assign(Timestamp=speeds["Timestamp"] + late_ms)

@@ -1,4 +1,4 @@
-"""Motors drawn: staircases with their windows and reasons, maps with their bands, battery, lines of rotors."""
+"""Figures of motors: staircases with windows and reasons, maps with bands, the battery, spectral lines of rotors."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -37,7 +37,7 @@ TARE_N = 1.4
 
 
 def _record(*, ramp_n: float = 0.0, seed: int = 0) -> tuple[Array, Array, Staircase]:
-    """Return four commands with rests between them; a ramp keeps the third from settling."""
+    """Return a record of four commands with pauses between them; a ramp keeps the third from settling."""
     rng = np.random.default_rng(seed)
     begins_s = 2.0 + 5.0 * np.arange(len(COMMANDS))
     time = np.arange(0.0, 22.0, 1 / RATE_HZ)
@@ -92,7 +92,7 @@ def _line(axes: Axes, label: str) -> tuple[Array, Array]:
 
 
 def _band(axes: Axes, name: str) -> Array:
-    """Return the corners (n, 2) of a shaded band."""
+    """Return the vertices (n, 2) of a shaded band."""
     (found,) = (each for each in axes.collections if each.get_gid() == name)
     assert isinstance(found, PolyCollection)
     return np.asarray(found.get_paths()[0].vertices)
@@ -368,7 +368,7 @@ def test_a_small_value_shares_its_power_of_ten_with_its_deviation(value: float, 
     assert scientific(value, std, unit="N").replace("-", "−") == written
 
 
-# Thrust over speed, over voltage
+# Thrust over speed and over voltage
 
 
 def test_thrust_over_speed_has_both_forms_and_what_they_leave(look: Look) -> None:

@@ -1,4 +1,4 @@
-"""`cfid fit thrust`, `speed` and `torque`: runs, files and tables in, maps and sentences out."""
+"""`cfid fit thrust`, `speed` and `torque` turn runs, files and tables into maps and findings."""
 
 import json
 import subprocess
@@ -49,7 +49,7 @@ def campaign(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def staircase(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A campaign's run that climbed all steps, for fits that leave it as it is."""
+    """A campaign's run of a complete staircase, for fits that do not change it."""
     folder = tmp_path_factory.mktemp("staircase")
     (folder / RIG_FILE).write_text(new_rig_text())
     return write_run(folder, climbed(STEPS), steps=STEPS).folder
@@ -68,7 +68,7 @@ def test_a_run_gives_the_thrust_map_its_inverse_and_what_hovers(cfid: Cfid, stai
     parameters = content["parameters"]
 
     poly = parameters["motor.thrust_poly"]["value"]
-    for command in (16384, 32768, 60000):  # two seconds a step at 1 kHz; the goals are for ten at 7 kHz
+    for command in (16384, 32768, 60000):  # two seconds per step at 1 kHz; the goals hold for ten at 7 kHz
         assert np.polyval(poly, command) == pytest.approx(true_thrust_n(command), rel=0.01)
     root = parameters["motor.command_of_thrust"]["value"][0]
     assert root["round_trip_command"] < 1
@@ -100,7 +100,7 @@ def test_files_of_the_thesis_kind_give_the_same_map(cfid: Cfid, tmp_path: Path) 
 
     thesis = found(cfid, "fit", "thrust", *words, "--motors", 2, "--method", "thesis", "--window", "2:4")
     poly = thesis["parameters"]["motor.thrust_poly"]["value"]
-    assert np.polyval(poly, 40000) == pytest.approx(true_thrust_n(40000), rel=0.06)  # its bias is that of 51 samples
+    assert np.polyval(poly, 40000) == pytest.approx(true_thrust_n(40000), rel=0.06)  # biased by only 51 samples
 
 
 def test_a_sagging_battery_is_told_apart_by_its_voltage(cfid: Cfid, campaign: Path) -> None:
@@ -113,7 +113,7 @@ def test_a_sagging_battery_is_told_apart_by_its_voltage(cfid: Cfid, campaign: Pa
     assert quality["better_form"] == "voltage"
     assert quality["voltage_rms_n"] < quality["command_rms_n"]
     poly = content["parameters"]["motor.thrust_voltage_poly"]["value"]
-    assert cubic_fault(poly) == ""  # the true map is all but square: the firmware takes the nearest that rises
+    assert cubic_fault(poly) == ""  # the true map is nearly square; the firmware takes the nearest rising cubic
     largest = true_thrust_n(3.5 / TRUTH.nominal_v * 65535)
     for volts in (1.5, 2.5, 3.0):
         truth = true_thrust_n(volts / TRUTH.nominal_v * 65535)
@@ -324,7 +324,7 @@ def test_the_figure_of_steps_is_drawn(cfid: Cfid, tmp_path: Path) -> None:
     assert (tmp_path / "drawn" / "fit_dynamics_steps.png").exists()
 
 
-# What is wrong with the input
+# Faulty input
 
 
 def test_torque_of_motors_that_turn_against_each_other_is_refused(cfid: Cfid, campaign: Path) -> None:
@@ -453,7 +453,7 @@ def test_without_a_word_the_campaigns_complete_staircases_are_taken(cfid: Cfid, 
 
 
 def test_a_stands_record_over_time_has_its_figure(cfid: Cfid, campaign: Path, tmp_path: Path) -> None:
-    """It has one channel, thrust, where a load cell has six."""
+    """The record has one channel, thrust, instead of a load cell's six."""
     table, rng, grams = tmp_path / "stand.csv", np.random.default_rng(1), 0.0
     rows = ["weight[g],pwm,vbat[V]"]
     for command in np.repeat([0, *range(8000, 64001, 8000), 0], 400):  # at 100 Hz

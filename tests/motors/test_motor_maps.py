@@ -1,4 +1,4 @@
-"""Maps of a motor: the thesis' equations come back from points made with them, its own method, and what is doubted."""
+"""Maps of a motor: recovery of the thesis' equations from points on them, the thesis method, and findings."""
 
 import dataclasses
 import math
@@ -25,7 +25,7 @@ EQ_3_5 = (0.005964552, 1.563383e-5)
 
 
 def made(command: Array = COMMANDS, *, series: int = 1) -> MotorPoints:
-    """Return points on the thesis' three equations; a motor that stands has none of them."""
+    """Return points on the thesis' three equations; a motor that stands still is zero in all of them."""
     running = command > 1000
     thrust = np.where(running, np.polyval(EQ_3_3, command), 0.0)
     return MotorPoints(
@@ -37,13 +37,13 @@ def made(command: Array = COMMANDS, *, series: int = 1) -> MotorPoints:
 
 
 def running(points: MotorPoints) -> MotorPoints:
-    """Leave out the first point, that of a standing motor: it has no torque, where eq. 3.5 has its constant."""
+    """Leave out the first point: the motor stands still and has no torque, whereas eq. 3.5 has a constant."""
     columns: dict[str, Any] = {name: column for name, column in vars(points).items() if column is not None}
     return MotorPoints(**{name: column[1:] for name, column in columns.items()})
 
 
 def noisy(seed: int, *, relative: float = 2e-3) -> MotorPoints:
-    """Return points with noise that grows with what is measured, and its deviations."""
+    """Return points with noise that grows with the measured value, and its standard uncertainties."""
     rng, exact = np.random.default_rng(seed), made()
     columns: dict[str, Array] = {}
     for name, std_name, floor in (
@@ -139,7 +139,7 @@ def test_the_thesis_method_is_polyfit_without_command_2000_and_with_zero_at_comm
         assert one.left_out == (2000,)
         assert "command 2000 is left out and command 0 is a point at zero" in " ".join(remarks(one))
         assert len(one.x) == 32
-    assert found[2].fit.residual_norm > 0.8 * EQ_3_4[1][1]  # the standing motor, far below its line
+    assert found[2].fit.residual_norm > 0.8 * EQ_3_4[1][1]  # the point of the standing motor is far below the line
 
 
 def test_the_thesis_method_puts_the_zero_where_nobody_measured_command_0() -> None:
@@ -245,7 +245,7 @@ def test_thrust_of_speed_gives_k_with_its_deviation_and_the_quadratic(apart: boo
     thrust = 2.2e-8 * speed**2 * (1 + 0.003 * rng.standard_normal(len(speed))) + 1e-5 * rng.standard_normal(len(speed))
     std = 1e-5 + 0.003 * thrust.clip(0)
     points = MotorPoints(command=COMMANDS, thrust_n=thrust, thrust_std_n=std, speed_rad_s=speed)
-    if apart:  # thrust and speed from different runs meet at their commands
+    if apart:  # thrust and speed come from different runs and are joined by command
         points = joined(
             MotorPoints(command=COMMANDS, thrust_n=thrust, thrust_std_n=std),
             MotorPoints(command=COMMANDS, speed_rad_s=speed),
@@ -272,7 +272,7 @@ def test_a_thrust_that_is_no_square_of_the_speed_is_told() -> None:
     assert "k w^2 differs from the full quadratic by up to" in remarks(found)[0]
 
 
-# What a controller takes
+# Maps for a controller
 
 
 def test_the_inverse_gives_each_command_back_within_a_tenth_and_its_thrust_within_half_a_command() -> None:
@@ -282,7 +282,7 @@ def test_the_inverse_gives_each_command_back_within_a_tenth_and_its_thrust_withi
     assert inverse.command_range == (1000, 65535)
     assert inverse.thrust_range_n == pytest.approx(np.polyval(EQ_3_3, [1000, 65535]))
     assert inverse.command(np.polyval(EQ_3_3, commands[1:-1])) == pytest.approx(commands[1:-1], abs=1e-6)
-    assert 1e-3 < inverse.round_trip_command < 0.1  # what single precision makes of it
+    assert 1e-3 < inverse.round_trip_command < 0.1  # the error of single precision
     assert inverse.round_trip_n == pytest.approx(0.5 * (2 * EQ_3_3[0] * 65535 + EQ_3_3[1]), rel=1e-3)
     assert np.isnan(inverse.command([-0.01, 0.0, 0.2])).all()
 
@@ -293,7 +293,7 @@ def test_the_inverse_gives_each_command_back_within_a_tenth_and_its_thrust_withi
         ((0.0, 2e-6, 0.0), (1000, 65535)),  # a line
         ((2e-11, -4e-7, 3e-3), (10001, 65535)),  # falls at first
         ((2e-11, 1e-6, -5.2e-3), (4749, 65535)),  # below zero at first
-        ((-2e-11, 2e-6, 1e-3), (1000, 49999)),  # falls at last
+        ((-2e-11, 2e-6, 1e-3), (1000, 49999)),  # falls at the end
     ],
 )
 def test_the_inverse_ends_where_the_map_no_longer_rises_above_zero(
@@ -306,7 +306,7 @@ def test_the_inverse_ends_where_the_map_no_longer_rises_above_zero(
 
     assert inverse.command_range == command_range
     assert inverse.command(np.polyval(curve, inside[1:-1])) == pytest.approx(inside[1:-1], abs=0.1)
-    assert inverse.round_trip_command < 20  # single precision, where the map is level
+    assert inverse.round_trip_command < 20  # single precision where the map is flat
 
 
 def test_an_inverse_below_what_was_measured_is_called_extrapolated() -> None:
@@ -400,7 +400,7 @@ def test_scales_that_show_half_of_the_maps_thrust_are_a_warning_with_the_limit()
 
 
 def test_a_line_through_two_points_is_as_uncertain_as_a_map_may_miss_its_points() -> None:
-    """Their windows alone say nothing of the line between them."""
+    """The windows of the two points alone show nothing about the line between them."""
     two = made(np.array([20000.0, 30000.0]))
     tiny = np.full(2, 1e-7)
     known = fit_torque(dataclasses.replace(two, torque_std_nm=tiny, thrust_std_n=tiny))
@@ -408,7 +408,7 @@ def test_a_line_through_two_points_is_as_uncertain_as_a_map_may_miss_its_points(
     largest = float(np.max(np.asarray(two.torque_nm)))
 
     assert known.fit.confidence([float(known.x[1])])[0] > 0.09 * largest
-    assert not any(one.code == "map-points-scatter" for one in known.findings)  # nothing shows any
+    assert not any(one.code == "map-points-scatter" for one in known.findings)  # two points show no scatter
     for found, taken in ((known, True), (unknown, False)):
         (finding,) = [one for one in found.findings if one.code == "map-without-freedom"]
         assert finding.text.endswith("as far as a map may miss its points.") == taken

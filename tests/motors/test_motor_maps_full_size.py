@@ -1,8 +1,8 @@
-"""Maps from simulated staircases as a stand records them: vibration, drift and spikes in, windows never given.
+"""Maps from simulated staircases as a stand records them: with vibration, drift and spikes, and without given windows.
 
-The full size is that of `cfid log thrust`: 33 commands of 10 s at 7 kHz on two motors, 3 s of pause between. The cell
-is the simulated rig's: noise of 20 mN and 0.2 mN m a sample, drift of 50 uN a second; vibration is 1.5 times the
-thrust, and every two seconds a sample is wild.
+The full size is that of `cfid log thrust`: 33 commands of 10 s at 7 kHz on two motors, with pauses of 3 s. The load
+cell is that of the simulated rig: noise of 20 mN and 0.2 mN m per sample, drift of 50 uN per second; vibration is 1.5
+times the thrust, and one sample every two seconds is a spike.
 """
 
 from collections.abc import Sequence
@@ -48,7 +48,7 @@ FULL_N = float(thrust_n(np.array(64000.0)))
 
 
 class Reduced(NamedTuple):
-    """A record, its settled points and what they are of one motor."""
+    """A record, its settled points, and these points per motor."""
 
     record: StandRecord
     steady: tuple[Point, ...]
@@ -66,7 +66,7 @@ def reduced(
     battery: str = "supply",
     seed: int = 1,
 ) -> Reduced:
-    """Simulate and reduce; `quieter` divides the cell's noise."""
+    """Simulate and reduce a staircase; `quieter` divides the load cell's noise."""
     steps, duration_s = staircase_steps(commands, motors=motors, hold_s=hold_s, rest_s=rest_s)
     record = simulate_stand(
         rotors=ROTORS,
@@ -94,7 +94,7 @@ def full_size() -> Reduced:
 
 
 def off_percent(fit: PolynomialFit) -> tuple[float, float]:
-    """Return by how much a thrust map is off at most: above 25 % of the range, and from 10 % on up to there."""
+    """Return the largest errors of a thrust map in percent: from 25 % of the range on, and from 10 to 25 %."""
     off, part = 100 * np.abs(fit.at(COMMANDS) / thrust_n(COMMANDS) - 1), thrust_n(COMMANDS) / FULL_N
     return float(off[part >= 0.25].max()), float(off[(part >= 0.1) & (part < 0.25)].max())
 
@@ -115,7 +115,7 @@ def test_the_thrust_map_of_a_full_staircase_is_true_within_0_3_percent(seed: int
 
 
 def test_the_thrust_map_of_a_short_staircase_is_true_where_its_noise_is_as_dense() -> None:
-    # Of 3 s at 1 kHz a cell 4.8 times quieter leaves as much of a mean as the full one of 10 s at 7 kHz.
+    # A load cell 4.8 times quieter leaves as much noise in a mean of 3 s at 1 kHz as the full one in 10 s at 7 kHz.
     high, low = off_percent(fit_thrust(reduced(UP, hold_s=3.0, rest_s=1.0, rate_hz=1000.0, quieter=4.8).points).fit)
 
     assert high < 0.3
@@ -148,7 +148,7 @@ def test_the_speed_heard_in_windows_of_a_full_staircase_is_true_within_0_1_perce
 
 @pytest.mark.slow
 def test_the_95_percent_bands_of_maps_hold_the_truth_in_93_to_97_of_100_staircases() -> None:
-    # Steps share the rests between them: bands that took their errors for independent held it in 90 of 100.
+    # Steps share the pauses between them: bands that took errors as independent contained the truth in 90 of 100.
     at = np.array(UP[1:], float)
     inside = []
     for seed in range(7000, 7400):
@@ -172,9 +172,9 @@ def test_the_95_percent_bands_of_maps_hold_the_truth_in_93_to_97_of_100_staircas
 
 
 def judged(found: Reduced) -> VoltageComparison:
-    """Compare plain cubics of motor voltage and command, the battery read in each window with 5 mV of noise.
+    """Compare plain cubics of motor voltage and of command; the battery is read in each window with 5 mV of noise.
 
-    The simulated motor's thrust over voltage bends down, so that no cubic for the firmware is as close to it: that one
+    The simulated motor's thrust over voltage bends down, so a cubic that the firmware can invert is less close: it
     departs by up to 1 % of the largest thrust (test_monotone_cubic.py).
     """
     record, rng = found.record, np.random.default_rng(1)
@@ -191,7 +191,7 @@ def judged(found: Reduced) -> VoltageComparison:
 
 
 def voltage_off_percent(found: VoltageComparison) -> float:
-    """Return by how much the voltage's form is off at most, above a quarter of the range."""
+    """Return the largest error of the voltage form in percent, above a quarter of the largest thrust."""
     volts = np.linspace(found.motor_volts.min(), found.motor_volts.max(), 200)
     truth = thrust_n(volts / NOMINAL_V * 65535)
     off = 100 * np.abs(found.by_voltage.at(volts) / truth - 1)

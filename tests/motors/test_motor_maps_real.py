@@ -1,4 +1,4 @@
-"""Bitcraze's own measurements of the Crazyflie 2.0 (2015) and 2.1 (2021, IMRCLab/crazyflie-system-id)."""
+"""Maps from Bitcraze's own measurements of the Crazyflie 2.0 (2015) and 2.1 (2021, IMRCLab/crazyflie-system-id)."""
 
 import itertools
 
@@ -32,7 +32,7 @@ def points_of(table: StandTable) -> MotorPoints:
 
 
 def steady(table: StandTable) -> MotorPoints:
-    """Return the means of the last 0.3 s of every second-long step."""
+    """Return the means over the last 0.3 s of every one-second step."""
     edges = np.concatenate([[0], np.flatnonzero(np.diff(table.command)) + 1, [len(table.command)]])
     tails = [slice(end - 30, end) for begin, end in itertools.pairwise(edges) if end - begin >= 90]
     whole = points_of(table)
@@ -89,7 +89,7 @@ def test_the_2015_table_makes_a_map_that_is_believed_and_a_mass_that_hovers() ->
 
 @needs_old
 def test_a_typo_in_the_2015_table_is_no_missing_command() -> None:
-    # 43.25 % stands where 43.75 % was meant.
+    # The table has 43.25 % where 43.75 % was meant.
     assert not any("missing" in said for said in remarks(fit_thrust(points_of(read_stand_table(OLD)))))
 
 

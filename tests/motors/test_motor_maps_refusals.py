@@ -1,4 +1,4 @@
-"""Points that no map should be made of, or that something is wrong with: each with its sentence."""
+"""Points that are faulty or that allow no map: each case with its message."""
 
 import dataclasses
 from typing import Any
@@ -23,7 +23,7 @@ POINTS = MotorPoints(command=COMMANDS, thrust_n=THRUST, torque_nm=0.006 * THRUST
 
 
 def markers(*points: Any) -> tuple[str, ...]:
-    """Return why speeds are rejected; every finding concerns the speed map and rejects it."""
+    """Return the reasons that reject speeds; every finding concerns the speed map and rejects it."""
     found = marker_findings(*points, quantities=("motor.speed_poly",))
     assert all(one.code in ("speed-marker-count", "speed-unusual") and one.severity == "rejection" for one in found)
     assert all(one.quantities == ("motor.speed_poly",) for one in found)

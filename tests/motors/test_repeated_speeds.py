@@ -1,4 +1,4 @@
-"""Speeds that a log or a stand repeats in several rows, as a logger does between readings, count once."""
+"""Speeds that a log or a stand repeats in several rows, as loggers do between readings, count once."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ def repeated(value: Array, rows: int) -> Array:
 
 
 def fitted_log(folder: Path, rows: int, seed: int, *, own_clock: bool = False) -> Result:
-    """Fit 20 s of two rotors at 500 Hz whose speeds are read once in some rows, or whenever the sensor has one."""
+    """Fit 20 s of two rotors at 500 Hz with one speed reading per `rows` rows, or at the sensor's own clock."""
     rng, time_s = np.random.default_rng(seed), np.arange(10_000) / 500
     columns = {"t": time_s, "pm.vbat": np.round(4 + rng.normal(0, 0.004, len(time_s)), 3)}
     for motor in (1, 2):
@@ -34,7 +34,7 @@ def fitted_log(folder: Path, rows: int, seed: int, *, own_clock: bool = False) -
 
 
 def fitted_stand(folder: Path, rows: int, seed: int) -> Result:
-    """Fit 32 s of a stand at 100 Hz whose speeds are read once in some rows."""
+    """Fit 32 s of a stand at 100 Hz with one speed reading per `rows` rows."""
     rng, time_s = np.random.default_rng(seed), np.arange(3200) / 100
     pulses = 1000 + 1000 * np.array([0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1, 0.8, 0.6, 0.4, 0.2, 0])
     speed = following(np.arange(0.0, 32, 2), pulses - 1000, time_s)
@@ -96,7 +96,7 @@ def test_speeds_that_each_row_reads_are_not_said_to_be_repeated(tmp_path: Path) 
 
 
 def sagging(commands: Array) -> tuple[Array, Array]:
-    """Return speeds (k, n) and volts (n,) of a battery that gives way, under commands (k, n), in steps of 0.5 ms."""
+    """Return speeds (k, n) and volts (n,) of a battery that sags under commands (k, n), in steps of 0.5 ms."""
     rising, falling = np.expm1(-0.0005 / np.array([RISING_S, FALLING_S])).tolist()
     now, speeds, volts = [1000.0] * len(commands), [], []
     for command in (2000 * (commands.T / 65535)).tolist():

@@ -1,4 +1,4 @@
-"""The verdict of a run that completes others is that of the fit, which takes all parts together."""
+"""The verdict of a run that completes others agrees with that of the fit, which takes all parts together."""
 
 from collections.abc import Mapping
 from datetime import UTC, datetime
@@ -20,20 +20,20 @@ COMMANDS = (0, 20000, 30000, 40000, 50000)
 
 
 def felt(folder: Path, steps: tuple[int, ...], *, torque: float = 1.0, **requested: Any) -> Run:
-    """Write what the load cell felt of some steps."""
+    """Write a run with the load cell's record of some steps."""
     record = climbed(steps)
     record.wrench[:, 5] *= torque
     return write_run(folder, record, steps=steps, motors=[1, 3], hold_s=2.0, rest_s=1.0, **requested)
 
 
 def interrupted(run: Run) -> str:
-    """Close a run as one that ended early, and return its name."""
+    """Mark a run as interrupted, and return its name."""
     write_header(run.folder, run.header.model_copy(update={"state": "interrupted"}))
     return run.folder.name
 
 
 def typed(folder: Path, state: Any, rpm: Mapping[int, float], **requested: Any) -> Run:
-    """Write the speeds that an operator typed."""
+    """Write a run with the speeds that an operator typed."""
     with create_run(
         folder / "runs",
         kind="speed",
@@ -113,9 +113,9 @@ def test_a_part_without_a_reading_adds_nothing(tmp_path: Path) -> None:
 
 
 def shown(folder: Path, state: Any, held_s: Mapping[int, float], device: str, **requested: Any) -> Run:
-    """Write what an instrument showed in commands that were each held for some time, 4 s being requested.
+    """Write a run with the readings of an instrument under commands held for `held_s`, where 4 s were requested.
 
-    It follows with a lag of 1 s: half of the command in rpm, or the grams of a vehicle that lifts.
+    The instrument follows with a lag of 1 s: it shows half of the command in rpm, or the grams of a lifting vehicle.
     """
     column, scale, rest = {"tachometer": ("rpm", 0.5, 0.0), "scales": ("grams", -1e-4, 60.0)}[device]
     change_s = np.cumsum([0.0, *(one for held in held_s.values() for one in (6.0, held))])

@@ -1,4 +1,4 @@
-"""A run that was interrupted and resumed is one run wherever runs are chosen."""
+"""An interrupted and resumed run counts as one run wherever runs are chosen."""
 
 from datetime import UTC, datetime
 from pathlib import Path

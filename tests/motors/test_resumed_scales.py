@@ -1,4 +1,4 @@
-"""A run of scales that was interrupted and resumed is one with the runs that complete it, in verdict and fit."""
+"""An interrupted run of scales and the runs that complete it count as one run, in verdict and fit."""
 
 import subprocess
 from collections.abc import Callable, Mapping
@@ -35,12 +35,12 @@ def campaign(tmp_path: Path) -> Path:
 
 
 def grams(command: float, *, rest_g: float = 60.0) -> float:
-    """Return what scales under motors 1 and 3 show."""
+    """Return the grams on scales while motors 1 and 3 run at a command."""
     return rest_g - 2e3 * float(true_thrust_n(command) if command else 0.0) / 9.81
 
 
 def weighed(campaign: Path, minute: int, state: Any, readings: Mapping[int, float], **requested: Any) -> Run:
-    """Write what an operator typed of scales under two motors."""
+    """Write a run with the readings of scales that an operator typed while two motors ran."""
     with create_run(
         campaign / "runs",
         kind="scales",
@@ -89,7 +89,7 @@ def test_a_slip_in_the_part_before_is_named_with_its_run_and_what_to_do_about_ei
 
     assert f"NOT USABLE: together with {name} (commands 0 to 20000), which it completes: the reading 90 g at" in line
     assert f"If {name} is right, `cfid log scales --resume {name}` records the rest again; else record it all" in line
-    assert missing(first.folder, kind="scales").steps == COMMANDS[3:]  # which that command takes up
+    assert missing(first.folder, kind="scales").steps == COMMANDS[3:]  # the steps that this command records
 
 
 @pytest.mark.parametrize("named", ["second", "both", "reversed"])
@@ -106,7 +106,7 @@ def test_a_map_is_verified_by_all_parts_of_a_run_of_scales(cfid: Cfid, campaign:
 
 
 def test_a_part_with_a_weight_at_rest_of_its_own_is_compared_with_that(cfid: Cfid, campaign: Path) -> None:
-    """The vehicle was taken off the scales in between and set down with its cable over the edge."""
+    """Between the parts, the vehicle was taken off the scales and put back with its cable over the edge."""
     first = weighed(campaign, 1, "interrupted", {at: grams(at) for at in COMMANDS[:4]})
     again = {at: grams(at, rest_g=57.0) for at in (40000, 0)}
     left = {"steps": (40000, 0), "resumes": first.folder.name}
@@ -175,7 +175,7 @@ def test_a_later_part_of_no_use_is_recorded_again(campaign: Path, spoilt: str) -
 
 
 def killed(campaign: Path, readings: Mapping[int, float]) -> Run:
-    """Leave a run as a recorder that was killed leaves it: nothing closed run.toml."""
+    """Write a run as a killed recorder leaves it: run.toml was never closed."""
     run = weighed(campaign, 1, "interrupted", readings)
     header = run.header.model_copy(
         update={
@@ -192,7 +192,7 @@ def test_what_was_typed_until_the_recorder_was_killed_is_not_asked_for_again(cam
     assert missing(run.folder, kind="scales").steps == COMMANDS[2:]
 
     with (run.folder / "readings.csv").open("a") as file:
-        file.write("1763712345.5,20000,5")  # it was killed while it wrote
+        file.write("1763712345.5,20000,5")  # the recorder was killed while it wrote a row
     assert missing(run.folder, kind="scales").steps == COMMANDS[2:]
 
 

@@ -1,4 +1,4 @@
-"""Steps of the command come back as the lags and the rotor model that made them, from speed, thrust and vibration."""
+"""Steps of the command give back the lags and the rotor model that made them, from speed, thrust and vibration."""
 
 import math
 from pathlib import Path
@@ -29,7 +29,7 @@ STEPS = command_steps(time_s=TIME_S, command=COMMAND)
 
 
 def followed_speed(rising: tuple[float, float], falling: tuple[float, float]) -> Array:
-    """Integrate the rotor model through all steps, each coefficient (1/s, 1/rad)."""
+    """Integrate the rotor model through all steps; each way has a linear and a quadratic coefficient (1/s, 1/rad)."""
     speed, parts = LEVELS[0], []
     for level in LEVELS:
         linear, quadratic = rising if level > speed else falling
@@ -84,7 +84,7 @@ def test_commands_that_change_between_rows_leave_the_rates_and_their_uncertainty
         rng, speed, now = np.random.default_rng(seed), np.zeros(len(time_s)), 0.0
         for place, level in enumerate(levels):
             tau_s = rising_s if level > now else falling_s
-            since_s = time_s - 3 * place + rng.uniform(0, row_s)  # it changed up to a row before the one that shows it
+            since_s = time_s - 3 * place + rng.uniform(0, row_s)  # the change precedes its first row by up to a row
             after = since_s >= 0
             speed[after] = level + (now - level) * np.exp(-since_s[after] / tau_s)
             now = float(level)
@@ -109,7 +109,7 @@ def test_the_covariance_is_that_of_the_four_coefficients_in_their_order() -> Non
     std = np.array([*model.rising_std, *model.falling_std])
 
     assert np.sqrt(np.diag(model.covariance)) == pytest.approx(std, rel=1e-12)
-    # Of each way the two coefficients stand in for each other; the ways share no step.
+    # The two coefficients of one direction can replace each other; the two directions share no step.
     correlation = model.covariance / np.outer(std, std)
     assert correlation[0, 1] < -0.9
     assert correlation[2, 3] < -0.9

@@ -1,4 +1,4 @@
-"""Rotor speed from simulated vibration: right at every command, in the right octave, and honest when it cannot be."""
+"""Rotor speed from simulated vibration is right at every command and in the right octave, or else rejected."""
 
 import math
 
@@ -18,13 +18,13 @@ Array = npt.NDArray[np.float64]
 HZ = 7000
 OPPOSITE = (1, 0, 1, 0)
 UNBALANCE, BLADE_PASS = RotorTruth().unbalance, RotorTruth().blade_pass
-SPREAD = np.array([1, 0.5, 1, 0.01, 0.01, 0.005])  # of hum over the channels
+SPREAD = np.array([1, 0.5, 1, 0.01, 0.01, 0.005])  # relative size of the hum in the six channels
 
 
 def window(
     commands: tuple[float, ...], *, seconds: float = 2.0, seed: int = 1, truth: RotorTruth | None = None
 ) -> tuple[Array, Array, Array]:
-    """Return times, what the load cell shows in N and Nm, and the speeds of the four motors, long after the start."""
+    """Return times, the load cell's readings in N and Nm, and the speeds of the four motors, long after the start."""
     rng = np.random.default_rng(seed)
     rotors, command = SimulatedRotors(truth or RotorTruth(), rng), np.array(commands)
     rotors.advance(np.array([0.0]), command)
@@ -34,7 +34,7 @@ def window(
 
 
 def lines(*, unbalance: float, blade_pass: float) -> RotorTruth:
-    """Return rotors with so many times the usual lines."""
+    """Return rotors whose spectral lines are the usual ones times the given factors."""
     return RotorTruth(
         unbalance=tuple(unbalance * part for part in UNBALANCE),
         blade_pass=tuple(blade_pass * part for part in BLADE_PASS),
@@ -42,7 +42,7 @@ def lines(*, unbalance: float, blade_pass: float) -> RotorTruth:
 
 
 def hum(time_s: Array, *, size_n: float = 0.03) -> Array:
-    """Return lines at 50.013 Hz, its double and six times it in all channels, phases as they come."""
+    """Return hum at 50.013 Hz, twice and six times this frequency in all channels, with random phases."""
     phase = np.random.default_rng(7).uniform(0, 2 * math.pi, (3, 6))
     waves = [np.cos(2 * math.pi * 50.013 * m * time_s[:, None] + phase[k]) for k, m in enumerate((1, 2, 6))]
     return np.asarray(size_n * SPREAD * sum(waves))

@@ -1,4 +1,4 @@
-"""The deviation of a rotor speed, tested as statistics: windows with everything drawn anew."""
+"""Statistics of the standard uncertainty of a rotor speed over windows in which everything is drawn anew."""
 
 import math
 from collections.abc import Callable
@@ -26,7 +26,7 @@ def with_red_noise(wrench: Array, rng: np.random.Generator) -> Array:
 
 
 def with_a_resonance(wrench: Array, rng: np.random.Generator) -> Array:
-    """Add a mount that rings at 150 to 500 Hz, 50 Hz wide."""
+    """Add noise of a mount that resonates at 150 to 500 Hz, 50 Hz wide."""
     turn = 2 * math.pi * rng.uniform(150, 500) / HZ
     filtered = lfilter([1], [1, -1.96 * math.cos(turn), 0.9604], NOISE * rng.standard_normal(wrench.shape), axis=0)
     return wrench + 0.3 * np.asarray(filtered)
@@ -35,7 +35,7 @@ def with_a_resonance(wrench: Array, rng: np.random.Generator) -> Array:
 def scores(
     change: Callable[[Array, np.random.Generator], Array], *, windows: int, least: float, seconds: float
 ) -> tuple[Array, list[RotorSpeed]]:
-    """Return by how many of its deviations each believed speed is off, and all that was found."""
+    """Return the error of each accepted speed in its standard uncertainties, and all estimates."""
     off, found = [], []
     for seed in range(windows):
         rng = np.random.default_rng(10_000 + seed)
@@ -44,7 +44,7 @@ def scores(
         one = rotor_speed(time_s=time_s, wrench=change(wrench, rng))
         found.append(one)
         if one.accepted:
-            # No believed speed is another line's: off by more than 0.1 % only where its own deviation says so.
+            # No accepted speed belongs to another line: an error above 0.1 % is within 3 std of that speed.
             assert abs(one.speed_rad_per_s - truth[0]) < max(1e-3 * truth[0], 3 * one.std_rad_per_s)
             off.append((one.speed_rad_per_s - truth[0]) / one.std_rad_per_s)
     return np.array(off), found

@@ -1,4 +1,4 @@
-"""Speed over time from vibration: staircases and ramps, and rest that is told from running."""
+"""Speed over time from vibration: staircases, ramps, and stopped rotors, which are distinguished from running ones."""
 
 import functools
 
@@ -21,7 +21,7 @@ WINDOW_S, STEP_S = 0.1, 0.05
 
 @functools.cache
 def staircase(commands: tuple[int, ...] = STAIRCASE, *, hold_s: float = 0.8) -> tuple[Array, Array, Array]:
-    """Return times, what the load cell shows in N and Nm, and the speed of motor 1, which obeys step by step."""
+    """Return times, the load cell's readings in N and Nm, and the speed of motor 1, which follows step by step."""
     truth, rng = RotorTruth(), np.random.default_rng(4)
     rotors, count = SimulatedRotors(truth, rng), round(hold_s * HZ)
     rotors.advance(np.zeros(1), np.zeros(4))
@@ -39,7 +39,7 @@ def staircase(commands: tuple[int, ...] = STAIRCASE, *, hold_s: float = 0.8) -> 
 
 @functools.cache
 def ridge_of_the_staircase() -> tuple[SpeedRidge, Array]:
-    """Return the ridge, and the true speeds as such windows see them."""
+    """Return the ridge, and the true speeds averaged as its windows weight them."""
     time_s, wrench, speed = staircase()
     ridge = speed_ridge(time_s=time_s, wrench=wrench, window_s=WINDOW_S, step_s=STEP_S)
     nodes, weights = roots_jacobi(8, 1, 1)
@@ -52,7 +52,7 @@ def test_a_staircase_is_followed_up_and_down() -> None:
     estimated = np.isfinite(ridge.speed_rad_per_s)
     off = np.abs(ridge.speed_rad_per_s / np.maximum(truth, 1) - 1)
 
-    settling = ridge.time_s % 0.8 < WINDOW_S + 0.1  # where a window's lines are blurred by the step
+    settling = ridge.time_s % 0.8 < WINDOW_S + 0.1  # here the step blurs a window's lines
     assert np.all(estimated[(truth > 600) & ~settling])
     assert np.mean(off[estimated] < 0.02) > 0.93
     assert np.max(off[estimated]) < 0.15  # no window in another octave, not even across a step

@@ -1,4 +1,4 @@
-"""Speeds of other rotors, of dead sensors, of rotors that idle, of tables without thrust, commands or pauses."""
+"""Speeds of other rotors, dead sensors and idling rotors, and tables without thrust, commands or pauses."""
 
 from pathlib import Path
 

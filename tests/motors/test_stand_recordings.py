@@ -1,4 +1,4 @@
-"""A table with times is a recording: reduced step by step, or refused; a spoilt part does not spoil the rest."""
+"""A table with times is a recording: it is reduced step by step, or refused; a faulty part leaves the others valid."""
 
 import hashlib
 import json
@@ -28,12 +28,12 @@ Array = npt.NDArray[np.float64]
 K = 6.0e-8  # N s^2/rad^2
 HOLD_S, RATE_HZ = 4.0, 40.0
 PULSES_US = (1000, 1200, 1350, 1500, 1650, 1800, 1000)
-LAG_S, CELL_LAG_S = 0.12, 0.35  # of the rotor, and of the stand's filter on the load cell
+LAG_S, CELL_LAG_S = 0.12, 0.35  # lags of the rotor, and of the stand's filter on the load cell
 KEY = "motor.thrust_per_speed_squared_n_s2"
 
 
 class Sweep(NamedTuple):
-    """A stepped sweep as a stand shows it, (n,) each."""
+    """A stepped sweep as a stand records it, columns (n,)."""
 
     time_s: Array
     pulse_us: Array
@@ -42,7 +42,7 @@ class Sweep(NamedTuple):
 
 
 def sweep(seed: int = 3) -> Sweep:
-    """Return what a rotor and a load cell with lags of first order do, integrated in small steps."""
+    """Return the sweep of a rotor and a load cell with first-order lags, integrated in small steps."""
     rng, fine = np.random.default_rng(seed), 25
     pulse = np.repeat(PULSES_US, round(HOLD_S * RATE_HZ * fine)).astype(float)
     step_s, speed, shown = 1 / (RATE_HZ * fine), 0.0, 0.0
@@ -73,7 +73,7 @@ def fitted(folder: Path, one: Sweep) -> Result:
 
 
 def off(result: Result, *, widest: float = 0.01) -> float:
-    """Return by how many standard uncertainties k is off; these are at most a part `widest` of it."""
+    """Return the error of k in standard uncertainties, which are at most a fraction `widest` of k."""
     found = result.quantities[KEY]
     assert isinstance(found.value, float)
     assert isinstance(found.std, float)
@@ -87,7 +87,7 @@ def test_a_stepped_sweep_gives_the_settled_truth_within_its_uncertainty(tmp_path
     rows = one.pulse_us > 1000
     as_it_stands = float(one.thrust_n[rows] @ one.speed_rad_s[rows] ** 2 / np.sum(one.speed_rad_s[rows] ** 4))
 
-    assert as_it_stands < 0.99 * K  # what an average of all rows would give
+    assert as_it_stands < 0.99 * K  # an average of all rows would give this
     assert off(result) < 3
     assert any("a recording of 27.98 s in 1120 rows, 40 Hz" in finding.text for finding in result.findings)
 
@@ -103,7 +103,7 @@ def test_a_stand_whose_motor_rests_at_longer_pulses_than_usual_is_told_the_optio
 
 
 def write_total(folder: Path, one: Sweep, head: str, speeds: int) -> Path:
-    """Write a sweep as a stand's table does that has the thrust of all motors in N, and one speed for each of some."""
+    """Write a sweep as a stand's table with the total thrust of all motors in N, and a speed for some of the motors."""
     path, command = folder / "total.csv", np.rint((one.pulse_us - 1000) / 1000 * 65535)
     names = ["time[s]", "pwm", head, *(f"rpm{1 + at}" for at in range(speeds))]
     columns = [one.time_s, command, one.thrust_n, *[one.speed_rad_s * 30 / math.pi] * speeds]
@@ -154,7 +154,7 @@ def test_a_record_without_a_command_gives_the_same_by_the_changes_it_shows(tmp_p
 def test_no_warning_of_a_library_reaches_the_terminal_where_a_rate_too_low_is_given(tmp_path: Path) -> None:
     table = write(tmp_path, sweep())
     lines = [line.partition(",")[2] for line in table.read_text().splitlines()]
-    table.write_text("\n".join([*lines, ""]))  # without times
+    table.write_text("\n".join([*lines, ""]))  # without the column of times
 
     words = [sys.executable, "-m", "cfid.cli.main", "fit", "dynamics", str(table), "--rate-hz", "8"]
     ended = subprocess.run(words, capture_output=True, text=True, check=False, cwd=tmp_path)
@@ -193,7 +193,7 @@ def test_a_stretch_in_which_the_load_cell_was_dead_costs_only_its_steps(tmp_path
     dead = (one.time_s > 8.0) & (one.time_s < 12.2)
     result = fitted(tmp_path, one._replace(thrust_n=np.where(dead, math.nan, one.thrust_n)))
 
-    assert off(result, widest=0.02) < 3  # four points are left
+    assert off(result, widest=0.02) < 3  # from the four remaining points
     assert any("'Thrust (N)' is no number in 167 of 1120 rows" in finding.text for finding in result.findings)
 
 
@@ -219,7 +219,7 @@ def test_time_constants_of_seconds_are_rejected_with_the_unit_of_the_times(
 @pytest.mark.parametrize("rate_hz", [10, 100])
 def test_a_table_of_exact_plateaus_gives_its_own_curve(tmp_path: Path, rate_hz: int) -> None:
     time_s = np.arange(76 * rate_hz) / rate_hz
-    step = (time_s // HOLD_S).astype(int)  # standing still at exactly 0 first
+    step = (time_s // HOLD_S).astype(int)  # step 0 stands still at exactly 0
     share = np.where(step % 2, 0.1 + 0.05 * step, 0.0)
     rows = zip(time_s, 1000 + 1000 * share, 5 * share**2, strict=True)
     path = tmp_path / "exact.csv"

@@ -1,4 +1,4 @@
-"""Steps whose speeds come in steps, as electrical speed does: uncertainties contain the error of rounding."""
+"""Steps with rounded speeds, such as electrical speeds: uncertainties contain the rounding error."""
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,7 @@ RPM = 2 * np.pi / 60
 
 
 def recorded(seed: int, *, rate_hz: float, step_rpm: float, noise: float) -> Recorded:
-    """Return times and speeds of a rotor with a plain lag, and its steps, which lead elsewhere with each seed."""
+    """Return times and speeds of a rotor with a plain lag, and its steps, whose final speeds depend on the seed."""
     rng = np.random.default_rng(seed)
     jitter = 1 + 0.3 * rng.uniform(-1, 1, round(len(LEVELS) * HOLD_S * rate_hz))
     time_s = np.cumsum(jitter / rate_hz)
@@ -67,7 +67,7 @@ def test_time_constants_of_rounded_speeds_scatter_as_their_uncertainties_say(
 
 
 def test_a_rounded_speed_is_no_surer_than_its_step() -> None:
-    """98 +- 0.6 ms was stated where 90 ms is true."""
+    """The fit once stated 98 +- 0.6 ms where 90 ms is true."""
     time_s, speed, steps = recorded(1, rate_hz=8.0, step_rpm=86.0, noise=0.0)
 
     for step in fit_steps(time_s=time_s, value=speed, steps=steps):

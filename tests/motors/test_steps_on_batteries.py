@@ -1,4 +1,4 @@
-"""Steps on a battery that sags: time constants are the motor's, whether or not its speed goes with the voltage."""
+"""Steps on a battery that sags give the motor's time constants, whether or not its speed depends on the voltage."""
 
 from collections.abc import Callable
 
@@ -29,7 +29,7 @@ def root(command: float) -> float:
 def driven(
     seed: int, *, power: float, resistance: float, steady: Callable[[float], float] = line
 ) -> tuple[tuple[StepFit, ...], RotorModel]:
-    """Fit a rotor whose steady speed goes with a power of the voltage, which falls with its thrust by a resistance."""
+    """Fit a rotor whose steady speed depends on a power of a voltage that falls with thrust times `resistance`."""
     speed, speeds, volts = 0.0, [], []
     rising, falling = (-np.expm1(-STEP_S / np.array([RISING_S, FALLING_S]))).tolist()
     for level in LEVELS:
@@ -53,7 +53,7 @@ def driven(
 
 
 def errors(steps: tuple[StepFit, ...], model: RotorModel) -> tuple[Array, Array]:
-    """Return by how many standard uncertainties time constants and rates are off, and the former's relative ones."""
+    """Return the errors of time constants and rates in std, and the relative std of the time constants."""
     true_s = np.array([RISING_S if step.rising else FALLING_S for step in steps])
     found_s, std_s = np.array([(step.time_constant_s, step.time_constant_std_s) for step in steps]).T
     rates = np.array([*model.rising, *model.falling]) - [1 / RISING_S, 0.0, 1 / FALLING_S, 0.0]

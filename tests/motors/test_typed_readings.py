@@ -1,4 +1,4 @@
-"""A typed reading that no small quadrocopter gives is questioned, and a staircase says what its fit will lack."""
+"""A typed reading that no small quadrocopter gives is questioned, and a verdict names what the fit will lack."""
 
 from collections.abc import Mapping
 from datetime import UTC, datetime
@@ -101,7 +101,7 @@ def test_a_staircase_whose_torque_is_dead_is_good_for_thrust_and_says_why_it_giv
 
 
 def typed(folder: Path, kind: str, column: str, readings: Mapping[int, float], *, markers: int = 2) -> Run:
-    """Write what an operator typed at commands."""
+    """Write a run with the readings that an operator typed at commands."""
     with create_run(
         folder / "runs",
         kind=kind,

@@ -1,4 +1,4 @@
-"""Thrust and speed of motor voltage: the battery's sag is in it, and data that it has not seen say whether."""
+"""Thrust and speed over motor voltage, which contains the battery's sag; left-out data show if it predicts better."""
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ CUBIC = (2.1e-3, 1.3e-2, 5.5e-3, 1.0e-3)  # N, N/V, N/V^2, N/V^3; lowest first, 
 
 
 def sagging(command: Array, *, empty_v: float = 0.6) -> Array:
-    """Return a cell's voltage: it loses 0.5 V at full command, and 0.6 V from the first point to the last."""
+    """Return a battery cell's voltage, which loses 0.5 V at full command, and `empty_v` from first to last point."""
     return 4.1 - 0.5 * (command / 65535) ** 2 - empty_v * np.linspace(0, 1, len(command))
 
 
@@ -64,7 +64,7 @@ def test_on_a_sagging_battery_the_voltage_predicts_better_and_lies_within_half_a
 
 
 def test_a_motor_that_obeys_the_command_alone_is_told_by_the_command() -> None:
-    """A brushless controller that compensates the battery."""
+    """Such a motor has a brushless controller that compensates for the battery."""
     thrust = 4e-11 * UP_AND_DOWN**2 + 1e-7 * UP_AND_DOWN
     found = compare_thrust(command=UP_AND_DOWN, vbat_v=sagging(UP_AND_DOWN), thrust_n=thrust + noise(1, thrust / 500))
 
@@ -101,7 +101,7 @@ def test_commands_held_once_on_a_supply_are_not_said_to_make_its_voltage_fall(no
 
 
 def test_a_command_is_judged_by_points_that_have_not_seen_it() -> None:
-    """By hand: of commands 1e4, 2e4, 3e4, 4e4, 5e4 at slope one, with 10 added at 3e4, each inner one is left out."""
+    """Commands 1e4 to 5e4 have slope one, with 10 added at 3e4; each inner command is left out by hand."""
     command = np.array([1e4, 2e4, 3e4, 4e4, 5e4])
     value = command + np.array([0, 0, 10, 0, 0.0])
     found = compare(command=command, vbat_v=np.full(5, 65535.0), value=value, order=1)
