@@ -1,4 +1,4 @@
-"""Sine runs for the tests of their analysis: from the simulated bench, and exact ones from a difference equation."""
+"""Sine runs to test their analysis: simulated runs of the bench, and exact runs of a difference equation."""
 
 import functools
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from cfid.transfer.sines.reports import Reports
 
 SILENT_CELL = LoadCellTruth(bias=(0.0,) * 6, drift_per_s=(0.0,) * 6, noise_std=(0.0,) * 6)
 PUNCTUAL = RadioTruth(latency_s=0.0, jitter_s=0.0)
-FIRST_PERIODS = (*range(1, 16), *range(20, 101, 5))  # table 3.1 as far as C.2.5 tells, without 0 and what is cut off
+FIRST_PERIODS = (*range(1, 16), *range(20, 101, 5))  # table 3.1 as far as C.2.5 states it, from 1 to the cut-off
 GAIN_N, LAG_S = EQ_3_15.static_gain_n, EQ_3_15.lags_s[0]
 # Five times the sine's amplitude at l = 100 of N = 4000.
 VIBRATION_N = 5 * 20000 * abs(complex(EQ_3_15.response(np.array([2 * np.pi * 12.5]))[0]))
@@ -72,7 +72,7 @@ def _recorded(run: SimulatedSine, stamped: bool, channel: Channel) -> RecordedSi
 
 
 def exact(b0: float, a1: float, *, periods: Sequence[int], samples: int, cut: bool = True) -> list[RecordedSine]:
-    """Make runs of y[n] = a1 y[n-1] + b0 u[n] at 500 Hz without noise or latency; u is cut to integers, or is not."""
+    """Make runs of y[n] = a1 y[n-1] + b0 u[n] at 500 Hz without noise or latency; `cut` truncates u to integers."""
     runs = []
     for l in periods:  # noqa: E741
         sine = Sine(periods=l, samples=samples, amplitude=20000)

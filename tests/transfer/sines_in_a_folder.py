@@ -1,4 +1,4 @@
-"""Sine runs as files: an index with load-cell files that runs share, and run folders, from the simulated bench."""
+"""Files of sine runs from the simulated bench: an index with shared load-cell files, and run folders."""
 
 import json
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ PERIODS = (0, 1, 2, 5, 10, 20, 30, 50, 75, 100)
 
 
 class Said(NamedTuple):
-    """What a command said in the end."""
+    """The exit code and the output of a command."""
 
     returncode: int
     stdout: str
@@ -34,7 +34,7 @@ class Said(NamedTuple):
 
 
 class Here:
-    """`cfid tf` run within this process, as starting one for each question would take minutes."""
+    """Run `cfid tf` in this process, since a new process for each command would take minutes."""
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
         self._capsys = capsys
@@ -77,7 +77,7 @@ def write_index(
     name: str = "index.csv",
     cells: int = 2,
 ) -> Path:
-    """Write every series with its load-cell files, and the index of all; of one series without a name, no column."""
+    """Write every series with its load-cell files, and the index of all; rows of an unnamed series name no series."""
     rows = []
     for label, runs in series.items():
         files = [len(runs) * number // cells for number in range(cells + 1)]
@@ -109,7 +109,7 @@ def write_crossings(path: Path, run: SimulatedSine, *, stamped: bool = True) -> 
 
 
 def write_run(folder: Path, run: SimulatedSine, *, series: str | None = None, facts: RigFacts = THESIS_MOUNT) -> Run:
-    """Write a run folder as `cfid log sine` does."""
+    """Write a run folder in the form of `cfid log sine`."""
     cell = DeviceRecord(file="loadcell.csv", columns=(*CELL, "status"))
     cell = cell.model_copy(update={"counts_per_n": 1e6, "counts_per_nm": 1e6})
     requested = {"l": run.periods, "n": run.samples, "amplitude": run.amplitude, "motor": run.motor}

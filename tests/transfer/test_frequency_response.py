@@ -1,4 +1,4 @@
-"""What a sine run says of the plant at its frequency, and how sure that is."""
+"""The plant's response at the frequency of a sine run, and its uncertainty."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Sines of a lab that is not ideal: delays that differ from run to run, uneven motors, runs without their end."""
+"""Sines under imperfect conditions: delays that differ between runs, uneven motors, runs without their end."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ AMPLITUDE, STEADY_RAD_S, SWING_RAD_S = 20000, 1700.0, 800.0
 
 
 def responses(late_s: np.ndarray, rng: np.random.Generator, *, relative: float = 1e-3) -> tuple[Response, ...]:
-    """Return responses of a first-order lag, each run with a delay of its own."""
+    """Return responses of a first-order lag, each run with its own additional delay from `late_s`."""
     half = OMEGA_RAD_S * SAMPLE_S / 2
     plant = GAIN_N / (1 + 1j * OMEGA_RAD_S * LAG_S) * np.sinc(half / np.pi) * np.exp(-1j * half)
     std = relative * np.abs(plant) / np.sqrt(2)
@@ -68,7 +68,7 @@ def test_one_delay_for_all_runs_does_not_scatter() -> None:
 
 
 def uneven_second(part: float, omega_rad_s: float) -> tuple[complex, complex]:
-    """Integrate a speed that follows a sine with two rates; return fundamental and second harmonic of its thrust."""
+    """Integrate a speed that follows a sine at two rates; return the fundamental and second harmonic of its thrust."""
     period_s = 2 * np.pi / omega_rad_s
     count = 20 * int(np.ceil(period_s / 4e-3))
     step_s, periods = period_s / count, int(np.ceil(0.7 / period_s)) + 1

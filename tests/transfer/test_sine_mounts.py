@@ -10,10 +10,10 @@ ARM_M = 0.046
 
 
 def moments(used_yaw_deg: float, seed: int, *, motor: int = 1, thrust_n: float = 0.02) -> np.ndarray:
-    """Return the moments of ten sines of a plant of this test's own: a thrust at the end of a motor's arm."""
+    """Return the torque moments of ten sines of a plant made for this test: a thrust at the end of a motor's arm."""
     rng, total = np.random.default_rng(seed), np.zeros((2, 2))
     azimuth = {1: -45.0, 2: -135.0, 3: 135.0, 4: 45.0}[motor]
-    turn = np.radians(azimuth - TRUE_YAW_DEG)  # of the arm in the cell's frame
+    turn = np.radians(azimuth - TRUE_YAW_DEG)  # azimuth of the arm in the load cell's frame
     for frequency_hz in np.linspace(0.2, 10, 10):
         time_s = np.arange(0, 8, 1 / 500)
         phase = 2 * np.pi * frequency_hz * time_s + rng.uniform(0, 2 * np.pi)

@@ -1,4 +1,4 @@
-"""Which sines `cfid log sine` plays when none is named, and that the operator knows how long before a motor turns."""
+"""The sines that `cfid log sine` plays by default, and the duration that it states before a motor turns."""
 
 import subprocess
 from collections.abc import Callable
@@ -22,7 +22,7 @@ def test_the_usual_plan_is_even_over_the_logarithm_of_frequency_up_to_12_5_hz(sa
     periods = sorted(log_spaced(samples).periods)
     most = samples // 40
 
-    assert periods[0] == 2  # one period cannot be told from a drift
+    assert periods[0] == 2  # one period cannot be distinguished from a drift
     assert periods[-1] == most
     assert len(set(periods)) == len(periods)
     steps = np.diff(np.log([own for own in periods if own >= 8]))

@@ -1,4 +1,4 @@
-"""Sine runs on one time base: what was played when, what the load cell says of thrust, and what is refused."""
+"""Sine runs on one time base: the commands over time, the thrust from the load cell, and refused runs."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ LEAST_LATENCY_S = 0.012
 
 
 def played_on_board(periods: int, samples: int, amplitude: int) -> tuple[list[int], list[app.Crossing]]:
-    """Let cfid's app play a sine; return the commands of motor 1, and its reports."""
+    """Play a sine with the core of cfid's app; return the commands of motor 1, and the app's reports."""
     core, commands, reports = new_core(), [], []
     core.receive(PING, app.PingChannel.ALIVE, app.encode_alive(0), now_us=0, vehicle=MAY_RUN)
     request = app.SineRequest(1, amplitude, app.omega_of(periods, samples), samples)
@@ -144,7 +144,7 @@ def test_a_vehicle_restarted_between_runs_makes_two_clocks() -> None:
     first, second = simulated((3, 8, 25)), simulated((60, 5, 12), seed=1)
     later = [
         replace(run, report_host_s=run.report_host_s + 900, time_s=run.time_s + 900) for run in second
-    ]  # its microseconds begin anew
+    ]  # the vehicle's microseconds restart
     series = align(recorded([*first, *later]))
 
     assert len(series.lines) == 2
@@ -199,7 +199,7 @@ def test_a_report_that_the_radio_lost_is_no_obstacle(periods: int, stamped: bool
 
 
 def test_a_sine_of_the_module_of_2015_may_cross_an_exact_middle_a_sample_late() -> None:
-    run = recorded(simulated((10,)), stamped=False)[0]  # N/l is 400: it crosses at 100, 300, ...
+    run = recorded(simulated((10,)), stamped=False)[0]  # N/l is 400, so the sine crosses at 100, 300, ...
     upward = np.flatnonzero(np.diff(run.sine.commands()[np.arange(299, 302)]) > 0)
     command = run.reports.command.copy()
     command[2] += run.sine.amplitude * run.sine.omega_rad
@@ -219,7 +219,7 @@ def kept(run: RecordedSine, rows: slice) -> RecordedSine:
 
 
 def cut_at(run: RecordedSine, samples: int) -> RecordedSine:
-    """Let the motors stop after so many samples."""
+    """Return the run as it would be if the motors had stopped after `samples` samples."""
     before = int(np.searchsorted(run.sine.commands().cumsum() * 0 + np.arange(run.sine.samples), samples))
     stamps = run.reports
     sample = simulated((run.sine.periods,))[0].report_sample

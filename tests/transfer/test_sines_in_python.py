@@ -1,4 +1,4 @@
-"""Sines in the Python interface: selected by their kind, whatever their l, and read from their folders."""
+"""Sines in the Python interface: selected by kind for any l, and read from their run folders."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Invalid sine runs: a sentence with the next step and an exit code, never a traceback."""
+"""Invalid sine runs give a message with the next step and an exit code, never a traceback."""
 
 import shutil
 from collections.abc import Callable
@@ -349,7 +349,7 @@ def test_a_load_cell_that_hangs_for_a_moment_is_named(tf: Here, index: Path) -> 
 
 
 def hold_readings(folder: Path, interval_s: float) -> int:
-    """Let the load cell's file repeat each reading for so long, and return in how many rows."""
+    """Repeat each reading in the load cell's file for `interval_s`, and return the number of rows per reading."""
     (cell,) = folder.glob("cell*.csv")
     head, *lines = cell.read_text().splitlines()
     rows = round(interval_s / (float(lines[1].split(",")[0]) - float(lines[0].split(",")[0])))

@@ -1,4 +1,4 @@
-"""`cfid tf identify`: runs and files of sines in, transfer functions with their verdict out."""
+"""`cfid tf identify` turns runs and files of sines into transfer functions with a verdict."""
 
 import json
 from dataclasses import replace
@@ -279,7 +279,7 @@ def test_the_thesis_method_gives_the_coefficients_where_nothing_is_late(tf: Here
     index = write_index(tmp_path, {"": runs}, stamped=False)
     parameters = found(tf, "--index", index, "--method", "thesis", "--preset", "first")["parameters"]
 
-    assert parameters["tf.numerator"]["value"] == pytest.approx([6.0705967e-8], rel=2e-3)  # forces between samples
+    assert parameters["tf.numerator"]["value"] == pytest.approx([6.0705967e-8], rel=2e-3)  # forces lie between samples
     assert parameters["tf.denominator"]["value"] == pytest.approx([1, -0.9745210], rel=1e-4)
 
 
@@ -325,7 +325,7 @@ def test_what_no_such_plant_explains_is_rejected_and_exits_with_5(tf: Here, both
     assert set(content["parameters"]) == {
         "tf.sample_time_s",
         "tf.frequency_response",
-        *(f"tf.series.second.{name}" for name in MODEL),  # described within 3 %
+        *(f"tf.series.second.{name}" for name in MODEL),  # this series is described within 3 %
     }
     assert not content["accepted"]
     assert "tf.time_constant_s" in forced["parameters"]

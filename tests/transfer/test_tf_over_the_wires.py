@@ -23,12 +23,12 @@ STILL: dict[str, Any] = {
     "rotors": {"unbalance": (0.0,) * 6, "blade_pass": (0.0,) * 6},
     "loadcell": {"noise_std": (0.0,) * 6, "drift_per_s": (0.0,) * 6},
 }
-LATE = {"latency_s": 0.028, "jitter_s": 0.016}  # table 3.2: half of a round trip, and its deviation
+LATE = {"latency_s": 0.028, "jitter_s": 0.016}  # table 3.2: half of a round trip, and its standard deviation
 IDENTIFY = ("tf", "identify")
 
 
 def logged(bench: Bench, *words: object, longest_s: float) -> None:
-    """Play sines; on a computer that is too busy to keep the motors alive they stop, and the operator goes on."""
+    """Log sines, and resume if a computer too busy to keep the motors alive lets them stop, as an operator would."""
     for more in ((), ("--resume",), ("--resume",)):
         pilot = bench.start("log", "sine", *words, "--yes", "--no-preflight", *more)
         if pilot.process.wait(longest_s) == 0:
@@ -74,4 +74,4 @@ def test_ten_sines_beside_shaking_rotors_give_one_percent(tmp_path: Path) -> Non
         )
         assert lag["value"] == pytest.approx(TRUTH.time_constant_s, rel=0.01)
         assert gain["value"] == pytest.approx(SLOPE_N, rel=0.005)
-        assert -0.06 < delay_s < -LATE["latency_s"]  # reports wait behind rows of the vehicle's log
+        assert -0.06 < delay_s < -LATE["latency_s"]  # reports queue behind rows of the vehicle's log

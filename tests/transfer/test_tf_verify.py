@@ -1,4 +1,4 @@
-"""`cfid tf verify`: a transfer function against runs that it was not identified from."""
+"""`cfid tf verify` compares a transfer function with runs from which it was not identified."""
 
 import re
 from pathlib import Path
@@ -27,7 +27,7 @@ def runs() -> list[SimulatedSine]:
 
 @pytest.fixture
 def campaign(tmp_path: Path, runs: list[SimulatedSine]) -> Path:
-    """All runs but l = 12, and what was identified from them."""
+    """A campaign with all runs as one series; nothing has been identified from them yet."""
     (tmp_path / RIG_FILE).write_text(new_rig_text())
     for run in runs:
         write_run(tmp_path, run, series="bench")
@@ -108,7 +108,7 @@ def test_the_thesis_result_of_a_campaign_is_verified_from_the_stamps_on_average(
     content = tf.json("verify", name_of(campaign, 12), "--force")
     late_s = content["parameters"][f"tf.verify.{name_of(campaign, 12)}.late_s"]["value"]
 
-    assert late_s < -0.002  # what it ignores
+    assert late_s < -0.002  # the latency, which the thesis method ignores
 
 
 def test_a_function_by_its_numbers_needs_no_campaign(tf: Here, tmp_path: Path, runs: list[SimulatedSine]) -> None:
@@ -130,7 +130,7 @@ def test_without_noise_coefficients_of_any_order_describe_the_run(tf: Here, tmp_
     punctual = RadioTruth(latency_s=0.0, jitter_s=0.0)
     runs = sines((10, 40), samples=4000, bench=type(bench)(**{**vars(bench), "radio": punctual}))
     index = write_index(tmp_path, {"": runs})
-    factor = np.convolve([1, -POLE], [1, -0.5])  # a pole and a zero that cancel each other
+    factor = np.convolve([1, -POLE], [1, -0.5])  # the second factor is a pole that a zero cancels
     numerator = np.convolve([0, GAIN_N * (1 - POLE)], [1, -0.5])
     words = [",".join(f"{value:.10g}" for value in own) for own in (numerator, factor)]
     content = tf.json(

@@ -1,4 +1,4 @@
-"""Transfer functions with delay from series of sines: as accurate as promised, orders, series together, verdicts."""
+"""Transfer functions with delay from series of sines: promised accuracy, orders, joint series, verdicts."""
 
 import math
 from dataclasses import replace
@@ -69,7 +69,7 @@ def test_noiseless_forces_between_the_samples_give_the_same_plant_with_its_hold(
     assert fit.numerator[0] == 0
     assert fit.numerator[1] == pytest.approx(b0, rel=2e-5)
     assert fit.denominator == pytest.approx([1, -a1], rel=2e-6)
-    # Eq. 3.15 has no z^-1 where a hold has one: its force is a sample early.
+    # Eq. 3.15 lacks the z^-1 of a hold, so its force is one sample early.
     assert fit.delays["first"].delay_s == pytest.approx(-0.002, abs=2e-6)
 
 
@@ -136,7 +136,7 @@ def test_coefficients_responses_and_deviations_belong_together() -> None:
 
 
 def orders_of(truth: LinearTruth, *, lag_s: float = 0.0) -> dict[Shape, TransferFit]:
-    """Fit all shapes to a truth behind a second lag."""
+    """Fit all shapes to the responses of a truth followed by a second lag."""
     found = measure("first", align(recorded(simulated(log_spaced(25, 100), truth=truth))))
     lagging = [
         replace(response, value=response.value / (1 + 1j * response.frequency_rad_s * lag_s))
@@ -253,7 +253,7 @@ def test_a_run_of_another_plant_widens_the_deviations() -> None:
 
     assert spoilt.probability < 1e-3
     assert spoilt.time_constant_std_s > 2 * plain.time_constant_std_s
-    assert spoilt.accepted  # 1 % of systematic difference is what a motor may have
+    assert spoilt.accepted  # a motor may have 1 % of systematic difference
     assert [(one.code, one.severity) for one in spoilt.findings(KEYS)] == [("transfer-scatter", "warning")]
 
 

@@ -1,4 +1,4 @@
-"""The intervals of a transfer function over many simulated series: the truth lies in 93 to 97 of 100."""
+"""The intervals of a transfer function contain the truth in 93 to 97 % of many simulated series."""
 
 import numpy as np
 import pytest
@@ -34,5 +34,5 @@ def test_intervals_cover_as_they_promise(periods: tuple[int, ...], samples: int,
         f"gain {covered[0]:.3f}, time constant {covered[1]:.3f}, delay {covered[2]:.3f}; scatter {scatter[0]:.2%}, "
         f"{scatter[1]:.2%}, {scatter[2]:.2f} ms; {rejected} of {COUNT} rejected at 0.001"
     )
-    assert np.all((covered > 0.925) & (covered < 0.98))  # 93 to 97 %, with what 400 series leave uncertain
+    assert np.all((covered > 0.925) & (covered < 0.98))  # 93 to 97 %, widened by the sampling error of 400 series
     assert rejected < 0.03 * COUNT

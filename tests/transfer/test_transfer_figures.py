@@ -1,4 +1,4 @@
-"""Transfer functions drawn: responses with intervals and model, a step, one run, and a run against its simulation."""
+"""Figures of transfer functions: responses with intervals and model, a step, one run, and a run with its simulation."""
 
 from collections.abc import Callable
 from typing import Any
@@ -52,7 +52,7 @@ def test_a_bode_page_shows_every_response_with_its_interval_the_model_and_the_th
     points = next(line for line in size.get_lines() if line.get_marker() == "o")
 
     np.testing.assert_allclose(points.get_ydata(), [1e6 * abs(own.value) for own in fit.measured[0].responses])
-    assert len(size.collections) == 1  # of intervals
+    assert len(size.collections) == 1  # the intervals
     curve = next(line for line in size.get_lines() if len(line.get_xdata()) > 100)
     assert curve.get_ydata()[0] == pytest.approx(1e6 * GAIN_N, rel=0.03)
     phases = page.panel("(b)")

@@ -1,4 +1,4 @@
-"""Transfer functions of sines some of whose reports the radio lost, by the host's stamps alone."""
+"""Transfer functions of sines, with host stamps only, after the radio lost some of their reports."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ from tests.transfer.sine_recordings import GAIN_N, LAG_S, SHAKEN, USUAL, log_spa
 
 
 def is_whole(run: RecordedSine) -> bool:
-    """Return whether the run kept its first and last report: without them it is refused, and recorded again."""
+    """Return whether the run kept its first and last reports; without them it is refused and has to be repeated."""
     try:
         match_reports(run.sine, run.reports)
     except DataError:

@@ -1,4 +1,4 @@
-"""Transfer functions in both forms: coefficients, responses and time series that belong together."""
+"""Transfer functions in both forms have consistent coefficients, responses and time series."""
 
 import math
 
@@ -81,7 +81,7 @@ def test_eq_3_15_and_3_16_as_gain_and_time_constant() -> None:
     numerator, denominator = EQ_3_16.coefficients(form="thesis")
     assert numerator == pytest.approx([7.2345374e-8])
     assert denominator == pytest.approx([1, -0.9695404])
-    # The thrust map's slope at 30000, from eq. 3.3, is 3 % less.
+    # The slope of the thrust map at 30000, from eq. 3.3, is 3 % smaller.
     assert EQ_3_15.static_gain_n == pytest.approx(2 * 2.130295e-11 * 30000 + 1.032633e-6, rel=0.04)
 
 

@@ -1,4 +1,4 @@
-"""`transfer.fit`, `verify` and `read_sines` as a notebook calls them: runs in, quantities with findings out."""
+"""`transfer.fit`, `verify` and `read_sines`, called as in a notebook, turn runs into quantities with findings."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -105,7 +105,7 @@ def test_an_arm_and_a_yaw_that_nobody_stated_are_noted_and_those_given_are_not(t
 
     assert [one.code for one in assumed.findings].count("fact-assumed") == 2
     assert "fact-assumed" not in [one.code for one in given.findings]
-    assert given.runs[0].force_n == pytest.approx(2 * assumed.runs[0].force_n)  # half of the arm
+    assert given.runs[0].force_n == pytest.approx(2 * assumed.runs[0].force_n)  # half the arm
 
 
 def test_nothing_to_read_and_no_run_folder_are_refused(tmp_path: Path) -> None:

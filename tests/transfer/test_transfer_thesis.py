@@ -1,4 +1,4 @@
-"""C.2.5 as it stands: its coefficients from clean data, its constants, and what ignoring latencies costs it."""
+"""C.2.5 as published: its coefficients from clean data, its constants, and its error from ignored latencies."""
 
 from dataclasses import replace
 
@@ -27,7 +27,7 @@ DIVIDING = (2, 4, 5, 8, 10, 16, 20, 25, 32, 40, 50, 80, 100)
 
 
 def thrust(runs: list[RecordedSine]) -> list[RecordedSine]:
-    """Give the load cell's torque the sign of thrust, as C.2.5 does by a minus."""
+    """Give the load cell's torque the sign of thrust, as the minus in C.2.5 does."""
     return [replace(run, force_n=-run.force_n) for run in runs]
 
 

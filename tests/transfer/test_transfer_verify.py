@@ -1,4 +1,4 @@
-"""A transfer function against a run that it was not made from."""
+"""Comparison of a transfer function with a run that was left out of its fit."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ def test_a_run_left_out_of_the_fit_is_simulated_to_within_its_noise() -> None:
         found = verify_run(run, fit.dynamics, after_quickest_s=fit.delays["first"].after_quickest_s)
 
         assert found.fit_percent > 93
-        assert found.unfiltered_fit_percent < 30  # vibration is most of what the load cell shows
+        assert found.unfiltered_fit_percent < 30  # vibration dominates the load cell's readings
         assert abs(found.late_s) < 3 * found.late_std_s < 1.5e-3
         assert abs(found.gain_ratio - 1) < 3 * found.gain_ratio_std < 0.015
         assert found.residual_rms_n < 2e-3
