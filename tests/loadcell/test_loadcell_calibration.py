@@ -1,4 +1,4 @@
-"""Weights hung on a cell of known faults give its gains, cross-talk and linearity back."""
+"""Weights hung on a load cell with known faults give back its gains, cross-talk and linearity."""
 
 import math
 import tomllib
@@ -23,7 +23,7 @@ from tests.few_axes import with_axes
 Array = npt.NDArray[np.float64]
 
 GRAVITY = 9.81
-NOISE_N, NOISE_NM = 0.002, 2e-5  # of a sample
+NOISE_N, NOISE_NM = 0.002, 2e-5  # standard deviations of one sample
 COUNTS_PER_N, COUNTS_PER_NM = 1e6, 1e9
 RATE_HZ, SAMPLES = 500.0, 500
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
@@ -41,7 +41,7 @@ SIDES = [
 
 
 class Cell:
-    """A cell with gains and cross-talk, a matrix (6, 6), gains that change with the load, and a zero in each way."""
+    """A load cell with a matrix (6, 6) of gains and cross-talk, and gains that change by `bend` with the load."""
 
     def __init__(self, matrix: Array, *, bend: float = 0.0, largest: tuple[float, float] = (0.981, 0.981 * 0.046)):
         self.matrix, self.bend, self.largest = matrix, bend, np.repeat(largest, 3)
@@ -55,7 +55,7 @@ class Cell:
 
 
 def cell_of(rng: np.random.Generator, bend: float = 0.0) -> Cell:
-    """Draw gains within 1 %, and cross-talk of up to 1 % or 0.3 mm."""
+    """Return a load cell with random gains within 1 %, and random cross-talk of up to 1 % or 0.3 mm."""
     sizes = np.block([[np.full((3, 3), 0.01), np.full((3, 3), 0.1)], [np.full((3, 3), 3e-4), np.full((3, 3), 0.01)]])
     return Cell(np.eye(6) + sizes * rng.uniform(-1, 1, (6, 6)), bend=bend)
 
@@ -70,7 +70,7 @@ def record(
     weights_off: float = 0.0,
     facts: RigFacts | None = None,
 ) -> list[Run]:
-    """Write a run for each load; the places err by `at_std_mm`, all weights by the part `weights_off`."""
+    """Write a run for each load; places err by `at_std_mm`, and all weights by the fraction `weights_off`."""
     rng = np.random.default_rng(seed)
     zeros = {way: rng.normal(0, 1, 6) * ([0.3] * 3 + [3e-3] * 3) for way in WAYS}
     runs = []
@@ -278,7 +278,7 @@ def test_intervals_hold_the_truth_of_cells_with_cross_talk_bends_and_misplaced_w
             if key.rpartition(".")[2] in {"fz", "tx", "ty"} or "fz_into" in key
         ]
         held, total = held + sum(inside), total + len(inside)
-    few = campaigns < 100  # then three binomial standard errors, of numbers that share places
+    few = campaigns < 100  # few campaigns: three binomial standard errors, for results with shared places
     lowest, highest = (0.88, 1.0) if few else (0.93, 0.975)
     assert lowest <= held / total <= highest, f"{held} of {total}"
     assert math.isfinite(held / total)

@@ -1,4 +1,4 @@
-"""What a hung weight applies to the cell, and what loads of a known cell give back."""
+"""The forces and torques that a hung weight applies to a load cell, and the gains that known loads give back."""
 
 import numpy as np
 import pytest
