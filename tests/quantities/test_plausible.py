@@ -1,4 +1,4 @@
-"""Values in another unit are recognised, and what a vehicle can have passes."""
+"""Values in another unit are recognised, and values that a vehicle can have pass."""
 
 import math
 
@@ -107,7 +107,7 @@ def test_a_centre_of_mass_beyond_the_rotors_is_refused() -> None:
     assert "x = 0.0 mm and y = -70.0 mm: beyond the rotors" in centre_fault([0, -0.07, 0], 0.046)
 
 
-MOMENTS = np.diag([16.6e-6, 16.7e-6, 29.3e-6])  # of a vehicle of 28 g
+MOMENTS = np.diag([16.6e-6, 16.7e-6, 29.3e-6])  # moments of a vehicle of 28 g
 
 
 def product_is_refused(matrix: np.ndarray) -> bool:

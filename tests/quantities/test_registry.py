@@ -1,4 +1,4 @@
-"""The registry of quantities: one row a key, and what is read from it."""
+"""The registry of quantities has one row per key, which gives the unit, the shape and the order of a value."""
 
 import ast
 import re
@@ -46,7 +46,7 @@ def test_another_key_has_no_row(key: str) -> None:
 
 
 def test_a_name_ends_with_the_unit_that_the_registry_has() -> None:
-    found = {quantity.key: unit_of(f"noted {quantity.key}") for quantity in QUANTITIES}  # by its end alone
+    found = {quantity.key: unit_of(f"noted {quantity.key}") for quantity in QUANTITIES}  # the end alone decides
     known = {key: unit for key, unit in found.items() if unit}
 
     assert len(known) > 30
@@ -126,7 +126,7 @@ def test_a_polynomial_knows_its_order() -> None:
 def test_every_key_and_unit_that_a_result_writes_is_the_registrys() -> None:
     written = list(_written())
 
-    assert len(written) > 20  # those that write their unit out; the others take it from the registry
+    assert len(written) > 20  # only keys with a written unit; the others take theirs from the registry
     for key, unit, file in written:
         rows = [one for one in QUANTITIES if re.fullmatch(key, re.sub(r"\[|\]", "", re.sub(r"<\w+>", "x", one.key)))]
         assert rows, f"{file}: {key}"
@@ -134,7 +134,7 @@ def test_every_key_and_unit_that_a_result_writes_is_the_registrys() -> None:
 
 
 def _written() -> Iterator[tuple[str, str | None, str]]:
-    """Yield a pattern of each key that the code gives to a parameter, with its unit where that is a word."""
+    """Yield a pattern for each key that the code gives to a parameter, its unit if it is a literal, and the file."""
     prefix = re.compile(r"(swing|friction|inertia|testbody|motor|rotor|dynamics|tf|latency|loadcell|drag|wind)\\\.")
     for path in sorted((ROOT / "cfid").rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
