@@ -1,4 +1,4 @@
-"""`cfid demo`: a whole campaign with a known truth, alone in its folder, and honest about its intervals."""
+"""`cfid demo` makes a complete campaign with a known truth in its own folder, with correct intervals."""
 
 import os
 import signal
@@ -50,7 +50,7 @@ def command(*words: object) -> list[str]:
 
 
 def numbers(folder: Path, seed: int) -> list[tuple[str, float, float, float | None]]:
-    """Return name, truth, estimate and deviation of what a demo found."""
+    """Return the name, truth, estimate and standard uncertainty of each number that a demo found."""
     campaign = find_campaign(folder, start=folder)
     assert campaign is not None
     truth, _ = simulate_demo(campaign.rig, demo_truth(seed), seed=seed)
@@ -58,7 +58,7 @@ def numbers(folder: Path, seed: int) -> list[tuple[str, float, float, float | No
 
 
 def fitted_here(folder: Path, seed: int) -> list[tuple[str, float, float, float | None]]:
-    """Return the numbers of a demo whose commands run in this process: most of a demo's time is their imports."""
+    """Return the numbers of a demo whose commands run in this process, since imports take most of a demo's time."""
     make_campaign(folder)
     campaign = find_campaign(folder, start=folder)
     assert campaign is not None
@@ -70,7 +70,7 @@ def fitted_here(folder: Path, seed: int) -> list[tuple[str, float, float, float 
     return list(compared(load_sections(campaign.parameters_file).values(), truth))
 
 
-@pytest.mark.slow  # the tutorial, which is run as a test, begins with a demo too
+@pytest.mark.slow  # the tutorial, which also runs as a test, starts with a demo too
 def test_a_demo_measures_everything_hands_it_on_and_is_never_mixed_with_another(tmp_path: Path) -> None:
     folder = tmp_path / "demo"
     done = subprocess.run(command(folder, "--no-figures"), capture_output=True, text=True, check=False)
