@@ -1,4 +1,4 @@
-"""What all figures share: lines of any length, words as they are, one page."""
+"""Features that all figures share: lines of any length, unchanged words, one page."""
 
 from collections.abc import Callable
 from typing import Any

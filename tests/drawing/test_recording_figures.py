@@ -1,4 +1,4 @@
-"""A record as it came: its unit, its gaps, its notes."""
+"""Figures of a raw record: its unit, its gaps, its notes."""
 
 from collections.abc import Callable
 from pathlib import Path

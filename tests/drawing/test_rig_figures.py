@@ -1,4 +1,4 @@
-"""Drawings of the rig: what rig.toml states is where a person would look for it."""
+"""Drawings of the rig show each item of rig.toml where a person would look for it."""
 
 import math
 from pathlib import Path
@@ -30,13 +30,13 @@ def panels(figure: Figure) -> tuple[Axes, Axes]:
 
 
 def place(axes: Axes, name: str) -> tuple[float, float]:
-    """Return where a name stands."""
+    """Return the position of a name in a drawing."""
     (found,) = (one.xy for one in axes.texts if isinstance(one, Annotation) and one.get_text() == name)
     return found
 
 
 def ends(axes: Axes, name: str) -> tuple[Array, Array]:
-    """Return the ends of the axis whose name stands at its second one."""
+    """Return both ends of the axis whose name is at its second end."""
     lines = [np.asarray(line.get_xydata()) for line in axes.lines]
     (own,) = (line for line in lines if len(line) == 2 and np.allclose(line[1], place(axes, name)))
     return own[0], own[1]
@@ -49,14 +49,14 @@ def test_an_axis_is_drawn_where_its_mount_states_it_with_the_nose_up_and_left_on
     assert (begin + end) / 2 == pytest.approx([-20, 10])
     assert (end - begin)[0] < 0
     assert (end - begin)[1] == pytest.approx(0)
-    assert any(np.allclose(drawn.get_xydata(), [[10, 30]]) for drawn in side.lines)  # seen from its end
+    assert any(np.allclose(drawn.get_xydata(), [[10, 30]]) for drawn in side.lines)  # the axis seen from its end
 
 
 @pytest.mark.parametrize(("frame", "rows"), FRAMES.values(), ids=FRAMES)
 def test_a_mount_on_an_arm_is_drawn_at_the_motor_that_flies_there_whatever_the_frame(
     frame: BodyFrame, rows: Array
 ) -> None:
-    ways = {"m1": (1, -1), "m2": (-1, -1), "m3": (-1, 1), "m4": (1, 1)}  # forward and left, as the Crazyflie counts
+    ways = {"m1": (1, -1), "m2": (-1, -1), "m3": (-1, 1), "m4": (1, 1)}  # forward and left, in the Crazyflie's order
     for motor, (ahead, left) in ways.items():
         point, up = rows.T @ (30.0 * ahead, 30.0 * left, 20.0), rows.T @ (0.0, 0.0, 1.0)
         above, side = panels(mounts_figure({"a": Mount(point_mm=tuple(point), direction=tuple(up))}, frame))
@@ -81,7 +81,7 @@ def test_the_body_axes_are_drawn_as_rig_toml_turns_them_from_the_nose(frame: Bod
 
 
 def test_the_points_of_a_new_rig_lie_on_the_arms_of_motors_1_and_4(tmp_path: Path) -> None:
-    """They were read along the arms: 45 degrees right and left of body y, which is forward there."""
+    """The points were read along the arms, 45 degrees to the right and left of body y, which points forward there."""
     (tmp_path / "rig.toml").write_text(new_rig_text())
     rig = load_rig(tmp_path / "rig.toml")
     above, _ = panels(mounts_figure(rig.mounts, rig.vehicle.body_frame))

@@ -1,4 +1,4 @@
-"""Files that figures end in: whose they are, what they hold, and that equal figures make equal files."""
+"""Files of figures: who owns them, their contents, and equal files for equal figures."""
 
 import os
 import subprocess
@@ -61,7 +61,7 @@ def test_somebody_elses_file_stays_and_nothing_is_written_beside_it(tmp_path: Pa
 
 def test_an_svg_that_was_edited_since_is_somebody_elses(tmp_path: Path) -> None:
     _, svg = save_figure(_drawing(), tmp_path / "line")
-    # A drawing program keeps the metadata and writes its own head.
+    # A drawing program keeps the metadata and writes its own header.
     svg.write_bytes(b'<?xml version="1.0"?>\n<svg ' + svg.read_bytes().split(b"<svg", 1)[1])
     with pytest.raises(ConfigError):
         save_figure(_drawing(), tmp_path / "line")

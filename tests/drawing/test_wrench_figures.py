@@ -1,4 +1,4 @@
-"""A load cell's record as it came: its axes, its lines, its losses; small files however long it is."""
+"""Figures of a load cell's raw record: its axes, its lines, its losses, and small files for any length."""
 
 from collections.abc import Callable
 from pathlib import Path
