@@ -1,4 +1,4 @@
-"""Exports read back by the formats' own parsers."""
+"""Read exports back with the parsers of their formats."""
 
 import runpy
 import tomllib
@@ -35,7 +35,7 @@ def attributes(element: ET.Element | None) -> dict[str, float]:
 
 
 def python(name: str, vehicle: ExportVehicle, folder: Path) -> dict[str, Any]:
-    """Return the parameters that an export run as Python defines."""
+    """Run an export as Python, and return the parameters that it defines."""
     path = folder / "vehicle_params.py"
     path.write_text(export(name, vehicle))
     found: dict[str, Any] = runpy.run_path(str(path))["quad_params"]

@@ -1,4 +1,4 @@
-"""The JSON has everything that was measured, with uncertainties; what rig.toml states too."""
+"""The JSON export has all measured values with uncertainties, and the values that rig.toml states."""
 
 import json
 from dataclasses import replace

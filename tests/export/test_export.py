@@ -1,4 +1,4 @@
-"""cfid export as an operator types it: where files go, what is never overwritten, what is said, exit codes, JSON."""
+"""`cfid export` on the command line: places of files, protected files, messages, exit codes, JSON."""
 
 import json
 import re
@@ -23,7 +23,7 @@ Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
 @pytest.fixture
 def campaign(tmp_path: Path) -> Path:
-    """The folder that `cfid` runs in, as a campaign with the thesis' numbers."""
+    """A campaign with the thesis' numbers, in the folder where `cfid` runs."""
     (tmp_path / "rig.toml").write_text(new_rig_text())
     for name, found in sections().items():
         store_section(tmp_path / "parameters.toml", name, found)
@@ -282,7 +282,7 @@ def test_a_voltage_cubic_that_was_rejected_makes_no_header_and_says_why(cfid: Cf
         ended = cfid("export", "firmware", "--out", "-", *words)
         assert (ended.returncode, ended.stdout) == (4, "")
         assert "motor.thrust_voltage_poly was rejected: It folds." in " ".join(ended.stderr.split())
-    assert cfid("export", "crazyflow", "--out", "-").returncode == 0  # it takes no such map
+    assert cfid("export", "crazyflow", "--out", "-").returncode == 0  # crazyflow takes no such map
 
 
 def test_force_makes_no_header_of_a_voltage_cubic_that_would_stop_the_motors(cfid: Cfid, campaign: Path) -> None:

@@ -1,4 +1,4 @@
-"""cfid export samples: possible vehicles drawn from the uncertainties, the same numbers in every file."""
+"""`cfid export samples` draws possible vehicles from the uncertainties, and every file has the same numbers."""
 
 import csv
 import json
@@ -26,7 +26,7 @@ from tests.export.thesis_vehicle import INERTIA_KG_M2, section, sections, vehicl
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
-STD = {  # of each number, as parts of a value where there is no other
+STD = {  # standard uncertainties, in the unit of each number
     "motor.thrust_poly": [5e-13, 3e-8, 3e-4],
     "motor.speed_poly": [2e-4, 5.0],
     "motor.torque_poly": [3e-5, 2e-6],
@@ -38,7 +38,7 @@ STD = {  # of each number, as parts of a value where there is no other
     "drag.simple_kg_per_rad": [2e-8, 2e-8, 3e-8],
     "tf.time_constant_s": 1e-3,
 }
-BODY = 1e-8  # of each entry of the inertia matrix
+BODY = 1e-8  # standard uncertainty of each entry of the inertia matrix
 
 
 def uncertain(section: Section, std: Mapping[str, Any] = STD) -> Section:
@@ -58,7 +58,7 @@ def uncertain(section: Section, std: Mapping[str, Any] = STD) -> Section:
 
 @pytest.fixture
 def campaign(tmp_path: Path) -> Path:
-    """The folder that `cfid` runs in, as a campaign with the thesis' numbers and uncertainties."""
+    """A campaign with the thesis' numbers and with uncertainties, in the folder where `cfid` runs."""
     (tmp_path / "rig.toml").write_text(new_rig_text())
     for name, found in sections().items():
         store_section(tmp_path / "parameters.toml", name, uncertain(found))
@@ -73,7 +73,7 @@ def read_csv(path: Path) -> tuple[list[str], np.ndarray[Any, np.dtype[np.float64
 def test_every_vehicle_that_is_delivered_is_possible_and_the_rejected_share_is_printed(
     cfid: Cfid, campaign: Path
 ) -> None:
-    wide = {**STD, "motor.thrust_poly": [5e-13, 6e-7, 3e-4]}  # so that a few maps fall
+    wide = {**STD, "motor.thrust_poly": [5e-13, 6e-7, 3e-4]}  # wide enough that a few maps fall
     store_section(campaign / "parameters.toml", "thrust", uncertain(sections()["thrust"], wide))
     said = cfid("export", "samples", "--n", "300", "--seed", "3")
     assert said.returncode == 0, said.stderr
@@ -118,7 +118,7 @@ def test_all_files_hold_the_same_vehicles_as_their_own_exports_write_them(cfid: 
         assert drone["mass"] == pytest.approx(number["mass_kg"])
         assert quad["mass"] == pytest.approx(number["mass_kg"])
         assert quad["k_eta"] == pytest.approx(number["motor.thrust_per_speed_squared_n_s2"])
-        # The thesis' x is to the right: its yy is about the axis that points forward.
+        # The thesis' x axis points to the right, so its yy is the moment about the axis that points forward.
         assert quad["Ixx"] == drone["J"][0][0] == pytest.approx(number["inertia.matrix_kg_m2 yy"])
     assert len({drone["mass"] for drone in drones}) == 20
 

@@ -1,4 +1,4 @@
-"""The firmware's way back from thrust to motor voltage, compiled in single precision: no map of ours stops a motor."""
+"""The firmware's formula from thrust to motor voltage, compiled in single precision, stops no motor with our maps."""
 
 import math
 import re
@@ -28,7 +28,7 @@ Array = npt.NDArray[np.float64]
 Inverse = Callable[..., tuple[Array, Array]]
 
 STOCK = DATA / "bitcraze_2021" / "cf21_stock2.csv"
-ROUNDING = 6.5  # of 65535: by which single precision may let a motor command fall; a brushed motor has steps of 256
+ROUNDING = 6.5  # of 65535: the largest fall of a motor command by single precision; a brushed motor has steps of 256
 BATTERIES_V = (3.0, 3.3, 3.7, 4.2)
 
 # VMOTOR2THRUST0..3, THRUST_MIN, THRUST_MAX of src/platform/interface/platform_defaults_cf2.h and _cf21bl.h.
@@ -58,7 +58,7 @@ SHIPPED = {
 
 @pytest.fixture(scope="module")
 def inverse(tmp_path_factory: pytest.TempPathFactory) -> Inverse:
-    """Return what gives motor voltages and commands (65536,) of a map and a battery."""
+    """Return a function that gives motor voltages and commands (65536,) for a map and a battery voltage."""
     compiler = shutil.which("gcc")
     if compiler is None:
         pytest.skip("there is no gcc to compile the firmware's formula with")
@@ -79,7 +79,7 @@ def inverse(tmp_path_factory: pytest.TempPathFactory) -> Inverse:
 def assert_flies(
     inverse: Inverse, cubic: npt.ArrayLike, limits: tuple[float, float], *, fall: float = ROUNDING
 ) -> float:
-    """Check all commands at all batteries; return the largest error of thrust over the range."""
+    """Check all commands at all battery voltages; return the largest thrust error as a fraction of the range."""
     lowest_first = np.asarray(cubic, dtype=np.float64)
     least, most = limits
     wanted = np.arange(65536) / 65535 * most
@@ -126,7 +126,7 @@ def test_maps_that_the_firmware_ships_come_back(inverse: Inverse, name: str) -> 
 
 
 def test_the_program_sees_a_map_that_stops_motors(inverse: Inverse) -> None:
-    """A cubic that bends down, as a plain fit of a sagging battery's thrust gives it."""
+    """The map is a cubic that bends down, such as a plain fit to thrust on a sagging battery gives."""
     volts, _ = inverse(0.00356866, 0.00724118, 0.01127234, -0.000335744, 0.0179, 0.168, 4.0)
 
     assert np.isnan(volts).any()
@@ -134,7 +134,7 @@ def test_the_program_sees_a_map_that_stops_motors(inverse: Inverse) -> None:
 
 
 def test_a_map_that_stops_motors_is_no_header() -> None:
-    """Neither that of a plain fit, nor one whose flat part lies within the thrusts that are asked for."""
+    """Neither the map of a plain fit nor a map with a flat part within the requested thrusts gives a header."""
     for cubic in ([0.0036, 0.0072, 0.0113, -0.00034], [0.02, 0.01, 0.012, 0.002], [0.0, 0.03, -0.03, 0.006]):
         with pytest.raises(DataError, match=r"no header: .* does not rise over all voltages"):
             text_of(TARGET, with_value(vehicle(), "thrust_of_voltage", cubic))
@@ -156,7 +156,7 @@ def test_a_map_that_single_precision_cannot_invert_is_no_header(cubic: list[floa
 
 
 def test_a_header_of_recorded_stock_motors_flies(inverse: Inverse) -> None:
-    """Of all rows of the recording: the steady steps alone, which a fit takes, are too few for a cubic."""
+    """The map takes all rows of the recording, since the steady steps that a fit takes are too few for a cubic."""
     if not STOCK.exists():
         pytest.skip("the recordings of stock motors are not here")
     table = read_stand_table(STOCK)
@@ -195,7 +195,7 @@ def test_a_header_of_any_shape_that_rises_flies(inverse: Inverse, shape: str, se
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_fit_that_all_but_touches_the_limit_moves_inward_until_its_header_flies(inverse: Inverse, seed: int) -> None:
-    """Ordinary motors: at c2^2 = 0.98 * 3 c1 c3 the formula subtracts nearly equal numbers of single precision."""
+    """Ordinary motors have c2^2 = 0.98 * 3 c1 c3, where the formula subtracts nearly equal single-precision numbers."""
     rng = np.random.default_rng(seed)
     command = np.repeat(np.arange(4000.0, 65000.0, 4000.0), 2)
     vbat_v = 4.0 - 0.4 * command / 65535 - 0.02 * rng.random(len(command))
@@ -211,7 +211,7 @@ def test_a_fit_that_all_but_touches_the_limit_moves_inward_until_its_header_flie
 
 @pytest.mark.parametrize("seed", [40, 126])
 def test_a_fit_that_knows_no_largest_thrust_passes_up_to_that_of_the_firmware(seed: int) -> None:
-    """A header without THRUST_MAX leaves the firmware's default, up to 0.2 N: 2.8 and 4 times these motors' thrust."""
+    """Without THRUST_MAX, the firmware's default of up to 0.2 N holds: 2.8 and 4 times the thrust of these motors."""
     rng = np.random.default_rng(seed)
     command = np.repeat(np.arange(4000.0, 65000.0, 4000.0), 2)
     volts = command / 65535 * (4.0 - 0.4 * command / 65535 - 0.02 * rng.random(len(command)))
@@ -226,7 +226,7 @@ def test_a_fit_that_knows_no_largest_thrust_passes_up_to_that_of_the_firmware(se
 
 
 def test_every_cubic_that_is_drawn_and_delivered_gives_its_thrusts(inverse: Inverse) -> None:
-    """Beside the limit rounding lets motor commands fall, which is no reason against a vehicle."""
+    """Near the firmware's limit, rounding lets motor commands fall, which is no reason to reject a vehicle."""
     rng = np.random.default_rng(1)
     draws = np.array([5.8e-4, 0.0155, 5.68e-3, 6.94e-4]) * (1 + 3e-3 * rng.standard_normal((40, 4)))
     given = [
@@ -253,5 +253,5 @@ def test_headers_of_whole_campaigns_fly_and_their_covariances_agree_with_their_u
             for key in kept.of:
                 parameter = section.parameters[key]
                 for std in numbers_of(key, parameter.std):
-                    known = std is not None and math.isfinite(std)  # a number at its bound has none
+                    known = std is not None and math.isfinite(std)  # a number at its bound has no finite std
                     assert next(spread) == pytest.approx(std if known else 0.0, rel=1e-6), key

@@ -1,4 +1,4 @@
-"""Turning from the campaign's body frame to x forward, y left, z up: exact, a rotation, and the thesis' swap."""
+"""Values turn exactly from the campaign's body frame to x forward, y left, z up, with the thesis' x and y swapped."""
 
 from dataclasses import replace
 from itertools import permutations, product
@@ -78,5 +78,5 @@ def test_rotors_stand_around_the_centre_of_mass_not_around_the_middle() -> None:
     side = 0.046 / np.sqrt(2)
 
     assert rotor_places_m(straight)[0] == pytest.approx((side, -side, 0))
-    # 1 mm of y is forward, 2 mm of x are to the right
+    # The campaign's y points forward and its x to the right, so the centre moved 1 mm forward and 2 mm right.
     assert rotor_places_m(moved)[0] == pytest.approx((side - 0.001, -side + 0.002, 0))

@@ -1,4 +1,4 @@
-"""What several fits found together: draws have the stated means and covariances, within fits and between them."""
+"""Draws from the joint results of several fits have the stated means and covariances, within and between fits."""
 
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
@@ -47,7 +47,7 @@ def fit_of(
 
 
 def assert_drawn_as_stated(joint: Joint, *, seed: int = 5) -> None:
-    """Compare mean and covariance of many draws with the stated ones, in units of their sampling errors."""
+    """Compare the mean and covariance of many draws with the stated ones, in units of their sampling errors."""
     draws = joint.draw(COUNT, np.random.default_rng(seed))
     std = np.sqrt(np.diag(joint.covariance))
     free = std > 0

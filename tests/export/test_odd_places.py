@@ -1,4 +1,4 @@
-"""`--out` where no file can be written: a sentence with exit code 2, and everything there stays as it was."""
+"""`--out` to a place where no file can be written gives a message with exit code 2, and changes nothing there."""
 
 import os
 from pathlib import Path
@@ -29,7 +29,7 @@ ODD = (
 
 @pytest.fixture
 def campaign(tmp_path: Path) -> Path:
-    """A campaign with the thesis' numbers among things that no file can replace."""
+    """A campaign with the thesis' numbers, together with a folder, a foreign file, a link to itself and a pipe."""
     (tmp_path / "rig.toml").write_text(new_rig_text())
     for name, found in sections().items():
         store_section(tmp_path / "parameters.toml", name, found)

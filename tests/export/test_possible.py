@@ -1,4 +1,4 @@
-"""What can be a vehicle: each way of not being one is named."""
+"""Parameters that can describe a vehicle pass; otherwise the parameter that makes it impossible is named."""
 
 from typing import Any
 
@@ -50,14 +50,14 @@ def test_each_way_of_being_no_vehicle_is_named(key: str, value: Any) -> None:
 
 
 def test_a_map_is_judged_over_the_commands_that_were_measured() -> None:
-    falls_early = {**THESIS, "motor.thrust_poly": [2.1e-11, -2e-7, 0.001]}  # up to command 4762
+    falls_early = {**THESIS, "motor.thrust_poly": [2.1e-11, -2e-7, 0.001]}  # falls up to command 4762
 
     assert impossible(falls_early, commands=(1000, 65535)) == "motor.thrust_poly does not rise"
     assert impossible(falls_early, commands=(6000, 65535)) == ""
 
 
 def test_a_motor_command_that_only_rounding_lets_fall_is_no_fault_of_the_vehicle() -> None:
-    """Beside the firmware's limit, c2^2 = 0.993 * 3 c1 c3; half of the draws about a cubic on it are such."""
+    """The cubic is near the firmware's limit, with c2^2 = 0.993 * 3 c1 c3, as are half of the draws about the limit."""
     cubic = [9.1322e-4, 0.0157323, 0.00557237, 0.000662268]
 
     assert "falls by" in cubic_fault(cubic, max_thrust_n=0.16)

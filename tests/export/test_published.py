@@ -1,7 +1,7 @@
-"""The thesis' numbers exported, beside those that projects publish and took from the thesis.
+"""Exports of the thesis' numbers, compared with the numbers that other projects took from the thesis and publish.
 
-Read in public sources in November 2026. Where ours differ it is by the turn that those projects left out: the thesis'
-x is the pitch axis, theirs the roll axis.
+The published numbers were read in public sources in November 2026. Ours differ only by the rotation that those
+projects left out: the thesis' x is the pitch axis, whereas theirs is the roll axis.
 """
 
 from pathlib import Path
@@ -13,9 +13,9 @@ from tests.export.reading import attributes, export, macros, python, toml, xml, 
 from tests.export.thesis_vehicle import vehicle
 
 # crazyflie-firmware 2026.08, controller_lee.c (.J); crazyswarm2, crazyflie_sim/backend/np.py (J) and its
-# dynobench and pinocchio files: the diagonal as the thesis prints it.
+# dynobench and pinocchio files: all copy the diagonal as the thesis prints it.
 COPIED_DIAGONAL = (16.571710e-6, 16.655602e-6, 29.261652e-6)
-# crazyflie-simulation, simulator_files/gazebo/crazyflie/model.sdf: all six.
+# crazyflie-simulation, simulator_files/gazebo/crazyflie/model.sdf: copies all six entries.
 COPIED_MATRIX = {
     "ixx": 16.571710e-6,
     "iyy": 16.655602e-6,

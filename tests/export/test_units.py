@@ -1,4 +1,4 @@
-"""Every target has its numbers in its own units: the same physics comes out of each."""
+"""Every target has its numbers in its own units, and all targets give the same physics."""
 
 import math
 import shutil
@@ -17,7 +17,7 @@ from tests.export.thesis_vehicle import vehicle, with_value
 RPM = 2 * math.pi / 60
 SHARE_N = thesis.MASS_KG * 9.81 / 4
 HOVER_RPM = thesis.HOVER_SPEED_RAD_S / RPM
-MOMENT_NM = thesis.TORQUE_POLY[0] * SHARE_N  # without the part that cancels between rotors
+MOMENT_NM = thesis.TORQUE_POLY[0] * SHARE_N  # without the constant, which cancels between rotors
 
 
 def test_the_hover_command_is_where_the_map_carries_the_weight() -> None:
@@ -54,7 +54,7 @@ def test_crazyflow_has_thrust_torque_and_lag_per_rpm_and_drag_per_velocity() -> 
     assert at_hover(found["rpm2torque"]) == pytest.approx(MOMENT_NM)
     up, up_squared, down, down_squared = found["rotor_dyn_coef"]
     assert (up, down) == (7.0, 3.0)
-    step = 10.0  # rad/s: both say the same acceleration
+    step = 10.0  # rad/s; both forms give the same acceleration
     rad_s = thesis.RISING[0] * step + thesis.RISING[1] * (
         (thesis.HOVER_SPEED_RAD_S + step) ** 2 - thesis.HOVER_SPEED_RAD_S**2
     )

@@ -1,4 +1,4 @@
-"""Comments of every export: origins, deviations, turning, what is missing, what was rejected. Nothing is guessed."""
+"""Comments of every export name origins, uncertainties, rotations, and missing or rejected values; none is guessed."""
 
 import ast
 import json
@@ -114,7 +114,7 @@ def test_a_file_says_what_hovering_should_take_by_both_ways_to_the_speed() -> No
     assert "rotor speed 2090.9 rad/s (19967 rpm) by motor.thrust_per_speed_squared_n_s2" in text
 
 
-# What was rejected
+# Rejected values
 
 
 @pytest.mark.parametrize("name", [name for name in EVERY if "inertia" in TARGETS[name].needs])
@@ -217,7 +217,7 @@ def test_a_rotor_that_runs_away_has_no_lag() -> None:
         export("rotorpy", with_value(vehicle(), "rising", [7.0, -0.002]))
 
 
-# What is missing
+# Missing values
 
 
 @pytest.mark.parametrize(
@@ -251,7 +251,7 @@ def test_an_unknown_part_of_a_value_is_as_if_nothing_was_measured() -> None:
 def test_drag_that_was_not_measured_is_marked_or_left_out(tmp_path_factory: pytest.TempPathFactory) -> None:
     none = vehicle("drag.simple_kg_per_rad", "drag.cross_coupling_kg_per_rad")
 
-    # Without these RotorPy's controllers and the gyms' parsers stop.
+    # RotorPy's controllers and the gyms' parsers fail without these values.
     assert python("rotorpy", none, tmp_path_factory.mktemp("rotorpy"))["k_d"] == 0
     assert '"k_d": 0.0,  # kg/rad: NOT MEASURED' in export("rotorpy", none)
     assert attributes(xml("gym-pybullet-drones", none).find("properties"))["drag_coeff_xy"] == 0
@@ -260,7 +260,7 @@ def test_drag_that_was_not_measured_is_marked_or_left_out(tmp_path_factory: pyte
     assert "DRAG_B_X" not in macros(export("firmware", none))
     assert toml("crazyflow", none)["cf2x_L250"]["drag_matrix"] == [[0.0] * 3] * 3
     assert "NOT MEASURED: zero switches drag off" in export("crazyflow", none)
-    # Gazebo would take a drag of its own where the file had none.
+    # Gazebo would use its own default drag if the file had none.
     assert {e.text for e in xml("gazebo", none).iter("rotorDragCoefficient")} == {"0.0"}
     for name in ("rotorpy", "gym-pybullet-drones", "firmware", "crazyflow", "gazebo"):
         assert "drag.simple_kg_per_rad" in export(name, none).split("NOT MEASURED", 1)[1]

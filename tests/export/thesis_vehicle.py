@@ -1,4 +1,4 @@
-"""The thesis' vehicle as a campaign would have it: appendix A, and what else its text states."""
+"""The thesis' vehicle in the form of a campaign's results: the values of appendix A and of the thesis' text."""
 
 import math
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ INERTIA_KG_M2 = [  # about x (pitch), y (roll), z
     [0.830806e-6, 16.655602e-6, 1.800197e-6],
     [0.718277e-6, 1.800197e-6, 29.261652e-6],
 ]
-INERTIA_STD_KG_M2 = [[1e-8, 2e-8, 3e-8], [2e-8, 4e-8, 5e-8], [3e-8, 5e-8, 6e-8]]  # invented, each its own
+INERTIA_STD_KG_M2 = [[1e-8, 2e-8, 3e-8], [2e-8, 4e-8, 5e-8], [3e-8, 5e-8, 6e-8]]  # invented, with six different values
 THRUST_POLY = [2.130295e-11, 1.032633e-6, 5.484560e-4]
 SPEED_POLY = [0.04076521, 380.8359]
 TORQUE_POLY = [0.005964552, 1.563383e-5]
@@ -27,10 +27,10 @@ CROSS_KG_PER_RAD = [
     [-0.3177e-7, -10.2506e-7, -0.4332e-7],
     [-7.7050e-7, -7.7050e-7, -7.5530e-7],
 ]
-TIME_CONSTANT_S = -0.002 / math.log(0.9695404)  # of H(z), 500 samples a second
+TIME_CONSTANT_S = -0.002 / math.log(0.9695404)  # of H(z) at 500 samples per second
 ARM_M = 0.046  # half of 92 mm (C.1.7)
 
-# Its maps of thrust and speed meet in k only at one speed: here where it hovers.
+# The thesis' maps of thrust and speed agree on k at one speed only; here this is the speed in hover.
 HOVER_COMMAND = (
     -THRUST_POLY[1] + math.sqrt(THRUST_POLY[1] ** 2 - 4 * THRUST_POLY[0] * (THRUST_POLY[2] - MASS_KG * 9.81 / 4))
 ) / (2 * THRUST_POLY[0])
@@ -38,13 +38,13 @@ HOVER_SPEED_RAD_S = SPEED_POLY[0] * HOVER_COMMAND + SPEED_POLY[1]
 K_N_S2 = MASS_KG * 9.81 / 4 / HOVER_SPEED_RAD_S**2
 MAX_THRUST_N = (THRUST_POLY[0] * 65535 + THRUST_POLY[1]) * 65535 + THRUST_POLY[2]
 
-# Not the thesis': it measured no voltage and no steps. Round numbers, to be found again.
+# Not from the thesis, which measured neither voltage nor steps: round numbers, easy to recognise in exports.
 VOLTAGE_POLY = [-0.01, 0.04, -0.02, 0.006]
 RISING, FALLING = [7.0, 0.002], [3.0, 0.001]
 
 
 def section(parameters: Mapping[str, Any], *, rejected: str = "", run: str = "run_1") -> Section:
-    """Return a section whose parameters are given by value, or as a Parameter."""
+    """Return a section of parameters, each given as a value or as a Parameter."""
     return Section(
         method="thesis",
         found=datetime(2015, 8, 31, 12, 30, tzinfo=UTC),
@@ -60,7 +60,7 @@ def section(parameters: Mapping[str, Any], *, rejected: str = "", run: str = "ru
 
 
 def sections() -> dict[str, Section]:
-    """Return everything an export can use."""
+    """Return all sections that an export can use."""
     inertia = Parameter(value=INERTIA_KG_M2, std=INERTIA_STD_KG_M2, unit="kg m^2")
     root = {"coefficients": THRUST_POLY, "thrust_min_n": 0.001, "thrust_max_n": MAX_THRUST_N}
     return {
@@ -87,7 +87,7 @@ def sections() -> dict[str, Section]:
 
 
 def vehicle(*without: str, frame: Mapping[str, str] | None = None, rejected: str = "") -> ExportVehicle:
-    """Return the thesis' vehicle, without some parameters, in another body frame, or with a section rejected."""
+    """Return the thesis' vehicle, optionally without some parameters, in another frame or with a rejected section."""
     rig = thesis_rig()
     if frame is not None:
         body = rig.vehicle.model_copy(update={"body_frame": rig.vehicle.body_frame.model_validate(dict(frame))})
