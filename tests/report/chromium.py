@@ -1,7 +1,7 @@
-"""A page opened in headless Chromium, in light or dark: what it loaded, said, showed, and how it reads.
+"""Open a page in headless Chromium, light or dark: its requests, its console, its figures and its legibility.
 
-The page is served from this computer and looked at from a second one around it, in frames of the widths that are asked
-for, so that no library is needed to drive the browser.
+This computer serves the page, together with a second page that frames it in the requested widths and examines it, so
+that no library is needed to drive the browser.
 """
 
 import html
@@ -26,10 +26,10 @@ _LOOK = (Path(__file__).parent / "look_at_page.js").read_text()
 
 @dataclass(frozen=True)
 class Look:
-    """What a page did: `requests` are paths that it asked for, `said` its lines on the console.
+    """The behaviour of a page: `requests` are the paths that it requested, `said` its lines on the console.
 
-    `figures` have their natural width, shown width and place; `overflow_px` is how far the page is wider than its
-    frame, `summary_px` where its first screen ends; `faint` are texts whose contrast with what lies behind them is
+    `figures` have their natural width, shown width and place; `overflow_px` is the excess of the page's width over its
+    frame; `summary_px` is the end of its first screen; `faint` are texts whose contrast with their background is
     below 4.5; `cut` are tables that are wider than their place, with all details unfolded.
     """
 
@@ -44,7 +44,7 @@ class Look:
 
 
 def look_at(page: str, folder: Path, *, widths_px: Sequence[int], dark: bool) -> dict[int, Look]:
-    """Open a page once in frames of several widths and return what each did; requests and words are those of all."""
+    """Open a page once in frames of several widths and return a look at each; all share requests and console lines."""
     frames = "".join(f'<iframe src="/page.html" width="{width}" height="900"></iframe>' for width in widths_px)
     around = f'<style>iframe {{ border: 0 }}</style>{frames}<pre id="seen"></pre><script>{_LOOK}</script>'
     with _served({"/": around, "/page.html": page}) as (address, asked):

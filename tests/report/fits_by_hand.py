@@ -35,7 +35,7 @@ _CROSS = [
 
 
 def _near(value: Any) -> Any:
-    """Return a deviation of one per cent, of the same shape; numbers that are exactly 0 or 1 have none."""
+    """Return a standard uncertainty of one per cent in the value's shape; numbers that are exactly 0 or 1 have 0."""
     if isinstance(value, list):
         return [_near(item) for item in value]
     return 0.0 if value in (0.0, 1.0) else abs(value) / 100
@@ -45,7 +45,7 @@ def number(value: Any, unit: str = "", std: Any = "near") -> Parameter:
     return Parameter(value=value, std=_near(value) if std == "near" else std, unit=unit)
 
 
-# What the thesis' appendix A prints, under the keys that the fits give it.
+# The numbers of the thesis' appendix A, under the keys of the fits.
 APPENDIX_A: Mapping[str, Mapping[str, Parameter]] = {
     "inertia": {"inertia.matrix_kg_m2": number(THESIS_MATRIX, "kg m^2")},
     "thrust": {"motor.thrust_poly": number([2.130295e-11, 1.032633e-6, 5.484560e-4], "N(cmd)")},
@@ -87,7 +87,7 @@ def put(
     common: Mapping[str, Mapping[str, list[float]]] | None = None,
     **more: Any,
 ) -> Fit:
-    """Keep a fit as a command does: in fits/ and as the last of its kind in parameters.toml."""
+    """Store a fit as a command does: in fits/, and as the latest of its kind in parameters.toml."""
     section = Section(
         method=method,
         found=NOON + timedelta(minutes=minutes),

@@ -1,4 +1,4 @@
-"""`cfid report`: one file from a campaign, in the format asked for, over nothing that cfid did not make."""
+"""`cfid report` makes one file from a campaign in the requested format, and replaces only files that cfid made."""
 
 import json
 import subprocess
@@ -63,7 +63,7 @@ def test_the_name_of_the_file_tells_its_format(cfid: Cfid, campaign: Path) -> No
     ],
 )
 def test_nothing_else_lies_among_fits(cfid: Cfid, campaign: Path, words: tuple[str, ...]) -> None:
-    """It was a fit to delete, as `cfid status` had it."""
+    """`cfid status` called such a file a fit to delete."""
     for name in ("fits", "other"):
         (campaign / name).mkdir(exist_ok=True)
     (campaign / "linked").symlink_to("fits")
@@ -86,7 +86,7 @@ def test_fits_that_lie_elsewhere_stay_apart_too(cfid: Cfid, campaign: Path, tmp_
 
 @pytest.mark.parametrize("name", ["rig.toml", "link", "parameters.toml", "fits/a.json", "runs/one/encoder.csv"])
 def test_nothing_that_a_campaign_keeps_is_replaced_whatever_is_forced(cfid: Cfid, campaign: Path, name: str) -> None:
-    """With --force a recording became a report, and by a link rig.toml did."""
+    """With --force, a report replaced a recording, and through a link rig.toml."""
     for folder in ("fits", "runs/one"):
         (campaign / folder).mkdir(parents=True, exist_ok=True)
     for file in ("fits/a.json", "runs/one/encoder.csv", "runs/one/run.toml"):

@@ -1,4 +1,4 @@
-"""Experiments that measure one property are compared over the joint uncertainty of their difference."""
+"""Experiments that measure the same property are compared in units of the joint uncertainty of their difference."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from cfid.report.agreement import Agreement
 from cfid.report.formats.render import rendered
 from tests.report.fits_by_hand import new_campaign, put, report_of
 
-SLOPE = 2 * 2.13e-11 * 30000 + 1.0326e-6  # N per command, about the middle of the sines
+SLOPE = 2 * 2.13e-11 * 30000 + 1.0326e-6  # N per command, at the middle of the sines
 
 
 def thrust(campaign: Campaign, *, gain: float = 1.0, held_kg: float = 0.06, **quality: float) -> None:
@@ -57,13 +57,13 @@ def test_the_static_gain_is_compared_with_the_slope_of_the_thrust_map(tmp_path: 
     assert apart.in_std < -20
     assert "standard uncertainties of the difference apart (limit 3)" in apart.findings[0].text
     named = [one for one in report_of(campaign).agreements if one.title.startswith("Thrust per command")]
-    assert len(named) == 1  # its only series says the same
+    assert len(named) == 1  # the only series has the same gain, and no line of its own
 
 
 def test_torque_times_speed_takes_at_least_the_power_of_an_ideal_rotor(tmp_path: Path) -> None:
     campaign = new_campaign(tmp_path)
     thrust(campaign)
-    for markers, agrees in ((1, True), (4, False)):  # a Crazyflie's speeds, and a quarter of them
+    for markers, agrees in ((1, True), (4, False)):  # a Crazyflie's speeds, and a quarter of these speeds
         speed = Parameter(value=[0.04 / markers, 380.0 / markers], std=[1e-4, 1.0], unit="rad/s(cmd)")
         put(campaign, "speed", {"motor.speed_poly": speed})
         torque = Parameter(value=[0.00596, 1.6e-5], std=[1e-5, 1e-7], unit="Nm(N)")
@@ -121,7 +121,7 @@ def test_a_flight_shows_a_moment_as_one_over_the_entry_of_the_inverse_matrix(tmp
 
 def test_thrust_over_voltage_is_compared_where_the_flight_hovers(tmp_path: Path) -> None:
     campaign = new_campaign(tmp_path)
-    rig = [0.0, 0.0, 0.006, 0.0012]  # at 2.9 V a quarter of 32.5 g
+    rig = [0.0, 0.0, 0.006, 0.0012]  # at 2.9 V, carries a quarter of 32.5 g
     of_rig = Parameter(value=rig, std=[0.0, 0.0, 1e-5, 0.0], unit="N(V)")
     put(campaign, "thrust", {"motor.thrust_voltage_poly": of_rig})
     for gain, agrees in ((1.003, True), (1.05, False)):

@@ -1,4 +1,4 @@
-"""Each experiment tells what its fit kept: figures, windows, budget, warnings, origin."""
+"""Each experiment in a report shows what its fit stored: figures, windows, budget, warnings, origin."""
 
 import os
 import shutil
@@ -144,7 +144,7 @@ def test_runs_and_fits_that_cannot_be_read_are_named(campaign: Campaign) -> None
 
 
 def begun(campaign: Campaign, kind: str, device: str, file: str, *columns: str, **requested: Any) -> RunWriter:
-    """Begin a run of one device."""
+    """Start a run with one device, and return its writer."""
     return create_run(
         campaign.runs_folder,
         kind=kind,

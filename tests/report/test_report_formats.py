@@ -1,4 +1,4 @@
-"""One content in four formats: each complete, each safe whatever a name contains."""
+"""The same content in four formats: each is complete, and each is safe whatever a name contains."""
 
 import json
 import re

@@ -54,7 +54,7 @@ def looks(page: str, dark: bool, tmp_path_factory: pytest.TempPathFactory) -> Lo
 def test_the_page_is_quiet_and_asks_for_nothing(looks: Looks) -> None:
     for look in looks.values():
         assert look.said == ()
-        assert set(look.requests) <= {"/", "/page.html", "/favicon.ico"}  # the icon is for the page around it
+        assert set(look.requests) <= {"/", "/page.html", "/favicon.ico"}  # the icon belongs to the framing page
 
 
 def test_every_figure_is_drawn_and_within_the_page(looks: Looks) -> None:

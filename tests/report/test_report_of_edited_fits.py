@@ -1,4 +1,4 @@
-"""Fits whose figures of merit somebody edited: what is no number or table is left out, and nothing fails."""
+"""Fits with edited figures of merit: entries that are no number or table are left out, and no report fails."""
 
 import json
 from pathlib import Path
@@ -32,7 +32,7 @@ def campaign(tmp_path: Path) -> Campaign:
 
 
 def edit(campaign: Campaign, quality: Any, *, old: bool) -> list[Fit]:
-    """Write a quality into all fits, in the current form or that of the first version, and return them."""
+    """Write a quality into all fits, in the current form or that of the first version, and return the readable fits."""
     for path in campaign.fits_folder.glob("*.json"):
         content = json.loads(path.read_text())
         content["quality"] = quality

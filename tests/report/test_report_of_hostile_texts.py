@@ -1,4 +1,4 @@
-"""A page made of a report runs nothing and reads the campaign's own figures alone, whatever others wrote there."""
+"""A report's page runs nothing and loads only the campaign's own figures, whatever others wrote in the campaign."""
 
 import json
 from collections.abc import Callable
@@ -53,7 +53,7 @@ ATTRIBUTES = " align alt charset class content data-head href http-equiv id lang
 
 
 class Page(HTMLParser):
-    """What a browser would make of a page: tags, attributes and addresses."""
+    """The tags, attributes and addresses that a browser would find in a page."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -70,7 +70,7 @@ class Page(HTMLParser):
 
 
 def harmless(text: str) -> Page:
-    """Check that a page holds nothing but text, tables, its own anchors and pictures."""
+    """Check that a page contains only text, tables, its own anchors and pictures; return its tags and addresses."""
     page = Page(text)
     assert not [tag for tag in page.tags if f" {tag} " not in TAGS]
     assert not [name for name in page.attributes if f" {name} " not in ATTRIBUTES]
@@ -80,7 +80,7 @@ def harmless(text: str) -> Page:
 
 
 def spoilt(content: Any, text: str, key: str = "") -> Any:
-    """Return a fit's file with a text in place of every text, and in the keys of its quality."""
+    """Return a fit's content with `text` in place of every text, and appended to the keys of its quality."""
     if isinstance(content, dict):
         return {
             (f"{name} {text}" if key == "quality" else name): spoilt(value, text, name)
@@ -94,7 +94,7 @@ def spoilt(content: Any, text: str, key: str = "") -> Any:
 
 
 def spoilt_campaign(folder: Path, text: str) -> Campaign:
-    """Make a campaign whose names and notes are all one text."""
+    """Make a campaign whose names and notes are all the same text."""
     own = folder / text.replace("/", "÷").replace("\0", "")
     own.mkdir()
     rig = new_rig_text().replace('name = "Crazyflie 2.0"', f"name = {json.dumps(text)}", 1)

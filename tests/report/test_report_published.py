@@ -1,4 +1,4 @@
-"""Published values: each with its source, in one unit and frame, beside what this campaign found."""
+"""Published values, each with its source, in one unit and frame, next to the values of this campaign."""
 
 from pathlib import Path
 

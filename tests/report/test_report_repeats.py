@@ -1,4 +1,4 @@
-"""Several measurements of one quantity: which count, whether they agree, and how they drift."""
+"""Several measurements of one quantity: which of them count, whether they agree, and how they drift."""
 
 import math
 from pathlib import Path
@@ -52,7 +52,7 @@ def test_readings_within_their_deviations_agree(campaign: Campaign) -> None:
     assert quantity.probability == pytest.approx(0.4795, abs=1e-4)
     assert quantity.agrees
     assert quantity.mean == pytest.approx(6.05)
-    assert quantity.mean_std == pytest.approx(0.1)  # what both may have in common does not average out
+    assert quantity.mean_std == pytest.approx(0.1)  # errors that both may share do not average out
     assert quantity.drift == pytest.approx(0.1)
     assert quantity.drift_std == pytest.approx(0.1 * 2**0.5)
 

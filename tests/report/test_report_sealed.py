@@ -1,4 +1,4 @@
-"""A report replaces itself and nothing else."""
+"""A report replaces only an unchanged report of cfid, unless it is forced."""
 
 import os
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The sheet has every parameter of appendix A with deviation, interval and origin, and names what is missing."""
+"""The sheet has every parameter of appendix A with std, interval and origin, and names missing parameters."""
 
 from dataclasses import replace
 from pathlib import Path

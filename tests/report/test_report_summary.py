@@ -1,4 +1,4 @@
-"""The first screen says what was measured and how sure, what matters, and what comes next."""
+"""The first screen shows the measured numbers with uncertainties, the main findings, and the next step."""
 
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -70,12 +70,12 @@ def test_torque_speed_friction_and_drag_have_a_row_each_in_plain_units() -> None
     assert numbers["Rotor speed at command 30000"] == ("1600.0 ± 2.0 rad/s", "0.12 %")
     assert numbers["Viscous friction of the axis"] == ("(1.080 ± 0.022)·10⁻⁶ N m s/rad", "2 %")
     assert numbers["Drag along x, over speeds of rotors and wind"][0] == "(-0.850 ± 0.026)·10⁻⁶ kg/rad"
-    assert numbers["Drag along y, over speeds of rotors and wind"][1] == "3.2 %"  # the least sure, as status has it
+    assert numbers["Drag along y, over speeds of rotors and wind"][1] == "3.2 %"  # the least certain, as in status
 
 
 def test_the_uncertainty_of_a_speed_takes_that_coefficients_move_together() -> None:
     values = {"motor.speed_poly": [0.04, 400.0]}
-    together = covariance_between(values, np.outer([1e-4, -3.0], [1e-4, -3.0]))  # it turns about command 30000
+    together = covariance_between(values, np.outer([1e-4, -3.0], [1e-4, -3.0]))  # the line turns about command 30000
     one = section(motor__speed_poly=Parameter(value=[0.04, 400.0], std=[1e-4, 3.0], unit="rad/s(cmd)"))
     (shown,) = (
         number.value for number in summary(replace(one, covariance=together)).numbers if "speed" in number.title

@@ -1,4 +1,4 @@
-"""Figures of quality become tables that fit a page."""
+"""Figures of merit become tables that fit a page."""
 
 import pytest
 
