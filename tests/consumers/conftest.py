@@ -1,4 +1,4 @@
-"""The programs that take exports; `bash .ci/consumers` installs them and runs these tests."""
+"""Tests with the programs that take exports; `bash .ci/consumers` installs the programs and runs these tests."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +12,7 @@ ROWS: list[Row] = []
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark every test of this folder, and let other people's programs warn."""
+    """Mark every test of this folder, and allow warnings of other people's programs."""
     for item in items:
         if "consumers" in item.path.parts:
             item.add_marker(pytest.mark.consumers)
@@ -21,13 +21,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(autouse=True)
 def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Work in a folder of the test's own: some programs write logs where they are."""
+    """Work in a separate folder for each test, since some programs write logs into the current folder."""
     monkeypatch.chdir(tmp_path)
 
 
 @pytest.fixture
 def judge() -> Judge:
-    """Return what takes a row of evidence, and fails where predicted and found differ."""
+    """Return a function that keeps a row of evidence, and fails if predicted and found values differ."""
 
     def take(row: Row) -> None:
         ROWS.append(row)

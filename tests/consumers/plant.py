@@ -1,6 +1,6 @@
-"""What a measured vehicle does, calculated here from the thesis' numbers alone, and how an export's file is judged.
+"""The motion of a measured vehicle, calculated from the thesis' numbers alone, and the rows that judge an export.
 
-x forward, y left, z up; motors m1 to m4 in front right, behind right, behind left, in front left.
+Axes are x forward, y left, z up; motors m1 to m4 are front right, rear right, rear left and front left.
 """
 
 import math
@@ -21,8 +21,8 @@ Array = npt.NDArray[np.float64]
 RPM = 2 * math.pi / 60
 G = 9.81
 MASS_KG, ARM_M = thesis.MASS_KG, thesis.ARM_M
-CENTRE_MM = (0.4, -0.6, 17.425)  # of mass, in the thesis' axes: 0.6 mm behind the middle and 0.4 mm right of it
-INERTIA = np.array(  # the thesis' matrix with its y forward and its -x left
+CENTRE_MM = (0.4, -0.6, 17.425)  # of mass, in the thesis' axes: 0.6 mm behind and 0.4 mm to the right of the middle
+INERTIA = np.array(  # the thesis' matrix, turned so that its y points forward and its -x left
     [
         [16.655602e-6, -0.830806e-6, 1.800197e-6],
         [-0.830806e-6, 16.571710e-6, -0.718277e-6],
@@ -35,13 +35,13 @@ K, MOMENT_M = thesis.K_N_S2, thesis.TORQUE_POLY[0]
 HOVER_RAD_S = math.sqrt(MASS_KG * G / 4 / K)
 MOST_RAD_S = thesis.SPEED_POLY[0] * 65535 + thesis.SPEED_POLY[1]
 UP_S, DOWN_S = (1 / (a + 2 * b * HOVER_RAD_S) for a, b in (thesis.RISING, thesis.FALLING))
-DRAG_KG_PER_RAD = np.array([9.1785e-7, 9.1785e-7, 10.311e-7])  # over the sum of the speeds
-DRAG_1_S = DRAG_KG_PER_RAD * 4 * HOVER_RAD_S / MASS_KG  # deceleration over velocity at hovering
+DRAG_KG_PER_RAD = np.array([9.1785e-7, 9.1785e-7, 10.311e-7])  # per velocity and per sum of the rotor speeds
+DRAG_1_S = DRAG_KG_PER_RAD * 4 * HOVER_RAD_S / MASS_KG  # deceleration per velocity in hover
 MIXES = {"roll": np.array([-1, -1, 1, 1]), "pitch": np.array([-1, 1, 1, -1]), "yaw": np.array([-1, 1, -1, 1])}
 
 
 def measured() -> ExportVehicle:
-    """Return the vehicle as a campaign has it, its centre of mass off the middle, its rotors measured."""
+    """Return the vehicle of a campaign, with its centre of mass off the middle and its rotors measured."""
     x, y, z = (0.001 * part for part in CENTRE_MM)
     flown = thesis.vehicle()
     known = replace(flown, centre=replace(flown.centre, value=[x, y, z]))
@@ -56,7 +56,7 @@ def measured() -> ExportVehicle:
 
 
 def written(target: str, folder: Path, name: str) -> Path:
-    """Return the path of an export, written for the measured vehicle."""
+    """Write an export of the measured vehicle, and return its path."""
     path = folder / name
     path.write_text(export(target, measured()))
     return path
@@ -76,34 +76,34 @@ def moments(rotor_speeds: Array) -> Array:
 
 
 def accelerations(inertia: Array = INERTIA) -> list[float]:
-    """Return the angular acceleration about each axis with the speeds that turn about it."""
+    """Return the angular acceleration about each axis at the rotor speeds that turn the vehicle about this axis."""
     return [float(np.linalg.solve(inertia, moments(speeds(axis)))[i]) for i, axis in enumerate(MIXES)]
 
 
 def time_to_63(thrust_of_time: Callable[[float], float], step_s: float = 1e-4, most_s: float = 2.0) -> float:
-    """Return when a thrust has made 63.2 % of its way from time 0 to the end."""
+    """Return the time at which a thrust has made 63.2 % of its change from time 0 to the end."""
     share = 1 - math.exp(-1)
     values = np.array([thrust_of_time(t) for t in np.arange(0, most_s, step_s)])
     return crossing(np.arange(0, most_s, step_s), values, values[0] + share * (values[-1] - values[0]))
 
 
 def crossing(times: Sequence[float] | Array, values: Sequence[float] | Array, level: float) -> float:
-    """Return when rising values first reach a level, between two samples."""
+    """Return the time at which rising values first reach a level, interpolated between two samples."""
     after = int(np.argmax(np.asarray(values) >= level))
     rise = (level - values[after - 1]) / (values[after] - values[after - 1])
     return float(times[after - 1] + rise * (times[after] - times[after - 1]))
 
 
 def lag_of_first_order(lag_s: float, faster: float = 1.1) -> float:
-    """Return when thrust has made 63.2 % of its way while a rotor goes to 1.1 times the speed of hovering."""
+    """Return the time of 63.2 % of the change of thrust while a rotor goes to `faster` times its speed in hover."""
     share = 1 - math.exp(-1)
-    reached = math.sqrt(1 + share * (faster**2 - 1))  # over the speed of hovering
+    reached = math.sqrt(1 + share * (faster**2 - 1))  # relative to the speed in hover
     return -lag_s * math.log((faster - reached) / (faster - 1))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """A line of the evidence: pairs of predicted and found, None where the format has no such thing."""
+    """A row of evidence: pairs of predicted and found values, None or empty where the format has no such value."""
 
     target: str
     version: str
@@ -115,12 +115,12 @@ class Row:
     drag_1_s: Sequence[tuple[float, float]] = ()
 
     def check(self) -> None:
-        """Raise AssertionError where something found is 0.1 % or more off what the file can represent."""
+        """Raise AssertionError if a found value differs by more than 0.1 % from what the file can represent."""
         pairs = [self.hover, *self.turning, *([self.lag_s] if self.lag_s else []), *self.drag_1_s]
         for predicted, found in pairs:
             assert found == pytest.approx(predicted, rel=1e-3), (self.target, predicted, found)
 
 
 def pairs(predicted: Sequence[float] | Array, found: Sequence[float]) -> list[tuple[float, float]]:
-    """Return predicted and found side by side."""
+    """Return pairs of predicted and found values."""
     return list(zip(map(float, predicted), map(float, found), strict=True))

@@ -1,7 +1,7 @@
-"""PyBullet, which both gyms fly with, loads their files as they do; the gyms themselves are not in the package index.
+"""PyBullet, which both gyms use, loads their files as they do; the gyms themselves are not in the package index.
 
-Their parser and their forces are read here after BaseAviary.py: by position in the tree, thrust at the propellers'
-links, yaw and drag at the fifth link.
+The tests copy the gyms' parser and forces from BaseAviary.py: the parser reads by position in the tree; thrust acts at
+the links of the propellers, yaw torque and drag at the fifth link.
 """
 
 import importlib.metadata
@@ -36,7 +36,7 @@ STEP_S = 1 / 240
 
 @dataclass
 class Gym:
-    """A vehicle in Bullet, with what the gyms' parsers read of its file."""
+    """A vehicle in Bullet, with the numbers that the gyms' parsers read from its file."""
 
     bullet: Any
     path: Path
@@ -64,7 +64,7 @@ class Gym:
         self.bullet.applyExternalForce(self.body, link, force, [0, 0, 0], flags, physicsClientId=self.client)
 
     def step(self, rotor_speeds: Array, *, drag: bool = False) -> Array:
-        """Return the velocities (6,) after a step, as BaseAviary's physics make one."""
+        """Return the velocities (6,) after one step of BaseAviary's physics."""
         rpm = rotor_speeds / RPM
         torques = self.numbers["km"] * rpm**2
         for link in range(4):

@@ -1,4 +1,4 @@
-"""crazyflow loads the file from its own place in the package, and its state controller flies it."""
+"""crazyflow loads the file from the usual place in its package, and its state controller flies the vehicle."""
 
 import importlib.metadata
 import importlib.util
@@ -32,7 +32,7 @@ STEP_S = 1e-3
 
 @pytest.fixture
 def parameters(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Put a copy of the package before the installed one, and return the folder of the file that is copied over."""
+    """Put a copy of the package before the installed one on the path; return the folder of the file to overwrite."""
     found = importlib.util.find_spec("crazyflow")
     assert found is not None
     assert found.submodule_search_locations is not None
@@ -42,7 +42,7 @@ def parameters(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def moves(dynamics: Any, rotor_speeds: Array, velocity: Any = (0, 0, 0), command: Array | None = None) -> Any:
-    """Return the accelerations: linear, angular, of the rotors in rpm."""
+    """Return the linear and angular accelerations, and those of the rotors, whose speeds are in rpm."""
     rpm = np.asarray(rotor_speeds, dtype=float) / RPM
     return [
         np.asarray(part)
@@ -54,9 +54,9 @@ def moves(dynamics: Any, rotor_speeds: Array, velocity: Any = (0, 0, 0), command
 
 
 def rising_lag(faster: float, acceleration: Any) -> float:
-    """Return when thrust has made 63.2 % of its way from hovering; `acceleration` takes and gives rad/s."""
+    """Return the time of 63.2 % of the change of thrust from hover; `acceleration` takes rad/s and gives rad/s^2."""
     speed, values = HOVER_RAD_S, [HOVER_RAD_S**2]
-    for _ in range(800):  # Runge and Kutta
+    for _ in range(800):  # fourth-order Runge-Kutta
         a = acceleration(speed)
         b = acceleration(speed + STEP_S / 2 * a)
         c = acceleration(speed + STEP_S / 2 * b)
@@ -68,7 +68,7 @@ def rising_lag(faster: float, acceleration: Any) -> float:
 
 
 def flown() -> Array:
-    """Return the rotor speeds in rad/s after 15 seconds of the program's own controller, which has to arrive."""
+    """Return the rotor speeds in rad/s after 15 s with the program's own controller, which has to reach its goal."""
     from crazyflow.sim import Sim
 
     sim = Sim(drone=DRONE, dynamics="first_principles", control="state", freq=500)
@@ -87,7 +87,7 @@ def test_crazyflow_flies_the_vehicle_from_its_own_file(parameters: Path, judge: 
     from crazyflow.dynamics.core import parametrize
     from crazyflow.dynamics.first_principles import dynamics as first_principles
 
-    # The gains are those of another vehicle: this one falls over under them where its mass is off the middle.
+    # The controller has the gains of another vehicle: with an off-centre mass, this vehicle would fall over.
     (parameters / "params.toml").write_text(export("crazyflow", thesis.vehicle()))
     at_end = flown()
     written("crazyflow", parameters, "params.toml")
@@ -113,4 +113,4 @@ def test_crazyflow_flies_the_vehicle_from_its_own_file(parameters: Path, judge: 
             drag_1_s=pairs(DRAG_1_S, braking),
         )
     )
-    assert moves(dynamics, np.zeros(4))[0][2] == pytest.approx(-9.81)  # no thrust at rest
+    assert moves(dynamics, np.zeros(4))[0][2] == pytest.approx(-9.81)  # no thrust without rotor speed

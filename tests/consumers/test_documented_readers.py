@@ -1,4 +1,4 @@
-"""Targets whose programs are not in the package index: a reader in the tests for each, after their own sources."""
+"""Targets whose programs are not in the package index: the tests have a reader for each, based on its source code."""
 
 import math
 import re
@@ -35,7 +35,7 @@ def vrml(text: str) -> list[str]:
 
 
 def after(words: list[str], name: str, count: int) -> list[list[float]]:
-    """Return the numbers that follow each field of a name."""
+    """Return the `count` numbers that follow each field called `name`."""
     kept = [word for word in words if word not in "[]"]
     return [[float(w) for w in kept[i + 1 : i + 1 + count]] for i, word in enumerate(kept) if word == name]
 
@@ -49,7 +49,7 @@ def test_webots_propellers_lift_turn_and_brake_the_vehicle(tmp_path: Path, judge
     xx, yy, zz, xy, xz, yz = after(words, "inertiaMatrix", 6)[0]
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     mass = after(words, "mass", 1)[0][0]
-    spin = np.array([1, -1, 1, -1])  # as rotors turn, and as the file says to command them
+    spin = np.array([1, -1, 1, -1])  # the sense of the rotors, and of their commands according to the file
 
     def lift(rotor_speeds: Array, rise_mps: float = 0.0) -> Array:
         found: Array = thrust[:, 0] * rotor_speeds**2 * spin - thrust[:, 1] * rotor_speeds * rise_mps
@@ -116,7 +116,7 @@ def test_the_identification_tool_goes_on_from_the_file_in_all_its_modes(tmp_path
     constant, linear, square = found["rpm2thrust"]
     rpm = (-linear + math.sqrt(linear**2 - 4 * square * (constant - share))) / (2 * square)
     roots = np.roots([*found["vmotor2thrust"][:0:-1], found["vmotor2thrust"][0] - share])
-    volt = float(np.max(roots[np.isreal(roots)].real))  # the largest real root, as there
+    volt = float(np.max(roots[np.isreal(roots)].real))  # the largest real root, as in system_id.py
 
     assert found["vmotor2rpm"][0] + found["vmotor2rpm"][1] * volt == pytest.approx(rpm)
     torque = np.polyval(found["vmotor2torque"][::-1], volt)

@@ -1,4 +1,4 @@
-"""The JSON is as its schema says, judged by jsonschema; whoever reads it needs nothing else."""
+"""The JSON export matches its schema according to jsonschema; a reader needs nothing else."""
 
 import json
 from dataclasses import replace
@@ -19,7 +19,7 @@ SCHEMA = json.loads(files("cfid.export").joinpath("vehicle.schema.json").read_te
 
 
 def judged(text: str) -> dict[str, Any]:
-    """Return what a file has, where it is as the schema says."""
+    """Validate a file against the schema, and return its content."""
     import jsonschema
 
     jsonschema.Draft202012Validator.check_schema(SCHEMA)

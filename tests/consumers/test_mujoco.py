@@ -1,4 +1,4 @@
-"""MuJoCo loads the model as it is."""
+"""MuJoCo loads the model without changes."""
 
 from pathlib import Path
 from typing import Any
@@ -93,7 +93,7 @@ def test_mujocos_mass_matrix_is_the_measured_one(model: Any) -> None:
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     columns = []
-    for axis in range(6):  # the inverse, column by column: whichever way this version keeps the matrix
+    for axis in range(6):  # the inverse by columns, since versions store the matrix in different ways
         solved = np.zeros((1, model.nv))
         mujoco.mj_solveM(model, data, solved, np.eye(6)[axis : axis + 1])
         columns.append(solved[0])

@@ -1,4 +1,4 @@
-"""RotorPy takes the module as its own: its vehicle, and its SE3 controller that flies it."""
+"""RotorPy takes the module as one of its own vehicles, and its SE3 controller flies the vehicle."""
 
 import importlib.metadata
 import runpy
@@ -40,7 +40,7 @@ def state_of(rotor_speeds: Array, velocity: Array | None = None) -> dict[str, Ar
 
 
 def flown(drone: Any, controller: Any) -> Array:
-    """Return the speeds after ten seconds of the program's own controller, which has to arrive."""
+    """Return the rotor speeds after 10 s with the program's own controller, which has to reach its goal."""
     state = state_of(np.full(4, HOVER_RAD_S))
     for i in range(5000):
         state = drone.step(state, controller.update(0.002 * i, state, TO_HOVER), 0.002)

@@ -1,6 +1,6 @@
-"""Gazebo's and PX4's models: Drake parses them with SDFormat's own library, and has their bodies.
+"""Models of Gazebo and PX4: Drake parses them with SDFormat's own library, and provides their bodies.
 
-Gazebo is not in the package index: what its motors do is read here after MulticopterMotorModel.cc.
+Gazebo is not in the package index, so the tests calculate its motors according to MulticopterMotorModel.cc.
 """
 
 import importlib.metadata
@@ -36,12 +36,12 @@ from tests.consumers.plant import (
 
 BODIES = {"gazebo": "crazyflie/body", "px4-gazebo": "base_link"}
 TOPICS = {"gazebo": "crazyflie/gazebo/command/motor_speed", "px4-gazebo": "crazyflie/command/motor_speed"}
-ORDER = {"gazebo": [0, 1, 2, 3], "px4-gazebo": [0, 2, 3, 1]}  # m1 to m4, by the index of a command
+ORDER = {"gazebo": [0, 1, 2, 3], "px4-gazebo": [0, 2, 3, 1]}  # the motor, 0 for m1, of each command index
 
 
 @dataclass
 class Motor:
-    """A plugin, as the motor model reads it."""
+    """A plugin, read in the way of the motor model."""
 
     plugin: ET.Element
 
@@ -54,7 +54,7 @@ class Motor:
         return float(self.text(name))
 
     def thrust(self, speed_rad_s: float) -> float:
-        """Return N: the joint turns slower, and the rotor is taken to turn faster again."""
+        """Return the thrust in N; the simulated joint turns slower than the rotor by a factor, which is undone here."""
         slowdown = self.number("rotorVelocitySlowdownSim")
         joint_rad_s = min(speed_rad_s, self.number("maxRotVelocity")) / slowdown
         return self.number("motorConstant") * (joint_rad_s * slowdown) ** 2
@@ -64,7 +64,7 @@ class Motor:
         return -turning * self.thrust(speed_rad_s) * self.number("momentConstant")
 
     def step(self, time_s: float, start: float, faster: float) -> float:
-        """Return the rotor's speed while its command is higher."""
+        """Return the rotor's speed at `time_s` after its command rises from `start` to `faster`."""
         return faster + (start - faster) * math.exp(-time_s / self.number("timeConstantUp"))
 
 
@@ -155,10 +155,10 @@ def test_every_motor_hears_its_command_and_does_not_alias(target: str, path: Pat
     assert [motor.number("motorNumber") for motor in motors] == [0, 1, 2, 3]
     for motor in motors:
         space = motor.plugin.find("robotNamespace")
-        name = "crazyflie" if space is None else space.text  # the model's own name where there is none
+        name = "crazyflie" if space is None else space.text  # the default namespace is the model's name
         assert f"{name}/{motor.text('commandSubTopic')}" == TOPICS[target]
         joint_rad_s = MOST_RAD_S / motor.number("rotorVelocitySlowdownSim")
-        assert joint_rad_s / (2 * math.pi) < 1 / (2 * 0.004)  # the motor model's own test, at PX4's step
+        assert joint_rad_s / (2 * math.pi) < 1 / (2 * 0.004)  # the motor model's own check, at PX4's time step
         assert motor.number("maxRotVelocity") == pytest.approx(MOST_RAD_S)
 
 
