@@ -32,7 +32,7 @@ def _sections(command: Any, name: str, parent: Any) -> Iterator[str]:
     context = command.context_class(command, info_name=name.rpartition(" ")[2], parent=parent)
     yield _section(command, name, context)
     for word in getattr(command, "commands", ()):
-        _, below, _ = command.resolve_command(context, [word])  # imported, not its line in a list
+        _, below, _ = command.resolve_command(context, [word])  # the imported command, not its entry in a list
         yield from _sections(below, f"{name} {word}", context)
         for own in _below_a_command(below, f"{name} {word}"):
             _, group, _ = command.resolve_command(context, [word, own])
@@ -41,7 +41,7 @@ def _sections(command: Any, name: str, parent: Any) -> Iterator[str]:
 
 
 def _below_a_command(command: Any, name: str) -> list[str]:
-    """Return the commands below one that is no group, as `fleet fit`: it takes any other words itself."""
+    """Return the commands below a command that is no group, such as `fleet fit`; it takes all other words itself."""
     if hasattr(command, "commands"):
         return []
     paths = [path.rpartition(" ") for path in COMMANDS]
@@ -66,7 +66,7 @@ def _row(parameter: Any, context: Any) -> str | None:
 
 
 def _code(words: str) -> str:
-    """Return words as code; a bar would end the table's cell, as a tag's character it does not."""
+    """Return words as code; a plain bar would end the cell of a table, so words with bars become an HTML tag."""
     return f"<code>{html.escape(words).replace('|', '&#124;')}</code>" if "|" in words else f"`{words}`"
 
 
@@ -76,9 +76,9 @@ def _prose(text: str) -> str:
 
 
 def _plain(text: str) -> str:
-    """Return help as Markdown: what is bold on the terminal is a command, and nothing is a tag."""
+    """Return help as Markdown: text that is bold on the terminal becomes code, and other text cannot form a tag."""
     bold = re.sub(r"\[bold\](.*?)\[/bold\]", r"`\1`", text).replace(r"\[", "[")
-    pieces = bold.split("`")  # every second one stands in backticks
+    pieces = bold.split("`")  # every second piece was in backticks
     return "`".join(piece if number % 2 else _escaped(piece) for number, piece in enumerate(pieces))
 
 

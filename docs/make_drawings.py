@@ -10,12 +10,12 @@ from cfid.drawing.rig import load_cell_figure, mounts_figure
 from cfid.drawing.suspension import axis_figure, threads_figure
 from cfid.records.rig_file import RIG_FILE, load_rig, new_rig_text
 
-mpl.rcParams.update({"svg.hashsalt": "cfid", "svg.fonttype": "none"})  # the same drawing is the same file
+mpl.rcParams.update({"svg.hashsalt": "cfid", "svg.fonttype": "none"})  # equal drawings give equal files
 FOLDER = Path(__file__).parent / "how-to" / "figures"
 
 
 def main() -> None:
-    """Write both suspensions, and the mounts, the load cell and the wind of a new rig.toml."""
+    """Draw both suspensions, and the mounts, the load cell and the wind of a new rig.toml."""
     FOLDER.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / RIG_FILE

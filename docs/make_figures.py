@@ -30,13 +30,13 @@ FIGURES = Path(__file__).parent / "explanation" / "figures"
 MOMENT_NM = 0.028 * 9.81 * 0.022855127980389874
 INERTIA_KG_M2, VISCOUS, COULOMB, RELEASE_DEG = 3.0185e-5, 1.564e-5, 4.564e-5, 49.6
 _MICRO = 1e6
-_LEAST = 1e-6  # of a logarithmic scale: a smaller bias is rounding
+_LEAST = 1e-6  # the lower end of the logarithmic scale; a smaller bias is rounding
 TABLE_2_3 = {8: 3.144988e-5, 11: 3.119770e-5}
 
 
 @functools.cache
 def record(degrees: float) -> tuple[Array, Array]:
-    """Return time and angle, to a 13-bit encoder's steps, of the pendulum let go at an angle."""
+    """Return time and angle of the pendulum released at an angle, rounded to the steps of a 13-bit encoder."""
     pendulum = Pendulum(
         axis_inertia_kg_m2=INERTIA_KG_M2,
         gravity_moment_nm=MOMENT_NM,
@@ -92,10 +92,10 @@ def bias_figure(
     *,
     title: str = "Bias of the inertia against the release angle",
 ) -> Figure:
-    """Return relative biases (n,) of the inertia against the release angle (n,), and their sizes on a log scale.
+    """Draw relative biases (n,) of the inertia against the release angle (n,), and their sizes on a log scale.
 
-    `theory` is the bias if the body kept swinging as far as at its release: (T/T0)^2 - 1 with the period's
-    series T/T0 = 1 + A^2/16 + 11 A^4/3072. Damping takes the swing to smaller angles, so it is a bound.
+    `theory` is the bias of a body that keeps its release amplitude A: (T/T0)^2 - 1 with the series of the period
+    T/T0 = 1 + A^2/16 + 11 A^4/3072. Damping reduces the amplitude, so this bias is a bound.
     """
     page, grid = figure(2, 2, heights_in=(KEY_IN, 2.9), title=title)
     key_row(page.add_subplot(grid[0, :]), *_key("(T/T₀)² − 1, period T at the release angle"))
@@ -123,9 +123,10 @@ def peaks_figure(
     *,
     title: str = "Inertia against the number of peaks used",
 ) -> Figure:
-    """Return axis inertias (n,) found from the first peaks (n,) of one record, and what they differ by from the truth.
+    """Draw axis inertias (n,) from the first peaks (n,) of one record, and their differences from the truth.
 
-    The more small swings a damped cosine sees, the lower its inertia; a pendulum's does not depend on them.
+    The more small swings a fit of a damped cosine includes, the lower its inertia; that of a pendulum fit does not
+    depend on them.
     """
     page, grid = figure(2, 2, heights_in=(KEY_IN, 2.9), title=title)
     key_row(page.add_subplot(grid[0, :]), *_key("true inertia"))

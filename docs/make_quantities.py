@@ -15,7 +15,7 @@ RANGES = "| key | what of it | least | largest | why |"
 
 
 def parameters_page(text: str) -> str:
-    """Return the page with both of its tables as the registry has them; the rest stays."""
+    """Return the page with both tables written anew from the registry, and the other text unchanged."""
     return _with_table(_with_table(text, KEYS, _keys()), RANGES, _ranges())
 
 

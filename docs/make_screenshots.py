@@ -1,7 +1,8 @@
 """Photograph the pages of cfid for the docs: `python -m docs.make_screenshots cfid-demo/report.html`.
 
-`cfid watch` beside a staircase on the simulated rig, light and dark, wide and narrow; with a report, its top. Needs
-Chromium. Colours are cut to 48, which keeps the files small and letters sharp.
+The pictures show `cfid watch` during a staircase on the simulated rig, light and dark, wide and narrow, and the top of
+a report if one is given. The script needs Chromium. Pictures have 48 colours, which keeps files small and letters
+sharp.
 """
 
 import io
@@ -24,7 +25,7 @@ LARGEST_BYTES = 150_000
 
 
 def main(report: Path | None) -> None:
-    """Write all pictures; that of a report only where there is one."""
+    """Write all pictures; the picture of a report only if a report is given."""
     with tempfile.TemporaryDirectory() as folder, browser_in(Path(folder) / "browser") as browser:
         if report is not None:
             width_px, height_px = REPORT_PX
@@ -56,7 +57,7 @@ def watch(browser: Browser, folder: Path) -> None:
 
 
 def save(page: Page, path: Path) -> None:
-    """Write what a page shows, and close it."""
+    """Save a picture of a page, and close the page."""
     with Image.open(io.BytesIO(page.picture())) as picture:
         picture.convert("RGB").quantize(48, dither=Image.Dither.NONE).save(path, optimize=True)
     page.close()

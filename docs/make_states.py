@@ -12,7 +12,7 @@ from matplotlib.patches import FancyBboxPatch
 
 FILE = Path(__file__).parent / "explanation" / "figures" / "supervisor.png"
 
-# Name, place, and what motors do there.
+# Each state: its name, its place, and what motors do in it.
 STATES = {
     "not ready": (0.0, 0.0, "off"),
     "disarmed": (3.3, 0.0, "off"),
@@ -28,7 +28,7 @@ STATES = {
 COLOURS = {"off": "#e4e4e4", "idle": "#f6dd9a", "run": "#bfe0b8"}
 WIDTH, HEIGHT = 1.9, 0.8
 
-# From, to, what for, and how far the arrow bends.
+# Each arrow: from which state, to which state, on which condition, and its bend.
 ARROWS = [
     ("not ready", "disarmed", "upright", 0.0),
     ("disarmed", "arming", "armed by\na client;\nbrushed:\nby itself", 0.0),

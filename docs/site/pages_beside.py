@@ -1,4 +1,4 @@
-"""Take all decisions, and the app's README beside docs, into the site; links in docs stay as they are read on disk."""
+"""Add all decisions, and the app's README outside docs, to the site; links in docs keep their form on disk."""
 
 from pathlib import Path
 
@@ -21,11 +21,11 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 
 
 def on_files(files: Files, /, *, config: MkDocsConfig) -> Files:
-    """Add the page."""
+    """Add the app's README as a page."""
     files.append(File.generated(config, BESIDE, content=(ROOT / BESIDE).read_text(encoding="utf-8")))
     return files
 
 
 def on_page_markdown(markdown: str, /, *, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Let links that leave docs for that page find it in the site, one folder nearer."""
+    """Rewrite links to the app's README, which is outside docs on disk but one folder nearer in the site."""
     return markdown.replace(f"](../../{BESIDE}", f"](../{BESIDE}")
