@@ -28,7 +28,7 @@ SINE = ("sine", "--l", 40, "--n", 1000, "--yes")
 
 
 def pendulum() -> tuple[Array, Array]:
-    """Return time and angle of a swing that is released at 40 degrees after two seconds."""
+    """Return time and angle of a swing that is released at 40 degrees after some two seconds."""
     body = Pendulum(axis_inertia_kg_m2=3e-5, gravity_moment_nm=6.3e-3, viscous_nms_per_rad=4e-6, coulomb_nm=3e-6)
     hand = HandRelease(angle_rad=math.radians(40), wait_s=1.0)
     found = swing([body], [hand], duration_s=30.0)

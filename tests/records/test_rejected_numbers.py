@@ -232,7 +232,7 @@ def _digits(text: str) -> Iterator[str]:
 
 
 def _states(line: str, own: set[str]) -> bool:
-    """Return whether a line states one of the numbers, rounded to three digits or more."""
+    """Return whether a line states one of the numbers, rounded to four to seven digits."""
     shown = {digits for digits in _digits(line) if len(digits) > 3}
     rounded = {f"{float('0.' + digits):.{places}g}"[2:] for digits in own for places in range(4, 8)}
     return bool(shown & rounded)
