@@ -1,4 +1,4 @@
-"""Real wires in time: a reactor of its own for each test that needs one, running in a thread beside it."""
+"""Reactors for tests with real wires: each test that needs a reactor gets its own, which runs in a thread."""
 
 import threading
 import time
@@ -18,7 +18,7 @@ class _Loop(SelectReactor):
 
 @pytest.fixture(autouse=True, scope="module")
 def wires_in_time(in_time: None) -> None:
-    """Run the wires of this room in time."""
+    """Keep other tests from delaying the tests of this folder, whose devices run against a clock."""
 
 
 @pytest.fixture
@@ -34,5 +34,5 @@ def reactor() -> Iterator[PosixReactorBase]:
 
 @pytest.fixture
 def in_reactor(reactor: PosixReactorBase) -> Callable[[Callable[[], Any]], Any]:
-    """Run something in the reactor's thread and wait for what comes of it."""
+    """Return a function that runs another one in the reactor's thread and waits for its result."""
     return lambda act: blockingCallFromThread(reactor, act)  # type: ignore[arg-type]  # twisted hides that it is one

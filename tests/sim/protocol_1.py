@@ -1,4 +1,4 @@
-"""The app's core as it was with protocol 1, with which the traces were recorded; nothing of it is in the package."""
+"""The app's core for protocol 1, with which the traces were recorded; the package no longer contains it."""
 
 import ctypes
 from functools import cache
@@ -12,7 +12,7 @@ COMMANDS = ctypes.c_uint16 * 4
 
 
 class CoreOfProtocol1(AppCore):
-    """It is told only whether motors may run, and its glue fed null setpoints while it held the motors."""
+    """A core that knows only whether motors may run; its glue fed null setpoints while the core held the motors."""
 
     def receive(self, service: int, channel: int, payload: bytes, *, now_us: int, vehicle: Seen) -> None:
         self._library.cfid_core_receive(self._core, CorePacket.of(service, channel, payload), now_us, vehicle.can_fly)

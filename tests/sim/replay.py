@@ -1,8 +1,8 @@
-"""Traces of the firmware's behaviour, and a simulated vehicle that hears what was sent in them, in virtual time.
+"""Traces of the firmware's behaviour, and their replay: a simulated vehicle receives the same packets in virtual time.
 
-The traces' README says how they were made. Times here are milliseconds of the recording computer's clock, by which the
-recorded stabilizer's loop went, too. Its operating system's ticks lagged behind where the computer was busy: the
-simulated vehicle counts the same ticks, those that a trace lists and on a straight line between them.
+The traces' README describes how they were made. Times here are milliseconds of the recording computer's clock, which
+also timed the recorded stabilizer's loop. The ticks of the operating system lagged behind this clock where the computer
+was busy. The simulated vehicle counts the same ticks: those that a trace lists, and a straight line between them.
 """
 
 import json
@@ -29,18 +29,18 @@ from cfid.wire.app import AppPorts
 from cfid.wire.crtp import Packet, decode_packet, encode_packet
 
 Line = dict[str, Any]
-Change = tuple[float, Any]  # a time, and what held from then on
+Change = tuple[float, Any]  # a time, and the value from then on
 
 ON_S = 1000.0  # the first power-on, on the simulation's clock
 POLL_MS = 20
-LATE_MS = 100  # that a replay goes on after the last line, for what comes a look and a poll later
-APP_MS = 1.0  # that packets for the app wait in its queue
-RAW = ("link source",)  # the note of the first of the raw requests
+LATE_MS = 100  # how long a replay continues after the last line, for changes that show one update and one poll later
+APP_MS = 1.0  # how long packets for the app wait in its queue
+RAW = ("link source",)  # the note on the first raw request
 POLL = Packet(9, 0, b"\x0c")
 WORD, LOG_CONTROL, ROW, ALIVE = (9, 0), (5, 1), (5, 2), (12, 2)
 CREATE, APPEND = 6, 7  # a log block
 
-# The recorded vehicle's numbers of the parameters that the traces name.
+# The recorded vehicle's numbers for the parameters that the traces name.
 NUMBERS = {
     0x00: "system.selftestPassed",
     0x03: "motorPowerSet.enable",
@@ -51,9 +51,9 @@ NUMBERS = {
     0x79: "stabilizer.stop",
 }
 OWN = [parameter.name for parameter in parameters(rpm_deck=False)]
-# And of the log variables.
+# Its numbers for the log variables.
 VARIABLES = {0: "pm.vbat", 2: "motor.m1", 3: "motor.m2"}
-NUMBER_AT = {(2, 0): 1, (2, 1): 0, (2, 2): 0, (2, 3): 1}  # in a payload about a parameter
+NUMBER_AT = {(2, 0): 1, (2, 1): 0, (2, 2): 0, (2, 3): 1}  # position of the number in a payload about a parameter
 
 
 @dataclass
@@ -66,7 +66,7 @@ class Behaviour:
     answers: dict[tuple[int, int], list[bytes]] = field(default_factory=dict)
 
     def answer(self, packet: Packet) -> None:
-        """Keep an answer, one to a keep-alive only where it differs from the last in more than number and time."""
+        """Keep an answer; keep one to a keep-alive only where more than number and time differ from the last."""
         messages = self.answers.setdefault(packet[:2], [])
         if packet[:2] != ALIVE or not messages or messages[-1][4:-4] != packet.payload[4:-4]:
             messages.append(packet.payload)
@@ -78,7 +78,7 @@ def keep(changes: list[Change], time_ms: float, value: Any) -> None:
 
 
 class Start(NamedTuple):
-    """A power-on: when it was, when its stabilizer's loop began, and the operating system's ticks at times after it."""
+    """A power-on: its time, the start of its stabilizer's loop, and the operating system's ticks at later times."""
 
     on_ms: float
     loop_ms: float
@@ -86,7 +86,7 @@ class Start(NamedTuple):
     ticks_ms: list[float]
 
     def tick(self, time_ms: float) -> float:
-        """Return the tick count at a time, on a line between those that are listed."""
+        """Return the tick count at a time, interpolated linearly between the listed ones."""
         after = bisect_right(self.times_ms, time_ms)
         if after in (0, len(self.times_ms)):
             nearest = min(after, len(self.times_ms) - 1)
@@ -112,16 +112,16 @@ class Trace:
         return {name: float(value) for name, value in conditions.items()}
 
     def judged_ms(self, time_ms: float) -> float:
-        """Return the time by which an event is judged: ticks after its power-on, and the loop's begin before them."""
+        """Return the time by which an event is judged: the ticks since its power-on, added to the start of the loop."""
         start = self.start(time_ms)
         return start.loop_ms + start.tick(time_ms)
 
     def start(self, time_ms: float) -> Start:
-        """Return the last power-on at a time, or the first."""
+        """Return the last power-on up to a time, or the first one if none came before."""
         return [start for start in self.starts if start.on_ms <= time_ms or start is self.starts[0]][-1]
 
     def behaviour(self) -> Behaviour:
-        """Return what was recorded."""
+        """Return the recorded behaviour."""
         found = Behaviour()
         for line in self.lines:
             time_ms = line["t_ms"]
@@ -138,7 +138,7 @@ class Trace:
         return found
 
     def happenings(self) -> list[tuple[float, Packet | Line]]:
-        """Return all that was sent, keep-alives and polls filled in, and what else was done to the vehicle."""
+        """Return all packets sent, with keep-alives and polls filled in, and all other actions on the vehicle."""
         found: list[tuple[float, Packet | Line]] = []
         begun: Line | None = None
         for line in self.lines:
@@ -156,7 +156,7 @@ class Trace:
         return sorted(found, key=lambda happening: happening[0])
 
     def _polls_ms(self) -> list[float]:
-        """Return when the supervisor was polled: from the first word on, but not beside raw requests."""
+        """Return when the supervisor was polled: from its first word on, but no longer once raw requests begin."""
         words = [line["t_ms"] for line in self.lines if line["event"] == "supervisor"]
         raw = [line["t_ms"] for line in self.lines if line["event"] == "send" and line.get("note") in RAW]
         end_ms = raw[0] if raw else self.end_ms + LATE_MS
@@ -171,7 +171,7 @@ def _start(lines: list[Line]) -> Start:
 
 
 def _series(first: Line, last: Line) -> list[tuple[float, Packet | Line]]:
-    """Return the keep-alives between the first and the last of a series, and the last."""
+    """Return the keep-alives of a series after the first, up to and including the last."""
     (begin,), (end,) = (struct.unpack("<I", bytes.fromhex(line["payload"])) for line in (first, last))
     every_ms = (last["t_ms"] - first["t_ms"]) / max(end - begin, 1)
     return [
@@ -181,7 +181,7 @@ def _series(first: Line, last: Line) -> list[tuple[float, Packet | Line]]:
 
 
 def replay(trace: Trace, load_app: Callable[[], App]) -> Behaviour:
-    """Do to a simulated vehicle what was done in a trace, and return what it did."""
+    """Repeat the actions of a trace on a simulated vehicle, and return the vehicle's behaviour."""
     return _Replay(trace, load_app).behaviour
 
 
@@ -219,7 +219,7 @@ class _Replay:
         self._go_on(now_ms, trace.end_ms + LATE_MS)
 
     def _go_on(self, begin_ms: float, end_ms: float) -> None:
-        """Let time pass, and see the state after each of the supervisor's looks."""
+        """Let time pass, and record the state after each update of the supervisor."""
         first = math.floor((begin_ms - self._start.loop_ms) / UPDATE_STEPS) + 1
         looks_ms = self._start.loop_ms + np.arange(first, first + (end_ms - begin_ms) / UPDATE_STEPS + 1) * UPDATE_STEPS
         for time_ms in [*looks_ms[looks_ms < end_ms].tolist(), end_ms]:
@@ -250,7 +250,7 @@ class _Replay:
                 self.behaviour.answer(_renumbered(packet, own=False))
 
     def _with_own_variables(self, packet: Packet) -> Packet:
-        """Return a request about a log block with the simulated vehicle's numbers of the variables."""
+        """Return a request about a log block with the simulated vehicle's numbers for the variables."""
         if packet[:2] != LOG_CONTROL or packet.payload[0] not in (CREATE, APPEND):
             return packet
         own = [variable.name for variable in variables(self._vehicle, rpm_deck=False, brushless=False)]
@@ -270,7 +270,7 @@ def packet_of(line: Line) -> Packet:
 
 
 def _renumbered(packet: Packet, *, own: bool) -> Packet:
-    """Return a packet about a parameter with the simulated vehicle's number of it, or back with the recorded one's."""
+    """Return a packet whose parameter number is the simulated vehicle's (`own`), or again the recorded vehicle's."""
     at, payload = NUMBER_AT.get(packet[:2]), packet.payload
     if at is None or len(payload) < at + 2 or (packet.channel == 3 and payload[0] == 0):
         return packet

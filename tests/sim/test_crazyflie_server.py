@@ -1,4 +1,4 @@
-"""The simulated Crazyflie on real UDP: met by unmodified cflib, and by a bare socket."""
+"""The simulated Crazyflie on real UDP, used by unmodified cflib and by a bare socket."""
 
 import socket
 import struct
@@ -49,14 +49,14 @@ from cfid.wire.rdt import Command, Request, decode_records, encode_request
 InReactor = Callable[[Callable[[], Any]], Any]
 
 PORTS = AppPorts()
-RIG = thesis_rig().model_copy(update={"mounts": {}})  # nothing swings: that would have to be integrated first
-WAIT_S = 5.0  # for anything, on a busy machine
+RIG = thesis_rig().model_copy(update={"mounts": {}})  # no mount swings, since a swing would have to be integrated first
+WAIT_S = 5.0  # the longest wait for anything, on a busy machine
 
 MEMORY_PORT = 4
 
 
 class Served:
-    """A simulated rig that is opened once, and how to reach it."""
+    """A simulated rig for one test, with an `open` that returns its addresses."""
 
     def __init__(self, reactor: PosixReactorBase, in_reactor: InReactor, folder: Path) -> None:
         self.in_reactor = in_reactor
@@ -107,7 +107,7 @@ def wait_until(there: Callable[[], object]) -> None:
 
 @contextmanager
 def flown(uri: str) -> Iterator[Crazyflie]:
-    """Connect as any client of cflib's does, and wait until it has read everything."""
+    """Connect as any program with cflib does, and wait until cflib has read everything."""
     cf, complete = Crazyflie(), threading.Event()
     cf.fully_connected.add_callback(lambda uri: complete.set())
     cf.open_link(uri)
@@ -164,7 +164,7 @@ def test_cflib_is_fully_connected_at_once_and_knows_all_there_is(served: Served)
     with flown(addresses.crazyflie_uri) as cf:
         took_s = time.monotonic() - began_s
         print(f"fully connected after {1000 * took_s:.0f} ms")
-        assert took_s < 1.0  # 0.3 s is the goal; tests/bench/crazyflie_connect.py holds it to that
+        assert took_s < 1.0  # the goal is 0.3 s, which tests/bench/crazyflie_connect.py checks
         assert cf.platform.get_protocol_version() == 12
         assert {"pm.vbat", "motor.m1", "sys.isTumbled"} <= {
             f"{g}.{n}" for g in cf.log.toc.toc for n in cf.log.toc.toc[g]
@@ -198,9 +198,9 @@ def test_cflib_drives_the_motors_by_parameters_and_the_load_cell_feels_it(served
 
 
 def lift_n(addresses: Addresses) -> float:
-    """Return the mean of Fz over half a second, above what the cell shows unloaded.
+    """Return the mean of Fz in N over half a second, less the reading of the unloaded cell.
 
-    A client in Python drops records of a busy computer: a mean of most of them is as good.
+    On a busy computer a client in Python loses records, but the mean of most of them is as good.
     """
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
         client.settimeout(1.0)
@@ -298,7 +298,7 @@ def test_a_sine_of_the_core_shakes_the_load_cell_and_its_crossings_are_reported(
 
 
 def listen(addresses: Addresses, client: Client, *, until_s: float) -> tuple[Any, list[Any]]:
-    """Keep the app alive; return what the load cell felt in N, and the crossings."""
+    """Keep the app alive; return the load cell's Fz in N, and the crossings."""
     crossings = []
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as cell:
         cell.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
@@ -362,7 +362,7 @@ def test_a_burst_of_nonsense_is_survived(served: Served) -> None:
     with Client(addresses) as client:
         for _ in range(500):
             nonsense = rng.bytes(int(rng.integers(0, 40)))
-            if nonsense[:1] and nonsense[0] >> 4 != MEMORY_PORT:  # at absent memories the firmware ends
+            if nonsense[:1] and nonsense[0] >> 4 != MEMORY_PORT:  # a request for an absent memory halts the firmware
                 client._socket.send(nonsense)
         served.in_reactor(lambda: None)
         served.rig.crazyflie.faults = CrazyflieFaults()

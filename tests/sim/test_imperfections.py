@@ -1,4 +1,4 @@
-"""Every imperfection of the simulated rig: on, its recordings show the stated size; off, they show none."""
+"""Every imperfection of the simulated rig: recordings show its stated size when it is on, and none when it is off."""
 
 import math
 from collections.abc import Callable
@@ -45,7 +45,7 @@ def hanging(truth: SimTruth) -> Pendulum:
 
 
 def swung(truth: SimTruth, *, angle_rad: float, coulomb_nm: float) -> tuple[Array, Array]:
-    """A small swing without other friction than the truth's disturbances and Coulomb friction."""
+    """Return times and angles of a small swing with no friction but Coulomb friction and the truth's disturbances."""
     body = hanging(truth)
     bare = Pendulum(
         axis_inertia_kg_m2=body.axis_inertia_kg_m2,
@@ -83,14 +83,14 @@ def seen_spring(truth: SimTruth) -> float:
 
 
 def seen_dry_friction(truth: SimTruth) -> float:
-    """The loss of deflection from one turn to the next is twice the dry torque over that of gravity."""
+    """The deflection lost from one reversal to the next is twice the dry torque, divided by the gravity moment."""
     _, angle = swung(truth, angle_rad=0.15, coulomb_nm=2e-5)
     turns = np.abs(angle[1:-1][np.diff(np.sign(np.diff(angle))) != 0])
     return float(-np.diff(turns).mean() / 2 * hanging(truth).gravity_moment_nm - 2e-5)
 
 
 def seen_stribeck(truth: SimTruth) -> float:
-    """A weight on the axis that friction just holds is found by letting go ever further out."""
+    """The largest deflection from which a released body does not move shows the friction at standstill."""
     body = hanging(truth)
     deflected = np.linspace(1e-5, 1e-4, 91) / body.gravity_moment_nm
     bodies = [
@@ -118,7 +118,7 @@ def seen_fixture(truth: SimTruth) -> float:
 
 
 def unwound(truth: SimTruth) -> float:
-    """The angle at which the line of a fast weight is unwound: from there on the axis slows down."""
+    """The angle at which the line of a fast weight is unwound; from there on the axis slows down."""
     weight = DroppingWeight(
         setup_inertia_kg_m2=1e-6,
         weight_kg=0.05,
@@ -138,7 +138,7 @@ def seen_line(truth: SimTruth) -> float:
 
 
 def seen_layers(truth: SimTruth) -> float:
-    """Of a line of 0.2 mm; 0 in one layer. The number of turns in a layer follows from how many hold half a metre."""
+    """The turns per layer of a line of 0.2 mm, from the number of turns that hold 0.5 m; 0 for a single layer."""
     thick = truth.model_copy(update={"axis": truth.axis.model_copy(update={"line_diameter_mm": 0.2})})
     angle = unwound(thick)
     if math.isclose(angle, 0.5 / 2.1e-3, rel_tol=0.01):
@@ -190,7 +190,7 @@ def readings(truth: SimTruth) -> Array:
 
 
 def shown(truth: SimTruth, wrench: Array, time_s: Array) -> Array:
-    """What the cell shows (n, 6) of a wrench (6,), without noise, bias and drift, in N and Nm."""
+    """The cell's readings (n, 6) of a wrench (6,), without noise, bias and drift, in N and Nm."""
     still = {"noise_std": (0.0,) * 6, "bias": (0.0,) * 6, "drift_per_s": (0.0,) * 6}
     cell = SimulatedLoadCell(truth.loadcell.model_copy(update=still), np.random.default_rng(5))
     return np.asarray(cell.read(time_s, np.tile(wrench, (len(time_s), 1)))[0] / truth.loadcell.counts_per_unit)
@@ -233,7 +233,7 @@ def seen_congestion(truth: SimTruth) -> float:
 
 
 def seen_anemometer(truth: SimTruth) -> float:
-    """From the force of the wind, which is in proportion to its speed, at equal readings."""
+    """The gain error, from the forces at equal readings: the force is proportional to the true wind speed."""
     forces = []
     for one in (truth, IDEAL):
         quiet = {"noise_std": (0.0,) * 6, "bias": (0.0,) * 6, "drift_per_s": (0.0,) * 6}
@@ -287,7 +287,7 @@ def off_value(key: str) -> Any:
 
 
 def switched(one: Imperfection) -> SimTruth:
-    """The ideal rig with this one imperfection, every number of it of the usual size."""
+    """The ideal rig with only this imperfection, each of whose values has the usual size."""
     section, name = one.key.split(".")
     value = np.full(np.shape(off_value(one.key)), one.size).tolist()
     return SimTruth.model_validate({section: {name: value}})

@@ -1,4 +1,4 @@
-"""The simulated box on real loopback sockets, also as independent clients from the package index see it."""
+"""The simulated box on real loopback sockets, also read by independent clients from the package index."""
 
 import socket
 import threading
@@ -29,7 +29,7 @@ NO_OTHER_ADDRESS = "this system binds no loopback address but 127.0.0.1, or the 
 
 
 class _Served:
-    """A box with constant load on the wires of one test."""
+    """A box with a constant load on the sockets of one test."""
 
     def __init__(self, reactor: PosixReactorBase, in_reactor: InReactor) -> None:
         self._reactor = reactor
@@ -83,7 +83,7 @@ def client() -> Iterator[socket.socket]:
 
 
 def _listen(client: socket.socket, *, for_s: float) -> bytes:
-    """Return all that comes within a time."""
+    """Return all bytes that arrive within a time."""
     messages, end_s = [], time.monotonic() + for_s
     client.settimeout(0.05)
     while time.monotonic() < end_s:
@@ -177,7 +177,7 @@ def test_pynetft_reads_units_and_values_and_misses_exactly_what_was_dropped(serv
         assert reader.wait_for_first_sample(2.0)
         time.sleep(0.5)
         sample = reader.latest_sample()
-        served.box.faults = SOUND_LOADCELL  # a loss shows only by what comes after it
+        served.box.faults = SOUND_LOADCELL  # a loss shows only once a later record arrives
         time.sleep(0.05)
         health = reader.health()
     assert sample.wrench == pytest.approx(tuple(LOAD))
@@ -190,7 +190,7 @@ def test_pynetft_reads_units_and_values_and_misses_exactly_what_was_dropped(serv
 def test_netft_reads_single_records_and_takes_its_tare(served: _Served) -> None:
     module = pytest.importorskip("NetFT")
     try:
-        served.open(address="127.0.0.77", ports=BoxPorts(49152, 0, 0))  # this client knows no other
+        served.open(address="127.0.0.77", ports=BoxPorts(49152, 0, 0))  # the only port that this client uses
     except CannotListenError:
         pytest.skip(NO_OTHER_ADDRESS)
     sensor = module.Sensor("127.0.0.77")

@@ -1,7 +1,7 @@
-"""The firmware's behaviour, recorded on its own code, replayed against the simulated vehicle: equal states and answers.
+"""Behaviour recorded from the firmware's own code is replayed on the simulated vehicle: equal states and answers.
 
-A time counts as equal within 60 ms: a look of the supervisor, 40 ms, and a poll, 20 ms. The app's core is that of
-protocol 1, with which the traces were recorded; what protocol 2 does otherwise on the same requests is listed here.
+Times count as equal within 60 ms: one update of the supervisor, 40 ms, and one poll, 20 ms. The app's core is that of
+protocol 1, with which the traces were recorded. `WITH_PROTOCOL_2` lists the states that differ with protocol 2.
 """
 
 from collections.abc import Sequence
@@ -21,12 +21,12 @@ TRACES = sorted((DATA / "supervisor").glob("*.jsonl"))
 pytestmark = pytest.mark.skipif(not TRACES, reason="the recorded traces are not here (CFID_DATA)")
 
 EQUAL_MS = 60
-ROWS_MORE_OR_LESS = 1  # of a log block, whose timer and whose end race
+ROWS_MORE_OR_LESS = 1  # of a log block, since its timer races with its end
 FREED_BLOCK = 0xFF  # a row that the recorded firmware sent while it deleted its block
 
 
 class Mask(NamedTuple):
-    """Bytes of answers on a port and channel that mean nothing here, where they begin with one of `commands`."""
+    """Bytes that are not compared, in answers on a port and channel that begin with one of `commands`, if any."""
 
     place: tuple[int, int]
     begin: int
@@ -54,7 +54,8 @@ MASKS = (
 
 BY_DISARMING = ("flying", "reset", "preflight_not_passed", "preflight_passed")
 ANEW = ("reset", "preflight_not_passed", "preflight_passed", "arming", "ready_to_fly")
-# From the first flying on. A Brushless stops by disarming; a setpoint that a client left never ages while flying.
+# States from the first "flying" on. A Brushless stops by disarming, and a setpoint that a client left behind never
+# becomes stale in flight.
 WITH_PROTOCOL_2: dict[str, Sequence[str]] = {
     **{
         f"{scenario}.cf21bl_app": BY_DISARMING
@@ -92,7 +93,7 @@ def masked(place: tuple[int, int], payload: bytes) -> bytes:
 
 
 def until(changes: list[Change], trace: Trace, *, least: int) -> list[Change]:
-    """Leave out what came after a trace's end, which the trace may have missed."""
+    """Leave out changes after a trace's end, which the trace may have missed, but keep the first `least` changes."""
     return [change for number, change in enumerate(changes) if number < least or change[0] <= trace.end_ms]
 
 

@@ -1,6 +1,6 @@
-"""An exchange recorded between cflib and real firmware, replayed against the simulated vehicle: equal shapes.
+"""An exchange between cflib and real firmware is replayed on the simulated vehicle: answers have equal shapes.
 
-The recorded firmware (2024, in software) has more parameters and variables than the simulated one, and memories.
+The recorded firmware (2024, in software) has memories, and more parameters and variables than the simulated one.
 """
 
 import json
@@ -39,7 +39,7 @@ def recorded() -> list[Said]:
 
 
 def _exchanges(recorded: list[Said]) -> Iterator[tuple[Said, bytes | None]]:
-    """Pair each request with the first answer on its port and channel that answers no other."""
+    """Pair each request with the first later answer on its port and channel that no earlier request has taken."""
     answers = [found for found in recorded if not found.to_vehicle and found.packet[0] != STREAM]
     for found in recorded:
         if found.to_vehicle:
@@ -51,14 +51,14 @@ def _exchanges(recorded: list[Said]) -> Iterator[tuple[Said, bytes | None]]:
 
 
 def _table(recorded: list[Said], port: int) -> dict[int, tuple[str, int]]:
-    """Return name and type by number, as the recorded firmware told them."""
+    """Return name and type by number, as the recorded firmware reported them."""
     items = [found.packet for found in recorded if found.packet[:2] == bytes([port << 4, 2])]
     names = {struct.unpack_from("<H", item, 2)[0]: item[5:-1].decode().replace("\0", ".") for item in items}
     return {number: (names[number], item[4]) for item in items for number in [struct.unpack_from("<H", item, 2)[0]]}
 
 
 def _translated(packet: bytes, recorded: list[Said], variables: dict[str, tuple[int, str]]) -> bytes:
-    """Return a request about the same entries with the numbers of the simulated vehicle."""
+    """Return a request about the same entries under the simulated vehicle's numbers."""
     if packet[:2] == b"\x5d\x06":
         table = _table(recorded, 5)
         entries = [(kind, variables[table[number][0]][0]) for kind, number in struct.iter_unpack("<BH", packet[3:])]
@@ -80,7 +80,7 @@ def _is_beyond(packet: bytes, variables: int) -> bool:
 
 
 def _shape(packet: bytes, kinds: dict[int, str]) -> object:
-    """Return what vehicles with other tables have in common in an answer; `kinds` are the types of parameters."""
+    """Return the part of an answer that does not depend on a vehicle's tables; `kinds` are the types of parameters."""
     decoded = decode_packet(packet)
     assert decoded is not None
     (*place, payload), header = decoded, packet[0]
@@ -108,7 +108,7 @@ def test_the_simulated_vehicle_answers_in_the_same_shapes(recorded: list[Said]) 
     mine = {number: parameter.kind for number, parameter in enumerate(OWN)}
     compared = 0
     for (_, time_s, request), expected in _exchanges(recorded):
-        if _is_beyond(request, len(variables)) or request == b"\xdd\2":  # the recorded one did not tell its device
+        if _is_beyond(request, len(variables)) or request == b"\xdd\2":  # the recorded one did not report its device
             continue
         bench.wait(time_s - bench.now_s)
         bench.faulty.received(_translated(request, recorded, variables), CLIENT, OPENED_S + bench.now_s)

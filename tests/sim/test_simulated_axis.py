@@ -1,4 +1,4 @@
-"""What the encoder watches: one motion after the other, without a jump."""
+"""The axis that the encoder reads: one motion follows another without a jump."""
 
 import numpy as np
 import pytest

@@ -55,7 +55,7 @@ def test_a_cell_of_240_mah_is_empty_after_an_hour_at_240_ma() -> None:
 
 
 def test_currents_are_near_those_that_bitcraze_measured() -> None:
-    """At 50 % of all four motors 1.83 A at 3.71 V, at rest 0.24 A (table of 2015)."""
+    """The table of 2015 has 1.83 A at 3.71 V for all four motors at 50 %, and 0.24 A at rest."""
     battery = Battery(LIPO.model_copy(update={"charge": 0.8}))
     power_w = 4 * float(ROTORS.power_w(ROTORS.steady_rad_per_s(np.array(32768.0), volts=3.71)))
     battery.load(power_w=power_w, for_s=0.0)
@@ -69,7 +69,7 @@ def test_a_table_of_a_cell_that_cannot_be_is_told() -> None:
             BatteryTruth.model_validate(wrong)
 
 
-# Rotors that it feeds
+# Rotors that the battery feeds
 
 
 def test_half_the_voltage_does_to_a_rotor_what_half_the_command_does() -> None:
@@ -99,7 +99,7 @@ def test_speed_falls_as_the_battery_sags() -> None:
     assert late[0] < early[0] - 100
     propulsion.command(STILL, 121.0)
     propulsion.advance(122.0)
-    assert propulsion.battery.volts > late_v + 0.3  # it recovers without a load
+    assert propulsion.battery.volts > late_v + 0.3  # the battery recovers without a load
 
 
 def test_how_often_the_vehicle_looks_changes_nothing() -> None:

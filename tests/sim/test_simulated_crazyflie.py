@@ -1,4 +1,4 @@
-"""The simulated Crazyflie as a client meets it, packet by packet, on a clock that is set by hand."""
+"""The simulated Crazyflie as a client sees it, packet by packet, on a clock that is set by hand."""
 
 import struct
 
@@ -29,7 +29,7 @@ CRASHED, LOCKED = b"\xa4\2", b"\x44\2"
 WITH_DECK, BRUSHLESS = CrazyflieTruth(rpm_deck=True), CrazyflieTruth(platform="cf21bl")
 
 
-# Who it is
+# Identity
 
 
 @pytest.mark.parametrize(
@@ -43,7 +43,7 @@ WITH_DECK, BRUSHLESS = CrazyflieTruth(rpm_deck=True), CrazyflieTruth(platform="c
         ("dd02", "dd02" + b"Crazyflie 2.1".hex()),
         ("4c01", "400102"),
         ("5d05", "5d050000"),
-        ("9c0c", "908c0e02"),  # armed, by itself, and can fly
+        ("9c0c", "908c0e02"),  # armed by itself, and able to fly
         ("9c02", "908201"),
         ("9d0101", "91810101"),
     ],
@@ -123,7 +123,7 @@ def test_a_parameter_is_set_by_its_name_or_an_error_says_why_not() -> None:
     assert bench.say(2, 3, b"\0motorPowerSet\0m1") == []
 
 
-# Motors by motorPowerSet
+# Motors driven by motorPowerSet
 
 
 def test_motor_power_set_drives_each_motor_or_all_like_the_first() -> None:
@@ -150,7 +150,7 @@ def test_compensated_for_the_battery_a_command_rises_as_the_voltage_falls() -> N
     assert compensated(32768, volts=3.0) == pytest.approx(full * 4.2 / 3.0, abs=2)
     assert compensated(65535, volts=2.5) == 65535
     assert compensated(32768, volts=1.9) == compensated(5000, volts=4.2) == 0
-    motor_v = full / 65535 * 4.2  # what the firmware's cubic makes of it is half of 0.12 N
+    motor_v = full / 65535 * 4.2  # at which the firmware's cubic gives half of 0.12 N
     cubic_n = (0.005960923942142, -0.01847364358025878, 0.04724465241828281, -0.014830744918356092)
     assert np.polyval(cubic_n, motor_v) == pytest.approx(0.06, rel=1e-3)
 
@@ -165,10 +165,10 @@ def test_motors_of_motor_power_set_outlive_tumble_emergency_stop_and_a_client_th
     bench.say(9, 1, b"\3")
     bench.wait(30.0)
     assert bench.motors == (30000,) * 4
-    assert bench.ask(9, 0, b"\x0c") == b"\x8c" + (0x264 | 0x80).to_bytes(2, "little")  # locked, too
+    assert bench.ask(9, 0, b"\x0c") == b"\x8c" + (0x264 | 0x80).to_bytes(2, "little")  # also locked
 
 
-# Motors by the app
+# Motors driven by the app
 
 
 def test_motors_of_the_app_obey_while_it_lives_and_override_nothing() -> None:
@@ -302,15 +302,15 @@ def test_wrong_requests_for_blocks_are_answered_with_their_error() -> None:
         assert bench.ask(5, 1, bytes([command, 9])) == bytes([command, 9, 2])  # no such block
     assert bench.ask(5, 1, b"\0\1") == b"\0\1\x08"  # no such command
     assert bench.ask(5, 1, b"\6\1\7\xfe\xff") == b"\6\1\2"  # no such variable
-    assert bench.ask(5, 1, b"\6\1" + entry) == b"\6\1\x11"  # exists
+    assert bench.ask(5, 1, b"\6\1" + entry) == b"\6\1\x11"  # the block exists already
     assert bench.ask(5, 1, b"\6\2" + 6 * entry) == b"\6\2\0"
-    assert bench.ask(5, 1, b"\7\2" + entry) == b"\7\2\7"  # 28 of 26 bytes
-    assert [bench.ask(5, 1, bytes([6, block]))[2] for block in range(3, 18)] == [0] * 14 + [12]  # 16 blocks
+    assert bench.ask(5, 1, b"\7\2" + entry) == b"\7\2\7"  # 28 bytes, of which 26 fit
+    assert [bench.ask(5, 1, bytes([6, block]))[2] for block in range(3, 18)] == [0] * 14 + [12]  # at most 16 blocks
     assert bench.ask(5, 1, b"\5") == b"\5\0\0"
     small = 9 * struct.pack("<BH", 1, 0)
     blocks = [bench.ask(5, 1, bytes([6 + append, block]) + small)[2] for block in range(14) for append in (0, 1)]
     assert blocks[:14] == [0] * 14
-    assert blocks[14:16] == [12, 12]  # 128 variables
+    assert blocks[14:16] == [12, 12]  # at most 128 variables
     assert bench.ask(5, 0, b"\2\xff\xff") == b"\2"
 
 
@@ -390,7 +390,7 @@ def test_a_vehicle_that_starts_again_has_forgotten_everything() -> None:
     assert decode_ping_answer(b"abc", bench.ask(PING, 0, b"abc")) == 1_100_000
 
 
-# Anything
+# Arbitrary bytes
 
 
 @given(datagrams=st.lists(st.tuples(st.integers(0, 255), st.binary(max_size=32)), max_size=20), old=st.booleans())

@@ -1,4 +1,4 @@
-"""Faults of the simulated vehicle and its link: each does what it says and counts what it did."""
+"""Faults of the simulated vehicle and its link: each has its stated effect and counts its occurrences."""
 
 import struct
 
@@ -22,7 +22,7 @@ TUMBLE, EMERGENCY = CrazyflieFaults(tumble_after_s=0.5), CrazyflieFaults(emergen
 
 
 def _run_app(bench: Bench, *, for_s: float) -> None:
-    """Let the app drive all motors, and keep it alive all the time."""
+    """Drive all motors through the app, and keep the app alive throughout."""
     bench.keep_alive()
     bench.say(PORTS.thrust, ThrustChannel.SET, encode_thrust(ThrustRequest(RUNNING[0], ALL_MOTORS_THRUST)))
     for _ in range(round(for_s / 0.1)):
@@ -95,7 +95,7 @@ def test_a_second_client_is_answered_unless_the_vehicle_is_busy() -> None:
         assert bench.faulty.mishaps.refused == busy
         assert bench.say_and_hear(15, 0, b"\1")[0][1] == CLIENT
         bench.wait(1.1)
-        assert bench.say_and_hear(15, 0, b"\1", client=OTHER_CLIENT)  # the first one is gone
+        assert bench.say_and_hear(15, 0, b"\1", client=OTHER_CLIENT)  # the first client is gone
 
 
 # The vehicle

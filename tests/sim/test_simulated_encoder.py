@@ -1,4 +1,4 @@
-"""The simulated encoder: nothing it records may differ from the motion by more than a step."""
+"""The simulated encoder: no recorded value may differ from the motion by more than a step."""
 
 import math
 from typing import Literal
@@ -83,7 +83,7 @@ def test_between_the_plants_samples_a_swing_with_dry_friction_is_met_within_a_te
         step_s=2.5e-4,
         store_every=1,
     )
-    per_turn = 1 << 40  # its steps are far below what is tested
+    per_turn = 1 << 40  # whose steps are far below the tested error
     t_s, counts = record(
         fine.time_s[::4],
         fine.angle_rad[::4, 0],

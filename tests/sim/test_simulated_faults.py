@@ -1,4 +1,4 @@
-"""Faults of the simulated devices: each does what it says and counts what it did."""
+"""Faults of the simulated devices: each has its stated effect and counts its occurrences."""
 
 import re
 
@@ -39,7 +39,7 @@ def _faulty(faults: LoadCellFaults, *, buffer_size: int = 1) -> FaultyNetFT:
 
 
 def _stream(faulty: FaultyNetFT, *, until_s: float, request: bytes = START) -> list[bytes]:
-    """Ask at time zero and collect every 2 ms."""
+    """Send the request at time zero, and return the datagrams collected every 2 ms."""
     faulty.request(request, CLIENT, 100.0)
     return [data for i in range(1, round(until_s * 500) + 1) for data, _ in faulty.due(100 + i / 500)]
 

@@ -43,7 +43,7 @@ def test_a_swing_is_felt_about_its_axis_with_scale_alignment_and_inward_force() 
 
     assert moving.gyro_dps[0] == pytest.approx(math.degrees(5) * math.cos(math.radians(1)) * 1.01, abs=STEP_DPS)
     assert moving.gyro_dps[1] == pytest.approx(-math.degrees(5) * math.sin(math.radians(1)), abs=STEP_DPS)
-    # A sensor 30 mm below the axis is pulled towards it by w^2 r, on top of what holds it up.
+    # A sensor 30 mm below the axis also shows the centripetal acceleration w^2 r, besides the support against gravity.
     assert imu(EXACT, lambda time_s: (0.0, 5.0, 0.0)).at(0.0).acc_g[1] == pytest.approx(1 + 25 * 0.03 / 9.81, abs=1e-3)
 
 

@@ -1,4 +1,4 @@
-"""A simulated device that sends lines: what it measures comes back through the reader of its wire."""
+"""A simulated device that sends lines: the reader of its lines returns the measured values."""
 
 import math
 
@@ -25,7 +25,7 @@ ENCODER = EncoderLines(kind="lines", port="port", rate_hz=500, values=(LineValue
 
 
 def read(device: LineDevice, lines: bytes) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-    """Return what a reader of the sender's own form makes of lines, in the columns' units."""
+    """Return the values that a reader of the sender's own format finds in lines, in the columns' units."""
     numbers = device.model_copy(update={"pattern": ""}).reader().feed(b"\n" + lines)
     return np.array(numbers) * [device.factor(value) for value in device.in_order()]
 
@@ -43,7 +43,7 @@ def test_a_torque_by_an_arm_comes_back_with_the_devices_clock() -> None:
     assert len(torque_nm) == pytest.approx(400, abs=10)
     assert np.diff(stamp_us) == pytest.approx(12500, abs=1000)
     expected = 0.001 * np.sin(10 + 1e-6 * stamp_us)
-    assert torque_nm == pytest.approx(expected, abs=2e-6)  # of whole milligrams at 50 mm, and of whole milliseconds
+    assert torque_nm == pytest.approx(expected, abs=2e-6)  # for whole milligrams at 50 mm, and whole milliseconds
 
 
 def test_an_angle_comes_back() -> None:

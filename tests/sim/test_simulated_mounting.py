@@ -1,4 +1,4 @@
-"""The simulated rig is mounted as rig.toml states, and as its truth file states before that."""
+"""The simulated rig is mounted as its truth file states or, where that is silent, as rig.toml states."""
 
 import math
 from pathlib import Path
@@ -21,7 +21,7 @@ def preset(tmp_path: Path) -> Rig:
 
 
 def torque_of_motor_1(yaw_deg: float) -> float:
-    """Return in degrees where motor 1 lies by the torque of its thrust, from the cell's x axis to the left."""
+    """Return motor 1's direction in degrees, from the cell's x axis to the left, by the torque of its thrust."""
     rotors = SimulatedRotors(STEADY, np.random.default_rng(1), yaw_deg=yaw_deg)
     rotors.advance(np.array([0.0]), np.zeros(4))
     wrench = rotors.advance(np.array([2.0]), np.array([30000.0, 0, 0, 0]))[-1]

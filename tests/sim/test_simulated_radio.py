@@ -1,4 +1,4 @@
-"""The simulated radio: as late, as scattered and as lossy as its truth says."""
+"""The simulated radio: its delays, their scatter and its losses are those that its truth states."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Bodies drawn around a rig.toml: they spread as it says, and hang as geometry has it."""
+"""Bodies drawn around a rig.toml: they scatter as it states, and hang as geometry requires."""
 
 import math
 from collections.abc import Callable
@@ -31,7 +31,7 @@ def truths(rig: Rig) -> list[Truth]:
 
 
 def _exact(rig: Rig) -> Rig:
-    """The same rig measured without error."""
+    """Return the same rig measured without error."""
     exact = {"point_std_mm": (0, 0, 0), "direction_std_deg": 0}
     assert rig.testbody is not None
     testbody = rig.testbody.model_copy(
@@ -98,7 +98,7 @@ def test_every_mount_has_friction_of_its_own_about_the_typical(truths: list[Trut
 @pytest.mark.parametrize(
     ("mount", "distance_m", "about_centre_kg_m2"),
     [
-        # distances by hand: the point in the plane across the axis, less the centre of mass
+        # distances by hand, in the plane across the axis: from the centre of mass to the axis' point
         ("x", math.hypot(32.25e-3 / math.sqrt(2), 1.525e-3), 16.6e-6),
         ("z", math.hypot(5.6e-3, 37.75e-3), 29.3e-6),
         ("yz", None, (16.7 + 29.3) / 2 * 1e-6 + 1.8e-6),
@@ -197,7 +197,7 @@ def test_recorded_swings_begin_and_end_at_rest_and_swing_between(rig: Rig) -> No
         assert 38 < np.abs(angle_deg).max() < 62
         assert np.ptp(angle_deg[-500:]) == 0
         assert abs(angle_deg[-1]) < 1.5
-    assert len(starts) == 3  # every swing meets the encoder elsewhere in its turn
+    assert len(starts) == 3  # every swing starts at another angle of the encoder
 
 
 def test_the_same_generator_records_the_same_swings(rig: Rig) -> None:

@@ -1,4 +1,4 @@
-"""The simulated rotors: steady, lagging and vibrating as their closed forms say."""
+"""The simulated rotors settle, lag and vibrate as their closed forms state."""
 
 import math
 

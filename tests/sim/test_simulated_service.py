@@ -1,4 +1,4 @@
-"""A whole simulated rig on real wires, and the file that says what it truly is."""
+"""A whole simulated rig on real wires, and the file that states its true values."""
 
 import re
 import socket
@@ -63,7 +63,7 @@ def test_a_cell_that_sends_lines_averages_the_rotors_vibration_over_its_period(
     simulated = SimulatedRig(rig, reactor=reactor, folder=tmp_path, seed=7, axis="y", commands=(60000,) * 4)
     addresses = in_reactor(simulated.open)
     with serial.Serial(str(addresses.loadcell_port), timeout=2) as port:
-        time.sleep(1.0)  # the rotors reach their speeds
+        time.sleep(1.0)  # until the rotors reach their speeds
         port.reset_input_buffer()
         port.readline()
         force_n = np.array([float(port.readline().split(b"*")[0]) for _ in range(80)])

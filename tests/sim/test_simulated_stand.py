@@ -1,4 +1,4 @@
-"""The simulated thrust stand: what it records is what the truths say, and nothing else."""
+"""The simulated thrust stand: its recordings contain what the truths state, and nothing else."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The simulated vehicle's supervisor: clients that misbehave, limits that no trace shows, and faults of a stop."""
+"""The simulated vehicle's supervisor: clients that misbehave, limits that no trace shows, and faults at a stop."""
 
 import struct
 
@@ -37,7 +37,7 @@ def word(bench: Bench) -> int:
 
 
 def run(bench: Bench, *, for_s: float) -> None:
-    """Run all motors by the app, and stop them."""
+    """Run all motors through the app, then stop them."""
     for _ in range(round(for_s / 0.1)):
         bench.keep_alive()
         bench.say(PORTS.thrust, ThrustChannel.SET, encode_thrust(ThrustRequest(RUNNING[0], ALL_MOTORS_THRUST)))
@@ -45,7 +45,7 @@ def run(bench: Bench, *, for_s: float) -> None:
     bench.say(PORTS.ping, PingChannel.STOP, encode_alive(1))
 
 
-# What a client can do wrong
+# Mistakes of a client
 
 
 def test_a_brushless_without_idle_thrust_never_gets_ready_until_it_is_given_back() -> None:
@@ -83,7 +83,7 @@ def test_on_stock_firmware_an_old_setpoint_locks_the_vehicle_as_soon_as_motors_r
     bench = Bench(CrazyflieTruth(firmware="stock"))
     bench.say(3, 0, SETPOINT)
     bench.wait(10.0)
-    assert word(bench) == 0x20E  # nothing tells it beforehand
+    assert word(bench) == 0x20E  # nothing shows this in advance
     bench.drive(RUNNING)
     bench.wait(0.2)
     assert word(bench) == 0x244
@@ -172,7 +172,7 @@ def test_a_memory_that_is_not_there_ends_the_vehicle_until_it_is_switched_on_aga
     assert bench.ask(15, 0, b"there?") == b"there?"
 
 
-# Faults of a stop
+# Faults at a stop
 
 
 def test_a_stop_can_be_answered_and_ignored() -> None:

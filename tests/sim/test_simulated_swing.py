@@ -35,7 +35,7 @@ def _free_from(motion: Motion, release: HandRelease) -> int:
 
 
 def _energy(motion: Motion) -> Array:
-    """Energy over gravity moment, so that 1 - cos(amplitude) is its value for a free swing."""
+    """Return energy over gravity moment, which is 1 - cos(amplitude) for a free swing."""
     swinging = (motion.speed_rad_per_s / OMEGA_RAD_PER_S) ** 2 / 2
     return np.asarray(1 - np.cos(motion.angle_rad) + swinging)
 
@@ -86,7 +86,7 @@ _stops.terminal = True  # type: ignore[attr-defined]
 
 
 def _strokes(pendulum: Pendulum, begin_s: float, state: Array) -> Iterator[tuple[float, float, object]]:
-    """From one standstill to the next: friction has one direction in each, and the solver sees no jump."""
+    """Yield strokes between standstills: friction keeps its direction within each, so the solver sees no jump."""
     direction = np.sign(state[1])
     while True:
         _stops.direction = -direction  # type: ignore[attr-defined]
@@ -109,7 +109,7 @@ def _strokes(pendulum: Pendulum, begin_s: float, state: Array) -> Iterator[tuple
 
 
 def _reference(pendulum: Pendulum, motion: Motion, begin: int) -> tuple[Array, float]:
-    """Angles at the motion's times, nan where no stroke reaches, and the end of the last stroke."""
+    """Return angles at the motion's times, nan where no stroke reaches, and the end of the last stroke."""
     start = np.array([motion.angle_rad[begin, 0], motion.speed_rad_per_s[begin, 0]])
     angle_rad = np.full(motion.time_s.size, np.nan)
     for stroke_s, end_s, solution in _strokes(pendulum, motion.time_s[begin], start):
@@ -139,7 +139,7 @@ def test_a_braked_swing_follows_an_adaptive_solver_that_stops_at_every_reversal(
     expected_rad, _ = _reference(pendulum, motion, begin)
     moving = np.isfinite(expected_rad)
     assert motion.angle_rad[moving, 0] == pytest.approx(expected_rad[moving], abs=2e-9)
-    if not moving[-1]:  # from its last standstill on it stays
+    if not moving[-1]:  # the body stays at its last standstill
         assert np.all(motion.speed_rad_per_s[moving.nonzero()[0][-1] + 1 :] == 0)
 
 

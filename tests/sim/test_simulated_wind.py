@@ -1,4 +1,4 @@
-"""A steady wind on the simulated vehicle: what rotors and body feel of it."""
+"""A steady wind on the simulated vehicle: its forces on rotors and body."""
 
 import math
 from pathlib import Path

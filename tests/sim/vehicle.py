@@ -1,4 +1,4 @@
-"""A simulated Crazyflie made for a test, and an app on it that does as little as an app can."""
+"""A simulated Crazyflie for tests, and a minimal app that runs on it."""
 
 import struct
 from collections.abc import Callable
@@ -27,7 +27,7 @@ CLIENT, OTHER_CLIENT = ("127.0.0.1", 1000), ("127.0.0.1", 1001)
 
 
 class LittleApp:
-    """Obeys a command for all motors for half a second after the last keep-alive; that is, what it hears on ping."""
+    """An app that obeys commands for all motors until 0.5 s after the last keep-alive, here any packet to ping."""
 
     def __init__(self) -> None:
         self.commands, self.kept_us, self.outbox = STILL, -1_000_000, list[Sent]()
@@ -55,7 +55,7 @@ class LittleApp:
 
 
 class Bench:
-    """A vehicle, its client and a clock that is set by hand; times are seconds since it was opened."""
+    """A vehicle, its client and a clock that is set by hand; times are seconds since the vehicle was opened."""
 
     def __init__(
         self,
@@ -94,7 +94,7 @@ class Bench:
         return self.faulty.motors
 
     def say(self, port: int, channel: int, payload: bytes, *, client: tuple[str, int] = CLIENT) -> list[bytes]:
-        """Send a packet now and return what comes back at once."""
+        """Send a packet now and return the packets that come back at once."""
         return [packet for packet, _ in self.say_and_hear(port, channel, payload, client=client)]
 
     def say_and_hear(
@@ -110,7 +110,7 @@ class Bench:
         return answer[1:]
 
     def wait(self, for_s: float) -> list[tuple[float, bytes]]:
-        """Let time pass as a server would; return what came, and when."""
+        """Let time pass as a server would; return the packets that came, and when."""
         end_s = self.now_s + for_s
         came = []
         while True:
@@ -121,14 +121,14 @@ class Bench:
                 return came
 
     def set(self, name: str, value: float) -> None:
-        """Set a parameter and see that it is told back."""
+        """Set a parameter and check that the vehicle confirms the value."""
         names = [parameter.name for parameter in parameters(rpm_deck=False)]
         number = names.index(name)
         payload = struct.pack("<H" + parameters(rpm_deck=False)[number].kind, number, value)
         assert self.ask(2, 2, payload) == payload
 
     def drive(self, commands: Four, *, enable: int = 1) -> None:
-        """Let motorPowerSet drive the motors."""
+        """Drive the motors with motorPowerSet."""
         for motor, command in enumerate(commands, 1):
             self.set(f"motorPowerSet.m{motor}", command)
         self.set("motorPowerSet.enable", enable)
