@@ -1,8 +1,8 @@
-"""A quadrocopter that flies manoeuvres by its own autopilot, many at once: a plant that shares no code with the fit.
+"""Quadrocopters that fly manoeuvres under their own autopilots: a plant that shares no code with the fit.
 
-Rigid body, four rotors with two time constants that get their commands late, a battery that sags, wind as red noise of
-force and torque, air that brakes velocity, climbing and turning, the low-pass filters of a Crazyflie's gyro and
-accelerometer, and an autopilot that answers all of it: what a rotor is commanded depends on what the sensors showed.
+It has a rigid body, four rotors with two time constants and delayed commands, a battery that sags, wind as red noise of
+force and torque, air that brakes velocity, climb and rotation, the low-pass filters of a Crazyflie's gyro and
+accelerometer, and an autopilot in closed loop: the commands of the rotors depend on what the sensors showed.
 """
 
 from collections.abc import Callable
@@ -22,18 +22,18 @@ Array = npt.NDArray[np.float64]
 
 G = 9.81
 STEP = 0.002
-LATE_STEPS = 2  # between a command and the rotor's motion towards it
+LATE_STEPS = 2  # between a command and the rotor's first response
 GYRO_HZ, ACCELEROMETER_HZ = 80.0, 30.0  # of second-order low-pass filters
 GYRO_DELAY_S, ACCELEROMETER_DELAY_S = (STEP / 2**0.5 / np.tan(np.pi * hz * STEP) for hz in (GYRO_HZ, ACCELEROMETER_HZ))
-PUSH_MPS2, PUSHED_M = 20.0, 1e-3  # of the ground at a touch, and how far off the middle it pushes
-SAG = 0.04  # of the thrust, from a flight's begin to its end
-GUST_S = 0.1  # of red noise
-GUST = np.sqrt(2 * STEP / GUST_S)  # of one with a variance of one, in a step
+PUSH_MPS2, PUSHED_M = 20.0, 1e-3  # of the ground at a touch, and how far off the centre it acts
+SAG = 0.04  # share of the thrust, from the start of a flight to its end
+GUST_S = 0.1  # time constant of the red noise
+GUST = np.sqrt(2 * STEP / GUST_S)  # change in a step, of red noise with a variance of one
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fleet:
-    """Vehicles (n,): each flight has one of its own. Moments are (n, 3); thrust is k (w0 + w1 u)^2 of a lagging u."""
+    """Vehicles (n,), one per flight. Moments are (n, 3); thrust is k (w0 + w1 u)^2 of a lagging u."""
 
     mass: Array
     lever: Array
@@ -48,7 +48,7 @@ class Fleet:
 
 
 def fleet(count: int, rng: np.random.Generator) -> Fleet:
-    """Draw vehicles about a Crazyflie."""
+    """Draw vehicles that scatter about a Crazyflie."""
 
     def about(value: float | list[float], spread: float = 0.1) -> Array:
         shape = (count, len(value)) if isinstance(value, list) else count
@@ -85,14 +85,14 @@ def fly(
     accelerometer_hz: float = ACCELEROMETER_HZ,
     climbs_with_roll: bool = False,
 ) -> list[FlightLog]:
-    """Return a log of each vehicle at 500 Hz; one that hovers has no manoeuvres.
+    """Return a log of each vehicle at 500 Hz; with `hover`, the vehicles fly hardly any manoeuvres.
 
     `size` and `noise` are shares of the usual manoeuvres and noise. `load_sag` is the share of its voltage that the
-    battery loses under the thrust of hovering, 4 V being left, which the log has `with_volts`. Commands act
-    `late_steps` later, the voltage at once. `inflow` is the share of thrust that a climb of 1 m/s along the rotors'
-    axis takes. The ground pushes for 0.1 s from `touches_s` on, off the middle. The accelerometer
-    is at `accelerometer_m` from the centre of mass, its filter at `accelerometer_hz`. A vehicle that `climbs_with_roll`
-    does so at the same times.
+    battery loses under the thrust of hovering, where 4 V remain; the log contains the voltage if `with_volts`. Commands
+    act `late_steps` later, the voltage at once. `inflow` is the share of thrust that is lost to a climb of 1 m/s along
+    the rotors' axis. The ground pushes off the centre for 0.1 s from each of `touches_s` on. The accelerometer is at
+    `accelerometer_m` from the centre of mass, and its filter at `accelerometer_hz`. With `climbs_with_roll`, a vehicle
+    climbs at the times at which it rolls.
     """
     count, steps, level = len(vehicles.mass), int(seconds / STEP), _level(vehicles)
     bias = rng.normal(0, 0.01, (count, 3)), rng.normal(0, 0.05, (count, 3)) * [1, 1, 0.2]
@@ -124,7 +124,7 @@ def fly(
 
 @cache
 def _compiled() -> Callable[..., None]:
-    """Return the flight of one vehicle, its steps in C: they take a hundredth of the time that NumPy's would."""
+    """Return the function that flies one vehicle; its steps in C take a hundredth of the time of steps in NumPy."""
     step_by_step = compiled(Path(__file__).with_suffix(".c")).fly
     step_by_step.argtypes = [np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS")] * 7
     step_by_step.restype = None
@@ -132,12 +132,12 @@ def _compiled() -> Callable[..., None]:
 
 
 def _numbers(*values: npt.ArrayLike) -> Array:
-    """Return numbers in a row, as a structure of the C code has them."""
+    """Return numbers (n,) in the order of a structure of the C code."""
     return np.concatenate([np.ravel(value) for value in values]).astype(np.float64)
 
 
 def _push(now_s: float, touches_s: tuple[float, ...]) -> float:
-    """Return how much the ground pushes a vehicle up in m/s^2."""
+    """Return the upward push of the ground on a vehicle in m/s^2."""
     phases = (min(max(now_s - at_s, 0.0) / 0.1, 1.0) for at_s in touches_s)
     return sum(PUSH_MPS2 * max(float(np.sin(np.pi * phase)), 0.0) for phase in phases)
 
@@ -148,13 +148,13 @@ def _low_pass(cut_off_hz: float) -> Array:
 
 
 def _level(vehicles: Fleet) -> Array:
-    """Return the drives (n,) that carry the vehicles."""
+    """Return the drives (n,) at which the vehicles hover."""
     each = vehicles.mass * G / 4
     return np.asarray((np.sqrt(each / vehicles.k) - vehicles.idle) / vehicles.gain)
 
 
 def _manoeuvres(count: int, steps: int, rng: np.random.Generator, *, climbs_with_roll: bool) -> Array:
-    """Return targets (steps, n, 4): roll, pitch in rad, yaw rate in rad/s, vertical velocity in m/s, held a while."""
+    """Return held targets (steps, n, 4): roll and pitch in rad, yaw rate in rad/s, vertical velocity in m/s."""
     plan = np.zeros((steps, count, 4))
     for place in range(count):
         for kind, (size, least, most) in enumerate(
@@ -167,7 +167,7 @@ def _manoeuvres(count: int, steps: int, rng: np.random.Generator, *, climbs_with
                 step = until
     if climbs_with_roll:
         plan[:, :, 3] = 4 * plan[:, :, 0]
-    plan[:, :, 3] -= plan[:, :, 3].mean(axis=0)  # what climbs comes down again
+    plan[:, :, 3] -= plan[:, :, 3].mean(axis=0)  # climbs and descents balance
     return plan
 
 
@@ -179,7 +179,7 @@ def _quaternion(turn: Array) -> Array:
 
 
 def _log(rows: Array, *, number: int) -> FlightLog:
-    """Return rows (steps, 17), or with the voltage (steps, 18), as a log; before and after them the motors stand."""
+    """Return rows (steps, 17), or (steps, 18) with the voltage, as a log."""
     channels = [Channel(f"motor.m{motor}", "1") for motor in (1, 2, 3, 4)]
     channels += [Channel(f"gyro.{axis}", "rad/s") for axis in "xyz"] + [
         Channel(f"acc.{axis}", "m/s^2") for axis in "xyz"

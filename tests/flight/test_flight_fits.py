@@ -1,4 +1,4 @@
-"""Simulated flights give their vehicles' thrust, lag, moments and drag back; flights that cannot tell are refused."""
+"""Fits of simulated flights recover thrust, lag, moments and drag, and refuse flights that do not determine them."""
 
 import re
 from collections.abc import Callable
@@ -78,7 +78,7 @@ def codes(result: Result, severity: str = "rejection") -> set[str]:
 
 
 def of_rows(log: FlightLog, change: Callable[[Array], Array]) -> FlightLog:
-    """Return a log whose rows (n, 1 + channels) are changed; the first column is their time in s."""
+    """Return a log with its rows (n, 1 + channels) changed; the first column is the time in s."""
     (series,) = log.series
     rows = change(np.concatenate(list(series.blocks())))
     return replace(log, series=(replace(series, rows=len(rows), blocks=lambda: iter([rows])),))
@@ -89,7 +89,7 @@ def without_rows(log: FlightLog, from_s: float, to_s: float) -> FlightLog:
 
 
 def in_gaps(rows: Array) -> npt.NDArray[np.bool_]:
-    """Return which of rows (n, 1 + channels) are in gaps of 0.15 s, two in three seconds."""
+    """Return which rows (n, 1 + channels) lie in gaps of 0.15 s, of which there are two every three seconds."""
     begins = np.arange(2.5, rows[-1, 0] - 2.0, 1.53)
     return np.asarray(((rows[:, :1] > begins) & (rows[:, :1] < begins + 0.15)).any(axis=1))
 
@@ -167,7 +167,7 @@ def test_noise_of_a_velocity_in_a_hovering_flight_is_no_other_axis() -> None:
 
 
 def every(log: FlightLog, rows_of: dict[str, int]) -> FlightLog:
-    """A log with every so many rows of motors, gyro and accelerometer, each in a series of its own."""
+    """Return a log with only every n-th row of motors, gyro and accelerometer, each of them in its own series."""
     (series,) = log.series
     rows, parts = np.concatenate(list(series.blocks())), []
     for begin, step in rows_of.items():
@@ -190,7 +190,7 @@ def every(log: FlightLog, rows_of: dict[str, int]) -> FlightLog:
 def test_rows_that_are_far_apart_give_no_lags_and_of_the_accelerometer_no_moments(
     flown: tuple[Fleet, list[FlightLog]], rows_of: dict[str, int], code: str | None, lost: tuple[str, ...]
 ) -> None:
-    """Lags came out 2 to 10 % long and moments 1 to 6 % small, by up to five standard uncertainties."""
+    """Earlier, lags were 2 to 10 % too long and moments 1 to 6 % too small, by up to five standard uncertainties."""
     vehicles, logs = flown
     result = fit([flight_of(every(logs[0], rows_of))], body=body_of(vehicles, 0))
     of_spacing = [one for one in result.findings if one.code.endswith("-apart")]
@@ -203,7 +203,7 @@ def test_rows_that_are_far_apart_give_no_lags_and_of_the_accelerometer_no_moment
 
 
 def repeating(log: FlightLog, rows_of: dict[str, float], *, step_rad_s: float = 0.0) -> FlightLog:
-    """A log whose gyro, in such steps, accelerometer or motors repeat each reading in so many rows."""
+    """Return a log whose gyro (in steps of `step_rad_s`), accelerometer or motors repeat readings in `rows_of` rows."""
     (series,) = log.series
     rows = np.concatenate(list(series.blocks()))
     if step_rad_s:
@@ -234,7 +234,7 @@ def repeating(log: FlightLog, rows_of: dict[str, float], *, step_rad_s: float = 
 def test_of_readings_that_rows_repeat_the_first_counts_and_lags_and_delay_are_the_vehicles(
     flown: tuple[Fleet, list[FlightLog]], rows_of: dict[str, float], step_deg_s: float, said: str
 ) -> None:
-    """The delay was 1 to 4 ms long at a stated 0.3 ms: 5 to 16 standard uncertainties."""
+    """Earlier, the delay was 1 to 4 ms too long with 0.3 ms stated: 5 to 16 standard uncertainties."""
     vehicles, logs = flown
     read = flight_of(repeating(logs[1], rows_of, step_rad_s=np.radians(step_deg_s)))
     (found,) = [one for one in read.findings if one.code == "flight-readings-repeated"]
@@ -254,7 +254,7 @@ def test_of_readings_that_rows_repeat_the_first_counts_and_lags_and_delay_are_th
         ({"gyro": 10}, "flight-sensors-apart"),
         ({"acc": 10}, "flight-sensors-apart"),
         ({"motor": 5, "gyro": 5, "acc": 5}, "flight-commands-apart"),
-        ({"motor": 5}, None),  # an autopilot's, for all that the log shows
+        ({"motor": 5}, None),  # which could be the rate of an autopilot
     ],
 )
 def test_readings_that_are_repeated_for_long_are_as_far_apart_as_rows_of_a_log_that_is_not_filled(
@@ -267,7 +267,7 @@ def test_readings_that_are_repeated_for_long_are_as_far_apart_as_rows_of_a_log_t
 
 
 def test_the_delay_contains_what_commands_that_a_log_alone_holds_make_of_it() -> None:
-    """Held for 10 ms, they came 4 ms late: the delay was as much short, at a stated 0.1 ms and without a word."""
+    """Commands held for 10 ms come 4 ms late, so the delay was 4 ms too short, with 0.1 ms stated and no finding."""
     rng = np.random.default_rng(4)
     vehicles = fleet(1, rng)
     (log,) = fly(vehicles, rng, seconds=18.0, wind=0.2)
@@ -299,7 +299,7 @@ def test_a_gyro_of_coarse_steps_does_not_pass_for_one_whose_readings_are_repeate
 
 
 def test_an_accelerometer_off_the_centre_of_mass_costs_no_moments() -> None:
-    """Where a vehicle climbs when it rolls, what turning adds passed for thrust: moments were 65 % off."""
+    """Where a vehicle climbs while it rolls, acceleration from turning passed for thrust: moments were 65 % off."""
     rng = np.random.default_rng(5)
     vehicles = fleet(1, rng)
     off_m = (0.01, 0.03, 0.015)
@@ -342,7 +342,7 @@ def test_a_hovering_flight_is_refused_with_the_manoeuvre_that_would_tell() -> No
 
 @pytest.mark.parametrize("wind", [0.0, 1.0, 3.0])
 def test_a_hovering_flight_without_motion_capture_is_refused_before_it_is_fitted(wind: float) -> None:
-    """Its fit took up to a hundred rounds, and ended in a word on clocks or on noise."""
+    """Earlier, such a fit took up to a hundred iterations, and ended with a message about clocks or noise."""
     rng = np.random.default_rng(5)
     vehicles = fleet(2, rng)
     flights = [flight_of(log) for log in fly(vehicles, rng, hover=True, wind=wind)]
@@ -369,7 +369,7 @@ def test_the_sag_of_a_voltage_and_what_a_flight_tells_rest_on_one_fit(flown: tup
 def test_motors_under_other_numbers_turn_the_vehicle_the_wrong_way(flown: tuple[Fleet, list[FlightLog]]) -> None:
     vehicles, logs = flown
     read = flight_of(logs[0])
-    exchanged = replace(read.flight, drive=read.flight.drive[:, [3, 2, 1, 0]])  # left for right
+    exchanged = replace(read.flight, drive=read.flight.drive[:, [3, 2, 1, 0]])  # left and right exchanged
     result = fit([replace(read, flight=exchanged)], body=body_of(vehicles, 0))
     assert "flight-wrong-way" in codes(result)
     assert {"flight.inertia_kg_m2.roll", "flight.rising_s", "flight.single_lag_s"} <= set(result.rejected)
@@ -385,7 +385,7 @@ def test_a_log_with_a_gap_is_fitted_without_it(flown: tuple[Fleet, list[FlightLo
 
 
 def test_rows_whose_commands_are_missing_are_a_gap(flown: tuple[Fleet, list[FlightLog]]) -> None:
-    """The commands from before were used on: falling lags were 20 % and moments 10 % wrong."""
+    """Earlier, the last commands before a gap were used within it: falling lags were 20 % and moments 10 % wrong."""
     _, logs = flown
 
     def emptied(rows: Array) -> Array:
@@ -411,7 +411,7 @@ def test_a_motor_without_a_single_command_is_refused(flown: tuple[Fleet, list[Fl
 
 
 def test_thrust_just_after_a_gap_is_no_touch_of_the_ground() -> None:
-    """Rotors had followed commands that were not seen: 4 of 7 logs with gaps of 0.15 s "touched the ground"."""
+    """Rotors follow commands that a gap hides, so 4 of 7 logs with gaps of 0.15 s had "touched the ground"."""
     rng = np.random.default_rng(6)
     for log in fly(fleet(4, rng), rng, seconds=24.0, size=1.3):
         cut = flight_of(of_rows(log, lambda rows: rows[~in_gaps(rows)]))
@@ -422,7 +422,7 @@ def test_thrust_just_after_a_gap_is_no_touch_of_the_ground() -> None:
 def test_hops_with_a_rest_between_them_are_fitted_without_it(
     flown: tuple[Fleet, list[FlightLog]], idling: float
 ) -> None:
-    """All of it counted as flight, and the fit was refused since rotors explained none of the weight on the ground."""
+    """Earlier, the pause counted as flight: rotors explained no weight on the ground, so the fit was refused."""
     vehicles, logs = flown
     (series,) = logs[0].series
     rows = np.concatenate(list(series.blocks()))
@@ -439,7 +439,7 @@ def test_hops_with_a_rest_between_them_are_fitted_without_it(
 
 
 def test_short_touches_of_the_ground_are_left_out_and_named() -> None:
-    """They counted as flight: one of 0.25 s refused it and advised to climb, one of 0.07 s made moments 3 % small."""
+    """Earlier, touches counted as flight: one of 0.25 s led to a refusal, one of 0.07 s to moments 3 % too small."""
     rng = np.random.default_rng(4)
     vehicles = fleet(2, rng)
     for place, log in enumerate(fly(vehicles, rng, seconds=24.0, wind=0.2, touches_s=(9.0, 16.0))):
@@ -470,7 +470,7 @@ def test_gusts_and_quick_manoeuvres_are_no_touches(changed: dict[str, float]) ->
 
 @pytest.mark.parametrize("low_pass_hz", [pytest.param(60.0, marks=pytest.mark.slow), 10.0])
 def test_an_accelerometer_with_an_unknown_filter_gives_the_vehicle_back(low_pass_hz: float) -> None:
-    """As a delay alone, a filter of 16 Hz made moments 2 % large, and flights with one of 10 Hz were refused."""
+    """Treated as a mere delay, a filter of 16 Hz made moments 2 % too large, and one of 10 Hz led to a refusal."""
     rng = np.random.default_rng(9)
     vehicles = fleet(2, rng)
     errors = []
@@ -486,7 +486,7 @@ def test_an_accelerometer_with_an_unknown_filter_gives_the_vehicle_back(low_pass
 
 
 def test_a_fit_begins_with_a_late_accelerometer_where_that_explains_far_more() -> None:
-    """From a usual delay on, fits to accelerations of 20 ms before could come to no rest, or end without a thrust."""
+    """Started from a usual delay, fits to accelerations 20 ms late could fail to converge, or end without a thrust."""
     rng = np.random.default_rng(9)
     vehicles = replace(fleet(1, rng), rising=np.array([0.03]), falling=np.array([0.04]))
     (log,) = fly(vehicles, rng, seconds=24.0, wind=0.0, noise=0.3)
@@ -528,7 +528,7 @@ def test_flights_in_still_air_contain_the_truth(count: int) -> None:
 
 @pytest.mark.parametrize("count", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_delays_of_calm_flights_err_alike_and_their_uncertainty_contains_it(count: int) -> None:
-    """Each came out 0.03 ms early, 1.3 of the standard uncertainties that noise alone made."""
+    """Each delay was 0.03 ms too short, which is 1.3 of the standard uncertainties due to noise alone."""
     rng = np.random.default_rng(6)
     logs = fly(fleet(count, rng), rng, seconds=24.0, wind=0.0, noise=0.2)
     found = [fit_flights([flight_of(log).flight]) for log in logs]
@@ -537,7 +537,7 @@ def test_delays_of_calm_flights_err_alike_and_their_uncertainty_contains_it(coun
 
 
 def test_of_a_step_to_the_other_side_of_the_likeliest_parameters_half_is_taken() -> None:
-    """Steps to and fro between two such sides never came to rest: in still air with little noise, 12 of 40 flights."""
+    """With whole steps, 12 of 40 fits in still air with little noise stepped back and forth without converging."""
     rng = np.random.default_rng(6)
     flight = flight_of(fly(fleet(1, rng), rng, wind=0.0, noise=0.05)[0]).flight
     found = fit_flights([flight])
@@ -551,7 +551,7 @@ def test_of_a_step_to_the_other_side_of_the_likeliest_parameters_half_is_taken()
 
 
 def test_without_the_voltage_moments_contain_what_a_battery_gives_way_under_load() -> None:
-    """All rotors together were weaker by its sag than one against another: moments came out 4 to 9 % small at 2 %."""
+    """Sag weakens all rotors together, not one against another: moments were 4 to 9 % too small, with 2 % stated."""
     rng = np.random.default_rng(11)
     vehicles = fleet(3, rng)
     biases = []
@@ -567,7 +567,7 @@ def test_without_the_voltage_moments_contain_what_a_battery_gives_way_under_load
 
 @pytest.mark.parametrize("count", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_voltage_that_acts_before_late_commands_costs_no_moments(count: int) -> None:
-    """Delayed with the command, a battery that gives way under load made moments 1 % small, here by up to 2 %."""
+    """Delayed together with the command, the sag of a battery under load made moments 1 % too small, here up to 2 %."""
     rng = np.random.default_rng(12)
     vehicles = fleet(count, rng)
     logs = fly(vehicles, rng, seconds=24.0, wind=0.1, load_sag=0.08, late_steps=5, with_volts=True)
@@ -583,7 +583,7 @@ def test_a_voltage_that_acts_before_late_commands_costs_no_moments(count: int) -
 
 
 def recorded(log: FlightLog, kind: str) -> FlightLog:
-    """A log whose voltage is new every 0.1 s, every 0.1 s in a series of its own, smoothed by 0.1 s, or 50 ms late."""
+    """Return a log whose voltage is held for 0.1 s, in its own series every 0.1 s, smoothed by 0.1 s, or 50 ms late."""
     (series,) = log.series
     rows = np.concatenate(list(series.blocks()))
     volts = rows[:, -1]
@@ -602,7 +602,7 @@ def recorded(log: FlightLog, kind: str) -> FlightLog:
     "kind", ["held", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("apart", "smoothed", "late"))]
 )
 def test_a_voltage_that_is_recorded_rarely_or_smoothed_costs_no_moments(kind: str) -> None:
-    """Moments came out 4 to 10 % small at a stated 0.6 %: the sag under load was not in the drives."""
+    """Earlier, drives lacked the sag under load, so moments were 4 to 10 % too small, with 0.6 % stated."""
     rng = np.random.default_rng(13)
     vehicles = fleet(1, rng)
     (log,) = fly(vehicles, rng, seconds=24.0, wind=0.1, load_sag=0.08, with_volts=True)
@@ -639,7 +639,7 @@ def test_a_voltage_that_does_not_show_the_load_is_not_used() -> None:
 
 
 def test_a_smoothed_voltage_in_steps_is_new_in_every_row() -> None:
-    """Steps of 10 mV passed for a voltage that is new every 16 ms."""
+    """Earlier, steps of 10 mV passed for a voltage that is updated every 16 ms."""
     rng = np.random.default_rng(13)
     vehicles = fleet(1, rng)
     (log,) = fly(vehicles, rng, seconds=18.0, wind=0.1, load_sag=0.04, with_volts=True)
@@ -654,13 +654,13 @@ def test_a_smoothed_voltage_in_steps_is_new_in_every_row() -> None:
 
 
 def test_a_cell_that_gives_way_further_within_seconds_does_not_lengthen_a_smoothing() -> None:
-    """A smoothing of 0.2 s passed for one of 0.29 s, and moments came out up to 5 % large."""
+    """Earlier, a smoothing of 0.2 s passed for one of 0.29 s, and moments were up to 5 % too large."""
     rng = np.random.default_rng(13)
     (log,) = fly(fleet(1, rng), rng, seconds=24.0, wind=0.1, load_sag=0.04, with_volts=True)
     (series,) = log.series
     rows = np.concatenate(list(series.blocks()))
     volts = rows[:, -1]
-    for for_s, more in ((1.5, 0.75), (0.2, 0.0)):  # what a cell adds, then what its record takes
+    for for_s, more in ((1.5, 0.75), (0.2, 0.0)):  # the cell's further sag, then the smoothing of its record
         share = 1 - np.exp(-STEP / for_s)
         late = volts[0] + lfilter([share], [1, share - 1], volts - volts[0])
         volts = volts + more * (late - volts[0]) if more else late
@@ -674,7 +674,7 @@ def test_a_cell_that_gives_way_further_within_seconds_does_not_lengthen_a_smooth
 
 @pytest.mark.parametrize("smoothed_s", [0.5, pytest.param(2.0, marks=pytest.mark.slow)])
 def test_noise_does_not_make_a_smoothed_voltage_pass_for_a_whole_one(smoothed_s: float) -> None:
-    """Noise of 20 mV in each row hid the load: moments were 7 to 13 % small at a stated 2 %, without a word."""
+    """Noise of 20 mV per row hid the load: moments were 7 to 13 % too small, with 2 % stated and no finding."""
     rng = np.random.default_rng(13)
     vehicles = fleet(1, rng)
     (log,) = fly(vehicles, rng, seconds=24.0, wind=0.1, load_sag=0.08, with_volts=True)
@@ -691,7 +691,7 @@ def test_noise_does_not_make_a_smoothed_voltage_pass_for_a_whole_one(smoothed_s:
 
 
 def clipped(log: FlightLog, most_rad_per_s: float) -> FlightLog:
-    """A log whose gyro shows no more than its range."""
+    """Return a log whose gyro is clipped at the end of its range."""
     (series,) = log.series
     rows = np.concatenate(list(series.blocks()))
     rows[:, 5:8] = np.clip(rows[:, 5:8], -most_rad_per_s, most_rad_per_s)
@@ -699,7 +699,7 @@ def clipped(log: FlightLog, most_rad_per_s: float) -> FlightLog:
 
 
 def test_rows_at_the_end_of_a_gyros_range_are_left_out_and_named(flown: tuple[Fleet, list[FlightLog]]) -> None:
-    """They made moments 4 to 10 % too large at a stated 1 to 3 %."""
+    """Earlier, such rows made moments 4 to 10 % too large, with 1 to 3 % stated."""
     vehicles, logs = flown
     read = flight_of(clipped(logs[0], 5.0))
     (found,) = [one for one in read.findings if one.code == "flight-gyro-clipped"]
@@ -720,7 +720,7 @@ def test_a_gyro_that_is_mostly_at_the_end_of_its_range_costs_lags_and_moments(
 
 
 def test_thrust_contains_the_zero_of_an_accelerometer(flown: tuple[Fleet, list[FlightLog]]) -> None:
-    """An offset of 0.025 g made thrust 2.3 % too large at a stated 0.14 %."""
+    """Earlier, an offset of 0.025 g made thrust 2.3 % too large, with 0.14 % stated."""
     flight = flight_of(flown[1][0]).flight
     offset = np.array([0.0, 0.0, 0.25])
     fits = [fit_flights([replace(flight, force=flight.force + each)]) for each in (0 * offset, offset)]
@@ -732,7 +732,7 @@ def test_thrust_contains_the_zero_of_an_accelerometer(flown: tuple[Fleet, list[F
 
 
 def test_lags_contain_what_inflow_takes_from_thrust() -> None:
-    """Thrust that falls with the climb made the falling lag 1.4 to 3.6 % long at a stated 0.6 %."""
+    """Earlier, thrust that falls with the climb made the falling lag 1.4 to 3.6 % too long, with 0.6 % stated."""
     rng = np.random.default_rng(14)
     vehicles = fleet(2, rng)
     for place, log in enumerate(fly(vehicles, rng, seconds=24.0, wind=0.1, inflow=0.06)):
@@ -751,7 +751,7 @@ def test_lags_contain_what_inflow_takes_from_thrust() -> None:
 def test_moments_contain_the_scale_that_a_crazyflie_makes_of_an_accelerometers_zero(
     flown: tuple[Fleet, list[FlightLog]], zero_g: float
 ) -> None:
-    """Its firmware divides by what rest shows: moments were 2 to 3 % wrong at a stated 0.6 %."""
+    """A Crazyflie's firmware divides by the reading at rest, so moments were 2 to 3 % wrong, with 0.6 % stated."""
     vehicles, logs = flown
     read = flight_of(logs[0])
     level = USUAL_GRAVITY_MPS2 * zero_g * np.array([0.0, 0.0, 1.0])
@@ -769,7 +769,7 @@ def test_moments_contain_the_scale_that_a_crazyflie_makes_of_an_accelerometers_z
 
 
 def test_an_accelerometer_tilted_by_five_degrees_leaves_the_drag_as_it_is(flown: tuple[Fleet, list[FlightLog]]) -> None:
-    """What it showed of the thrust made drag up to a fifth smaller at a stated 5 %."""
+    """Earlier, thrust that a tilted accelerometer showed made drag up to a fifth too small, with 5 % stated."""
     vehicles, logs = flown
     for place, log in enumerate(logs):
         read = flight_of(log)
@@ -785,7 +785,7 @@ def test_an_accelerometer_tilted_by_five_degrees_leaves_the_drag_as_it_is(flown:
 
 
 def test_noise_of_a_velocity_leaves_the_drag_as_it_is(flown: tuple[Fleet, list[FlightLog]]) -> None:
-    """The quieter the accelerometer, the more quick noise of the velocity counted: drag came out up to 88 % small."""
+    """The quieter the accelerometer, the more fast noise of the velocity counted: drag was up to 88 % too small."""
     for place, log in enumerate(flown[1]):
         flight = flight_of(log).flight
         noise = 0.05 * np.random.default_rng(place).standard_normal(flight.force.shape)
@@ -799,7 +799,7 @@ def test_noise_of_a_velocity_leaves_the_drag_as_it_is(flown: tuple[Fleet, list[F
 
 
 def gain_at(frequency_hz: float, values: Array) -> float:
-    """The size of a sine in rows of 10 ms, without those at the begin and end."""
+    """Return the amplitude of a sine in rows of 10 ms, without the first and last 100 rows."""
     at_s = ROW_S * np.arange(len(values))
     turning = np.exp(-2j * np.pi * frequency_hz * at_s)[100:-100]
     return float(2 * abs(np.mean(values[100:-100] * turning)))
@@ -807,14 +807,14 @@ def gain_at(frequency_hz: float, values: Array) -> float:
 
 @pytest.mark.parametrize("apart_s", [0.001, 0.002, 0.004])
 def test_a_row_is_the_mean_over_its_10_ms_however_close_a_sensors_rows_are(apart_s: float) -> None:
-    """Straight lines between rows of 2 ms took 1.3 % from 20 Hz: thrust's slope, and all moments, came out low."""
+    """Straight lines between rows of 2 ms took 1.3 % off at 20 Hz, which made thrust's slope and all moments small."""
     time_s, row_s = (np.asarray(apart * np.arange(round(5.0 / apart)), dtype=np.float64) for apart in (apart_s, ROW_S))
     shown = at_rows(time_s, np.sin(40 * np.pi * time_s)[:, np.newaxis], row_s, averaged=True)[:, 0]
     assert gain_at(20.0, shown) == pytest.approx(np.sinc(20.0 * ROW_S), rel=2e-3)
 
 
 def test_thrust_in_a_row_is_the_mean_over_its_10_ms(flown: tuple[Fleet, list[FlightLog]]) -> None:
-    """The mean of three steps was 0.7 % too large at 20 Hz."""
+    """Earlier, the mean of three steps stood for the row, which was 0.7 % too large at 20 Hz."""
     drive = 0.5 + 0.1 * np.sin(40 * np.pi * STEP_S * np.arange(500 * ROW_STEPS))
     flight = replace(
         flight_of(flown[1][0]).flight,
@@ -832,7 +832,7 @@ def test_thrust_in_a_row_is_the_mean_over_its_10_ms(flown: tuple[Fleet, list[Fli
 
 
 def test_a_drive_is_the_command_times_the_voltage_while_it_holds(flown: tuple[Fleet, list[FlightLog]]) -> None:
-    """Thrust lowers the voltage at once. A voltage of 1.7 ms before made thrust's slope 0.5 % too small."""
+    """Thrust lowers the voltage at once, so a voltage that was 1.7 ms old made thrust's slope 0.5 % too small."""
     (series,) = flown[1][0].series
     (rows,) = series.blocks()
     time_s = rows[:, 0]
@@ -925,7 +925,7 @@ def test_a_sensor_of_few_digits_or_at_the_end_of_its_range_or_at_rest_does_not_h
 
 
 def with_battery(log: FlightLog, name: str, volts: Array) -> FlightLog:
-    """Return a log with a battery's voltage (rows,)."""
+    """Return a log with a battery's voltage (rows,) in V."""
     return replace(log, series=(*log.series, in_memory("battery", log.series[0].time_s, [Channel(name, "V")], [volts])))
 
 
@@ -988,7 +988,7 @@ def test_without_arm_and_torque_no_moment_is_given(flown: tuple[Fleet, list[Flig
 def test_motors_that_are_numbered_from_another_corner_are_named(
     flown: tuple[Fleet, list[FlightLog]], order: list[int]
 ) -> None:
-    """Such a fit did not come to rest, and the flight's noise was blamed for it."""
+    """Earlier, such a fit did not converge, and the message blamed the flight's noise."""
     read = flight_of(flown[1][0])
     with pytest.raises(FitError, match="other axes than their own: motors have other numbers than front right"):
         fit([replace(read, flight=replace(read.flight, drive=read.flight.drive[:, order]))], body=body_of(flown[0], 0))
@@ -1008,7 +1008,7 @@ def test_a_gyro_that_is_turned_by_a_quarter_is_named(flown: tuple[Fleet, list[Fl
     ("mass", "severity"), [(1.2, "warning"), pytest.param(1.5, "rejection", marks=pytest.mark.slow)]
 )
 def test_logs_of_unlike_vehicles_are_said_to_contradict_each_other(mass: float, severity: str) -> None:
-    """The advice was to climb and drop quickly, which both did."""
+    """Earlier, the message advised climbing and dropping quickly, which both vehicles had done."""
     rng = np.random.default_rng(4)
     vehicles = fleet(1, rng)
     laden = replace(vehicles, mass=mass * vehicles.mass)
@@ -1050,7 +1050,7 @@ def test_a_table_without_a_gyro_or_without_four_motors_is_refused(tmp_path: Path
 
 
 def in_another_unit(log: FlightLog, *, read: str, scale: float, attitude: bool) -> FlightLog:
-    """Return a log whose gyro is read in a unit of which it has `scale` times as much, with or without attitude."""
+    """Return a log, with or without attitude, whose gyro is read in the unit `read` after a factor of `scale`."""
     (series,) = log.series
     kept = [place for place, name in enumerate(series.names) if attitude or name[0] not in "qv"]
     channels = [series.channels[place] for place in kept]
@@ -1159,7 +1159,7 @@ def test_a_window_without_rows_is_refused(flown: tuple[Fleet, list[FlightLog]]) 
 def test_older_torques_contradict_no_axis_about_which_rotors_hardly_turned_the_vehicle(
     flown: tuple[Fleet, list[FlightLog]],
 ) -> None:
-    """About a yaw of 0.3 rad/s^2 rms they changed the moment by 2360 %, for which all lags were refused."""
+    """At 0.3 rad/s^2 rms about yaw, older torques changed the moment by 2360 %, so that all lags were refused."""
     vehicles, logs = flown
     read, body = flight_of(logs[0]), body_of(vehicles, 0)
     found = fit_flights([read.flight])
@@ -1178,7 +1178,7 @@ def test_older_torques_contradict_no_axis_about_which_rotors_hardly_turned_the_v
 
 
 def test_a_gain_of_the_wrong_sign_that_explains_nothing_is_no_wrong_way(flown: tuple[Fleet, list[FlightLog]]) -> None:
-    """Motors at idle left no turn about yaw: the rest gave a moment of -0.03 of the true one, at a stated 0.6 %."""
+    """Motors at idle left no rotation about yaw; the remainder gave -0.03 of the true moment, with 0.6 % stated."""
     vehicles, logs = flown
     read, body = flight_of(logs[0]), body_of(vehicles, 0)
     found = fit_flights([read.flight])
@@ -1199,7 +1199,7 @@ def test_a_gain_of_the_wrong_sign_that_explains_nothing_is_no_wrong_way(flown: t
 def test_small_turns_show_a_moment_where_torques_explain_them_clearly(
     explained: float, unclear: float, shows: bool
 ) -> None:
-    """A vehicle of 1.5 kg turns by less than 5 rad/s^2 about yaw, whatever it does; answers to air are as small."""
+    """A vehicle of 1.5 kg never exceeds 5 rad/s^2 about yaw, and reactions to moving air are as small."""
     assert Motion("yaw", 2.0, 5.0, explained, 0.05, unclear).tells == shows
 
 
@@ -1228,7 +1228,7 @@ def test_a_log_of_hours_is_fitted_between_two_times_and_refused_as_a_whole(
     (flight,) = flown[1][0].series
     block = next(flight.blocks())
     begins_s = np.arange(200) * (block[-1, 0] + 0.01)
-    later = np.eye(1, block.shape[1])  # of a row, the time
+    later = np.eye(1, block.shape[1])  # added to the time of each row
     series = replace(flight, rows=200 * len(block), blocks=lambda: (block + each * later for each in begins_s))
     many = replace(flown[1][0], series=(series,))
     with pytest.raises(ConfigError, match="s at once"):
@@ -1243,7 +1243,7 @@ def test_a_log_of_hours_is_fitted_between_two_times_and_refused_as_a_whole(
     ("captured", "wind", "seconds"), [(True, 1.0, 16.0), (False, 1.0, 16.0), (False, 0.2, 16.0), (False, 1.0, 32.0)]
 )
 def test_intervals_of_200_flights_contain_the_truth(captured: bool, wind: float, seconds: float) -> None:
-    """With motion capture and without, in calm air, and for longer; the drag needs motion capture."""
+    """Flights vary in motion capture, wind and duration; drag needs motion capture."""
     rng = np.random.default_rng(7)
     vehicles = fleet(200, rng)
     logs: list[FlownLog] = [flight_of(log) for log in fly(vehicles, rng, seconds=seconds, wind=wind)]

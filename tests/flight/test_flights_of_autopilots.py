@@ -20,7 +20,7 @@ from tests.logs.autopilot_bytes import message, signed, unsigned
 Array = npt.NDArray[np.float64]
 
 G = 9.80665
-FRONT_RIGHT, REAR_RIGHT, REAR_LEFT, FRONT_LEFT = range(4)  # of the Crazyflie's motors
+FRONT_RIGHT, REAR_RIGHT, REAR_LEFT, FRONT_LEFT = range(4)  # indices of the Crazyflie's motors
 
 
 Flown = tuple[Fleet, Array, Array, Array]
@@ -28,7 +28,7 @@ Flown = tuple[Fleet, Array, Array, Array]
 
 @pytest.fixture(scope="module")
 def flown() -> Flown:
-    """A vehicle, its commands (n, 4) from 0 to 1, its rates (n, 3) in rad/s and specific forces (n, 3) in m/s^2."""
+    """A vehicle, its commands (n, 4) from 0 to 1, rates (n, 3) in rad/s and specific forces (n, 3) in m/s^2."""
     rng = np.random.default_rng(4)
     vehicles = fleet(1, rng)
     (log,) = fly(vehicles, rng, seconds=18.0)
@@ -38,7 +38,7 @@ def flown() -> Flown:
 
 
 def corners_m(forward_m: float, right_m: float) -> list[tuple[float, float]]:
-    """Return the places of PX4's rotors at the corners of a rectangle."""
+    """Return the positions of PX4's rotors, forward and right, at the corners of a rectangle."""
     return [(forward_m, right_m), (-forward_m, -right_m), (forward_m, -right_m), (-forward_m, right_m)]
 
 
@@ -52,10 +52,11 @@ def ulog(
     others: Sequence[float] = (),
     km_m: float = 0.0,
 ) -> bytes:
-    """Return a ULog of PX4's quad X, x forward, y right, z down; motors are in every so many rows.
+    """Return a ULog of PX4's quad X, x forward, y right, z down, with motors in one of `every` rows.
 
-    `places_m` are the rotors' in its parameters, `others` the commands of further motors over the mean of the four,
-    `km_m` the moment over thrust of the two first rotors, the others having its opposite.
+    `places_m` are the rotors' positions in its parameters. `others` are the commands of further motors, divided by the
+    mean command of the four. `km_m` is the ratio of moment to thrust of the first two rotors; the other two have the
+    opposite sign.
     """
     head = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1000) + message("B", bytes(40))
     head += message("F", b"sensor_combined:uint64_t timestamp;float[3] gyro_rad;float[3] accelerometer_m_s2;")
@@ -90,10 +91,10 @@ def blackbox(
     tenths: bool = False,
     mixer: int = 0,
 ) -> bytes:
-    """Return a blackbox log of Betaflight's quad X, x forward, y left, z up, others being as the first motor.
+    """Return a blackbox log of Betaflight's quad X, x forward, y left, z up; `others` more motors repeat the first.
 
-    Rates are in deg/s, or in `tenths` of that. With a `mixer` the log has what the autopilot wants about yaw; its
-    motors get it as Betaflight's usual rotors do for 1, as those that turn the other way for -1.
+    Rates are in deg/s, or in `tenths` of that. With a `mixer` the log contains the autopilot's demand about yaw: with
+    the sign for Betaflight's usual rotors if it is 1, and for rotors that turn the other way if it is -1.
     """
     names = [f"{name}[{place}]" for name in ("gyroADC", "accSmooth") for place in range(3)]
     if mixer:
@@ -121,7 +122,7 @@ def blackbox(
     shown = np.rint(np.column_stack([np.degrees(rates) * (10 if tenths else 1), 2048 * forces / G])).astype(int)
     driven = np.rint(2000 * commands[:, order]).astype(int)
     if mixer:
-        wanted = -mixer * (driven[:, :4] @ [-1, 1, 1, -1]) // 4  # mixerQuadX's yaw, and mixTable's sign
+        wanted = -mixer * (driven[:, :4] @ [-1, 1, 1, -1]) // 4  # yaw of mixerQuadX, sign of mixTable
         shown = np.column_stack([shown, wanted - 7, np.full(len(wanted), 7)])
     rows = b""
     for at, (sensors, outputs) in enumerate(zip(shown.tolist(), driven.tolist(), strict=True)):
@@ -158,7 +159,7 @@ def test_px4_s_usual_rate_of_motors_is_refused_with_the_profile_that_serves(tmp_
 def test_moments_of_rotors_that_the_log_places_off_a_square_are_refused(
     tmp_path: Path, cfid: Cfid, flown: Flown
 ) -> None:
-    """By the lever of a square the one would be 11 % small and the other 16 % large, at 1 % stated."""
+    """With the lever of a square, one would be 11 % too small and the other 16 % too large, with 1 % stated."""
     pytest.importorskip("pyulog", reason="pyulog is not installed")
     (tmp_path / "log.ulg").write_bytes(ulog(*flown[1:], places_m=corners_m(0.050, 0.065)))
     assert cfid("new", "lab").returncode == 0
@@ -178,7 +179,7 @@ def test_moments_of_rotors_that_the_log_places_off_a_square_are_refused(
 def test_a_hexarotor_s_flight_is_neither_fitted_nor_predicted(
     tmp_path: Path, cfid: Cfid, flown: Flown, library: str, written: Callable[..., bytes], own: str
 ) -> None:
-    """As a quadrocopter's, its thrust and its moment about yaw would be 50 % too large."""
+    """Fitted as a quadrocopter's, its thrust and its moment about yaw would be 50 % too large."""
     pytest.importorskip(library, reason=f"{library} is not installed")
     (tmp_path / "log").write_bytes(written(*(signal[:6000] for signal in flown[1:])))
     assert cfid("new", "lab").returncode == 0
@@ -242,7 +243,7 @@ def test_a_log_without_commands_is_refused_with_what_its_format_lacks(
     instead: bytes,
     stated: str,
 ) -> None:
-    """They were told to give a table's columns other names, and are no tables."""
+    """Earlier, the message advised renaming a table's columns, though these logs are no tables."""
     pytest.importorskip(library, reason=f"{library} is not installed")
     content = written(*(signal[:2000] for signal in flown[1:]))
     (tmp_path / "log").write_bytes(content.replace(gone, instead))
@@ -263,7 +264,7 @@ def test_a_blackbox_log_that_has_the_gyro_unfiltered_alone_is_read(tmp_path: Pat
 def test_a_blackbox_log_of_high_resolution_counts_tenths_also_when_imported_or_converted(
     tmp_path: Path, cfid: Cfid, flown: Flown
 ) -> None:
-    """Its gyro seemed to turn ten times as fast."""
+    """Earlier, the gyro of such a log seemed to turn ten times as fast."""
     pytest.importorskip("orangebox", reason="orangebox is not installed")
     signals = [signal[:6000] for signal in flown[1:]]
     (tmp_path / "usual").write_bytes(blackbox(*signals, headers=["blackbox_high_resolution:0"]))
@@ -287,7 +288,7 @@ PROPS_OUT = {
 def test_rotors_that_turn_the_other_way_by_the_log_do_so_in_every_copy_of_it(
     tmp_path: Path, cfid: Cfid, flown: Flown, kind: str
 ) -> None:
-    """What the plant's rotors turn one way is as if a gyro about z, negated, saw others turn the vehicle."""
+    """Negating the gyro about z is equivalent to rotors that turn the other way than the plant's."""
     pytest.importorskip({"ulog": "pyulog", "blackbox": "orangebox"}[kind], reason="its library is not installed")
     vehicles, commands, rates, forces = flown
     written, why = PROPS_OUT[kind]
@@ -318,7 +319,7 @@ def test_a_log_that_states_its_rotors_turn_as_usual_is_read_so(tmp_path: Path, f
 
 
 def test_rotors_that_turn_the_other_way_unstated_are_named_and_can_be_given(tmp_path: Path, flown: Flown) -> None:
-    """It read that axes were others or motors had other numbers, and lags were lost with it."""
+    """Earlier, the message blamed other axes or motor numbers, and lags were rejected too."""
     pytest.importorskip("orangebox", reason="orangebox is not installed")
     vehicles, commands, rates, forces = flown
     (tmp_path / "log").write_bytes(blackbox(commands, rates * [1, 1, -1], forces))

@@ -1,4 +1,4 @@
-"""Public logs of flights: what their authors found, and what must not depend on how the fit is written."""
+"""Public logs of flights: their authors' results, and results that must not depend on details of the fit."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -28,14 +28,14 @@ from tests.places import DATA
 Array = npt.NDArray[np.float64]
 
 FLIGHTS = DATA / "flights"
-MASS_KG = 0.027  # as all authors state it
+MASS_KG = 0.027  # stated by all authors
 ARM = Body(mass_kg=MASS_KG, mass_std_kg=0.0003, arm_m=0.046, arm_std_m=0.0003)
 AUTHORS_LEVER_M = 0.028
-# Their windows, 35 to 65 s and 55 to 90 s of the logs' own times, since the first row.
+# The authors' windows, 35 to 65 s and 55 to 90 s of the logs' own times, counted here from the first row.
 LOG10, LOG15 = ("eschmann_log10.usd", 8.76, 39.12), ("eschmann_log15.usd", 15.94, 51.36)
 HALVES = (("eschmann_log15.usd", 15.94, 33.6), ("eschmann_log15.usd", 33.6, 51.36))
 Windows = tuple[tuple[str, float, float], ...]
-OLDER = (2, 3, 4, 5)  # rows: torques of 20 to 50 ms before
+OLDER = (2, 3, 4, 5)  # in rows: torques 20 to 50 ms earlier
 
 pytestmark = pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the public flights are not here (CFID_DATA)")
 
@@ -51,7 +51,7 @@ def fitted(*windows: tuple[str, float, float]) -> FlightFit:
 
 
 def moments(found: FlightFit) -> Array:
-    """Moments about roll and pitch at the authors' lever."""
+    """Return moments about roll and pitch with the authors' lever."""
     return np.asarray(AUTHORS_LEVER_M * MASS_KG / found.values[TURNS][:2])
 
 
@@ -64,9 +64,9 @@ def projected(columns: Array, values: Array) -> Array:
 
 
 def both_directions(found: FlightFit, axis: int) -> tuple[float, float]:
-    """The gain from torque to acceleration about an axis: acceleration regressed on torque, and torque on acceleration.
+    """Return the gain from torque to acceleration about an axis, from regressions in both directions.
 
-    Instruments are torques of several rows before, more of them than unknowns, so that the two may differ.
+    The instruments are torques of several earlier rows. They outnumber the unknowns, so the two gains may differ.
     """
     torque, shown, older = [], [], []
     for block, _ in found.blocks:
@@ -90,7 +90,7 @@ def test_one_lag_of_the_climbing_flight_is_its_authors() -> None:
     single = result.quantities["flight.single_lag_s"]
     print(f"log10: one lag {1e3 * single.value:.1f} +- {1e3 * single.std:.1f} ms")
     assert 0.070 < single.value < 0.078
-    assert "flight.rising_s" in result.rejected  # open by more than 10 %, where the sum is not
+    assert "flight.rising_s" in result.rejected  # uncertain by more than 10 %, unlike the sum of both lags
     assert "flight.single_lag_s" not in result.rejected
 
 
@@ -115,7 +115,7 @@ def test_moments_are_the_same_in_both_directions_of_regression() -> None:
     ],
 )
 def test_what_is_found_does_not_depend_on_units(of_drive: float, of_force: float, of_rates: float) -> None:
-    """Where nothing tells a parameter, the optimiser wandered off with it and stopped where its numbers ended."""
+    """Earlier, the optimiser drifted along parameters that nothing determines, up to the limits of its numbers."""
     flight = read(*HALVES[0]).flight
     scaled = replace(
         flight, drive=of_drive * flight.drive, force=of_force * flight.force, rates=of_rates * flight.rates
@@ -194,7 +194,7 @@ def test_a_moment_that_no_quadrocopter_with_such_an_arm_has_is_rejected(arm_m: f
 
 
 def turned(values: Array, degrees: float) -> Array:
-    """Return vectors (n, 3) as axes show them that are turned about the vertical."""
+    """Return vectors (n, 3) as shown by axes that are turned about the vertical."""
     cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     return np.asarray(values @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1.0]]).T)
 
