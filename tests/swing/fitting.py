@@ -1,4 +1,4 @@
-"""Fits angles that a test made, without a file."""
+"""A fit of angles that a test made, without a file."""
 
 from pathlib import Path
 

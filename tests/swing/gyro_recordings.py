@@ -1,4 +1,4 @@
-"""What a gyro shows of simulated swings, read as a run's gyro is read."""
+"""A gyro's readings of simulated swings, processed as those of a run."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -21,7 +21,7 @@ X = (1.0, 0.0, 0.0)
 def gyro_of(
     motion: Motion, i: int, *, rate_hz: float, truth: ImuTruth, rng: np.random.Generator, axis: Axis = X
 ) -> tuple[Array, Array]:
-    """Return times (n,) and rates (n, 3) in rad/s of one axis of a motion in steps of a millisecond or less."""
+    """Return a gyro's times (n,) and rates (n, 3) in rad/s for one body of a motion with steps of 1 ms or less."""
     every = round(1 / rate_hz / (motion.time_s[1] - motion.time_s[0]))
     time_s, speed = motion.time_s[::every], motion.speed_rad_per_s[::every, i]
     hanging = Hanging(axis=np.array(axis), down=np.array([0.0, 0.0, -1.0]), sensor_m=np.zeros(3), gravity_mps2=9.81)
@@ -40,7 +40,7 @@ def gyro_swing(time_s: Array, rates_rad_per_s: Array, threads: Threads = NO_THRE
 
 
 def usual_gyro(rng: np.random.Generator) -> ImuTruth:
-    """Return a gyro whose scales are off as its data sheet allows."""
+    """Return a gyro with a random bias, and with scale errors that its data sheet allows."""
     x, y, z = rng.normal(0, SCALE_STD, 3).tolist()
     bias = rng.uniform(-1, 1, 3).tolist()
     return ImuTruth(gyro_scale=(x, y, z), gyro_bias_dps=(bias[0], bias[1], bias[2]))

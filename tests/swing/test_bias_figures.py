@@ -1,4 +1,4 @@
-"""The documentation's figures of the damped cosine's bias."""
+"""The documentation's figures of the bias of the damped cosine."""
 
 from collections.abc import Callable
 from typing import Any

@@ -1,4 +1,4 @@
-"""Preparing a record: rest, release, peaks and window, found where a hand and an encoder made them."""
+"""Preparation of a record: rest, release, peaks and window are found where a simulated hand and encoder made them."""
 
 import functools
 import math
@@ -28,7 +28,7 @@ RELEASES = [*HELD_LONG, *(HandRelease(angle_rad=angle_rad) for angle_rad in (0.5
 
 @functools.cache
 def swung() -> Motion:
-    """Return all releases swung at once, which takes no longer than one."""
+    """Return the motion of all releases, simulated at once, which takes no longer than one."""
     return swing([PENDULUM] * len(RELEASES), RELEASES, duration_s=12.0, step_s=1e-3, store_every=1)
 
 
@@ -92,7 +92,7 @@ def test_a_swing_pushed_again_ends_before_the_push() -> None:
 
 
 def test_a_body_that_is_lifted_again_at_the_end_leaves_the_swing_before() -> None:
-    """It was refused with the advice to release higher, however good the swing before was."""
+    """Earlier, such a record was refused with the advice to release higher, however good its first swing was."""
     _, angle = recorded(HandRelease(angle_rad=0.8))
     time_s, again = recorded(HandRelease(angle_rad=0.9))
     second = np.asarray(again[: round(1000 * (find_swing(time_s, again).release_s + 0.6))])

@@ -1,4 +1,4 @@
-"""The fits as scripts see them: JSON by the contract, exit codes, and what a campaign keeps."""
+"""The fits as scripts see them: JSON as specified, exit codes, and the files that a campaign keeps."""
 
 import json
 import math
@@ -40,7 +40,7 @@ def found(ended: subprocess.CompletedProcess[str]) -> dict[str, Any]:
 
 
 def simulated(rig_file: Path, axis: str) -> Pendulum:
-    """Return the pendulum that was simulated for a mount of the vehicle."""
+    """Return the simulated pendulum of the vehicle on a mount."""
     truth = draw_truth(load_rig(rig_file), inertia_kg_m2=INERTIA_KG_M2, rng=np.random.default_rng(RECORDINGS_SEED))
     return pendulum(truth, axis)
 
@@ -242,7 +242,7 @@ def test_figures_lie_where_they_are_asked_for_and_replace_only_themselves(
     refused = cfid(*words)
     assert refused.returncode == 2
     assert "--force" in refused.stderr
-    assert "swing.natural_frequency_squared_s2" in refused.stdout  # a figure less costs no number
+    assert "swing.natural_frequency_squared_s2" in refused.stdout  # a missing figure costs no result
     assert (out / "y_swing.png").read_bytes() == b"somebody's own picture"
 
 
@@ -297,7 +297,7 @@ def test_swings_about_exchanged_axes_are_no_test_body(cfid: Cfid, bodies: Path, 
     x, z = (next((bodies / "runs").glob(f"*_swing_testbody_{axis}")) for axis in "xz")
     right = cfid("fit", "testbody", f"x={x}", f"z={z}", "--campaign", bodies, "--no-figures")
     contradicting = cfid("fit", "testbody", f"x={z}", f"z={x}", "--campaign", bodies, "--no-figures")
-    for run, axis in ((x, "z"), (z, "x")):  # labelled wrongly from the beginning
+    for run, axis in ((x, "z"), (z, "x")):  # labelled wrongly from the start
         there = shutil.copytree(run, tmp_path / axis) / "run.toml"
         there.write_text(there.read_text().replace(f'axis = "{run.name[-1]}"', f'axis = "{axis}"'))
     exchanged = cfid(

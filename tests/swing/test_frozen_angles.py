@@ -1,4 +1,4 @@
-"""Encoders that stand still for a part of a swing, and those that only seem to."""
+"""Encoders whose reading stands still for part of a swing, and those where it only seems to."""
 
 import functools
 import math
@@ -54,7 +54,7 @@ def test_readings_that_stand_still_while_the_body_swings_are_left_out_and_named(
     assert fit.accepted
     assert abs(error_in_std(fit)) < 3
     (text,) = frozen(fit)
-    assert f"after {at_s:.3g} s" in text or steps != "fine"  # a turning point's readings before may be the same
+    assert f"after {at_s:.3g} s" in text or steps != "fine"  # at a turning point, earlier readings may be the same
     rows = int(re.findall(r"(\d+) rows are left out", text)[0])
     assert count - 1 <= rows <= (count - 1 if steps == "fine" else count + 2)
 

@@ -1,4 +1,4 @@
-"""Swings seen by the vehicle's own gyro: natural frequency, scale, axis; on an axis and on two threads."""
+"""Swings recorded by the vehicle's own gyro, on an axis and on two threads: natural frequency, scale and axis."""
 
 import functools
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ def pendulums(count: int, rng: np.random.Generator) -> list[Pendulum]:
 
 @functools.cache
 def swung(degrees: float, count: int, *, seed: int) -> tuple[Motion, Array]:
-    """Return the motion of some vehicles on an axis, let go at one angle, and their true W."""
+    """Return the motion of `count` vehicles on an axis, released at one angle, and their true W."""
     rng = np.random.default_rng(seed)
     bodies = pendulums(count, rng)
     releases = [draw_release(rng, angle_deg=(degrees, degrees)) for _ in bodies]
@@ -62,7 +62,7 @@ def fits(motion: Motion, *, rate_hz: float, seed: int, threads: Sequence[Threads
 
 
 def relative(found: Sequence[SwingFit], truth: Array) -> tuple[Array, Array]:
-    """Return the relative errors of W, and its errors over the stated standard uncertainties."""
+    """Return the relative errors of W, and its errors divided by the stated standard uncertainties."""
     values = np.array([fit.coefficients.natural_frequency_squared_s2 for fit in found])
     stds = np.array([fit.std.natural_frequency_squared_s2 for fit in found])
     return values / truth - 1, (values - truth) / stds
@@ -110,7 +110,7 @@ def test_intervals_of_gyro_swings_hold_w_93_to_97_times_in_100(degrees: float, r
         f"{100 * np.abs(errors).max():.4f} %, within 95 % interval {np.mean(np.abs(scores) < 1.96):.3f}"
     )
     assert np.abs(errors).max() < (2e-4 if rate_hz == 1000 else 5e-4)
-    assert np.mean(np.abs(scores) < 1.96) >= 0.9  # of 200: one row scatters, all rows together are stated
+    assert np.mean(np.abs(scores) < 1.96) >= 0.9  # each row of 200 scatters; all together are stated
 
 
 def test_a_large_swing_shows_the_scale_of_the_gyro_and_a_small_one_leaves_what_is_usual() -> None:
@@ -169,7 +169,7 @@ def on_threads(count: int, rng: np.random.Generator) -> list[TwoThreads]:
 
 
 def of_threads(body: TwoThreads) -> tuple[float, Threads]:
-    """Return W = m g a b / (h I) and the ratios of the threads, from their definitions."""
+    """Return W = m g a b / (h I) and the ratios of the threads, both from their definitions."""
     a, b = body.above_m / 2, body.below_m / 2
     height = np.sqrt(body.length_m**2 - (a - b) ** 2)
     return body.mass_kg * G * a * b / (height * body.inertia_kg_m2), Threads(a * b / height**2, a * b / (G * height))

@@ -1,4 +1,4 @@
-"""The inertia matrix' intervals, tested as statistics: whole campaigns simulated with everything drawn anew."""
+"""Coverage of the inertia matrix's intervals, from whole simulated campaigns whose every value is drawn anew."""
 
 import math
 
@@ -21,7 +21,7 @@ Array = npt.NDArray[np.float64]
 
 AXES = ("x", "y", "z", "xy", "xz", "yz")
 INERTIA = 1e-6 * np.array([[16.4, -0.6, 0.5], [-0.6, 16.9, 1.1], [0.5, 1.1, 29.0]])
-CHUNK = 20  # campaigns integrated at once
+CHUNK = 20  # campaigns that are integrated at once
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Rig:
 
 
 def simulate(rig: Rig, campaigns: int, rng: np.random.Generator) -> list[dict[str, MountedSwing]]:
-    """Return the six measured swings of each campaign; mass, gravity, geometry and friction drawn for each."""
+    """Return the six measured swings of each campaign; each draws its own mass, gravity, geometry and friction."""
     truths = [_truth(rig, rng) for _ in range(campaigns)]
     pendulums = [pendulum(truth, axis) for truth in truths for axis in AXES]
     releases = [draw_release(rng, angle_deg=(20, 70)) for _ in pendulums]
@@ -80,7 +80,7 @@ def identify(rig: Rig, measured: dict[str, MountedSwing]) -> InertiaFit:
 
 
 def z_scores(rig: Rig, campaigns: int, seed: int) -> Array:
-    """Return how many stated deviations each entry of the matrix is off, shape (campaigns, 6)."""
+    """Return the error of each entry of the matrix in stated standard uncertainties, shape (campaigns, 6)."""
     rng = np.random.default_rng(seed)
     upper = np.triu_indices(3)
     scores: list[Array] = []
@@ -104,6 +104,6 @@ def test_the_matrix_lies_within_its_95_percent_intervals_93_to_97_times_in_100_o
 def test_the_matrix_lies_within_its_intervals_over_forty_campaigns(rig: Rig) -> None:
     scores = z_scores(rig, 40, seed=11)
 
-    # 240 entries, those of one campaign correlated: 95 % comes out between 89 and 99 %.
+    # There are 240 entries, correlated within a campaign: for 95 %, the share is between 89 and 99 %.
     assert 0.89 <= np.mean(np.abs(scores) < 1.96) <= 0.99
     assert np.abs(scores.mean(axis=0)).max() < 0.6

@@ -25,7 +25,7 @@ DRY: Friction = (1.5e-5, 4e-5, 0.0)
 ALL_THREE: Friction = (1.5e-5, 4e-5, 2e-8)
 
 
-SWINGS = [  # degrees at the release, then viscous, Coulomb and quadratic friction
+SWINGS = [  # angle at the release in degrees; viscous, Coulomb and quadratic friction
     *itertools.product((10.0, 40.0, 70.0), SMOOTH),
     *itertools.product((10.0, 40.0, 70.0), [DRY]),
     (40.0, ALL_THREE),
@@ -35,7 +35,7 @@ SWINGS = [  # degrees at the release, then viscous, Coulomb and quadratic fricti
 
 @functools.cache
 def swung() -> Motion:
-    """Return all swings at once, which take no longer than one."""
+    """Return the motion of all swings, simulated at once, which takes no longer than one."""
     pendulums = [
         Pendulum(
             axis_inertia_kg_m2=INERTIA,
@@ -156,5 +156,5 @@ def test_white_noise_is_not_inflated_and_correlated_noise_by_what_theory_says() 
         correlated[i] = 0.8 * correlated[i - 1] + white[i]
 
     assert correlation_inflation(white, longest=200) == pytest.approx(1.0, abs=0.1)
-    # For a first-order process with coefficient a it is (1 + a) / (1 - a).
+    # For a first-order process with coefficient a, theory gives (1 + a) / (1 - a).
     assert correlation_inflation(correlated, longest=200) == pytest.approx(9.0, rel=0.1)

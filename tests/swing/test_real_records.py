@@ -25,7 +25,7 @@ def sound_swing(**window: float | int) -> FreeSwing:
 def test_the_sound_rig_gives_its_authors_natural_frequency() -> None:
     fit = fit_swing(sound_swing())
 
-    # (m g a) / (I + m a^2) of the published parameters is 64.22 1/s^2.
+    # The published parameters give (m g a) / (I + m a^2) = 64.22 1/s^2.
     assert 64.0 <= fit.coefficients.natural_frequency_squared_s2 <= 64.3
     assert fit.accepted
 

@@ -1,4 +1,4 @@
-"""Encoders whose readings come less often than the rows in which they are sent."""
+"""Encoders that take readings less often than rows are sent."""
 
 import functools
 import math
@@ -25,7 +25,7 @@ def swung() -> Motion:
 
 
 def read(every_ms: int, steps: str, *, first_ms: int = 0) -> tuple[Array, Array]:
-    """Return the rows of 500 Hz that show the latest reading of a sensor with noise of 0.3 mrad."""
+    """Return rows at 500 Hz, each with the latest reading of a sensor with noise of 0.3 mrad."""
     count = len(swung().time_s)
     latest = np.maximum((np.arange(count) - first_ms) // every_ms * every_ms + first_ms, 0)
     angle = swung().angle_rad[latest, 0] + 3e-4 * np.random.default_rng(1).standard_normal(count)[latest]

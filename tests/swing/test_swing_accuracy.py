@@ -1,4 +1,4 @@
-"""The accuracy that a swing fit promises, over many simulated hands, encoders and releases."""
+"""The documented accuracy of a swing fit, over many simulated hands, encoders and releases."""
 
 import functools
 import math
@@ -28,7 +28,7 @@ DURATION_S = 10.0
 
 @functools.cache
 def plants(degrees: float, count: int) -> tuple[Motion, Array]:
-    """Return the motion of `count` different vehicles let go at one angle, and their true W."""
+    """Return the motion of `count` different vehicles released at one angle, and their true W."""
     rng = np.random.default_rng(round(degrees))
     inertia = rng.uniform(3.1e-5, 7e-5, count)
     moment = 0.028 * 9.81 * rng.uniform(0.0229, 0.038, count)
@@ -48,7 +48,7 @@ def plants(degrees: float, count: int) -> tuple[Motion, Array]:
 
 
 def polled(motion: Motion, i: int, *, word: Word, stamp_s: float, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Return one encoder record. A stamp comes late by up to twice `stamp_s`, as a busy host makes it."""
+    """Return one encoder record, whose stamps are up to twice `stamp_s` late, as on a busy host."""
     encoder = EncoderModel(word=word, offset_rad=rng.uniform(0, 2 * math.pi), stamp_error_s=0.0)
     recorded = record(
         motion.time_s, motion.angle_rad[:, i], speed_rad_per_s=motion.speed_rad_per_s[:, i], encoder=encoder, rng=rng
@@ -59,7 +59,7 @@ def polled(motion: Motion, i: int, *, word: Word, stamp_s: float, rng: np.random
 
 
 def inertia_errors(degrees: float, peaks: int, *, word: Word, stamp_s: float, count: int) -> tuple[Array, Array]:
-    """Return the relative errors of the axis inertia and the errors over the stated deviations."""
+    """Return the relative errors of the axis inertia, and the errors of W in stated standard uncertainties."""
     motion, truth = plants(degrees, count)
     rng = np.random.default_rng(peaks)
     errors, scores = [], []
@@ -72,7 +72,7 @@ def inertia_errors(degrees: float, peaks: int, *, word: Word, stamp_s: float, co
     return np.array(errors), np.array(scores)
 
 
-# A bound on errors themselves is as strict with eight swings as with 24; three windows are 24 in all.
+# A bound on the errors themselves is as strict for eight swings as for 24, and three windows have 24 swings in all.
 @pytest.mark.parametrize("count", [8, pytest.param(24, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("word", "degrees", "peaks"), [(COARSE, 10, 4), (FINE, 50, 8), (COARSE, 70, 14)])
 def test_good_stamps_give_the_axis_inertia_to_a_fiftieth_of_a_percent(

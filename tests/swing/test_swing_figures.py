@@ -1,4 +1,4 @@
-"""The page of a swing says what the fit says."""
+"""The page of a swing shows what the fit states."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -89,7 +89,7 @@ def test_no_text_lies_over_another(page: Any, shaken_page: Any, thesis_page: Any
 
 def test_every_axis_has_its_quantity_and_unit(page: Any, thesis_page: Any) -> None:
     for axes in (*page.figure.axes, *thesis_page.figure.axes):
-        # The right of a pair shares its quantity with the left.
+        # The right panel of a pair shares its quantity with the left one.
         if axes.axison and axes.get_title(loc="left"):
             assert "(" in axes.get_xlabel()
             assert "(" in axes.get_ylabel()

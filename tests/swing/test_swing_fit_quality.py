@@ -62,7 +62,7 @@ def test_the_inertia_hardly_depends_on_the_damping_chosen() -> None:
 
 
 def test_damping_terms_that_cannot_be_distinguished_are_noted() -> None:
-    # Few peaks and much noise: viscous and quadratic damping look the same.
+    # With few peaks and much noise, viscous and quadratic damping look the same.
     fit = fit_swing(find_swing(*recorded(noise_rad=5e-3, viscous_nms_per_rad=1.5e-5, degrees=30), peaks=5))
 
     assert fit.split_bic < 10
@@ -91,7 +91,7 @@ def test_a_pendulum_whose_frequency_drifts_is_rejected() -> None:
     fit = fit_swing(find_swing(slowed, angle))
 
     assert "swing-frequency-drift" in {finding.code for finding in fit.findings}
-    # The truth lies between the halves as likely as anywhere else: a rectangle's standard deviation at least.
+    # The truth may lie anywhere between the halves, so the least uncertainty is that of a uniform distribution.
     spread = abs(fit.quality.drift) * fit.coefficients.natural_frequency_squared_s2 / math.sqrt(12)
     assert fit.std.natural_frequency_squared_s2 > spread
 

@@ -1,4 +1,4 @@
-"""What `cfid.swing.fit` gives to a notebook: frequency, inertia and torques, each with its standard uncertainty."""
+"""Results of `cfid.swing.fit` in a notebook: frequency, inertia and torques, each with its standard uncertainty."""
 
 import math
 from dataclasses import replace
@@ -77,7 +77,7 @@ def test_the_rig_is_that_of_the_campaign_that_the_recording_lies_in(record: Angl
     rig = thesis_rig()
     given = cfid.swing.fit(labelled(record, axis="z"), rig=rig)
 
-    # The z mount of a new campaign is the thesis'.
+    # The z mount of a new campaign is that of the thesis.
     assert cfid.swing.fit(within).quantities == given.quantities
     assert np.isfinite(given.quantities["swing.axis_inertia_kg_m2"].value)
 

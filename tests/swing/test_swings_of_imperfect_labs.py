@@ -1,4 +1,4 @@
-"""Swings as a lab that is not ideal records them: an eccentric encoder, windows set by hand, numbers in a wrong unit.
+"""Swings as an imperfect lab records them: an eccentric encoder, windows set by hand, numbers in a wrong unit.
 
 The plant is a fixed-step integrator of its own.
 """
@@ -32,21 +32,22 @@ Array = npt.NDArray[np.float64]
 
 ROW_S = 1e-3
 STEP_S = 5e-4
-FINE_STEP_S = 1e-4  # a jump of dry friction within a coarse step is worth up to 6e-6 of W, an interval's width
+FINE_STEP_S = 1e-4  # within a coarse step, a jump of dry friction changes W by up to 6e-6, an interval's width
 HELD_S = 1.0
-SLIP_RAD_PER_S = 2e-3  # dry friction turns its sign within this speed
-STRIBECK_RAD_PER_S = 0.5  # within which it is larger, where it is
+SLIP_RAD_PER_S = 2e-3  # dry friction changes its sign within this speed
+STRIBECK_RAD_PER_S = 0.5  # within which dry friction is larger, if `stribeck` is set
 
 
 class Trials:
-    """Pendulums (n,) drawn anew, their friction per inertia."""
+    """Randomly drawn pendulums (n,), with friction divided by inertia."""
 
     def __init__(
         self, rng: np.random.Generator, count: int, *, stribeck: float = 0.0, cable: float = 0.0, ripple_nm: float = 0.0
     ) -> None:
-        """Draw them; `stribeck` is the excess of dry friction at standstill, `cable` a stiffness over gravity's.
+        """Draw the pendulums.
 
-        A part of the dry friction goes with the cosine of the angle, of standard deviation `ripple_nm`.
+        `stribeck` is the relative excess of dry friction at standstill. `cable` is the ratio of a cable's stiffness to
+        that of gravity. `ripple_nm` is the standard deviation of dry friction that varies with the cosine of the angle.
         """
         inertia = rng.uniform(3.1e-5, 7e-5, count)
         self.frequency_squared_s2 = 0.028 * 9.81 * rng.uniform(0.0229, 0.038, count) / inertia
@@ -74,7 +75,7 @@ class Trials:
 
 @cache
 def _compiled() -> Callable[..., None]:
-    """Return the swing of one pendulum, its steps in C: they take a hundredth of the time that NumPy's would."""
+    """Return the function that swings one pendulum; its steps in C take a hundredth of the time of steps in NumPy."""
     step_by_step = compiled(Path(__file__).with_name("swung.c")).swing
     numbers = np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS")
     step_by_step.argtypes = [numbers, ctypes.c_double, ctypes.c_int, ctypes.c_int, numbers]
@@ -127,7 +128,7 @@ def test_an_eccentric_encoder_is_found_and_taken_out() -> None:
     assert "swing-encoder-eccentric" in {finding.code for finding in fit.findings}
     assert math.degrees(found) == pytest.approx(1, rel=0.2)
     error = fit.coefficients.natural_frequency_squared_s2 / frequency - 1
-    assert abs(error) < 5e-5  # 6e-4 is what the harmonic does on average where it is left in
+    assert abs(error) < 5e-5  # on average, a harmonic that is left in causes 6e-4
     assert abs(error * frequency) < 3 * fit.std.natural_frequency_squared_s2
 
 
@@ -152,7 +153,7 @@ def test_dry_friction_that_varies_with_the_angle_is_named_and_taken_off() -> Non
 
     assert "dry friction varies with angle" in " ".join(finding.text for finding in fit.findings)
     assert abs(fit.coefficients.natural_frequency_squared_s2 - truth) < 1.96 * std
-    # Without it W is off by far more than noise. The interval is wider: a spring resembles such friction.
+    # Uncorrected, W is off by far more than noise. The interval is wider, since a spring resembles such friction.
     assert abs(fit.output_error.coefficients.natural_frequency_squared_s2 - truth) > 3 * fit.budget_s2["noise"]
     assert fit.budget_s2["friction over the angle"] < std
 
@@ -160,7 +161,7 @@ def test_dry_friction_that_varies_with_the_angle_is_named_and_taken_off() -> Non
 def test_friction_over_the_angle_is_taken_off_where_it_leaves_no_coulomb_friction_to_compare_it_with() -> None:
     trials = Trials(np.random.default_rng(5), 1)
     trials.coulomb[:] = 0.9
-    trials.ripple = -0.97 * trials.coulomb  # hardly any friction at rest, and more to either side
+    trials.ripple = -0.97 * trials.coulomb  # hardly any friction at the rest angle, more to either side
     time_s, angle = trials.swung(14.0, FINE_STEP_S)
     fit = fit_swing(find_swing(time_s, encoded(angle[:, 0], np.random.default_rng(5))))
     truth = trials.frequency_squared_s2[0]
@@ -192,7 +193,7 @@ def test_a_cable_that_acts_as_a_spring_is_named_and_taken_off(cable: float) -> N
     assert "swing-spring" in codes
     assert "swing-encoder-eccentric" not in codes
     assert abs(fit.coefficients.natural_frequency_squared_s2 - truth) < 1.96 * std
-    assert std < cable * truth / 3  # it raises W by as much as it is
+    assert std < cable * truth / 3  # W rises by the same share as the stiffness
 
 
 @pytest.mark.parametrize("seed", [6, 7])
@@ -206,7 +207,7 @@ def test_a_spring_that_shows_too_little_is_left_in_and_its_size_is_added_to_the_
 
     assert "swing-spring-or-friction" in codes
     assert "swing-spring" not in codes
-    assert fit.coefficients.natural_frequency_squared_s2 / truth == pytest.approx(1.01, abs=1e-3)  # the spring's own
+    assert fit.coefficients.natural_frequency_squared_s2 / truth == pytest.approx(1.01, abs=1e-3)  # from the spring
     assert abs(fit.coefficients.natural_frequency_squared_s2 - truth) < 1.96 * std
     assert std < 0.02 * truth
 
@@ -242,7 +243,7 @@ def test_a_swing_recorded_by_a_busy_computer_is_timed_by_the_encoders_own_clock(
         truth = float(trials.frequency_squared_s2[0])
         late_s = rng.gamma(3.0, 15e-6, len(taken_s))
         arrival_s = np.maximum.accumulate(taken_s + late_s + 16e-3 * (rng.random(len(taken_s)) < 0.01))
-        kept = np.append(np.diff(arrival_s) > 0, True)  # a poll waits for its answer: others were never sent
+        kept = np.append(np.diff(arrival_s) > 0, True)  # a poll waits for an answer, so others were never sent
         counts = np.round(encoded(angle[:, 0], rng) / (2 * math.pi / 8192))
         rows = (1.7e9 + arrival_s, counts, np.floor(1e6 * taken_s * (1 + 30e-6)) + 5e6)
         with create_run(
@@ -305,12 +306,12 @@ def test_rows_that_are_written_where_the_count_changes_are_read_as_the_edges_of_
     assert "rows are changes of the count by one" in " ".join(record.notes)
     assert not any(".." in one for one in record.notes)
     assert abs(error) < 3 * fit.std.natural_frequency_squared_s2
-    assert abs(error) < 2e-6 * frequency  # half a count by direction made it 2e-5 to 1e-4
+    assert abs(error) < 2e-6 * frequency  # half a count that depends on direction made it 2e-5 to 1e-4
     assert "swing-friction-varies" not in {finding.code for finding in fit.findings}
 
 
 def score(result: Result, truth: float) -> float:
-    """Return how many of its standard uncertainties a frequency is off."""
+    """Return the error of a frequency in its standard uncertainties."""
     found = result.quantities["swing.natural_frequency_squared_s2"]
     return float(abs(found.value - truth) / found.std)
 

@@ -1,4 +1,4 @@
-"""The thesis' own ways with a swing, and how far they are off."""
+"""The thesis methods for a swing, and their errors."""
 
 import functools
 import math
@@ -35,7 +35,7 @@ def free(degrees: float, *, viscous: float = 1e-5, coulomb: float = 0.0, peaks: 
 
 def test_data_made_from_eq_2_11_give_its_parameters_back() -> None:
     decay, omega, start, speed = 0.35, 14.2, 0.9, -0.4
-    time_s = np.arange(0, 30, 0.004)  # to rest
+    time_s = np.arange(0, 30, 0.004)  # until rest
     sine = (speed + decay * start) / omega
     amplitude, phase = math.hypot(start, sine), math.atan(sine / start)
     angle = amplitude * np.exp(-decay * time_s) * np.cos(omega * time_s - phase)
@@ -48,7 +48,7 @@ def test_data_made_from_eq_2_11_give_its_parameters_back() -> None:
 
 @pytest.mark.parametrize("degrees", [10, 20, 30, 40, 50])
 def test_a_cosine_over_few_periods_is_too_high_by_what_the_period_grows_with_amplitude(degrees: float) -> None:
-    # Nearly undamped and without a hand: the record begins at a peak and keeps its amplitude.
+    # The swing is nearly undamped and free of the hand: its record begins at a peak and keeps its amplitude.
     time_s, angle = simulated(degrees, 2e-7, 0.0, 3.1e-5)
     begin = int(np.searchsorted(time_s, find_swing(time_s, angle).peak_time_s[1]))
     found = fit_damped_cosine(find_swing(time_s[begin:], angle[begin:], from_s=0.0, peaks=4))
@@ -76,7 +76,7 @@ def test_the_fall_from_8_to_11_peaks_of_table_2_3_is_that_of_a_pendulum_let_go_a
         for n in (8, 11)
     ]
 
-    # Table 2.3, x axis; the pendulum's own inertia is 3.4 to 4.0 % lower than either row.
+    # Table 2.3, x axis; the pendulum's true inertia is 3.4 to 4.0 % below both rows.
     assert found == pytest.approx([3.144988, 3.119770], rel=2e-3)
     assert found[0] / found[1] == pytest.approx(3.144988 / 3.119770, abs=2.5e-3)
 
@@ -100,7 +100,7 @@ def test_the_nonlinear_equation_on_the_flexible_function_comes_nearer_than_the_c
     cosine = fit_damped_cosine(given).frequencies.natural_frequency_squared_s2
     flexible = fit_flexible(given).frequencies.natural_frequency_squared_s2
 
-    # The thesis' search stayed at the cosine's values (table 2.4 repeats table 2.3).
+    # The search of the thesis stayed at the cosine's values (table 2.4 repeats table 2.3).
     assert abs(flexible - truth) < 0.5 * abs(cosine - truth)
 
 
