@@ -1,4 +1,4 @@
-"""The inertia matrix' budget, its swings, and the test body."""
+"""Figures of the inertia matrix's budget, of its swings, and of the test body."""
 
 from collections.abc import Callable
 from typing import Any

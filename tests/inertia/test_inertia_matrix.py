@@ -1,4 +1,4 @@
-"""From axis inertias to the matrix: the thesis' own numbers, and what must hold for any rig."""
+"""From axis inertias to the matrix: the thesis' own numbers, and properties that must hold for any rig."""
 
 from collections.abc import Mapping
 
@@ -50,7 +50,7 @@ def thesis_body() -> SwungBody:
 
 
 def distance_of(centre_m: Array, mount: Mount) -> float:
-    """Return the distance of a centre of mass from a mount's axis, by its part across the axis."""
+    """Return the distance of a centre of mass from a mount's axis, as the component across the axis."""
     from_axis = centre_m - np.array(mount.point_m)
     unit = np.array(mount.direction) / np.linalg.norm(mount.direction)
     return float(np.linalg.norm(from_axis - (from_axis @ unit) * unit))
@@ -178,7 +178,7 @@ def test_a_swing_that_contradicts_the_others_is_rejected_and_widens_the_uncertai
     assert fit.degrees_of_freedom == 3
     assert "scatter" in fit.findings[0].text
     assert np.all(fit.std_kg_m2 > 3 * honest.std_kg_m2)
-    # Birge's ratio: what the swings scatter beyond their uncertainties widens those of the entries.
+    # Birge's ratio: scatter of the swings beyond their uncertainties widens the uncertainties of the entries.
     assert fit.std_kg_m2 == pytest.approx(np.sqrt(fit.chi_squared / 3) * honest.std_kg_m2, rel=0.05)
     assert np.sqrt(np.diag(fit.covariance)) == pytest.approx(fit.std_kg_m2[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
 
@@ -189,7 +189,7 @@ def test_repeated_swings_share_their_mounts_error() -> None:
     once = swings_of(body, std=1e-5)
     first, four = (fit_inertia(AxisInertias(once * n, body, SITE)) for n in (1, 4))
 
-    # The swings' own noise averages out, the mount's distance does not.
+    # The noise of the swings averages out, but the error of the mount's distance does not.
     assert four.std_kg_m2 == pytest.approx(first.std_kg_m2, rel=0.02)
     assert np.all(four.budget["swing fits"] < 0.55 * first.budget["swing fits"])
 
@@ -231,7 +231,7 @@ def test_the_empty_fixture_is_taken_off_at_the_common_axis() -> None:
 
 
 def test_an_impossible_matrix_is_replaced_by_the_nearest_possible_one_with_a_warning() -> None:
-    sheet = 1e-6 * np.array([[10.0, 0, 0], [0, 10.0, 0], [0, 0, 21.0]])  # zz above xx + yy: no body
+    sheet = 1e-6 * np.array([[10.0, 0, 0], [0, 10.0, 0], [0, 0, 21.0]])  # zz exceeds xx + yy, as in no body
     body = body_with({name: mount_along(direction, direction_std_deg=0.5) for name, direction in AXES.items()})
     fit = fit_inertia(AxisInertias(swings_of(body, sheet, std=1e-3), body, SITE))
 

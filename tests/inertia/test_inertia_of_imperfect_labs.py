@@ -1,6 +1,7 @@
-"""Whole campaigns of labs that are not ideal: the matrix is covered by its intervals, or the mistake is found.
+"""Whole campaigns of imperfect labs: the intervals of the matrix contain the truth, or the mistake is found.
 
-The plant is a formula of its own: W = m g r / (u' I u + m r^2) of a true body on true mounts, each off the stated ones.
+The plant is a separate formula, W = m g r / (u' I u + m r^2), for a true body on true mounts that differ from the
+stated ones.
 """
 
 import math
@@ -40,7 +41,7 @@ UPPER = np.triu_indices(3)
 
 @dataclass(frozen=True, kw_only=True)
 class Lab:
-    """A lab: its mounts, how far off its truth lies (one standard deviation), and its mistakes."""
+    """A lab: its mounts, the standard deviations of its true values from the stated ones, and its mistakes."""
 
     axes: dict[str, tuple[int, int, int]] = field(default_factory=lambda: SIX)
     spread: dict[str, float] = field(default_factory=lambda: STATED)
@@ -52,7 +53,7 @@ class Lab:
     inertia_kg_m2: Array = field(default_factory=lambda: TRUTH)
 
     def swings(self, rng: np.random.Generator) -> list[MountedSwing]:
-        """Return the natural frequencies squared that a truth drawn anew gives on every mount."""
+        """Return the natural frequencies squared on every mount, for newly drawn true values."""
         mass = MASS_KG + self.mass_off_kg + rng.normal(0, self.spread["mass_kg"])
         gravity = GRAVITY_MPS2 + rng.normal(0, self.spread["gravity_mps2"])
         centre = rng.normal(0, self.spread["centre_m"], 3)
@@ -72,7 +73,7 @@ class Lab:
         return [MountedSwing(axis=name, value=value, std=SWING_STD * value) for name, value in measured.items()]
 
     def fitted(self, rng: np.random.Generator) -> tuple[InertiaFit, AxisInertias]:
-        """Fit a campaign as the lab describes itself."""
+        """Fit a campaign with the values that the lab states."""
         tenth = (0.1, 0.1, 0.1)
         mounts = {
             name: Mount(point_mm=POINTS_MM[name], point_std_mm=tenth, direction=axis, direction_std_deg=0.3)
@@ -92,7 +93,7 @@ class Lab:
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """A row of the table: campaigns, how many were rejected, and what the accepted ones' scores are, (n, 6)."""
+    """A row of the table: campaigns, the number of rejected ones, and scores (n, 6)."""
 
     name: str
     campaigns: int
@@ -102,11 +103,11 @@ class Row:
 
     @property
     def covered(self) -> float:
-        """The share of 95 % intervals that hold the truth."""
+        """The share of 95 % intervals that contain the truth."""
         return float(np.mean(np.abs(self.scores) < 1.96))
 
     def __str__(self) -> str:
-        """The row as it is printed."""
+        """The printed row."""
         count, hits = self.scores.size, int(np.sum(np.abs(self.scores) < 1.96))
         low, high = beta.ppf(0.025, hits, count - hits + 1), beta.ppf(0.975, hits + 1, count - hits)
         return (
@@ -144,7 +145,7 @@ def test_sound_labs_are_covered_and_none_is_rejected() -> None:
 
 
 def swung_again(rng: np.random.Generator, *, apart: float) -> AxisInertias:
-    """Return six swings and one more about the first's mount, which differs by a part of itself."""
+    """Return six swings and a repeat on the first mount, whose value differs by the share `apart`."""
     _, axis_inertias = Lab().fitted(rng)
     first = axis_inertias.swings[0]
     again = replace(first, value=first.value * (1 + apart))
@@ -152,7 +153,7 @@ def swung_again(rng: np.random.Generator, *, apart: float) -> AxisInertias:
 
 
 def hung_twice(rng: np.random.Generator, *, apart: float) -> tuple[InertiaFit, Array]:
-    """Fit six swings and a repeat; return its scores too."""
+    """Fit six swings and a repeat; return the fit and its scores (6,)."""
     fit = fit_inertia(swung_again(rng, apart=apart))
     return fit, ((fit.matrix_kg_m2 - TRUTH) / fit.std_kg_m2)[UPPER]
 
@@ -164,7 +165,7 @@ def test_a_body_that_is_hung_anew_swings_a_little_differently_and_contradicts_no
 
     assert sum(fit.contradictory for fit in fits) == 0
     assert sum("inertia-hangings-differ" in codes(fit.findings) for fit in fits) > 20
-    # Hangings make the swings scatter as expected of one degree of freedom, or count with the whole of their mounts.
+    # Hangings count with the share at which swings scatter as expected of one degree of freedom, up to the whole.
     counted = [fit.chi_squared for fit in fits if "inertia-hangings-differ" in codes(fit.findings)]
     assert np.median(counted) == pytest.approx(1.0, abs=0.01)
     assert min(counted) > 0.99
@@ -215,12 +216,12 @@ def test_every_exchange_of_two_swings_is_rejected_or_named_as_one_that_would_pas
         passed.append(pair)
         assert "would pass" in sentences(redundancy_findings(axis_inertias, fit))
 
-    # Six leave the exchanges that make another possible body; eight leave x and y, which are almost alike.
+    # Six swings accept exchanges that lead to another possible body; eight accept only x and y, which are almost alike.
     assert len(passed) <= {6: 8, 8: 1}[len(axes)]
 
 
 def refused(fit: InertiaFit) -> bool:
-    """Whether the swings contradict a body, or the matrix a quadrocopter's."""
+    """Return whether the swings contradict any body, or the matrix any quadrocopter."""
     matrix, std = fit.matrix_kg_m2.tolist(), fit.std_kg_m2.tolist()
     return fit.contradictory or bool(implausible("inertia.matrix_kg_m2", matrix, std=std))
 
@@ -232,7 +233,7 @@ def test_a_quadrocopter_refuses_all_exchanges_of_six_swings_but_those_that_turn_
     moments = [np.linalg.eigvalsh(fits[pair].matrix_kg_m2) for pair in accepted]
 
     assert set(accepted) <= {("x", "y"), ("xz", "yz")}
-    # Six swings fit each labelling exactly, and the bodies differ by no more than two vehicles do.
+    # Six swings fit every labelling exactly, and the bodies differ no more than two vehicles do.
     assert all(fits[pair].chi_squared == 0 for pair in accepted)
     assert moments == [pytest.approx(np.linalg.eigvalsh(TRUTH), rel=0.02)] * len(accepted)
 
@@ -248,7 +249,7 @@ def test_no_sound_quadrocopter_is_refused_for_its_products() -> None:
         fits.append(Lab(inertia_kg_m2=correlation * np.sqrt(np.outer(moments, moments))).fitted(rng)[0])
 
     assert not [fit for fit in fits if refused(fit) and not fit.contradictory]
-    assert sum(map(refused, fits)) < 0.02 * len(fits)  # swings contradict a body by chance once in some hundred
+    assert sum(map(refused, fits)) < 0.02 * len(fits)  # by chance, about one in a hundred contradicts a body
 
 
 def test_repeated_swings_find_the_exchange_of_two_that_are_almost_alike() -> None:
@@ -303,7 +304,7 @@ def test_the_eighth_swing_names_the_one_whose_distance_is_wrong() -> None:
 
 
 def test_two_distances_of_one_axis_that_differ_are_rejected() -> None:
-    axes = {**SIX, "far": (1, 0, 0)}  # it passes 63 mm from the centre of mass, x 23 mm
+    axes = {**SIX, "far": (1, 0, 0)}  # its axis is 63 mm from the centre of mass, that of x 23 mm
     sound, stiff = (Lab(axes=axes, stiffness_nm=one).fitted(np.random.default_rng(5)) for one in (0.0, 4e-4))
 
     assert "inertia-distances-differ" not in codes(redundancy_findings(sound[1], sound[0]))

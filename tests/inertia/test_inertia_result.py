@@ -1,4 +1,4 @@
-"""What `cfid.inertia.fit` and `fit_testbody` give to a notebook."""
+"""Results of `cfid.inertia.fit` and `fit_testbody` in a notebook."""
 
 import numpy as np
 import pytest
@@ -109,7 +109,7 @@ def test_a_fixture_is_one_and_peaks_belong_to_mounts_that_swing() -> None:
     [(0.0, []), (5.0, ["testbody-apart"]), (-5.0, ["testbody-apart"]), (21.0, ["testbody-another-axis"])],
 )
 def test_a_test_body_far_off_its_drawing_is_doubtful_and_then_rejected(off: float, expected: list[str]) -> None:
-    # The drawing's inertia about x is 6.410179e-06, at the mount 3.4903e-05 (table 2.5).
+    # The drawing's inertia about x is 6.410179e-06, and 3.4903e-05 about the axis of the mount (table 2.5).
     exact = cfid.inertia.fit_testbody([KnownInertia("x", 3.5e-5, 1e-8)], rig=RIG)
     calculated, measured, error = (
         exact.quantities[f"testbody.{key}.x"] for key in ("calculated_kg_m2", "measured_kg_m2", "error")

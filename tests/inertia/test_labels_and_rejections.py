@@ -1,4 +1,4 @@
-"""Labels keep bodies apart, rejections hold for every method, and a command that failed keeps nothing."""
+"""Labels keep bodies apart, rejections apply to every method, and a command that fails keeps nothing."""
 
 import json
 import shutil
@@ -24,7 +24,7 @@ def rejections(result: dict[str, Any]) -> set[str]:
 
 
 def shaken() -> str:
-    """Return the file of a swing with a second motion on top."""
+    """Return the text of a recording of a swing with a second motion on top."""
     time_s = np.arange(0, 8, 0.001)
     angle = 0.8 * np.exp(-0.3 * time_s) * np.cos(14 * time_s) + 0.03 * np.sin(45 * time_s)
     return "t,theta_rad\n" + "".join(f"{t:.6f},{a:.7f}\n" for t, a in zip(time_s, angle, strict=True))

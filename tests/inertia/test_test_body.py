@@ -26,7 +26,7 @@ def thesis_test_body() -> TestBody:
 @pytest.mark.parametrize(
     ("given", "measured", "errors"),
     [
-        # C.1.6: the 10th and 13th peak (its n_pks = 9 and 12), then the 8th for both.
+        # C.1.6: the 10th and the 13th peak (n_pks = 9 and 12 there), then the 8th for both.
         ((3.507552821629088e-5, 4.469524719338436e-5), (6.428337, 9.998638), (0.2833, 1.4037)),
         ((3.517772052094052e-5, 4.512302287526182e-5), (6.530529, 10.426414), (1.8775, 5.7421)),
     ],

@@ -1,4 +1,4 @@
-"""Mounts on threads, and directions that a gyro saw: what they do to axis inertias and the matrix."""
+"""Mounts on threads, and directions measured by a gyro: their effect on axis inertias and the matrix."""
 
 import math
 import tomllib
@@ -35,7 +35,7 @@ def body(mounts: dict[str, Mount]) -> SwungBody:
 
 
 def on_threads(**spread: float) -> tuple[SwungBody, list[MountedSwing]]:
-    """Return a body on threads in six directions, and its exact W."""
+    """Return a body on threads in six directions, and its swings with exact W."""
     mounts = {name: Mount(direction=direction, threads=threads(**spread)) for name, direction in DIRECTIONS.items()}
     height = math.sqrt(0.4**2 - 0.01**2)
     swings = []
@@ -67,15 +67,15 @@ def test_the_lengths_of_threads_are_a_line_of_the_budget() -> None:
 
 
 def test_a_centre_off_the_middle_of_the_threads_is_a_line_of_the_budget_that_contains_it() -> None:
-    """By statics: the threads' loads balance the weight about the centre of mass, and lean towards it alike above."""
+    """By statics, the threads' loads balance about the centre of mass, and the arms above are in the same ratio."""
     errors_mm = np.random.default_rng(3).normal(0.0, 1.5, 400)
     to_one, to_other = 0.03 + 1e-3 * errors_mm, 0.03 - 1e-3 * errors_mm
-    loads = to_other / 0.06, to_one / 0.06  # of the weight
+    loads = to_other / 0.06, to_one / 0.06  # shares of the weight
     torque = sum(load * (0.08 / 0.06 * arm) * arm for load, arm in zip(loads, (to_one, to_other), strict=True))
     hung, swings = on_threads(centre_std_mm=1.5)
     fit = fit_inertia(AxisInertias(swings, hung, SITE))
     stated = fit.budget["threads"][0, 0] / TRUTH[0, 0]
-    found = fit.matrix_kg_m2[0, 0] / TRUTH[0, 0] * (0.04 * 0.03) / torque - 1  # W is larger in the middle
+    found = fit.matrix_kg_m2[0, 0] / TRUTH[0, 0] * (0.04 * 0.03) / torque - 1  # W is largest in the middle
     assert abs(np.mean(found)) < 0.2 * stated
     assert np.std(found) == pytest.approx(stated, rel=0.15)
     with pytest.raises(ValueError, match="centre_std_mm is more than an eighth"):
@@ -109,7 +109,7 @@ def mounted(std_deg: float) -> SwungBody:
 
 
 def test_a_gyro_replaces_a_direction_without_an_uncertainty_and_shares_with_one_that_has_it() -> None:
-    seen = [gyro_about((-1, 0.02, 0))]  # a gyro does not know which way round an axis is
+    seen = [gyro_about((-1, 0.02, 0))]  # a gyro does not determine the sign of an axis
     replaced, told = turned_about(mounted(0.0), seen)
     shared, _ = turned_about(mounted(math.degrees(0.01)), seen)
 
@@ -150,7 +150,7 @@ def test_a_gyros_matrix_is_as_certain_as_an_encoders() -> None:
     seen, _ = turned_about(given, [gyro_about(mount.direction, name) for name, mount in rig.mounts.items()])
     by_encoder, by_gyro = (
         fit_inertia(AxisInertias(swings_of(one, relative_std), one, SITE)).std_kg_m2
-        for one, relative_std in ((given, 2e-5), (seen, 2e-4))  # as certain as a swing's W is at worst
+        for one, relative_std in ((given, 2e-5), (seen, 2e-4))  # the largest uncertainty of a swing's W
     )
 
     assert np.all(by_gyro < 1.3 * by_encoder)
