@@ -1,4 +1,4 @@
-"""Friction from dropping weights: table 2.1, simulated drops, and the speed that never settles."""
+"""Friction from dropping weights: table 2.1, simulated drops, and speeds that never settle."""
 
 import functools
 import json
@@ -111,7 +111,7 @@ def test_simulated_drops_give_coulomb_viscous_and_set_up_inertia_back() -> None:
     drops = [measured(*fallen(grams), grams) for grams in (30, 40, 50)]
     found = fit_friction(drops, radius_m=RADIUS_M, radius_std_m=0.0, gravity_mps2=GRAVITY)
 
-    # Without noise only the encoder's steps scatter the runs: a hundred-thousandth.
+    # Without noise, only the encoder's steps scatter the runs, by a hundred-thousandth.
     for value, std, true in (
         (found.coulomb_nm, found.coulomb_std, COULOMB),
         (found.viscous_nms_per_rad, found.viscous_std, VISCOUS),
@@ -230,7 +230,7 @@ def test_friction_that_comes_out_negative_is_set_to_zero_with_a_warning() -> Non
     assert (dry_below.coulomb_nm, viscous_below.viscous_nms_per_rad) == (0.0, 0.0)
     assert "it is set to zero" in dry_below.findings[0].text
     assert viscous_below.setup_inertia_kg_m2 is None
-    # A heavier weight that turns the axis more slowly is more likely an exchanged label than friction.
+    # If a heavier weight turns the axis more slowly, exchanged labels are a more likely cause than friction.
     assert rejected(viscous_below.findings, ()).keys() == {
         "friction.viscous_nms_per_rad",
         "friction.coulomb_nm",
@@ -336,7 +336,7 @@ def test_turns_that_jump_within_the_fall_are_refused_and_before_it_are_not(turns
 
 
 def wrapped_without(time_s: Array, angle: Array, gaps: Sequence[tuple[float, float]]) -> tuple[Array, Array]:
-    """Return a record without the samples of some gaps, its angle as readings within a turn are joined."""
+    """Return a record without the samples in some gaps, with the angle unwrapped from readings within a turn."""
     kept = ~np.any([(time_s > begin) & (time_s < end) for begin, end in gaps], axis=0)
     return time_s[kept], np.unwrap(angle[kept] % (2 * np.pi))
 
@@ -361,7 +361,7 @@ def test_a_gap_at_the_release_is_refused_and_one_before_it_is_not() -> None:
 
 
 def at_each_count(per_turn: int, speed: float, *, lost: float = 0.0) -> tuple[Array, Array]:
-    """Return the edges of an encoder after a second at rest: a speed that settles within 0.25 s, some of them lost."""
+    """Return an encoder's edges, a share of them `lost`; after 1 s at rest, the speed settles with a lag of 0.25 s."""
     settling_s, time_s = 0.25, np.arange(0, 6, 1e-4)
     angle = speed * (time_s + settling_s * np.expm1(-time_s / settling_s))
     counts = 2 * np.pi / per_turn * np.arange(1, int(5.5 * speed * per_turn / (2 * np.pi)))
@@ -419,7 +419,7 @@ def test_a_clock_that_was_set_within_a_fall_is_named_at_once() -> None:
 
 def test_a_speed_that_tends_far_beyond_what_was_seen_has_not_settled() -> None:
     time_s = np.arange(0, 13, 0.001)
-    found = measured(time_s, 0.5 * 30 * np.maximum(time_s - 0.5, 0) ** 2, 30.0)  # gains 30 rad/s a second for good
+    found = measured(time_s, 0.5 * 30 * np.maximum(time_s - 0.5, 0) ** 2, 30.0)  # gains 30 rad/s per second forever
 
     assert found.ripple < 0.03
     assert not found.settled
@@ -433,7 +433,7 @@ def test_an_axis_that_stands_still_is_refused() -> None:
 
 def test_friction_lies_within_its_intervals_19_times_in_20() -> None:
     rng = np.random.default_rng(8)
-    speeds = {20: 65.9, 30: 244.3, 40: 422.7, 50: 601.0}  # of VISCOUS and COULOMB
+    speeds = {20: 65.9, 30: 244.3, 40: 422.7, 50: 601.0}  # that VISCOUS and COULOMB lead to
     covered, covered_inertia = [], []
     for _ in range(400):
         drops = []
@@ -450,7 +450,7 @@ def test_friction_lies_within_its_intervals_19_times_in_20() -> None:
         covered_inertia.append(abs(found.setup_inertia_kg_m2 - SETUP) < 1.96 * found.setup_inertia_std)
 
     assert 0.93 <= np.mean(covered) <= 0.97
-    assert 0.93 <= np.mean(covered_inertia) <= 0.985  # the slope's share is known to be common, so a little wide
+    assert 0.93 <= np.mean(covered_inertia) <= 0.985  # a little wide, since the slope's share is common
 
 
 def _settled_at(grams: float, speed: float) -> Drop:

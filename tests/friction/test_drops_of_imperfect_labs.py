@@ -1,6 +1,6 @@
-"""Dropped weights as a lab that is not ideal records them: a line in layers, weights exchanged, a line's thickness.
+"""Dropped weights as an imperfect lab records them: a line in layers, exchanged weights, the thickness of a line.
 
-The plant is an integrator of its own: (I + m r^2) w' = m g r(turns) - M_c - c w.
+The plant is a separate integrator: (I + m r^2) w' = m g r(turns) - M_c - c w.
 """
 
 import math
@@ -32,7 +32,7 @@ SCATTER = 0.03  # of dry friction, from drop to drop
 
 @cache
 def fallen(grams: float, dry_nm: float, layered: float) -> tuple[Array, Array]:
-    """Return times and angles of a fall of 90 turns after half a second; the radius changes by `layered` a turn."""
+    """Return times and angles of a fall of 90 turns after 0.5 s; the radius changes by a share `layered` per turn."""
     mass, step = grams / 1000, 1e-3
     angle, speed, angles = 0.0, 0.0, [0.0] * 500
     while angle < 180 * math.pi and len(angles) < 15000:
@@ -46,7 +46,7 @@ def fallen(grams: float, dry_nm: float, layered: float) -> tuple[Array, Array]:
 
 
 def drops(seed: int, layered: float = 0.0, grams: tuple[float, ...] = GRAMS, **setup: float) -> list[Drop]:
-    """Return the drops of a campaign; `grams` are what their labels have."""
+    """Return the drops of a campaign whose labels state `grams`."""
     rng = np.random.default_rng(seed)
     known: dict[str, Any] = {"radius_m": RADIUS_M, "gravity_mps2": GRAVITY, **setup}
     falls = [fallen(one, DRY_NM * (1 + SCATTER * rng.normal()), layered) for one in GRAMS]
@@ -63,7 +63,7 @@ def test_a_line_wound_side_by_side_is_not_rejected(seed: int) -> None:
     assert codes(drops(seed)) == set()
 
 
-@pytest.mark.parametrize("layered", [-0.004])  # 0.2 mm of line, side by side over 5 mm and then a layer down
+@pytest.mark.parametrize("layered", [-0.004])  # a line of 0.2 mm, side by side over 5 mm, then a layer lower
 def test_a_line_wound_in_layers_is_rejected(layered: float) -> None:
     found = codes(drops(1, layered))
 

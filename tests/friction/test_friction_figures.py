@@ -1,4 +1,4 @@
-"""Dropped weights: what settled, what did not, and the line through them."""
+"""Figures of dropped weights: drops that settled, drops that did not, and the line through them."""
 
 from collections.abc import Callable
 from dataclasses import replace

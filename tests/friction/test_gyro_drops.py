@@ -1,4 +1,4 @@
-"""Weights that turn a vehicle on its axis, seen by its gyro."""
+"""Weights that turn a vehicle on its axis, recorded by its gyro."""
 
 from pathlib import Path
 

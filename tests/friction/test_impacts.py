@@ -1,4 +1,4 @@
-"""A weight that reaches the floor: what the axis does from there on is no part of its steady fall.
+"""A weight that reaches the floor: the motion of the axis from there on is not part of the steady fall.
 
 The plant is the solution of (I + m r^2) w' = m g r - M_c - c w until the impact, and of I w' = -M_c - c w after it.
 """
@@ -19,7 +19,7 @@ TIME_S = np.arange(12_000) / 500
 
 
 def fallen(grams: float) -> tuple[Array, float]:
-    """Return the angle (n,) of a fall, and when the weight meets the floor."""
+    """Return the angle (n,) of a fall, and the time at which the weight meets the floor."""
     mass = grams / 1000
     tau, tends_to = (SETUP_KG_M2 + mass * RADIUS_M**2) / VISCOUS_NMS, (mass * GRAVITY * RADIUS_M - DRY_NM) / VISCOUS_NMS
 
@@ -50,7 +50,7 @@ def test_the_steady_fall_ends_before_the_impact(grams: float) -> None:
 
 
 def test_friction_is_that_of_the_fall_where_weights_reach_the_floor() -> None:
-    """With the impact in the window, viscous friction was 0.06 % off, ten standard uncertainties, inertia 0.17 %."""
+    """With the impact in the window, viscous friction was 0.06 % off, ten standard uncertainties; inertia 0.17 %."""
     rng = np.random.default_rng(2)
     drops = [dropped(rng, grams) for grams in (25.0, 25.0, 30.0, 30.0, 40.0, 40.0)]
     found = fit_friction(drops, radius_m=RADIUS_M, radius_std_m=0.0, gravity_mps2=GRAVITY)
