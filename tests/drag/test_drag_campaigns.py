@@ -57,7 +57,7 @@ WINDS = [Wind(setting.angle_deg or 0.0, setting.min_mps, setting.max_mps) for se
 
 
 def as_typed(runs: Sequence[TunnelRun], *, yaw_deg: float = 45.0) -> list[WindForce]:
-    """Return simulated runs as an operator's: named, references without an angle."""
+    """Return simulated runs as an operator states them: with names, and references without an angle."""
     return [
         WindForce(
             name=f"run {i}",

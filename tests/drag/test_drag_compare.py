@@ -1,4 +1,4 @@
-"""The choice between models of drag: wind settings left out, and the simplest model about as good as the best."""
+"""The choice of a drag model: wind settings are left out in turn, and the simplest of the good models is chosen."""
 
 import math
 from collections import Counter
@@ -79,7 +79,7 @@ def test_a_wind_is_predicted_as_if_its_forces_had_never_been_seen(model: DragMod
     weight = np.linalg.inv(covariance[np.ix_(~out, ~out)])
     known = np.linalg.inv(rows[~out].T @ weight @ rows[~out])
     coefficients = known @ (rows[~out].T @ weight @ force[~out])
-    carried = covariance[np.ix_(out, ~out)] @ weight  # what the others show of the references
+    carried = covariance[np.ix_(out, ~out)] @ weight  # what the other forces show about the references
     left = force[out] - rows[out] @ coefficients - carried @ (force[~out] - rows[~out] @ coefficients)
     direct = rows[out] - carried @ rows[~out]
     spread = covariance[np.ix_(out, out)] - carried @ covariance[np.ix_(~out, out)] + direct @ known @ direct.T

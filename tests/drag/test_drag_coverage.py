@@ -1,6 +1,6 @@
-"""Intervals of drag coefficients, tested as statistics: whole campaigns simulated with everything drawn anew.
+"""Coverage of the intervals of drag coefficients, from whole simulated campaigns whose every value is drawn anew.
 
-Load-cell noise, drift that is not stated, wind that is inhomogeneous, unsteady and known to 5 %.
+The campaigns have load-cell noise, drift that is not stated, and wind that is inhomogeneous, unsteady and known to 5 %.
 """
 
 from dataclasses import replace
@@ -127,7 +127,7 @@ def test_weights_make_uncertainties_a_third_smaller_than_the_means_of_c_3_1() ->
 def test_the_thesis_own_winds_spread_further_and_intervals_are_as_much_wider() -> None:
     rng = np.random.default_rng(20261121)
     fits = [fit_drag(in_thesis_winds(rng), SIMPLE) for _ in range(CAMPAIGNS)]
-    # Its two winds that were read once are simulated as known, and taken for as uncertain as the others.
+    # The two winds that the thesis read once are simulated as known, but the fit takes them as uncertain as the others.
     covered = np.mean([np.abs(fit.value - EQ_4_8)[:1] < 1.96 * fit.std[:1] for fit in fits])
 
     print("x and y in the thesis' winds:", covered, "relative uncertainty:", fits[0].std[0] / -EQ_4_8[0])

@@ -1,4 +1,4 @@
-"""Cross coupling with its sign mended, forces that are constant in a wind setting, and what is rejected."""
+"""Cross coupling with its sign mended, forces that are constant in a wind setting, and rejected fits."""
 
 import math
 from dataclasses import replace

@@ -27,7 +27,7 @@ def panels(page: Figure) -> list[Axes]:
 
 
 def curves(axes: Axes) -> list[Any]:
-    """Return what is drawn of winds, without lines across the panel."""
+    """Return the lines that show winds, without lines across the panel."""
     return [line for line in axes.get_lines() if len(np.asarray(line.get_xdata())) > 2]
 
 

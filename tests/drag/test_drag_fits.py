@@ -86,7 +86,7 @@ def fitted(ended: subprocess.CompletedProcess[str]) -> dict[str, Any]:
     return content
 
 
-# What is found
+# Results
 
 
 def test_an_index_of_recordings_gives_the_coefficients_that_act(cfid: Cfid, tunnel: WindFolder) -> None:

@@ -1,4 +1,4 @@
-"""Recording in wind, as its operator meets it: `cfid log wind`."""
+"""Recording in wind as its operator sees it: `cfid log wind`."""
 
 import json
 import re
@@ -36,7 +36,7 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
         yield bench
 
 
-# Before anything turns
+# Before any motor turns
 
 
 def test_a_dry_run_without_a_wind_says_how_long_one_takes_and_what_is_missing(cfid: Cfid, tmp_path: Path) -> None:
@@ -175,7 +175,7 @@ def test_a_command_whose_reading_was_not_typed_is_done_again(bench: Bench) -> No
     pilot.process.stdin.write(b"22000\n")
     pilot.process.stdin.flush()
     bench.wait_until(lambda: 40000 in bench.motors or pilot.process.poll() is not None, pilot)
-    time.sleep(0.9)  # held to its end
+    time.sleep(0.9)  # until the command has been held to its end
     pilot.send(signal.SIGINT)
     assert pilot.end() == 0, pilot.err
 

@@ -1,4 +1,4 @@
-"""One mean force a command, less the tare: its value, its sign and its standard uncertainty, with known noise."""
+"""One mean force per command, less the tare: its value, sign and standard uncertainty, with known noise."""
 
 from collections.abc import Callable
 from typing import TypedDict
@@ -12,7 +12,7 @@ from cfid.errors import DataError, FitError
 
 RATE_HZ, NOISE_N = 500.0, 0.01
 TARE_N, FORCE_N = np.array([0.2, -0.1, 0.4]), np.array([0.03, 0.02, 0.25])
-RUNS_S, PAUSE_S = (2.0, 6.0), 1.0  # the tare is 1000 samples long, of which the thesis takes 500
+RUNS_S, PAUSE_S = (2.0, 6.0), 1.0  # the tare has 1000 samples, of which the thesis uses 500
 WINDOW_S = (3.0, 5.0)
 
 
@@ -45,7 +45,7 @@ def test_stated_uncertainties_are_those_of_the_errors(method: Callable[..., Mean
     errors = np.array([one.force_n - FORCE_N for one in found])
     stated = np.array([one.std_n for one in found])
 
-    # 120 errors: their root mean square is known to 6.5 %.
+    # The root mean square of 120 errors is known to 6.5 %.
     assert float(np.sqrt(np.mean((errors / stated) ** 2))) == pytest.approx(1, abs=0.25)
 
 
@@ -57,7 +57,7 @@ def test_a_command_without_a_pause_after_it_has_a_warning() -> None:
 
 
 def repeated(seed: int, noise_n: float) -> Recorded:
-    """Return a record as others of a load cell that is read at 20 Hz: each reading in 25 rows."""
+    """Return a record of a load cell that is read at 20 Hz, so that 25 rows show the same reading."""
     whole = record(seed)
     read = np.arange(len(whole["time_s"])) // 25 * 25
     noise = np.random.default_rng(seed).normal(0, noise_n, whole["force_n"].shape)

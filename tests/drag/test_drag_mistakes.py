@@ -25,7 +25,7 @@ SEEDS = {"sound": 10, "km/h": 5, "knots": 5, "one marker for two": 5, "yaw 0 for
 
 
 def result(folder: Path, mistake: str, seed: int) -> Result:
-    """Return the fit of forces that a plant of this test's own makes, with a mistake in what was typed."""
+    """Return the fit of forces that this module's own plant makes, with a mistake in the typed values."""
     wind, markers, yaw_deg = MISTAKES[mistake]
     rng = np.random.default_rng(seed)
     cosine, sine = np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg))

@@ -1,4 +1,4 @@
-"""Wind from end to end: recorded over real wires from a simulated vehicle, one setting after the other, then fitted."""
+"""Wind from end to end: settings are recorded one by one over real wires from a simulated vehicle, then fitted."""
 
 import json
 import math
@@ -20,7 +20,7 @@ Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
 COMMANDS = (20000, 40000)
 QUICK = ("--commands", "20000,40000", "--hold", 1.5, "--rest", 0.8, "--yes", "--no-preflight")
-# What acts, and between what it was read.
+# The true wind, and the lowest and highest wind speed read.
 WINDS = (
     ({"angle_deg": 0.0, "speed_mps": 3.1}, (3.0, 3.2)),
     ({"angle_deg": 48.4, "speed_mps": 2.9}, (2.85, 3.1)),
@@ -29,12 +29,12 @@ WINDS = (
 
 
 def shown_rpm(command: int) -> float:
-    """Return what a tachometer shows of a propeller with two markers."""
+    """Return the reading in rpm of a tachometer that sees two markers on a rotor."""
     return float(2 * 60 / math.tau * RotorTruth().steady_rad_per_s(np.array(command), volts=3.7))
 
 
 def blow(folder: Path, *words: object, typed: str = "", wind: dict[str, float] | None = None) -> Pilot:
-    """Run `cfid log wind` to its end in a wind."""
+    """Run `cfid log wind` in a simulated wind until it ends."""
     with bench_in(folder, wind=wind or {}) as bench:
         pilot = bench.start("log", "wind", *words, stdin=subprocess.PIPE)
         pilot.process.communicate(typed.encode(), timeout=60)

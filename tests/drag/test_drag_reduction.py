@@ -1,4 +1,4 @@
-"""From forces in wind to experiments: references, what is missing, and files that belong to other runs."""
+"""From forces in wind to experiments: references, missing values, and files that belong to other runs."""
 
 import math
 from dataclasses import replace
@@ -32,7 +32,7 @@ def runs() -> list[WindForce]:
 
 
 def exchanged(runs: list[WindForce], *pairs: tuple[int, int]) -> list[WindForce]:
-    """Return runs of which some have each other's files."""
+    """Return runs in which each of the `pairs` has exchanged its files."""
     swapped = list(runs)
     for i, j in pairs:
         swapped[i] = replace(runs[i], force_n=runs[j].force_n, force_std_n=runs[j].force_std_n, at_s=runs[j].at_s)
@@ -45,7 +45,7 @@ def run_at(runs: list[WindForce], command: int, angle: float | None, wind: int =
 
 
 def placed(run: WindForce, **setting: float | None) -> WindForce:
-    """Return a force in another wind setting."""
+    """Return a force with its wind setting changed."""
     return replace(run, setting=replace(run.setting, **setting))  # type: ignore[arg-type]
 
 

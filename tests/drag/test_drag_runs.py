@@ -57,7 +57,7 @@ def blown(
     facts: RigFacts = NONE_STATED,
     resumes: str = "",
 ) -> Run:
-    """Write what `cfid log wind` records in a wind that was read within 2 %."""
+    """Write a run as `cfid log wind` records it, in a wind that was read within 2 %."""
     record = climbed(COMMANDS, motors=(1, 2, 3, 4), battery=BatteryTruth(volts=volts), rate_hz=rate_hz, seed=seed)
     speed_sum = np.interp(record.time_s, record.tick_s, record.speed_rad_per_s.sum(axis=1))
     record.wrench[:, :3] += speed_sum[:, np.newaxis] * wind.drag_ns_per_rad + wind.body_n
@@ -165,7 +165,7 @@ def test_a_rate_too_low_to_estimate_the_speed_is_refused(campaign: Path) -> None
 
 
 def resumed(campaign: Path, *, first_typed: int) -> list[Run]:
-    """Write a reference, and a run in wind that was ended at a prompt with the one that completes it."""
+    """Write a reference, a run in wind that ended at a prompt, and the run that completes it."""
     first = blown(campaign, WINDS[2], typed=first_typed)
     record = first.header.model_copy(update={"state": "interrupted"})
     write_header(first.folder, record)
@@ -204,7 +204,7 @@ def test_a_part_that_ended_before_a_motor_turned_is_left_out_beside_the_run_that
     (left_out,) = (one.text for one in found.findings if one.code == "run-left-out")
     assert first.folder.name in left_out
     with pytest.raises(DataError):
-        drag.read_runs([reference, read_run(first.folder)])  # which no other completes
+        drag.read_runs([reference, read_run(first.folder)])  # which no other run completes
 
 
 def test_a_run_whose_only_reading_was_taken_back_is_as_one_of_which_none_was_typed(campaign: Path) -> None:

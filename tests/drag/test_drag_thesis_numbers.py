@@ -1,4 +1,4 @@
-"""The thesis' printed drag coefficients come out of forces made with them, in its own 90 wind combinations."""
+"""Forces made with the thesis' printed drag coefficients, in its own 90 wind combinations, give them back."""
 
 import itertools
 

@@ -1,4 +1,4 @@
-"""Conventions of wind and frames: how the vehicle moves through the air, and what readings of the wind mean."""
+"""Conventions of wind and frames: the vehicle's motion through the air, and the meaning of wind readings."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The simulated wind tunnel: its air, its readings, and the same forces as means and as a whole record."""
+"""The simulated wind tunnel: its air, its readings, and its forces, the same as means and as a whole record."""
 
 import math
 

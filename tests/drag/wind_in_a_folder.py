@@ -1,4 +1,4 @@
-"""Recordings of a wind tunnel and their index, written as the thesis' logger and an operator's spreadsheet do."""
+"""Recordings of a wind tunnel and their index, in the formats of the thesis' logger and an operator's spreadsheet."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -22,7 +22,7 @@ Row = dict[str, str]
 
 @dataclass
 class WindFolder:
-    """An index' rows, that a test may spoil before they are written."""
+    """The rows of an index, which a test may spoil before they are written."""
 
     folder: Path
     rows: list[Row] = field(default_factory=list)
@@ -50,7 +50,7 @@ def recorded(
     air: Air | None = None,
     seed: int = 3,
 ) -> WindFolder:
-    """Record all commands without wind, then in each, and return the folder with its rows."""
+    """Record all commands without wind, then in each wind, and return the folder with its rows."""
     rng, tunnel = np.random.default_rng(seed), Tunnel(air=air or SimpleAir(kg_per_rad=EQ_4_8.tolist()))
     found = WindFolder(folder)
     for wind in (STILL, *winds):

@@ -1,7 +1,7 @@
 """Simulates a vehicle on a load cell in the wind: averaged forces of a whole campaign, or the record of one run.
 
-The wind is not uniform: around the vehicle an operator reads a lowest and a highest speed, and the acting one lies
-anywhere between. The load cell is tared with the wind on and the rotors off, so that the forces do not include the
+The wind is not uniform: an operator reads a lowest and a highest speed around the vehicle, and the speed that acts on
+it lies anywhere between. The load cell is tared with the wind on and the rotors off, so the forces do not include the
 body's drag.
 """
 
@@ -20,7 +20,7 @@ COMMANDS = (0, 10000, 20000, 30000, 37300, 40000, 50000)
 SHOWN_RPM = (0, 15400, 21900, 27800, 31600, 33400, 39300)  # of a rotor with two markers, C.3.1, at these commands
 
 MARKERS = 2
-# Wind turns the rotors faster: the mean of the thesis' 90 speed sums, 5992.7 rad/s, over that of the row above.
+# Wind turns the rotors faster: the mean of the thesis' 90 speed sums, 5992.7 rad/s, divided by that of SHOWN_RPM.
 _FASTER_IN_WIND = 5992.7 / 5913.2 - 1
 _USUAL_WIND_MPS = 2.85
 
@@ -49,7 +49,7 @@ class SimpleAir:
 
 @dataclass(frozen=True, kw_only=True)
 class ComplexAir:
-    """Eq. 4.5: six terms with coefficients for x, y, z each, (6, 3), SI."""
+    """Eq. 4.5: six terms, each with coefficients for x, y, z, shape (6, 3), in SI units."""
 
     k: npt.ArrayLike
 
@@ -62,9 +62,9 @@ class ComplexAir:
 
 @dataclass(frozen=True, kw_only=True)
 class CrossAir:
-    """Eq. 4.6 with a full matrix (3, 3) in kg/rad; `mended` loses lift whatever the direction of a lateral wind.
+    """Eq. 4.6 with a full matrix (3, 3) in kg/rad; if `mended`, lateral wind from any direction takes lift.
 
-    Then the third row's first entry multiplies |v_xy|, and its second is not used.
+    The first entry of the third row then multiplies |v_xy|, and the second is not used.
     """
 
     kg_per_rad: npt.ArrayLike
@@ -120,7 +120,7 @@ class TunnelRun(NamedTuple):
 
 
 def known_to(relative_std: float, winds: Iterable[Wind]) -> list[Wind]:
-    """Return wind settings of the same middles, with readings apart by a relative standard uncertainty (uniform)."""
+    """Return settings with the same middles, whose readings bound a uniform distribution of `relative_std`."""
     half = math.sqrt(3) * relative_std
     middles = [(wind, (wind.min_mps + wind.max_mps) / 2) for wind in winds]
     return [wind._replace(min_mps=(1 - half) * middle, max_mps=(1 + half) * middle) for wind, middle in middles]
@@ -129,7 +129,7 @@ def known_to(relative_std: float, winds: Iterable[Wind]) -> list[Wind]:
 def simulate_campaign(
     tunnel: Tunnel, winds: Iterable[Wind], *, rng: np.random.Generator, commands: Sequence[int] = COMMANDS
 ) -> list[TunnelRun]:
-    """Run all commands without wind, then at each setting; the thesis' 15 settings make 112 runs."""
+    """Simulate all commands without wind, then in each wind; the thesis' 15 wind settings make 112 runs."""
     still = Wind(math.nan, 0.0, 0.0)
     runs = []
     for wind in (still, *winds):
