@@ -1,4 +1,4 @@
-"""The set that a flight was flown with predicts it best; a flight that was fitted to is refused, as are half sets."""
+"""A flight's own parameters predict it best; flights that were used for a fit are refused, as are incomplete sets."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -75,7 +75,7 @@ def test_the_true_parameters_predict_rates_and_velocity(flown: tuple[ParameterSe
     true, flight = flown
     table = table_of(flight, true)
     moved = float(np.sqrt(np.mean(np.sum(flight.flight.rates[flight.flight.driven] ** 2, axis=1))))
-    assert of(table, "rates", 0.1, "truth").error < 0.15 * moved  # air brakes turning by 1.5 1/s, which no set has
+    assert of(table, "rates", 0.1, "truth").error < 0.15 * moved  # air damps rotation by 1.5 1/s, which no set has
     assert of(table, "attitude", 0.1, "truth").error < 2.0
     assert of(table, "velocity", 0.1, "truth").error < 0.05
 
@@ -105,7 +105,7 @@ def test_a_set_differs_from_itself_by_nothing(flown: tuple[ParameterSet, FlownLo
 
 
 def test_rows_beyond_the_range_of_a_gyro_are_no_truth(flown: tuple[ParameterSet, FlownLog]) -> None:
-    """A clipped gyro preferred moments that were 5 % wrong, significantly."""
+    """Earlier, a clipped gyro significantly preferred moments that were 5 % wrong."""
     true, flight = flown
     (series,) = flight.log.series
     rows = np.concatenate(list(series.blocks()))
@@ -123,7 +123,7 @@ def test_rows_beyond_the_range_of_a_gyro_are_no_truth(flown: tuple[ParameterSet,
 
 @pytest.fixture(scope="module")
 def sagging() -> tuple[ParameterSet, FlightLog, FlightLog]:
-    """The truth of volts, a flight with the battery's whole voltage, and the same with one smoothed by 0.1 s."""
+    """The true set in volts, a flight with the whole battery voltage, and the same with a voltage smoothed by 0.1 s."""
     rng = np.random.default_rng(11)
     vehicles = fleet(1, rng)
     (log,) = fly(vehicles, rng, seconds=24.0, wind=0.1, load_sag=0.08, with_volts=True)
@@ -140,7 +140,7 @@ def sagging() -> tuple[ParameterSet, FlightLog, FlightLog]:
 def test_a_smoothed_voltage_judges_sets_as_the_whole_one_does(
     sagging: tuple[ParameterSet, FlightLog, FlightLog],
 ) -> None:
-    """It was taken as it is, though a fit adds what it leaves out, and preferred thrust whose slope is 8 % small."""
+    """Earlier, such a voltage was used without the sag that a fit adds, and preferred a thrust slope 8 % too small."""
     true, *logs = sagging
     carried = true.mass_kg * 9.81 / 4
     flat = replace(
@@ -210,7 +210,7 @@ def write_table(series: Series, names: Sequence[str], path: Path) -> None:
 
 
 def flights_section(**changed: object) -> str:
-    """Return a file of parameters of flights, some of them changed."""
+    """Return the text of a file of flight parameters, with some of them changed."""
     values: dict[str, object] = {
         "flight.thrust_poly": [4.4e-11, -1.5e-6, 0.0528],
         "flight.rising_s": 0.046,
@@ -353,7 +353,7 @@ def test_a_campaign_fitted_to_one_flight_is_validated_by_another(cfid: Cfid, tmp
     print(found.stdout, found.stderr)
     assert found.returncode == 0, found.stderr
     assert "campaign (flight): 27 g, lever 32.53 mm" in found.stdout
-    # A flight of climbs: what else turned it is more than its rates changed.
+    # In this flight of climbs, disturbances turned the vehicle by more than its rates changed.
     assert "who predicts that they stay errs by 0.72 rad/s, every set by 1.53 and more" in found.stderr
     again = cfid("validate", log15, *words, folder=campaign)
     assert again.returncode == 4
@@ -365,7 +365,7 @@ def test_a_flight_that_shows_moments_has_no_warning_of_rates(flown: tuple[Parame
     heavier = replace(true, name="heavier", moments_kg_m2=(2e-5, 2e-5, 3e-5))
     found = validate(flight, [true, heavier], used=())
     assert "validation-rates-unpredicted" not in [one.code for one in found.findings]
-    turning = replace(flight.by_command, rates=0.02 * flight.by_command.rates)  # as if something held it
+    turning = replace(flight.by_command, rates=0.02 * flight.by_command.rates)  # as if something held the vehicle
     held = validate(replace(flight, flight=turning, by_command=turning), [true, heavier], used=())
     assert "validation-rates-unpredicted" in [one.code for one in held.findings]
 
@@ -375,7 +375,7 @@ def test_a_flight_that_shows_moments_has_no_warning_of_rates(flown: tuple[Parame
     params=[(9, 0.1), *(pytest.param(one, marks=pytest.mark.slow) for one in ((6, 0.1), (6, 1.0), (8, 1.0)))],
 )
 def hovering(request: pytest.FixtureRequest) -> tuple[ParameterSet, FlownLog]:
-    """A flight that hovers, in gusts or in air that is nearly still."""
+    """A flight that hovers, in gusts or in nearly still air."""
     seed, wind = request.param
     rng = np.random.default_rng(seed)
     vehicles = fleet(1, rng)
@@ -386,7 +386,7 @@ def hovering(request: pytest.FixtureRequest) -> tuple[ParameterSet, FlownLog]:
 def test_on_a_flight_that_hovers_no_moments_and_lags_are_better_than_the_true_ones(
     hovering: tuple[ParameterSet, FlownLog],
 ) -> None:
-    """Moments that were 6 % too large predicted such rates better, and significantly so."""
+    """Earlier, moments that were 6 % too large predicted such rates significantly better."""
     true, flight = hovering
     moments = np.array(true.moments_kg_m2)
     assert true.lag is not None
@@ -409,7 +409,7 @@ def test_on_a_flight_that_hovers_no_moments_and_lags_are_better_than_the_true_on
 
 
 def test_a_flight_that_hovers_is_not_said_to_have_another_clock(hovering: tuple[ParameterSet, FlownLog]) -> None:
-    """What nothing excites shows no delay: it came out as 53 ms, or as one before the command."""
+    """Without excitation no delay shows: earlier, it was found as 53 ms, or as a response before the command."""
     true, flight = hovering
     found = validate(flight, [true], used=())
     assert found.accepted
@@ -418,7 +418,7 @@ def test_a_flight_that_hovers_is_not_said_to_have_another_clock(hovering: tuple[
 
 @pytest.mark.parametrize("size", [0.12, pytest.param(1.0, marks=pytest.mark.slow)])
 def test_manoeuvres_show_moments_also_where_they_are_gentle(size: float) -> None:
-    """Rotors that turn a vehicle by 4 rad/s^2 judge moments as well as those of quick tilts, in calm air."""
+    """In calm air, rotors that turn a vehicle by 4 rad/s^2 judge moments as well as quick tilts do."""
     rng = np.random.default_rng(12)
     vehicles = fleet(1, rng)
     true = truth(vehicles)
@@ -436,7 +436,7 @@ def test_manoeuvres_show_moments_also_where_they_are_gentle(size: float) -> None
     [(21, 0.4, 1.5), *(pytest.param(*one, marks=pytest.mark.slow) for one in SLOW_WINDS)],
 )
 def test_in_wind_no_wrong_moments_or_lags_are_better_than_the_true_ones(seed: int, size: float, wind: float) -> None:
-    """Rates and attitude after 0.5 and 1 s preferred moments that were 1.15 times too large, significantly."""
+    """Earlier, rates and attitude after 0.5 and 1 s significantly preferred moments 1.15 times the true ones."""
     rng = np.random.default_rng(seed)
     vehicles = fleet(1, rng)
     true = truth(vehicles)
