@@ -1,11 +1,11 @@
-"""How long a battery lasts: currents against Bitcraze's table, and cells that are full, low, or none."""
+"""How long a battery lasts: currents against Bitcraze's table, and batteries that are full, low, or no single cell."""
 
 import pytest
 
 from cfid.estimate.battery_endurance import CELL_MAH, Held, endurance
 from cfid.units import FULL_COMMAND
 
-# Bitcraze's thrust table of 2015: PWM in percent, amperes, of all four motors.
+# Bitcraze's thrust table of 2015: PWM in percent, and the current of all four motors in amperes.
 TABLE = ((12.5, 0.56), (25.0, 0.94), (37.5, 1.37), (50.0, 1.83), (62.5, 2.39), (75.0, 3.06), (93.75, 4.44))
 
 

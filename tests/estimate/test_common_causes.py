@@ -1,4 +1,4 @@
-"""Scales of the rig are carried into fits as causes that these share, and comparisons count them once."""
+"""Fits carry the rig's scale errors as causes that they share, and comparisons count each cause once."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -39,14 +39,14 @@ RIG = RigFacts(
     wind=WindStand(azimuth_deg=28.0, azimuth_std_deg=1.5, speed_scale_std=0.02),
 )
 COMMAND = np.arange(5000.0, 65001.0, 5000.0)
-THRUST = np.array([2.1e-11, 1e-6, 1e-3])  # of the command
+THRUST = np.array([2.1e-11, 1e-6, 1e-3])  # as a polynomial of the command
 SPEED = np.array([0.04, 350.0])
 TORQUE_PER_THRUST = 0.006
 NOISE_N, NOISE_NM, NOISE_RAD_S = 2e-4, 2e-6, 3.0
 
 
 def section_of(result: Result) -> Section:
-    """Return a result as parameters.toml keeps it."""
+    """Return a result as a section of parameters.toml."""
     return Section(
         method="default",
         found=datetime(2026, 11, 22, tzinfo=UTC),
@@ -60,7 +60,7 @@ def section_of(result: Result) -> Section:
 
 
 def points(rng: np.random.Generator, errors: Mapping[str, float] = {}) -> MotorPoints:
-    """Return what instruments show of a motor, their scales wrong by `errors`."""
+    """Return the readings of a motor by instruments whose scales are wrong by `errors`."""
     thrust, speed = np.polyval(THRUST, COMMAND), np.polyval(SPEED, COMMAND)
     bent = 1 + errors.get("linearity", 0.0)
     torque = TORQUE_PER_THRUST * thrust * bent * (1 + errors.get("Tz", 0.0)) + errors.get("talk", 0.0) * thrust
@@ -125,7 +125,7 @@ def test_cross_talk_of_thrust_adds_to_the_slope_of_the_torque_alone() -> None:
 
 
 def test_a_line_on_a_cause_leaves_out_a_coefficient_near_zero() -> None:
-    """An accelerometer's scale was printed as up to 2600 % of a coefficient: of the constant, by chance nearly 0."""
+    """Earlier, an accelerometer's scale was printed as up to 2600 % of the constant, which is nearly 0 by chance."""
     key = "flight.thrust_voltage_poly"
     value = np.array([8e-5, 4e-3, 0.0135])
     result = Result(
@@ -238,7 +238,7 @@ def test_the_slope_of_a_polynomial_is_compared_with_its_covariance() -> None:
         number_of(section, "motor.torque_poly")
 
 
-# Coverage, the scales drawn anew in each campaign
+# Coverage, with scales drawn anew for each campaign
 
 
 def _maps(rng: np.random.Generator) -> list[float]:
@@ -258,13 +258,16 @@ def _maps(rng: np.random.Generator) -> list[float]:
 
 
 def fit_square() -> float:
-    """Return k of thrust = k speed^2 of the motor without noise, as weighted least squares finds it."""
+    """Return k of thrust = k speed^2 for the motor without noise, as weighted least squares finds it."""
     thrust, speed = np.polyval(THRUST, COMMAND), np.polyval(SPEED, COMMAND)
     return float(thrust @ speed**2 / (speed**4).sum())
 
 
 def _drag(rng: np.random.Generator) -> list[float]:
-    """Return errors of the simple model's coefficients: what acts is turned into the cell, falsified, turned back."""
+    """Return the errors of the simple model's coefficients in standard uncertainties.
+
+    The true forces are turned into the cell's frame, falsified by the instruments, and turned back.
+    """
     true = np.array([-9e-7, -9e-7, -1.5e-6])
     speeds = np.array([3.0, 4.0, 5.0])
     angles = np.radians([30.0, 60.0, 90.0])
@@ -277,7 +280,7 @@ def _drag(rng: np.random.Generator) -> list[float]:
         lateral = times * wind * np.sin(angle)
         return np.column_stack([lateral * math.cos(about), -lateral * math.sin(about), times * wind * np.cos(angle)])
 
-    # What is typed is the truth times 1 + error, so the truth that belongs to a reading is drawn.
+    # A typed value is the truth times 1 + error, so the truth is drawn for a given reading.
     actual = velocity(azimuth - math.radians(rng.normal(0, 1.5)), 1 / (1 + rng.normal(0, 0.02)))
     force = true * actual * (speed_sum / (1 + rng.normal(0, 0.01)))[:, np.newaxis]
     off = math.radians(30.0 - rng.normal(0, 1.0))

@@ -1,4 +1,4 @@
-"""Noise that is correlated in time widens a covariance to what repetition shows, even where a fit follows it."""
+"""Noise that is correlated in time widens a covariance to the scatter of repetitions, even if a fit follows it."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from tests.coverage_rows import reaches_93_percent
 TIME_S = np.arange(60) * 0.025
 TRIED_S = (0.05, 0.1, 0.2, 0.4)
 CORRELATIONS = [np.exp(-np.abs(np.subtract.outer(TIME_S, TIME_S)) / each_s) for each_s in TRIED_S]
-# Level and size of a rise that takes 60 ms of 1.5 s, and how it shifts with its time constant.
+# Level and size of a rise that takes 60 ms of 1.5 s, and its change with its time constant.
 ROWS = np.stack([np.ones(60), np.exp(-TIME_S / 0.06), TIME_S / 0.06 * np.exp(-TIME_S / 0.06)], axis=1)
 
 

@@ -1,4 +1,4 @@
-"""What follows held values, beside the recursion that steps through them."""
+"""Values that follow held ones with a lag, compared with a recursion through all steps."""
 
 import numpy as np
 import numpy.typing as npt

@@ -1,4 +1,4 @@
-"""Linear estimates: their covariances are those that repetition shows, and weights are the stated ones."""
+"""Linear estimates: their covariances agree with the scatter of repetitions, and weights are the stated ones."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ TRUE = np.array([2.0, -3.0])
 
 
 def scatter_of(estimates: list[Estimate]) -> tuple[np.ndarray, np.ndarray]:
-    """Return how far the values scatter over repetitions, and what the estimates state on average (squared)."""
+    """Return the standard deviation of the values over repetitions, and the root mean square of the stated ones."""
     values = np.array([one.values for one in estimates])
     return np.std(values, axis=0), np.sqrt(np.mean([np.diag(one.covariance) for one in estimates], axis=0))
 
@@ -47,7 +47,7 @@ def test_without_a_residual_the_noise_is_unknown() -> None:
 
 
 def test_correlated_data_weigh_by_their_covariance() -> None:
-    """Two readings of one balance and one of another: the pair counts as one, and a quarter of the noise four-fold."""
+    """Two readings of one balance count as one; a reading of another with a quarter of the variance counts as four."""
     covariance = np.array([[1.0, 1.0 - 1e-9, 0.0], [1.0 - 1e-9, 1.0, 0.0], [0.0, 0.0, 0.25]])
     gain = gain_of(np.ones((3, 1)), covariance=covariance)
     assert gain[0] == pytest.approx([0.1, 0.1, 0.8], rel=1e-6)
@@ -89,7 +89,7 @@ def test_correlated_residuals_widen_a_covariance_to_what_repetition_shows() -> N
         values.append(fit.values)
         stated.append(np.diag(sandwich(rows, fit.residual, longest=count // 4)))
     assert np.sqrt(np.mean(stated, axis=0)) == pytest.approx(np.std(values, axis=0), rel=0.15)
-    # White noise in their place would state a third of it: ten samples share nine of their ten parts.
+    # Taken as white noise, they would lead to a third of it: neighbouring samples share nine of their ten parts.
     assert fit.std[0] < 0.5 * np.std(values, axis=0)[0]
 
 

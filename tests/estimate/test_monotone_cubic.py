@@ -1,4 +1,4 @@
-"""A cubic that rises over all voltages: the best one, honest about how sure it is, refused where data refuse it."""
+"""A cubic that rises over all voltages: the best fit, with a correct uncertainty, refused where data contradict it."""
 
 import numpy as np
 import numpy.typing as npt
@@ -14,8 +14,8 @@ Array = npt.NDArray[np.float64]
 
 VOLTS = np.repeat(np.linspace(0.4, 3.8, 18), 2)
 INSIDE = np.array([0.002, 0.0130, 0.0050, 0.0010])  # lowest power first; rises over all voltages
-SQUARE = np.array([0.0, 0.0, 0.0105, 0.0])  # of what a rotor would give whose speed is proportional to voltage
-FOLDED = np.array([0.0, 0.0, 0.02, -0.0025])  # bends down, as a battery that gives in lets it
+SQUARE = np.array([0.0, 0.0, 0.0105, 0.0])  # the thrust of a rotor whose speed is proportional to voltage
+FOLDED = np.array([0.0, 0.0, 0.02, -0.0025])  # bends down, as with a battery that sags
 
 
 def value_of(lowest_first: Array, volts: Array) -> Array:
@@ -40,7 +40,7 @@ def test_a_cubic_that_rises_anyway_stays_as_it_is() -> None:
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("truth", [SQUARE, FOLDED], ids=["square", "folded"])
 def test_it_is_the_least_squares_cubic_among_those_that_rise(truth: Array, seed: int) -> None:
-    """Against a general optimiser, which knows the constraint as such; points alike, as neither states deviations."""
+    """The reference is a general optimiser with the constraint; points weigh alike, since no uncertainty is stated."""
     thrust = value_of(truth, VOLTS) + 2e-4 * np.random.default_rng(seed).standard_normal(len(VOLTS))
     found = constrain(fit_polynomial(VOLTS, thrust, order=3), thrust_n=thrust)
     scale = np.array([0.1, 0.1 / 4, 0.1 / 16, 0.1 / 64])
@@ -80,7 +80,7 @@ def test_what_rises_is_accepted_and_what_folds_is_refused_with_the_numbers() -> 
 
 
 def test_noise_that_hides_a_fold_is_no_reason_to_refuse() -> None:
-    """At the 1 % level: with noise of a tenth of the largest thrust a departure of a few per cent is not excluded."""
+    """With noise of a tenth of the largest thrust, a departure of a few per cent is not excluded at the 1 % level."""
     refused = [fitted(FOLDED, seed=seed, noise_n=0.02).refusal for seed in range(60)]
 
     assert np.count_nonzero(refused) <= 4
@@ -88,7 +88,7 @@ def test_noise_that_hides_a_fold_is_no_reason_to_refuse() -> None:
 
 @pytest.mark.parametrize("truth", [INSIDE, SQUARE], ids=["inside, near the surface", "outside"])
 def test_stated_uncertainties_are_those_of_repeated_campaigns(truth: Array) -> None:
-    """On the surface the covariance is simulated; thrusts are what a user takes from it."""
+    """On the constraint's surface, the covariance is simulated; thrusts are compared, since users need those."""
     volts = np.linspace(1.5, 3.8, 10)
     found = [fitted(truth, seed=seed, noise_n=1e-3) for seed in range(100)]
     scatter = np.std([one.fit.at(volts) for one in found], axis=0, ddof=1)

@@ -1,4 +1,4 @@
-"""Polynomials through points: MATLAB's numbers, intervals that cover, wild points, and the order the points allow."""
+"""Polynomials through points: MATLAB's numbers, coverage of intervals, wild points, and the order that points allow."""
 
 import math
 
@@ -37,14 +37,15 @@ def test_the_residual_norm_stays_unweighted_where_the_fit_is_weighted() -> None:
 
 @pytest.mark.parametrize(("slope", "level", "printed"), EQ_3_4)
 def test_the_thesis_residual_norms_are_of_this_definition(slope: float, level: float, printed: float) -> None:
-    """Command 0 stands at zero beside 31 others (C.2.3), so the line's level alone is a residual of 381 or 421 rad/s.
+    """One of 32 points (C.2.3) is command 0 at zero, so the line's level alone is a residual of 381 or 421 rad/s.
 
-    The rest of the norm is then 67 or 69 rad/s a point, of 3000; as an rms it would be a fifth of the range at each.
+    The rest of the norm is then 67 or 69 rad/s per point, in a range of 3000 rad/s. If the norm were an rms, each
+    residual would be a fifth of the range.
     """
     commands = np.concatenate([[0.0], np.arange(4000.0, 64001.0, 2000.0)])
     rows = np.vander(commands, 2)
     across = np.eye(32) - rows @ np.linalg.pinv(rows)
-    standing = -level / across[0, 0] * across[0]  # the least residual of which the first is the level
+    standing = -level / across[0, 0] * across[0]  # the smallest residual that starts with minus the level
     noise = across @ np.random.default_rng(1).standard_normal(32)
     noise -= noise[0] / across[0, 0] * across[0]
     noise *= math.sqrt(printed**2 - standing @ standing) / np.linalg.norm(noise)
@@ -105,7 +106,7 @@ def test_points_farther_apart_than_stated_widen_the_covariance_and_closer_ones_d
 
 
 def coverage(*, count: int, stated: float | None, robust: bool = False, wild: bool = False) -> tuple[float, float]:
-    """Return how often the bands hold the true curve and another point, over 1000 simulated thrust maps."""
+    """Return how often the bands contain the true curve and another point, over 1000 simulated thrust maps."""
     rng = np.random.default_rng(20261121)
     x = np.linspace(2000, 64000, count)
     truth = np.polyval(EQ_3_3, x)
@@ -243,9 +244,9 @@ def test_too_few_points_to_choose_an_order_are_refused() -> None:
 
 
 def test_errors_that_points_share_widen_the_band_as_much_as_they_move_the_curve() -> None:
-    """Tares between each two points: the bands hold, and would not if the errors were taken for independent."""
+    """Neighbouring points share a tare: bands cover the curve, but would not if errors were taken as independent."""
     x = np.arange(1.0, 21.0)
-    tares = 0.5 * (np.eye(20, 21) + np.eye(20, 21, 1))  # half the rest before, half the one after
+    tares = 0.5 * (np.eye(20, 21) + np.eye(20, 21, 1))  # half the tare before, half the tare after
     std = np.sqrt(0.3**2 + np.sum(tares**2, axis=1))
     rng = np.random.default_rng(7)
     held = []
@@ -275,7 +276,7 @@ def test_errors_that_only_one_point_has_are_no_shared_ones() -> None:
 
 
 def test_points_exactly_on_a_curve_are_fitted_robustly_too() -> None:
-    """What rounding leaves of them is no scatter: as a scale it fell to zero, and weights became no numbers."""
+    """Rounding errors are no scatter: earlier, their scale fell to zero, and weights were not finite."""
     x = np.repeat(np.arange(5000.0, 70000.0, 5000.0), 2)
     found = fit_polynomial(x, np.repeat(np.arange(380.0, 2541.0, 180.0), 2), order=1, robust=True)
     assert found.coefficients == pytest.approx([0.036, 200.0], rel=1e-10)

@@ -1,4 +1,4 @@
-"""Values of one quantity side by side: mean, agreement, drift."""
+"""Repeated values of one quantity: their mean, agreement and drift."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def test_a_drift_is_found_with_an_honest_deviation() -> None:
         assert found.drift_per_day is not None
         assert found.drift_std_per_day is not None
         inside += abs(found.drift_per_day - 0.02) < 1.96 * found.drift_std_per_day
-    assert 0.94 < inside / 400 <= 1  # widened where values scatter, never narrowed
+    assert 0.94 < inside / 400 <= 1  # scatter widens intervals, and nothing narrows them
 
 
 @pytest.mark.parametrize("shared", [0.0, 0.6, 1.0])

@@ -1,4 +1,4 @@
-"""Signals at rest: noise, drift and lines that were put in are found, and noise alone shows no line."""
+"""Signals at rest: simulated noise, drift and lines are found, and noise alone shows no line."""
 
 import numpy as np
 import pytest

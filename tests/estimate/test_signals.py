@@ -1,4 +1,4 @@
-"""Spectra, means among lines and spikes, and how sure these are."""
+"""Spectra, means in the presence of lines and spikes, and their uncertainties."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Simulated staircases come back as the thrust of their rotors, with windows that nobody gave."""
+"""Reduced staircases give back the simulated thrust of their rotors, with windows that are found automatically."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from cfid.sim.stand import StandRecord, simulate_stand, staircase_steps
 
 Array = npt.NDArray[np.float64]
 
-ROTORS = RotorTruth()  # vibrates with 1.5 times the thrust
+ROTORS = RotorTruth()  # vibration is 1.5 times the thrust
 ALL = tuple(range(0, 64001, 2000))
 SOME = tuple(range(4000, 64001, 6000))
 FULL_N = 2 * ROTORS.thrust_ns2_per_rad2 * float(ROTORS.steady_rad_per_s(np.array(64000.0), volts=3.7)) ** 2
@@ -42,7 +42,7 @@ def record(
 ) -> StandRecord:
     """Return a staircase of two motors on a cell that drifts by 50 uN/s, with spikes.
 
-    5 mN at 2 kHz are as dense a noise as 9.4 mN at 7 kHz.
+    Noise of 5 mN at 2 kHz is as dense as noise of 9.4 mN at 7 kHz.
     """
     steps, duration_s = staircase_steps(commands, motors=(1, 3), hold_s=hold_s, rest_s=rest_s, between_s=between_s)
     return simulate_stand(
@@ -68,7 +68,7 @@ def true_thrust_n(found: StandRecord, point: Point) -> float:
 
 
 def errors(found: StandRecord, points: Sequence[Point]) -> tuple[Array, Array, Array]:
-    """Return true thrusts, errors of the means and their deviations."""
+    """Return true thrusts, errors of the means, and standard uncertainties of the means, in N."""
     truth = np.array([true_thrust_n(found, point) for point in points])
     mean, std = np.array([(point.mean[2], point.std_of_mean[2]) for point in points]).T
     return truth, mean - truth, std
@@ -77,7 +77,7 @@ def errors(found: StandRecord, points: Sequence[Point]) -> tuple[Array, Array, A
 @pytest.mark.parametrize("logged", [True, False])
 @pytest.mark.parametrize("pause", ["rests", "none"])
 def test_every_point_of_33_commands_is_true_though_the_cell_drifts_and_vibrates(logged: bool, pause: str) -> None:
-    # 2 mN at 2 kHz leave 50 uN of a window and its rests, and 0.3 % of 25 % of the range are 240 uN.
+    # Noise of 2 mN at 2 kHz leaves 50 uN in a window less its tares; 0.3 % of 25 % of the range is 240 uN.
     found = record(ALL, hold_s=4, rest_s=2, between_s=0.0 if pause == "none" else None, noise_n=0.002)
     points = reduced(found, logged=logged).steady()
     truth, error, std = errors(found, points)
@@ -138,7 +138,7 @@ def test_what_another_instrument_showed_is_averaged_as_much_earlier_as_thrust_ca
 def test_the_torque_beside_the_thrust_is_true_too() -> None:
     found = record()
     torque = [(point.mean[5], point.std_of_mean[5]) for point in reduced(found).points]
-    # Motors 1 and 3 turn alike: both twist the mount by minus 6 mm times the thrust.
+    # Motors 1 and 3 turn the same way: each twists the mount by minus 6 mm times its thrust.
     truth = [-ROTORS.torque_m * true_thrust_n(found, point) for point in reduced(found).points]
 
     assert all(abs(value - true) < 3 * std for (value, std), true in zip(torque, truth, strict=True))
@@ -190,7 +190,7 @@ def covered(seeds: range) -> float:
 
 
 def test_the_intervals_of_some_windows_cover() -> None:
-    assert 0.9 <= covered(range(1000, 1015)) <= 0.99  # 165 of them: 95 % and 2.6 deviations
+    assert 0.9 <= covered(range(1000, 1015)) <= 0.99  # of 165: 95 % with 2.6 standard deviations
 
 
 @pytest.mark.slow

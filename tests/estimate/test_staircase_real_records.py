@@ -1,6 +1,6 @@
 """Thrust-stand records that Bitcraze took of a Crazyflie 2.1 (IMRCLab/crazyflie-system-id): 100 Hz, grams.
 
-The stand tells its weight ten times a second, and a quarter of a second after the motors.
+The stand reports its weight ten times a second, a quarter of a second after the motors.
 """
 
 from pathlib import Path
@@ -40,7 +40,7 @@ def reduced(path: Path, *, logged: bool) -> tuple[pd.DataFrame, Staircase]:
 
 
 def thrust_ns2_per_rad2(table: pd.DataFrame, point: Point) -> float:
-    """Return thrust over the sum of squared speeds, those taken as much earlier as thrust follows late."""
+    """Return thrust over the sum of squared speeds, which are taken earlier by the delay of the thrust."""
     assert point.delay_s is not None
     rows = slice(*(round(RATE_HZ * (at_s - point.delay_s)) for at_s in (point.begin_s, point.end_s)))
     speed_rad_s = table.filter(regex="rpm").to_numpy(float)[rows] * 2 * np.pi / 60

@@ -1,4 +1,4 @@
-"""With which power of the voltage speeds go: shown by levels repeated at another voltage, else by a straight map."""
+"""The power of the voltage that speeds follow, from levels repeated at another voltage, or else from a straight map."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from cfid.estimate.voltage_power import voltage_power
 
 
 def found(power: float, *, emptier: float) -> tuple[float, float]:
-    """Return what four levels of a map that bends show, and the same again on a battery that is emptier."""
+    """Return the power and its std from four levels of a bent map, measured again on a battery that is emptier."""
     command = np.tile([0.2, 0.5, 0.8, 0.9], 2)
     without = 2900 * np.sqrt(command + 0.05)
     volts = 16 * (1 - emptier * np.repeat([0, 1], 4) - 0.06 * (without / 2900) ** 3)

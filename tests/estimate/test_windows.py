@@ -1,4 +1,4 @@
-"""From a thrust to its intervals, onsets and steady stretches."""
+"""From a thrust to its intervals, onsets and steady segments."""
 
 from collections.abc import Callable
 
@@ -20,13 +20,13 @@ STILL = [0, 0, 0, 0]
 
 
 def noise(seed: int = 1) -> Array:
-    """White noise as smoothing to 20 Hz leaves it, of deviation one."""
+    """Return white noise after smoothing to 20 Hz, with a standard deviation of one."""
     white = np.random.default_rng(seed).standard_normal(len(TIME_S) + 4)
     return np.convolve(white, np.ones(5) / np.sqrt(5), mode="valid")
 
 
 def response(begin_s: float, *, lag_s: float) -> Array:
-    """The thrust of rotors that start from standstill."""
+    """Return the thrust of rotors that start from standstill, as a share of its final value."""
     gone = -np.expm1(-np.maximum(TIME_S - begin_s, 0) / lag_s)
     return np.asarray(gone**2)
 
@@ -233,7 +233,7 @@ def test_a_reading_that_repeats_is_counted_once() -> None:
 
 
 def test_spikes_of_a_record_of_hours_are_those_of_the_whole() -> None:
-    """A million samples at 100 Hz and more are looked through in parts; spikes lie at their seams too."""
+    """A million samples at 100 Hz and more are searched in parts; some spikes lie at the seams between parts."""
     draw = np.random.default_rng(8)
     count, seam = 2_300_000, -(-(1 << 20) // 64) * 64
     value = draw.normal(0, 0.1, count)
