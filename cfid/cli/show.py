@@ -56,9 +56,9 @@ def _outcome(views: "Sequence[View]", faults: tuple[str, ...], *, draws: bool) -
     def drawings() -> "dict[str, Figure]":
         return {view.figure_name: view.draw() for view in views if view.drawn}
 
-    told = [*_verdict(views[0].path), *(note for view in views for note in view.notes)]
+    texts = [*_verdict(views[0].path), *(note for view in views for note in view.notes)]
     notes = [
-        one for one in told if not any(other.endswith(f": {one}") for other in told)
+        one for one in texts if not any(other.endswith(f": {one}") for other in texts)
     ]  # the run and a device may share a note
     return Result(
         command="show",

@@ -32,17 +32,17 @@ def flat(command: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(command)
     def called(**options: Any) -> None:
-        asked = {
+        given = {
             name: _stated(options[name])
             for name, one in options_that_count(called).items()
             if options.get(name, one.default) != one.default
         }
         if labels := [word for word in _words(called, options) if "=" in word]:
-            asked["labels"] = labels
+            given["labels"] = labels
         for name, bundle in bundles.items():
             if not isinstance(options.get(name), bundle):  # an option may share the name of its dataclass
                 own = {key: options.pop(key, default) for key, (_, default) in kinds[name].items()}
-                options[name] = bundle(**own, **({"asked": asked} if bundle is Delivery else {}))
+                options[name] = bundle(**own, **({"given": given} if bundle is Delivery else {}))
         command(**options)
 
     del called.__wrapped__

@@ -242,7 +242,7 @@ class CutOptions:
 class Delivery:
     """How a result is printed, drawn and kept.
 
-    `asked` contains the options of the command that differ from their defaults; `flat` fills it in. `take`, if given,
+    `given` contains the options of the command that differ from their defaults; `flat` fills it in. `take`, if given,
     receives the result, which is then neither printed, drawn nor kept.
     """
 
@@ -258,7 +258,7 @@ class Delivery:
         Path | None,
         typer.Option(help="Folder for the figures; default: beside the run.", rich_help_panel=_OUTPUT),
     ] = None
-    asked: Mapping[str, Any] = field(default_factory=dict)
+    given: Mapping[str, Any] = field(default_factory=dict)
     take: Callable[[Any], None] | None = None
 
 

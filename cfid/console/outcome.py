@@ -43,7 +43,7 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
         drawn, undrawn = (), error
     kept = result.accepted or delivery.force
     if campaign is not None and given.quantities and kept and undrawn is None:
-        campaign.keep(result, figures=drawn, force=delivery.force, options=delivery.asked)
+        campaign.keep(result, figures=drawn, force=delivery.force, options=delivery.given)
     if delivery.json:
         echo(_as_json(given, accepted=result.accepted))
     else:

@@ -89,8 +89,8 @@ def again(kept: Fit, runs: Sequence[Path], *, campaign: Path, options: Mapping[s
     argument = next(iter(inspect.signature(command).parameters))
     labelled = _with_labels(runs, options.get(LABELS, ()))
     words: Any = labelled[0] if argument == "run" else labelled
-    asked = {name: value for name, value in options.items() if name not in ("force", LABELS)}
-    command(**{argument: words}, campaign=campaign, delivery=Delivery(take=taken.append), **asked)
+    given = {name: value for name, value in options.items() if name not in ("force", LABELS)}
+    command(**{argument: words}, campaign=campaign, delivery=Delivery(take=taken.append), **given)
     return taken[0]
 
 

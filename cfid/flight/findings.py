@@ -169,7 +169,7 @@ def _delay_findings(found: FlightFit, concerned: Sequence[str]) -> list[Finding]
 def _moment_findings(found: FlightFit, body: Body, flown: FlownLog) -> list[Finding]:
     """Judge moments by the torques' effect about each axis; `flown` is the first flight."""
     result = _wrong_ways(found, props_out=flown.flight.props_out)
-    asked = " Is the gyro in rad/s?" if BY_NAMES in flown.log.assumed else ""
+    question = " Is the gyro in rad/s?" if BY_NAMES in flown.log.assumed else ""
     within, lost_s = "", flown.in_air_s - flown.driven_s
     if lost_s > LOOSE * flown.in_air_s:
         within = f", so that no motor reaches idle or full command ({lost_s:.0f} s at and after these are left out)"
@@ -212,7 +212,7 @@ def _moment_findings(found: FlightFit, body: Body, flown: FlownLog) -> list[Find
                 f"rotors' torques moved the rate about {axis} by {motion.moved:.2g} rad/s^2 rms, explain "
                 f"{100 * max(motion.explained, 0):.0f} % of its changes, and leave its moment open by "
                 f"{100 * motion.unclear:.2g} % for 20 s (at least {LEAST_TURN_RAD_PER_S2:g} rad/s^2, or "
-                f"{100 * EXPLAINED:.0f} % and at most {100 * CLEAR:g} %): {_MANOEUVRES[axis]}{within}.{asked}"
+                f"{100 * EXPLAINED:.0f} % and at most {100 * CLEAR:g} %): {_MANOEUVRES[axis]}{within}.{question}"
             )
             result.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
         elif found.feedback[place] > _FED_BACK:

@@ -203,8 +203,8 @@ def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: La
     for series in log.series:
         # Only its name shows what a PX4 topic of one vector holds, so the device keeps that name.
         flown = series is main and any(map(is_flown, series.names)) and "xyz[0]" not in series.names
-        kept, said = _add(series, VEHICLE_LOG if flown else _word(series.name), records, blocks)
-        notes += said
+        kept, remarks = _add(series, VEHICLE_LOG if flown else _word(series.name), records, blocks)
+        notes += remarks
         motors = next((motors for motors in _COMMAND_NAMES if set(motors) <= set(kept)), None)
         if series is main and motors is not None:
             commands = changes(series, motors)

@@ -238,8 +238,8 @@ def _tachometer_of(resume: ResumeOptions, campaign: "Campaign") -> Tachometer:
 
     if resume.word is None:
         return "typed"
-    asked = read_run(interrupted(resume.word, campaign, kind="speed")).header.requested.get("tachometer")
-    return next((one for one in get_args(Tachometer) if one == asked), "typed")
+    stated = read_run(interrupted(resume.word, campaign, kind="speed")).header.requested.get("tachometer")
+    return next((one for one in get_args(Tachometer) if one == stated), "typed")
 
 
 def _scales_of(resume: ResumeOptions, campaign: "Campaign") -> Mapping[str, Any]:

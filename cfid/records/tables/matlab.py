@@ -196,8 +196,8 @@ def _damage_named(path: Path) -> Iterator[None]:
     except (ConfigError, DataError):
         raise
     except Exception as fault:  # a damaged file may make these libraries raise anything
-        said = (str(fault).splitlines() or [type(fault).__name__])[0].rstrip(".")
-        raise DataError(f"{path}: not readable as a MATLAB file: it is damaged ({said}). Save it again.") from None
+        reason = (str(fault).splitlines() or [type(fault).__name__])[0].rstrip(".")
+        raise DataError(f"{path}: not readable as a MATLAB file: it is damaged ({reason}). Save it again.") from None
 
 
 def _read(path: Path) -> dict[str, Tree]:

@@ -102,11 +102,11 @@ def pauses(table: CsvTable, time_s: Array) -> tuple[str, ...]:
         return ()
     row, longest_s = max(found, key=lambda each: each[1])
     longest = f"{longest_s:.3g}" if longest_s < 1000 else f"{longest_s:.0f}"
-    asked = " Was the clock set?" if longest_s > (time_s[-1] - time_s[0]) / 2 else ""
+    question = " Was the clock set?" if longest_s > (time_s[-1] - time_s[0]) / 2 else ""
     return (
         f"{counted(len(found), 'gap')} without rows, the longest of {longest} s after line "
         f"{table.line_of_row(int(row))} "
-        f"({time_s[row] - time_s[0]:.4g} s); rows are usually {1e3 * usual_s:.3g} ms apart.{asked}",
+        f"({time_s[row] - time_s[0]:.4g} s); rows are usually {1e3 * usual_s:.3g} ms apart.{question}",
     )
 
 

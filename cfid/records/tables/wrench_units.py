@@ -37,10 +37,10 @@ def units_of(table: CsvTable, columns: Mapping[str, str], given: Units | None) -
         word = _stated(table, axis, name)
         factors[place] = 1.0 if word is None else si_factor(word, _UNITS[axis[0]]) or 1.0
         named = None if word is None else unit_word(word) or (own if factors[place] == 1.0 else word)
-        asked = own if given == "n,nm" else given
-        if asked and named and asked != named:
-            raise ConfigError(f"{table.path}: column '{name}' is in {named}, but `units` is {asked}.")
-        found.add("counts" if (named or asked or _COUNTS) == _COUNTS else "n,nm")
+        wanted = own if given == "n,nm" else given
+        if wanted and named and wanted != named:
+            raise ConfigError(f"{table.path}: column '{name}' is in {named}, but `units` is {wanted}.")
+        found.add("counts" if (named or wanted or _COUNTS) == _COUNTS else "n,nm")
         stated |= named is not None
     if len(found) > 1:
         raise DataError(f"{table.path}: its header has some axes in counts and some not: give `units`.")
