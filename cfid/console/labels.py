@@ -25,7 +25,7 @@ def _checked(note: str | None) -> str | None:
 Note = Annotated[
     str | None,
     typer.Option(
-        help="A note, kept with the run; key=value enters the lab book.", callback=_checked, rich_help_panel=LABEL
+        help="Note to keep with the run; key=value is a lab book entry.", callback=_checked, rich_help_panel=LABEL
     ),
 ]
 
@@ -35,14 +35,17 @@ class LabelOptions:
     """The label that the operator gives the run."""
 
     axis: Annotated[
-        str | None, typer.Option(metavar="MOUNT", help="Mount of a swing, as in rig.toml.", rich_help_panel=LABEL)
+        str | None, typer.Option(metavar="MOUNT", help="Mount of a swing, as named in rig.toml.", rich_help_panel=LABEL)
     ] = None
     weight: Annotated[
-        str | None, typer.Option(metavar="GRAMS[:STD]", help="A dropping weight.", rich_help_panel=LABEL)
+        str | None,
+        typer.Option(
+            metavar="GRAMS[:STD]", help="Mass of the dropped or hanging weight, in grams.", rich_help_panel=LABEL
+        ),
     ] = None
     body: Annotated[
         Literal["crazyflie", "testbody", "fixture"] | None,
-        typer.Option(help="What swings; default with --axis: crazyflie.", rich_help_panel=LABEL),
+        typer.Option(help="Body that swings; default with --axis: crazyflie.", rich_help_panel=LABEL),
     ] = None
     note: Note = None
 
@@ -77,12 +80,14 @@ class LoadOptions:
 
     pull: Annotated[
         Literal["x", "-x", "y", "-y", "z", "-z"] | None,
-        typer.Option(help="Axis of the cell along which gravity points, to calibrate it.", rich_help_panel=LABEL),
+        typer.Option(help="Load-cell axis along which gravity points, for its calibration.", rich_help_panel=LABEL),
     ] = None
     at_mm: Annotated[
         str | None,
         typer.Option(
-            metavar="X,Y,Z[:STD]", help="Where the weight hangs, from the cell's origin.", rich_help_panel=LABEL
+            metavar="X,Y,Z[:STD]",
+            help="Position of the weight, in mm from the load cell's origin.",
+            rich_help_panel=LABEL,
         ),
     ] = None
 

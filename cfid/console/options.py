@@ -23,7 +23,7 @@ MassKg = Annotated[
     str | None,
     typer.Option(
         metavar="KG[:STD]",
-        help="Mass of the swinging body; without a standard uncertainty, rig.toml's.",
+        help="Mass of the swinging body; default, for the mass and for STD: rig.toml's.",
         rich_help_panel=_RIG,
     ),
 ]
@@ -31,15 +31,15 @@ GravityMps2 = Annotated[
     str | None,
     typer.Option(
         metavar="MPS2[:STD]",
-        help="Local gravity; without a standard uncertainty, rig.toml's.",
+        help="Local gravity; default, for the value and for STD: rig.toml's.",
         rich_help_panel=_RIG,
     ),
 ]
 YawDeg = Annotated[
     float | None,
     typer.Option(
-        help="How far left of the vehicle's nose the load cell's x axis lies, seen from above; default: the run's, "
-        "else rig.toml's.",
+        help="Angle from the vehicle's nose to the load cell's x axis, in degrees, positive to the left, seen "
+        "from above; default: the run's, else rig.toml's.",
         rich_help_panel="What was measured",
     ),
 ]
@@ -47,7 +47,7 @@ Markers = Annotated[
     int | None,
     typer.Option(
         min=1,
-        help="Reflective markers that a tachometer counts in a turn; default: the run's, else rig.toml's.",
+        help="Reflective markers that the tachometer counts per turn; default: the run's, else rig.toml's.",
         rich_help_panel="What was measured",
     ),
 ]
@@ -55,7 +55,7 @@ FlipFz = Annotated[
     bool | None,
     typer.Option(
         "--flip-fz/--no-flip-fz",
-        help="Fz counts downwards: change its sign; default: the run's, else rig.toml's.",
+        help="Reverse the sign of Fz, which the load cell counts downwards; default: the run's, else rig.toml's.",
         rich_help_panel="What was measured",
     ),
 ]
@@ -70,7 +70,7 @@ EscUs = Annotated[
 LogClock = Annotated[
     Literal["true", "84/85"] | None,
     typer.Option(
-        help="Rate of the times of a Crazyflie's uSD-card log, or of a table made of one; default: as its rows show.",
+        help="Clock rate of a Crazyflie's uSD-card log, or of a table made from one; default: inferred from its rows.",
         rich_help_panel=_FILE,
     ),
 ]
@@ -89,29 +89,31 @@ class ReadingOptions:
 
     time_unit: Annotated[
         Literal["s", "ms", "us"] | None,
-        typer.Option(help="Unit of the time column; default: its name's suffix, else s.", rich_help_panel=_FILE),
+        typer.Option(help="Unit of the time column; default: the suffix of its name, else s.", rich_help_panel=_FILE),
     ] = None
     angle_unit: Annotated[
         Literal["counts", "rad", "deg"] | None,
         typer.Option(
-            help="Unit of the angle; default: its name's suffix, whole numbers are counts.",
+            help="Unit of the angle column; default: the suffix of its name; whole numbers are counts.",
             rich_help_panel=_FILE,
         ),
     ] = None
     counts_per_turn: Annotated[
         str | None,
-        typer.Option(metavar="N|rls-13bit-in-22", help="What one turn of the encoder is.", rich_help_panel=_FILE),
+        typer.Option(metavar="N|rls-13bit-in-22", help="Encoder counts per turn.", rich_help_panel=_FILE),
     ] = None
     rate_hz: Annotated[
-        float | None, typer.Option(help="Sampling rate of a file without times.", rich_help_panel=_FILE)
+        float | None, typer.Option(help="Sampling rate in Hz of a file without times.", rich_help_panel=_FILE)
     ] = None
-    skip_lines: Annotated[int, typer.Option(min=0, help="Lines to leave out at the top.", rich_help_panel=_FILE)] = 0
+    skip_lines: Annotated[
+        int, typer.Option(min=0, help="Lines to skip at the top of the file.", rich_help_panel=_FILE)
+    ] = 0
     columns: Annotated[
         str | None,
         typer.Option(
             metavar="NAME,NAME,...",
-            help="Names or numbers of the columns: time and angle, or time, Fx, Fy, Fz, Tx, Ty and Tz; of a thrust "
-            "stand NAME=COLUMN, as in thrust_n=3, or COLUMN=WORD for the rows that have it.",
+            help="Names or numbers of the columns: time and angle, or time, Fx, Fy, Fz, Tx, Ty and Tz; for a thrust "
+            "stand NAME=COLUMN, such as thrust_n=3, or COLUMN=WORD to select the rows with that word.",
             rich_help_panel=_FILE,
         ),
     ] = None
@@ -172,7 +174,8 @@ class LoadCellOptions:
     units: Annotated[
         Literal["counts", "n,nm"] | None,
         typer.Option(
-            help="Units of forces and torques; default: their names' suffix, else counts.", rich_help_panel=_FILE
+            help="Units of forces and torques; default: the suffixes of the column names, else counts.",
+            rich_help_panel=_FILE,
         ),
     ] = None
 
@@ -203,7 +206,7 @@ class RigOptions:
     campaign: Annotated[
         Path | None,
         typer.Option(
-            help="Campaign folder; default: this one or its nearest parent with a rig.toml.",
+            help="Campaign folder; default: the current folder or its nearest parent with a rig.toml.",
             rich_help_panel=_RIG,
         ),
     ] = None
@@ -218,10 +221,11 @@ class WindowOptions:
 
     peaks: Annotated[
         str | None,
-        typer.Option(metavar="N|AXIS=N,...", help="Number of peaks to use; the release is the first."),
+        typer.Option(metavar="N|AXIS=N,...", help="Number of peaks to use, counting the release as the first."),
     ] = None
     min_angle_deg: Annotated[
-        float | None, typer.Option(min=1, max=90, help="Use peaks down to this angle (the thesis' rule: 10).")
+        float | None,
+        typer.Option(min=1, max=90, help="Use peaks down to this angle, in degrees (the thesis' rule: 10)."),
     ] = None
 
 
@@ -231,10 +235,11 @@ class CutOptions:
 
     from_s: Annotated[
         float | None,
-        typer.Option("--from", metavar="S", min=0, help="Start of the window, since the first sample."),
+        typer.Option("--from", metavar="S", min=0, help="Start of the window, in seconds after the first sample."),
     ] = None
     to_s: Annotated[
-        float | None, typer.Option("--to", metavar="S", min=0, help="End of the window, since the first sample.")
+        float | None,
+        typer.Option("--to", metavar="S", min=0, help="End of the window, in seconds after the first sample."),
     ] = None
 
 
@@ -249,14 +254,14 @@ class Delivery:
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.", rich_help_panel=_OUTPUT)] = False
     force: Annotated[
         bool,
-        typer.Option("--force", help="Give rejected quantities too; overwrite files.", rich_help_panel=_OUTPUT),
+        typer.Option("--force", help="Report rejected quantities too; overwrite files.", rich_help_panel=_OUTPUT),
     ] = False
     figures: Annotated[
-        bool, typer.Option(help="Draw figures (with --json only if --out is given).", rich_help_panel=_OUTPUT)
+        bool, typer.Option(help="Draw figures (with --json, only if --out is given).", rich_help_panel=_OUTPUT)
     ] = True
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder for the figures; default: beside the run.", rich_help_panel=_OUTPUT),
+        typer.Option(help="Folder for the figures; default: next to the run.", rich_help_panel=_OUTPUT),
     ] = None
     given: Mapping[str, Any] = field(default_factory=dict)
     take: Callable[[Any], None] | None = None

@@ -34,18 +34,20 @@ Rig = tuple["Campaign", "Devices", bool]  # a campaign, its devices, and whether
 Found = Callable[["Run"], tuple[Mapping[str, Any], Sequence[str]]]  # parameters as in --json, and lines to print
 
 
-DryRun = Annotated[bool, typer.Option("--dry-run", help="Print what would be done and how long it takes.")]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Print what would be done and how long it would take.")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class KeepOptions:
     """Where a run is kept, and how its end is reported."""
 
-    campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None
+    campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")] = (
+        None
+    )
     quiet: Annotated[
-        bool, typer.Option("--quiet", help="No bell at the end and at questions.", rich_help_panel=OUTPUT)
+        bool, typer.Option("--quiet", help="Do not ring the bell at questions and at the end.", rich_help_panel=OUTPUT)
     ] = False
-    plot: Annotated[bool, typer.Option("--plot", help="Write the figure too.", rich_help_panel=OUTPUT)] = False
+    plot: Annotated[bool, typer.Option("--plot", help="Write the run's figure too.", rich_help_panel=OUTPUT)] = False
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.", rich_help_panel=OUTPUT)] = False
 
 
@@ -54,10 +56,10 @@ class ResumeOptions:
     """`--resume`, with or without a RUN: the interrupted run to complete."""
 
     resume: Annotated[
-        bool, typer.Option("--resume", help="Record what an interrupted run lacks: RUN, else the last one.")
+        bool, typer.Option("--resume", help="Record the missing part of an interrupted run: RUN, else the last one.")
     ] = False
     run: Annotated[
-        Path | None, typer.Argument(metavar="RUN", help="After --resume: the run's name or folder, or last.")
+        Path | None, typer.Argument(metavar="RUN", help="Run to resume, after --resume: its name or folder, or last.")
     ] = None
 
     @property

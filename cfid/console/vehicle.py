@@ -21,7 +21,7 @@ VEHICLE = "Vehicle"
 Motor = Annotated[
     list[str] | None,
     typer.Option(
-        "--motor", metavar="1,3", help="Motors to use, with commas; can be repeated.", rich_help_panel=VEHICLE
+        "--motor", metavar="1,3", help="Motors to use, separated by commas; can be repeated.", rich_help_panel=VEHICLE
     ),
 ]
 
@@ -46,12 +46,12 @@ class LinkOptions:
 
     uri: Annotated[
         str | None,
-        typer.Option(help="Address of the vehicle; default: rig.toml's, else looked for.", rich_help_panel=VEHICLE),
+        typer.Option(help="Address of the vehicle; default: rig.toml's, else search for it.", rich_help_panel=VEHICLE),
     ] = None
 
 
 Unasked = Annotated[
-    bool, typer.Option("--yes", hidden=True, help="Without effect, as no motor is started; version 0.1 took it.")
+    bool, typer.Option("--yes", hidden=True, help="No effect, since no motor starts; version 0.1 accepted it.")
 ]
 
 
@@ -60,7 +60,10 @@ class VehicleOptions(LinkOptions):
     """The vehicle's address, and the confirmation that it is fastened."""
 
     yes: Annotated[
-        bool, typer.Option("--yes", help="The vehicle is fastened: do not ask.", rich_help_panel=VEHICLE)
+        bool,
+        typer.Option(
+            "--yes", help="Confirm that the vehicle is fastened, without being asked.", rich_help_panel=VEHICLE
+        ),
     ] = False
 
 
@@ -72,7 +75,7 @@ class ExperimentOptions(VehicleOptions):
         bool,
         typer.Option(
             "--no-preflight",
-            help="Do not look at a second of signals, motors off, before.",
+            help="Skip the check of one second of signals, with motors off, before the start.",
             rich_help_panel=VEHICLE,
         ),
     ] = False
