@@ -35,10 +35,10 @@ def encoder(
     label: LabelOptions,
     lasting: Lasting,
     keep: KeepOptions,
-    port: Annotated[str | None, typer.Option(help="Serial port; default: rig.toml's, else looked for.")] = None,
+    port: Annotated[str | None, typer.Option(help="Serial port; default: rig.toml's, else search for it.")] = None,
     rate_hz: Annotated[float | None, typer.Option(help="Polls per second; default: rig.toml's.")] = None,
     continuous: Annotated[
-        bool, typer.Option("--continuous", help="Let the interface send by itself instead of polling it.")
+        bool, typer.Option("--continuous", help="Let the interface stream instead of polling it.")
     ] = False,
 ) -> None:
     """Record the encoder until Ctrl-C.
@@ -93,7 +93,9 @@ def gyro(
     vehicle: LinkOptions,
     log_ms: Annotated[
         int | None,
-        typer.Option(min=1, max=10, help="Milliseconds between rows; default: 1, by radio the fastest that arrives."),
+        typer.Option(
+            min=1, max=10, help="Milliseconds between rows; default: 1, or by radio the fewest that the link sustains."
+        ),
     ] = None,
     keep: KeepOptions,
 ) -> None:
@@ -144,12 +146,14 @@ def loadcell(
     load: LoadOptions,
     lasting: Lasting,
     keep: KeepOptions,
-    address: Annotated[str | None, typer.Option(help="Address of the box; default: rig.toml's.")] = None,
-    rate_hz: Annotated[int | None, typer.Option(min=1, help="Samples per second, 7000/n; default: rig.toml's.")] = None,
+    address: Annotated[str | None, typer.Option(help="Address of the load cell's box; default: rig.toml's.")] = None,
+    rate_hz: Annotated[
+        int | None, typer.Option(min=1, help="Samples per second, 7000 divided by a whole number; default: rig.toml's.")
+    ] = None,
     real_time: Annotated[
-        bool, typer.Option("--real-time", help="One sample a datagram: less delay, more work.")
+        bool, typer.Option("--real-time", help="Receive one sample per datagram: less delay, more processing.")
     ] = False,
-    bias: Annotated[bool, typer.Option("--bias", help="Let the box take the present load as zero first.")] = False,
+    bias: Annotated[bool, typer.Option("--bias", help="Zero the load cell at the present load first.")] = False,
 ) -> None:
     """Record the load cell until Ctrl-C.
 

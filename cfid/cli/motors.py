@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from cfid.rig.log import Procedure
     from cfid.rig.ready_vehicle import ReadyVehicle
 
-CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")]
+CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")]
 
 
 @flat
@@ -51,7 +51,8 @@ def console(*, context: typer.Context, vehicle: VehicleOptions, campaign: Campai
 def set_motors(
     *,
     command: Annotated[
-        int, typer.Argument(metavar="COMMAND", min=0, max=FULL_COMMAND, help=f"From 0 to {FULL_COMMAND}.")
+        int,
+        typer.Argument(metavar="COMMAND", min=0, max=FULL_COMMAND, help=f"Motor command, from 0 to {FULL_COMMAND}."),
     ],
     motor: Motor = None,
     for_s: Annotated[
@@ -60,7 +61,7 @@ def set_motors(
     vehicle: VehicleOptions,
     campaign: CampaignFolder = None,
 ) -> None:
-    """Run motors at a command until the time is over or Ctrl-C, then stop them and confirm it.
+    """Run motors at a command until the time is up or Ctrl-C, then stop them and confirm the stop.
 
     Example: [bold]cfid motors set 30000 --motor 1,3 --for 10[/bold]
     """
@@ -79,7 +80,7 @@ def set_motors(
 
 @flat
 def stop(*, vehicle: LinkOptions, yes: Unasked = False, campaign: CampaignFolder = None) -> None:
-    """Stop all motors and confirm it. Another cfid that drives them is requested to end, without waiting for it.
+    """Stop all motors and confirm the stop. Another cfid that drives them is asked to end, without waiting for it.
 
     Example: [bold]cfid motors stop[/bold]
     """

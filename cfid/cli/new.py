@@ -10,7 +10,7 @@ from cfid.console.messages import echo
 
 
 def new_campaign(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to make; it may exist and be empty.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to make; it may exist if it is empty.")],
 ) -> None:
     """Make a campaign folder with a commented rig.toml.
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 BY_HAND = "set"  # the section of parameters.toml for values measured by hand
 
-CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")]
+CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")]
 
 _MOST = "motor.max_thrust_n"
 _CUBIC = "motor.thrust_voltage_poly"  # lowest power first; the firmware's own polynomial may be stored by hand
@@ -32,7 +32,8 @@ _IN_RIG = {
 
 def list_parameters(
     names: Annotated[
-        list[str] | None, typer.Argument(metavar="NAME ...", help="Only those whose names contain one of these.")
+        list[str] | None,
+        typer.Argument(metavar="NAME ...", help="List only parameters whose names contain one of these."),
     ] = None,
     campaign: CampaignFolder = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
@@ -73,17 +74,21 @@ def _named(sections: "Mapping[str, Section]", names: Sequence[str]) -> "dict[str
 
 
 def set_by_hand(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="With its unit at the end, like mass_kg or arm_m.")],
+    name: Annotated[
+        str,
+        typer.Argument(metavar="NAME", help="Name of the parameter, with its unit at the end, like mass_kg or arm_m."),
+    ],
     value: Annotated[
-        str, typer.Argument(metavar="VALUE", help="A number; motor.thrust_voltage_poly takes four, with commas.")
+        str,
+        typer.Argument(metavar="VALUE", help="A number; motor.thrust_voltage_poly takes four, separated by commas."),
     ],
     *,
-    std: Annotated[float | None, typer.Option(min=0, help="Standard uncertainty.")] = None,
-    unit: Annotated[str, typer.Option(help="Where the name does not end with it.")] = "",
+    std: Annotated[float | None, typer.Option(min=0, help="Standard uncertainty of the value.")] = None,
+    unit: Annotated[str, typer.Option(help="Unit of the value, if the name does not end with it.")] = "",
     force: Annotated[bool, typer.Option("--force", help="Store an implausible value anyway.")] = False,
     campaign: CampaignFolder = None,
 ) -> None:
-    """Store a value measured by hand. Values that rig.toml states, such as the mass, are changed there.
+    """Store a value measured by hand. Values that belong in rig.toml, such as the mass, are changed there.
 
     A thrust over motor voltage is stored only if the firmware can invert it.
 

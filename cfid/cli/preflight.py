@@ -33,19 +33,29 @@ _UNBALANCED, _WORSE = 1.2, 2.0  # limits of the line's amplitude over the thrust
 @flat
 def preflight(
     *,
-    experiment: Annotated[Experiment, typer.Argument(metavar="EXPERIMENT", help="What is to be recorded.")] = "thrust",
-    for_s: Annotated[float, typer.Option("--for", metavar="S", help="Seconds of signals.")] = 10.0,
+    experiment: Annotated[
+        Experiment, typer.Argument(metavar="EXPERIMENT", help="Experiment to check the rig for.")
+    ] = "thrust",
+    for_s: Annotated[float, typer.Option("--for", metavar="S", help="Seconds of signals to check.")] = 10.0,
     balance: Annotated[
-        bool, typer.Option("--balance/--no-balance", help="Ask to turn each motor slowly, for its propeller's balance.")
+        bool,
+        typer.Option(
+            "--balance/--no-balance", help="Offer to turn each motor slowly, to check its propeller's balance."
+        ),
     ] = True,
     vehicle: VehicleOptions,
-    campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="No bell when the signals were seen.")] = False,
+    campaign: Annotated[
+        Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")
+    ] = None,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", help="Do not ring the bell after the check of the signals.")
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Look at seconds of the real signals before an experiment: value, limit, and what to do. Changes no run.
+    """Check a few seconds of real signals before an experiment: value, limit, and what to do. Changes no runs.
 
-    The plan is that of the `cfid log` command without options. Motors turn only for the balance, once you confirm it.
+    The check assumes the plan of the `cfid log` command without options. Motors turn only for the balance, after you
+    confirm it.
 
     Example: [bold]cfid rig preflight thrust[/bold]
     """

@@ -26,12 +26,15 @@ _ANSWERS_AT = 35  # the column in which answers of `cfid rig check` begin
 
 
 def check(
-    campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
+    campaign: Annotated[
+        Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Identify every device, and report faults and remedies. Changes no setting.
+    """Identify every device, and report faults and remedies. Changes no settings.
 
-    A load cell's box streams to one client only: this takes the stream for a moment, except from a cfid log.
+    A load cell's box streams to only one client: the check takes over the stream for a moment, unless a `cfid log`
+    holds it.
 
     Example: [bold]cfid rig check[/bold]
     """
@@ -103,20 +106,26 @@ class SimOptions:
     truth: Annotated[Path | None, typer.Option(help="TOML file with the true parameters.")] = None
     platform: Annotated[
         Literal["cf2", "cf21bl"] | None,
-        typer.Option(help="The vehicle: a Crazyflie 2.x, or a 2.1 Brushless; default: the truth file's, or cf2."),
+        typer.Option(help="Vehicle: a Crazyflie 2.x or a 2.1 Brushless; default: the truth file's, else cf2."),
     ] = None
     seed: Annotated[int, typer.Option(min=0, help="Seed of the rig's parameters and noise.")] = 1
     axis: Annotated[str | None, typer.Option(metavar="MOUNT", help="Mount on which the vehicle swings.")] = None
-    weight: Annotated[float | None, typer.Option(metavar="GRAMS", help="Drop this weight instead of a swing.")] = None
+    weight: Annotated[
+        float | None, typer.Option(metavar="GRAMS", help="Drop this weight instead of swinging the vehicle.")
+    ] = None
     spin: Annotated[
         str,
-        typer.Option(metavar="M1,M2,M3,M4", help="Commands of the motors on the load cell until they are commanded."),
+        typer.Option(metavar="M1,M2,M3,M4", help="Motor commands on the load cell until a program sends others."),
     ] = "0,0,0,0"
     fault: Annotated[
-        list[str] | None, typer.Option(metavar="DEVICE.FAULT=VALUE", help="A fault, as loadcell.drop_every=100.")
+        list[str] | None,
+        typer.Option(
+            metavar="DEVICE.FAULT=VALUE", help="Fault to simulate, such as loadcell.drop_every=100; can be repeated."
+        ),
     ] = None
     trace: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Append a line at each change of the vehicle's motors.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Append a line to this file at each change of the motor commands."),
     ] = None
 
 
@@ -126,10 +135,12 @@ def sim(
     for_s: Annotated[
         float | None, typer.Option("--for", metavar="S", help="Seconds to serve; default: until Ctrl-C.")
     ] = None,
-    campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
+    campaign: Annotated[
+        Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")
+    ] = None,
     options: SimOptions,
 ) -> None:
-    """Serve a simulated encoder, load cell and Crazyflie on real wires; cfid's commands use them while this runs.
+    """Serve a simulated encoder, load cell and Crazyflie on real interfaces; cfid's commands use them while this runs.
 
     Example: [bold]cfid rig sim --axis x --spin 28000,0,28000,0[/bold]
     """

@@ -20,20 +20,24 @@ if TYPE_CHECKING:
 
 _LONGEST_REASON = 60  # characters in the table; `cfid show` prints the whole verdict
 
-CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")]
+CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")]
 RunWord = Annotated[str, typer.Argument(metavar="RUN", help="A run's name or folder, a glob, or last.")]
 
 
 def show_runs(
     context: typer.Context,
-    only: Annotated[str, typer.Option(metavar="TEXT", help="Runs whose name, state or note contains this.")] = "",
-    newest: Annotated[int | None, typer.Option(min=1, metavar="N", help="The last N of them.")] = None,
+    only: Annotated[
+        str, typer.Option(metavar="TEXT", help="List only runs whose name, state or note contains this.")
+    ] = "",
+    newest: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="List only the last N of the matching runs.")
+    ] = None,
     campaign: CampaignFolder = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """List the campaign's runs: what, when, state, rows, losses.
 
-    [bold]cfid show RUN[/bold] has a verdict in full.
+    [bold]cfid show RUN[/bold] prints a verdict in full.
 
     Example: [bold]cfid runs --only swing --newest 5[/bold]
     """
@@ -47,10 +51,10 @@ def show_runs(
 
 def exclude(
     run: RunWord,
-    because: Annotated[str, typer.Option(metavar="TEXT", help="Why.")] = "by the operator",
+    because: Annotated[str, typer.Option(metavar="TEXT", help="Reason for the exclusion.")] = "by the operator",
     campaign: CampaignFolder = None,
 ) -> None:
-    """Exclude runs from the fits that select their runs themselves. Nothing is deleted.
+    """Exclude runs from fits that select their runs automatically. Nothing is deleted.
 
     Example: [bold]cfid runs exclude 2026-11-21_083012_swing_x --because "the cable touched"[/bold]
     """
@@ -71,10 +75,10 @@ def note(
     text: Annotated[str, typer.Argument(metavar="TEXT", help="The note; an empty text removes all notes.")],
     campaign: CampaignFolder = None,
 ) -> None:
-    """Add a note to runs, after those that they have.
+    """Add a note to runs, after their existing notes.
 
-    A note key=value is an entry of the lab book, over that of rig.toml: operator, battery, propellers, temperature_c
-    or a key of your own; one like a known key is refused.
+    A note of the form key=value is a lab book entry, which overrides that of rig.toml: operator, battery, propellers,
+    temperature_c or a key of your own; a key that resembles a known one is refused.
 
     Example: [bold]cfid runs note last battery=B4[/bold]
     """

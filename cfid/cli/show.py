@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 def show_run(
     *,
     run: Annotated[
-        str, typer.Argument(metavar="RUN", help="A run folder, a run's name, or a file of another program.")
+        str, typer.Argument(metavar="RUN", help="A run folder, a run's name, or a file from another program.")
     ],
     rig: RigOptions,
     reading: ReadingOptions,
@@ -33,7 +33,7 @@ def show_run(
     esc_us: EscUs = None,
     clock: LogClock = None,
     delivery: Delivery,
-    terminal: Annotated[bool, typer.Option("--terminal", help="Draw in the terminal instead of a file.")] = False,
+    terminal: Annotated[bool, typer.Option("--terminal", help="Draw in the terminal instead of in a file.")] = False,
 ) -> None:
     """Plot a run, device by device: angle and speed, forces and their spectrum, commands, battery, crossings, pings.
 

@@ -48,7 +48,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "set": (
         "cfid.cli.parameters:set_by_hand",
-        "Store a value measured by hand. Values that rig.toml states, such as the mass, are changed there.",
+        "Store a value measured by hand. Values that belong in rig.toml, such as the mass, are changed there.",
     ),
     "upgrade": (
         "cfid.cli.upgrade:upgrade_campaign",
@@ -70,24 +70,25 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     "runs": ("cfid.cli.runs:show_runs", "List the campaign's runs: what, when, state, rows, losses."),
     "runs exclude": (
         "cfid.cli.runs:exclude",
-        "Exclude runs from the fits that select their runs themselves. Nothing is deleted.",
+        "Exclude runs from fits that select their runs automatically. Nothing is deleted.",
     ),
     "runs include": ("cfid.cli.runs:include", "Include excluded runs again."),
-    "runs note": ("cfid.cli.runs:note", "Add a note to runs, after those that they have."),
+    "runs note": ("cfid.cli.runs:note", "Add a note to runs, after their existing notes."),
     "rig": (None, "Check the rig's devices, or simulate them."),
     "rig check": (
         "cfid.cli.rig:check",
-        "Identify every device, and report faults and remedies. Changes no setting.",
+        "Identify every device, and report faults and remedies. Changes no settings.",
     ),
     "rig preflight": (
         "cfid.cli.preflight:preflight",
-        "Look at seconds of the real signals before an experiment: value, limit, and what to do. Changes no run.",
+        "Check a few seconds of real signals before an experiment: value, limit, and what to do. Changes no runs.",
     ),
     "rig sim": (
         "cfid.cli.rig:sim",
-        "Serve a simulated encoder, load cell and Crazyflie on real wires; cfid's commands use them while this runs.",
+        "Serve a simulated encoder, load cell and Crazyflie on real interfaces; cfid's commands use them while "
+        "this runs.",
     ),
-    "log": (None, "Record from the rig."),
+    "log": (None, "Record data from the rig."),
     "log encoder": ("cfid.cli.log:encoder", "Record the encoder until Ctrl-C."),
     "log gyro": (
         "cfid.cli.log:gyro",
@@ -124,13 +125,13 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "motors set": (
         "cfid.cli.motors:set_motors",
-        "Run motors at a command until the time is over or Ctrl-C, then stop them and confirm it.",
+        "Run motors at a command until the time is up or Ctrl-C, then stop them and confirm the stop.",
     ),
     "motors stop": (
         "cfid.cli.motors:stop",
-        "Stop all motors and confirm it. Another cfid that drives them is requested to end, without waiting for it.",
+        "Stop all motors and confirm the stop. Another cfid that drives them is asked to end, without waiting for it.",
     ),
-    "fit": (None, "Find parameters from recordings."),
+    "fit": (None, "Estimate parameters from recordings."),
     "fit swing": (
         "cfid.swing.command:swing",
         "Fit one swing by the nonlinear equation of a pendulum, with the damping that the data support.",
@@ -180,7 +181,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
         "cfid.transfer.command:identify",
         "Identify thrust over command: gain, time constant and delay, from sines of many frequencies (section 3.4).",
     ),
-    "tf": (None, "Find and check the transfer function of motor and rotor."),
+    "tf": (None, "Identify and check the transfer function of motor and rotor."),
     "tf identify": (
         "cfid.transfer.command:identify",
         "Identify thrust over command: gain, time constant and delay, from sines of many frequencies (section 3.4).",

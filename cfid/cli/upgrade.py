@@ -10,7 +10,9 @@ from cfid.console.messages import echo
 
 
 def upgrade_campaign(
-    folder: Annotated[Path | None, typer.Argument(metavar="[DIR]", help="The campaign; default: here.")] = None,
+    folder: Annotated[
+        Path | None, typer.Argument(metavar="[DIR]", help="Campaign folder; default: the current folder or a parent.")
+    ] = None,
 ) -> None:
     """Rewrite a campaign's parameters.toml and fits in this version's formats; the old files stay in before-upgrade.
 

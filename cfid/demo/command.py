@@ -19,14 +19,18 @@ def demo(
         Path | None, typer.Option(help="TOML file with the true parameters, as for `cfid rig sim`.")
     ] = None,
     wire: Annotated[
-        bool, typer.Option("--wire", help="In real time over the devices' own wires: a shorter list, two minutes.")
+        bool,
+        typer.Option(
+            "--wire", help="Record in real time over the devices' own interfaces: fewer experiments, two minutes."
+        ),
     ] = False,
     figures: Annotated[bool, typer.Option(help="Draw figures.")] = True,
 ) -> None:
     """Make a campaign on the simulated rig, fit and report it, and compare the estimates with the true values.
 
-    It has every experiment of the thesis: swings, weights, test body, staircase, tachometer, sines, pings, wind. Where
-    the thesis has dozens of settings the demo has some, and the load cell samples at 1 kHz (the steps at 7 kHz).
+    The demo has every experiment of the thesis: swings, weights, test body, staircase, tachometer, sines, pings, wind.
+    Where the thesis has dozens of settings, the demo has a few, and the load cell samples at 1 kHz (7 kHz for the
+    steps).
 
     Example: [bold]cfid demo my-demo --seed 7[/bold]
     """
