@@ -134,7 +134,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     "fit": (None, "Estimate parameters from recordings."),
     "fit swing": (
         "cfid.swing.command:swing",
-        "Fit one swing by the nonlinear equation of a pendulum, with the damping that the data support.",
+        "Fit the nonlinear equation of a pendulum to one swing, with the damping that the data support.",
     ),
     "fit friction": (
         "cfid.friction.command:friction",
@@ -146,7 +146,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "fit testbody": (
         "cfid.inertia.command:testbody",
-        "Compare the test body's measured inertias with those of its drawing (table 2.5).",
+        "Compare the test body's measured inertias with those calculated from its drawing (table 2.5).",
     ),
     "fit loadcell": (
         "cfid.loadcell.command:loadcell",

@@ -27,7 +27,7 @@ def friction(
         list[str] | None,
         typer.Argument(
             metavar="GRAMS[:STD]=FILE|RUN ...",
-            help="Dropped weights; a run has its own label. Default: the campaign's complete drops.",
+            help="Dropped weights; a run states its own in its label; default: the campaign's complete drops.",
         ),
     ] = None,
     cut: CutOptions,
@@ -35,14 +35,18 @@ def friction(
     reading: ReadingOptions,
     delivery: Delivery,
     radius_mm: Annotated[
-        str | None, typer.Option(metavar="MM[:STD]", help="Radius of the line's middle, half of it beyond the axis.")
+        str | None,
+        typer.Option(
+            metavar="MM[:STD]",
+            help="Radius to the middle of the line: that of the axis plus half the line's thickness.",
+        ),
     ] = None,
     gravity_mps2: GravityMps2 = None,
     method: Method = "default",
 ) -> None:
     """Fit the friction of the swing's axis to weights dropped on a line wound around it.
 
-    cfid finds the window of steady speed of each run; --from and --to set one window for all runs given.
+    cfid finds the window of steady speed in each run; --from and --to set one window for all runs given.
 
     Example: [bold]cfid fit friction 20=drop_20g.csv 30=drop_30g.csv 40=drop_40g.csv --radius-mm 2[/bold]
     """

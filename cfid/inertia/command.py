@@ -38,14 +38,16 @@ def inertia(
     reading: ReadingOptions,
     delivery: Delivery,
     propose: Annotated[bool, typer.Option("--propose", help="Propose axes and distances for the next swings.")] = False,
-    plan: Annotated[bool, typer.Option("--plan", hidden=True, help="--propose, as version 0.1 called it.")] = False,
+    plan: Annotated[
+        bool, typer.Option("--plan", hidden=True, help="Same as --propose, under its name in version 0.1.")
+    ] = False,
     mass_kg: MassKg = None,
     gravity_mps2: GravityMps2 = None,
     method: Method = "default",
 ) -> None:
     """Fit the inertia matrix about the centre of mass to six or more swings about any axes.
 
-    AXIS is a mount of rig.toml; fixture=FILE is a swing of the empty fixture, which is taken off;
+    AXIS is a mount in rig.toml; fixture=FILE is a swing of the empty fixture, whose effect is subtracted;
     x=3.12e-05:4e-08 is an axis inertia already known, with its standard uncertainty.
 
     Example: [bold]cfid fit inertia x=x.csv y=y.csv z=z.csv xy=xy.csv xz=xz.csv yz=yz.csv --time-unit us[/bold]
@@ -79,9 +81,9 @@ def testbody(
     gravity_mps2: GravityMps2 = None,
     method: Method = "default",
 ) -> None:
-    r"""Compare the test body's measured inertias with those of its drawing (table 2.5).
+    r"""Compare the test body's measured inertias with those calculated from its drawing (table 2.5).
 
-    AXIS is a mount of \[testbody.mounts]; cuboids and mass are \[testbody] of rig.toml.
+    AXIS is a mount in \[testbody.mounts]; cuboids and mass come from \[testbody] in rig.toml.
 
     Example: [bold]cfid fit testbody x=tb_x.csv z=tb_z.csv --time-unit us[/bold]
     """

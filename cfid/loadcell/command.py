@@ -23,10 +23,10 @@ def loadcell(
     *,
     runs: Annotated[
         list[str] | None,
-        typer.Argument(metavar="RUN ...", help="Runs with a load; default: the campaign's with --pull."),
+        typer.Argument(metavar="RUN ...", help="Runs with a known load; default: the campaign's runs with --pull."),
     ] = None,
     at_std_mm: Annotated[
-        float, typer.Option(help="Standard uncertainty of the places of weights that state none.")
+        float, typer.Option(help="Standard uncertainty in mm of the positions of weights, where a run states none.")
     ] = 0.2,
     store: Annotated[bool, typer.Option("--store", help="Write the calibration to rig.toml for later runs.")] = False,
     rig: RigOptions,

@@ -30,17 +30,19 @@ def swing(
     rig: RigOptions,
     reading: ReadingOptions,
     delivery: Delivery,
-    axis: Annotated[str | None, typer.Option(help="Mount it swung about; default: the run's label.")] = None,
+    axis: Annotated[
+        str | None, typer.Option(help="Mount about which the body swung; default: the run's label.")
+    ] = None,
     distance_m: Annotated[
-        str | None, typer.Option(metavar="M[:STD]", help="From the axis to the centre of mass.")
+        str | None, typer.Option(metavar="M[:STD]", help="Distance from the axis to the centre of mass.")
     ] = None,
     mass_kg: MassKg = None,
     gravity_mps2: GravityMps2 = None,
     method: Method = "default",
 ) -> None:
-    """Fit one swing by the nonlinear equation of a pendulum, with the damping that the data support.
+    """Fit the nonlinear equation of a pendulum to one swing, with the damping that the data support.
 
-    Without mass and distance (by hand, or a mount of rig.toml) it gives the natural frequency only.
+    Without mass and distance (from options, or from a mount in rig.toml), the fit gives only the natural frequency.
 
     Example: [bold]cfid fit swing x.csv --time-unit us --mass-kg 0.028 --distance-m 0.022855[/bold]
     """
