@@ -101,11 +101,11 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "log speed": (
         "cfid.motors.command:speed",
-        "Record rotor speeds while motors run a staircase; Ctrl-C stops them. Enter alone leaves a reading out.",
+        "Record rotor speeds while motors run a staircase; Ctrl-C stops them. Enter alone skips a reading.",
     ),
     "log scales": (
         "cfid.motors.command:scales",
-        "Record what scales show while motors run a staircase (figure 3.9); Ctrl-C stops them.",
+        "Record the readings of scales while motors run a staircase (figure 3.9); Ctrl-C stops the motors.",
     ),
     "log sine": (
         "cfid.transfer.sines.command:sine",
@@ -163,7 +163,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     "fit torque": ("cfid.motors.maps.command:torque", "Fit one motor's torque over its thrust."),
     "fit rotor": (
         "cfid.motors.vibration.command:rotor",
-        "Find rotor speeds in the load cell's vibration, in each steady window or between --from and --to.",
+        "Estimate rotor speeds from the load cell's vibration, in each steady window or between --from and --to.",
     ),
     "fit dynamics": (
         "cfid.motors.steps.command:dynamics",

@@ -41,22 +41,26 @@ class StaircaseOptions:
     to: Annotated[int, typer.Option(min=0, max=FULL_COMMAND, help="Last command.", rich_help_panel=_STAIRCASE)] = 64000
     step: Annotated[
         int | None,
-        typer.Option(min=1, help="Difference between commands; default: the thesis'.", rich_help_panel=_STAIRCASE),
+        typer.Option(min=1, help="Difference between commands; default: as in the thesis.", rich_help_panel=_STAIRCASE),
     ] = None
     down: Annotated[
         bool,
-        typer.Option("--down", help="Also go down again; separates the battery's sag.", rich_help_panel=_STAIRCASE),
+        typer.Option("--down", help="Also step down again, to separate the battery's sag.", rich_help_panel=_STAIRCASE),
     ] = False
     hold: Annotated[
         float | None, typer.Option(metavar="S", help="Seconds at each command.", rich_help_panel=_STAIRCASE)
     ] = None
     rest: Annotated[
         float | None,
-        typer.Option(metavar="S", help="Seconds of pause before, between, after.", rich_help_panel=_STAIRCASE),
+        typer.Option(
+            metavar="S", help="Seconds of pause before, between and after the commands.", rich_help_panel=_STAIRCASE
+        ),
     ] = None
     dry_run: Annotated[
         bool,
-        typer.Option("--dry-run", help="Print what would be done and how long it takes.", rich_help_panel=_STAIRCASE),
+        typer.Option(
+            "--dry-run", help="Print what would be done and how long it would take.", rich_help_panel=_STAIRCASE
+        ),
     ] = False
 
     def staircase(self, motors: tuple[int, ...], *, step: int, hold_s: float, rest_s: float) -> "StaircasePlan":
@@ -86,7 +90,9 @@ def thrust(
     resume: ResumeOptions,
     keep: KeepOptions,
     note: Note = None,
-    rate_hz: Annotated[int | None, typer.Option(min=1, help="Load cell's rate; default: rig.toml's.")] = None,
+    rate_hz: Annotated[
+        int | None, typer.Option(min=1, help="Load-cell samples per second; default: rig.toml's.")
+    ] = None,
 ) -> None:
     """Record load cell, commands and battery while the motors run a staircase; Ctrl-C stops them.
 
@@ -120,8 +126,8 @@ def speed(
     tachometer: Annotated[
         Tachometer | None,
         typer.Option(
-            help="Source of the speed: typed by you, a UT372, lines, the RPM deck, brushless motors; default: typed, "
-            "or that of the run to resume.",
+            help="Source of the speed: typed by you, a UT372, a device that sends lines, the RPM deck, or brushless "
+            "motors; default: typed, or that of the run to resume.",
             rich_help_panel=_INSTRUMENT,
         ),
     ] = None,
@@ -135,7 +141,7 @@ def speed(
     keep: KeepOptions,
     note: Note = None,
 ) -> None:
-    """Record rotor speeds while motors run a staircase; Ctrl-C stops them. Enter alone leaves a reading out.
+    """Record rotor speeds while motors run a staircase; Ctrl-C stops them. Enter alone skips a reading.
 
     Example: [bold]cfid log speed --motor 1[/bold]
     """
@@ -170,15 +176,17 @@ def scales(
     port: Annotated[
         str | None,
         typer.Option(
-            help="Serial port of the scales; default: that of the run to resume, rig.toml's that send lines, else you "
-            "type.",
+            help="Serial port of the scales; default: that of the run to resume, else scales in rig.toml that send "
+            "lines, else you type the readings.",
             rich_help_panel=_INSTRUMENT,
         ),
     ] = None,
     baud: Annotated[
         int | None,
         typer.Option(
-            min=1, help="Speed of that port; default: 9600, or that of the run to resume.", rich_help_panel=_INSTRUMENT
+            min=1,
+            help="Baud rate of the scales' port; default: 9600, or that of the run to resume.",
+            rich_help_panel=_INSTRUMENT,
         ),
     ] = None,
     motor: Motor = None,
@@ -188,7 +196,7 @@ def scales(
     keep: KeepOptions,
     note: Note = None,
 ) -> None:
-    """Record what scales show while motors run a staircase (figure 3.9); Ctrl-C stops them.
+    """Record the readings of scales while motors run a staircase (figure 3.9); Ctrl-C stops the motors.
 
     Example: [bold]cfid log scales --motor 1,3[/bold]
     """

@@ -36,7 +36,7 @@ Words = Annotated[
     list[str] | None,
     typer.Argument(
         metavar="FILE|COMMAND=FILE|RUN ...",
-        help="Thrust stands' CSV files, load-cell files by command, or runs; default: all complete ones.",
+        help="Thrust stands' CSV files, load-cell files by command, or runs; default: all complete runs.",
     ),
 ]
 
@@ -47,16 +47,18 @@ class StandOptions:
 
     table: Annotated[
         Path | None,
-        typer.Option(help="A table: cmd, thrust_n, ...; a thrust stand's CSV file.", rich_help_panel=_INPUT),
+        typer.Option(
+            help="Table with columns cmd, thrust_n, ..., or a thrust stand's CSV file.", rich_help_panel=_INPUT
+        ),
     ] = None
     motors: Annotated[
         int | None,
-        typer.Option(min=1, max=4, help="How many motors ran in files; runs state it.", rich_help_panel=_INPUT),
+        typer.Option(min=1, max=4, help="Number of motors that ran, for files; runs state it.", rich_help_panel=_INPUT),
     ] = None
     markers: Markers = None
     window: Annotated[
         str | None,
-        typer.Option(metavar="FROM,TO", help="Window of every file in seconds, by hand.", rich_help_panel=_INPUT),
+        typer.Option(metavar="FROM,TO", help="Time window to use in every file, in seconds.", rich_help_panel=_INPUT),
     ] = None
     flip_fz: FlipFz = None
     esc_us: EscUs = None
@@ -79,7 +81,10 @@ class MapOptions:
     """How a map is fitted."""
 
     order: Annotated[
-        str | None, typer.Option(metavar="N|auto", help="Order; default: the thesis'; auto: by corrected AIC.")
+        str | None,
+        typer.Option(
+            metavar="N|auto", help="Order of the polynomial; default: as in the thesis; auto: by corrected AIC."
+        ),
     ] = None
     robust: Annotated[bool, typer.Option(help="Reduce the weight of outliers.")] = True
 
@@ -102,7 +107,10 @@ def thrust(
     fit: MapOptions,
     verify: Annotated[
         list[Path] | None,
-        typer.Option(help="Scales: a table cmd,grams, or a run of cfid log scales (figure 3.9); can be repeated."),
+        typer.Option(
+            help="Readings of scales to compare with: a table cmd,grams, or a run of cfid log scales (figure 3.9); "
+            "can be repeated."
+        ),
     ] = None,
     rig: RigOptions,
     reading: ReadingOptions,
@@ -157,7 +165,7 @@ def speed(
 ) -> None:
     """Fit one rotor's speed over command; a tachometer's readings are divided by --markers.
 
-    Without one, the speed is estimated from the load cell's vibration.
+    Without a tachometer, the speed is estimated from the load cell's vibration.
 
     Example: [bold]cfid fit speed --table rpm.csv --markers 2[/bold]
     """

@@ -39,7 +39,7 @@ def dynamics(
     table: Annotated[Path | None, typer.Option(help="A thrust stand's CSV file with speeds over time.")] = None,
     esc_us: EscUs = None,
     clock: LogClock = None,
-    rotor: Annotated[int | None, typer.Option(min=1, max=4, help="The only rotor of a log to fit.")] = None,
+    rotor: Annotated[int | None, typer.Option(min=1, max=4, help="Fit only this rotor of a log.")] = None,
     cut: CutOptions,
     rig: RigOptions,
     reading: ReadingOptions,

@@ -22,11 +22,12 @@ class RotorOptions:
     """What vibrates."""
 
     rotors: Annotated[
-        int | None, typer.Option(min=1, max=4, help="Rotors that ran; runs state it.", rich_help_panel=_ROTOR)
+        int | None,
+        typer.Option(min=1, max=4, help="Number of rotors that ran, for files; runs state it.", rich_help_panel=_ROTOR),
     ] = None
-    blades: Annotated[int, typer.Option(min=1, max=6, help="Blades of a propeller.", rich_help_panel=_ROTOR)] = 2
+    blades: Annotated[int, typer.Option(min=1, max=6, help="Blades per propeller.", rich_help_panel=_ROTOR)] = 2
     mains_hz: Annotated[
-        float | None, typer.Option(help="Mains hum to ignore, 50 or 60 Hz.", rich_help_panel=_ROTOR)
+        float | None, typer.Option(help="Frequency of mains hum to ignore: 50 or 60 Hz.", rich_help_panel=_ROTOR)
     ] = None
     expect: Annotated[
         str | None,
@@ -53,7 +54,7 @@ class RotorOptions:
 @flat
 def rotor(
     *,
-    run: Annotated[str, typer.Argument(metavar="RUN|FILE", help="A run of the load cell, or its file.")],
+    run: Annotated[str, typer.Argument(metavar="RUN|FILE", help="A run with the load cell, or a load-cell file.")],
     options: RotorOptions,
     cut: CutOptions,
     rig: RigOptions,
@@ -61,7 +62,7 @@ def rotor(
     scale: LoadCellOptions,
     delivery: Delivery,
 ) -> None:
-    """Find rotor speeds in the load cell's vibration, in each steady window or between --from and --to.
+    """Estimate rotor speeds from the load cell's vibration, in each steady window or between --from and --to.
 
     Example: [bold]cfid fit rotor 2026-11-21_083012_thrust[/bold]
     """
