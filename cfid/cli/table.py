@@ -113,7 +113,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "log ping": (
         "cfid.latency.command:ping",
-        "Measure round trips to the vehicle: mean, standard deviation, least, histogram (table 3.2). No motor turns.",
+        "Measure round trips to the vehicle: mean, standard deviation, minimum, histogram (table 3.2). No motor turns.",
     ),
     "log wind": (
         "cfid.drag.wind.command:wind",
@@ -188,10 +188,11 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "tf verify": (
         "cfid.transfer.command:verify",
-        "Simulate the campaign's transfer function, or one by its numbers, against runs it was not identified from.",
+        "Simulate the campaign's transfer function, or one given by its coefficients, against runs left out of the "
+        "fit.",
     ),
     "tf latency": (
         "cfid.latency.command:latency",
-        "Report round trips of pings, and the vehicle's clock offset and skew where it stamped its answers.",
+        "Report round trips of pings, and the vehicle's clock offset and skew if it stamped its answers.",
     ),
 }

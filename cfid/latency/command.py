@@ -27,15 +27,15 @@ def latency(
     runs: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="RUN ...", help="Runs of cfid log ping, or files with rtt_s; default: all complete runs."
+            metavar="RUN ...", help="Runs of cfid log ping, or files with a column rtt_s; default: all complete runs."
         ),
     ] = None,
     rig: RigOptions,
     delivery: Delivery,
 ) -> None:
-    """Report round trips of pings, and the vehicle's clock offset and skew where it stamped its answers.
+    """Report round trips of pings, and the vehicle's clock offset and skew if it stamped its answers.
 
-    The round trips of several runs are taken together; the clock is that of the last run with stamps.
+    The round trips of several runs are pooled; clock offset and skew are those of the last run with stamps.
 
     Example: [bold]cfid tf latency 2026-11-21_083012_ping[/bold]
     """
@@ -49,15 +49,15 @@ def latency(
 @flat
 def ping(
     *,
-    count: Annotated[int, typer.Option(min=1, help="How many round trips.")] = 1000,
-    interval: Annotated[float, typer.Option(metavar="S", help="Seconds from one to the next.")] = 0.1,
+    count: Annotated[int, typer.Option(min=1, help="Number of round trips.")] = 1000,
+    interval: Annotated[float, typer.Option(metavar="S", help="Seconds from one ping to the next.")] = 0.1,
     vehicle: LinkOptions,
     yes: Unasked = False,
     keep: KeepOptions,
     dry_run: DryRun = False,
     note: Note = None,
 ) -> None:
-    """Measure round trips to the vehicle: mean, standard deviation, least, histogram (table 3.2). No motor turns.
+    """Measure round trips to the vehicle: mean, standard deviation, minimum, histogram (table 3.2). No motor turns.
 
     Example: [bold]cfid log ping --count 500 --note "just started up"[/bold]
     """

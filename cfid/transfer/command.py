@@ -28,7 +28,7 @@ _EXAMPLE = "1,-0.97"
 Words = Annotated[
     list[str] | None, typer.Argument(metavar="RUN ...", help="Runs of cfid log sine; default: all complete ones.")
 ]
-Compare = Annotated[Literal["eq3.15", "eq3.16"] | None, typer.Option(help="A result of the thesis to compare with.")]
+Compare = Annotated[Literal["eq3.15", "eq3.16"] | None, typer.Option(help="Result of the thesis to compare with.")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,29 +38,38 @@ class SineInputs:
     index: Annotated[
         Path | None,
         typer.Option(
-            help="CSV file, a row a run: l,n,amplitude,motor,loadcell,crossings[,series]; paths relative to it.",
+            help="CSV file with one row per run: l,n,amplitude,motor,loadcell,crossings[,series]; paths are relative "
+            "to the file.",
             rich_help_panel=_INPUT,
         ),
     ] = None
     channel: Annotated[
         Literal["arm", "Tx", "Ty", "Fz"],
-        typer.Option(help="Torque about the motor's own arm, about x or y, or the force.", rich_help_panel=_INPUT),
+        typer.Option(
+            help="Channel of the load cell: torque about the motor's own arm, torque about x or y, or the force.",
+            rich_help_panel=_INPUT,
+        ),
     ] = "arm"
     sign: Annotated[
         Literal["auto", "+", "-"],
-        typer.Option(help="Of thrust in that channel; auto: thrust is positive.", rich_help_panel=_INPUT),
+        typer.Option(
+            help="Sign of thrust in the channel; auto: chosen so that thrust is positive.", rich_help_panel=_INPUT
+        ),
     ] = "auto"
     arm_mm: Annotated[
         str | None,
         typer.Option(
             metavar="MM[:STD]",
-            help="From the load cell's z axis to the motor's; default: the run's, else rig.toml's.",
+            help="Distance from the load cell's z axis to the motor's; default: the run's, else rig.toml's.",
             rich_help_panel=_INPUT,
         ),
     ] = None
     yaw_deg: YawDeg = None
     offset: Annotated[
-        float, typer.Option(min=0, max=FULL_COMMAND, help="B of eq. 3.6, of files.", rich_help_panel=_INPUT)
+        float,
+        typer.Option(
+            min=0, max=FULL_COMMAND, help="B of eq. 3.6, the offset of the command, for files.", rich_help_panel=_INPUT
+        ),
     ] = 30000.0
 
     def read(
@@ -106,18 +115,19 @@ class FitOptions:
     shape: Annotated[
         Literal["first", "first+delay", "second", "zero", "auto"],
         typer.Option(
-            help="A lag, with delay, with a second lag, with a zero; auto: by corrected AIC.", rich_help_panel=_FIT
+            help="Model: a lag alone, with delay, with a second lag, or with a zero; auto: by corrected AIC.",
+            rich_help_panel=_FIT,
         ),
     ] = "first+delay"
     form: Annotated[
         Literal["hold", "thesis"],
-        typer.Option(help="hold: H(z) has a z^-1; thesis: it has none, as (3.15).", rich_help_panel=_FIT),
+        typer.Option(help="hold: H(z) has a factor z^-1; thesis: it has none, as in eq. 3.15.", rich_help_panel=_FIT),
     ] = "hold"
-    settle_s: Annotated[float, typer.Option(min=0, help="Of each run's beginning left out.", rich_help_panel=_FIT)] = (
-        1.0
-    )
+    settle_s: Annotated[
+        float, typer.Option(min=0, help="Seconds to leave out at the start of each run.", rich_help_panel=_FIT)
+    ] = 1.0
     cutoff_hz: Annotated[
-        float, typer.Option(min=0, help="Runs with faster sines are left out.", rich_help_panel=_FIT)
+        float, typer.Option(min=0, help="Leave out runs with sines above this frequency.", rich_help_panel=_FIT)
     ] = 12.5
 
 
@@ -127,23 +137,26 @@ class ThesisOptions:
 
     preset: Annotated[
         Literal["first", "second"] | None,
-        typer.Option(help="Settings of the thesis' first or second series; default: by N.", rich_help_panel=_THESIS),
+        typer.Option(
+            help="Settings of the thesis' first or second series; default: chosen by N.", rich_help_panel=_THESIS
+        ),
     ] = None
     settle_samples: Annotated[
-        int | None, typer.Option("--n-t", min=1, help="N_T, samples left out.", rich_help_panel=_THESIS)
+        int | None,
+        typer.Option(
+            "--n-t", min=1, help="N_T, the number of samples to leave out at the start.", rich_help_panel=_THESIS
+        ),
     ] = None
     weight_low: Annotated[
         float | None, typer.Option(min=0, help="Weight of slow sines; enters squared.", rich_help_panel=_THESIS)
     ] = None
-    weight_high: Annotated[float | None, typer.Option(min=0, help="Weight of the others.", rich_help_panel=_THESIS)] = (
-        None
-    )
+    weight_high: Annotated[
+        float | None, typer.Option(min=0, help="Weight of the other sines.", rich_help_panel=_THESIS)
+    ] = None
     low_up_to: Annotated[
-        int | None, typer.Option(min=0, help="The largest l of the slow ones.", rich_help_panel=_THESIS)
+        int | None, typer.Option(min=0, help="Largest l that counts as slow.", rich_help_panel=_THESIS)
     ] = None
-    count_up_to: Annotated[
-        int | None, typer.Option(min=1, help="The largest l that counts.", rich_help_panel=_THESIS)
-    ] = None
+    count_up_to: Annotated[int | None, typer.Option(min=1, help="Largest l to use.", rich_help_panel=_THESIS)] = None
     denominator: Annotated[int, typer.Option("--a", min=1, help="A of eq. 3.10.", rich_help_panel=_THESIS)] = 2
     numerator: Annotated[int, typer.Option("--b", min=1, help="B of eq. 3.10.", rich_help_panel=_THESIS)] = 1
 
@@ -162,15 +175,19 @@ class FunctionOptions:
 
     numerator: Annotated[
         str | None,
-        typer.Option(metavar="B0,B1,...", help="Coefficients of z^0, z^-1, ...", rich_help_panel=_FUNCTION),
+        typer.Option(metavar="B0,B1,...", help="Numerator coefficients of z^0, z^-1, ...", rich_help_panel=_FUNCTION),
     ] = None
     denominator: Annotated[
         str | None,
-        typer.Option(metavar="1,A1,...", help="The same, with the leading 1.", rich_help_panel=_FUNCTION),
+        typer.Option(
+            metavar="1,A1,...",
+            help="Denominator coefficients of z^0, z^-1, ..., with the leading 1.",
+            rich_help_panel=_FUNCTION,
+        ),
     ] = None
     delay_s: Annotated[
         float | None,
-        typer.Option(help="Of force after stamped command; may be negative.", rich_help_panel=_FUNCTION),
+        typer.Option(help="Delay of the force after the stamped command; may be negative.", rich_help_panel=_FUNCTION),
     ] = None
 
 
@@ -190,7 +207,7 @@ def identify(
 ) -> None:
     """Identify thrust over command: gain, time constant and delay, from sines of many frequencies (section 3.4).
 
-    H(z) is given in z^-1 with the denominator's leading 1. The delay counts from the stamps of the reports.
+    H(z) is given in z^-1 with the denominator's leading 1. The delay is relative to the timestamps of the reports.
 
     Example: [bold]cfid tf identify 2026-11-21_083012_sine_l1 2026-11-21_083030_sine_l2 ...[/bold]
     """
@@ -234,13 +251,13 @@ def verify(
     ] = None,
     inputs: SineInputs,
     function: FunctionOptions,
-    settle_s: Annotated[float, typer.Option(min=0, help="Of each run's beginning left out.")] = 1.0,
+    settle_s: Annotated[float, typer.Option(min=0, help="Seconds to leave out at the start of each run.")] = 1.0,
     rig: RigOptions,
     reading: ReadingOptions,
     scale: LoadCellOptions,
     delivery: Delivery,
 ) -> None:
-    """Simulate the campaign's transfer function, or one by its numbers, against runs it was not identified from.
+    """Simulate the campaign's transfer function, or one given by its coefficients, against runs left out of the fit.
 
     Example: [bold]cfid tf verify 2026-11-21_083012_sine_l12[/bold]
     """

@@ -48,33 +48,43 @@ class SineOptions:
             "--periods",
             "--l",
             metavar="L,L,...",
-            help="Periods within N samples, each a run; default: --plan.",
+            help="Periods within N samples, one run each; default: those of --plan.",
             rich_help_panel=_SINE,
         ),
     ] = None
     plan: Annotated[
         Literal["log", "thesis-first", "thesis-second"],
         typer.Option(
-            help="log: some twenty up to 12.5 Hz; thesis-...: table 3.1's series with its N, A and motor, of which "
-            "most l had to be reconstructed.",
+            help="log: about twenty sines up to 12.5 Hz; thesis-...: a series of table 3.1 with its N, A and motor "
+            "(most values of l are reconstructed).",
             rich_help_panel=_SINE,
         ),
     ] = _USUAL_PLAN
     n: Annotated[
         int | None,
         typer.Option(
-            "--samples", "--n", min=1, max=_LARGEST_N, help="Samples at 500 Hz; default: 4000.", rich_help_panel=_SINE
+            "--samples",
+            "--n",
+            min=1,
+            max=_LARGEST_N,
+            help="N, the number of samples at 500 Hz; default: 4000.",
+            rich_help_panel=_SINE,
         ),
     ] = None
     amplitude: Annotated[
         int | None,
-        typer.Option(min=1, max=FULL_COMMAND, help="A, in commands; default: 20000.", rich_help_panel=_SINE),
+        typer.Option(
+            min=1,
+            max=FULL_COMMAND,
+            help="A, the amplitude in units of the command; default: 20000.",
+            rich_help_panel=_SINE,
+        ),
     ] = None
     motor: Annotated[
         list[str] | None,
         typer.Option(
             metavar="1,3",
-            help="Motors, one after the other, with commas; 0 is all at once; default: 1.",
+            help="Motors to use one after the other, separated by commas; 0 is all at once; default: 1.",
             rich_help_panel=_SINE,
         ),
     ] = None
@@ -82,13 +92,15 @@ class SineOptions:
         str | None, typer.Option(help="Name of the series, kept with each run.", rich_help_panel=_SINE)
     ] = None
     before: Annotated[
-        float, typer.Option(metavar="S", help="Seconds of baseline before, for the bias.", rich_help_panel=_SINE)
+        float,
+        typer.Option(metavar="S", help="Seconds of baseline before each sine, for the bias.", rich_help_panel=_SINE),
     ] = 1.0
     force: Annotated[bool, typer.Option("--force", help="Allow an amplitude that clips.", rich_help_panel=_SINE)] = (
         False
     )
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Print what would be done and how long it takes.", rich_help_panel=_SINE)
+        bool,
+        typer.Option("--dry-run", help="Print what would be done and how long it would take.", rich_help_panel=_SINE),
     ] = False
 
     def chosen(self, resumed: "SineSweep | None" = None) -> "SineSweep":
@@ -174,11 +186,13 @@ def sine(
     log_ms: LogMs = 10,
     keep: KeepOptions,
     note: Note = None,
-    rate_hz: Annotated[int | None, typer.Option(min=1, help="Load cell's rate; default: rig.toml's.")] = None,
+    rate_hz: Annotated[
+        int | None, typer.Option(min=1, help="Load-cell samples per second; default: rig.toml's.")
+    ] = None,
 ) -> None:
     """Play sines on board, one after the other, and record load cell and crossings; Ctrl-C stops the motors.
 
-    The time that it takes is printed before the first motor turns.
+    The duration is printed before the first motor turns.
 
     Example: [bold]cfid log sine --periods 1,2,4,8,16,32 --samples 4000 --amplitude 20000 --motor 1[/bold]
     """
