@@ -117,7 +117,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "log wind": (
         "cfid.drag.wind.command:wind",
-        "Record load cell, commands and battery in one wind, command after command; Ctrl-C stops the motors.",
+        "Record load cell, commands and battery in one wind setting, command by command; Ctrl-C stops the motors.",
     ),
     "motors": (
         "cfid.cli.motors:console",
@@ -175,7 +175,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "fit drag": (
         "cfid.drag.command:drag",
-        "Fit the simple, the cross-coupling and the complex model of drag, and choose the one the data support.",
+        "Fit the simple, cross-coupling and complex drag models, and choose the one that the data support.",
     ),
     "fit tf": (
         "cfid.transfer.command:identify",

@@ -38,8 +38,9 @@ class WindInputs:
     index: Annotated[
         Path | None,
         typer.Option(
-            help="CSV file, a row a run: command, angle_deg, wind_min_mps, wind_max_mps, tach_rpm, loadcell; may have "
-            "azimuth_deg, from_s, to_s. Paths are relative to it; wind 0 makes references.",
+            help="CSV file with one row per run: command, angle_deg, wind_min_mps, wind_max_mps, tach_rpm, loadcell; "
+            "optionally azimuth_deg, from_s, to_s; paths are relative to the file; rows with wind 0 are "
+            "references.",
             rich_help_panel=_INPUT,
         ),
     ] = None
@@ -54,7 +55,8 @@ class WindInputs:
     azimuth_deg: Annotated[
         float | None,
         typer.Option(
-            help="Of the wind generator, right of the nose, where a run does not state its own; default: rig.toml's.",
+            help="Azimuth of the wind generator, to the right of the nose, for runs that do not state it; default: "
+            "rig.toml's.",
             rich_help_panel=_INPUT,
         ),
     ] = None
@@ -71,20 +73,25 @@ class ModelOptions:
     grouping: Annotated[
         Literal["each", "lateral", "command", "wind", "angle"] | None,
         typer.Option(
-            help="Simple coefficients, as C.3.1 groups them: of each run and axis, x and y together, all winds of a "
-            "command, all commands of a wind, all of an angle.",
+            help="Runs that share simple coefficients, as in C.3.1: each run and axis alone, x and y together, all "
+            "winds of a command, all commands of a wind, all runs of an angle.",
             rich_help_panel=_MODELS,
         ),
     ] = None
     mended: Annotated[
         bool,
-        typer.Option("--mended", help="Cross-coupling loses lift both ways: kappa_4 |v_xy|.", rich_help_panel=_MODELS),
+        typer.Option(
+            "--mended", help="Let cross-coupling lose lift in both directions: kappa_4 |v_xy|.", rich_help_panel=_MODELS
+        ),
     ] = False
     intercepts: Annotated[
-        bool, typer.Option("--intercepts", help="A constant force in each wind: tare drift.", rich_help_panel=_MODELS)
+        bool,
+        typer.Option(
+            "--intercepts", help="Fit a constant force in each wind, for tare drift.", rich_help_panel=_MODELS
+        ),
     ] = False
     parasitic: Annotated[
-        bool, typer.Option("--parasitic", help="Drag of the body too, k |v| v.", rich_help_panel=_MODELS)
+        bool, typer.Option("--parasitic", help="Fit the drag of the body too: k |v| v.", rich_help_panel=_MODELS)
     ] = False
 
 
@@ -100,7 +107,7 @@ def drag(
     delivery: Delivery,
     method: Method = "default",
 ) -> None:
-    """Fit the simple, the cross-coupling and the complex model of drag, and choose the one the data support.
+    """Fit the simple, cross-coupling and complex drag models, and choose the one that the data support.
 
     Example: [bold]cfid fit drag --index wind.csv --azimuth-deg 28.46 --yaw-deg 45[/bold]
     """

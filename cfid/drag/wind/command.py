@@ -30,7 +30,7 @@ _WIND, _COMMANDS = "Wind", "Commands"
 _MOST_FAN_V = 1000.0
 _THESIS_COMMANDS = "0,10000,20000,30000,37300,40000,50000"
 
-AzimuthRad = Annotated[float | None, typer.Option(hidden=True, help="The azimuth in radians, as version 0.1 had it.")]
+AzimuthRad = Annotated[float | None, typer.Option(hidden=True, help="Azimuth in radians, as in version 0.1.")]
 
 
 def azimuth(in_deg: float | None, in_rad: float | None) -> float | None:
@@ -49,18 +49,24 @@ class WindOptions:
     wind: Annotated[
         str | None,
         typer.Option(
-            metavar="MIN,MAX", help="Lowest and highest wind in m/s; 0 makes references.", rich_help_panel=_WIND
+            metavar="MIN,MAX", help="Lowest and highest wind speed, in m/s; 0 for references.", rich_help_panel=_WIND
         ),
     ] = None
     angle: Annotated[
-        float | None, typer.Option(metavar="DEG", help="Of the generator to the vertical.", rich_help_panel=_WIND)
+        float | None,
+        typer.Option(
+            metavar="DEG", help="Angle of the wind generator to the vertical, in degrees.", rich_help_panel=_WIND
+        ),
     ] = None
     fan_voltage: Annotated[
-        float | None, typer.Option(metavar="V", help="At the generator's fan.", rich_help_panel=_WIND)
+        float | None, typer.Option(metavar="V", help="Voltage at the wind generator's fan.", rich_help_panel=_WIND)
     ] = None
     azimuth_deg: Annotated[
         float | None,
-        typer.Option(help="Of the generator, right of the vehicle's nose; default: rig.toml's.", rich_help_panel=_WIND),
+        typer.Option(
+            help="Azimuth of the wind generator, to the right of the vehicle's nose; default: rig.toml's.",
+            rich_help_panel=_WIND,
+        ),
     ] = None
     azimuth_rad: AzimuthRad = None
 
@@ -94,22 +100,28 @@ class SweepOptions:
     """The commands, the duration of each, and whether a tachometer is read."""
 
     commands: Annotated[
-        str, typer.Option(metavar="C,C,...", help="Of all four motors, in turn.", rich_help_panel=_COMMANDS)
+        str,
+        typer.Option(
+            metavar="C,C,...", help="Commands to all four motors, one after the other.", rich_help_panel=_COMMANDS
+        ),
     ] = _THESIS_COMMANDS
     hold: Annotated[float, typer.Option(metavar="S", help="Seconds at each command.", rich_help_panel=_COMMANDS)] = 10.0
     rest: Annotated[
-        float, typer.Option(metavar="S", help="Seconds of pause before, between, after.", rich_help_panel=_COMMANDS)
+        float,
+        typer.Option(
+            metavar="S", help="Seconds of pause before, between and after the commands.", rich_help_panel=_COMMANDS
+        ),
     ] = 3.0
     tachometer: Annotated[
         Literal["typed", "none"] | None,
         typer.Option(
-            help="You type what it shows; none: the fit estimates the speed from vibration; default: typed, or that "
-            "of the run to resume.",
+            help="typed: you type the tachometer's readings; none: the fit estimates the speed from vibration; "
+            "default: typed, or that of the run to resume.",
             rich_help_panel=_COMMANDS,
         ),
     ] = None
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Print what would be done, how long it takes, and what is missing.")
+        bool, typer.Option("--dry-run", help="Print what would be done, how long it would take, and what is missing.")
     ] = False
 
     def staircase(self) -> "StaircasePlan":
@@ -138,11 +150,13 @@ def wind(
     resume: ResumeOptions,
     keep: KeepOptions,
     note: Note = None,
-    rate_hz: Annotated[int | None, typer.Option(min=1, help="Load cell's rate; default: rig.toml's.")] = None,
+    rate_hz: Annotated[
+        int | None, typer.Option(min=1, help="Load-cell samples per second; default: rig.toml's.")
+    ] = None,
 ) -> None:
-    """Record load cell, commands and battery in one wind, command after command; Ctrl-C stops the motors.
+    """Record load cell, commands and battery in one wind setting, command by command; Ctrl-C stops the motors.
 
-    The wind blows before the start: what it does to the body alone is the load cell's tare.
+    Start the wind first, so that the load cell's tare contains the wind's force on the body alone.
 
     Example: [bold]cfid log wind --angle 48.4 --fan-voltage 8 --wind 2.0,3.7[/bold]
     """
