@@ -24,11 +24,11 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "import": (
         "cfid.interchange.command:import_file",
-        "Make a run of a recording that another program made. The file stays as it is, and no run is changed.",
+        "Make a run from another program's recording. The file stays as it is, and no existing run is changed.",
     ),
     "convert": (
         "cfid.interchange.command:convert",
-        "Write a recording in another format: every row and column, in the units of whoever recorded it.",
+        "Write a recording in another format: every row and column, in its original units.",
     ),
     "validate": (
         "cfid.validation.command:validate",
@@ -171,7 +171,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "fit flight": (
         "cfid.flight.command:flight",
-        "Fit thrust, lag, moments of inertia and drag to logs of flights, as far as these excite them.",
+        "Fit thrust, lag, moments of inertia and drag to flight logs, as far as the flights excite them.",
     ),
     "fit drag": (
         "cfid.drag.command:drag",

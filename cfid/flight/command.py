@@ -31,7 +31,7 @@ def flight(
         str | None,
         typer.Option(
             metavar="MM[:STD]",
-            help="Centre to a motor's axis, of four on a square; default: rig.toml's.",
+            help="Distance from the centre to each motor's axis, for four motors on a square; default: rig.toml's.",
             rich_help_panel=_BODY,
         ),
     ] = None,
@@ -39,7 +39,7 @@ def flight(
         str | None,
         typer.Option(
             metavar="M[:STD]",
-            help="A rotor's torque over its thrust; default: the campaign's motor.torque_poly.",
+            help="Ratio of a rotor's torque to its thrust; default: the campaign's motor.torque_poly.",
             rich_help_panel=_BODY,
         ),
     ] = None,
@@ -47,7 +47,7 @@ def flight(
         bool,
         typer.Option(
             "--props-out",
-            help="Rotors turn the other way than a Crazyflie's: the front right one clockwise, seen from above.",
+            help="Rotors turn opposite to a Crazyflie's: the front right one clockwise, seen from above.",
             rich_help_panel=_BODY,
         ),
     ] = False,
@@ -57,7 +57,7 @@ def flight(
     reading: ReadingOptions,
     delivery: Delivery,
 ) -> None:
-    """Fit thrust, lag, moments of inertia and drag to logs of flights, as far as these excite them.
+    """Fit thrust, lag, moments of inertia and drag to flight logs, as far as the flights excite them.
 
     Example: [bold]cfid fit flight log10.usd log15.usd --mass-kg 0.027:0.0005 --arm-mm 46:0.3[/bold]
     """

@@ -18,7 +18,7 @@ from cfid.errors import ConfigError
 @flat
 def import_file(
     *,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A log, or a table with times, of another program.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A log, or a table with times, from another program.")],
     label: LabelOptions,
     load: LoadOptions,
     reading: ReadingOptions,
@@ -26,14 +26,16 @@ def import_file(
     clock: LogClock = None,
     kind: Annotated[
         Literal["angle", "wrench", "flight", "stand"] | None,
-        typer.Option(help="What it is; default: as its columns show."),
+        typer.Option(help="Kind of recording; default: inferred from its columns."),
     ] = None,
-    campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
+    campaign: Annotated[
+        Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")
+    ] = None,
 ) -> None:
-    """Make a run of a recording that another program made. The file stays as it is, and no run is changed.
+    """Make a run from another program's recording. The file stays as it is, and no existing run is changed.
 
-    A log of a vehicle with --axis is a swing that its gyro recorded. Forces with --pull and --weight are a known load,
-    for `cfid fit loadcell`.
+    With --axis, a vehicle's log is a swing that its gyro recorded. With --pull and --weight, forces are those of a
+    known load, for `cfid fit loadcell`.
 
     Example: [bold]cfid import LOG00.BIN[/bold]
     """
@@ -71,16 +73,21 @@ def import_file(
 @flat
 def convert(
     *,
-    run: Annotated[str, typer.Argument(metavar="RUN|FILE", help="A run, or a log or table of another program.")],
+    run: Annotated[str, typer.Argument(metavar="RUN|FILE", help="A run, or a log or table from another program.")],
     to: Annotated[Literal["csv", "parquet", "mat", "mcap"], typer.Option(help="The format to write.")],
     out: Annotated[
-        Path | None, typer.Option(help="File, or folder of files, to make; default: named after the recording, here.")
+        Path | None,
+        typer.Option(
+            help="File, or folder of files, to write; default: named after the recording, in the current folder."
+        ),
     ] = None,
     reading: ReadingOptions,
     clock: LogClock = None,
-    campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
+    campaign: Annotated[
+        Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")
+    ] = None,
 ) -> None:
-    """Write a recording in another format: every row and column, in the units of whoever recorded it.
+    """Write a recording in another format: every row and column, in its original units.
 
     Example: [bold]cfid convert last --to parquet[/bold]
     """

@@ -24,14 +24,15 @@ def validate(
         typer.Option(
             "--with",
             metavar="FILE|NAME",
-            help="A campaign's folder, a file of parameters, or published: thesis, gym-pybullet-drones, firmware.",
+            help="Parameter set to compare: a campaign folder, a parameter file, or a published set (thesis, "
+            "gym-pybullet-drones, firmware).",
         ),
     ] = None,
     props_out: Annotated[
         bool,
         typer.Option(
             "--props-out",
-            help="Rotors turn the other way than a Crazyflie's: the front right one clockwise, seen from above.",
+            help="Rotors turn opposite to a Crazyflie's: the front right one clockwise, seen from above.",
         ),
     ] = False,
     clock: LogClock = None,
