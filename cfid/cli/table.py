@@ -16,11 +16,11 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "watch": (
         "cfid.watch.command:watch",
-        "Show a run in the browser while it is recorded, with a button that stops all motors; Ctrl-C ends the page.",
+        "Show a run in the browser while it is recorded, with a button that stops all motors; Ctrl-C ends the command.",
     ),
     "report": (
         "cfid.report.command:report",
-        "Write a campaign's results to one file: main numbers, sheet, and every experiment with its figures.",
+        "Write a campaign's results to one file: main numbers, parameter sheet, and every experiment with its figures.",
     ),
     "import": (
         "cfid.interchange.command:import_file",
@@ -36,11 +36,11 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "status": (
         "cfid.guide.command:status",
-        "Show what a campaign found, how sure that is against what it is for, what is missing, and what comes next.",
+        "Show a campaign's results, their uncertainties against its aims, what is missing, and the next step.",
     ),
     "next": (
         "cfid.guide.command:next_step",
-        "Do what comes next in a campaign: record a run, fit, or report; prints what to do at the rig before.",
+        "Do the next step of a campaign: record a run, fit, or report; first print what to do at the rig.",
     ),
     "parameters": (
         "cfid.cli.parameters:list_parameters",
@@ -65,7 +65,8 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "export": (
         "cfid.export.command:export",
-        "Export the measured parameters to a file for firmware or a simulator, in its frame and units, with origins.",
+        "Export the measured parameters to a file for firmware or a simulator, in its frame and units, with their "
+        "origins.",
     ),
     "runs": ("cfid.cli.runs:show_runs", "List the campaign's runs: what, when, state, rows, losses."),
     "runs exclude": (

@@ -29,24 +29,31 @@ def export(
     *,
     out: Annotated[
         str | None,
-        typer.Option(metavar="FILE|-", help="File to write; - is stdout. Default: in the campaign's folder exports."),
+        typer.Option(
+            metavar="FILE|-", help="File to write; - is stdout; default: a file in the campaign's exports folder."
+        ),
     ] = None,
     count: Annotated[
-        int | None, typer.Option("--samples", "--n", min=1, help="Number of vehicles (samples). Default: 1000.")
+        int | None,
+        typer.Option("--samples", "--n", min=1, help="Number of vehicles to draw, with samples; default: 1000."),
     ] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the random numbers (samples). Default: 1.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Seed of the random numbers, with samples; default: 1.")
+    ] = None,
     force: Annotated[
         bool,
         typer.Option(
             "--force",
-            help="Overwrite a file; export rejected, outdated or implausible quantities, marked so. A firmware header "
-            "whose thrust over voltage would stop the motors is refused even so.",
+            help="Overwrite a file; export rejected, outdated or implausible quantities, marked as such, but never a "
+            "firmware header whose thrust over voltage would stop the motors.",
         ),
     ] = False,
-    campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object (list).")] = False,
+    campaign: Annotated[
+        Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the list as one JSON object.")] = False,
 ) -> None:
-    """Export the measured parameters to a file for firmware or a simulator, in its frame and units, with origins.
+    """Export the measured parameters to a file for firmware or a simulator, in its frame and units, with their origins.
 
     A quantity that was not measured is left out or marked, never guessed; a target that needs it is refused. Rejected,
     outdated or implausible quantities are refused too, unless --force is given; the file then marks them.

@@ -19,18 +19,21 @@ _FOLDERS_FOR_A_PROCESS = 16  # reading fewer folders takes less time than starti
 _MOST_NAMES = 3
 
 Index = Annotated[
-    str | None, typer.Option(metavar="FILE", help="A list of campaigns, one a line, relative to it; # for comments.")
+    str | None,
+    typer.Option(metavar="FILE", help="File with one campaign per line, relative to the file; # starts a comment."),
 ]
-Jobs = Annotated[int, typer.Option(min=0, help="Number of processes; 0 is one for each processor.")]
-Scheduler = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Of a Dask cluster that sees the folders.")]
+Jobs = Annotated[int, typer.Option(min=0, help="Number of processes; 0 means one per processor.")]
+Scheduler = Annotated[
+    str | None, typer.Option(metavar="ADDRESS", help="Address of a Dask cluster that can read the folders.")
+]
 
 
 def fleet(
     folders: Annotated[list[str] | None, typer.Argument(metavar="DIR ...", help="Campaign folders, or globs.")] = None,
     *,
     index: Index = None,
-    only: Annotated[str, typer.Option(metavar="TEXT", help="Only parameters whose names contain this.")] = "",
-    details: Annotated[bool, typer.Option("--details", help="Every campaign's value of every number.")] = False,
+    only: Annotated[str, typer.Option(metavar="TEXT", help="Compare only parameters whose names contain this.")] = "",
+    details: Annotated[bool, typer.Option("--details", help="Show every campaign's value of every parameter.")] = False,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the table to a new .csv, .parquet or .html file.")
     ] = None,
@@ -40,7 +43,7 @@ def fleet(
 ) -> None:
     """Compare the results of several campaigns: mean, scatter, expected scatter, outliers and drift of each number.
 
-    `cfid fleet fit` refits campaigns; a campaign folder named fit is ./fit.
+    `cfid fleet fit` refits campaigns; write ./fit for a campaign folder named fit.
 
     Example: [bold]cfid fleet vehicle-1 vehicle-2 vehicle-3 --only inertia.matrix[/bold]
     """

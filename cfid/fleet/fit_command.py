@@ -29,18 +29,18 @@ _NEEDED = ("cfid.fleet.refit", "scipy.optimize", "scipy.signal")
 
 def fleet_fit(
     places: Annotated[
-        list[str] | None, typer.Argument(metavar="DIR ...", help="Campaign folders, globs, or addresses of fsspec.")
+        list[str] | None, typer.Argument(metavar="DIR ...", help="Campaign folders, globs, or fsspec addresses.")
     ] = None,
     *,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results: a new one, or one to go on with.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results: a new one, or one to continue.")],
     index: Index = None,
     method: Annotated[
         Literal["default", "thesis"] | None,
-        typer.Option(help="Of all fits that have both; default: as they were made."),
+        typer.Option(help="Method of all fits that have both; default: the method of each original fit."),
     ] = None,
     changed: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="NAME=VALUE", help="An option of the fits that have it; can be repeated."),
+        typer.Option("--set", metavar="NAME=VALUE", help="Change an option of the fits that have it; can be repeated."),
     ] = None,
     jobs: Jobs = 0,
     scheduler: Scheduler = None,
@@ -48,7 +48,7 @@ def fleet_fit(
 ) -> None:
     """Refit campaigns from their recordings: the last fit of each kind, into a new folder. No campaign is changed.
 
-    The same command goes on where it was interrupted. Compare the results with `cfid fleet "OUT/*"`.
+    After an interruption, the same command continues where it stopped. Compare the results with `cfid fleet "OUT/*"`.
 
     Example: [bold]cfid fleet fit vehicles/* --out refitted --set peaks=12[/bold]
     """

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 Kind = Annotated[
     Literal["full", "inertia", "motors", "afternoon"] | None,
-    typer.Option(help="What the campaign should find; default: rig.toml's campaign.kind."),
+    typer.Option(help="Kind of campaign, which sets what it should find; default: campaign.kind in rig.toml."),
 ]
-CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")]
+CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")]
 
 
 def status(
@@ -29,7 +29,7 @@ def status(
     campaign: CampaignFolder = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Show what a campaign found, how sure that is against what it is for, what is missing, and what comes next.
+    """Show a campaign's results, their uncertainties against its aims, what is missing, and the next step.
 
     Example: [bold]cfid status --kind afternoon[/bold]
     """
@@ -45,9 +45,11 @@ def status(
 def next_step(
     kind: Kind = None,
     campaign: CampaignFolder = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before it starts; motors still ask.")] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Start without asking; commands that turn motors still ask.")
+    ] = False,
 ) -> None:
-    """Do what comes next in a campaign: record a run, fit, or report; prints what to do at the rig before.
+    """Do the next step of a campaign: record a run, fit, or report; first print what to do at the rig.
 
     Example: [bold]cfid next[/bold]
     """

@@ -14,19 +14,23 @@ Format = Literal["html", "md", "json", "tex"]
 
 def report(
     *,
-    campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Default: report.html in the campaign.")] = None,
+    campaign: Annotated[
+        Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="File to write; default: report.html in the campaign.")
+    ] = None,
     form: Annotated[
         Format | None,
-        typer.Option("--format", help="Format of the file; tex has the tables alone. Default: by --out, else html."),
+        typer.Option("--format", help="Format of the file; tex has only the tables; default: from --out, else html."),
     ] = None,
     kind: Kind = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that cfid did not write.")] = False,
 ) -> None:
-    """Write a campaign's results to one file: main numbers, sheet, and every experiment with its figures.
+    """Write a campaign's results to one file: main numbers, parameter sheet, and every experiment with its figures.
 
-    The page needs no network. It names missing quantities with the command that gives them, compares experiments that
-    measure one property with each other, and your vehicle with published values.
+    The page needs no network. It lists missing quantities with the commands that determine them, and compares
+    experiments that measure the same property, and your vehicle with published values.
 
     Example: [bold]cfid report --format tex[/bold]
     """

@@ -14,13 +14,17 @@ from cfid.records.extras import optional_library
 def watch(
     run: Annotated[
         str | None,
-        typer.Argument(metavar="RUN", help="A run folder, or a run's name; default: the one recorded, else the last."),
+        typer.Argument(
+            metavar="RUN", help="A run folder or a run's name; default: the run being recorded, else the last run."
+        ),
     ] = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; default: any free one.")] = 0,
     browser: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
-    campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
+    campaign: Annotated[
+        Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")
+    ] = None,
 ) -> None:
-    """Show a run in the browser while it is recorded, with a button that stops all motors; Ctrl-C ends the page.
+    """Show a run in the browser while it is recorded, with a button that stops all motors; Ctrl-C ends the command.
 
     Example: [bold]cfid watch --open[/bold]
     """
