@@ -254,14 +254,19 @@ class Delivery:
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.", rich_help_panel=_OUTPUT)] = False
     force: Annotated[
         bool,
-        typer.Option("--force", help="Report rejected quantities too; overwrite files.", rich_help_panel=_OUTPUT),
+        typer.Option(
+            "--force", help="Report and store rejected quantities too; overwrite files.", rich_help_panel=_OUTPUT
+        ),
     ] = False
     figures: Annotated[
         bool, typer.Option(help="Draw figures (with --json, only if --out is given).", rich_help_panel=_OUTPUT)
     ] = True
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder for the figures; default: next to the run.", rich_help_panel=_OUTPUT),
+        typer.Option(
+            help="Folder for the figures; default: figures in the campaign, or next to the run.",
+            rich_help_panel=_OUTPUT,
+        ),
     ] = None
     given: Mapping[str, Any] = field(default_factory=dict)
     take: Callable[[Any], None] | None = None
