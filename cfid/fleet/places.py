@@ -13,6 +13,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import unquote
 
+from cfid.console.messages import printable
 from cfid.console.selection import is_glob
 from cfid.errors import CfidError, ConfigError, DataError
 from cfid.records.campaign import RUNS_FOLDER
@@ -75,7 +76,7 @@ def campaigns(
         except CfidError as error:
             faults.append(error)
     if not found:
-        raise faults[0]
+        raise type(faults[0])("\n  ".join(printable(str(one)) for one in faults))
     return list(found), faults
 
 

@@ -300,7 +300,9 @@ def test_globs_and_an_index_name_campaigns(cfid: Cfid, tmp_path: Path) -> None:
     listed = compared(cfid, "--index", tmp_path / "list.txt")
 
     assert listed == compared(cfid, tmp_path / "c*") == compared(cfid, *folders)
-    assert cfid("fleet", tmp_path / "d*").returncode == 2
+    ended = cfid("fleet", tmp_path / "d*", tmp_path / "e*")
+    assert ended.returncode == 2
+    assert [name for name in ("d*", "e*") if f"{name}: no folder matches." in ended.stderr] == ["d*", "e*"]
 
 
 def test_a_glob_that_matches_nothing_hides_no_other_campaign(cfid: Cfid, tmp_path: Path) -> None:

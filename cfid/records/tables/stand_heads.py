@@ -239,7 +239,7 @@ def _remedy(table: CsvTable, name: str, quantity: str) -> str:
 
 
 def has_unread_unit(name: str, own: str) -> bool:
-    """Return whether a column's `own` header states a unit that is none of those for a known name's quantity."""
+    """Return whether a column's `own` header states a unit that does not fit the quantity of its known name."""
     quantity, *_ = heads_of([name])
     if quantity == "time_s":
         return OTHER_UNIT.search(own) is not None
