@@ -174,7 +174,7 @@ class Recorder:
         if slept_s > _LONGEST_SLEEP_S:
             raise DeviceError(
                 f"the computer was suspended for {slept_s:.1f} s during the recording, and no sample was taken then: "
-                "the rows until then are kept. Record again, with the computer kept awake."
+                "the rows until then are kept. Keep the computer awake while it records."
             )
 
     def _write(self, instrument: Instrument) -> None:
