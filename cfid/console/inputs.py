@@ -63,6 +63,14 @@ def open_workplace(options: RigOptions, *, gravity: Measured = NOT_GIVEN) -> Wor
     return Workplace(campaign, rig, borrowed)
 
 
+def split_label(word: str, workplace: Workplace) -> tuple[str, str]:
+    """Return LABEL and RUN of LABEL=RUN; the label is "" if there is none, as in the name of a file or run with `=`."""
+    label, equals, run = word.partition("=")
+    campaign = workplace.campaign
+    is_whole = Path(word).exists() or (campaign is not None and (campaign.runs_folder / word).is_dir())
+    return ("", word) if is_whole or not equals else (label, run)
+
+
 def find_recording(word: str, workplace: Workplace) -> Path:
     """Return the path of a RUN, which is a path, or names a run of the campaign by its name, a glob or `last`.
 

@@ -96,8 +96,10 @@ def again(kept: Fit, runs: Sequence[Path], *, campaign: Path, options: Mapping[s
 
 def _with_labels(runs: Sequence[Path], typed: Sequence[str]) -> list[str]:
     """Return runs as words, with the labels typed for them. Raises DataError for a label of any other run."""
-    labels = {PurePath(run).name: label for label, _, run in (str(word).partition("=") for word in typed)}
-    if lost := labels.keys() - {run.name for run in runs}:
+    names = {run.name for run in runs}
+    labelled = [word.partition("=") for word in map(str, typed) if PurePath(word).name not in names]
+    labels = {PurePath(run).name: label for label, _, run in labelled}
+    if lost := labels.keys() - names:
         raise DataError(f"{labels[min(lost)]}={min(lost)} was typed, which is none of its runs: fit it by hand.")
     return [f"{labels[run.name]}={run}" if run.name in labels else str(run) for run in runs]
 

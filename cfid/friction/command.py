@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cfid.console.flat import flat
-from cfid.console.inputs import Workplace, find_recording, open_workplace, read_recording
+from cfid.console.inputs import Workplace, find_recording, open_workplace, read_recording, split_label
 from cfid.console.lists import measured
 from cfid.console.options import CutOptions, Delivery, GravityMps2, Method, ReadingOptions, RigOptions
 from cfid.console.outcome import deliver
@@ -87,10 +87,8 @@ def _read_weights(
     found, left_out = [], []
     first: DataError | None = None
     for word in words:
-        name, equals, rest = word.partition("=")
-        if not equals or Path(word).exists():
-            name, rest = "", word
-        weight = _weight(name) if name else {}
+        label, rest = split_label(word, workplace)
+        weight = _weight(label) if label else {}
         path = find_recording(rest, workplace)
         try:
             record = read_recording(rest, reading.reading(), workplace)

@@ -1,9 +1,8 @@
 """Parse swings on the command line: AXIS=FILE, known axis inertias, and numbers of peaks."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
-from cfid.console.inputs import Workplace, read_recording
+from cfid.console.inputs import Workplace, read_recording, split_label
 from cfid.errors import ConfigError
 from cfid.records.tables.angle import AngleRecord, Reading, labelled
 from cfid.swing.data import FIXTURE, KnownInertia
@@ -18,15 +17,13 @@ def read_swings(words: Sequence[str], reading: Reading, workplace: Workplace) ->
 
 
 def _swing(word: str, reading: Reading, workplace: Workplace) -> AngleRecord | KnownInertia:
-    name, equals, rest = word.partition("=")
-    if not equals or Path(word).exists():
-        return read_recording(word, reading, workplace)
-    if known := _known_inertia(name, rest):
+    label, rest = split_label(word, workplace)
+    if label and (known := _known_inertia(label, rest)):
         return known
     record = read_recording(rest, reading, workplace)
-    if name == FIXTURE:
+    if label == FIXTURE:
         return labelled(record, body=FIXTURE)
-    return labelled(record, axis=name) if name else record
+    return labelled(record, axis=label) if label else record
 
 
 def _known_inertia(name: str, text: str) -> KnownInertia | None:

@@ -84,6 +84,18 @@ def test_swings_are_kept_by_axis_with_paths_from_the_campaign_on(cfid: Cfid, bod
     assert kept["swing z"]["sources"][0]["path"] == f"runs/{run.name}/encoder.csv"
 
 
+def test_a_run_whose_name_has_an_equals_sign_is_no_label_and_file(cfid: Cfid, bodies: Path) -> None:
+    plain = [cfid("fit", what, "--campaign", bodies, "--json").stdout for what in ("inertia", "friction")]
+    for ending in ("swing_z", "drop_20g"):
+        run = run_named(bodies, ending)
+        run.rename(run.with_name(f"{run.name}_m=28g"))
+    renamed = [cfid("fit", what, "--campaign", bodies, "--json") for what in ("inertia", "friction")]
+
+    assert [one.returncode for one in renamed] == [0, 0], renamed[0].stderr + renamed[1].stderr
+    for before, after in zip(plain, renamed, strict=True):
+        assert json.loads(after.stdout)["parameters"] == json.loads(before)["parameters"]
+
+
 def test_every_runs_name_is_printed_whole(cfid: Cfid, bodies: Path) -> None:
     ended = cfid("runs", "--campaign", bodies)
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from cfid.console.inputs import Workplace, find_recording
+from cfid.console.inputs import Workplace, find_recording, split_label
 from cfid.console.options import LoadCellOptions, ReadingOptions
 from cfid.console.selection import chosen, labelled
 from cfid.errors import ConfigError, DataError, FitError
@@ -72,8 +72,8 @@ def read_evidence(
 
     parts = [] if table is None else [of_stand(table)]
     for word in _meant(words, parts, workplace, kind):
-        command, equals, file = word.partition("=")
-        if equals and not Path(word).exists():
+        command, file = split_label(word, workplace)
+        if command:
             at = _command(command, word)
             if (run := run_holding(Path(file))) is not None:
                 refuse_contradiction(word, {"command": at}, {"command": run.header.requested.get("steps")})
