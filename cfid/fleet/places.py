@@ -64,7 +64,7 @@ def campaigns(
     """
     given = [*words, *([] if index is None else _listed(index))]
     if not given:
-        raise ConfigError("no campaign is given: name folders, globs or addresses, or an index with `index`.")
+        raise ConfigError("no campaign is given: name folders or globs, or an index with `index`.")
     found, faults = dict[str, None](), list[CfidError]()
     for word in dict.fromkeys(given):
         try:
