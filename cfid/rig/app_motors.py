@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from twisted.internet.base import DelayedCall
 
 from cfid.errors import DeviceError, StopError
+from cfid.rig.motor_log import confirm_still
 from cfid.rig.motors import MAY_BE_RUNNING, STILL, STOPPED, Firmware, Four, Limits
 from cfid.rig.power_set import PowerSet
 from cfid.rig.recorder import sleep
@@ -122,7 +123,8 @@ class AppMotors:
     async def stop(self) -> float | None:
         """End the keep-alives, and wait until the app reports that all commands are zero.
 
-        Then make sure that nothing overrides the app, and that a vehicle with idle thrust is disarmed.
+        Then make sure that nothing overrides the app, that a vehicle with idle thrust is disarmed, and that no motor
+        runs for any other reason.
         """
         self._stopped = True
         began_s = self._vehicle.loop.seconds()
@@ -150,6 +152,7 @@ class AppMotors:
             )
         await self._end_overriding()
         await self._end_idling()
+        await confirm_still(self._vehicle)
         return float(self._vehicle.loop.seconds() - began_s)
 
     async def _end_overriding(self) -> None:

@@ -2,15 +2,16 @@
 
 from cfid.errors import DeviceError
 from cfid.records.devices import CrazyflieLink
-from cfid.rig.asking import logged, parameter_of, state_of
 from cfid.rig.cflib_drivers import find_vehicle
 from cfid.rig.check import DeviceAnswer
 from cfid.rig.crazyflie import Link
-from cfid.rig.crazyflie_log import BATTERY
 from cfid.rig.lock import DeviceLock, holder_of
+from cfid.rig.log_block import BATTERY, logged
 from cfid.rig.motors import Firmware, firmware_of
-from cfid.rig.ready_vehicle import IDLE_THRUST
+from cfid.rig.ready_vehicle import IDLE_THRUST, state_and_idle
+from cfid.rig.vehicle import Vehicle, asked
 from cfid.wire.app import AppPorts
+from cfid.wire.supervisor import VehicleState
 
 _FOUND = {
     "app": "cfid's app: thrust, sine, ping, and motors that stop when the link is lost",
@@ -41,7 +42,8 @@ def _ask(link: Link, setting: CrazyflieLink) -> list[DeviceAnswer]:
     try:
         found = DeviceAnswer("link", "ok", f"{link.uri}, protocol {link.firmware_protocol}")
         ports = AppPorts(setting.thrust_port, setting.sine_port, setting.ping_port)
-        return [found, *_firmware(firmware_of(link, ports)), _state(link), _battery(link, setting.stop_below_v)]
+        firmware = _firmware(firmware_of(link, ports))
+        return [found, *firmware, *asked(link, lambda vehicle: _state_and_battery(vehicle, setting.stop_below_v))]
     finally:
         link.close()
 
@@ -57,23 +59,27 @@ def _firmware(firmware: Firmware) -> list[DeviceAnswer]:
     return [DeviceAnswer("motors", "warning", f"{what}; an older version", advice)]
 
 
-def _state(link: Link) -> DeviceAnswer:
-    state = state_of(link)
+async def _state_and_battery(vehicle: Vehicle, stop_below_v: float | None) -> list[DeviceAnswer]:
+    state = _state(*await state_and_idle(vehicle))
+    volts = (await logged(vehicle, [BATTERY]))[0] if vehicle.wire.variable(BATTERY) is not None else None
+    return [state, _battery(volts, stop_below_v)]
+
+
+def _state(state: VehicleState | None, idle_thrust: int) -> DeviceAnswer:
     if state is None:
         return DeviceAnswer(
             "supervisor", "warning", "this firmware reports no state", "update it: 2023.02 or later does"
         )
     if state.remedy:
         return DeviceAnswer("supervisor", "fault", state.name, state.remedy)
-    if not state.arms_itself and not parameter_of(link, IDLE_THRUST):
+    if not state.arms_itself and not idle_thrust:
         return DeviceAnswer(
             "supervisor", "fault", f"{state.name}, {IDLE_THRUST} is 0", "it cannot arm: turn it off and on"
         )
     return DeviceAnswer("supervisor", "ok", state.name)
 
 
-def _battery(link: Link, stop_below_v: float | None) -> DeviceAnswer:
-    volts = logged(link, BATTERY)
+def _battery(volts: float | None, stop_below_v: float | None) -> DeviceAnswer:
     if volts is None:
         return DeviceAnswer("battery", "warning", "the vehicle reports no voltage", "no run ends on a low battery")
     if stop_below_v is not None and volts < stop_below_v:

@@ -4,21 +4,17 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from twisted.internet.defer import Deferred
+from twisted.internet.defer import CancelledError, Deferred
 from twisted.python.failure import Failure
 
 from cfid.errors import DeviceError
 from cfid.rig.clock import HostClock
+from cfid.rig.log_block import BATTERY, LogBlock
 from cfid.rig.recorder import Block, no_rows
 from cfid.rig.vehicle import Vehicle
-from cfid.wire import crtp
-from cfid.wire.crtp import LOG_CONTROL_CHANNEL, LOG_DATA_CHANNEL, LOG_PORT, LogCommand, Packet, Variable
+from cfid.wire.crtp import LOG_DATA_CHANNEL, LOG_PORT, Variable
 
-BATTERY = "pm.vbat"
-
-_BLOCK = 200  # cflib numbers its own blocks from 1
 _WRAP_MS = 1 << 24
-_EXISTS = 17
 _SILENT_S, _SILENT_PERIODS = 0.5, 5  # without a row
 _ABSENT_S = 3.0  # without a row of a log without battery, as for an encoder
 _LOW_FOR_S = 0.5  # a start of the motors pulls the voltage down for a moment
@@ -44,7 +40,7 @@ class CrazyflieLog:
         self.latest: dict[str, float] = {}
         self._names, self._period_ms, self._stop_below_v = names, period_ms, stop_below_v
         self._vehicle, self._loop, self._clock = vehicle, loop, clock
-        self._variables = [_found(vehicle, name) for name in names]
+        self._block = LogBlock(vehicle, names)
         self._rows: list[tuple[float, int, tuple[float, ...]]] = []
         self._last_ms: int | None = None
         self._low_since_s: float | None = None
@@ -53,12 +49,13 @@ class CrazyflieLog:
         self._rejected = self._duplicates = 0
         self._streaming, self._received_s = False, 0.0
         self._refusal: BaseException | None = None
+        self._beginning: Deferred[None] | None = None
         vehicle.listen(LOG_PORT, LOG_DATA_CHANNEL, self._take_row)
 
     def start(self) -> None:
         """Request the rows; a refusal shows in the next block."""
         self._vehicle.stalls.begin()
-        Deferred.fromCoroutine(self._begin()).addErrback(self._refused)
+        self._beginning = Deferred.fromCoroutine(self._begin()).addErrback(self._refused)
 
     def take(self) -> Block:
         """Return the rows, with a fault when the battery is too low. Raises DeviceError when the vehicle refused."""
@@ -73,13 +70,15 @@ class CrazyflieLog:
         stamps_ms = np.array([stamp_ms for _, stamp_ms, _ in rows])
         values = zip(*(row for _, _, row in rows), strict=True)
         fault = self._watch_battery(rows[-1][0])
-        return Block((times_s, stamps_ms, *map(self._column, values, self._variables)), self._missing(stamps_ms), fault)
+        columns = map(self._column, values, self._block.variables)
+        return Block((times_s, stamps_ms, *columns), self._missing(stamps_ms), fault)
 
     async def stop(self) -> None:
         """End the stream, unless the vehicle is out of reach."""
         self._streaming = False
-        if not self._vehicle.wire.fault:
-            self._vehicle.send(LOG_PORT, LOG_CONTROL_CHANNEL, crtp.encode_stop_log(_BLOCK))
+        if self._beginning is not None:
+            self._beginning.cancel()
+        await self._block.delete()
 
     def close(self) -> None:
         """Do nothing: the code that opened the link closes it."""
@@ -89,29 +88,19 @@ class CrazyflieLog:
         return {"losses": {"rejected": self._rejected, "duplicates": self._duplicates}}
 
     async def _begin(self) -> None:
-        await self._control(LogCommand.CREATE, crtp.encode_create_log(_BLOCK, self._variables))
-        await self._control(LogCommand.START_MS, crtp.encode_start_log(_BLOCK, self._period_ms))
+        await self._block.start(self._period_ms)
         self._streaming, self._received_s = True, self._loop.seconds()
 
     def _refused(self, failure: Failure) -> None:
-        self._refusal = failure.value
-
-    async def _control(self, command: LogCommand, payload: bytes) -> None:
-        def own(answer: bytes) -> crtp.LogAnswer | None:
-            read = crtp.decode_log_answer(answer)
-            return read if read and (read.command, read.block) == (command, _BLOCK) else None
-
-        answer = await self._vehicle.ask(Packet(LOG_PORT, LOG_CONTROL_CHANNEL, payload), own)
-        if answer is None or answer.error not in (0, _EXISTS):
-            reason = "no answer" if answer is None else f"error {answer.error}"
-            raise DeviceError(f"{self._vehicle.uri}: the vehicle does not log {', '.join(self._names)}: {reason}.")
+        if not failure.check(CancelledError):
+            self._refusal = failure.value
 
     def _take_row(self, payload: bytes, arrived_s: float) -> None:
-        row = crtp.decode_log_row(_BLOCK, self._variables, payload)
+        row = self._block.row(payload)
         if not self._streaming:  # a row of an earlier run, whose stop was still on its way
             return
         if row is None:
-            self._rejected += payload[:1] == bytes([_BLOCK])
+            self._rejected += self._block.is_row(payload)
             return
         if row[0] == self._newest_ms:  # datagrams may arrive twice
             self._duplicates += 1
@@ -163,10 +152,3 @@ class CrazyflieLog:
             "devices.crazyflie.stop_below_v in rig.toml: charge it, then resume the run."
         )
         return self._low
-
-
-def _found(vehicle: Vehicle, name: str) -> Variable:
-    variable = vehicle.wire.variable(name)
-    if variable is None:
-        raise DeviceError(f"{vehicle.uri}: this firmware does not log {name}.")
-    return variable

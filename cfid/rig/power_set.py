@@ -4,7 +4,7 @@ from cfid.errors import DeviceError
 from cfid.rig.stop_packets import TRIES, WITHIN_S
 from cfid.rig.vehicle import Vehicle
 from cfid.units import MOTORS
-from cfid.wire.crtp import PARAMETER_PORT, READ_CHANNEL, Packet, Variable, decode_read_parameter, encode_read_parameter
+from cfid.wire.crtp import Variable
 
 
 class PowerSet:
@@ -32,10 +32,7 @@ class PowerSet:
         return value != 0
 
     async def _read(self, parameter: Variable) -> float | None:
-        request = Packet(PARAMETER_PORT, READ_CHANNEL, encode_read_parameter(parameter))
-        return await self._vehicle.ask(
-            request, lambda payload: decode_read_parameter(parameter, payload), within_s=WITHIN_S, tries=TRIES
-        )
+        return await self._vehicle.read_parameter(parameter, within_s=WITHIN_S, tries=TRIES)
 
     def _parameter(self, name: str) -> Variable:
         found = self._vehicle.wire.parameter(f"motorPowerSet.{name}")

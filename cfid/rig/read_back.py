@@ -4,22 +4,16 @@ import time
 from typing import NamedTuple
 
 from cfid.errors import DeviceError, StopError
-from cfid.rig.asking import APPLIED, logged, state_of
 from cfid.rig.crazyflie import Link
+from cfid.rig.motor_log import confirm_still
 from cfid.rig.motors import MAY_BE_RUNNING, firmware_of
-from cfid.rig.stop_packets import OVERRIDES, TRIES, WITHIN_S, Acknowledged, Kind, stop_over
+from cfid.rig.power_set import PowerSet
+from cfid.rig.recorder import sleep
+from cfid.rig.stop_packets import OVERRIDES, Acknowledged, Kind, stop_over
+from cfid.rig.supervisor import present_state
+from cfid.rig.vehicle import Vehicle, asked
 from cfid.wire.app import AppPorts
-from cfid.wire.crtp import (
-    PARAMETER_PORT,
-    READ_CHANNEL,
-    WRITE_CHANNEL,
-    Packet,
-    Variable,
-    decode_read_parameter,
-    decode_write_parameter,
-    encode_read_parameter,
-    encode_write_parameter,
-)
+from cfid.wire.crtp import Packet
 from cfid.wire.supervisor import VehicleState, encode_arming
 
 _DISARMED_S = 1.0
@@ -49,13 +43,7 @@ def confirm_stop(uri: str, ports: AppPorts, acknowledged: Acknowledged | None) -
             acknowledged = stop_over(_FullLink(link), ports)
             if not acknowledged.by_app:
                 raise StopError(f"{MAY_BE_RUNNING}: {uri}: the app did not confirm that the motors stopped.")
-        for name in OVERRIDES:
-            parameter = link.parameter(name)
-            if parameter is not None and not _is_zero(link, parameter):
-                raise StopError(f"{MAY_BE_RUNNING}: {uri}: {name} was not seen at zero.")
-        state = _disarmed(link)
-        _refuse_driven(link)
-        return ReadBack(kind, acknowledged, state)
+        return ReadBack(kind, acknowledged, asked(link, _confirmed))
     finally:
         link.close()
 
@@ -82,53 +70,26 @@ class _FullLink:
         """Do nothing: the code that opened the link closes it."""
 
 
-def _disarmed(link: Link) -> VehicleState | None:
-    """Return the vehicle's state, after disarming it where its rotors would idle otherwise."""
-    end_s = time.monotonic() + _DISARMED_S
-    while (state := state_of(link)) is not None and state.armed and not state.arms_itself:
-        if time.monotonic() > end_s:
-            raise StopError(f"{MAY_BE_RUNNING}: {link.uri}: the vehicle was not seen disarmed: its rotors may idle.")
-        link.send(encode_arming(arm=False, protocol=link.firmware_protocol))
-        time.sleep(_LOOK_S)
+async def _confirmed(vehicle: Vehicle) -> VehicleState | None:
+    """Return the vehicle's state once nothing drives its motors. Raises StopError when something still does."""
+    if any(vehicle.wire.parameter(name) is not None for name in OVERRIDES):
+        try:
+            await PowerSet(vehicle).clear()
+        except DeviceError as error:
+            raise StopError(
+                f"{MAY_BE_RUNNING}: the parameters motorPowerSet were not seen at zero. ({error})"
+            ) from None
+    state = await _disarmed(vehicle)
+    await confirm_still(vehicle)
     return state
 
 
-def _refuse_driven(link: Link) -> None:
-    """Raise StopError when the vehicle's log shows a motor that still runs: an app on other ports drives it.
-
-    Disarming, which is tried first, stops such a motor too; a brushed vehicle is ready again in a moment.
-    """
-    if not any(logged(link, name) for name in APPLIED):
-        return
-    link.send(encode_arming(arm=False, protocol=link.firmware_protocol))
-    time.sleep(_LOOK_S)
-    driven = next((int(command) for name in APPLIED if (command := logged(link, name))), 0)
-    if driven:
-        raise StopError(
-            f"{MAY_BE_RUNNING}: {link.uri}: its log shows a motor at {driven}. Another program may drive it, or an app "
-            "on other ports than devices.crazyflie in rig.toml has"
-        )
-
-
-def _is_zero(link: Link, parameter: Variable) -> bool:
-    """Return whether a parameter reads zero; one that does not is first written by its number and read again."""
-    if _read(link, parameter) == 0:
-        return True
-
-    def written(packet: Packet) -> float | None:
-        return decode_write_parameter(parameter, packet.payload) if packet[:2] == write[:2] else None
-
-    write = Packet(PARAMETER_PORT, WRITE_CHANNEL, encode_write_parameter(parameter, 0))
-    link.ask(write, written, within_s=WITHIN_S, tries=TRIES)
-    return _read(link, parameter) == 0
-
-
-def _read(link: Link, parameter: Variable) -> float | None:
-    def value(packet: Packet) -> float | None:
-        return decode_read_parameter(parameter, packet.payload) if packet[:2] == ask[:2] else None
-
-    ask = Packet(PARAMETER_PORT, READ_CHANNEL, encode_read_parameter(parameter))
-    found = link.ask(ask, value, within_s=WITHIN_S, tries=TRIES)
-    if found is None:
-        raise DeviceError(f"{link.uri}: the vehicle no longer answers: the link is lost.")
-    return found
+async def _disarmed(vehicle: Vehicle) -> VehicleState | None:
+    """Return the vehicle's state, after disarming it where its rotors would idle otherwise."""
+    end_s = vehicle.loop.seconds() + _DISARMED_S
+    while (state := await present_state(vehicle)) is not None and state.armed and not state.arms_itself:
+        if vehicle.loop.seconds() > end_s:
+            raise StopError(f"{MAY_BE_RUNNING}: {vehicle.uri}: the vehicle was not seen disarmed: its rotors may idle.")
+        vehicle.wire.send(encode_arming(arm=False, protocol=vehicle.wire.firmware_protocol))
+        await sleep(vehicle.loop, _LOOK_S)
+    return state

@@ -9,24 +9,25 @@ from cfid.errors import DeviceError
 from cfid.records.devices import CrazyflieLink
 from cfid.records.run import DeviceRecord
 from cfid.rig.app_motors import AppMotors
-from cfid.rig.asking import APPLIED, parameter_of, state_of
 from cfid.rig.cflib_drivers import find_vehicle
 from cfid.rig.clock import HostClock
 from cfid.rig.crazyflie import Link
-from cfid.rig.crazyflie_log import BATTERY, CrazyflieLog
+from cfid.rig.crazyflie_log import CrazyflieLog
 from cfid.rig.crossings import Crossings
 from cfid.rig.device import Device
 from cfid.rig.lock import DeviceLock
+from cfid.rig.log_block import BATTERY
 from cfid.rig.loop import Loop
 from cfid.rig.motor_commands import MotorCommands
+from cfid.rig.motor_log import APPLIED
 from cfid.rig.motors import Firmware, Limits, Motors, SinePlayer, firmware_of
 from cfid.rig.pings import Pings
 from cfid.rig.recorder import Instrument
 from cfid.rig.shown import turning, volts
 from cfid.rig.stock_motors import StockMotors
-from cfid.rig.supervisor import Supervisor, SupervisorLog
+from cfid.rig.supervisor import Supervisor, SupervisorLog, present_state
 from cfid.rig.thesis_motors import ThesisMotors
-from cfid.rig.vehicle import Vehicle
+from cfid.rig.vehicle import Vehicle, asked
 from cfid.units import MOTORS
 from cfid.wire.app import AppPorts
 from cfid.wire.supervisor import VehicleState
@@ -37,6 +38,7 @@ INERTIAL = tuple(f"{sensor}.{axis}" for sensor in ("gyro", "acc") for axis in "x
 IDLE_THRUST = "powerDist.idleThrust"
 OBEYS_SINCE = 10  # version of the protocol; of its two releases, the app compiles only with the one that obeys
 USUAL_MS = 10
+_TRIES = 5
 NO_APP = (
     "a sine is played on board: this needs cfid's app, or the thesis' module, on the vehicle "
     "(firmware_patches/README.md explains how)."
@@ -104,7 +106,7 @@ class ReadyVehicle:
         """Return its supervisor in a loop."""
         vehicle = self.vehicle(loop)
         if self._supervisor is None:
-            self._supervisor = Supervisor(vehicle, protocol=self.link.firmware_protocol)
+            self._supervisor = Supervisor(vehicle)
         return self._supervisor
 
     def motors(self, loop: Loop) -> Motors:
@@ -238,6 +240,20 @@ def connect_vehicle(setting: CrazyflieLink, held: ExitStack) -> ReadyVehicle:
     held.callback(link.close)
     ports = AppPorts(setting.thrust_port, setting.sine_port, setting.ping_port)
     firmware = firmware_of(link, ports)
-    state, idle_thrust = state_of(link), parameter_of(link, IDLE_THRUST)
-    needs_arming = state is not None and not state.arms_itself
-    return ReadyVehicle(link, firmware, setting, state, int(idle_thrust or 0) if needs_arming else 0)
+    state, idle_thrust = asked(link, state_and_idle)
+    return ReadyVehicle(link, firmware, setting, state, idle_thrust)
+
+
+async def state_and_idle(vehicle: Vehicle) -> tuple[VehicleState | None, int]:
+    """Return the supervisor's state, None where the firmware reports none, and the idle thrust of one that is armed.
+
+    Raises DeviceError for a vehicle that does not answer.
+    """
+    state = await present_state(vehicle)
+    parameter = vehicle.wire.parameter(IDLE_THRUST)
+    if state is None or state.arms_itself or parameter is None:
+        return state, 0
+    idle_thrust = await vehicle.read_parameter(parameter, tries=_TRIES)
+    if idle_thrust is None:
+        raise DeviceError(f"{vehicle.uri}: the vehicle did not report {IDLE_THRUST}: the link loses packets.")
+    return state, int(idle_thrust)

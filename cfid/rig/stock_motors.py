@@ -6,6 +6,7 @@ relaxes the setpoint first.
 """
 
 from cfid.errors import DeviceError, StopError
+from cfid.rig.motor_log import confirm_still
 from cfid.rig.motors import MAY_BE_RUNNING, STILL, STOPPED, Four, Limits
 from cfid.rig.power_set import PowerSet
 from cfid.rig.vehicle import Vehicle
@@ -52,7 +53,7 @@ class StockMotors:
         self._vehicle.check()
 
     async def stop(self) -> float:
-        """Disable the parameters, set them to zero, and read all of them back."""
+        """Disable the parameters, set them to zero, and read them and what the motors do back."""
         self._stopped = True
         began_s = self._vehicle.loop.seconds()
         try:
@@ -62,6 +63,7 @@ class StockMotors:
                 f"{MAY_BE_RUNNING}: stock firmware keeps motors running without a link, and did not confirm the stop. "
                 f"({error})"
             ) from None
+        await confirm_still(self._vehicle)
         return float(self._vehicle.loop.seconds() - began_s)
 
     async def _write(self, parameter: Variable, value: int) -> None:

@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 from twisted.internet.base import DelayedCall
+from twisted.internet.defer import CancelledError, Deferred, succeed
 
 from cfid.errors import DeviceError
 from cfid.rig.clock import HostClock
+from cfid.rig.log_block import LogBlock
 from cfid.rig.recorder import Block, no_rows, sleep
 from cfid.rig.vehicle import Vehicle
-from cfid.wire import crtp
-from cfid.wire.crtp import LOG_CONTROL_CHANNEL, LOG_DATA_CHANNEL, LOG_PORT
+from cfid.wire.crtp import LOG_DATA_CHANNEL, LOG_PORT
 from cfid.wire.supervisor import (
     ASK_STATE,
     INFO_CHANNEL,
@@ -29,9 +30,9 @@ from cfid.wire.supervisor import (
 )
 
 EVERY_S = 0.05  # the supervisor itself updates every 0.04 s
-_BLOCK = 201
-_QUIET_S = 0.3  # without a logged state: the request for it was lost
+_QUIET_S = 0.3  # without a logged state: the log was reset
 _ASK_S, _TRIES = 0.1, 5
+_PRESENT_S = 1.0
 _AGAIN_S = 0.02
 _BACK_S = 1.0  # a vehicle is ready again within 0.16 s of a timeout
 _SPIN_UP_S = 2.5  # the firmware gives rotors 2 s to reach their idle speed
@@ -42,12 +43,14 @@ _UNANSWERED = 20  # polls in a row, so that a link has to lose nearly everything
 class Supervisor:
     """The supervisor of a vehicle in a loop, with the latest state reported, None before the first."""
 
-    def __init__(self, vehicle: Vehicle, *, protocol: int) -> None:
-        """Take a vehicle and its version of the protocol."""
+    def __init__(self, vehicle: Vehicle) -> None:
+        """Take a vehicle."""
         self.state: VehicleState | None = None
         self.seen_s = -np.inf
-        self._vehicle, self._protocol = vehicle, protocol
-        self._word = None if protocol >= PORT_SINCE else vehicle.wire.variable(INFO_VARIABLE)
+        self._vehicle, self._protocol = vehicle, vehicle.wire.firmware_protocol
+        self._is_logged = self._protocol < PORT_SINCE and vehicle.wire.variable(INFO_VARIABLE) is not None
+        self._block: LogBlock | None = None
+        self._beginning: Deferred[None] = succeed(None)
         self._logged_s = -np.inf
         self._handlers: list[Callable[[VehicleState, float], None]] = []
         vehicle.listen(SUPERVISOR_PORT, INFO_CHANNEL, self._take_answer)
@@ -56,7 +59,7 @@ class Supervisor:
     @property
     def reports(self) -> bool:
         """Whether this firmware reports its state at all."""
-        return self._protocol >= PORT_SINCE or self._word is not None
+        return self._protocol >= PORT_SINCE or self._is_logged
 
     def watch(self, handle: Callable[[VehicleState, float], None]) -> None:
         """Call `handle` with each state that is reported and the monotonic time of its arrival."""
@@ -66,19 +69,18 @@ class Supervisor:
         """Request the state without waiting. Raises DeviceError when the link is gone."""
         if self._protocol >= PORT_SINCE:
             self._vehicle.wire.send(ASK_STATE)
-        elif self._word is not None and self._vehicle.loop.seconds() - max(self._logged_s, self.seen_s) > _QUIET_S:
-            self._logged_s = self._vehicle.loop.seconds()
-            for payload in (
-                crtp.encode_create_log(_BLOCK, [self._word]),
-                crtp.encode_start_log(_BLOCK, round(1000 * EVERY_S)),
-            ):
-                self._vehicle.send(LOG_PORT, LOG_CONTROL_CHANNEL, payload)
+            return
+        quiet_s = self._vehicle.loop.seconds() - max(self._logged_s, self.seen_s)
+        if self._is_logged and self._beginning.called and quiet_s > _QUIET_S:
+            self._beginning = Deferred.fromCoroutine(self._log_state())
+            self._beginning.addErrback(lambda failure: failure.trap(DeviceError, CancelledError))
 
-    def end(self) -> None:
+    async def end(self) -> None:
         """End the reports that were requested."""
-        if self._logged_s > -np.inf and not self._vehicle.wire.fault:
-            self._vehicle.send(LOG_PORT, LOG_CONTROL_CHANNEL, crtp.encode_stop_log(_BLOCK))
-        self._logged_s = -np.inf
+        self._beginning.cancel()
+        block, self._block = self._block, None
+        if block is not None:
+            await block.delete()
 
     async def wait(self, holds: Callable[[VehicleState], bool], *, within_s: float) -> VehicleState | None:
         """Return the first state reported from now on for which `holds` is true, None when none arrives in time.
@@ -146,8 +148,16 @@ class Supervisor:
         if state is not None:
             self._note(state, arrived_s)
 
+    async def _log_state(self) -> None:
+        """Begin to log the state; one that is not logged counts as not reported, which the callers notice."""
+        if self._block is not None:
+            await self._block.delete()
+        self._block = LogBlock(self._vehicle, [INFO_VARIABLE])
+        await self._block.start(round(1000 * EVERY_S))
+        self._logged_s = self._vehicle.loop.seconds()
+
     def _take_row(self, payload: bytes, arrived_s: float) -> None:
-        row = None if self._word is None else crtp.decode_log_row(_BLOCK, [self._word], payload)
+        row = None if self._block is None else self._block.row(payload)
         if row is not None:
             self._note(VehicleState.of(int(row[1][0])), arrived_s)
 
@@ -155,6 +165,18 @@ class Supervisor:
         self.state, self.seen_s = state, arrived_s
         for handle in self._handlers:
             handle(state, arrived_s)
+
+
+async def present_state(vehicle: Vehicle) -> VehicleState | None:
+    """Return the state of a vehicle, None where the firmware reports none. Raises DeviceError without an answer."""
+    supervisor = Supervisor(vehicle)
+    try:
+        state = await supervisor.wait(lambda _: True, within_s=_PRESENT_S)
+    finally:
+        await supervisor.end()
+    if state is None and supervisor.reports:
+        raise DeviceError(f"{vehicle.uri}: the vehicle did not report its state: the link loses packets.")
+    return state
 
 
 def _waits_for_arming(state: VehicleState) -> bool:
@@ -205,7 +227,7 @@ class SupervisorLog:
         self._next = None
         try:
             await self._supervisor.wait(lambda state: not state.is_passing, within_s=_ASK_S * _TRIES)
-            self._supervisor.end()
+            await self._supervisor.end()
         except DeviceError:  # the link is gone: the last known state stays
             return
 

@@ -1,19 +1,23 @@
 """Sends requests to a vehicle over an open link in a loop, awaits the answers, and monitors the link."""
 
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from typing import Any, Protocol, TypeVar
 
 from twisted.internet.defer import Deferred
 
 from cfid.errors import DeviceError
+from cfid.rig.loop import Ending, Loop, run_until_done
 from cfid.rig.stalls import Stalls
 from cfid.wire.crtp import (
     PARAMETER_PORT,
+    READ_CHANNEL,
     WRITE_CHANNEL,
     Packet,
     Variable,
+    decode_read_parameter,
     decode_write_parameter,
+    encode_read_parameter,
     encode_write_parameter,
 )
 
@@ -25,6 +29,8 @@ SILENT_S = 0.5  # cflib pings ten times a second: five answers in a row are miss
 
 ANSWER_S = 0.15
 TRIES = 3
+
+_FIRST_BLOCK, _BLOCKS = 128, 128  # numbers of log blocks; cflib numbers its own from 1
 
 
 class Departure(Protocol):
@@ -39,6 +45,10 @@ class Wire(Protocol):
     uri: str
     fault: str
     received_s: float
+
+    @property
+    def firmware_protocol(self) -> int:
+        """The version of CRTP that the vehicle speaks."""
 
     def send(self, packet: Packet) -> Departure:
         """Send a packet without waiting. Raises DeviceError when the link is gone."""
@@ -64,6 +74,7 @@ class Vehicle:
         self.wire, self.loop = wire, loop
         self._handlers: dict[Place, list[Handler]] = defaultdict(list)
         self._woken = False
+        self._blocks = 0
         self.stalls = Stalls(loop)
         wire.arrived()  # drops earlier packets
         wire.attach(self._wake)
@@ -72,6 +83,11 @@ class Vehicle:
     def uri(self) -> str:
         """The vehicle's address."""
         return self.wire.uri
+
+    def new_block(self) -> int:
+        """Return a number for a log block, another one at each call."""
+        self._blocks += 1
+        return _FIRST_BLOCK + self._blocks % _BLOCKS
 
     def listen(self, port: int, channel: int, handle: Handler) -> None:
         """Call `handle` with payload and monotonic time of every packet that arrives there."""
@@ -111,10 +127,19 @@ class Vehicle:
         place = (request.port, request.channel if channel is None else channel)
         for _ in range(tries):
             self.wire.send(request)
-            came = await self._next(place, read, within_s)
+            came = await self.next(place, read, within_s=within_s)
             if came is not None:
                 return came[0]
         return None
+
+    async def read_parameter(
+        self, parameter: Variable, *, within_s: float = ANSWER_S, tries: int = TRIES
+    ) -> float | None:
+        """Return a parameter's value, None without an answer. Raises DeviceError when the link is gone."""
+        request = Packet(PARAMETER_PORT, READ_CHANNEL, encode_read_parameter(parameter))
+        return await self.ask(
+            request, lambda payload: decode_read_parameter(parameter, payload), within_s=within_s, tries=tries
+        )
 
     async def write_parameter(
         self, parameter: Variable, value: int, *, within_s: float = ANSWER_S, tries: int = TRIES
@@ -136,12 +161,13 @@ class Vehicle:
     ) -> tuple[float, float] | None:
         """Send a request once; return when it left and when its answer arrived, None without an answer."""
         departure = self.wire.send(request)
-        came = await self._next((request.port, request.channel), read, within_s)
+        came = await self.next((request.port, request.channel), read, within_s=within_s)
         return None if came is None or departure.at_s is None else (departure.at_s, came[1])
 
-    async def _next(
-        self, place: Place, read: Callable[[bytes], Answer | None], within_s: float
+    async def next(
+        self, place: Place, read: Callable[[bytes], Answer | None], *, within_s: float
     ) -> tuple[Answer, float] | None:
+        """Return what `read` returns from a payload that arrives there, and when it arrived; None if none does."""
         came: Deferred[tuple[Answer, float] | None] = Deferred()
 
         def handle(payload: bytes, arrived_s: float) -> None:
@@ -172,3 +198,18 @@ class Vehicle:
         for packet, arrived_s in self.wire.arrived():
             for handle in tuple(self._handlers[packet.port, packet.channel]):
                 handle(packet.payload, arrived_s)
+
+
+def asked(wire: Wire, question: Callable[[Vehicle], Coroutine[Any, Any, Answer]]) -> Answer:
+    """Return the answer to a question to a vehicle, before a recording runs a loop.
+
+    Raises KeyboardInterrupt when a signal arrived meanwhile, and what the question raises.
+    """
+
+    async def main(loop: Loop, ending: Ending) -> Answer:
+        answer = await question(Vehicle(wire, loop=loop))
+        if ending.signal:
+            raise KeyboardInterrupt
+        return answer
+
+    return run_until_done(main)

@@ -154,7 +154,7 @@ def test_with_motors(
     tmp_path: Path, words: tuple[object, ...], truth: dict[str, Any], spoil: Spoil, during: str, verdict: str
 ) -> None:
     with bench_in(tmp_path, **truth) as bench:
-        pilot = bench.start("log", *words, "--no-preflight", "--json")
+        pilot = bench.start("log", *words, "--json")
         pilot.wait_until_motors_run(0.0)
         begun_s = time.monotonic()
         bench.in_loop(lambda: spoil(bench))

@@ -30,7 +30,7 @@ EVIL = "\x1b]0;owned\x07\x1b]8;;\x9b31m\r\x85\u202e\u2028\x7f"
 ESCAPED = "".join(f"\\u{ord(letter):04x}" for letter in EVIL)
 OWN = re.compile(r"\x1b\[[\d;]*m|\a")  # cfid's colours, and the bell that calls the operator
 
-STAIRS = ("--from", 20000, "--to", 20000, "--step", 10000, "--hold", 0.6, "--rest", 0.2, "--no-preflight")
+STAIRS = ("--from", 20000, "--to", 20000, "--step", 10000, "--hold", 0.6, "--rest", 0.2)
 RECORDINGS = {
     "log encoder",
     "log gyro",
@@ -72,7 +72,7 @@ WORDS: dict[str, tuple[object, ...]] = {
     "log scales": STAIRS,
     "log sine": ("--periods", 2, "--samples", 100),
     "log ping": ("--count", 5),
-    "log wind": ("--wind", "0,0", "--commands", 20000, "--hold", 0.5, "--rest", 0.2, "--no-preflight"),
+    "log wind": ("--wind", "0,0", "--commands", 20000, "--hold", 0.5, "--rest", 0.2),
     "motors": (),
     "motors set": (20000, "--motor", 1, "--for", 0.3),
     "motors stop": (),

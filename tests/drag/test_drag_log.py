@@ -136,7 +136,7 @@ def test_the_operator_confirms_types_the_tachometer_and_reads_what_is_missing(be
 def test_what_the_wind_does_to_the_body_is_in_the_tare(tmp_path: Path) -> None:
     wind = {"angle_deg": 48.4, "speed_mps": 2.9, "body_kg_per_m": -3e-3}
     with bench_in(tmp_path, wind=wind) as bench:
-        pilot = bench.start("log", "wind", "--wind", 0, *QUICK, "--yes", "--no-preflight")
+        pilot = bench.start("log", "wind", "--wind", 0, *QUICK, "--yes")
         assert pilot.end() == 0, pilot.err
         force = pd.read_csv(bench.run().device_file("loadcell"))[["Fx", "Fy"]].to_numpy() / 1e6
 
@@ -147,7 +147,7 @@ def test_what_the_wind_does_to_the_body_is_in_the_tare(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("named", [(), pytest.param(("--tachometer", "none"), marks=pytest.mark.slow)])
 def test_an_interrupted_wind_is_resumed_in_its_own_wind(bench: Bench, named: tuple[str, ...]) -> None:
-    first = bench.start(*IN_WIND, "--tachometer", "none", "--yes", "--no-preflight")
+    first = bench.start(*IN_WIND, "--tachometer", "none", "--yes")
     bench.wait_until(lambda: 40000 in bench.motors or first.process.poll() is not None, first)
     time.sleep(0.2)
     first.send(signal.SIGINT)
@@ -155,11 +155,11 @@ def test_an_interrupted_wind_is_resumed_in_its_own_wind(bench: Bench, named: tup
     assert not any(bench.motors)
     assert bench.run().header.state == "interrupted"
 
-    refused = bench.start("log", "wind", "--wind", 0, "--resume", bench.run().folder, "--yes", "--no-preflight")
+    refused = bench.start("log", "wind", "--wind", 0, "--resume", bench.run().folder, "--yes")
     assert refused.end() == 2
     assert "leave out its options" in refused.err
 
-    second = bench.start("log", "wind", "--resume", bench.run().folder, *named, "--yes", "--no-preflight")
+    second = bench.start("log", "wind", "--resume", bench.run().folder, *named, "--yes")
     assert second.end() == 0, second.err
     runs = list_runs(bench.folder / "runs")
     resumed = [read_run(run.folder).header for run in runs if not isinstance(run, Exception)][-1]
@@ -170,7 +170,7 @@ def test_an_interrupted_wind_is_resumed_in_its_own_wind(bench: Bench, named: tup
 
 
 def test_a_command_whose_reading_was_not_typed_is_done_again(bench: Bench) -> None:
-    pilot = bench.start(*IN_WIND, "--yes", "--no-preflight", stdin=subprocess.PIPE)
+    pilot = bench.start(*IN_WIND, "--yes", stdin=subprocess.PIPE)
     assert pilot.process.stdin is not None
     pilot.process.stdin.write(b"22000\n")
     pilot.process.stdin.flush()
@@ -184,7 +184,7 @@ def test_a_command_whose_reading_was_not_typed_is_done_again(bench: Bench) -> No
 
 
 def test_nonsense_typed_for_a_reading_ends_the_run_and_stops_the_motors(bench: Bench) -> None:
-    pilot = bench.start(*IN_WIND, "--yes", "--no-preflight", stdin=subprocess.PIPE)
+    pilot = bench.start(*IN_WIND, "--yes", stdin=subprocess.PIPE)
     pilot.process.communicate(b"fast\n", timeout=30)
 
     assert pilot.process.returncode == 2

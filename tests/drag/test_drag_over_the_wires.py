@@ -19,7 +19,7 @@ pytestmark = pytest.mark.usefixtures("in_time")
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
 COMMANDS = (20000, 40000)
-QUICK = ("--commands", "20000,40000", "--hold", 1.5, "--rest", 0.8, "--yes", "--no-preflight")
+QUICK = ("--commands", "20000,40000", "--hold", 1.5, "--rest", 0.8, "--yes")
 # The true wind, and the lowest and highest wind speed read.
 WINDS = (
     ({"angle_deg": 0.0, "speed_mps": 3.1}, (3.0, 3.2)),

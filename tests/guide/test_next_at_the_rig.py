@@ -29,7 +29,7 @@ def test_a_brushless_is_sent_to_staircases_that_its_rotors_allow(tmp_path: Path)
         file = tmp_path / "rig.toml"
         file.write_text(file.read_text().replace('platform = "cf2"', 'platform = "cf21bl"'))
         planned = {task.section: task.recordings[0].words for task in tasks(load_rig(file), kind="motors")}
-        for words in (("next", "--kind", "motors"), (*planned["speed"], "--no-preflight")):
+        for words in (("next", "--kind", "motors"), planned["speed"]):
             pilot = bench.start(*words, stdin=subprocess.PIPE)
             pilot.process.communicate(b"y\nn\n" if words[0] == "next" else b"n\n")
 

@@ -17,8 +17,9 @@ from cfid.records.run import DeviceRecord, Label, Run, read_run
 from cfid.records.run_writer import create_run
 from cfid.rig.app_motors import AppMotors
 from cfid.rig.clock import HostClock
-from cfid.rig.crazyflie_log import BATTERY, CrazyflieLog
+from cfid.rig.crazyflie_log import CrazyflieLog
 from cfid.rig.crossings import Crossings
+from cfid.rig.log_block import BATTERY
 from cfid.rig.loop import Ending, until_over
 from cfid.rig.motor_commands import MotorCommands
 from cfid.rig.motors import Firmware, Limits
@@ -73,8 +74,8 @@ class SimulatedLink:
 
     uri = "sim://vehicle"
 
-    def __init__(self, radio: FaultyCrazyflie, truth: CrazyflieTruth, clock: Clock) -> None:
-        self.fault = ""
+    def __init__(self, radio: FaultyCrazyflie, truth: CrazyflieTruth, clock: Clock, *, protocol: int) -> None:
+        self.fault, self.firmware_protocol = "", protocol
         self.received_s = clock.seconds()
         self.sent: list[Packet] = []
         self.loses: set[tuple[int, int]] = set()  # ports and channels whose packets from the vehicle never arrive
@@ -168,11 +169,11 @@ class Flight:
             ping_port=AppPorts().ping,
             opened_s=clock.seconds(),
         )
-        self.link = SimulatedLink(self.sim, self.truth, clock)
+        self.link = SimulatedLink(self.sim, self.truth, clock, protocol=protocol)
         self.vehicle = Vehicle(self.link, loop=clock)
         hello = Hello(2, 500, 500, 0) if firmware == "app" else None
         self.firmware = Firmware(kind=KINDS[firmware], ports=AppPorts(), hello=hello)  # type: ignore[arg-type]
-        self.supervisor = Supervisor(self.vehicle, protocol=protocol)
+        self.supervisor = Supervisor(self.vehicle)
         self.limits = limits or Limits(idle_thrust=7000 if self.truth.brushless and firmware == "app" else 0)
         self.host = HostClock(UNIX_S)
         self.ending = Ending(clock)

@@ -29,8 +29,13 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 
 
 @contextmanager
-def relayed(uri: str, arriving: Callable[[bytes], Sequence[bytes]]) -> Iterator[str]:
-    """Yield a relayed address of the vehicle; `arriving` returns what arrives of each packet from the vehicle."""
+def relayed(
+    uri: str, arriving: Callable[[bytes], Sequence[bytes]], leaving: Callable[[bytes], bool] = lambda packet: True
+) -> Iterator[str]:
+    """Yield a relayed address of the vehicle; `arriving` returns what arrives of each packet from the vehicle.
+
+    Of the packets to the vehicle those pass for which `leaving` is true.
+    """
     ended = threading.Event()
     with socket.socket(type=socket.SOCK_DGRAM) as near, socket.socket(type=socket.SOCK_DGRAM) as far:
         near.bind(("127.0.0.1", 0))
@@ -42,7 +47,8 @@ def relayed(uri: str, arriving: Callable[[bytes], Sequence[bytes]]) -> Iterator[
                 ready, _, _ = select.select([near, far], [], [], 0.1)
                 if near in ready:
                     datagram, client = near.recvfrom(64)
-                    far.send(datagram)
+                    if leaving(datagram):
+                        far.send(datagram)
                 if far in ready and client is not None:
                     for datagram in arriving(far.recv(64)):
                         near.sendto(datagram, client)

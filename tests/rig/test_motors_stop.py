@@ -43,9 +43,8 @@ STAIRS = (
     "--rest",
     0.3,
     "--yes",
-    "--no-preflight",
 )
-WIND = ("log", "wind", "--wind", 0, "--commands", 30000, "--hold", 20, "--rest", 0.3, "--yes", "--no-preflight")
+WIND = ("log", "wind", "--wind", 0, "--commands", 30000, "--hold", 20, "--rest", 0.3, "--yes")
 PREFLIGHT = ("rig", "preflight", "--for", 0.5, "--yes")
 BUG = """
 import cfid.rig.recorder as recorder
@@ -384,7 +383,6 @@ def test_a_staircase_that_goes_on_after_it_was_stopped_from_beside_turns_no_moto
         "--rest",
         0.5,
         "--yes",
-        "--no-preflight",
     )
     with bench_in(tmp_path, crazyflie={"firmware": kind}) as bench:
         pilot = bench.start(*words)
@@ -499,7 +497,6 @@ def test_a_signal_shortly_before_a_step_leaves_no_motor_on(tmp_path: Path, kind:
         "--rest",
         0.6,
         "--yes",
-        "--no-preflight",
     )
     with bench_in(tmp_path, crazyflie={"firmware": kind}, radio=radio) as bench:
         pilot = bench.start(*words)

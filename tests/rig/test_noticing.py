@@ -123,7 +123,7 @@ def deafen(bench: Bench) -> None:
 def test_a_script_gets_the_sentence_and_goes_on(tmp_path: Path, words: Sequence[object]) -> None:
     with bench_in(tmp_path, **FULL) as bench:
         bench.in_loop(lambda: deafen(bench))
-        pilot = bench.start(*words, "--no-preflight")
+        pilot = bench.start(*words)
         assert pilot.end() == 0, pilot.err
         run = bench.run()
     assert pilot.err.count("note: no thrust is felt at command 20000") == 1
@@ -136,7 +136,7 @@ def test_at_a_terminal_n_ends_the_recording_and_y_goes_on(tmp_path: Path, key: b
     end, pilots_end = pty.openpty()
     with bench_in(tmp_path, **FULL) as bench:
         bench.in_loop(lambda: deafen(bench))
-        pilot = bench.start(*STAIRS, "--no-preflight", stdin=pilots_end)
+        pilot = bench.start(*STAIRS, stdin=pilots_end)
         os.close(pilots_end)
         bench.wait_until(lambda: "n ends it" in pilot.err or pilot.process.poll() is not None, pilot)
         os.write(end, key)

@@ -144,7 +144,7 @@ def test_however_the_look_at_the_balance_ends_the_motors_are_off_and_the_vehicle
         pilot.send(*numbers)
         assert pilot.end() != 0
         still, turned = bench.motors, len(bench.history)
-        again = bench.start(*STAIRS, "--yes", "--no-preflight")
+        again = bench.start(*STAIRS, "--yes")
         code = again.end()
 
         assert not any(still)

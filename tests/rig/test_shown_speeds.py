@@ -21,7 +21,7 @@ from cfid.rig.motors import Four
 from tests.campaigns import in_this_process
 from tests.flying_in_a_folder import Bench, bench_in
 
-STAIRCASE = ("--from", 20000, "--to", 50000, "--step", 10000, "--hold", 1.5, "--rest", 0.8, "--yes", "--no-preflight")
+STAIRCASE = ("--from", 20000, "--to", 50000, "--step", 10000, "--hold", 1.5, "--rest", 0.8, "--yes")
 IDLE_RAD_PER_S, RAD_PER_S_PER_COMMAND = 381.0, 0.0408  # of the simulated rotors
 DEVICE = "\n[devices.{name}]\nkind = 'lines'\nport = '{port}'\nrate_hz = 20\nvalues = [{{ name = '{value}' }}]\n"
 
@@ -91,7 +91,7 @@ def test_a_speed_map_is_fitted_to_what_a_tachometer_sent_as_lines_by_its_own_mar
 def test_speeds_of_a_tachometer_that_the_fit_rejects_are_of_no_use_at_once(
     tmp_path: Path, share: float, reason: str
 ) -> None:
-    short = ("--from", 20000, "--to", 40000, "--step", 20000, "--hold", 1, "--rest", 0.5, "--yes", "--no-preflight")
+    short = ("--from", 20000, "--to", 40000, "--step", 20000, "--hold", 1, "--rest", 0.5, "--yes")
     with (
         bench_in(tmp_path) as bench,
         showing(bench, "tachometer", "rpm", lambda motors: share * rpm(motors), "markers = 1"),

@@ -49,7 +49,6 @@ STAIRS = (
     "--rest",
     0.3,
     "--yes",
-    "--no-preflight",
 )
 
 
@@ -322,7 +321,7 @@ def test_the_operator_confirms_with_the_address_before_a_motor_turns(bench: Benc
     ("typed", "expected"), [(b"n\n", "not confirmed: no motor was started."), (b"", "a script gives --yes")]
 )
 def test_without_a_confirmation_nothing_turns(bench: Bench, typed: bytes, expected: str) -> None:
-    pilot = bench.start(*STAIRS[:-2], stdin=subprocess.PIPE)
+    pilot = bench.start(*STAIRS[:-1], stdin=subprocess.PIPE)
     pilot.process.communicate(typed)
     assert pilot.process.returncode == 2
     assert expected in pilot.err
@@ -440,7 +439,7 @@ def test_an_interrupted_staircase_is_resumed_where_it_ended(bench: Bench) -> Non
     pilot.send(signal.SIGINT)
     assert pilot.end() == 0
     first = bench.run()
-    again = bench.start("log", "thrust", "--resume", "--yes", "--no-preflight")
+    again = bench.start("log", "thrust", "--resume", "--yes")
     assert again.end() == 0, again.err
 
     second = next(run for run in map(read_run, (bench.folder / "runs").iterdir()) if run.folder != first.folder)
@@ -448,14 +447,14 @@ def test_an_interrupted_staircase_is_resumed_where_it_ended(bench: Bench) -> Non
     assert second.header.requested["steps"] == [20000, 30000]
     assert second.header.requested["hold_s"] == 0.6
     assert first.header.rig == second.header.rig == load_rig(bench.folder / RIG_FILE).facts
-    nothing = bench.start("log", "thrust", "--resume", second.folder, "--yes", "--no-preflight")
+    nothing = bench.start("log", "thrust", "--resume", second.folder, "--yes")
     assert nothing.end() == 2
     assert "is complete" in nothing.err
 
 
 @pytest.mark.parametrize("silent", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_staircase_that_ends_in_the_pause_after_its_last_step_is_complete(bench: Bench, silent: bool) -> None:
-    words = ("--from", 20000, "--to", 30000, "--step", 10000, "--hold", 1, "--rest", 3, "--yes", "--no-preflight")
+    words = ("--from", 20000, "--to", 30000, "--step", 10000, "--hold", 1, "--rest", 3, "--yes")
     pilot = bench.start("log", "thrust", *words)
     bench.wait_until(lambda: bench.motors[0] == 30000 or pilot.process.poll() is not None, pilot)
     bench.wait_until(lambda: not any(bench.motors), pilot)
@@ -475,7 +474,7 @@ def test_a_staircase_that_ends_in_the_pause_after_its_last_step_is_complete(benc
 
 
 def test_a_sine_on_board_is_known_to_a_sample_and_felt_by_the_load_cell(bench: Bench) -> None:
-    pilot = bench.start("log", "sine", "--l", "12", "--n", 1000, "--yes", "--no-preflight")
+    pilot = bench.start("log", "sine", "--l", "12", "--n", 1000, "--yes")
     assert pilot.end() == 0, pilot.err
     run = bench.run()
     crossings = pd.read_csv(run.device_file("crossings"))
@@ -500,7 +499,7 @@ def test_a_sine_on_board_is_known_to_a_sample_and_felt_by_the_load_cell(bench: B
 
 
 def test_sines_are_played_one_after_the_other_and_resumed(bench: Bench) -> None:
-    words = ("log", "sine", "--l", "5,20,40", "--n", 300, "--yes", "--no-preflight", "--before", 0.2)
+    words = ("log", "sine", "--l", "5,20,40", "--n", 300, "--yes", "--before", 0.2)
     pilot = bench.start(*words)
     bench.wait_until(lambda: "l = 5: complete" in pilot.out or pilot.process.poll() is not None, pilot)
     pilot.wait_until_motors_run(0.1)
@@ -509,7 +508,7 @@ def test_sines_are_played_one_after_the_other_and_resumed(bench: Bench) -> None:
     assert not any(bench.motors)
     stopped = max((bench.folder / "runs").iterdir()).name
     assert "`cfid log sine --resume" in " ".join(pilot.out.split())
-    again = bench.start("log", "sine", "--yes", "--no-preflight", "--before", 0.2, "--resume", stopped, "--json")
+    again = bench.start("log", "sine", "--yes", "--before", 0.2, "--resume", stopped, "--json")
     assert again.end() == 0, again.err
 
     content = json.loads(again.out)
@@ -524,7 +523,7 @@ def test_sines_are_played_one_after_the_other_and_resumed(bench: Bench) -> None:
 
 def test_stock_firmware_plays_no_sine_and_says_what_it_needs(tmp_path: Path) -> None:
     with bench_in(tmp_path, crazyflie={"firmware": "stock"}) as bench:
-        pilot = bench.start("log", "sine", "--l", 3, "--yes", "--no-preflight")
+        pilot = bench.start("log", "sine", "--l", 3, "--yes")
         assert pilot.end() == 3
         assert "a sine is played on board: this needs cfid's app" in pilot.err
 
@@ -586,7 +585,6 @@ def test_speeds_are_typed_while_the_motors_run(bench: Bench) -> None:
         "--rest",
         0.1,
         "--yes",
-        "--no-preflight",
     )
     pilot = bench.start(*words, stdin=subprocess.PIPE)
     pilot.process.communicate(b"12000\n\n15000.5\n")
@@ -610,7 +608,6 @@ def test_a_reading_is_taken_back_and_its_command_held_again(bench: Bench) -> Non
         "--rest",
         0.1,
         "--yes",
-        "--no-preflight",
     )
     pilot = bench.start(*words, stdin=subprocess.PIPE)
     pilot.process.communicate(b"u\n12\nundo\n30\n25\n60\n")
@@ -628,7 +625,7 @@ def test_a_reading_is_taken_back_and_its_command_held_again(bench: Bench) -> Non
     assert "3 readings at 3 steps" in pilot.out
 
 
-TYPED = ("--from", 20000, "--to", 40000, "--step", 10000, "--hold", 0.2, "--rest", 0.1, "--yes", "--no-preflight")
+TYPED = ("--from", 20000, "--to", 40000, "--step", 10000, "--hold", 0.2, "--rest", 0.1, "--yes")
 
 
 class Terminal:
@@ -827,7 +824,6 @@ def test_a_script_that_types_nonsense_or_ends_early_stops_the_motors(bench: Benc
         "--rest",
         0.1,
         "--yes",
-        "--no-preflight",
     )
     pilot = bench.start(*words, stdin=subprocess.PIPE)
     pilot.process.communicate(typed)
@@ -840,7 +836,7 @@ def test_a_script_that_types_nonsense_or_ends_early_stops_the_motors(bench: Benc
 
 @pytest.mark.parametrize(("option", "truth"), [("deck", {"rpm_deck": True}), ("brushless", {"platform": "cf21bl"})])
 def test_speeds_that_the_vehicle_tells_itself_are_logged(tmp_path: Path, option: str, truth: dict[str, Any]) -> None:
-    words = ("log", "speed", "--from", 30000, "--to", 30000, "--hold", 0.6, "--rest", 0.3, "--yes", "--no-preflight")
+    words = ("log", "speed", "--from", 30000, "--to", 30000, "--hold", 0.6, "--rest", 0.3, "--yes")
     with bench_in(tmp_path, crazyflie=truth) as bench:
         pilot = bench.start(*words, "--tachometer", option)
         assert pilot.end() == 0, pilot.err
@@ -851,7 +847,7 @@ def test_speeds_that_the_vehicle_tells_itself_are_logged(tmp_path: Path, option:
 
 
 def test_speeds_that_the_vehicle_tells_itself_are_resumed_as_such(tmp_path: Path) -> None:
-    quick = ("--hold", 0.6, "--rest", 0.3, "--yes", "--no-preflight")
+    quick = ("--hold", 0.6, "--rest", 0.3, "--yes")
     with bench_in(tmp_path, crazyflie={"rpm_deck": True}) as bench:
         pilot = bench.start(
             "log", "speed", "--from", 20000, "--to", 30000, "--step", 10000, *quick, "--tachometer", "deck"
@@ -859,7 +855,7 @@ def test_speeds_that_the_vehicle_tells_itself_are_resumed_as_such(tmp_path: Path
         bench.wait_until(lambda: bench.motors[0] == 30000, pilot)
         pilot.send(signal.SIGINT)
         assert pilot.end() == 0, pilot.err
-        again = bench.start("log", "speed", "--resume", bench.run().folder, *quick[-2:])
+        again = bench.start("log", "speed", "--resume", bench.run().folder, *quick[-1:])
         assert again.end() == 0, again.err
         first, second = sorted((bench.folder / "runs").iterdir())
     assert read_run(second).header.requested["steps"] == [30000]
@@ -868,7 +864,7 @@ def test_speeds_that_the_vehicle_tells_itself_are_resumed_as_such(tmp_path: Path
 
 
 def test_a_vehicle_without_a_deck_says_so(bench: Bench) -> None:
-    pilot = bench.start("log", "speed", "--tachometer", "deck", "--yes", "--no-preflight")
+    pilot = bench.start("log", "speed", "--tachometer", "deck", "--yes")
     assert pilot.end() == 3
     assert "this vehicle has no RPM deck: it does not log rpm.m1." in pilot.err
 
@@ -891,7 +887,6 @@ def test_a_reading_that_was_not_typed_is_asked_for_again(bench: Bench) -> None:
         "--rest",
         0.1,
         "--yes",
-        "--no-preflight",
     )
     pilot = bench.start(*words, stdin=subprocess.PIPE)
     assert pilot.process.stdin is not None
@@ -911,7 +906,7 @@ def test_a_reading_that_was_not_typed_is_asked_for_again(bench: Bench) -> None:
 
 def test_a_run_whose_only_reading_was_taken_back_is_resumed_from_its_first_step(bench: Bench) -> None:
     words = ("log", "speed", "--from", 20000, "--to", 30000, "--step", 10000, "--hold", 0.2, "--rest", 0.1, "--yes")
-    pilot = bench.start(*words, "--no-preflight", stdin=subprocess.PIPE)
+    pilot = bench.start(*words, stdin=subprocess.PIPE)
     assert pilot.process.stdin is not None
     pilot.process.stdin.write(b"12000\nu\n")
     pilot.process.stdin.flush()

@@ -21,10 +21,11 @@ from cfid.sim.faults import CrazyflieFaults
 from cfid.sim.radio import RadioTruth
 from cfid.transfer.sines.record import play_sine
 from cfid.wire.app import SineRequest, omega_of
-from cfid.wire.crtp import LOG_CONTROL_CHANNEL, LOG_PORT, encode_stop_log
+from cfid.wire.crtp import LOG_CONTROL_CHANNEL, LOG_PORT
 from tests.rig.flying import UNIX_S, Flight
 
 KINDS = pytest.mark.parametrize("firmware", ["app", "stock", "old"])
+RESET = b"\x05"  # deletes every block of the vehicle's log, as a client does that connects
 STAIRS = StaircasePlan(steps=(0, 10000, 20000), motors=(1, 3), hold_s=2.0, rest_s=1.0)
 
 
@@ -299,7 +300,7 @@ def test_a_pause_between_two_recordings_is_no_stall(tmp_path: Path) -> None:
 
     async def end_log(_: Any) -> None:
         await sleep(flight.clock, 0.3)
-        flight.vehicle.send(LOG_PORT, LOG_CONTROL_CHANNEL, encode_stop_log(200))
+        flight.vehicle.send(LOG_PORT, LOG_CONTROL_CHANNEL, RESET)
         await sleep(flight.clock, 20.0)
 
     _, failure = flight.record([flight.log()], end_log)
@@ -319,7 +320,7 @@ def test_a_log_that_ends_after_a_stall_of_cfid_itself_is_noticed_at_once_and_the
         await sleep(flight.clock, 1.0)
         flight.clock.pause(4.0)
         await sleep(flight.clock, 0.04)
-        flight.vehicle.send(LOG_PORT, LOG_CONTROL_CHANNEL, encode_stop_log(200))
+        flight.vehicle.send(LOG_PORT, LOG_CONTROL_CHANNEL, RESET)
         ended_s.append(flight.clock.seconds())
         await sleep(flight.clock, 20.0)
 

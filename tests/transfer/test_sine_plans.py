@@ -102,7 +102,7 @@ def test_motors_of_a_list_are_driven_one_after_the_other(tmp_path: Path) -> None
         words = ("log", "sine", "--periods", "5", "--samples", 100, "--before", 0.2, "--motor", "3,1")
         rehearsed = bench.start(*words, "--dry-run")
         assert (rehearsed.end(), rehearsed.out) == (0, "2 sines of 3 s on motors 1, 3 in turn: 0:05 min\n")
-        pilot = bench.start(*words, "--yes", "--no-preflight")
+        pilot = bench.start(*words, "--yes")
         assert pilot.end() == 0, pilot.err
         headers = [run.header for run in open_campaign(tmp_path).runs(kind="sine", complete=False)]
 

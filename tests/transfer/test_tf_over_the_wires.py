@@ -30,7 +30,7 @@ IDENTIFY = ("tf", "identify")
 def logged(bench: Bench, *words: object, longest_s: float) -> None:
     """Log sines, and resume if a computer too busy to keep the motors alive lets them stop, as an operator would."""
     for more in ((), ("--resume",), ("--resume",)):
-        pilot = bench.start("log", "sine", *words, "--yes", "--no-preflight", *more)
+        pilot = bench.start("log", "sine", *words, "--yes", *more)
         if pilot.process.wait(longest_s) == 0:
             break
     assert pilot.process.returncode == 0, pilot.err

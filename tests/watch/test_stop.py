@@ -15,7 +15,7 @@ from tests.rig_in_a_folder import wait_until
 
 pytestmark = pytest.mark.usefixtures("in_time")
 
-RECORDED = ("log", "thrust", "--from", 30000, "--to", 30000, "--hold", 600, "--rest", 0.3, "--yes", "--no-preflight")
+RECORDED = ("log", "thrust", "--from", 30000, "--to", 30000, "--hold", 600, "--rest", 0.3, "--yes")
 NOBODY = "udp://127.0.0.1:9"
 
 
@@ -104,7 +104,7 @@ def test_a_sine_drives_the_vehicle_that_its_run_states_whatever_rig_toml_names(t
     with bench_in(tmp_path) as bench:
         rig = bench.folder / "rig.toml"
         rig.write_text(rig.read_text().replace(bench.uri, NOBODY))
-        recorder = bench.start("log", "sine", "--l", 100, "--n", 12000, "--uri", bench.uri, "--yes", "--no-preflight")
+        recorder = bench.start("log", "sine", "--l", 100, "--n", 12000, "--uri", bench.uri, "--yes")
         recorder.wait_until_motors_run()
         (run,) = (bench.folder / "runs").iterdir()
         with watching(bench, run) as port:
