@@ -129,8 +129,9 @@ class Recorder:
             for instrument in self._instruments:
                 instrument.start()
             self._write_blocks(0)
-            begun = begin()
-            begun.addCallbacks(self._finish, self._failed)
+            if not self._done.called:  # a device that is at fault at once ends the recording before anything turns
+                begun = begin()
+                begun.addCallbacks(self._finish, self._failed)
             await self._done
         except Exception as error:
             failed.append(error)

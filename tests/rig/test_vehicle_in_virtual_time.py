@@ -15,7 +15,7 @@ from cfid.records.run import Run
 from cfid.rig.loop import Ending
 from cfid.rig.motor_commands import hold
 from cfid.rig.motors import MAY_BE_RUNNING, Limits
-from cfid.rig.recorder import sleep
+from cfid.rig.recorder import Block, no_rows, sleep
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.faults import CrazyflieFaults
 from cfid.sim.radio import RadioTruth
@@ -222,6 +222,47 @@ def test_the_app_refuses_nonsense_and_says_why(tmp_path: Path, request_: SineReq
     assert isinstance(failure, DeviceError)
     assert expected in str(failure)
     assert len(flight.motors) == 1
+
+
+class FaultyAtOnce:
+    """An instrument whose first block already has a fault."""
+
+    name = "loadcell"
+    columns = ("t", "Fz")
+
+    def start(self) -> None:
+        """It samples by itself."""
+
+    def take(self) -> Block:
+        return Block(no_rows(2), fault="loadcell: the link to the transducer failed.")
+
+    async def stop(self) -> None:
+        """It needs no stop."""
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+    def facts(self) -> dict[str, Any]:
+        return {}
+
+
+@pytest.mark.parametrize("firmware", ["app", "stock"])
+def test_after_a_faulty_first_block_no_procedure_begins(tmp_path: Path, firmware: str) -> None:
+    flight = Flight(tmp_path, firmware=firmware)
+    begun: list[str] = []
+
+    async def drive(there: Any) -> None:
+        begun.append("begun")
+        await hold(there["commands"], 20000, (1, 2, 3, 4), for_s=1.0, loop=flight.clock)
+
+    _, failure = flight.record([flight.commands(), FaultyAtOnce()], drive)
+    flight.turn(for_s=0.5)
+
+    assert "the link to the transducer failed" in str(failure)
+    assert not begun
+    assert len(flight.motors) == 1  # none has ever turned
+    assert not any((20000).to_bytes(2, "little") in packet.payload for packet in flight.link.sent)
+    assert not any(packet.port in (3, 7, 10, 11) for packet in flight.link.sent)
 
 
 # Ways out: the motors are off 0.7 s later, or a message states that they may not be
