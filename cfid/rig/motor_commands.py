@@ -26,6 +26,7 @@ class MotorCommands:
         """Take motors that stand still."""
         self._motors, self._loop, self._clock = motors, loop, clock
         self._rows: list[tuple[float, Four]] = []
+        self._commands: Four | None = None  # the last that were set; None: unknown
         self._running = False
         self._stopped_in_s: float | None = None
         self.whole = False
@@ -34,14 +35,14 @@ class MotorCommands:
         """Begin to monitor the motors."""
         self._running = True
         self._motors.start()
-        self._rows.append((self._loop.seconds(), STILL))
+        self._note(self._loop.seconds(), STILL)
 
     async def set(self, commands: Four) -> None:
         """Set the motors' commands. Raises ConfigError or DeviceError."""
         if not self._running:
             raise DeviceError(STOPPED)
-        sent_s = await self._motors.set(commands)
-        self._rows.append((sent_s, commands))
+        self._commands = None
+        self._note(await self._motors.set(commands), commands)
 
     def take(self) -> Block:
         """Return the changes. Raises DeviceError when the motors can no longer be commanded."""
@@ -57,7 +58,8 @@ class MotorCommands:
         """Stop the motors. Raises DeviceError when it is not certain that they stopped."""
         if self._running:
             self._running = False
-            self._rows.append((self._loop.seconds(), STILL))
+            if self._commands != STILL:
+                self._note(self._loop.seconds(), STILL)
             self._stopped_in_s = await self._motors.stop()
 
     def close(self) -> None:
@@ -66,6 +68,10 @@ class MotorCommands:
     def facts(self) -> Mapping[str, Any]:
         """Return how long the motors' stop took to be confirmed."""
         return {} if self._stopped_in_s is None else {"stopped_in_s": round(self._stopped_in_s, 4)}
+
+    def _note(self, sent_s: float, commands: Four) -> None:
+        self._commands = commands
+        self._rows.append((sent_s, commands))
 
 
 def four(command: int, motors: Sequence[int]) -> Four:

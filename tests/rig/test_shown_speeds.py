@@ -178,12 +178,12 @@ def test_scales_at_a_port_are_resumed_at_it(tmp_path: Path) -> None:
         bench_in(tmp_path) as bench,
         sending(bench, "scales", lambda motors: f"ST,GS,{grams(motors):+08.2f} g") as port,
     ):
-        pilot = bench.start("log", "scales", "--port", port, "--baud", 19200, *steps, *STAIRCASE[-2:])
+        pilot = bench.start("log", "scales", "--port", port, "--baud", 19200, *steps, *STAIRCASE[-1:])
         bench.wait_until(lambda: bench.motors[0] == 40000 or pilot.process.poll() is not None, pilot)
         pilot.send(signal.SIGINT)
         assert pilot.end() == 0, pilot.err
         first = bench.run()
-        again = bench.start("log", "scales", "--resume", first.folder, *STAIRCASE[-2:])
+        again = bench.start("log", "scales", "--resume", first.folder, *STAIRCASE[-1:])
         assert again.end() == 0, again.err
         second = max(map(read_run, (bench.folder / "runs").iterdir()), key=lambda run: run.folder.name)
 
