@@ -114,7 +114,7 @@ def _stop(uri: str, setting: "CrazyflieLink") -> None:
 
     ports = AppPorts(setting.thrust_port, setting.sine_port, setting.ping_port)
     stopped = stop_vehicle(uri, ports, say=note)
-    result(stopped_line(uri, stopped.kind, stopped.after_s))
+    result(stopped_line(uri, stopped.after_s))
     if stopped.state is not None and stopped.state.remedy:
         note(f"{uri}: the vehicle is {stopped.state.name}: {stopped.state.remedy}.")
 
@@ -144,7 +144,7 @@ def _drive(vehicle: "ReadyVehicle", live: LiveLine, procedure: "Procedure") -> N
 
     def stopped(seconds: float) -> None:
         live.end()
-        result(stopped_line(vehicle.uri, vehicle.firmware.kind, seconds))
+        result(stopped_line(vehicle.uri, seconds))
 
     try:
         drive([vehicle.commands(), *vehicle.watch()], procedure, show=live.show, stopped=stopped)
@@ -152,8 +152,6 @@ def _drive(vehicle: "ReadyVehicle", live: LiveLine, procedure: "Procedure") -> N
         live.end()
 
 
-def stopped_line(uri: str, kind: str, seconds: float) -> str:
-    """Return a line about a stop that took `seconds`: whether this `kind` of firmware confirms a stop."""
-    if kind == "thesis":
-        return f"{uri}: a stop was sent. The modules of 2015 do not confirm it, and play a sine to its end."
+def stopped_line(uri: str, seconds: float) -> str:
+    """Return a line about a stop that took `seconds`."""
     return f"{uri}: {stop_line(seconds)}"

@@ -223,7 +223,7 @@ def _balances(
     finally:
         live.end()
         for seconds in stopped_s:
-            note(stopped_line(crazyflie.uri, crazyflie.firmware.kind, seconds))
+            note(stopped_line(crazyflie.uri, seconds))
     try:
         return _judged_balances(sampled, loadcell)
     except DeviceError:

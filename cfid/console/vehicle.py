@@ -35,7 +35,6 @@ def motors_of(words: Sequence[str] | None, usual: Sequence[int], *, least: int =
 
 _FIRMWARE = {
     "app": "cfid's app",
-    "thesis": "the thesis' modules of 2015",
     "stock": "stock firmware",
 }
 

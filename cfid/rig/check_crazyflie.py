@@ -15,7 +15,6 @@ from cfid.wire.supervisor import VehicleState
 
 _FOUND = {
     "app": "cfid's app: thrust, sine, ping, and motors that stop when the link is lost",
-    "thesis": "the thesis' modules of 2015: thrust, sine, ping",
     "stock": "stock firmware: thrust by parameters, ping by echo, no sine",
 }
 
@@ -42,27 +41,27 @@ def _ask(link: Link, setting: CrazyflieLink) -> list[DeviceAnswer]:
     try:
         found = DeviceAnswer("link", "ok", f"{link.uri}, protocol {link.firmware_protocol}")
         ports = AppPorts(setting.thrust_port, setting.sine_port, setting.ping_port)
-        firmware = _firmware(firmware_of(link, ports))
-        return [found, *firmware, *asked(link, lambda vehicle: _state_and_battery(vehicle, setting.stop_below_v))]
+        return [found, *asked(link, lambda vehicle: _answers(vehicle, ports, setting.stop_below_v))]
     finally:
         link.close()
 
 
-def _firmware(firmware: Firmware) -> list[DeviceAnswer]:
+def _firmware(firmware: Firmware) -> DeviceAnswer:
     what = _FOUND[firmware.kind]
     if firmware.kind != "app":
         advice = "a lost link does not stop these motors; firmware_patches/README.md explains how to flash the app"
-        return [DeviceAnswer("motors", "warning", what, advice)]
+        return DeviceAnswer("motors", "warning", what, advice)
     if firmware.knows_owners:
-        return [DeviceAnswer("motors", "ok", what)]
+        return DeviceAnswer("motors", "ok", what)
     advice = "another program's keep-alives prolong this one's commands: flash the app that came with this cfid"
-    return [DeviceAnswer("motors", "warning", f"{what}; an older version", advice)]
+    return DeviceAnswer("motors", "warning", f"{what}; an older version", advice)
 
 
-async def _state_and_battery(vehicle: Vehicle, stop_below_v: float | None) -> list[DeviceAnswer]:
+async def _answers(vehicle: Vehicle, ports: AppPorts, stop_below_v: float | None) -> list[DeviceAnswer]:
+    firmware = _firmware(await firmware_of(vehicle, ports))
     state = _state(*await state_and_idle(vehicle))
     volts = (await logged(vehicle, [BATTERY]))[0] if vehicle.wire.variable(BATTERY) is not None else None
-    return [state, _battery(volts, stop_below_v)]
+    return [firmware, state, _battery(volts, stop_below_v)]
 
 
 def _state(state: VehicleState | None, idle_thrust: int) -> DeviceAnswer:

@@ -1,6 +1,6 @@
 """Opens the link to a vehicle: handles cflib and its threads, and adds the time-outs that cflib lacks.
 
-Packets arrive on cflib's thread and get their times there. Before a loop is attached, `ask` waits for them one by one.
+Packets arrive on cflib's thread and get their times there.
 """
 
 import contextlib
@@ -8,7 +8,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, Self, TypeVar
+from typing import Any, Self
 
 from cflib.crazyflie import Crazyflie
 from cflib.crtp.crtpstack import CRTPPacket
@@ -17,7 +17,6 @@ from cfid.errors import DeviceError
 from cfid.rig.cflib_drivers import prepare_cflib, table_cache
 from cfid.wire.crtp import ECHO_CHANNEL, ECHO_PORT, Packet, Variable, encode_echo
 
-Answer = TypeVar("Answer")
 Arrived = tuple[Packet, float]
 
 OLDEST_PROTOCOL = 4  # from 2018 on: the first with 16-bit tables
@@ -117,23 +116,10 @@ class Link:
             raise DeviceError(self.fault) from None
         return leaving
 
-    def ask(
-        self, packet: Packet, read: Callable[[Packet], Answer | None], *, within_s: float = 0.2, tries: int = 3
-    ) -> Answer | None:
-        """Send a packet repeatedly until `read` returns an answer from an arriving packet; None when it never does.
-
-        Call this only before a loop is attached: from then on the loop takes the packets.
-        """
-        for _ in range(tries):
-            self.send(packet)
-            end_s = time.monotonic() + within_s
-            while (left_s := end_s - time.monotonic()) > 0:
-                try:
-                    answer = read(self._arrived.get(timeout=left_s)[0])
-                except queue.Empty:
-                    break
-                if answer is not None:
-                    return answer
+    def receive(self, within_s: float) -> Packet | None:
+        """Return the next packet, None when none comes in time. Once a loop is attached, it takes the packets."""
+        with contextlib.suppress(queue.Empty):
+            return self._arrived.get(timeout=within_s)[0]
         return None
 
     def attach(self, wake: Callable[[], None]) -> None:

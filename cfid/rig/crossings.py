@@ -8,8 +8,9 @@ from twisted.internet.defer import Deferred
 
 from cfid.counted import counted
 from cfid.errors import DeviceError
+from cfid.rig.app_motors import AppMotors
 from cfid.rig.clock import HostClock
-from cfid.rig.motors import STOPPED, Firmware, SinePlayer
+from cfid.rig.motors import STOPPED, Firmware
 from cfid.rig.recorder import Block, no_rows
 from cfid.rig.vehicle import Vehicle
 from cfid.wire import app
@@ -28,34 +29,24 @@ _OUTCOMES: Mapping[int | None, str] = {
 
 
 class Crossings:
-    """The reports of one sine: `t` is when they arrived; the app adds sample index and time on board."""
+    """The reports of one sine: `t` is when they arrived, beside the sample's index and the time on board."""
 
     name = "crossings"
+    columns = ("t", "thrust_rec", "sample", "vehicle_us", "report")
 
-    def __init__(
-        self, player: SinePlayer, vehicle: Vehicle, firmware: Firmware, *, loop: Any, clock: HostClock
-    ) -> None:
-        """Take motors that can play."""
+    def __init__(self, player: AppMotors, vehicle: Vehicle, firmware: Firmware, *, loop: Any, clock: HostClock) -> None:
+        """Take the app's motors, which can play."""
         self._player, self._loop, self._clock = player, loop, clock
         self._vehicle = vehicle
-        self._stamped = firmware.kind == "app"
-        self.columns = self.columns_of(firmware)
         self._reports: list[tuple[float, Crossing]] = []
         self._next_report = 0
         self._rejected = self._samples = 0
         self._done: Deferred[Done] | None = None
         self._end: Done | None = None
         self._running = self._started = False
-        self._played_s = 0.0
         self._stopped_in_s: float | None = None
         vehicle.listen(firmware.ports.sine, SineChannel.CROSSING, self._take_crossing)
         vehicle.listen(firmware.ports.sine, SineChannel.DONE, self._take_done)
-
-    @staticmethod
-    def columns_of(firmware: Firmware) -> tuple[str, ...]:
-        """Return the columns that a firmware's reports fill."""
-        old = ("t", "thrust_rec")
-        return (*old, "sample", "vehicle_us", "report") if firmware.kind == "app" else old
 
     def start(self) -> None:
         """Begin to monitor the motors."""
@@ -69,7 +60,6 @@ class Crossings:
         await self._player.be_ready(request)
         lasts_s = request.samples / app.SAMPLES_PER_S
         self._started, self._done, self._samples = True, Deferred(), request.samples
-        self._played_s = self._loop.seconds() + lasts_s
         await self._player.play(request)
         longest_s = lasts_s + _DONE_AFTER_S
         silent = self._loop.callLater(_FIRST_REPORT_S, self._complain, "no report of a first sample arrived")
@@ -96,7 +86,7 @@ class Crossings:
         if not reports:
             return Block(no_rows(len(self.columns)))
         times_s = self._clock.unix_s(np.array([arrived_s for arrived_s, _ in reports]))
-        values = np.array([report[: len(self.columns) - 1] for _, report in reports], dtype=np.int64)
+        values = np.array([report for _, report in reports], dtype=np.int64)
         return Block((times_s, *values.T), self._missing([report for _, report in reports]))
 
     async def stop(self) -> None:
@@ -124,17 +114,15 @@ class Crossings:
         if not self._started:  # of an earlier sine
             return
         crossing = app.decode_crossing(payload)
-        if crossing is None or (crossing.sample is not None) != self._stamped:
+        if crossing is None:
             self._rejected += 1
             return
         self._reports.append((arrived_s, crossing))
         if crossing.sample == self._samples and self._done is not None:  # the motors are off; the byte `a` may be lost
             self._loop.callLater(_DONE_AFTER_S + _DONE_LATE_S, self._finish, self._done, Done(None, crossing.sample))
-        if not self._stamped:
-            self._next_report += 1
 
     def _take_done(self, payload: bytes, arrived_s: float) -> None:
-        if not self._started or (not self._stamped and arrived_s < self._played_s):  # of an earlier sine
+        if not self._started:  # of an earlier sine
             return
         done = app.decode_done(payload)
         if done is None:
@@ -151,9 +139,8 @@ class Crossings:
         """Return how many numbered reports the link lost."""
         missing = 0
         for report in reports:
-            if report.number is not None:
-                missing += (report.number - self._next_report) % (1 << 16)
-                self._next_report = report.number + 1
+            missing += (report.number - self._next_report) % (1 << 16)
+            self._next_report = report.number + 1
         return missing
 
 

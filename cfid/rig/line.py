@@ -14,7 +14,7 @@ from cfid.wire.crtp import LONGEST_PAYLOAD, Packet, decode_packet, encode_packet
 class VehicleLine(Protocol):
     """Packets to and from a vehicle."""
 
-    def send(self, packet: Packet) -> None:
+    def send(self, packet: Packet) -> object:
         """Send a packet, if the link takes it."""
 
     def receive(self, within_s: float) -> Packet | None:

@@ -1,13 +1,14 @@
 """Defines what motors do for the rig, within the limits of rig.toml, and finds out how a vehicle's are driven.
 
-They are driven in one of three ways: by cfid's app, by the thesis' modules of 2015, or by stock firmware.
+They are driven in one of two ways: by cfid's app, or by stock firmware.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol, TypeVar
+from typing import Literal, Protocol
 
 from cfid.errors import ConfigError, DeviceError
+from cfid.rig.vehicle import Vehicle
 from cfid.units import MOTORS
 from cfid.wire.app import (
     ALL_MOTORS_SINE,
@@ -22,7 +23,6 @@ from cfid.wire.app import (
 )
 from cfid.wire.crtp import ECHO_CHANNEL, ECHO_PORT, Packet, decode_echo, encode_echo
 
-Answer = TypeVar("Answer")
 Four = tuple[int, int, int, int]
 
 STILL: Four = (0, 0, 0, 0)
@@ -59,20 +59,6 @@ class Motors(Protocol):
         Returns None when no command of this program took effect, so that motors that turn are another program's.
         Raises StopError when the stop is not certain.
         """
-
-
-class SinePlayer(Motors, Protocol):
-    """Motors that can play the sine of eq. 3.6 on board."""
-
-    @property
-    def playing(self) -> bool:
-        """Whether the vehicle's latest report states that it plays a sine."""
-
-    async def be_ready(self, request: SineRequest) -> None:
-        """Wait for the previous sine to end. Raises ConfigError beyond the limits, DeviceError if it does not end."""
-
-    async def play(self, request: SineRequest) -> None:
-        """Start a sine. Raises ConfigError beyond the limits, DeviceError when the vehicle refuses."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,9 +124,9 @@ class Limits:
 
 @dataclass(frozen=True, kw_only=True)
 class Firmware:
-    """What runs on the vehicle: `app` is cfid's, `thesis` the modules of 2015, `stock` neither."""
+    """What runs on the vehicle: `app` is cfid's, `stock` has none."""
 
-    kind: Literal["app", "thesis", "stock"]
+    kind: Literal["app", "stock"]
     ports: AppPorts
     hello: Hello | None = None
 
@@ -150,52 +136,25 @@ class Firmware:
         return self.hello is not None and self.hello.protocol >= OWNERS_SINCE
 
 
-class OpenLink(Protocol):
-    """A link that answers questions before a loop runs, such as `crazyflie.Link`."""
-
-    uri: str
-
-    def ask(
-        self, packet: Packet, read: Callable[[Packet], Answer | None], *, within_s: float, tries: int
-    ) -> Answer | None:
-        """Return what `read` made of an answer, None without one."""
-
-    def parameter(self, name: str) -> object:
-        """Return a parameter."""
-
-
-def firmware_of(link: OpenLink, ports: AppPorts) -> Firmware:
+async def firmware_of(vehicle: Vehicle, ports: AppPorts) -> Firmware:
     """Find out how a vehicle's motors are driven. Raises DeviceError where they cannot be."""
-
-    def greeted(packet: Packet) -> Hello | None:
-        return decode_hello(packet.payload) if packet.port == ports.ping else None
-
-    def answer(packet: Packet) -> Hello | str | None:
-        return greeted(packet) or ("thesis" if packet.port == ports.ping and not packet.payload else None)
-
-    ask = Packet(ports.ping, PingChannel.HELLO, b"")
-    found = link.ask(ask, answer, within_s=_HELLO_S, tries=_HELLOS)
-    if found == "thesis":  # an empty packet is no sure sign: one of a disturbed link may come before the app's hello
-        found = link.ask(ask, greeted, within_s=_HELLO_S, tries=2) or found
-    if isinstance(found, Hello):
-        if found.protocol not in PROTOCOLS:
+    hello = await vehicle.ask(
+        Packet(ports.ping, PingChannel.HELLO, b""), decode_hello, within_s=_HELLO_S, tries=_HELLOS
+    )
+    if hello is not None:
+        if hello.protocol not in PROTOCOLS:
             raise DeviceError(
-                f"{link.uri}: the app on the vehicle speaks version {found.protocol}, this cfid "
+                f"{vehicle.uri}: the app on the vehicle speaks version {hello.protocol}, this cfid "
                 f"{' and '.join(map(str, PROTOCOLS))}: flash the app that came with it (firmware_patches/README.md)."
             )
-        return Firmware(kind="app", ports=ports, hello=found)
-    if found:
-        return Firmware(kind="thesis", ports=ports)
+        return Firmware(kind="app", ports=ports, hello=hello)
     # Stock firmware answers everything except the hello; a dead link answers nothing, so the echo distinguishes them.
-    if link.ask(Packet(ECHO_PORT, ECHO_CHANNEL, encode_echo(1)), _echoed, within_s=_HELLO_S, tries=_HELLOS) is None:
-        raise DeviceError(f"{link.uri}: the vehicle no longer answers: the link is lost.")
-    if link.parameter("motorPowerSet.enable") is not None:
+    echo = Packet(ECHO_PORT, ECHO_CHANNEL, encode_echo(1))
+    if await vehicle.ask(echo, decode_echo, within_s=_HELLO_S, tries=_HELLOS) is None:
+        raise DeviceError(f"{vehicle.uri}: the vehicle no longer answers: the link is lost.")
+    if vehicle.wire.parameter("motorPowerSet.enable") is not None:
         return Firmware(kind="stock", ports=ports)
     raise DeviceError(
-        f"{link.uri}: this firmware has neither cfid's app nor the parameters motorPowerSet: its motors cannot be "
+        f"{vehicle.uri}: this firmware has neither cfid's app nor the parameters motorPowerSet: its motors cannot be "
         "commanded. Update it, or flash the app (firmware_patches/README.md)."
     )
-
-
-def _echoed(packet: Packet) -> bool | None:
-    return True if packet[:2] == (ECHO_PORT, ECHO_CHANNEL) and decode_echo(packet.payload) else None

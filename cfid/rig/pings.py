@@ -47,8 +47,6 @@ class Pings:
         def own(payload: bytes) -> bool | None:
             if self._firmware.kind == "stock":
                 return crtp.decode_echo(payload) == number or None
-            if self._firmware.kind == "thesis":
-                return not payload or None
             time_us = app.decode_ping_answer(request.payload, payload)
             if time_us is not None:
                 vehicle_us.append(time_us)
@@ -85,5 +83,4 @@ class Pings:
         ports = self._firmware.ports
         if self._firmware.kind == "stock":
             return Packet(crtp.ECHO_PORT, crtp.ECHO_CHANNEL, crtp.encode_echo(self.sent))
-        payload = b"" if self._firmware.kind == "thesis" else app.encode_alive(self.sent)
-        return Packet(ports.ping, PingChannel.PING, payload)
+        return Packet(ports.ping, PingChannel.PING, app.encode_alive(self.sent))

@@ -1,6 +1,5 @@
 """Confirms a stop over a full link with the vehicle's tables: every command is zero, and no rotor idles."""
 
-import time
 from typing import NamedTuple
 
 from cfid.errors import DeviceError, StopError
@@ -13,7 +12,6 @@ from cfid.rig.stop_packets import OVERRIDES, Acknowledged, Kind, stop_over
 from cfid.rig.supervisor import present_state
 from cfid.rig.vehicle import Vehicle, asked
 from cfid.wire.app import AppPorts
-from cfid.wire.crtp import Packet
 from cfid.wire.supervisor import VehicleState, encode_arming
 
 _DISARMED_S = 1.0
@@ -37,37 +35,15 @@ def confirm_stop(uri: str, ports: AppPorts, acknowledged: Acknowledged | None) -
     link = Link.connect(uri)
     try:
         if acknowledged is None or not (acknowledged.by_app or acknowledged.by_parameters):
-            acknowledged = stop_over(_FullLink(link), ports)
-        kind: Kind = "app" if acknowledged.by_app else firmware_of(link, ports).kind
+            acknowledged = stop_over(link, ports)
+        kind: Kind = "app" if acknowledged.by_app else asked(link, lambda vehicle: firmware_of(vehicle, ports)).kind
         if kind == "app" and not acknowledged.by_app:
-            acknowledged = stop_over(_FullLink(link), ports)
+            acknowledged = stop_over(link, ports)
             if not acknowledged.by_app:
                 raise StopError(f"{MAY_BE_RUNNING}: {uri}: the app did not confirm that the motors stopped.")
         return ReadBack(kind, acknowledged, asked(link, _confirmed))
     finally:
         link.close()
-
-
-class _FullLink:
-    """Adapts a full link to `stop_over`."""
-
-    def __init__(self, link: Link) -> None:
-        self._link = link
-        self._came: list[Packet] = []
-
-    def send(self, packet: Packet) -> None:
-        self._link.send(packet)
-
-    def receive(self, within_s: float) -> Packet | None:
-        end_s = time.monotonic() + within_s
-        while not self._came and time.monotonic() < end_s:
-            self._came += [packet for packet, _ in self._link.arrived()]
-            if not self._came:
-                time.sleep(0.005)
-        return self._came.pop(0) if self._came else None
-
-    def close(self) -> None:
-        """Do nothing: the code that opened the link closes it."""
 
 
 async def _confirmed(vehicle: Vehicle) -> VehicleState | None:

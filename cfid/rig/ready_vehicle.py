@@ -20,13 +20,12 @@ from cfid.rig.log_block import BATTERY
 from cfid.rig.loop import Loop
 from cfid.rig.motor_commands import MotorCommands
 from cfid.rig.motor_log import APPLIED
-from cfid.rig.motors import Firmware, Limits, Motors, SinePlayer, firmware_of
+from cfid.rig.motors import Firmware, Limits, Motors, firmware_of
 from cfid.rig.pings import Pings
 from cfid.rig.recorder import Instrument
 from cfid.rig.shown import turning, volts
 from cfid.rig.stock_motors import StockMotors
 from cfid.rig.supervisor import Supervisor, SupervisorLog, present_state
-from cfid.rig.thesis_motors import ThesisMotors
 from cfid.rig.vehicle import Vehicle, asked
 from cfid.units import MOTORS
 from cfid.wire.app import AppPorts
@@ -39,10 +38,7 @@ IDLE_THRUST = "powerDist.idleThrust"
 OBEYS_SINCE = 10  # version of the protocol; of its two releases, the app compiles only with the one that obeys
 USUAL_MS = 10
 _TRIES = 5
-NO_APP = (
-    "a sine is played on board: this needs cfid's app, or the thesis' module, on the vehicle "
-    "(firmware_patches/README.md explains how)."
-)
+NO_APP = "a sine is played on board: this needs cfid's app on the vehicle (firmware_patches/README.md explains how)."
 
 
 @dataclass
@@ -115,19 +111,9 @@ class ReadyVehicle:
         if self._motors is None:
             if self.firmware.kind == "stock":
                 self._motors = StockMotors(vehicle, limits)
-            elif self.firmware.kind == "thesis":
-                self._motors = ThesisMotors(vehicle, self.firmware, limits)
             else:
                 self._motors = AppMotors(vehicle, self.firmware, limits, self.supervisor(loop))
         return self._motors
-
-    def player(self, loop: Loop) -> SinePlayer:
-        """Return motors that can play a sine. Raises DeviceError for a vehicle with stock firmware."""
-        motors = self.motors(loop)
-        if isinstance(motors, StockMotors):
-            raise DeviceError(f"{self.uri}: {NO_APP}")
-        assert isinstance(motors, AppMotors | ThesisMotors)
-        return motors
 
     def commands(self) -> Device:
         """Return the motors as a device of a run."""
@@ -143,9 +129,11 @@ class ReadyVehicle:
             raise DeviceError(f"{self.uri}: {NO_APP}")
 
         def opened(loop: Loop, clock: HostClock) -> Instrument:
-            return Crossings(self.player(loop), self.vehicle(loop), self.firmware, loop=loop, clock=clock)
+            motors = self.motors(loop)
+            assert isinstance(motors, AppMotors)
+            return Crossings(motors, self.vehicle(loop), self.firmware, loop=loop, clock=clock)
 
-        return self._device("crossings.csv", Crossings.columns_of(self.firmware), opened, eventful=True)
+        return self._device("crossings.csv", Crossings.columns, opened, eventful=True)
 
     def pings(self) -> Device:
         """Return round trips as a device of a run."""
@@ -239,8 +227,11 @@ def connect_vehicle(setting: CrazyflieLink, held: ExitStack) -> ReadyVehicle:
     link = Link.connect(uri)
     held.callback(link.close)
     ports = AppPorts(setting.thrust_port, setting.sine_port, setting.ping_port)
-    firmware = firmware_of(link, ports)
-    state, idle_thrust = asked(link, state_and_idle)
+
+    async def introduced(vehicle: Vehicle) -> tuple[Firmware, VehicleState | None, int]:
+        return await firmware_of(vehicle, ports), *await state_and_idle(vehicle)
+
+    firmware, state, idle_thrust = asked(link, introduced)
     return ReadyVehicle(link, firmware, setting, state, idle_thrust)
 
 

@@ -11,10 +11,10 @@ from typing import Literal, NamedTuple
 from cfid.rig.line import VehicleLine
 from cfid.units import MOTORS
 from cfid.wire import app
-from cfid.wire.app import AppPorts, PingChannel, ThrustChannel, ThrustRequest
+from cfid.wire.app import AppPorts, PingChannel
 from cfid.wire.crtp import BY_NAME_CHANNEL, PARAMETER_PORT, Packet, decode_set_by_name, encode_set_by_name
 
-Kind = Literal["app", "thesis", "stock"]
+Kind = Literal["app", "stock"]
 
 OVERRIDES = {"motorPowerSet.enable": "B", **{f"motorPowerSet.m{motor}": "H" for motor in MOTORS}}
 WITHIN_S = 0.1
@@ -42,12 +42,11 @@ def stop_over(line: VehicleLine, ports: AppPorts) -> Acknowledged:
     began_s = last_s = time.monotonic()
     number = 1 << 31 | time.time_ns() & (1 << 31) - 1  # no process that counts from zero uses this number
     stop = Packet(ports.ping, PingChannel.STOP, app.encode_alive(number))
-    old_stop = Packet(ports.thrust, ThrustChannel.SET, app.encode_thrust(ThrustRequest(0, app.ALL_MOTORS_THRUST)))
     unanswered = dict(OVERRIDES)
     by_app = answered = False
     for turn in range(_TURNS):
-        for packet in [] if by_app else [stop, old_stop]:
-            line.send(packet)
+        if not by_app:
+            line.send(stop)
         for name, kind in unanswered.items():
             line.send(_clear(name, kind))
         for packet in _came(line):

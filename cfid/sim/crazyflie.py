@@ -8,7 +8,7 @@ from cfid.sim.crazyflie_commander import GENERIC_SETPOINT_PORT, SETPOINT_PORT, C
 from cfid.sim.crazyflie_glue import IDLE, Glue
 from cfid.sim.crazyflie_log import Log
 from cfid.sim.crazyflie_memories import AbsentMemoryError, answer_memory
-from cfid.sim.crazyflie_modules import PING, SINE, THRUST, App, ModulesOf2015, NoModules, Orders
+from cfid.sim.crazyflie_modules import PING, SINE, THRUST, App, NoModules, Orders
 from cfid.sim.crazyflie_packets import MEMORY_PORT, SUPERVISOR_PORT, answer_link, framed, new_packet
 from cfid.sim.crazyflie_params import Parameters
 from cfid.sim.crazyflie_platform import COMMAND_CHANNEL, VERSION_CHANNEL, answer_command, answer_version
@@ -75,7 +75,7 @@ class Crazyflie:
         """Start the vehicle before `opened_s`, by `powered_for_s` of its truth; without `imu` it is fastened."""
         self.protocol = PROTOCOL
         self._truth, self._propulsion, self._on_motors = truth, propulsion, on_motors
-        self._load_app = {"app": load_app, "stock": NoModules, "old": ModulesOf2015}[truth.firmware]
+        self._load_app = {"app": load_app, "stock": NoModules}[truth.firmware]
         self._services = {ports.thrust: THRUST, ports.sine: SINE, ports.ping: PING}
         self._ports, self._rtos_ms, self._imu = ports, rtos_ms, imu
         self._motors, self._ticks = STILL, 0
@@ -239,13 +239,10 @@ class Crazyflie:
         self._supervise()
 
     def _driven(self, orders: Orders) -> Four:
-        """Return the commands that the stabilizer drives; the modules of 2015 ignore the supervisor."""
-        commands = orders.commands or STILL  # with a null setpoint the stock controller commands nothing
-        if self._truth.firmware == "old":
-            return commands
+        """Return the commands that the stabilizer drives."""
         if not self.supervisor.motors_may_run:
             return STILL
-        one, two, three, four = commands
+        one, two, three, four = orders.commands or STILL  # with a null setpoint the controller commands nothing
         idle = self._idle
         return max(one, idle), max(two, idle), max(three, idle), max(four, idle)
 

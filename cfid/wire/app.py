@@ -1,8 +1,8 @@
 """Encodes and decodes the thrust, sine and ping services of the thesis (C.2.1, C.2.4, C.2.6) and of cfid's app.
 
-The thesis' fields come first in every payload, so that its modules of 2015 can read each request and cfid can read
-their payloads; the app's additions follow these fields or have a channel of their own. A decoder returns None for a
-payload of the wrong length. The vehicle's clock counts microseconds; fields of 32 bits wrap.
+The thesis' fields come first in every payload; the app's additions follow these fields or have a channel of their own.
+A decoder returns None for a payload of the wrong length. The vehicle's clock counts microseconds; fields of 32 bits
+wrap.
 """
 
 import math
@@ -23,7 +23,6 @@ _THRUST = struct.Struct("<Hi")
 _THRUST_ANSWER = struct.Struct("<HiB4HI")
 _SINE = struct.Struct("<HHfI")
 _SINE_ANSWER = struct.Struct("<HHfIBBI")
-_OLD_CROSSING = struct.Struct("<H")
 _CROSSING = struct.Struct("<HIIH")
 _DONE = struct.Struct("<BBII")
 _HELLO = struct.Struct("<4sBHHQ")
@@ -60,7 +59,7 @@ class SineChannel(IntEnum):
 
 
 class PingChannel(IntEnum):
-    """Channels of the ping service; the module of 2015 answers all of them alike, with nothing on channel 0."""
+    """Channels of the ping service."""
 
     PING = 0
     HELLO = 1
@@ -140,16 +139,16 @@ class SineAnswer(NamedTuple):
 
 
 class Crossing(NamedTuple):
-    """A crossing of the middle: its command, and from the app the sample's index, its time, and the report's number."""
+    """A crossing of the middle: its command, the sample's index, its time on board, and the report's number."""
 
     command: int
-    sample: int | None = None
-    microseconds: int | None = None
-    number: int | None = None  # the last report has command 0 and the number of samples: the motors are off
+    sample: int
+    microseconds: int
+    number: int  # the last report has command 0 and the number of samples: the motors are off
 
 
 class Done(NamedTuple):
-    """The end of a sine, reported a second after its motors stopped; the module of 2015 sends none of these fields."""
+    """The end of a sine, reported a second after its motors stopped; a report that was lost has no outcome."""
 
     outcome: int | None = None
     samples: int | None = None
@@ -179,11 +178,6 @@ def encode_thrust(request: ThrustRequest, owner: int = NO_OWNER) -> bytes:
     return _THRUST.pack(*request) + _owned(owner)
 
 
-def decode_thrust(payload: bytes) -> ThrustRequest | None:
-    """Return a thrust request."""
-    return ThrustRequest._make(_THRUST.unpack(payload)) if len(payload) == _THRUST.size else None
-
-
 def decode_thrust_answer(payload: bytes) -> ThrustAnswer | None:
     """Return an acknowledgement."""
     if len(payload) != _THRUST_ANSWER.size:
@@ -197,11 +191,6 @@ def encode_sine(request: SineRequest, owner: int = NO_OWNER) -> bytes:
     return _SINE.pack(*request) + _owned(owner)
 
 
-def decode_sine(payload: bytes) -> SineRequest | None:
-    """Return a sine request."""
-    return SineRequest._make(_SINE.unpack(payload)) if len(payload) == _SINE.size else None
-
-
 def decode_sine_answer(payload: bytes) -> SineAnswer | None:
     """Return an acknowledgement."""
     if len(payload) != _SINE_ANSWER.size:
@@ -210,38 +199,20 @@ def decode_sine_answer(payload: bytes) -> SineAnswer | None:
     return SineAnswer._make((*fields[:5], bool(fields[5]), fields[6]))
 
 
-def encode_crossing(crossing: Crossing) -> bytes:
-    """Return a report's bytes, of the thesis' length where the crossing has no sample index."""
-    if crossing.sample is None:
-        return _OLD_CROSSING.pack(crossing.command)
-    return _CROSSING.pack(*crossing)
-
-
 def decode_crossing(payload: bytes) -> Crossing | None:
-    """Return the crossing in a report of the app or of the module of 2015."""
-    if len(payload) == _OLD_CROSSING.size:
-        return Crossing(*_OLD_CROSSING.unpack(payload))
+    """Return the crossing in a report."""
     return Crossing._make(_CROSSING.unpack(payload)) if len(payload) == _CROSSING.size else None
-
-
-def encode_done(done: Done) -> bytes:
-    """Return the byte `a`, followed by the app's fields where they are known."""
-    if done.outcome is None:
-        return bytes([_DONE_MARK])
-    return _DONE.pack(_DONE_MARK, *done)
 
 
 def decode_done(payload: bytes) -> Done | None:
     """Return the end of a sine."""
-    if payload[:1] != bytes([_DONE_MARK]):
+    if len(payload) != _DONE.size or payload[0] != _DONE_MARK:
         return None
-    if len(payload) == 1:
-        return Done()
-    return Done._make(_DONE.unpack(payload)[1:]) if len(payload) == _DONE.size else None
+    return Done._make(_DONE.unpack(payload)[1:])
 
 
 def decode_hello(payload: bytes) -> Hello | None:
-    """Return the app's answer to a hello; None also for the empty answer of the module of 2015."""
+    """Return the app's answer to a hello."""
     if len(payload) != _HELLO.size or payload[:4] != _MAGIC:
         return None
     return Hello._make(_HELLO.unpack(payload)[1:])

@@ -227,7 +227,7 @@ def _not_as_sent(content: bytes, found: rdt.Records) -> str:
 def _decoders(payload: bytes) -> Any:
     """Let every decoder of the vehicle's packets read a payload; each returns None for a payload of another kind."""
     for decode in (
-        app.decode_thrust, app.decode_thrust_answer, app.decode_sine, app.decode_sine_answer, app.decode_crossing,
+        app.decode_thrust_answer, app.decode_sine_answer, app.decode_crossing,
         app.decode_done, app.decode_hello, app.decode_state, crtp.decode_packet, crtp.decode_echo,
         crtp.decode_log_answer, supervisor.decode_state, rdt.decode_request, ut372.unpack_report,
     ):  # fmt: skip

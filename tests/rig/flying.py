@@ -27,7 +27,6 @@ from cfid.rig.pings import Pings
 from cfid.rig.recorder import Instrument, Recorder
 from cfid.rig.stock_motors import StockMotors
 from cfid.rig.supervisor import Supervisor, SupervisorLog
-from cfid.rig.thesis_motors import ThesisMotors
 from cfid.rig.vehicle import Vehicle
 from cfid.sim.app_core import load_core
 from cfid.sim.battery import BatteryTruth
@@ -46,7 +45,6 @@ UNIX_S = 1_763_712_345.0
 STEP_S = 0.002
 LONGEST_S = 600.0
 CLIENT = ("192.0.2.10", 50000)
-KINDS = {"app": "app", "stock": "stock", "old": "thesis"}
 
 Doing = Callable[["Flight"], Coroutine[Any, Any, None]]
 
@@ -172,7 +170,7 @@ class Flight:
         self.link = SimulatedLink(self.sim, self.truth, clock, protocol=protocol)
         self.vehicle = Vehicle(self.link, loop=clock)
         hello = Hello(2, 500, 500, 0) if firmware == "app" else None
-        self.firmware = Firmware(kind=KINDS[firmware], ports=AppPorts(), hello=hello)  # type: ignore[arg-type]
+        self.firmware = Firmware(kind=firmware, ports=AppPorts(), hello=hello)  # type: ignore[arg-type]
         self.supervisor = Supervisor(self.vehicle)
         self.limits = limits or Limits(idle_thrust=7000 if self.truth.brushless and firmware == "app" else 0)
         self.host = HostClock(UNIX_S)
@@ -184,8 +182,6 @@ class Flight:
     def its_motors(self) -> Any:
         if self.firmware.kind == "stock":
             return StockMotors(self.vehicle, self.limits)
-        if self.firmware.kind == "thesis":
-            return ThesisMotors(self.vehicle, self.firmware, self.limits)
         return AppMotors(self.vehicle, self.firmware, self.limits, self.supervisor)
 
     def commands(self) -> MotorCommands:

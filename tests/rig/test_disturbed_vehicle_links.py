@@ -70,8 +70,7 @@ def test_packets_that_arrive_three_times_are_those_of_one_vehicle(bench: Bench) 
     assert not any(bench.motors)
 
 
-def test_an_empty_packet_before_the_apps_hello_makes_it_no_firmware_of_2015(bench: Bench) -> None:
-    """Its motors then obeyed nothing, and the command ended as if they had turned."""
+def test_an_empty_packet_before_the_apps_hello_hides_no_app(bench: Bench) -> None:
     empty = bytes([AppPorts().ping << 4])
     with relayed(bench.uri, lambda packet: [empty, packet]) as uri:
         pilot = bench.start("motors", "set", 20000, "--motor", 1, "--for", 1, "--yes", "--uri", uri)

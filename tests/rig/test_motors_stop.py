@@ -476,7 +476,7 @@ def test_stock_firmware_without_a_link_is_the_exception_and_the_operator_is_told
         assert bench.motors == (30000, 0, 30000, 0)  # the motors do still run
 
 
-@pytest.mark.parametrize("kind", ["app", "stock", "old"])
+@pytest.mark.parametrize("kind", ["app", "stock"])
 @pytest.mark.parametrize(
     "before_s", [0.06, 0.12, *(pytest.param(before_s, marks=pytest.mark.slow) for before_s in (0.02, 0.2))]
 )

@@ -117,7 +117,7 @@ def test_a_sine_whose_trough_is_too_slow_is_refused(tmp_path: Path, motor: int, 
     limits.check_sine(SineRequest(motor, amplitude - 1, 0.1, 1000))
 
 
-@pytest.mark.parametrize("firmware", ["app", "stock", "old"])
+@pytest.mark.parametrize("firmware", ["app", "stock"])
 @pytest.mark.parametrize(("command", "allowed"), [(20000, True), (20001, False)])
 def test_the_limit_itself_is_allowed_and_one_more_never_leaves(
     tmp_path: Path, firmware: str, command: int, allowed: bool

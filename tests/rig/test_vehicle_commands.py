@@ -528,7 +528,7 @@ def test_stock_firmware_plays_no_sine_and_says_what_it_needs(tmp_path: Path) -> 
         assert "a sine is played on board: this needs cfid's app" in pilot.err
 
 
-@pytest.mark.parametrize("firmware", ["app", "stock", "old"])
+@pytest.mark.parametrize("firmware", ["app", "stock"])
 def test_round_trips_are_those_that_the_radio_made(tmp_path: Path, firmware: str) -> None:
     # The host always adds some time: usually little, sometimes more on a busy machine.
     for attempt in range(3):

@@ -24,7 +24,7 @@ from cfid.wire.app import SineRequest, omega_of
 from cfid.wire.crtp import LOG_CONTROL_CHANNEL, LOG_PORT
 from tests.rig.flying import UNIX_S, Flight
 
-KINDS = pytest.mark.parametrize("firmware", ["app", "stock", "old"])
+KINDS = pytest.mark.parametrize("firmware", ["app", "stock"])
 RESET = b"\x05"  # deletes every block of the vehicle's log, as a client does that connects
 STAIRS = StaircasePlan(steps=(0, 10000, 20000), motors=(1, 3), hold_s=2.0, rest_s=1.0)
 
@@ -87,9 +87,8 @@ def test_a_staircase_drives_the_motors_and_writes_down_when(tmp_path: Path, firm
 
 
 @pytest.mark.parametrize("l", [0, 1, 7, 12, 250, 999, 1000])
-@pytest.mark.parametrize("firmware", ["app", "old"])
-def test_the_crossings_of_a_sine_are_those_of_equation_3_6(tmp_path: Path, firmware: str, l: int) -> None:  # noqa: E741
-    flight = Flight(tmp_path, firmware=firmware)
+def test_the_crossings_of_a_sine_are_those_of_equation_3_6(tmp_path: Path, l: int) -> None:  # noqa: E741
+    flight = Flight(tmp_path)
     request = sine(l)
     u = commanded(request, l)
 
@@ -102,14 +101,11 @@ def test_the_crossings_of_a_sine_are_those_of_equation_3_6(tmp_path: Path, firmw
     reports = rows(run, "crossings")
     expected = crossings_of(u)
     assert reports.thrust_rec.tolist()[-1] == 0
-    if firmware == "app":
-        assert reports["sample"].tolist() == [*expected, request.samples]
-        assert np.abs(reports.thrust_rec.to_numpy()[:-1] - u[expected]).max() <= 1
-        on_board_s = np.diff(reports.vehicle_us.to_numpy()) / 1e6
-        assert on_board_s == pytest.approx(np.diff(reports["sample"].to_numpy()) / 500, abs=0.0021)
-        assert reports.report.tolist() == list(range(len(reports)))
-    elif l < 250:  # the modules of 2015 use omega as it comes, a float: close to an extreme they differ
-        assert len(reports) == len(expected) + 1
+    assert reports["sample"].tolist() == [*expected, request.samples]
+    assert np.abs(reports.thrust_rec.to_numpy()[:-1] - u[expected]).max() <= 1
+    on_board_s = np.diff(reports.vehicle_us.to_numpy()) / 1e6
+    assert on_board_s == pytest.approx(np.diff(reports["sample"].to_numpy()) / 500, abs=0.0021)
+    assert reports.report.tolist() == list(range(len(reports)))
     assert run.header.devices["crossings"].lost == 0
 
 
@@ -246,7 +242,7 @@ class FaultyAtOnce:
         return {}
 
 
-@pytest.mark.parametrize("firmware", ["app", "stock"])
+@KINDS
 def test_after_a_faulty_first_block_no_procedure_begins(tmp_path: Path, firmware: str) -> None:
     flight = Flight(tmp_path, firmware=firmware)
     begun: list[str] = []
@@ -371,12 +367,11 @@ def test_a_log_that_ends_after_a_stall_of_cfid_itself_is_noticed_at_once_and_the
     assert flight.clock.seconds() - ended_s[0] < 1.0
 
 
-@pytest.mark.parametrize("firmware", ["stock", "old"])
 @pytest.mark.parametrize("fault", [CrazyflieFaults(silent_after_s=BEGUN_S), CrazyflieFaults(closed_after_s=BEGUN_S)])
 def test_without_the_app_a_lost_link_is_told_in_a_sentence_that_nobody_misses(
-    tmp_path: Path, firmware: str, fault: CrazyflieFaults
+    tmp_path: Path, fault: CrazyflieFaults
 ) -> None:
-    flight = Flight(tmp_path, firmware=firmware, faults=fault)
+    flight = Flight(tmp_path, firmware="stock", faults=fault)
     _, failure = flight.record(
         [flight.commands(), flight.log()],
         lambda there: hold(there["commands"], 30000, (1, 2), for_s=20.0, loop=flight.clock),
@@ -387,10 +382,9 @@ def test_without_the_app_a_lost_link_is_told_in_a_sentence_that_nobody_misses(
     assert flight.motors[-1][1] == (30000, 30000, 0, 0)  # the motors do still run
 
 
-@pytest.mark.parametrize("firmware", ["stock", "old"])
-def test_without_the_app_a_low_battery_stops_the_motors(tmp_path: Path, firmware: str) -> None:
+def test_without_the_app_a_low_battery_stops_the_motors(tmp_path: Path) -> None:
     fault = CrazyflieFaults(low_battery_after_s=BEGUN_S)
-    flight = Flight(tmp_path, firmware=firmware, faults=fault, stop_below_v=3.1)
+    flight = Flight(tmp_path, firmware="stock", faults=fault, stop_below_v=3.1)
     _, failure = flight.record(
         [flight.commands(), flight.log()],
         lambda there: hold(there["commands"], 30000, (1, 2), for_s=20.0, loop=flight.clock),
@@ -440,17 +434,6 @@ def test_the_last_word_of_an_interrupted_sine_is_not_taken_for_that_of_the_next(
     assert rows(first, "crossings")["sample"].max() < 500
     assert failure is None
     assert rows(second, "crossings")["sample"].tolist() == [*crossings_of(commanded(sine(5, 500), 5)), 500]
-
-
-def test_the_modules_of_2015_cannot_be_stopped_in_a_sine_and_that_is_told(tmp_path: Path) -> None:
-    flight = Flight(tmp_path, firmware="old", faults=CrazyflieFaults(low_battery_after_s=3.0), stop_below_v=3.1)
-    _, failure = flight.record(
-        [flight.crossings(), flight.log()],
-        lambda there: play_sine(sine(5, 5000), there["crossings"], before_s=0.5, loop=flight.clock, tell=silent),
-    )
-    assert MAY_BE_RUNNING in str(failure)
-    assert "plays its sine to the end" in str(failure)
-    assert any(flight.motors[-1][1])
 
 
 def test_a_battery_that_is_empty_until_the_end_is_named_once(tmp_path: Path) -> None:

@@ -393,9 +393,9 @@ def test_a_vehicle_that_starts_again_has_forgotten_everything() -> None:
 # Arbitrary bytes
 
 
-@given(datagrams=st.lists(st.tuples(st.integers(0, 255), st.binary(max_size=32)), max_size=20), old=st.booleans())
-def test_no_datagram_whatever_its_bytes_upsets_it(datagrams: list[tuple[int, bytes]], old: bool) -> None:
-    bench = Bench(CrazyflieTruth(firmware="old" if old else "app"))
+@given(datagrams=st.lists(st.tuples(st.integers(0, 255), st.binary(max_size=32)), max_size=20), app=st.booleans())
+def test_no_datagram_whatever_its_bytes_upsets_it(datagrams: list[tuple[int, bytes]], app: bool) -> None:
+    bench = Bench(CrazyflieTruth(firmware="app" if app else "stock"))
     for header, payload in datagrams:
         for leaving in bench.vehicle.receive(bytes([header]) + payload, OPENED_S + bench.now_s):
             assert 1 <= len(leaving.packet) <= 31
@@ -405,7 +405,7 @@ def test_no_datagram_whatever_its_bytes_upsets_it(datagrams: list[tuple[int, byt
 
 @given(st.lists(st.tuples(st.sampled_from([(2, 2), (5, 1), (10, 0), (11, 0)]), st.binary(max_size=14)), max_size=20))
 def test_no_request_whatever_it_wants_upsets_it(requests: list[tuple[tuple[int, int], bytes]]) -> None:
-    bench = Bench(CrazyflieTruth(firmware="old"))
+    bench = Bench(CrazyflieTruth())
     for (port, channel), payload in requests:
         bench.say(port, channel, payload)
         bench.wait(0.003)

@@ -204,10 +204,11 @@ def test_what_the_radio_loses_is_counted_and_no_ping() -> None:
 @example(steps_s=[0.046875], faults=CrazyflieFaults(reboot_after_s=0.03260903043399844))
 def test_how_often_the_server_looks_changes_nothing(steps_s: list[float], faults: CrazyflieFaults) -> None:
     def heard(looks_s: list[float]) -> list[bytes]:
-        bench = Bench(CrazyflieTruth(firmware="old"), faults=faults, radio=RadioTruth(latency_s=0.01, jitter_s=0.005))
+        bench = Bench(CrazyflieTruth(firmware="stock"), faults=faults, radio=RadioTruth(latency_s=0.01, jitter_s=0.005))
         bench.faulty.received(b"\x5d\x06\x01\x77\x00\x00\x22\x11\x00", CLIENT, OPENED_S)
         bench.faulty.received(b"\x5d\x08\x01\x03\x00", CLIENT, OPENED_S)
-        bench.faulty.received(b"\xac\x30\x75\x04\x00\x00\x00", CLIENT, OPENED_S)
+        for name, value in ((b"m1", b"\x09\x30\x75"), (b"enable", b"\x08\x01")):
+            bench.faulty.received(b"\x2f\x00motorPowerSet\x00" + name + b"\x00" + value, CLIENT, OPENED_S)
         return [packet for look_s in [*looks_s, 2.0] for packet, _ in bench.faulty.due(OPENED_S + look_s)]
 
     assert heard([]) == heard(list(np.cumsum(steps_s)))

@@ -20,6 +20,7 @@ from cfid.sim.truth_file import USUAL_TRUTH, SimTruth, load_truth
 from cfid.wire.e201 import PositionReader
 from cfid.wire.rdt import Command, Request, decode_records, encode_request
 from cfid.wire.rls import decode_words
+from tests.campaigns import in_this_process
 
 InReactor = Callable[[Callable[[], Any]], Any]
 
@@ -96,7 +97,7 @@ def test_a_truth_says_what_it_says(tmp_path: Path) -> None:
     (tmp_path / "truth.toml").write_text(
         "[vehicle]\ninertia_kg_m2 = [[2e-5, 0, 0], [0, 2e-5, 0], [0, 0, 3e-5]]\n"
         "[axis]\ncoulomb_nm = 1e-4\n[rotors]\ntime_constant_s = 0.1\n[loadcell]\nbias = [0, 0, 0, 0, 0, 0]\n"
-        "[crazyflie]\nfirmware = 'old'\nrpm_deck = true\nclock_skew = -0.01\n[battery]\nkind = 'lipo'\ncharge = 0.5\n"
+        "[crazyflie]\nfirmware = 'stock'\nrpm_deck = true\nclock_skew = -0.01\n[battery]\nkind = 'lipo'\ncharge = 0.5\n"
         "[radio]\nlatency_s = 0.028\njitter_s = 0.008\nloss = 0.01\n"
     )
     truth = load_truth(tmp_path / "truth.toml")
@@ -105,7 +106,7 @@ def test_a_truth_says_what_it_says(tmp_path: Path) -> None:
     assert truth.rotors.time_constant_s == 0.1
     assert truth.loadcell.bias == (0,) * 6
     assert truth.loadcell.counts_per_n == 1e6
-    assert (truth.crazyflie.firmware, truth.crazyflie.rpm_deck, truth.crazyflie.clock_skew) == ("old", True, -0.01)
+    assert (truth.crazyflie.firmware, truth.crazyflie.rpm_deck, truth.crazyflie.clock_skew) == ("stock", True, -0.01)
     assert (truth.battery.kind, truth.battery.charge) == ("lipo", 0.5)
     assert (truth.radio.latency_s, truth.radio.jitter_s, truth.radio.loss) == (0.028, 0.008, 0.01)
 
@@ -136,3 +137,18 @@ def test_a_wrong_truth_names_file_and_key(tmp_path: Path, text: str, expected: s
 def test_a_truth_that_is_not_there_is_told(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="no such file"):
         load_truth(tmp_path / "truth.toml")
+
+
+@pytest.mark.parametrize("firmware", ["old", "thesis"])
+def test_a_rig_with_the_modules_of_2015_is_refused_with_what_to_write_instead(tmp_path: Path, firmware: str) -> None:
+    """Version 0.2 simulated them behind a protocol that no firmware with these modules has ever spoken."""
+    (tmp_path / "truth.toml").write_text(f"[crazyflie]\nfirmware = '{firmware}'\n")
+    assert in_this_process(["new", "."], tmp_path).returncode == 0
+    ended = in_this_process(["rig", "sim", "--truth", "truth.toml"], tmp_path)
+    message = " ".join(ended.stderr.split())
+
+    assert ended.returncode == 2
+    assert "crazyflie.firmware" in message
+    assert "write app" in message
+    assert "stock" in message
+    assert not (tmp_path / "rig.sim.toml").exists()

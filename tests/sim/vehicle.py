@@ -16,7 +16,7 @@ from cfid.sim.faults import SOUND_CRAZYFLIE, CrazyflieFaults
 from cfid.sim.propulsion import STILL, Four, Propulsion
 from cfid.sim.radio import Radio, RadioTruth
 from cfid.sim.rotors import BRUSHLESS, RotorTruth
-from cfid.wire.app import AppPorts, PingChannel, ThrustChannel, decode_thrust
+from cfid.wire.app import AppPorts, PingChannel, ThrustChannel
 from cfid.wire.crtp import Packet, encode_packet
 
 OPENED_S = 1000.0
@@ -33,11 +33,11 @@ class LittleApp:
         self.commands, self.kept_us, self.outbox = STILL, -1_000_000, list[Sent]()
 
     def receive(self, service: int, channel: int, payload: bytes, *, now_us: int, vehicle: Seen) -> None:
-        request = decode_thrust(payload)
+        command = int.from_bytes(payload[:2], "little") if len(payload) == 6 else None
         if service == PING:
             self.kept_us = now_us
-        if service == THRUST and request is not None:
-            self.commands = (request.command,) * 4
+        if service == THRUST and command is not None:
+            self.commands = (command,) * 4
             self.outbox.append((THRUST, ThrustChannel.ANSWER, payload))
 
     def tick(self, *, now_us: int, vehicle: Seen) -> Orders:
