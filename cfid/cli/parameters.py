@@ -131,12 +131,12 @@ def _store_cubic(campaign: "Campaign", lowest_first: list[float], std: float | N
     from cfid.estimate.voltage_cubic import cubic_fault
     from cfid.quantities.lookup import unit_of
     from cfid.records.parameters import load_sections
+    from cfid.records.values import find_parameter
 
     if std is not None:
         raise ConfigError(f"{_CUBIC}: --std is one number, but a cubic has four: `cfid fit thrust` gives them.")
-    known = [s for s in load_sections(campaign.parameters_file).values() if _MOST in s.parameters]
-    latest = max(known, key=lambda section: (_MOST not in section.rejected, section.found), default=None)
-    most_n = latest.parameters[_MOST].value if latest else None
+    most = find_parameter(load_sections(campaign.parameters_file), _MOST)
+    most_n = None if most is None else most.parameter.value
     if fault := cubic_fault(lowest_first, max_thrust_n=most_n):
         raise ConfigError(f"{fault} Nothing was changed.")
     where = _into_parameters(campaign, _CUBIC, lowest_first, None, unit=unit_of(_CUBIC))

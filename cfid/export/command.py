@@ -10,7 +10,7 @@ from cfid.console.messages import echo, headline, in_options, note
 
 if TYPE_CHECKING:
     from cfid.export.target import Target
-    from cfid.export.vehicle import ExportVehicle, Stale
+    from cfid.export.vehicle import ExportVehicle
     from cfid.records.campaign import Campaign
     from cfid.records.parameters import Section
 
@@ -89,10 +89,9 @@ def export(
 
 
 class ExportInput(NamedTuple):
-    """The sections of a campaign's parameters.toml, the reasons why they are stale, and the vehicle to export."""
+    """The sections of a campaign's parameters.toml, and the vehicle to export."""
 
     sections: "dict[str, Section]"
-    stale: "Stale"
     vehicle: "ExportVehicle"
 
 
@@ -102,7 +101,7 @@ def refuse(target: "Target", known: ExportInput, *, force: bool) -> None:
     from cfid.export.refusals import objections, refuse_rejected
 
     refuse_rejected(target, known.vehicle, known.sections)
-    against = objections(target, known.vehicle, known.sections, stale=known.stale)
+    against = objections(target, known.vehicle)
     if against and not force:
         raise DataError(
             f"{target.name}: nothing was written. {' '.join(against)} Use --force to write it anyway, marked."
@@ -122,17 +121,17 @@ def _known(campaign: "Campaign") -> ExportInput:
 
     runs = [run for run in list_runs(campaign.runs_folder) if isinstance(run, Run)]
     simulated = {run.folder.name for run in runs if run.header.simulated}
-    sections, stale = load_sections(campaign.parameters_file), stale_in(campaign.folder, runs, campaign.rig)
+    sections = load_sections(campaign.parameters_file)
     content = read_toml(campaign.parameters_file, DataError) if sections else {}
     vehicle = collect(
         campaign.rig,
         sections,
         rig_file=RIG_FILE,
         simulated=simulated,
-        stale=stale,
+        stale=stale_in(campaign.folder, runs, campaign.rig),
         covariance=covariance_blocks(content),
     )
-    return ExportInput(sections, stale, marked(vehicle, sections))
+    return ExportInput(sections, marked(vehicle))
 
 
 def _write(text: str, out: str, *, force: bool) -> None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from cfid.errors import DataError
 from cfid.export.target import Target, taken
-from cfid.export.vehicle import SOURCES, ExportQuantity, ExportVehicle, Stale
+from cfid.export.vehicle import SOURCES, ExportQuantity, ExportVehicle
 from cfid.quantities.platforms import Platform
 from cfid.quantities.plausible import centre_fault, implausible
 from cfid.records.parameters import Section
@@ -20,25 +20,19 @@ def refuse_rejected(target: Target, vehicle: ExportVehicle, sections: Mapping[st
             raise DataError(f"{target.name}: nothing was written, since {key} was rejected: {section.rejected[key]}")
 
 
-def objections(
-    target: Target, vehicle: ExportVehicle, sections: Mapping[str, Section], *, stale: Stale = lambda _: ()
-) -> tuple[str, ...]:
+def objections(target: Target, vehicle: ExportVehicle) -> tuple[str, ...]:
     """Return sentences on why quantities of a target should not be exported."""
-    against = [
-        reason
-        for quantity in taken(target, vehicle)
-        for reason in _against(quantity, vehicle.platform, sections, stale)
-    ]
+    against = [reason for quantity in taken(target, vehicle) for reason in _against(quantity, vehicle.platform)]
     return (*against, *filter(None, (_gravity_fault(vehicle), _centre_fault(vehicle))))
 
 
-def marked(vehicle: ExportVehicle, sections: Mapping[str, Section]) -> ExportVehicle:
+def marked(vehicle: ExportVehicle) -> ExportVehicle:
     """Return the vehicle with its implausible and rejected quantities marked, for the comments in each file."""
     quantities = {}
     for name, quantity in vehicle.quantities.items():
         marks = [
             *([f"IMPLAUSIBLE: {fault}"] if (fault := _fault(quantity, vehicle.platform)) else []),
-            *(f"REJECTED: {reason}" for reason in _rejections(quantity, sections)),
+            *([f"REJECTED: {quantity.rejection}"] if quantity.rejection else []),
         ]
         caveat = " ".join([*([quantity.caveat] if quantity.caveat else []), *marks])
         quantities[name] = replace(quantity, caveat=caveat)
@@ -62,23 +56,13 @@ def _centre_fault(vehicle: ExportVehicle) -> str:
     return centre_fault(vehicle.centre_m, vehicle["arm"]) if "arm" in vehicle else ""
 
 
-def _against(
-    quantity: ExportQuantity, platform: Platform, sections: Mapping[str, Section], stale: Stale
-) -> Iterator[str]:
-    yield from (f"{quantity.key} was rejected: {reason}" for reason in _rejections(quantity, sections))
-    holding = [section for section in sections.values() if quantity.key in section.parameters]
-    for reason in dict.fromkeys(sentence for section in holding for sentence in stale(section)):
-        if reason in quantity.caveat:
-            yield f"{quantity.key} is outdated. {reason}"
+def _against(quantity: ExportQuantity, platform: Platform) -> Iterator[str]:
+    if quantity.rejection:
+        yield f"{quantity.key} was rejected: {quantity.rejection}"
+    yield from (f"{quantity.key} is outdated. {reason}" for reason in quantity.outdated)
     if fault := _fault(quantity, platform):
         yield fault
 
 
 def _fault(quantity: ExportQuantity, platform: Platform) -> str:
     return implausible(quantity.key, quantity.value, std=quantity.std, platform=platform)
-
-
-def _rejections(quantity: ExportQuantity, sections: Mapping[str, Section]) -> Iterator[str]:
-    for section in sections.values():
-        if quantity.key in section.parameters and quantity.key in section.rejected:
-            yield section.rejected[quantity.key]

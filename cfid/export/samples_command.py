@@ -163,7 +163,7 @@ def _everything(known: "ExportInput") -> "Target":
 
 def _joint(known: "ExportInput") -> "Joint":
     from cfid.export.joint import joint_of
-    from cfid.records.parameters import plain
+    from cfid.records.values import find_parameter
 
     vehicle = known.vehicle
     fits: dict[str, tuple[Section, list[str]]] = {
@@ -174,13 +174,9 @@ def _joint(known: "ExportInput") -> "Joint":
     for quantity in vehicle.quantities.values():
         if quantity.key in fits or quantity.key == "motor.command_of_thrust":  # the latter follows from the map
             continue
-        holding = [
-            (quantity.key not in section.rejected, section.found, name)
-            for name, section in known.sections.items()
-            if quantity.key in section.parameters and plain(section.parameters[quantity.key].value) == quantity.value
-        ]
-        name = max(holding)[-1]
-        fits.setdefault(name, (known.sections[name], []))[1].append(quantity.key)
+        found = find_parameter(known.sections, quantity.key)
+        if found is not None:
+            fits.setdefault(found.name, (found.section, []))[1].append(quantity.key)
     return joint_of(list(fits.values()))
 
 

@@ -8,12 +8,11 @@ from pathlib import Path
 from cfid.errors import ConfigError
 from cfid.quantities.lookup import registered, unit_of
 from cfid.quantities.platforms import Platform
-from cfid.records.campaign import RUNS_FOLDER
 from cfid.records.mounts import BodyFrame
 from cfid.records.parameters import Section, Value, plain
-from cfid.records.parameters import Source as File
 from cfid.records.rig_file import Rig, thesis_rig
 from cfid.records.stale import other_facts
+from cfid.records.values import find_parameter
 from cfid.units import FULL_COMMAND, MM, NEAR_FULL
 
 Stale = Callable[[Section], Sequence[str]]
@@ -58,8 +57,9 @@ SOURCES: Mapping[str, ExportSource] = {
 class ExportQuantity:
     """A value with its standard uncertainty of the same shape (None if unknown), its unit and its origin.
 
-    `caveat` is a warning on the use of the value. `commands` contains the smallest and the largest motor command of the
-    fit, if the fit had any. `simulated` marks a quantity from simulated recordings.
+    `rejection` states why its fit rejected it, `outdated` why its fit is no longer current; both are empty for sound
+    quantities. `caveat` is a warning on the use of the value. `commands` contains the smallest and the largest motor
+    command of the fit, if the fit had any. `simulated` marks a quantity from simulated recordings.
     """
 
     key: str
@@ -67,10 +67,16 @@ class ExportQuantity:
     std: Value
     unit: str
     origin: str
-    accepted: bool = True
+    rejection: str = ""
+    outdated: tuple[str, ...] = ()
     caveat: str = ""
     commands: tuple[float, float] | None = None
     simulated: bool = False
+
+    @property
+    def accepted(self) -> bool:
+        """Whether its fit accepted the quantity."""
+        return not self.rejection
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,21 +142,23 @@ def collect(
         )
     unlike: dict[str, str] = {name: other_facts(section, rig) for name, section in sections.items()}
 
-    def quantity_of(key: str, name: str, section: Section) -> ExportQuantity:
-        found = _quantity(key, name, section, simulated, stale)
+    def quantity_of(key: str, name: str) -> ExportQuantity:
+        found = _quantity(key, name, sections[name], simulated, stale)
         return replace(found, caveat=" ".join(filter(None, [found.caveat, unlike[name]])))
 
-    quantities: dict[str, ExportQuantity] = {}
-    givers: dict[str, str] = {}
-    for name, source in SOURCES.items():
-        found = next((q for key in source.keys if (q := _find(sections, key)) is not None), None)
-        if found is not None:
-            quantities[name] = quantity_of(*found)
-            givers[found[0]] = found[1]
-    best = {key: _best(sections, key) for section in sections.values() for key in section.parameters}
-    others = [quantity_of(key, name, sections[name]) for key, name in best.items() if key not in givers]
+    counting = {
+        key: found
+        for section in sections.values()
+        for key in section.parameters
+        if (found := find_parameter(sections, key)) is not None
+    }
+    known = [key for key, found in counting.items() if _known(plain(found.parameter.value))]
+    # of several keys the last one that is put in stays: the first one of its source
+    keys = {name: key for name, source in SOURCES.items() for key in reversed(source.keys) if key in known}
+    quantities = {name: quantity_of(key, counting[key].name) for name, key in keys.items()}
+    others = [quantity_of(key, found.name) for key, found in counting.items() if key not in keys.values()]
     further = {
-        name: [quantity_of(key, name, section) for key in section.parameters if (best | givers)[key] != name]
+        name: [quantity_of(key, name) for key in section.parameters if counting[key].name != name]
         for name, section in sections.items()
     }
     quantities["mass"] = _weighed(rig, rig_file)  # the mass is only in rig.toml
@@ -220,25 +228,12 @@ def _centre(rig: Rig, rig_file: str) -> ExportQuantity:
     )
 
 
-def _find(sections: Mapping[str, Section], key: str) -> tuple[str, str, Section] | None:
-    """Return a key, and the name and content of its section: of several, the latest in which it is accepted."""
-    known = {
-        name: section
-        for name, section in sections.items()
-        if key in section.parameters and _known(plain(section.parameters[key].value))
-    }
-    return (key, name := _best(known, key), sections[name]) if known else None
-
-
-def _best(sections: Mapping[str, Section], key: str) -> str:
-    return max((key not in s.rejected, s.found, name) for name, s in sections.items() if key in s.parameters)[-1]
-
-
 def _quantity(key: str, name: str, section: Section, simulated: Collection[str], stale: Stale) -> ExportQuantity:
     parameter, commands = section.parameters[key], _commands(section)
-    recordings = dict.fromkeys(map(_recording, section.sources))
+    recordings = dict.fromkeys(source.run or Path(source.path).name for source in section.sources)
     runs = ", ".join(recordings)
     caveat = _extrapolated(commands) if key in _AT_FULL_COMMAND else ""
+    outdated = tuple(stale(section))
     parts = [f"section {name}", f"method {section.method}", f"{section.found:%Y-%m-%d %H:%M} UTC"]
     return ExportQuantity(
         key=key,
@@ -246,18 +241,12 @@ def _quantity(key: str, name: str, section: Section, simulated: Collection[str],
         std=plain(parameter.std),
         unit=parameter.unit,
         origin="; ".join([*parts, f"cfid {section.cfid_version}", *([f"from {runs}"] if runs else [])]),
-        accepted=key not in section.rejected,
-        caveat=" ".join([*([caveat] if caveat else []), *stale(section)]),
+        rejection=section.rejected.get(key, ""),
+        outdated=outdated,
+        caveat=" ".join([*([caveat] if caveat else []), *outdated]),
         commands=commands,
         simulated=any(run in simulated for run in recordings),
     )
-
-
-def _recording(source: File) -> str:
-    """Return the run that a file belongs to, or the name of a file outside all runs."""
-    path = Path(source.path)
-    in_run = path.parts[:1] == (RUNS_FOLDER,) and len(path.parts) > 1
-    return path.parts[1] if in_run else path.name
 
 
 def _commands(section: Section) -> tuple[float, float] | None:

@@ -11,12 +11,12 @@ from cfid import __version__
 from cfid.errors import CfidError, DataError
 from cfid.fleet.places import Place, at_hand
 from cfid.fleet.recipes import NO_CHANGES, again, options_of
-from cfid.records.campaign import RUNS_FOLDER, Campaign, open_campaign
-from cfid.records.fits import Fit, list_fits
+from cfid.records.campaign import Campaign, open_campaign
+from cfid.records.fits import Fit, in_force, list_fits
 from cfid.records.parameters import Section, store_section
 from cfid.records.resumed import resumed_by
 from cfid.records.rig_file import RIG_FILE
-from cfid.records.run import Run, read_run
+from cfid.records.run import RUNS_FOLDER, Run, read_run
 
 _BY_HAND = "set"  # the section of values measured by hand, which no recording contains
 _FARTHEST = 1e9  # standard uncertainties: larger moves, as after an edit of a value or std, count as this
@@ -53,7 +53,7 @@ class Refitted:
 
 
 def refit(campaign: str, changes: Mapping[str, str] = NO_CHANGES) -> Refitted:
-    """Repeat the last fit of each kind in a campaign, in the original order, without changing the campaign.
+    """Repeat the fits in force of a campaign, in the original order, without changing the campaign.
 
     `changes` replaces options of the fits. Raises no CfidError, since one faulty campaign must not stop the others.
     """
@@ -78,12 +78,12 @@ def _repeat_all(place: Place, folder: Path, changes: Mapping[str, str]) -> Itera
         store_section(made.parameters_file, _BY_HAND, by_hand)
     found = list_fits(own.fits_folder)
     unreadable = [fit for fit in found if not isinstance(fit, Fit)]
-    latest = {fit.name: fit for fit in sorted(_readable(found), key=lambda fit: fit.section.found)}
+    held = in_force(_readable(found), own.sections())
     if not found:
         raise DataError(f"{place.named(str(own.fits_folder))}: holds no fit that could be repeated.")
     for fault in unreadable:
         yield Refit(name="", fault=place.named(str(fault)))
-    for fit in sorted(latest.values(), key=lambda fit: fit.section.found):
+    for fit in sorted(held.values(), key=lambda fit: fit.section.found):
         try:
             yield _repeat(fit, own, made, place, changes)
         except CfidError as error:

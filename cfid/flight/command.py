@@ -100,9 +100,11 @@ def _body(workplace: Workplace, mass: Measured, arm_mm: Measured, torque_m: Meas
 
 def _torque_of(workplace: Workplace) -> Measured:
     """Return the slope of the campaign's torque over thrust with its standard uncertainty, where it has one."""
+    from cfid.records.values import find_parameter
+
     key = "motor.torque_poly"
-    section = None if workplace.campaign is None else workplace.campaign.sections().get("torque")
-    found = None if section is None or key in section.rejected else section.parameters.get(key)
-    if found is None or len(found.value) < 2:
+    found = None if workplace.campaign is None else find_parameter(workplace.campaign.sections(), key)
+    if found is None or found.rejected or len(found.parameter.value) < 2:
         return Measured(None, None)
-    return Measured(float(found.value[-2]), None if found.std is None else float(found.std[-2]))
+    value, std = found.parameter.value, found.parameter.std
+    return Measured(float(value[-2]), None if std is None else float(std[-2]))

@@ -1,12 +1,13 @@
 """How certain a quantity is compared with what its purpose requires, and the main cause of its uncertainty."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from cfid.estimate.differences import Compared, number_of
 from cfid.guide.plan import Aim
 from cfid.records.parameters import Parameter, Section
+from cfid.records.values import find_parameter
 
 _OWN = "noise and the inputs of its own fit"
 _SMALL = 0.1  # of a value's largest number: smaller ones, such as products of inertia, are not judged
@@ -32,12 +33,12 @@ class Certainty:
         return 0.0 if self.std is None else self.std / self.aim.std
 
 
-def certainty_of(section: Section, aim: Aim) -> Certainty:
+def certainty_of(sections: Mapping[str, Section], aim: Aim) -> Certainty:
     """Judge a quantity by the least certain of its numbers, relative to itself; small ones do not count."""
-    parameter = section.parameters.get(aim.key)
-    if parameter is None or aim.key in section.rejected:
+    counting = find_parameter(sections, aim.key)
+    if counting is None or counting.rejected:
         return Certainty(aim=aim, std=None)
-    numbers = list(_judged(section, parameter, aim))
+    numbers = list(_judged(counting.section, counting.parameter, aim))
     largest = max((abs(one.value) for one in numbers), default=0.0)
     ratios = [(one.std / abs(one.value), one) for one in numbers if abs(one.value) > _SMALL * largest]
     if not ratios or not all(math.isfinite(ratio) for ratio, _ in ratios):

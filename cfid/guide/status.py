@@ -9,8 +9,8 @@ from cfid.counted import counted
 from cfid.guide.certainty import Certainty, certainty_of, percent
 from cfid.guide.incomplete import completing, short_series, short_staircases
 from cfid.guide.plan import Assignment, Task, Words, is_vehicle, tasks
-from cfid.records.campaign import Campaign, runs_of
-from cfid.records.parameters import Section
+from cfid.records.campaign import Campaign
+from cfid.records.parameters import Section, runs_of
 from cfid.records.resumed import resumed_by
 from cfid.records.rig_file import RIG_FILE, CampaignKind
 from cfid.records.run import Run
@@ -84,10 +84,7 @@ def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> tuple[
     swung = [one.label.axis for one in begun if one.label.axis is not None and is_vehicle(one.label)]
     planned = tasks(campaign.rig, kind=kind, order=order, swung=swung, by_gyro=by_gyro)
     short = short_series(runs, every) | short_staircases(runs)
-    found = (
-        _status(task, runs, sections.get(task.section), rejected.get(task.section), stale, short=short)
-        for task in planned
-    )
+    found = (_status(task, runs, sections, rejected.get(task.section), stale, short=short) for task in planned)
     unlike = {name: other_facts(section, campaign.rig) for name, section in sections.items()}
     return tuple(
         replace(
@@ -194,16 +191,17 @@ def next_of(statuses: Sequence[TaskStatus], *, kind: CampaignKind | None = None)
 def _status(
     task: Task,
     runs: Sequence[Run],
-    section: Section | None,
+    sections: Mapping[str, Section],
     refused: Section | None,
     stale: Stale,
     *,
     short: Mapping[str, str],
 ) -> TaskStatus:
-    """Judge a task by its runs, its section of parameters.toml, and the last fit that was rejected completely.
+    """Judge a task by its runs, the sections of parameters.toml, and its last fit that was rejected completely.
 
     `short` contains the runs of short series and staircases, by name with a sentence, which do not count as recorded.
     """
+    section = sections.get(task.section)
     lacking = _lacking(task.recordings, [run for run in runs if run.folder.name not in short])
     short_of_runs = any(not one.repeats for one in lacking)
     own = [run for run in runs if any(one.is_of(run.header.kind, run.header.label) for one in task.recordings)]
@@ -226,7 +224,7 @@ def _status(
         state, reason = "stale", f"{counted(newer, 'run was', 'runs were')} recorded after the fit."
     elif lacking:
         reason = f"`{lacking[0].command}` once more would show what drifted since the first."
-    found = tuple(Certainty(aim=aim, std=None) if section is None else certainty_of(section, aim) for aim in task.aims)
+    found = tuple(certainty_of(sections, aim) for aim in task.aims)
     return TaskStatus(
         task=task,
         lacking=lacking,

@@ -46,6 +46,12 @@ def unit_of(key: str) -> str:
     return found.unit if found is not None and found.unit else _at_the_end_of(key)
 
 
+def is_of_the_run(key: str) -> bool:
+    """Return whether a key is a property of the run, not of the vehicle, such as the release of a swing."""
+    found = find(key)
+    return found is not None and found.of_the_run
+
+
 def _at_the_end_of(name: str) -> str:
     """Return the unit that a name's ending states, "" without one or for part of a unit, as in `_m_per_s`."""
     suffix = next((suffix for suffix in UNITS if name.endswith(f"_{suffix}")), "")

@@ -1,6 +1,6 @@
 """A campaign folder: the rig, its runs, and what was found from them."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from fnmatch import fnmatchcase
@@ -10,21 +10,24 @@ from typing import TYPE_CHECKING, Any
 from pydantic import BaseModel, ConfigDict
 
 from cfid import __version__
+from cfid.counted import counted
 from cfid.errors import ConfigError, RejectedError
 from cfid.findings import joined, texts
 from cfid.records.files import sha256_of
 from cfid.records.fits import Fit, keep_fit
-from cfid.records.parameters import Section, Source, load_sections, plain, store_section
+from cfid.records.parameters import Section, Source, load_sections, plain, runs_of, store_section
 from cfid.records.plausibility import judged
 from cfid.records.result import Result
 from cfid.records.rig_file import RIG_FILE, Rig, load_rig, stated
-from cfid.records.run import RUN_FILE, Run, list_runs
+from cfid.records.run import RUN_FILE, RUNS_FOLDER, Run, list_runs
 from cfid.records.run_notes import run_at
+from cfid.records.stale import stale_in
+from cfid.records.values import lost_by
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-RUNS_FOLDER, FITS_FOLDER, PARAMETERS_FILE = "runs", "fits", "parameters.toml"
+FITS_FOLDER, PARAMETERS_FILE = "fits", "parameters.toml"
 LAST = "last"
 
 
@@ -108,8 +111,10 @@ class Campaign(BaseModel):
 
         Rejected quantities, and those that the rig's platform cannot have, are kept only with `force`, and are marked.
         `options` are the command's options that differ from their defaults; a fit made in Python has none. Raises
-        RejectedError when a quantity that the analysis is for was rejected and `force` is not set; ConfigError when a
-        file cannot be written, DataError when run.toml of a run cannot be read.
+        RejectedError when a quantity that the analysis is for was rejected and `force` is not set; also where the
+        result is kept in fits/ alone, since a stored fit that is accepted and current stays in force: beside a rejected
+        result, and, without `force`, beside one that lacks some of its numbers or is clearly less certain. Raises
+        ConfigError when a file cannot be written, DataError when run.toml of a run cannot be read.
         """
         result = judged(result, self.rig)
         if not (result.accepted or force):
@@ -128,8 +133,30 @@ class Campaign(BaseModel):
             lines=given.summary(),
             figures=tuple(self._path_in(str(path)) for path in figures),
         )
-        store_section(self.parameters_file, fit.name, section)
-        return keep_fit(self.fits_folder, fit)
+        staying = self._staying(fit.name, section, force=force)
+        if not staying:
+            store_section(self.parameters_file, fit.name, section)
+        path = keep_fit(self.fits_folder, fit)
+        if staying:
+            if not section.accepted:
+                self.remember_rejected(result)
+            raise RejectedError(f"{staying} Kept in {self._path_in(str(path))}.")
+        return path
+
+    def _staying(self, name: str, new: Section, *, force: bool) -> str:
+        """Return why the stored numbers stay in force beside a new fit, "" where it replaces them."""
+        stored = self.sections().get(name)
+        lost = "" if stored is None or (force and new.accepted) else lost_by(new, stored)
+        if stored is None or not lost or stale_in(self.folder, self.runs(complete=False), self.rig)(stored):
+            return ""
+        files = counted(len(stored.sources), "file")
+        instead = (
+            "`force` puts its numbers in force" if new.accepted else "exclude a run of the stored one to replace it"
+        )
+        return (
+            f"{name}: the stored fit ({stored.found:%Y-%m-%d %H:%M:%S} UTC, {files}) stays in force, since this one "
+            f"{lost}: {instead}."
+        )
 
     def remember_rejected(self, result: Result) -> None:
         """Keep why a fit was rejected as a whole, without its numbers, so that it is not suggested as the next step.
@@ -197,12 +224,6 @@ class Campaign(BaseModel):
             return path
         there, folder = Path(path).resolve(), self.folder.resolve()
         return str(there.relative_to(folder) if there.is_relative_to(folder) else there)
-
-
-def runs_of(sources: Iterable[Source]) -> tuple[str, ...]:
-    """Return the names of the campaign's runs in which sources lie, each once."""
-    parts = (Path(source.path).parts for source in sources)
-    return tuple(dict.fromkeys(there[1] for there in parts if there[:1] == (RUNS_FOLDER,) and len(there) > 1))
 
 
 def open_campaign(folder: str | Path | None = None) -> Campaign:

@@ -1,11 +1,11 @@
 """The fits folder of a campaign: every fit with its parameters, quality, findings and figures.
 
-parameters.toml has the latest fit of each kind, for programs that need numbers; this folder keeps all of them, for the
-report and to compare repeated fits.
+parameters.toml has one fit of each kind, for programs that need numbers; this folder keeps all of them, for the report
+and to compare repeated fits.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
@@ -88,6 +88,16 @@ def list_fits(folder: Path) -> list[Fit | DataError]:
         except DataError as error:
             found.append(error)
     return found
+
+
+def in_force(fits: Iterable[Fit], sections: Mapping[str, Section]) -> dict[str, Fit]:
+    """Return, by section, the fit whose numbers parameters.toml has, else the last one; `fits` has the oldest first."""
+
+    def is_held(fit: Fit) -> bool:
+        held = sections.get(fit.name)
+        return held is not None and (held.found, held.sources) == (fit.section.found, fit.section.sources)
+
+    return {fit.name: fit for fit in sorted(fits, key=is_held)}
 
 
 @cache

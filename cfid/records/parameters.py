@@ -1,11 +1,11 @@
 """Read and write parameters.toml: a campaign's parameters with standard uncertainty, unit and origin.
 
-The file has one section per fit; a later fit replaces its own section only. It has a format number: an older format is
+The file has one section per fit; a fit replaces its own section only. It has a format number: an older format is
 read, and the next fit writes the current one; a newer format is refused.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import datetime
 from functools import cache
@@ -19,6 +19,7 @@ from cfid.quantities.lookup import find
 from cfid.quantities.values import Number, numbers, shape_error
 from cfid.records.covariances import Covariance, common_fault, covariance_fault
 from cfid.records.files import check_format, first_fault, locked_folder, read_toml, toml_bytes, write_toml
+from cfid.records.run import RUNS_FOLDER
 
 FORMAT = 2  # format 1 had no format number, covariances, common causes or rejections
 _FORMAT_KEY = "format"
@@ -54,6 +55,12 @@ class Source:
     path: str
     sha256: str
 
+    @property
+    def run(self) -> str:
+        """The name of the campaign's run in which the file lies, "" for a file outside all runs."""
+        parts = Path(self.path).parts
+        return parts[1] if parts[:1] == (RUNS_FOLDER,) and len(parts) > 1 else ""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
@@ -82,6 +89,11 @@ class Section:
     facts: Mapping[str, float] = field(default_factory=dict)
     suspects: tuple[str, ...] = ()
     runs: Mapping[str, str] = field(default_factory=dict)
+
+
+def runs_of(sources: Iterable[Source]) -> tuple[str, ...]:
+    """Return the names of the campaign's runs in which sources lie, each once."""
+    return tuple(dict.fromkeys(source.run for source in sources if source.run))
 
 
 def plain(value: Any) -> Value:

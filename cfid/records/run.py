@@ -20,6 +20,7 @@ from cfid.records.files import check_format, first_fault, is_held, locked_folder
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+RUNS_FOLDER = "runs"  # in a campaign
 RUN_FILE = "run.toml"
 RECORDER_FILE = ".recording"  # held by the process that records the run
 FORMAT = 1

@@ -8,8 +8,9 @@ from cfid.quantities.values import coefficient_units, evaluate
 from cfid.records.covariances import shaped_as
 from cfid.records.mounts import BodyFrame
 from cfid.records.parameters import plain
+from cfid.records.values import FoundParameter
 from cfid.report import published
-from cfid.report.known import FoundParameter, Known, axis_of, turned
+from cfid.report.known import Known, axis_of, turned
 from cfid.report.published import Published, PublishedInertia
 from cfid.units import FULL_COMMAND, ROTORS
 

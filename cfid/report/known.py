@@ -2,20 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from cfid.records.mounts import BodyFrame
-from cfid.records.parameters import Parameter, Section
+from cfid.records.parameters import Section
 from cfid.records.rig_file import Rig
-
-
-class FoundParameter(NamedTuple):
-    """A parameter, its section of parameters.toml, and whether its fit rejected it."""
-
-    name: str
-    section: Section
-    parameter: Parameter
-    rejected: bool
+from cfid.records.values import FoundParameter, find_parameter
 
 
 @dataclass(frozen=True)
@@ -26,13 +17,8 @@ class Known:
     sections: Mapping[str, Section]
 
     def find(self, key: str) -> FoundParameter | None:
-        """Return a parameter from the latest section that contains it, None if none does."""
-        found = [
-            FoundParameter(name, section, section.parameters[key], key in section.rejected)
-            for name, section in self.sections.items()
-            if key in section.parameters
-        ]
-        return max(found, key=lambda one: one.section.found, default=None)
+        """Return a parameter that counts, by `find_parameter`."""
+        return find_parameter(self.sections, key)
 
     def numbers(self, key: str) -> list[float | None] | None:
         """Return the numbers of a parameter in order, one for a scalar, None for a missing parameter."""

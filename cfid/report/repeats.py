@@ -8,7 +8,7 @@ from datetime import datetime
 import numpy as np
 
 from cfid.estimate.repetition import LEAST_PROBABILITY, repeats
-from cfid.quantities.lookup import find
+from cfid.quantities.lookup import is_of_the_run
 from cfid.quantities.values import numbers
 from cfid.records.covariances import shaped_as
 from cfid.records.parameters import Section
@@ -96,7 +96,7 @@ def _quantities(several: Sequence[Measurement]) -> tuple[Repeat, ...]:
         section = measurement.fit.section
         for key, parameter in section.parameters.items():
             moved = _effects(section, key)
-            for entry in () if _of_the_run(key) else parameter.numbers(key):
+            for entry in () if is_of_the_run(key) else parameter.numbers(key):
                 name = f"{key} {entry.place}".rstrip()
                 row = readings.setdefault((name, parameter.unit), [None] * len(several))
                 if entry.value is not None:
@@ -118,12 +118,6 @@ def _effects(section: Section, key: str) -> Mapping[str, Effects]:
             for number in numbers(key, value, shaped_as(key, moved[key], value)):
                 found.setdefault(number.place, {})[cause] = number.std or 0.0
     return found
-
-
-def _of_the_run(key: str) -> bool:
-    """Return whether a key is a property of the run, not of the vehicle, such as the release of a swing."""
-    found = find(key)
-    return found is not None and found.of_the_run
 
 
 def _is_repeated(row: Sequence[RepeatReading | None]) -> bool:

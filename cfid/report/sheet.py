@@ -13,8 +13,8 @@ from cfid.quantities.lookup import registered
 from cfid.quantities.quantity import Quantity, Shape
 from cfid.quantities.table import EXPERIMENTS
 from cfid.quantities.values import Number, coefficient_units
-from cfid.records.campaign import RUNS_FOLDER
 from cfid.records.parameters import Section
+from cfid.records.run import RUNS_FOLDER
 from cfid.records.stale import Stale
 from cfid.report.known import Known
 

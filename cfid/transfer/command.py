@@ -234,13 +234,12 @@ def identify(
 
 def _thrust_poly(workplace: Workplace) -> list[float] | None:
     """Return the campaign's thrust over command, if it has been fitted."""
-    from cfid.records.parameters import load_sections
+    from cfid.records.values import find_parameter
 
     if workplace.campaign is None:
         return None
-    section = load_sections(workplace.campaign.parameters_file).get("thrust")
-    poly = None if section is None else section.parameters.get("motor.thrust_poly")
-    return None if poly is None else list(poly.value)
+    found = find_parameter(workplace.campaign.sections(), "motor.thrust_poly")
+    return None if found is None else list(found.parameter.value)
 
 
 @flat

@@ -14,6 +14,7 @@ from cfid.records.logs.run import log_of_run
 from cfid.records.parameters import Parameter, Section, load_sections
 from cfid.records.rig_file import RIG_FILE, Rig, load_rig
 from cfid.records.run import run_holding
+from cfid.records.values import find_parameter
 
 _OF_CAMPAIGNS = "parameters.toml"
 
@@ -31,10 +32,9 @@ class Measured:
     rig: Rig | None
 
     def get(self, key: str) -> Parameter | None:
-        """Return an accepted parameter, that of the latest fit first; None where there is none."""
-        newest = sorted(self.sections.values(), key=lambda one: one.found, reverse=True)
-        there = (one.parameters[key] for one in newest if key in one.parameters and key not in one.rejected)
-        return next(there, None)
+        """Return an accepted parameter, None where there is none."""
+        found = find_parameter(self.sections, key)
+        return None if found is None or found.rejected else found.parameter
 
     def __getitem__(self, key: str) -> Parameter:
         """Return an accepted parameter. Raises KeyError with a sentence where there is none."""

@@ -1,0 +1,66 @@
+"""Which numbers count: those of one section among several with a quantity, and a stored fit's beside a new one's."""
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from cfid.quantities.lookup import is_of_the_run
+from cfid.records.parameters import Parameter, Section
+
+_CLEARLY = 2.0  # a standard uncertainty that grew by more than this factor is clearly larger
+
+
+class FoundParameter(NamedTuple):
+    """A parameter, its section of parameters.toml, and whether its fit rejected it."""
+
+    name: str
+    section: Section
+    parameter: Parameter
+    rejected: bool
+
+
+def find_parameter(sections: Mapping[str, Section], key: str) -> FoundParameter | None:
+    """Return a parameter from the latest section in which it is accepted, else the latest; None if none has it."""
+    holding = [
+        FoundParameter(name, section, section.parameters[key], key in section.rejected)
+        for name, section in sections.items()
+        if key in section.parameters
+    ]
+    return max(holding, key=lambda one: (not one.rejected, one.section.found, one.name), default=None)
+
+
+def lost_by(new: Section, stored: Section) -> str:
+    """Return what would be lost if a new fit replaced a stored one, in words that follow "this one"; "" for nothing.
+
+    An accepted fit of the same recordings and more loses nothing, whatever its numbers are: it knows more.
+    """
+    if not stored.accepted:
+        return ""
+    if not new.accepted:
+        return "was rejected"
+    if _recordings(stored) <= _recordings(new):
+        return ""
+    keys = [key for key in stored.parameters if key not in stored.rejected and not is_of_the_run(key)]
+    missing = [key for key in keys if key not in new.parameters or key in new.rejected]
+    growth = {key: _growth(key, stored, new) for key in keys if key not in missing}
+    larger = [
+        f"{key} ({f'{times:.2g} times' if times < math.inf else 'unknown'})"
+        for key, times in growth.items()
+        if times > _CLEARLY
+    ]
+    parts = (("lacks", missing), ("has larger standard uncertainties of", larger))
+    return " and ".join(f"{what} {', '.join(of)}" for what, of in parts if of)
+
+
+def _recordings(section: Section) -> set[str]:
+    return {source.run or source.path for source in section.sources}
+
+
+def _growth(key: str, stored: Section, new: Section) -> float:
+    """Return the largest ratio of a number's new standard uncertainty to its stored one, 0 for values of other form."""
+    before, after = ([*section.parameters[key].numbers(key)] for section in (stored, new))
+    if [one.place for one in before] != [one.place for one in after]:
+        return 0.0
+    known = [(one, old.std) for old, one in zip(before, after, strict=True) if old.std and old.value is not None]
+    growth = [math.inf if one.std is None or one.value is None else one.std / std for one, std in known]
+    return max(growth, default=0.0)

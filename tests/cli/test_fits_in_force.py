@@ -1,0 +1,157 @@
+"""A poorer fit takes no number away: the campaign's file keeps the better one, and every reader takes the same."""
+
+import json
+import tomllib
+from dataclasses import replace
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from cfid.records.parameters import load_sections, store_section
+from tests.campaigns import Cfid
+from tests.export.thesis_vehicle import sections
+
+MANY, FEW = range(4000, 65536, 4000), (20000, 40000, 60000)
+LARGEST_N = 2.4e-11 * 65535**2 + 6e-7 * 65535
+SPEED = "motor.speed_poly"
+
+
+def stand(path: Path, commands: range | tuple[int, ...], *, seed: int, noise_n: float = 2e-4) -> Path:
+    """Write what a thrust stand showed: a quadratic of the command, with a battery that sags."""
+    cmd = np.repeat(np.array(commands, dtype=float), 2 if isinstance(commands, range) else 1)
+    thrust = 2.4e-11 * cmd**2 + 6e-7 * cmd + np.random.default_rng(seed).normal(0, noise_n, len(cmd))
+    rows = np.column_stack([cmd, thrust, 4.1 - 0.4 * cmd / 65535])
+    np.savetxt(path, rows, fmt="%.6f", delimiter=",", header="cmd,thrust_n,voltage_v", comments="")
+    return path
+
+
+@pytest.fixture
+def lab(cfid: Cfid, tmp_path: Path) -> Path:
+    """A campaign whose thrust was fitted to 32 points."""
+    assert cfid("new", "lab").returncode == 0
+    stand(tmp_path / "lab" / "many.csv", MANY, seed=1)
+    stand(tmp_path / "lab" / "few.csv", FEW, seed=2)
+    assert cfid("fit", "thrust", "many.csv", "--no-figures", folder=tmp_path / "lab").returncode == 0
+    return tmp_path / "lab"
+
+
+def thrust(lab: Path) -> dict[str, Any]:
+    found: dict[str, Any] = tomllib.loads((lab / "parameters.toml").read_text())["thrust"]
+    return found
+
+
+def fits(lab: Path) -> list[dict[str, Any]]:
+    return [json.loads(path.read_text()) for path in sorted((lab / "fits").glob("*.json"), key=lambda path: path.stem)]
+
+
+def test_a_fit_of_fewer_points_is_kept_beside_the_better_one_which_stays_in_force(cfid: Cfid, lab: Path) -> None:
+    before = (lab / "parameters.toml").read_bytes()
+    ended = cfid("fit", "thrust", "few.csv", "--no-figures", "--json", folder=lab)
+    shown = json.loads(ended.stdout)
+
+    assert (ended.returncode, shown["accepted"], shown["in_force"]) == (5, True, False)
+    assert (lab / "parameters.toml").read_bytes() == before
+    assert thrust(lab)["parameters"]["motor.max_thrust_n"]["value"] == pytest.approx(LARGEST_N, rel=0.01)
+    kept = fits(lab)
+    assert len(kept) == 2
+    assert kept[-1]["section"]["sources"][0]["path"].endswith("few.csv")
+    assert kept[-1]["section"]["parameters"]["motor.thrust_poly"] == shown["parameters"]["motor.thrust_poly"]
+
+
+def test_force_puts_the_poorer_fit_in_force(cfid: Cfid, lab: Path) -> None:
+    ended = cfid("fit", "thrust", "few.csv", "--no-figures", "--json", "--force", folder=lab)
+
+    assert (ended.returncode, json.loads(ended.stdout)["in_force"]) == (0, True)
+    assert thrust(lab)["sources"][0]["path"].endswith("few.csv")
+
+
+def test_a_fit_of_the_same_and_more_recordings_replaces_whatever_it_finds(cfid: Cfid, lab: Path) -> None:
+    stand(lab / "noisy.csv", MANY, seed=3, noise_n=2e-3)
+    certain = thrust(lab)["parameters"]["motor.max_thrust_n"]["std"]
+    ended = cfid("fit", "thrust", "many.csv", "noisy.csv", "--no-figures", "--json", folder=lab)
+
+    assert (ended.returncode, json.loads(ended.stdout)["in_force"]) == (0, True)
+    assert thrust(lab)["parameters"]["motor.max_thrust_n"]["std"] > 3 * certain
+
+
+def test_a_fit_as_good_as_the_stored_one_replaces_it(cfid: Cfid, lab: Path) -> None:
+    stand(lab / "again.csv", MANY, seed=4)
+
+    assert cfid("fit", "thrust", "again.csv", "--no-figures", folder=lab).returncode == 0
+    assert thrust(lab)["sources"][0]["path"].endswith("again.csv")
+
+
+def test_a_fit_of_recordings_that_changed_since_gives_way_to_any_other(cfid: Cfid, lab: Path) -> None:
+    stand(lab / "many.csv", MANY, seed=5)
+
+    assert cfid("fit", "thrust", "few.csv", "--no-figures", folder=lab).returncode == 0
+    assert thrust(lab)["sources"][0]["path"].endswith("few.csv")
+
+
+def test_a_fit_gives_way_once_one_of_its_runs_is_excluded(cfid: Cfid, bodies: Path) -> None:
+    drops = sorted(path.name for path in (bodies / "runs").glob("*_drop_*"))
+    first = [next(name for name in drops if f"_{weight}g" in name) for weight in (20, 50)]
+    assert cfid("fit", "friction", "--no-figures", folder=bodies).returncode == 0
+    assert cfid("fit", "friction", *first, "--no-figures", folder=bodies).returncode == 5
+
+    assert cfid("runs", "exclude", drops[-1], "--because", "test", folder=bodies).returncode == 0
+    assert cfid("fit", "friction", *first, "--no-figures", folder=bodies).returncode == 0
+
+
+def test_a_rejected_fit_replaces_no_accepted_one_even_by_force(cfid: Cfid, tmp_path: Path) -> None:
+    """With half of the encoder's counts per turn, all angles of the same pendulum double."""
+    assert cfid("new", "lab").returncode == 0
+    lab = tmp_path / "lab"
+    t_s = np.arange(0, 20, 0.002)
+    swing = solve_ivp(lambda _, y: [y[1], -200 * np.sin(y[0]) - 0.05 * y[1]], (0, 20), [0.7, 0], t_eval=t_s, rtol=1e-9)
+    angle = np.concatenate([np.zeros(400), np.linspace(0, 0.7, 300), np.full(300, 0.7), swing.y[0]])
+    rows = np.column_stack([0.002 * np.arange(len(angle)), np.round(angle / (2 * np.pi) * 8192)])
+    np.savetxt(lab / "swing.csv", rows, fmt=("%.3f", "%d"), delimiter=",", header="t,phi", comments="")
+    words = ("fit", "swing", "swing.csv", "--axis", "x", "--no-figures", "--json", "--counts-per-turn")
+    assert cfid(*words, 8192, folder=lab).returncode == 0
+    before = (lab / "parameters.toml").read_bytes()
+
+    ended = cfid(*words, 4096, "--force", folder=lab)
+    shown = json.loads(ended.stdout)
+    assert (ended.returncode, shown["accepted"], shown["in_force"]) == (5, False, False)
+    assert (lab / "parameters.toml").read_bytes() == before
+    assert len(fits(lab)) == 2
+
+
+def test_a_report_shows_the_fit_in_force_first_and_a_later_one_as_another(cfid: Cfid, lab: Path) -> None:
+    assert cfid("fit", "thrust", "few.csv", "--no-figures", folder=lab).returncode == 5
+    assert cfid("report", "--out", "report.json", folder=lab).returncode == 0
+    report = json.loads((lab / "report.json").read_text())
+    first, second = report["experiments"]
+
+    assert [one["sources"][0]["path"].rpartition("/")[2] for one in (first, second)] == ["many.csv", "few.csv"]
+    assert first["title"] != second["title"]
+
+
+def test_reports_exports_and_status_take_the_accepted_value_where_a_later_section_rejected_its_own(
+    cfid: Cfid, tmp_path: Path
+) -> None:
+    assert cfid("new", "lab").returncode == 0
+    lab = tmp_path / "lab"
+    path = lab / "parameters.toml"
+    for name, section in sections().items():
+        store_section(path, name, section)
+    dynamics, value = load_sections(path)["dynamics"], load_sections(path)["speed"].parameters[SPEED]
+    doubled = {**dynamics.parameters, SPEED: replace(value, value=[2 * one for one in value.value])}
+    later = dynamics.found + timedelta(days=1)
+    store_section(path, "dynamics", replace(dynamics, parameters=doubled, rejected={SPEED: "twice."}, found=later))
+
+    ended = cfid("export", "webots", "--out", "-", folder=lab)
+    assert (ended.returncode, "REJECTED" in ended.stdout) == (0, False)
+    vehicle = json.loads(cfid("export", "json", "--out", "-", folder=lab).stdout)
+    assert vehicle["quantities"][SPEED]["value"] == value.value
+    assert cfid("report", "--out", "report.json", folder=lab).returncode == 0
+    report = json.loads((lab / "report.json").read_text())
+    rows = [
+        row for group in report["sheet"] for one in group["quantities"] if SPEED in one["keys"] for row in one["rows"]
+    ]
+    assert [row["value"] for row in rows] == value.value
