@@ -36,7 +36,7 @@ class FitError(CfidError):
 
 
 class RejectedError(FitError):
-    """A fit was found and rejected; the campaign stores the reason."""
+    """A fit was found and rejected, or is poorer than the stored one; the campaign keeps the reason or the fit."""
 
 
 def check_positive(**arguments: float | None) -> None:

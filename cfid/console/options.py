@@ -255,7 +255,10 @@ class Delivery:
     force: Annotated[
         bool,
         typer.Option(
-            "--force", help="Report and store rejected quantities too; overwrite files.", rich_help_panel=_OUTPUT
+            "--force",
+            help="Report and store rejected quantities too, or a less certain fit in place of the stored one; "
+            "overwrite files.",
+            rich_help_panel=_OUTPUT,
         ),
     ] = False
     figures: Annotated[

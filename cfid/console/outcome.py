@@ -25,8 +25,8 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
     """Draw, keep and print a result; with --force also rejected quantities and those impossible for the `rig`.
 
     Raises RejectedError when a quantity that the command determines was rejected and --force is not set;
-    parameters.toml is then unchanged. Raises ConfigError where no figure can be written; the result is then printed,
-    but not kept.
+    parameters.toml is then unchanged. Raises it also where a stored fit stays in force. Raises ConfigError where no
+    figure can be written; the result is then printed, but not kept.
     """
     if delivery.take is not None:
         delivery.take(result)
@@ -42,10 +42,15 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
     except ConfigError as error:  # a full disk must not lose the computed numbers
         drawn, undrawn = (), error
     kept = result.accepted or delivery.force
+    in_force, staying = False, None
     if campaign is not None and given.quantities and kept and undrawn is None:
-        campaign.keep(result, figures=drawn, force=delivery.force, options=delivery.given)
+        try:
+            campaign.keep(result, figures=drawn, force=delivery.force, options=delivery.given)
+            in_force = True
+        except RejectedError as error:  # the stored fit stays in force
+            staying = error
     if delivery.json:
-        echo(_as_json(given, accepted=result.accepted))
+        echo(_as_json(given, accepted=result.accepted, in_force=in_force))
     else:
         rejections = texts(result.findings, "rejection") if kept else ()  # otherwise the error states them
         notes = (*texts(result.findings, "note", "warning"), *(f"rejected: {text}" for text in rejections))
@@ -57,6 +62,8 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
         still = " parameters.toml is unchanged." if campaign is not None else ""
         reasons = joined(texts(result.findings, "rejection"))
         raise RejectedError(f"rejected: {reasons}{still} Use --force to get the numbers anyway.")
+    if staying is not None:
+        raise staying
     if undrawn is not None:
         raise ConfigError(f"{undrawn} Nothing is kept of this fit.") if campaign is not None else undrawn
 
@@ -74,12 +81,12 @@ def _with_names(result: Result, runs_folder: Path) -> Result:
     return replace(result, findings=tuple(named))
 
 
-def _as_json(result: Result, *, accepted: bool) -> str:
-
+def _as_json(result: Result, *, accepted: bool, in_force: bool) -> str:
     content = {
         "command": result.command,
         "parameters": {name: p.as_json() for name, p in result.quantities.items()},
         "accepted": accepted,
+        "in_force": in_force,
         "findings": [finding.as_json() | {"text": in_options(finding.text)} for finding in result.findings],
         "quality": result.quality,
         "sources": [asdict(source) for source in result.sources],

@@ -46,7 +46,7 @@ def fleet_fit(
     scheduler: Scheduler = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Refit campaigns from their recordings: the last fit of each kind, into a new folder. No campaign is changed.
+    """Refit campaigns from their recordings: each fit in force, into a new folder. No campaign is changed.
 
     After an interruption, the same command continues where it stopped. Compare the results with `cfid fleet "OUT/*"`.
 

@@ -141,7 +141,7 @@ _MAPS = _given(
 _ROTORS = _given(
     "rotor", "`cfid fit rotor`",
     Quantity("rotor.speed_rad_s", "rad/s", "ω", "rotor speed from vibration, a number a window", Shape.NUMBER_OR_LIST,
-             Range(200, 5000, "slower ones stand, faster ones no propeller survives")),
+             Range(200, 5000, "slower ones stand, faster ones no propeller survives"), of_the_run=True),
     Quantity("rotor.windows", "as named", "", "windows: speed estimated in each", Shape.ROWS,
              measured=("speed_rad_s", "std_rad_s")),
 ) + _given(
@@ -188,12 +188,13 @@ _TRANSFER = _given(
 ) + _given(
     "tf verify", "`cfid tf verify`",
     Quantity("tf.verify.<name>.fit_percent", "%", "F", "how much of a run's motion the simulation explains",
-             plausible=Range(-1000, 100, "all of it at most")),
+             plausible=Range(-1000, 100, "all of it at most"), of_the_run=True),
     Quantity("tf.verify.<name>.residual_rms_n", "N", "e", "what is left of the force",
-             plausible=Range(0, 10, "as the largest thrust")),
-    Quantity("tf.verify.<name>.late_s", "s", "Δt", "how much later than simulated"),  # noise may hide it
+             plausible=Range(0, 10, "as the largest thrust"), of_the_run=True),
+    Quantity("tf.verify.<name>.late_s", "s", "Δt", "how much later than simulated",  # noise may hide it
+             of_the_run=True),
     Quantity("tf.verify.<name>.gain_ratio", "1", "g", "how much larger than simulated",
-             plausible=Range(0, 10, "beyond, another motor ran")),
+             plausible=Range(0, 10, "beyond, another motor ran"), of_the_run=True),
 )  # fmt: skip
 
 _LATENCY = _given(
@@ -203,7 +204,7 @@ _LATENCY = _given(
              plausible=Range(0, 1, "as the round trip")),
     Quantity("latency.rtt_min_s", "s", "t_min", "least round trip", plausible=_ROUND_TRIP),
     Quantity("latency.clock_offset_s", "s", "t_0", "this computer's time when the vehicle's clock was zero",
-             plausible=Range(1e9, 4e9, "Unix time of 2001 to 2096")),
+             plausible=Range(1e9, 4e9, "Unix time of 2001 to 2096"), of_the_run=True),
     Quantity("latency.clock_skew", "1", "s", "how much faster the vehicle's clock runs",
              plausible=Range(-0.05, 0.05, "cf2 firmware loses one in 85")),
 )  # fmt: skip

@@ -65,8 +65,8 @@ class Agreement:
         return (warning("experiments-disagree", text),)
 
 
-def agreements_of(known: Known, latest: Mapping[str, Fit]) -> tuple[Agreement, ...]:
-    """Return the comparisons that a campaign's parameters allow; `latest` has the last fit of each section.
+def agreements_of(known: Known, held: Mapping[str, Fit]) -> tuple[Agreement, ...]:
+    """Return the comparisons that a campaign's parameters allow; `held` has the fits that parameters.toml has.
 
     Rejected quantities and quantities without a standard uncertainty are not compared.
     """
@@ -74,9 +74,9 @@ def agreements_of(known: Known, latest: Mapping[str, Fit]) -> tuple[Agreement, .
         *_gains(known),
         *_hovering(known),
         *_power(known),
-        *_scales(latest),
+        *_scales(held),
         *_time_constants(known),
-        *_clocks(known, latest),
+        *_clocks(known, held),
         *_distances(known),
     )
 
@@ -152,9 +152,9 @@ def _at(found: tuple[Section, str], x: float) -> Compared:
     return _number(found, [x**power for power in range(count - 1, -1, -1)])
 
 
-def _scales(latest: Mapping[str, Fit]) -> Iterator[Agreement]:
+def _scales(held: Mapping[str, Fit]) -> Iterator[Agreement]:
     """Compare the thrust map with scales, by their ratio."""
-    quality = latest["thrust"].quality if "thrust" in latest else {}
+    quality = held["thrust"].quality if "thrust" in held else {}
     gain, std = quality.get("verification_gain"), quality.get("verification_gain_std")
     if not (is_number(gain) and is_number(std) and std):
         return
@@ -191,10 +191,10 @@ def of_steps(known: Known, *, rising: bool | None = None) -> Compared | None:
     return Compared(float(values.mean()), math.hypot(values.std(ddof=1), float(np.sqrt(np.mean(stds**2)))), {})
 
 
-def _clocks(known: Known, latest: Mapping[str, Fit]) -> Iterator[Agreement]:
+def _clocks(known: Known, held: Mapping[str, Fit]) -> Iterator[Agreement]:
     """Compare the vehicle's clock rate from pings with that from crossings, which may scatter from run to run."""
     pings = sound(known, "latency.clock_skew")
-    skews = _skews(latest["tf"].quality.get("series")) if "tf" in latest else []
+    skews = _skews(held["tf"].quality.get("series")) if "tf" in held else []
     if pings is None or not skews:
         return
     values, stds = np.array(skews).T

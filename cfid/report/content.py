@@ -10,7 +10,7 @@ from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.guide.status import next_of, remarks_of, status_of, unusable_in
 from cfid.records.campaign import Campaign
-from cfid.records.fits import Fit, list_fits
+from cfid.records.fits import Fit, in_force, list_fits
 from cfid.records.lab_book import lines, summary
 from cfid.records.parameters import load_sections, plain
 from cfid.records.resumed import completing
@@ -109,20 +109,20 @@ def gather(campaign: Campaign, *, now: datetime, kind: CampaignKind | None = Non
     runs, broken_runs = _readable(list_runs(campaign.runs_folder))
     fits, broken_fits = _readable(list_fits(campaign.fits_folder))
     known = Known(campaign.rig, load_sections(campaign.parameters_file))
-    measured = measurements_of(fits)
-    latest = {fit.name: fit for fit in fits}
-    commands = {name: fit.command for name, fit in latest.items()}
+    held = in_force(fits, known.sections)
+    measured = measurements_of(fits, held)
+    commands = {name: fit.command for name, fit in held.items()}
     stale, statuses = stale_in(campaign.folder, runs, campaign.rig), status_of(campaign, kind=kind)
     step = next_of(statuses, kind=kind)
     remarks = remarks_of(statuses, unusable_in(campaign, statuses), step)
-    experiments = experiments_of(measured, fits, stale, campaign.folder)
+    experiments = experiments_of(measured, fits, held, stale, campaign.folder)
     return Report(
         about=_about(campaign, runs, fits, now),
         summary=summary_of(known, experiments, statuses, step, remarks),
         sheet=sheet_of(known, commands, stale, wanted=[one.task.section for one in statuses]),
         experiments=experiments,
         repeats=repeated_fits(measured),
-        agreements=(*agreements_of(known, latest), *flown_agreements(known)),
+        agreements=(*agreements_of(known, held), *flown_agreements(known)),
         comparisons=comparisons(known),
         runs=tuple(_line(run) for run in runs),
         unreadable=(*broken_runs, *broken_fits),

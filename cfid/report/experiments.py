@@ -56,18 +56,22 @@ class Experiment:
 
 
 def experiments_of(
-    measured: Mapping[str, Sequence[Measurement]], fits: Iterable[Fit], stale: Stale, folder: Path
+    measured: Mapping[str, Sequence[Measurement]],
+    fits: Iterable[Fit],
+    held: Mapping[str, Fit],
+    stale: Stale,
+    folder: Path,
 ) -> tuple[Experiment, ...]:
-    """Return all measurements in the order of the thesis' chapters, with the latest of each kind first.
+    """Return all measurements in the order of the thesis' chapters, of each kind that of `held` first, then the latest.
 
     Figures outside `folder`, the campaign's, are left out with a note.
     """
     drawn_by = {figure: fit for fit in fits for figure in fit.figures}  # a later fit replaces an earlier one's figures
     kinds = sorted(measured, key=_place)
     return tuple(
-        _experiment(one, drawn_by, stale(one.fit.section), folder, latest=one is measured[kind][-1])
+        _experiment(one, drawn_by, stale(one.fit.section), folder, held[kind])
         for kind in kinds
-        for one in reversed(measured[kind])
+        for one in sorted(measured[kind], key=lambda one: (one.fit is held[one.fit.name], one.fit.section.found))[::-1]
     )
 
 
@@ -84,10 +88,11 @@ def _place(name: str) -> int:
 
 
 def _experiment(
-    measurement: Measurement, drawn_by: Mapping[str, Fit], stale: tuple[str, ...], folder: Path, *, latest: bool
+    measurement: Measurement, drawn_by: Mapping[str, Fit], stale: tuple[str, ...], folder: Path, held: Fit
 ) -> Experiment:
     fit = measurement.fit
-    title = title_of(fit.name) if latest else f"{title_of(fit.name)}, earlier: {fit.section.found:%Y-%m-%d %H:%M}"
+    other = "earlier" if fit.section.found < held.section.found else "not in force"
+    title = title_of(fit.name) + ("" if fit is held else f", {other}: {fit.section.found:%Y-%m-%d %H:%M}")
     own = [figure for figure in fit.figures if drawn_by.get(figure) is fit]
     inside = [figure for figure in own if lies_in(folder, folder / figure)]
     outside = [figure for figure in own if figure not in inside]
@@ -121,7 +126,7 @@ def _replaced(measurement: Measurement) -> list[str]:
     if not measurement.replaced:
         return []
     count = len(measurement.replaced)
-    fits = "An earlier fit" if count == 1 else f"{count} earlier fits"
+    fits = "Another fit" if count == 1 else f"{count} other fits"
     return [f"{fits} of the same recordings {'is' if count == 1 else 'are'} not shown: this one counts."]
 
 

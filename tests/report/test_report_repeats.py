@@ -39,7 +39,7 @@ def test_fits_of_the_same_recordings_are_one_measurement_and_the_latest_counts(c
 
     assert report.repeats == ()
     assert [one.parameters[0].value for one in report.experiments] == [6.0]
-    assert report.experiments[0].notes == ("An earlier fit of the same recordings is not shown: this one counts.",)
+    assert report.experiments[0].notes == ("Another fit of the same recordings is not shown: this one counts.",)
 
 
 def test_readings_within_their_deviations_agree(campaign: Campaign) -> None:

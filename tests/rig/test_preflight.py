@@ -12,8 +12,7 @@ import numpy.typing as npt
 import pytest
 
 from cfid.console.preflight import of_encoder
-from cfid.records.campaign import RUNS_FOLDER
-from cfid.records.run import DeviceRecord
+from cfid.records.run import RUNS_FOLDER, DeviceRecord
 from cfid.rig.check import DeviceAnswer
 from cfid.rig.sampling import Sampled
 from tests.flying_in_a_folder import Bench, bench_in
