@@ -51,6 +51,11 @@ def budget(columns: Array, inputs: Sequence[Input]) -> dict[str, Array]:
     return {name: np.sqrt(squares) for name, squares in ordered if np.any(squares > 0)}
 
 
+def covariance_of_weights(weight: Array, std: Array) -> Array:
+    """Return the covariance (n, n) of weights (n,) with standard uncertainties (n,): equal ones are one weight."""
+    return np.asarray(np.outer(std, std) * (weight[:, np.newaxis] == weight))
+
+
 def widened(std: float, freedom: int) -> float:
     """Return a standard uncertainty whose 1.96-fold covers 95 %, from one estimated from few residuals (Student's t).
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.estimate.linear import fit_linear, mean_of, std_of
-from cfid.estimate.propagation import widened
+from cfid.estimate.propagation import covariance_of_weights, widened
 from cfid.findings import Finding, rejection, warning
 from cfid.friction.drops import Drop
 
@@ -63,7 +63,8 @@ def fit_friction(
         return FrictionEstimate(findings=(_ONE_WEIGHT if settled else _NEVER_SETTLED,))
     torque = gravity_mps2 * radius_m * np.array([drop.weight_kg for drop in settled])
     speed = np.array([drop.terminal_rad_per_s for drop in settled])
-    coulomb, viscous, findings = _line(speed, torque, _weights_covariance(settled) * (gravity_mps2 * radius_m) ** 2)
+    weights = covariance_of_weights(*np.array([(drop.weight_kg, drop.weight_std_kg) for drop in settled]).T)
+    coulomb, viscous, findings = _line(speed, torque, weights * (gravity_mps2 * radius_m) ** 2)
     findings += (*_order_finding(settled), *_layers_finding(settled, viscous.value, radius_m, gravity_mps2))
     # Radius and gravity are common to all runs: their errors do not average out.
     common = math.hypot(radius_std_m / radius_m, gravity_std_mps2 / gravity_mps2)
@@ -130,13 +131,6 @@ _ONE_WEIGHT = rejection(
     COULOMB,
     SETUP_INERTIA,
 )
-
-
-def _weights_covariance(drops: Sequence[Drop]) -> Array:
-    """Return the covariance (n, n) in kg^2 of the weights: drops of one weight share its error."""
-    weights = np.array([drop.weight_kg for drop in drops])
-    stds = np.array([drop.weight_std_kg for drop in drops])
-    return np.asarray(np.outer(stds, stds) * (weights[:, np.newaxis] == weights))
 
 
 def _line(speed: Array, torque: Array, weights: Array) -> tuple[_Known, _Known, tuple[Finding, ...]]:

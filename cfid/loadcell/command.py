@@ -56,6 +56,7 @@ def loadcell(
     result = fit(
         [find_recording(word, workplace) for word in words],
         gravity_mps2=workplace.rig.site.gravity_mps2,
+        gravity_std_mps2=workplace.rig.site.gravity_std_mps2,
         at_std_m=MM * positive(at_std_mm, "--at-std-mm"),
     )
     deliver(replace(result, folder=workplace.figures_folder([])), delivery, workplace.campaign)

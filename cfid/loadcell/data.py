@@ -8,9 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import DataError
+from cfid.estimate.propagation import covariance_of_weights
 from cfid.estimate.signals import quiet_mean
 from cfid.findings import Finding
-from cfid.loadcell.estimation import Loads, joined
+from cfid.loadcell.estimation import Loads
 from cfid.loadcell.model import applied_wrench, place_error
 from cfid.motors.data import channels_of
 from cfid.records.facts import RigFacts
@@ -88,11 +89,15 @@ def loads_of(runs: Sequence[LoadedRun], *, gravity_mps2: float, at_std_m: float)
 
     `at_std_m` is the standard uncertainty of places that state none.
     """
-    parts = []
-    for run in runs:
-        load = run.load(gravity_mps2)
-        of_place = place_error(load=load, std_m=at_std_m if run.at_std_m is None else run.at_std_m)
-        of_weight = np.abs(load) * run.weight_std_kg / (run.weight_kg or 1.0)
-        std = np.sqrt(run.std**2 + of_place**2 + of_weight**2)
-        parts.append((load, run.reading, std, run.pull))
-    return joined(parts)
+    load = np.array([run.load(gravity_mps2) for run in runs])
+    places = [at_std_m if run.at_std_m is None else run.at_std_m for run in runs]
+    of_place = [place_error(load=one, std_m=std) for one, std in zip(load, places, strict=True)]
+    weight, std = np.array([(run.weight_kg, run.weight_std_kg) for run in runs]).T
+    relative = np.divide(1.0, weight, out=np.zeros(len(runs)), where=weight > 0)
+    return Loads(
+        load=load,
+        reading=np.array([run.reading for run in runs]),
+        std=np.hypot([run.std for run in runs], of_place),
+        of_weights=covariance_of_weights(weight, std) * np.outer(relative, relative),
+        orientation=np.unique([run.pull for run in runs], return_inverse=True)[1].reshape(-1),
+    )

@@ -6,7 +6,6 @@ to the largest load. The zero of each orientation contains the weight of the mou
 counts as noise of the torques.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,11 +25,15 @@ _FEWEST_LOADS = 3  # fewest loads, no load included, that distinguish a bend fro
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Loads:
-    """Mean readings (n, 6) under loads (n, 6), N and N m, in orientations (n,), with standard uncertainties (n, 6)."""
+    """Mean readings (n, 6) under loads (n, 6), N and N m, in orientations (n,), with standard uncertainties (n, 6).
+
+    `of_weights` (n, n) is the relative covariance of the loads by their weights, of which one may hang in several runs.
+    """
 
     load: Array
     reading: Array
     std: Array
+    of_weights: Array
     orientation: npt.NDArray[np.intp]
 
 
@@ -86,7 +89,8 @@ def _fit_axis(loads: Loads, place: int) -> AxisFit | None:
     free = [at for at in range(rows.shape[1]) if _independent_part(rows, at) > _DEPENDENT]
     if 0 not in free or len(rows) <= rows.shape[1]:
         return None
-    std = loads.std[:, place]
+    of_weights = loads.of_weights * np.outer(loads.load[:, place], loads.load[:, place])
+    std = np.sqrt(loads.std[:, place] ** 2 + np.diag(of_weights))
     fit = fit_linear(rows / std[:, np.newaxis], loads.reading[:, place] / std, noise_known=True)
     misfit = float(np.sqrt(fit.residual @ fit.residual / fit.degrees_of_freedom))
     talks = [at for at in free if 1 + len(bend) <= at < rows.shape[1] - zeros.shape[1]]
@@ -97,13 +101,15 @@ def _fit_axis(loads: Loads, place: int) -> AxisFit | None:
     if bent:
         outward[1] = np.eye(len(fit.values))[1] / gain
         outward[1, 0] = -fit.values[1] / gain**2
+    data = of_weights + np.diag(loads.std[:, place] ** 2)
+    gain_of_readings = outward @ fit.gain / std
     return AxisFit(
         axis=AXES[place],
         gain=gain,
         linearity=float(fit.values[1]) / gain if bent else float("nan"),
         acting=tuple(list(columns)[at - 1 - len(bend)] for at in talks),
         cross_talk=fit.values[talks],
-        covariance=outward @ fit.covariance @ outward.T * max(misfit, 1.0) ** 2,
+        covariance=gain_of_readings @ data @ gain_of_readings.T * max(misfit, 1.0) ** 2,
         misfit=misfit,
         degrees_of_freedom=fit.degrees_of_freedom,
     )
@@ -121,10 +127,3 @@ def _independent_part(rows: Array, at: int) -> float:
     scaled = others / np.where(np.linalg.norm(others, axis=0) > 0, np.linalg.norm(others, axis=0), 1.0)
     column = rows[:, at] / np.linalg.norm(rows[:, at])
     return float(np.linalg.norm(column - scaled @ np.linalg.lstsq(scaled, column, rcond=_DEPENDENT)[0]))
-
-
-def joined(parts: Sequence[tuple[Array, Array, Array, str]]) -> Loads:
-    """Combine loads (6,), readings (6,), standard uncertainties (6,) and names of orientations."""
-    load, reading, std, names = zip(*parts, strict=True)
-    orientation = np.unique(np.array(names), return_inverse=True)[1].reshape(-1)
-    return Loads(load=np.array(load), reading=np.array(reading), std=np.array(std), orientation=orientation)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError
-from cfid.estimate.common_causes import power_law, scales_of_weights, with_common_causes
+from cfid.estimate.common_causes import Cause, power_law, scales_of_weights, with_common_causes
 from cfid.findings import Finding, note, rejection
 from cfid.loadcell.data import LoadedRun, loads_of, read_load
 from cfid.loadcell.estimation import AXES, AxisFit, fit_axes
@@ -25,13 +25,15 @@ AT_STD_MM = 0.2  # of a place marked with a calliper
 _OFF = 0.05  # of the gain: beyond, the wrong calibration is active or a label is wrong
 _SCATTER = 5.0  # misfit in standard uncertainties: beyond, a label is wrong or something touches
 _BENT = 3.0  # standard uncertainties: beyond, a bend is reported
-_POWERS = {"loadcell.gain.*": {"kg": -1.0}, "loadcell.cross_talk*": {"kg": -1.0}}
+_OF_A_LOAD = {"kg": -1.0, "m/s^2": -1.0}
+_POWERS = {"loadcell.gain.*": _OF_A_LOAD, "loadcell.cross_talk*": _OF_A_LOAD}
 
 
 def fit(
     runs: Sequence[LoadedRun | Run | Path | str],
     *,
     gravity_mps2: float = USUAL_GRAVITY_MPS2,
+    gravity_std_mps2: float = 0.0,
     at_std_m: float = MM * AT_STD_MM,
 ) -> Result:
     """Fit what the load cell shows of known weights hung at known places, in one orientation or several.
@@ -64,8 +66,9 @@ def fit(
         lines=tuple(_line(run, gravity_mps2) for run in loaded),
         folder=loaded[0].folder,
     )
-    rigs = [run.rig for run in loaded]
-    return with_common_causes(result, power_law(result.quantities, {"kg": scales_of_weights(rigs)}, _POWERS))
+    gravity = {Cause("gravity", gravity_std_mps2 / gravity_mps2): 1.0}
+    measured = {"kg": scales_of_weights([run.rig for run in loaded]), "m/s^2": gravity}
+    return with_common_causes(result, power_law(result.quantities, measured, _POWERS))
 
 
 def rig_keys(result: Result, *, gain: Sequence[float] | None, gain_std: Sequence[float] | None) -> dict[str, Any]:

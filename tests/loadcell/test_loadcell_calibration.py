@@ -1,5 +1,6 @@
 """Weights hung on a load cell with known faults give back its gains, cross-talk and linearity."""
 
+import json
 import math
 import tomllib
 from datetime import UTC, datetime
@@ -18,6 +19,7 @@ from cfid.records.rig_file import change_rig, load_rig, new_rig_text
 from cfid.records.run import DeviceRecord, Label, Run, read_run
 from cfid.records.run_writer import create_run
 from cfid.records.tables.wrench import WrenchReading, read_wrench
+from tests.campaigns import Cfid
 from tests.few_axes import with_axes
 
 Array = npt.NDArray[np.float64]
@@ -68,6 +70,7 @@ def record(
     seed: int = 1,
     at_std_mm: float = 0.0,
     weights_off: float = 0.0,
+    weight_std_g: float | None = None,
     facts: RigFacts | None = None,
 ) -> list[Run]:
     """Write a run for each load; places err by `at_std_mm`, and all weights by the fraction `weights_off`."""
@@ -83,7 +86,12 @@ def record(
         with create_run(
             folder,
             kind="loadcell",
-            label=Label(pull=pull, weight_g=grams or None, at_mm=at_mm if grams else None),
+            label=Label(
+                pull=pull,
+                weight_g=grams or None,
+                weight_std_g=weight_std_g if grams else None,
+                at_mm=at_mm if grams else None,
+            ),
             devices={
                 "loadcell": DeviceRecord(
                     file="loadcell.csv",
@@ -209,6 +217,29 @@ def test_the_scales_of_the_weights_are_a_common_cause_of_every_gain(tmp_path: Pa
     effects = result.common["scales"]
     assert effects["loadcell.gain.fz"] == pytest.approx([-0.001], rel=0.01)
     assert result.quantities["loadcell.gain.fz"].std > 0.001
+
+
+def test_a_weight_that_hangs_25_times_leaves_the_gain_as_uncertain_as_itself(cfid: Cfid, tmp_path: Path) -> None:
+    """The weight of 100 g is known to 1 %, and is 1 % heavier than stated."""
+    (tmp_path / "rig.toml").write_text(new_rig_text())
+    loads = [("-z", grams, ARMS_MM[0]) for grams in (0.0, *[100.0] * 25, 0.0)]
+    record(tmp_path / "runs", Cell(np.eye(6)), loads, weights_off=0.01, weight_std_g=1.0)
+
+    gain = json.loads(cfid("fit", "loadcell", "--json").stdout)["parameters"]["loadcell.gain.fz"]
+    assert gain["value"] == pytest.approx(1.01, abs=2e-4)
+    assert gain["std"] == pytest.approx(0.01, rel=0.05)
+
+
+@pytest.mark.parametrize("stated_in_the_rig", [True, False])
+def test_the_uncertainty_of_gravity_is_that_of_every_gain(cfid: Cfid, tmp_path: Path, stated_in_the_rig: bool) -> None:
+    (tmp_path / "rig.toml").write_text(new_rig_text())
+    record(tmp_path / "runs", Cell(np.eye(6)), UPRIGHT)
+    words = () if stated_in_the_rig else ("--gravity-mps2", "9.81:0.05")
+    if stated_in_the_rig:
+        change_rig(tmp_path, "site", {"gravity_mps2": 9.81, "gravity_std_mps2": 0.05})
+
+    gain = json.loads(cfid("fit", "loadcell", "--json", *words).stdout)["parameters"]["loadcell.gain.fz"]
+    assert gain["std"] == pytest.approx(0.05 / 9.81, rel=0.1)
 
 
 def test_runs_without_a_pull_and_runs_named_twice_are_refused(tmp_path: Path) -> None:

@@ -24,9 +24,9 @@ def fz_of(reading_n: np.ndarray[tuple[int, ...], np.dtype[np.float64]], std_n: f
     """Return the fit of Fz to readings (n,) under pulls along z."""
     load, reading = np.zeros((len(SIZES_N), 6)), np.zeros((len(SIZES_N), 6))
     load[:, 2], reading[:, 2] = SIZES_N, reading_n
-    return fit_axes(
-        Loads(load=load, reading=reading, std=np.full_like(load, std_n), orientation=np.zeros(len(load), dtype=np.intp))
-    )[AXES[2]]
+    std, exact = np.full_like(load, std_n), np.zeros((len(load), len(load)))
+    orientation = np.zeros(len(load), dtype=np.intp)
+    return fit_axes(Loads(load=load, reading=reading, std=std, of_weights=exact, orientation=orientation))[AXES[2]]
 
 
 def test_gain_and_linearity_scatter_and_covary_as_stated() -> None:
