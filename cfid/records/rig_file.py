@@ -73,13 +73,16 @@ class TestBody(RigTable):
 class Fixture(RigTable):
     """The cube and the axis, which swing with every body: their mass, and their centre's distance from the axis.
 
-    The distance counts towards the side to which the body hangs.
+    The distance counts towards the side to which the body hangs. The cube's edge gives their inertia where they were
+    not swung alone.
     """
 
     mass_kg: Positive
     mass_std_kg: Spread = 0.0
     distance_mm: Positive
     distance_std_mm: Spread = 0.0
+    edge_mm: Positive | None = None
+    edge_std_mm: Spread = 0.0
 
 
 class Site(RigTable):

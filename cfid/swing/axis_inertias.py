@@ -5,7 +5,6 @@ a and b are the threads' distances from the vertical, above and below, and h is 
 mass and mounts are uncertain inputs; inputs that several swings share stay shared, and so correlate the results.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -13,17 +12,13 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from cfid.errors import ConfigError
 from cfid.estimate.propagation import Input
 from cfid.records.mounts import Mount, ThreadPair, Vector
 from cfid.records.rig_file import Cuboid, Fixture, TestBody
 from cfid.units import MM
 
 Array = npt.NDArray[np.float64]
-
-
-# The axis inertia of a compact fixture that was not swung, over its mass times its distance squared: 1 for a point, 3
-# for a cube next to the axis.
-_SHAPE, _SHAPE_STD = 2.0, 1 / math.sqrt(3)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +115,7 @@ class AxisInertias:
         mass, distance = given["fixture mass"], given["fixture distance"]
         moment = mass * given["gravity"] * distance
         if swung is None:
-            return moment, given["fixture shape"] * mass * distance**2
+            return moment, mass * (given["fixture edge"] ** 2 / 6 + distance**2)
         return moment, given["fixture swing"] if swung.known else moment / given["fixture swing"]
 
 
@@ -209,6 +204,12 @@ def _inputs(swings: Sequence[MountedSwing], body: SwungBody, around: Surrounding
         inputs.append(Input(name=f"swing {i}", group="swing fits", value=swing.value, std=swing.std))
     if around.fixture is not None:
         hanging, swung = around.fixture, around.fixture_swing
+        on_axis = [one for one in swings if not one.known and body.mounts[one.axis].threads is None]
+        if on_axis and swung is None and hanging.edge_mm is None:
+            raise ConfigError(
+                "[fixture] of rig.toml needs edge_mm, the edge of the cube, for the inertia of the fixture: add it, or "
+                "swing the fixture alone and give that too (fixture=FILE of `cfid fit inertia`)."
+            )
         inputs += [
             Input(name="fixture mass", group="fixture", value=hanging.mass_kg, std=hanging.mass_std_kg),
             Input(
@@ -217,7 +218,9 @@ def _inputs(swings: Sequence[MountedSwing], body: SwungBody, around: Surrounding
                 value=MM * hanging.distance_mm,
                 std=MM * hanging.distance_std_mm,
             ),
-            Input(name="fixture shape", group="fixture", value=_SHAPE, std=_SHAPE_STD)
+            Input(
+                name="fixture edge", group="fixture", value=MM * (hanging.edge_mm or 0.0), std=MM * hanging.edge_std_mm
+            )
             if swung is None
             else Input(name="fixture swing", group="fixture", value=swung.value, std=swung.std),
         ]
