@@ -1,6 +1,7 @@
 """From the first command of a campaign to its transfer function, on the simulated rig over real wires."""
 
 import json
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +57,16 @@ def test_sines_that_were_logged_are_identified_and_verified(tmp_path: Path) -> N
         assert parameters["tf.delay_s"]["value"] == pytest.approx(0, abs=5e-3)
         assert verified.end() == 0, verified.err
         assert "this verifies nothing" in verified.err
+
+
+def test_sines_of_all_motors_are_usable_and_identified_by_the_force(tmp_path: Path) -> None:
+    with bench_in(tmp_path, **STILL) as bench:
+        logged(bench, "--l", "4,16", "--n", 2000, "--motor", 0, "--before", 0.4, longest_s=60)
+        runs = [tomllib.loads((run / "run.toml").read_text()) for run in (tmp_path / RUNS_FOLDER).iterdir()]
+        parameters = identified(bench, "--channel", "Fz", "--settle-s", 0.4)["parameters"]
+
+        assert [run["verdict"]["usable"] for run in runs] == [True, True]
+        assert parameters["tf.static_gain_n"]["value"] == pytest.approx(SLOPE_N, rel=0.02)
 
 
 @pytest.mark.slow

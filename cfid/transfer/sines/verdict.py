@@ -11,8 +11,8 @@ from cfid.transfer.sines.plan import CUTOFF_HZ
 
 def verdict(run: Run) -> str:
     """State how clearly the load cell measures a sine. Raises DataError or FitError if not, or for missing reports."""
-    axes = run.header.devices[LOADCELL].columns
-    sines = read_sines([run], channel="arm" if {"Tx", "Ty"} <= set(axes) else "Fz")
+    axes, motor = run.header.devices[LOADCELL].columns, run.header.requested.get("motor")
+    sines = read_sines([run], channel="arm" if motor and {"Tx", "Ty"} <= set(axes) else "Fz")  # all motors: no torque
     (played,) = align(sines.runs).runs
     if not played.sine.periods:
         return f"a constant command, thrust {1e3 * played.force_n.mean():.1f} mN."
