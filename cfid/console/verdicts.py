@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from cfid.console.messages import note
-from cfid.errors import CfidError, DataError
+from cfid.errors import CfidError, ConfigError, DataError
 
 if TYPE_CHECKING:
     from cfid.records.run import DeviceRecord, Run
@@ -32,6 +32,9 @@ def judged(run: "Run", judge: Judge | None) -> "Run":
         return run
     try:
         usable, text = True, f"{judge(run)}{_losses(run)}"
+    except ConfigError as error:  # a fault of rig.toml, which may be mended, is none of the recording
+        note(f"not judged: {error}")
+        return run
     except CfidError as error:
         usable, text = False, f"{error}{_losses(run)}"  # losses may be the cause
     except KeyboardInterrupt:  # the run is complete, and the report of the motors' stop is yet to be printed

@@ -2,17 +2,21 @@
 
 from cfid.errors import FitError
 from cfid.friction.result import fit
-from cfid.records.result import Dependent
+from cfid.records.rig_file import thesis_rig
 from cfid.records.run import Run
 
 
 def verdict(run: Run) -> str:
-    """Return what a recorded drop gives. Raises DataError or FitError where it gives nothing.
+    """Return how a recorded weight fell. Raises DataError or FitError where it gives nothing.
 
-    That one weight alone gives no friction is no fault of the recording.
+    That one weight alone gives no friction is no fault of the recording, and neither is a radius that rig.toml does not
+    state: the speeds do not depend on it, so any rig's serves.
     """
-    result = fit([run])
-    if any(finding.code == "friction-drop-left-out" for finding in result.findings):
+    (drop,) = fit([run], rig=thesis_rig()).quantities["friction.runs"].value
+    if not drop["settled"]:
         raise FitError("the speed never settles: let the weight fall farther, and see that the axis turns evenly.")
-    line = result.lines[0]
-    return " ".join(str(line.value if isinstance(line, Dependent) else line).split()) + "."
+    window = f"from {drop['from_s']:.2f} to {drop['to_s']:.2f} s"
+    return (
+        f"{drop['weight_g']:g} g: {drop['speed_rad_per_s']:.1f} rad/s {window}, tends to "
+        f"{drop['terminal_rad_per_s']:.1f} rad/s."
+    )

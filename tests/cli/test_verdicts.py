@@ -17,6 +17,7 @@ import cfid.loadcell.verdict
 import cfid.swing.verdict
 from cfid.console.verdicts import judged, verdict_line
 from cfid.errors import ConfigError
+from cfid.friction.verdict import verdict as judge_drop
 from cfid.motors.missing_steps import missing
 from cfid.records.run import DeviceRecord, Label, Run, Verdict, amend_run, list_runs, read_run, write_header
 from cfid.records.run_writer import create_run
@@ -51,6 +52,24 @@ def test_a_sound_drop_is_good_though_one_weight_alone_gives_no_friction(bodies: 
     run = judged(runs_of(bodies, "drop")[0], cfid.friction.verdict.verdict)
 
     assert verdict_line(run).startswith("good: 20 g:")
+
+
+def test_a_drop_is_judged_alone_whatever_rig_toml_lacks_and_fitted_once_it_states_it(cfid: Cfid, bodies: Path) -> None:
+    rig = (bodies / "rig.toml").read_text()
+    before, _, after = rig.partition("[friction]")
+    (bodies / "rig.toml").write_text(before + after[after.index("\n[") :])
+    drops = [judged(run, judge_drop) for run in runs_of(bodies, "drop")]
+    (bodies / "rig.toml").write_text(rig)
+
+    assert all(run.header.verdict is not None and run.header.verdict.usable for run in drops)
+    assert cfid("fit", "friction", "--no-figures", folder=bodies).returncode == 0
+
+
+def test_a_fault_of_rig_toml_condemns_no_recording(bodies: Path) -> None:
+    (bodies / "rig.toml").write_text("[vehicle\n")
+    run = judged(runs_of(bodies, "swing")[0], cfid.swing.verdict.verdict)
+
+    assert run.usable
 
 
 def test_a_drop_is_no_swing_and_is_told_to_be_recorded_again(bodies: Path) -> None:
