@@ -24,13 +24,12 @@ DISTANCES_APART_STD = 3.0
 _PARALLEL = math.cos(math.radians(2))
 _ALIKE = math.cos(math.radians(10))  # a gyro may not distinguish nearer directions, given what rig.toml states
 _OTHER_DISTANCE = 1.05
-_SAME_FREQUENCY, _TOO_MANY_ALIKE = 5e-4, 3  # of W; two axes of a vehicle may be alike, three are not
 _NAMED = 4  # suspects in a sentence
 
 
 def redundancy_findings(axis_inertias: AxisInertias, fit: InertiaFit) -> tuple[Finding, ...]:
     """Name the suspects where swings contradict each other; else state which errors would pass unnoticed."""
-    apart = (*distance_findings(axis_inertias, fit.moved), *_alike(axis_inertias))
+    apart = distance_findings(axis_inertias, fit.moved)
     if fit.contradictory:
         return (_suspects_finding(suspects(axis_inertias, fit)), *apart)
     return (*_unchecked(axis_inertias, _swings_of(axis_inertias, fit), fit), *apart)
@@ -88,22 +87,6 @@ def distance_findings(axis_inertias: AxisInertias, moved: Moved) -> tuple[Findin
             resting = (f"inertia.*_kg_m2.{name}" for name in names)
             findings.append(rejection("inertia-distances-differ", text, MATRIX, *resting))
     return tuple(findings)
-
-
-def _alike(axis_inertias: AxisInertias) -> tuple[Finding, ...]:
-    """Reject swings about three or more mounts with one natural frequency: the body was not hung anew in between."""
-    swings = [swing for swing in axis_inertias.swings if not swing.known]
-    best: list[str] = []
-    for one in swings:
-        same = [other.axis for other in swings if abs(other.value / one.value - 1) < _SAME_FREQUENCY]
-        best = max(best, list(dict.fromkeys(same)), key=len)
-    if len(best) < _TOO_MANY_ALIKE:
-        return ()
-    text = (
-        f"the swings of {' and '.join([', '.join(best[:-1]), best[-1]])} have one natural frequency within "
-        f"{100 * _SAME_FREQUENCY:g} %, which no vehicle has about different axes: was it hung anew for each of them?"
-    )
-    return (rejection("inertia-mount-unchanged", text, MATRIX, *(f"inertia.*_kg_m2.{name}" for name in best)),)
 
 
 def _swings_of(axis_inertias: AxisInertias, fit: InertiaFit) -> "_Swings":

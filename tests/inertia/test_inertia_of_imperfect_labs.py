@@ -283,16 +283,6 @@ def test_where_a_gyro_showed_the_axes_no_exchange_of_files_would_pass() -> None:
     assert "do not check each other: a wrong distance of a mount would pass" in asked.text
 
 
-def test_three_mounts_with_one_frequency_are_refused_as_one_mount() -> None:
-    fit, axis_inertias = Lab().fitted(np.random.default_rng(2))
-    first, *others = axis_inertias.swings
-    for kept, refused_too in ((1, False), (2, True)):
-        same = [replace(swing, value=first.value * (1 + 1e-5 * at)) for at, swing in enumerate(others[:kept], 1)]
-        case = replace(axis_inertias, swings=[first, *same, *others[kept:]])
-        found = [one.severity for one in redundancy_findings(case, fit) if one.code == "inertia-mount-unchanged"]
-        assert found == (["rejection"] if refused_too else [])
-
-
 def test_the_eighth_swing_names_the_one_whose_distance_is_wrong() -> None:
     lab = Lab(axes=EIGHT)
     swings = lab.swings(np.random.default_rng(4))
