@@ -139,7 +139,7 @@ def _body_fault(key: str, matrix: Sequence[Sequence[float]]) -> str:
     trace = sum(matrix[i][i] for i in range(3))
     if any(abs(matrix[i][j] - matrix[j][i]) > _ROUNDING * trace for i, j in PRODUCTS):
         return f"{key} is not that of a body: it is not symmetric."
-    (a, b, c), (_, d, e), (_, _, f) = ([(i == j) - 2 * matrix[i][j] / trace for j in range(3)] for i in range(3))
+    (a, b, c), (_, d, e), (_, _, f) = ([(i == j) * trace / 2 - matrix[i][j] for j in range(3)] for i in range(3))
     if min(a, a * d - b * b, a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)) > 0:
         return ""
     diagonal = ", ".join(f"{matrix[i][i]:.3g}" for i in range(3))

@@ -271,6 +271,22 @@ def test_a_body_that_cannot_be_is_exported_by_force_alone_and_marked(cfid: Cfid,
     )
 
 
+@pytest.mark.parametrize("platform", ["cf2", "other"])
+@pytest.mark.parametrize(
+    "target", ["mujoco", "gym-pybullet-drones", "safe-control-gym", "firmware", "rotorpy", "samples"]
+)
+def test_an_inertia_of_zeros_is_refused(cfid: Cfid, campaign: Path, target: str, platform: str) -> None:
+    rig = campaign / "rig.toml"
+    rig.write_text(rig.read_text().replace('platform = "cf2"', f'platform = "{platform}"'))
+    zeros = [[0.0] * 3] * 3
+    store_section(campaign / "parameters.toml", "inertia", section({"inertia.matrix_kg_m2": zeros}))
+    refused = cfid("export", target)
+    assert (refused.returncode, refused.stdout) == (4, "")
+    assert "inertia.matrix_kg_m2 is" in " ".join(refused.stderr.split())
+
+    assert cfid("export", target, "--force").returncode in (0, 4)
+
+
 def test_a_voltage_cubic_that_was_rejected_makes_no_header_and_says_why(cfid: Cfid, campaign: Path) -> None:
     whole = sections()["thrust"]
     cubic = "motor.thrust_voltage_poly"
