@@ -7,10 +7,9 @@ from cfid.records.run import Run
 
 
 def verdict(run: Run) -> str:
-    """Return how a recorded weight fell. Raises DataError or FitError where it gives nothing.
+    """Return how a recorded weight fell, whatever rig.toml states. Raises DataError or FitError where it gives nothing.
 
-    That one weight alone gives no friction is no fault of the recording, and neither is a radius that rig.toml does not
-    state: the speeds do not depend on it, so any rig's serves.
+    That one weight alone gives no friction is no fault of the recording.
     """
     (drop,) = fit([run], rig=thesis_rig()).quantities["friction.runs"].value
     if not drop["settled"]:

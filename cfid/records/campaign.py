@@ -133,29 +133,19 @@ class Campaign(BaseModel):
             lines=given.summary(),
             figures=tuple(self._path_in(str(path)) for path in figures),
         )
-        staying = self._staying(fit.name, section, force=force)
-        if not staying:
-            store_section(self.parameters_file, fit.name, section)
-        path = keep_fit(self.fits_folder, fit)
-        if staying:
-            if not section.accepted:
-                self.remember_rejected(result)
-            raise RejectedError(f"{staying} Kept in {self._path_in(str(path))}.")
-        return path
-
-    def _staying(self, name: str, new: Section, *, force: bool) -> str:
-        """Return why the stored numbers stay in force beside a new fit, "" where it replaces them."""
-        stored = self.sections().get(name)
-        lost = "" if stored is None or (force and new.accepted) else lost_by(new, stored)
+        stored = self.sections().get(fit.name)
+        lost = "" if stored is None or (force and section.accepted) else lost_by(section, stored)
         if stored is None or not lost or stale_in(self.folder, self.runs(complete=False), self.rig)(stored):
-            return ""
-        files = counted(len(stored.sources), "file")
-        instead = (
-            "`force` puts its numbers in force" if new.accepted else "exclude a run of the stored one to replace it"
-        )
-        return (
-            f"{name}: the stored fit ({stored.found:%Y-%m-%d %H:%M:%S} UTC, {files}) stays in force, since this one "
-            f"{lost}: {instead}."
+            store_section(self.parameters_file, fit.name, section)
+            return keep_fit(self.fits_folder, fit)
+        path = self._path_in(str(keep_fit(self.fits_folder, fit)))
+        if not section.accepted:
+            self.remember_rejected(result)
+        instead = "`force` puts it in force" if section.accepted else "exclude a run of the stored one to replace it"
+        raise RejectedError(
+            f"{fit.name}: the stored fit ({stored.found:%Y-%m-%d %H:%M:%S} UTC, "
+            f"{counted(len(stored.sources), 'file')}) stays in force, since this one {lost}. It is kept in {path}: "
+            f"{instead}."
         )
 
     def remember_rejected(self, result: Result) -> None:

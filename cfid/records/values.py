@@ -38,29 +38,17 @@ def lost_by(new: Section, stored: Section) -> str:
         return ""
     if not new.accepted:
         return "was rejected"
-    if _recordings(stored) <= _recordings(new):
+    recordings, before = ({source.run or source.path for source in one.sources} for one in (new, stored))
+    if before <= recordings:
         return ""
     keys = [key for key in stored.parameters if key not in stored.rejected and not is_of_the_run(key)]
     missing = [key for key in keys if key not in new.parameters or key in new.rejected]
-    growth = {key: _growth(key, stored, new) for key in keys if key not in missing}
-    larger = [
-        f"{key} ({f'{times:.2g} times' if times < math.inf else 'unknown'})"
-        for key, times in growth.items()
-        if times > _CLEARLY
-    ]
+    larger = []
+    for key in (key for key in keys if key not in missing):
+        numbers, old = ([*one.parameters[key].numbers(key)] for one in (new, stored))
+        pairs = zip(numbers, old, strict=True) if len(numbers) == len(old) else ()  # else of another form
+        times = max(((one.std or math.inf) / was.std for one, was in pairs if was.std), default=0.0)
+        if times > _CLEARLY:
+            larger.append(f"{key} ({f'{times:.2g} times' if times < math.inf else 'unknown'})")
     parts = (("lacks", missing), ("has larger standard uncertainties of", larger))
     return " and ".join(f"{what} {', '.join(of)}" for what, of in parts if of)
-
-
-def _recordings(section: Section) -> set[str]:
-    return {source.run or source.path for source in section.sources}
-
-
-def _growth(key: str, stored: Section, new: Section) -> float:
-    """Return the largest ratio of a number's new standard uncertainty to its stored one, 0 for values of other form."""
-    before, after = ([*section.parameters[key].numbers(key)] for section in (stored, new))
-    if [one.place for one in before] != [one.place for one in after]:
-        return 0.0
-    known = [(one, old.std) for old, one in zip(before, after, strict=True) if old.std and old.value is not None]
-    growth = [math.inf if one.std is None or one.value is None else one.std / std for one, std in known]
-    return max(growth, default=0.0)
