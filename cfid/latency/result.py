@@ -47,21 +47,21 @@ def fit(runs: Sequence[PingRecord | Run | Path | str]) -> Result:
             "answers follow each other: the uncertainties of mean and clock are rough."
         )
         findings.append(warning("round-trips-correlated", text, "latency.rtt_mean_s", "latency.clock_*"))
-    line = None
+    line, stamped = None, trips
     try:
-        line = _clock(records)
+        line, stamped = _clock(records) or (None, trips)
     except DataError as error:
         findings.append(rejection("clock-stamps-too-few", str(error), "latency.clock_*"))
     return Result(
         command="tf latency",
         section="latency",
         method="default",
-        quantities={**_trip_quantities(trips), **({} if line is None else _clock_quantities(line, trips))},
+        quantities={**_trip_quantities(trips), **({} if line is None else _clock_quantities(line, stamped))},
         wanted=("latency.rtt_*",),
         merits={
             "answers": trips.answers,
             "one_way_mean_s": Dependent(trips.one_way_mean_s, "latency.rtt_mean_s"),
-            "offset_bound_s": Dependent(trips.offset_bound_s, "latency.rtt_min_s"),
+            "offset_bound_s": Dependent(stamped.offset_bound_s, "latency.rtt_min_s"),
         },
         findings=(*findings, *_short(records)),
         sources=tuple(record.source for record in records),
@@ -71,7 +71,7 @@ def fit(runs: Sequence[PingRecord | Run | Path | str]) -> Result:
                 f"one way, if both take equally long: {1e3 * trips.one_way_mean_s:.2f} ms on average",
                 "latency.rtt_mean_s",
             ),
-            *(() if line is None else (Dependent(_clock_line(line, trips), *_clock_quantities(line, trips)),)),
+            *(() if line is None else (Dependent(_clock_line(line, stamped), *_clock_quantities(line, stamped)),)),
         ),
     )
 
@@ -82,12 +82,15 @@ def _record(run: PingRecord | Run | Path | str) -> PingRecord:
     return read_pings(run.folder if isinstance(run, Run) else Path(run))
 
 
-def _clock(records: Sequence[PingRecord]) -> ClockLine | None:
-    """Fit the arrivals of answers over the vehicle's stamps, None without stamps. Raises DataError for too few."""
+def _clock(records: Sequence[PingRecord]) -> tuple[ClockLine, RoundTrips] | None:
+    """Fit the arrivals of answers over the vehicle's stamps, None without stamps. Raises DataError for too few.
+
+    The round trips are those of the same run: another run's link may answer quicker, which moves no arrival here.
+    """
     for record in reversed(records):
         if record.vehicle_us is not None and record.sent_s is not None:
             arrived_s = record.sent_s + record.rtt_s
-            return clock_line(unwrapped_s(record.vehicle_us / 1e6, arrived_s), arrived_s)
+            return clock_line(unwrapped_s(record.vehicle_us / 1e6, arrived_s), arrived_s), round_trips(record.rtt_s)
     return None
 
 

@@ -126,6 +126,18 @@ def test_several_runs_are_taken_together_with_the_clock_of_the_last_that_has_sta
     )
 
 
+def test_the_clocks_offset_rests_on_round_trips_of_its_own_link(cfid: Cfid, tmp_path: Path) -> None:
+    """Pings by a cable, ten times as quick and without stamps, do not shorten the way that stamps take by radio."""
+    radio = foreign_pings(tmp_path / "radio.csv", begin_s=1.75e9)  # 8 ms and more there and back, stamps 12.3 s ahead
+    usb = rtt_file(tmp_path / "usb.csv", *(0.0008 + 0.0002 * np.random.default_rng(1).random(300)))
+    shown = json.loads(cfid("tf", "latency", usb, radio, "--json").stdout)["parameters"]
+    offset, least = shown["latency.clock_offset_s"], shown["latency.rtt_min_s"]
+
+    assert least["value"] < 0.001
+    assert offset["value"] == pytest.approx(1.75e9 - 12.3, abs=3e-4, rel=0)
+    assert offset["std"] < 1e-4
+
+
 def test_too_few_stamps_take_the_clock_away_and_leave_the_round_trips(tmp_path: Path) -> None:
     result = latency.fit([ping_run(tmp_path, count=2)])
 
