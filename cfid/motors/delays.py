@@ -24,6 +24,6 @@ def negative_delay(delay_s: float, std_s: float, *quantities: str) -> tuple[Find
 def command_between_rows(row_s: float) -> str:
     """Return the sentence about a command that a row shows up to `row_s` late."""
     return (
-        f"the command is known every {1e3 * row_s:.3g} ms and changed up to that long before a row shows it, by which "
-        f"the delay is too short: its standard uncertainty contains {1e3 * row_s / 3**0.5:.2g} ms for that."
+        f"the command is known every {1e3 * row_s:.3g} ms and changed up to that long before a row shows it: the delay "
+        f"counts from the middle, and its standard uncertainty contains {1e3 * row_s / 12**0.5:.2g} ms for that."
     )

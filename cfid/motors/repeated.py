@@ -11,6 +11,7 @@ def repeated_finding(readings: Readings) -> Finding:
     text = (
         f"each reading is repeated in about {rows / read:.2g} rows: {rate_hz:.3g} rows a second show "
         f"{rate_hz * read / rows:.3g} readings. The first row of each counts, and may show it up to {1e3 * row_s:.3g} "
-        f"ms late: the delay's standard uncertainty contains {1e3 * row_s / 3**0.5:.2g} ms for that."
+        f"ms late: half of that is taken off the delay, whose standard uncertainty contains "
+        f"{1e3 * row_s / 12**0.5:.2g} ms for that."
     )
     return note("speeds-repeated", text, "dynamics.*")

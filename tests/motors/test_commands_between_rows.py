@@ -1,5 +1,6 @@
 """Commands that change between two rows of a log bias no time constant, in any order of early and late changes."""
 
+import math
 from itertools import accumulate
 from pathlib import Path
 
@@ -117,4 +118,7 @@ def test_commands_of_a_controller_as_slow_as_rows_leave_the_lag_within_its_uncer
     delay = result.quantities["dynamics.delay_s"]
 
     assert max(off(result, widest=0.15)) < 1
-    assert abs(delay.value - 0.006) < delay.std
+    assert (
+        abs(delay.value - 0.006) < 0.011
+    )  # a change may lie anywhere in the row before, up to half a row off its middle
+    assert delay.std == pytest.approx(0.02 / math.sqrt(12), rel=0.05)

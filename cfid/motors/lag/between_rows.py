@@ -60,7 +60,8 @@ def fit_rows(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float, moving: 
     effects = np.zeros((6, 2))
     effects[3:5, 0] = other.lag.rising_s - fit.lag.rising_s, other.lag.falling_s - fit.lag.falling_s
     effects[3:5, 1] = _LONG * row_s
-    return _unsure(fit, effects)
+    lag = fit.lag._replace(delay_s=fit.lag.delay_s - row_s / 2)  # a straight command changes in the middle, on average
+    return _unsure(replace(fit, lag=lag), effects)
 
 
 def _straight(drive: Signal, rng: np.random.Generator | None) -> Signal:
@@ -119,7 +120,7 @@ def between_rows_finding(row_s: float, share: float) -> Finding:
     text = (
         f"the command is known every {1e3 * row_s:.3g} ms, changes in most rows, and is taken as straight in between. "
         "Where it is held, the delay is too long by up to half of that: its standard uncertainty contains "
-        f"{1e3 * row_s / 3**0.5:.2g} ms for what rows do not show. Noise in the commands may make time constants too "
+        f"{1e3 * row_s / 12**0.5:.2g} ms for what rows do not show. Noise in the commands may make time constants too "
         f"long, and what rows do not show may bring them nearer to each other by about {100 * share:.2g} % of their "
         "difference: their standard uncertainties contain both. Log at the rate of the controller."
     )

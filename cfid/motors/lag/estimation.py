@@ -109,7 +109,8 @@ def fit_lag(
     kind "thrust", they are the thrust of all rotors together in any unit, quadratic in speeds that are linear in the
     drive. `row_s` is the interval between two rows of the command, which changed at any time within it before a row
     shows the change: the delay is too short by up to that. `moving` states that the command changes in most rows, which
-    do not show its steps. A row may show a measured value up to `age_s` late, which makes the delay too long.
+    do not show its steps. A row may show a measured value up to `age_s` late, which makes the delay too long. Of both,
+    the mean, half of it, is corrected.
 
     The map holds in the middle of the record: its level and slope may drift, as with a battery that sags. Where the
     segments have a voltage, the drive is multiplied by a power of it, which the record shows where the voltage changes
@@ -131,7 +132,8 @@ def fit_lag(
         pieces = without_after_gaps(search.pieces, InputLag(*plain.x[3:6].tolist()))
         return fit_lag(pieces, kind=kind, row_s=row_s, moving=moving, age_s=age_s)
     fit = _lag_fit(search, plain, row_s=row_s, moving=moving)
-    return replace(fit, late_s=math.hypot(row_s, age_s) / math.sqrt(3))
+    lag = fit.lag._replace(delay_s=fit.lag.delay_s + (row_s - age_s) / 2)
+    return replace(fit, lag=lag, late_s=math.hypot(row_s, age_s) / math.sqrt(12))
 
 
 def _without_odd(search: Search, plain: OptimizeResult) -> tuple[list[LogSegment], Array]:

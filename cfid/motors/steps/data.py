@@ -10,6 +10,7 @@ from cfid.errors import DataError
 from cfid.estimate.held_readings import once_each
 from cfid.findings import Finding, note
 from cfid.motors.repeated import repeated_finding
+from cfid.motors.steps.model import CommandStep, command_steps
 from cfid.motors.steps.sag import LoggedBattery
 from cfid.motors.vibration.data import quiet_channels
 from cfid.motors.vibration.ridge import speed_ridge
@@ -40,8 +41,8 @@ class SpeedRecord:
     """Speeds (n,) in rad/s at times (n,) in seconds, and the commands (m,) that hold from times (m,) on.
 
     Each speed is a mean over `blur_s`, NaN where it is not known. The battery's voltage is by the same clock. Where
-    commands are known from rows alone, these are `command_row_s` apart. A speed may be older than its row by up to
-    `age_s`.
+    commands are known from rows alone, these are `command_row_s` apart, and each is taken to hold from the middle
+    between two rows on, its mean; so is a speed that may be older than its row by up to `age_s`.
     """
 
     name: str
@@ -58,10 +59,13 @@ class SpeedRecord:
     sources: tuple[Source, ...] = ()
 
     @property
-    def held(self) -> Array:
-        """The command (n,) at each time, 0 before the first."""
-        place = np.searchsorted(self.command_time_s, self.time_s, side="right") - 1
-        return np.where(place >= 0, self.command[np.maximum(place, 0)], 0.0)
+    def steps(self) -> tuple[CommandStep, ...]:
+        """The steps of the command while speeds were recorded; before its first value, it is 0."""
+        first, last = (float(self.time_s[place]) for place in (0, -1))
+        begin, end = np.searchsorted(self.command_time_s, [first, last], side="right")
+        held = np.append(0.0, self.command)[begin : end + 1]  # from the beginning, and from each change on
+        at_s = np.array([first, *self.command_time_s[begin:end], last])
+        return command_steps(time_s=at_s, command=np.append(held, held[-1]))
 
 
 def of_table(table: StandTable) -> SpeedRecord:
@@ -77,14 +81,15 @@ def of_table(table: StandTable) -> SpeedRecord:
             f"{table.path}: {repeated} of {len(speed)} rows repeat the time of the one before, which shows no lag. "
             "Delete rows that were written twice; give `rate_hz` where the others are evenly spaced."
         )
+    row_s = float(np.median(np.diff(table.time_s)))
     record = SpeedRecord(
         name=table.path.stem,
         path=table.path,
         time_s=table.time_s,
         speed_rad_s=speed,
-        command_time_s=table.time_s,
+        command_time_s=table.time_s - row_s / 2,
         command=table.command,
-        command_row_s=float(np.median(np.diff(table.time_s))),
+        command_row_s=row_s,
         battery=None if table.vbat_v is None else LoggedBattery(table.time_s, table.vbat_v),
         findings=table.findings,
         sources=(table.source,),
@@ -121,6 +126,7 @@ def _once_each(record: SpeedRecord) -> SpeedRecord:
         return record
     return replace(
         record,
+        time_s=record.time_s - readings.age_s / 2,
         speed_rad_s=np.where(counts, record.speed_rad_s, np.nan),
         age_s=readings.age_s,
         findings=(*record.findings, repeated_finding(readings)),

@@ -16,7 +16,7 @@ from cfid.motors.delays import command_between_rows, delay_text, negative_delay
 from cfid.motors.steps.checks import off_the_map
 from cfid.motors.steps.data import SpeedRecord, of_run, of_table
 from cfid.motors.steps.estimation import StepFit, fit_steps
-from cfid.motors.steps.model import CommandStep, command_steps, followed
+from cfid.motors.steps.model import CommandStep, followed
 from cfid.motors.steps.rotor_model import RotorModel, fit_rotor_model
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
@@ -58,7 +58,7 @@ def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
     except CfidError as error:
         raise type(error)(f"{record.path}: {error}") from None
 
-    late_s = hypot(row_s, record.age_s) / 3**0.5  # commands changed, and speeds were read, at any time within a row
+    late_s = hypot(row_s, record.age_s) / 12**0.5  # commands changed, and speeds were read, at any time within a row
     lags = [replace(one, delay_std_s=hypot(one.delay_std_s, late_s)) for one in found]
     model = replace(model, delay_std_s=hypot(model.delay_std_s, late_s))
 
@@ -111,7 +111,7 @@ def _record(recording: SpeedRecord | StandTable | Run | Path | str) -> SpeedReco
 
 def _steps(record: SpeedRecord) -> tuple[tuple[CommandStep, ...], tuple[Finding, ...]]:
     """Return the steps that the speeds show, and a finding about the others."""
-    steps = command_steps(time_s=record.time_s, command=record.held)
+    steps = record.steps
     seen = followed(steps, time_s=record.time_s, value=record.speed_rad_s)
     if steps and not seen:
         raise FitError(f"of {counted(len(steps), 'step')} none has enough speeds for a fit: hold each command longer.")
