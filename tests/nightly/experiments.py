@@ -127,20 +127,21 @@ _TORQUE = "motor.torque_poly [0]"
 
 
 def maximum_thrust(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
-    """A staircase to 56000; the true value is the thrust at full command afterwards, with the battery as it then is."""
+    """A staircase to 56000; the true value is the thrust of four at full command afterwards, on the same battery."""
     path = _staircase(campaign, truth, rng, MODERATE_STEPS)
     when, duration_s = staircase_steps([*MODERATE_STEPS, FULL_COMMAND], motors=MOTORS, hold_s=HOLD_S, rest_s=REST_S)
+    *before, (full_s, _), last = when
     stand = simulate_stand(
         rotors=truth.rotors.model_copy(update={"unbalance": (0.0,) * 6, "blade_pass": (0.0,) * 6}),
         loadcell=LoadCellTruth(bias=(0.0,) * 6, drift_per_s=(0.0,) * 6, noise_std=(0.0,) * 6),
         battery=truth.battery,
-        steps=when,
+        steps=[*before, (full_s, (FULL_COMMAND,) * 4), last],
         duration_s=duration_s,
         rate_hz=1000,
         rng=np.random.default_rng(0),
     )
     held = (stand.time_s > duration_s - REST_S - 1.0) & (stand.time_s < duration_s - REST_S - 0.1)
-    known = {"motor.max_thrust_n": float(stand.wrench[held, 2].mean()) / len(MOTORS)}
+    known = {"motor.max_thrust_n": float(stand.wrench[held, 2].mean()) / 4}
     return Measured(known, [cfid.motors.maps.fit_thrust(path, gravity_mps2=campaign.rig.site.gravity_mps2)])
 
 

@@ -192,6 +192,7 @@ def _evidence(
     return Evidence(
         points=points,
         vbat_v=vbat_v,
+        motors=np.array([float(len(point.motors) or motors or 1) for point in settled]),
         lines=tuple(line_of(point, record.name) for point in found.reduced.points),
         findings=(
             *record.findings,

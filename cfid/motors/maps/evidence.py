@@ -61,7 +61,7 @@ class Reduced:
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """Steady points of one motor, their battery voltages where known, and where they come from.
+    """Steady points of one motor, their battery voltages where known, how many motors ran, and where they come from.
 
     `loadcells` and `tachometers` are the facts of the rigs whose load cell or tachometer measured them; `drifts` are
     the drifts of load cells within a recording.
@@ -69,6 +69,7 @@ class Evidence:
 
     points: MotorPoints
     vbat_v: Array | None = None
+    motors: Array | None = None
     lines: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
     sources: tuple[Source, ...] = ()
@@ -82,15 +83,21 @@ class Evidence:
 
 def together(parts: Sequence[Evidence]) -> Evidence:
     """Concatenate the points of several files and runs."""
-    volts = None
-    if any(part.vbat_v is not None for part in parts):
-        blank = [np.full(len(part.points.command), np.nan) for part in parts]
-        volts = np.concatenate([b if p.vbat_v is None else p.vbat_v for p, b in zip(parts, blank, strict=True)])
     return Evidence(
         points=parts[0].points if len(parts) == 1 else joined(*(part.points for part in parts)),
-        vbat_v=volts,
+        vbat_v=_column(parts, "vbat_v"),
+        motors=_column(parts, "motors"),
         **{name: tuple(item for part in parts for item in getattr(part, name)) for name in _GATHERED},
     )
+
+
+def _column(parts: Sequence[Evidence], name: str) -> Array | None:
+    """Return a column of all points, nan where a part has none, None where no part has one."""
+    columns = [getattr(part, name) for part in parts]
+    if all(column is None for column in columns):
+        return None
+    blank = [np.full(len(part.points.command), np.nan) for part in parts]
+    return np.concatenate([b if column is None else column for column, b in zip(columns, blank, strict=True)])
 
 
 def line_of(point: Point, name: str) -> str:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import brentq
 
 from cfid.errors import FitError
 from cfid.estimate.linear import fit_linear
@@ -18,8 +19,7 @@ from cfid.units import DEAD_COMMAND, FULL_COMMAND, NEAR_FULL, ROTORS
 _OPEN = 0.25  # of an extrapolated thrust at full command: the largest accepted standard uncertainty
 _MAXIMUM = ("motor.max_thrust_n", "motor.hover_mass_kg")
 _FURTHER = 2.0
-_BEYOND = 1.2  # times the highest voltage that a battery had: under load it has no more
-_ROUNDS = 20  # of thrust and voltage at full command, which follow from each other
+_BELOW, _BEYOND = 0.5, 1.2  # times the lowest and the highest voltage that a battery had: in between under any load
 _NEAR = 0.1  # of full command: where nothing lower was measured, the inverse is extrapolated downwards
 
 
@@ -49,7 +49,7 @@ class InverseMap:
 
 @dataclass(frozen=True, kw_only=True)
 class MaximumThrust:
-    """One motor's thrust at full command by the map, the largest measured thrust, and the mass with which four hover.
+    """One motor's thrust at full command of all four, the largest measured thrust, and the mass with which four hover.
 
     `beyond_std_n` is the part of the standard uncertainty that is not the polynomial's own: what it may miss beyond the
     points. `volts` is the battery's voltage for which the thrust is stated, by the polynomial `by_volts` of motor
@@ -124,30 +124,43 @@ def maximum_thrust(thrust_map: MotorMap, *, gravity_mps2: float) -> MaximumThrus
     )
 
 
-def on_battery(most: MaximumThrust, voltage: VoltageComparison, *, order: int) -> MaximumThrust | None:
-    """Return the largest thrust by motor voltage, at the voltage to which the battery sags then; None if no better.
+def on_battery(
+    most: MaximumThrust, voltage: VoltageComparison, *, order: int, motors: Array | float
+) -> MaximumThrust | None:
+    """Return the largest thrust by motor voltage, at the voltage to which the battery sags under four motors.
 
-    It is also None where voltage and thrust rise together without end, as on a supply that was set to other voltages.
-    The power of a rotor goes with thrust to the power of 1.5, and so, nearly, does the battery's fall in voltage.
+    It is None where the command predicts better, or as well and four motors ran, and where voltage and thrust rise
+    together without end, as on a supply that was set to other voltages. The battery falls in proportion to its current:
+    that of the `motors` (n,) which ran together, whose power goes with thrust to the power of 1.5. Where voltage and
+    command predict equally well, the uncertainty contains that the thrust may follow the command.
     """
-    if voltage.better != "voltage":
+    if voltage.better == "command" or (voltage.better == "neither" and np.all(motors == ROTORS)):
         return None
     # The order is the map's: the firmware's cubic has to rise over all voltages, and may miss beyond the points.
     std = voltage.by_command.point_std
     fit = fit_polynomial(voltage.motor_volts, voltage.value, order=order, std=std if np.all(std > 0) else None)
-    load = np.maximum(voltage.value, 0.0) ** 1.5
     battery = voltage.motor_volts * FULL_COMMAND / voltage.command
-    line = fit_linear(np.stack([np.ones(len(load)), load], axis=1), battery, noise_known=False)
-    thrust, highest_v = most.thrust_n, float(battery.max())
-    for _ in range(_ROUNDS):
-        at = np.array([1.0, max(thrust, 0.0) ** 1.5])
-        volts = float(at @ line.values)
-        if volts > _BEYOND * highest_v:
-            return None
-        thrust = float(fit.at(volts))
+
+    def row(motors: Array | float, thrust: Array | float, volts: Array | float) -> Array:
+        current = np.asarray(motors * np.maximum(thrust, 0.0) ** 1.5 / volts)
+        return np.stack([np.ones_like(current), current], axis=-1)
+
+    line = fit_linear(row(motors, voltage.value, battery), battery, noise_known=False)
+
+    def excess(volts: float) -> float:
+        return float(row(ROTORS, float(fit.at(volts)), volts) @ line.values) - volts
+
+    lowest_v, highest_v = _BELOW * float(battery.min()), _BEYOND * float(battery.max())
+    if not excess(lowest_v) > 0 > excess(highest_v):
+        return None
+    volts = float(brentq(excess, lowest_v, highest_v))
+    thrust = float(fit.at(volts))
+    at = row(ROTORS, thrust, volts)
     volts_std = math.sqrt(float(at @ line.covariance @ at) + float(np.mean(line.residual**2)))
     ahead = missed(fit, volts) if voltage.command.max() < NEAR_FULL * FULL_COMMAND else 0.0
     beyond_std = math.hypot(ahead, float(fit.slope_at(np.array([volts]))[0]) * volts_std)
+    if voltage.better == "neither":
+        beyond_std = math.hypot(beyond_std, (thrust - most.thrust_n) / math.sqrt(3))
     total = math.hypot(float(fit.std_at(volts)[0]), beyond_std)
     ratio = most.hover_mass_kg / most.thrust_n
     return replace(

@@ -32,7 +32,7 @@ from cfid.records.facts import RigFacts
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import implausible_gravity
 from cfid.records.result import Dependent, Figures, Result
-from cfid.units import USUAL_GRAVITY_MPS2
+from cfid.units import ROTORS, USUAL_GRAVITY_MPS2
 
 _POWERS = {
     "motor.max_thrust_n": {"N": 1},
@@ -89,11 +89,19 @@ def fit_thrust(
     except FitError as error:
         findings.append(rejection("inverse-not-given", str(error), "motor.command_of_thrust"))
     voltage, about_voltage = _by_voltage(found, max_thrust_n=given.thrust_n if given else None)
-    if method == "default" and given and voltage and (sagging := on_battery(given, voltage, order=mapped.fit.order)):
+    motors = np.ones(len(found.points.command)) if found.motors is None else found.motors
+    ran = motors[voltage.used] if voltage else motors
+    if (
+        method == "default"
+        and given
+        and voltage
+        and (sagging := on_battery(given, voltage, order=mapped.fit.order, motors=ran))
+    ):
         given, findings = sagging, [*(one for one in findings if one not in given.findings), *sagging.findings]
         parameters |= values.maximum_parameters(given)
     if given is not None:
         lines += values.maximum_lines(given)
+        findings += values.fewer_motors(given, voltage, motors=float(np.nanmin(motors, initial=ROTORS)))
     over_speed, about_speed = _by_speed(found, method, robust=robust)
     weighed = [scales] if isinstance(scales, Path) else scales
     verification, about_scales = verified(mapped, weighed, stand or Stand(), found.loadcells, gravity_mps2)

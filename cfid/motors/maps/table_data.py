@@ -39,7 +39,8 @@ def of_table(table: StandTable, stand: Stand, facts: RigFacts = NONE_STATED) -> 
     if stand.motors is not None and table.thrust_n is None and table.torque_nm is None:
         unused = of_recording(table.path.name, ["`motors` is not used: the table has no thrust and no torque."])
         found = replace(found, findings=(*found.findings, *unused))
-    return replace(found, tachometers=(stand.facts,)) if tachometer else found
+    motors = np.full(len(found.points.command), float(table.motors or stand.motors or 1))
+    return replace(found, motors=motors, tachometers=(stand.facts,) if tachometer else ())
 
 
 def _ask_motors(table: StandTable, motors: int | None) -> None:

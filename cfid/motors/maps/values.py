@@ -10,6 +10,7 @@ from scipy.linalg import block_diag
 from cfid.counted import counted
 from cfid.estimate.polynomials import PolynomialFit
 from cfid.estimate.shared_points import PointFit, joint_covariance
+from cfid.findings import Finding, note
 from cfid.motors.maps.estimation import MotorMap, SpeedThrustMap
 from cfid.motors.maps.inverse import InverseMap, MaximumThrust
 from cfid.motors.maps.scales import ScalesCheck
@@ -18,7 +19,7 @@ from cfid.motors.points import MotorPoints, motor_table
 from cfid.records.covariances import Covariance, covariance_between
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent
-from cfid.units import FULL_COMMAND
+from cfid.units import FULL_COMMAND, ROTORS
 
 Array = npt.NDArray[np.float64]
 
@@ -206,9 +207,20 @@ def inverse_lines(inverse: InverseMap) -> list[Dependent]:
     return [Dependent(line, "motor.thrust_poly", "motor.command_of_thrust")]
 
 
+def fewer_motors(most: MaximumThrust, voltage: VoltageComparison | None, *, motors: float) -> tuple[Finding, ...]:
+    """Return a note where no voltage shows to what four motors lower the one that fewer `motors` had."""
+    if motors >= ROTORS or most.volts is not None or (voltage and voltage.better == "command"):
+        return ()
+    text = (
+        f"thrust at full command and hover mass hold at the voltage under {counted(round(motors), 'motor')}: four lower"
+        " a battery's further, and hover up to a fifth less. Log the battery's voltage (pm.vbat)."
+    )
+    return (note("maximum-of-fewer-motors", text, "motor.max_thrust_n", "motor.hover_mass_kg"),)
+
+
 def maximum_lines(most: MaximumThrust) -> list[Dependent]:
     """Return a line on the mass that can hover, and on the battery's voltage for that."""
-    at = "" if most.volts is None else f" at {most.volts:.2f} V, to which the battery sags then"
+    at = "" if most.volts is None else f" at {most.volts:.2f} V, to which the battery sags under four"
     line = (
         f"at most {_plain(1e3 * most.thrust_n)} mN a motor{at}, measured {_plain(1e3 * most.measured_n)} mN at "
         f"{most.measured_command:.0f}: four motors hover {_plain(1e3 * most.hover_mass_kg)} g"
