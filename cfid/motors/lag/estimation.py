@@ -225,11 +225,12 @@ def joined(fits: Sequence[LagFit]) -> LagFit:
     """Return the mean of fits to parts of one record, weighted by their covariances, with the curves of the liveliest.
 
     Rejected parts are left out where others were accepted. The covariance is widened by as much as the parts differ.
+    Errors that the parts have in common neither weigh them nor show in their differences, and no mean reduces them.
     """
     accepted = [fit for fit in fits if fit.accepted] or [max(fits, key=lambda fit: fit.explained)]
     if len(accepted) == 1:
         return accepted[0]
-    covariance = block_diag(*(fit.covariance for fit in accepted))
+    covariance = block_diag(*(fit.covariance - fit.effects @ fit.effects.T for fit in accepted))
     values = np.array([[*fit.map, *fit.lag] for fit in accepted])
     gain = gain_of(np.tile(np.eye(6), (len(accepted), 1)), covariance=covariance)
     mean = gain @ values.ravel()
@@ -240,7 +241,7 @@ def joined(fits: Sequence[LagFit]) -> LagFit:
         max(accepted, key=lambda fit: float(np.var(fit.shown))),
         lag=InputLag(*mean[3:].tolist()),
         map=(float(mean[0]), float(mean[1]), float(mean[2])),
-        covariance=max(scatter, 1.0) * (gain @ covariance @ gain.T - effects @ effects.T) + effects @ effects.T,
+        covariance=max(scatter, 1.0) * (gain @ covariance @ gain.T) + effects @ effects.T,
         effects=effects,
         power=min((fit.power for fit in accepted if fit.power), key=lambda power: power[1], default=None),
         explained=float(np.mean([fit.explained for fit in accepted])),
