@@ -13,6 +13,7 @@ from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, warning
 from cfid.flight.data import FlownLog
+from cfid.flight.equations import DELAYS
 from cfid.flight.estimation import fit_alone
 from cfid.flight.findings import contradictions
 from cfid.flight.rows import LEVER, ROW_S
@@ -82,6 +83,9 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Me
         )
     found = fit_alone(flown.flight)
     telling = telling_of(found)
+    # Sensors and link delay a recording, not a vehicle: a set without this delay would err as one with wrong moments.
+    delay_s = float(found.values[DELAYS][-1]) if found and (telling.axes or telling.vertical) else 0.0
+    sets = [replace(one, delay_s=delay_s) for one in sets]
     each = {one.name: _errors(flown, one, at, telling) for one in sets}
     captured = flown.flight.velocity is not None and bool(telling.axes)
     judged = [axis for axis in telling.axes if axis != "yaw" or all(one.torque_m for one in sets)]
@@ -117,7 +121,7 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Me
             flown.log.understood,
             *map(_described, sets),
             *_lines(table, flown, at, judged),
-            _assumed(telling, captured=captured),
+            _assumed(telling, captured=captured, delay_s=delay_s),
         ),
         drawings=drawings,
         folder=flown.log.path.parent,
@@ -212,8 +216,7 @@ def _described(one: ParameterSet) -> str:
     moments = ", ".join(f"{moment:.4g}" for moment in one.moments_kg_m2)
     lag = "no lag"
     if one.lag is not None:
-        rising_ms, falling_ms, delay_ms = (f"{1e3 * time_s:.0f}" for time_s in (*one.lag, one.delay_s))
-        lag = f"lags {rising_ms} and {falling_ms} ms, delay {delay_ms} ms"
+        lag = f"lags {1e3 * one.lag.rising_s:.0f} and {1e3 * one.lag.falling_s:.0f} ms"
     body = f"{1e3 * one.mass_kg:.4g} g, lever {1e3 * LEVER * one.arm_m:.4g} mm, moments {moments} kg m^2"
     return f"{one.name}: {body}, {lag}; from {one.origin}"
 
@@ -241,7 +244,7 @@ def _lines(table: Sequence[SetError], flown: FlownLog, at: Rows, judged: Sequenc
     ]
 
 
-def _assumed(telling: Telling, *, captured: bool) -> str:
+def _assumed(telling: Telling, *, captured: bool, delay_s: float) -> str:
     which = "along all axes, by motion capture" if captured else "along the vehicle's vertical, by the accelerometer"
     if not telling.vertical:
         which = (
@@ -250,5 +253,6 @@ def _assumed(telling: Telling, *, captured: bool) -> str:
         )
     return (
         f"assumed: axes forward, left, up; thrust along z; g {USUAL_GRAVITY_MPS2} m/s^2; changes of velocity {which}; "
-        "a constant angular acceleration of the whole flight taken away, of every set alike"
+        "for every set alike, a constant angular acceleration of the whole flight taken away, and the gyro's delay by "
+        f"a fit to this flight added, {1e3 * delay_s:.1f} ms (0 where it shows none)"
     )

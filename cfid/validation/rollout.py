@@ -29,8 +29,8 @@ class ParameterSet:
     """A vehicle's parameters along forward, left and up: everything that a prediction needs.
 
     `thrust_n` is one rotor's thrust, lowest power first, as a function of its command relative to full command, or of
-    volts where `in_volts`. `lag` is None where rotors follow at once. `drag_per_s` is drag over mass across the thrust,
-    None where unknown.
+    volts where `in_volts`. `lag` is None where rotors follow at once, and `delay_s` is that of the flight's sensors and
+    link, the same for all sets. `drag_per_s` is drag over mass across the thrust, None where unknown.
     """
 
     name: str

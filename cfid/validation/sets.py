@@ -106,7 +106,6 @@ def _of_flights(at: Measured, name: str, in_volts: bool) -> ParameterSet:
         thrust_n=thrust_n,
         in_volts=in_volts,
         lag=ThrustLag(at["flight.rising_s"].value, at["flight.falling_s"].value),
-        delay_s=at["flight.delay_s"].value,
         drag_per_s=None if forward is None or left is None else (float(forward.value), float(left.value)),
     )
 

@@ -1,5 +1,6 @@
 """A flight's own parameters predict it best; flights that were used for a fit are refused, as are incomplete sets."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -224,6 +225,47 @@ def flights_section(**changed: object) -> str:
     lines = [f'"{key}" = {{ value = {value} }}' for key, value in (values | changed).items() if value is not None]
     head = '[flight]\nmethod = "default"\nfound = 2026-01-01T00:00:00Z\ncfid_version = "0.2.0"\naccepted = true\n'
     return f"format = 2\n{head}sources = []\n[flight.parameters]\n" + "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize(
+    "seed", [11, pytest.param(12, marks=pytest.mark.slow), pytest.param(13, marks=pytest.mark.slow)]
+)
+def test_a_set_without_the_logs_delay_is_judged_by_its_moments_and_lags(cfid: Cfid, tmp_path: Path, seed: int) -> None:
+    """The delay of 7 ms is the recording's: true sets of a rig, which have none, did worse than moments 15 % wrong."""
+    rng = np.random.default_rng(seed)
+    vehicles = fleet(1, rng)
+    true, flight = truth(vehicles), flight_of(fly(vehicles, rng, seconds=24.0, wind=0.1)[0])
+    (series,) = flight.log.series
+    write_table(series, series.names[:10], tmp_path / "flight.csv")
+    assert true.lag is not None
+    body = {
+        "flight.thrust_poly": [one / 65535**power for power, one in reversed(list(enumerate(true.thrust_n)))],
+        "flight.mass_kg": true.mass_kg,
+        "flight.arm_m": true.arm_m,
+    }
+
+    def written(name: str, *, moments: float = 1.0, lags: float = 1.0, delay_s: float = 0.0) -> str:
+        roll, pitch, _ = (moments * one for one in true.moments_kg_m2)
+        changed = {"flight.inertia_kg_m2.roll": roll, "flight.inertia_kg_m2.pitch": pitch, "flight.delay_s": delay_s}
+        rising_s, falling_s = (lags * one for one in true.lag or ())
+        changed |= {"flight.rising_s": rising_s, "flight.falling_s": falling_s}
+        (tmp_path / name).write_text(flights_section(**(body | changed)))
+        return name
+
+    late_s = true.delay_s
+    names = [
+        written("true.toml"),
+        *(written(f"moments{share}.toml", moments=share, delay_s=late_s) for share in (0.85, 0.9, 1.1, 1.15)),
+        written("lags.toml", lags=1.15),
+    ]
+    ended = cfid(
+        "validate", "flight.csv", *(word for name in names for word in ("--with", name)), "--no-figures", "--json"
+    )
+    assert ended.returncode == 0, ended.stderr
+    rows = [row for row in json.loads(ended.stdout)["quality"]["errors"] if row["quantity"] == "next rates"]
+
+    assert len(rows) == len(names)
+    assert all(row["more"] > row["half_width"] > 0 for row in rows[1:])
 
 
 def test_a_file_of_parameters_is_read_by_its_own_name_and_needs_no_rig(tmp_path: Path) -> None:
