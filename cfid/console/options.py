@@ -70,7 +70,8 @@ EscUs = Annotated[
 LogClock = Annotated[
     Literal["true", "84/85"] | None,
     typer.Option(
-        help="Clock rate of a Crazyflie's uSD-card log, or of a table made from one; default: inferred from its rows.",
+        help="Clock rate of a Crazyflie's uSD-card log (default: inferred from its rows), or of a table made from one "
+        "(default: true).",
         rich_help_panel=_FILE,
     ),
 ]

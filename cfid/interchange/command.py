@@ -49,17 +49,18 @@ def import_file(
     elif load.pull is not None or load.at_mm is not None:
         raise ConfigError("--pull and --at-mm are for forces of a load cell under a known weight.")
     if found == "angle":
-        made = importing.import_angle(into, file, reading.reading(), label=kept, kind=label.kind_of_angles)
+        angles = replace(reading.reading(), clock=clock)
+        made = importing.import_angle(into, file, angles, label=kept, kind=label.kind_of_angles)
     elif found == "wrench":
-        made = importing.import_wrench(into, file, loadcell.reading(reading), label=kept)
+        made = importing.import_wrench(into, file, replace(loadcell.reading(reading), clock=clock), label=kept)
     elif found == "stand":
-        made = importing.import_stand(into, file, reading.reading(), label=kept)
+        made = importing.import_stand(into, file, reading.foreign(clock), label=kept)
     else:
         hung = label.kind_of_angles
         made = importing.import_flight(
             into,
             file,
-            replace(reading.reading(), clock=clock),
+            reading.foreign(clock),
             label=kept,
             kind="flight" if hung == "encoder" else hung,
         )
@@ -95,7 +96,7 @@ def convert(
     from cfid.interchange.recording import recording_at
 
     path = find_recording(run, open_workplace(RigOptions(campaign=campaign)))
-    found = recording_at(path, replace(reading.reading(), clock=clock))
+    found = recording_at(path, reading.foreign(clock))
     paths = conversion.convert(found, to, out)
     echo(fitted(in_options(found.understood)))
     for text in found.notes:

@@ -53,26 +53,20 @@ def test_units_become_si_and_what_is_assumed_is_stated(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("interval_ms", [1, 2, 4, 10, 20])
-def test_a_slow_microsecond_clock_shows_beside_the_scheduler_and_is_corrected(tmp_path: Path, interval_ms: int) -> None:
+def test_a_clock_shows_beside_the_scheduler_also_where_rows_are_missing(tmp_path: Path, interval_ms: int) -> None:
     draw = np.random.default_rng(2)
-    for rate, known in ((84 / 85, "corrected by 85/84: rows of"), (1.002, "rows lie whole milliseconds apart")):
+    for rate in (84 / 85, 1.002):
         true_us = 5_000_000 + 1000 * interval_ms * np.cumsum(draw.choice([1, 1, 1, 3], 300))
         late_us = draw.integers(0, 40, 300)  # the delay of some writes
         records = [(65535, round(rate * at), (0, 0, 0, 0)) for at in true_us + late_us]
         log = read_log(written(tmp_path, bytes_of([FIXED], records)))
         np.testing.assert_allclose(log.series[0].time_s, 1e-6 * true_us, rtol=2.1e-3, atol=1e-4)
-        assert known in log.understood
 
 
-def test_the_clock_is_as_given_and_unknown_where_nothing_shows_it(tmp_path: Path) -> None:
+def test_the_clock_is_as_given_in_place_of_what_rows_show(tmp_path: Path) -> None:
     path = written(tmp_path, single())
     assert read_log(path).channel("gyro.x")[0][-1] == pytest.approx(5.099)
     assert read_log(path, Foreign(clock="84/85")).channel("gyro.x")[0][-1] == pytest.approx(5.099 * 85 / 84)
-    poses = written(tmp_path, bytes_of([POSE], [(3, 988 * at, (1, 0.5, at, -1, 2)) for at in range(300)]))
-    log = read_log(poses)
-    assert "the log does not show" in log.clock
-    assert "`clock` 84/85" in log.clock
-    assert log.series[0].time_s[-1] == pytest.approx(299 * 988e-6)
 
 
 def test_milliseconds_of_the_scheduler_are_right(tmp_path: Path) -> None:
@@ -103,7 +97,7 @@ def test_a_changed_byte_is_found_by_the_crc(tmp_path: Path) -> None:
 def test_a_second_variable_of_one_name_gets_a_number(tmp_path: Path) -> None:
     number, name, variables = FIXED
     twice = (number, name, (variables[0], variables[0], *variables[2:]))
-    log = read_log(written(tmp_path, bytes_of([twice], rows(10))))
+    log = read_log(written(tmp_path, bytes_of([twice], rows(50))))
     first = log.series[0].names[0]
 
     assert log.series[0].names[1] == f"{first}_2"

@@ -10,13 +10,13 @@ from cfid.records.logs.blackbox import read_blackbox
 from cfid.records.logs.converted import read_converted
 from cfid.records.logs.log import FlightLog
 from cfid.records.logs.spin import with_kept_texts
-from cfid.records.logs.table import CLOCK_IS_FOR, read_table_log
+from cfid.records.logs.table import read_table_log
 from cfid.records.logs.ulog import BEGIN as ULOG
 from cfid.records.logs.ulog import read_ulog
 from cfid.records.logs.usd import MAGIC, read_usd
 from cfid.records.parameters import Source
 from cfid.records.tables.matlab import converted_series, is_matlab
-from cfid.records.tables.schema import Foreign
+from cfid.records.tables.schema import Foreign, refuse_clock
 
 _BINARY: tuple[tuple[bytes, Callable[[Path, Source], FlightLog]], ...] = (
     (bytes([MAGIC]), read_usd),
@@ -51,9 +51,8 @@ def read_log(path: Path, reading: Foreign = NO_OPTIONS) -> FlightLog:
         raise ConfigError(f"{path}: `{stated}` is for tables; this log states its own times and columns.")
     if reader is read_usd:
         return read_usd(path, source, reading.clock)
-    if reader is not None and reading.clock is not None:
-        raise ConfigError(f"{path}: {CLOCK_IS_FOR}")
     if reader is not None:
+        refuse_clock(path, reading)
         return reader(path, source)
     converted = read_converted(path, source) if stated is None and reading.clock is None else None
     if converted is not None:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cfid.errors import ConfigError, DataError
+from cfid.errors import DataError
 from cfid.large import usual_step
 from cfid.records.logs.crazyflie_names import (
     assumptions,
@@ -23,7 +23,7 @@ from cfid.records.logs.crazyflie_names import (
     with_dot,
 )
 from cfid.records.logs.log import Array, Channel, FlightLog, Series, printable
-from cfid.records.logs.usd_clock import MOST_ROWS, decoded_clock
+from cfid.records.logs.usd_clock import RATES, correction
 from cfid.records.parameters import Source
 from cfid.records.tables.angle import SCHEMA as ANGLE_COLUMNS
 from cfid.records.tables.blocks import open_table
@@ -31,7 +31,7 @@ from cfid.records.tables.column_units import unit_of, unit_word
 from cfid.records.tables.interleaved import refuse_interleaved
 from cfid.records.tables.line_faults import REPAIR
 from cfid.records.tables.matlab import is_matlab
-from cfid.records.tables.schema import TIME, Foreign, TableSchema
+from cfid.records.tables.schema import TIME, Foreign, TableSchema, refuse_clock
 from cfid.records.tables.stand_heads import heads_of, shows_stand
 from cfid.records.tables.table import CsvTable
 from cfid.records.tables.times import TIME_COLUMN, known_rows, line_notes, pauses, seconds_of, time_unit_of, times_of
@@ -57,7 +57,6 @@ _SPELT = {"rpm": "rpm", "n·m": "N m", "n⋅m": "N m", "n-m": "N m", "n.m": "N m
 _CLIENT = "CSV log of the Crazyflie client"
 _LEAST_STEP_MS = 0.5  # between rows of the client, which writes one per ms at most
 _UNITS = {1.0: "s", 1e-3: "ms", 1e-6: "us"}
-CLOCK_IS_FOR = "`clock` is for logs of a Crazyflie's uSD card and tables made of them."
 
 
 def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
@@ -106,7 +105,9 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
     if time is not None:
         notes += pauses(table, time_s)
         reading = replace(reading, time_unit=time_unit_of(table, time, raw, unit=reading.time_unit))
-    second_s, clock = _clock(table, time, raw, reading, of_vehicle=of_vehicle)
+    if time is None or not of_vehicle:
+        refuse_clock(path, reading)
+    second_s, clock = _clock(table, time, reading)
     faults, missing, inexact, rows = _checked(table, time, named)
     if len(faults) == len(named):
         raise DataError(next(iter({**faults, **repeated}.values()), f"{path}: no column but the time."))
@@ -213,21 +214,15 @@ def _nanobench(name: str) -> Channel:
     return variable if variable.own_unit else Channel(printable(name))
 
 
-def _clock(table: CsvTable, time: str | None, raw: Array, reading: Foreign, *, of_vehicle: bool) -> tuple[float, str]:
-    """Return how long a second of the table is in real time, and a text on what its times (n,) are.
-
-    Raises ConfigError for a clock that is given for times other than a vehicle's.
-    """
-    if reading.clock is not None and (time is None or not of_vehicle):
-        raise ConfigError(f"{table.path}: {CLOCK_IS_FOR}")
+def _clock(table: CsvTable, time: str | None, reading: Foreign) -> tuple[float, str]:
+    """Return how long a second of the table is in real time, and a text on what its times are."""
     if time is None:
         return 1.0, f"times are those of {reading.rate_hz:g} Hz"
     unit_s = float(seconds_of(table, time, np.ones(1), unit=reading.time_unit)[0])
     column = f"times are column {printable(time)} in {_UNITS[unit_s]}"
-    if not of_vehicle:
+    if reading.clock is None:
         return 1.0, column
-    second_s, how = decoded_clock(unit_s * raw[:MOST_ROWS], reading.clock)
-    return second_s, f"{column}, {how}" if how else column
+    return 1 / RATES[reading.clock], f"{column}, {correction(reading.clock)} (`clock` {reading.clock})"
 
 
 class _Checked(NamedTuple):

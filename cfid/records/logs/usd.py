@@ -34,6 +34,10 @@ _CRC_BYTES = 4
 _LETTERS = "BbHhIiQqefd"  # of numbers, of the same size in numpy as in Python's struct
 _AFTER = 3  # records whose stamps stay earlier; a single one is damaged
 _LONGEST_NAME = 200  # bytes; where a name does not end within them, the header is damaged
+_UNDECIDED = (
+    "the log does not show whether its microseconds are true or run at 84/85 of real time, as on a Crazyflie 2.x with "
+    "firmware up to 2026.08, which makes an inertia 2.4 % wrong: give `clock` true or 84/85."
+)
 
 
 class _Version(NamedTuple):
@@ -72,7 +76,8 @@ def read_usd(path: Path, source: Source, clock: Clock | None = None) -> FlightLo
     """Read a log. From a cut or damaged one, read the whole records before the fault, which is noted.
 
     `clock` states how the log's microseconds relate to real time, instead of what the log shows. Raises ConfigError for
-    it where the log is in milliseconds, DataError for another file, a damaged header, and a log without a whole record.
+    it where the log is in milliseconds, and without it where the log does not show it; DataError for another file, a
+    damaged header, and a log without a whole record.
     """
     with path.open("rb") as file:
         data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)  # a large file stays on the disk
@@ -85,12 +90,16 @@ def read_usd(path: Path, source: Source, clock: Clock | None = None) -> FlightLo
     notes = _faults(found, len(data), whole=whole)
     stop, wrong = min((_first_damage(data, event, found.offsets[number]) for number, event in events.items()))
     notes += (wrong,) if wrong else ()
+    if not any(len(_before(offsets, stop)) for offsets in found.offsets.values()):
+        raise DataError(" ".join([f"{path}: a uSD-card log without one whole record.", *notes]))
     fixed = next((number for number, event in events.items() if event.name == FIXED_FREQUENCY), None)
     if not version.clock:
         offsets = np.zeros(0, np.int64) if fixed is None else found.offsets[fixed]
         stamps = _stamps(data, next(iter(events.values())), _before(offsets, stop)[:MOST_ROWS])
-        per_s, text = microsecond_clock(stamps, clock)
-        version = version._replace(per_s=per_s, clock=text)
+        decided = microsecond_clock(stamps, clock)
+        if decided is None:
+            raise ConfigError(f"{path}: {_UNDECIDED}")
+        version = version._replace(per_s=decided.per_s, clock=decided.text)
     series = []
     for number, event in events.items():
         offsets = _before(found.offsets[number], stop)
@@ -100,8 +109,6 @@ def read_usd(path: Path, source: Source, clock: Clock | None = None) -> FlightLo
             channels = tuple(map(crazyflie_channel, names))
             blocks = partial(_blocks, data, event, offsets, version.per_s)
             series.append(Series(name=event.name, rows=len(offsets), channels=channels, blocks=blocks))
-    if not series:
-        raise DataError(" ".join([f"{path}: a uSD-card log without one whole record.", *notes]))
     empty = [event.name for number, event in events.items() if not len(found.offsets[number])]
     return FlightLog(
         path=path,

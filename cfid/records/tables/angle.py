@@ -16,7 +16,6 @@ from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, note, of_recording, rejection, texts
 from cfid.large import usual_step
 from cfid.records.line_devices import STAMP
-from cfid.records.logs.usd_clock import UNDECIDED
 from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
 from cfid.records.run_notes import Facts, facts_of, file_name, gaps, losses, run_at
@@ -25,7 +24,7 @@ from cfid.records.tables.column_units import column_name, unit_of
 from cfid.records.tables.counts import CountsPerTurn, continuous_angle, is_angle
 from cfid.records.tables.few_rows import without_few
 from cfid.records.tables.gyro import Rates, gyro_device, read_gyro
-from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema, unused_in_run
+from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema, refuse_clock, unused_in_run
 from cfid.records.tables.stamps import stamped_rows
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.times import TIME_COLUMN, complete_rows, line_notes, pauses, times_of
@@ -34,9 +33,10 @@ from cfid.wire.rls import RLS_13BIT_IN_22
 AngleUnit = Literal["counts", "rad", "deg"]
 
 ENCODER = "encoder"
-_UNDECIDED = rejection(
+_UNDECIDED = "the log does not show whether they run at 84/85 of real time"  # of an import by version 0.2
+_CLOCK_UNDECIDED = rejection(
     "gyro-clock-undecided",
-    f"{UNDECIDED}, which would make an inertia 2.4 % wrong. Import it again with `clock` 84/85 or true.",
+    f"{_UNDECIDED}, which would make an inertia 2.4 % wrong. Import it again with `clock` 84/85 or true.",
     *("swing.*", "inertia.*", "friction.*"),
 )
 
@@ -138,7 +138,8 @@ def _of_gyro(run: Run, device: str) -> AngleRecord:
     name = run.folder.resolve().name
     x, y, z = found.rates.axis
     axis = note("gyro-axis", f"the gyro turned about ({x:+.3f}, {y:+.3f}, {z:+.3f}) of the body frame.").at(name)
-    clock = () if run.header.origin is None or UNDECIDED not in run.header.origin.clock else (_UNDECIDED.at(name),)
+    origin = run.header.origin
+    clock = (_CLOCK_UNDECIDED.at(name),) if origin is not None and _UNDECIDED in origin.clock else ()
     return AngleRecord(
         path=Path(found.rows.source.path),
         source=found.rows.source,
@@ -200,6 +201,7 @@ def counts_per_turn(text: str) -> CountsPerTurn:
 
 def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> tuple[AngleRecord, int]:
     """Return a file's record, and its number of rows."""
+    refuse_clock(path, reading)
     table = open_table(path, skip_lines=reading.skip_lines, columns=reading.columns)
     places = SCHEMA.places(table, named=reading.columns, rate_hz=reading.rate_hz)
     time_name, angle_name = places.get(TIME), places[_ANGLE.key]

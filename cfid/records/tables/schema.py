@@ -44,6 +44,12 @@ class Foreign:
     clock: Literal["true", "84/85"] | None = None
 
 
+def refuse_clock(path: Path, reading: Foreign) -> None:
+    """Raise ConfigError for a clock that was given for a recording whose times are not a Crazyflie's microseconds."""
+    if reading.clock is not None:
+        raise ConfigError(f"{path}: `clock` is for logs of a Crazyflie's uSD card and tables made of them.")
+
+
 def unused_in_run(reading: Foreign, *used: str) -> tuple[str, ...]:
     """Return a note on settings for other programs' files that were given for a run, except those in `used`."""
     given = [f"`{one.name}`" for one in fields(reading) if getattr(reading, one.name) != one.default]

@@ -17,7 +17,7 @@ from cfid.quantities.plausible import range_of
 from cfid.records.parameters import Source
 from cfid.records.run_notes import run_at
 from cfid.records.tables.blocks import open_table
-from cfid.records.tables.schema import Foreign, TimeUnit
+from cfid.records.tables.schema import Foreign, TimeUnit, refuse_clock
 from cfid.records.tables.stand_columns import Found, columns_of, turned
 from cfid.records.tables.stand_commands import commands_of
 from cfid.records.tables.stand_faults import without_faults
@@ -159,6 +159,7 @@ def read_stand_as(
     motors: int | None = None,
 ) -> StandTable:
     """Read a table with a command's options for other programs' files; see `read_stand_table`."""
+    refuse_clock(path, reading)
     return read_stand_table(
         path,
         gravity_mps2=gravity_mps2,

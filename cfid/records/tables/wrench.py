@@ -20,7 +20,7 @@ from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
 from cfid.records.run_notes import Facts, facts_of, file_name, gaps, losses, run_at
 from cfid.records.tables.blocks import open_table
-from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema, unused_in_run
+from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema, refuse_clock, unused_in_run
 from cfid.records.tables.stamps import stamped_rows
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.times import TIME_COLUMN, complete_rows, line_notes, pauses, seconds_of, times_of
@@ -185,6 +185,7 @@ def _read(
     own: bool = False,
     axes: tuple[str, ...] = AXES,
 ) -> WrenchRecord:
+    refuse_clock(path, reading)
     table = open_table(path, skip_lines=reading.skip_lines, columns=reading.columns)
     if not reading.columns:
         refuse_other_units(table, axes)
