@@ -206,7 +206,7 @@ _LATENCY = _given(
     Quantity("latency.clock_offset_s", "s", "t_0", "this computer's time when the vehicle's clock was zero",
              plausible=Range(1e9, 4e9, "Unix time of 2001 to 2096"), of_the_run=True),
     Quantity("latency.clock_skew", "1", "s", "how much faster the vehicle's clock runs",
-             plausible=Range(-0.05, 0.05, "cf2 firmware loses one in 85")),
+             plausible=Range(-0.05, 0.05, "firmware up to 2026.08 loses one in 85")),
 )  # fmt: skip
 
 _TERMS = (
