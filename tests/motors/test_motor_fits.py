@@ -460,7 +460,7 @@ def test_a_stands_record_over_time_has_its_figure(cfid: Cfid, campaign: Path, tm
         grams += 0.1 * (68.0 * (command / 65535) ** 2 - grams)
         rows.append(f"{grams + 0.02 * rng.standard_normal():.4f},{command},4.0")
     table.write_text("\n".join(rows) + "\n")
-    done = cfid("fit", "thrust", "--table", str(table), "--campaign", str(campaign))
+    done = cfid("fit", "thrust", "--table", str(table), "--motors", "4", "--campaign", str(campaign))
 
     assert done.returncode == 0, done.stderr
     assert (campaign / "figures" / "fit_thrust_stand.png").exists()

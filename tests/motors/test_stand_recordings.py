@@ -112,14 +112,14 @@ def write_total(folder: Path, one: Sweep, head: str, speeds: int) -> Path:
     return path
 
 
-@pytest.mark.parametrize(("head", "speeds"), [("thrust[N]", 1), ("thrust[N]", 3), ("thrust_n", 4)])
+@pytest.mark.parametrize(("head", "speeds"), [("thrust_total(N)", 1), ("thrust[N]", 3), ("thrust_n", 4)])
 def test_thrust_beside_the_speeds_of_another_number_of_rotors_is_a_question_that_motors_answers(
     cfid: Cfid, tmp_path: Path, head: str, speeds: int
 ) -> None:
     one = sweep()
     path = write_total(tmp_path, one._replace(thrust_n=speeds * one.thrust_n), head, speeds)
     asked = cfid("fit", "thrust", path, "--no-figures")
-    usual = "4 motors" if head == "thrust[N]" else "1 motor"
+    usual = "4 motors" if "total" in head else "1 motor"
     rotors = "1 rotor" if speeds == 1 else f"{speeds} rotors"
     question = f"'{head}' is usually the thrust of {usual}, but the file has the speed of {rotors}. Give --motors"
 

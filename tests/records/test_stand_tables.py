@@ -82,7 +82,7 @@ def test_heads_come_in_any_order_case_and_spacing(tmp_path: Path, separator: str
     table = read(tmp_path, "".join(separator.join(row) + "\n" for row in rows))
 
     assert np.asarray(table.vbat_v).tolist() == [4.0]
-    assert np.asarray(table.thrust_n) == pytest.approx([8e-3 * 9.81 / 4])
+    assert np.asarray(table.thrust_n) == pytest.approx([8e-3 * 9.81])
     assert np.asarray(table.speeds_rad_s) == pytest.approx(np.array([[1000.0]]), rel=1e-5)
 
 
@@ -92,59 +92,29 @@ def test_heads_come_in_any_order_case_and_spacing(tmp_path: Path, separator: str
 @pytest.mark.parametrize(
     ("head", "value", "newtons"),
     [
-        ("weight[g]", 40, 0.04 * 9.81 / 4),
-        ("thrust[g]", 40, 0.04 * 9.81 / 4),
-        ("thrust_total_g", 40, 0.04 * 9.81 / 4),
-        ("thrust[N]", 0.4, 0.1),
+        ("weight[g]", 40, 0.04 * 9.81),
+        ("Thrust (g)", 40, 0.04 * 9.81),
+        ("thrust[N]", 0.4, 0.4),
         ("thrust_n", 0.4, 0.4),
+        ("thrust_total_g", 40, 0.04 * 9.81 / 4),
     ],
 )
-def test_thrust_of_a_stand_is_the_total_of_four_motors_and_that_is_said(
-    tmp_path: Path, head: str, value: float, newtons: float
+@pytest.mark.parametrize("motors", [None, 1, 2])
+def test_a_table_is_of_one_motor_of_four_where_it_states_a_total_or_of_the_number_that_is_given(
+    tmp_path: Path, head: str, value: float, newtons: float, motors: int | None
 ) -> None:
-    table = read(tmp_path, f"pwm,{head}\n0,0\n40000,{value}\n")
-    total = head != "thrust_n"
+    table = read(tmp_path, f"pwm,{head},torque_nm\n0,0,0\n40000,{value},0.06\n", motors=motors)
+    usual = 4 if head == "thrust_total_g" else 1
 
-    assert np.asarray(table.thrust_n) == pytest.approx([0, newtons])
-    assert table.motors == (4 if total else None)
-    assert any(f"'{head}' is taken as the thrust of 4 motors" in note for note in notes_of(table)) == total
-
-
-@pytest.mark.parametrize(
-    ("head", "motors", "newtons", "said"),
-    [
-        ("thrust[N]", 1, 0.4, "'thrust[N]' is taken as the thrust of 1 motor (`motors`): not divided."),
-        ("thrust[N]", 2, 0.2, "'thrust[N]' is taken as the thrust of 2 motors (`motors`): divided by 2."),
-        (
-            "weight[g]",
-            2,
-            0.4e-3 * 9.81 / 2,
-            "'weight[g]' is taken as the thrust of 2 motors (`motors`): divided by 2 and grams by 9.81 m/s^2.",
-        ),
-    ],
-)
-def test_the_number_of_motors_that_is_stated_divides_a_total_and_its_torque(
-    tmp_path: Path, head: str, motors: int, newtons: float, said: str
-) -> None:
-    table = read(tmp_path, f"pwm,{head},torque_nm\n0,0,0\n40000,0.4,0.06\n", motors=motors)
-
-    assert np.asarray(table.thrust_n) == pytest.approx([0, newtons])
-    assert np.asarray(table.torque_nm) == pytest.approx([0, 0.06 / motors])
-    assert table.motors == motors
-    assert f"stand.csv: {said}" in notes_of(table)
-
-
-def test_a_total_of_four_motors_names_the_option_for_another_number(tmp_path: Path) -> None:
-    notes = notes_of(read(tmp_path, "pwm,thrust[N]\n0,0\n40000,0.4\n"))
-
-    expected = "'thrust[N]' is taken as the thrust of 4 motors: divided by 4. Fits take another number by `motors`."
-    assert f"stand.csv: {expected}" in notes
+    assert table.motors == (motors or (4 if usual == 4 else None))
+    assert np.asarray(table.thrust_n) == pytest.approx([0, newtons * usual / (motors or usual)])
+    assert np.asarray(table.torque_nm) == pytest.approx([0, 0.06 / (motors or usual)])
 
 
 def test_grams_are_weighed_at_the_gravity_given(tmp_path: Path) -> None:
     table = read(tmp_path, "pwm,thrust[g]\n0,0\n40000,40\n", gravity_mps2=9.80665)
 
-    assert np.asarray(table.thrust_n)[1] == pytest.approx(0.04 * 9.80665 / 4)
+    assert np.asarray(table.thrust_n)[1] == pytest.approx(0.04 * 9.80665)
 
 
 def test_percent_of_pwm_is_a_command_of_16_bits(tmp_path: Path) -> None:
@@ -415,9 +385,7 @@ def test_the_heads_that_are_known_are_all_in_the_sentence(tmp_path: Path) -> Non
         "pwm_percent",
         "thrust_n",
         "weight[g]",
-        "thrust[g]",
         "thrust_total_g",
-        "thrust[N]",
         "torque_nm",
     ):
         assert head in said
@@ -483,7 +451,7 @@ def test_a_table_whose_only_measurement_is_there_twice_is_refused_with_what_woul
     ("text", "columns", "thrust_n"),
     [
         ("cmd,thrust_n,thrust_n\n0,0,7\n20000,0.1,8\n", ("thrust_n=3",), [7, 8]),
-        ("cmd,weight[g],thrust[N]\n0,4,2\n20000,5,4\n", ("thrust[N]=thrust[N]",), [0.5, 1.0]),
+        ("cmd,weight[g],thrust[N]\n0,4,2\n20000,5,4\n", ("thrust[N]=thrust[N]",), [2.0, 4.0]),
         ("throttle,lift\n0,0\n20000,100\n", ("cmd=throttle", "Thrust (gf)=lift"), [0, 0.980665]),
         ("0,0.5\n20000,0.75\n", ("cmd=1", "thrust_n=2"), [0.5, 0.75]),
         ("cmd,lift,thrust_n\n0,1,7\n20000,2,8\n", ("thrust_n=lift",), [1, 2]),
@@ -508,7 +476,7 @@ def test_columns_are_what_the_operator_names_them(
         ("Thrust (kgf)", "thrust_n=2", [0, 9.80665]),
         ("Thrust (N)", "thrust_n", [0, 1]),
         ("Lift (lbf)", "thrust_n", [0, 4.4482216]),
-        ("weight[g]", "thrust_n", [0, 9.81e-3 / 4]),
+        ("weight[g]", "thrust_n", [0, 9.81e-3]),
         ("Moment (ozf·in)", "torque_nm", [0, 7.0615518e-3]),
         ("Drehzahl (Hz)", "rpm", [0, 2 * math.pi]),
         ("Drehzahl [1/min]", "speed_rad_s", [0, RPM]),
@@ -563,7 +531,7 @@ def test_heads_as_german_laboratories_write_them_are_known(tmp_path: Path, comma
     [
         ("Thrust__kgf_", "thrust_n", 1, 9.80665),
         ("Thrust_gf_", "thrust_n", 100, 0.980665),
-        ("weight_g_", "thrust_n", 4, 9.81e-3),
+        ("weight_g_", "thrust_n", 4, 4 * 9.81e-3),
         ("Torque__lbf_in_", "torque_nm", 1, 0.1129848),
         ("Torque__N_m_", "torque_nm", 0.5, 0.5),
         ("Rotation_speed__rpm_", "square_mean_speed_rad_s", 600, 20 * math.pi),
@@ -585,20 +553,14 @@ def test_pulse_widths_whose_micro_sign_matlab_replaced_are_pulse_widths(tmp_path
     assert named.command.tolist() == [0, 32768]
 
 
-@pytest.mark.parametrize("head", ["thrust_N_", "thrust_g_"])
-def test_a_thrust_whose_lost_brackets_stated_how_many_motors_ran_is_not_guessed(tmp_path: Path, head: str) -> None:
-    assert f"column '{head}' has a known unit, but no known name" in refusal(tmp_path, f"cmd,{head}\n0,0\n20000,1\n")
-
-
 @pytest.mark.parametrize(
     ("head", "named", "expected"),
     [
         ("Thrust__kgf_", "thrust_n", 9.80665),
         ("Lift__lbf_", "thrust_n", 4.4482216),
-        ("thrust_g_", "thrust_n", 9.80665e-3),
-        ("thrust_g_", "weight[g]", 9.81e-3 / 4),
+        ("thrust_g_", "thrust_n", 9.81e-3),
+        ("thrust_g_", "thrust_total_g", 9.81e-3 / 4),
         ("thrust_N_", "thrust_n", 1),
-        ("thrust_N_", "thrust[N]", 0.25),
     ],
 )
 def test_the_unit_in_a_name_of_matlab_counts_before_that_of_the_option(
@@ -647,7 +609,7 @@ def test_speeds_of_a_rotor_that_turns_the_other_way_are_positive(tmp_path: Path)
     ("head", "named", "quantity", "expected"),
     [
         ("Thrust (grams)", "thrust_n", "thrust_n", 9.80665e-3),
-        ("thrust_g", "thrust_n", "thrust_n", 9.80665e-3),
+        ("thrust_g", "thrust_n", "thrust_n", 9.81e-3),
         ("thrust_g", "thrust_total_g", "thrust_n", 9.81e-3 / 4),
         ("Thrust gf", "thrust_n", "thrust_n", 9.80665e-3),
         ("lift_kgf", "thrust_n", "thrust_n", 9.80665),
@@ -661,12 +623,10 @@ def test_speeds_of_a_rotor_that_turns_the_other_way_are_positive(tmp_path: Path)
         ("n krpm", "rpm", "square_mean_speed_rad_s", 100 * math.pi / 3),
         ("rig_s", "thrust_n", "thrust_n", 1),
         ("Total Thrust [g]", "thrust_total_g", "thrust_n", 9.81e-3 / 4),
-        ("Total Thrust [g]", "weight[g]", "thrust_n", 9.81e-3 / 4),
-        ("Total Thrust [g]", "thrust[N]", "thrust_n", 9.80665e-3 / 4),
+        ("Total Thrust [g]", "weight[g]", "thrust_n", 9.81e-3),
         ("Gesamtschub (kgf)", "thrust_total_g", "thrust_n", 9.80665 / 4),
-        ("Weight [kg]", "weight[g]", "thrust_n", 9.80665 / 4),
-        ("Total (lbf)", "thrust[N]", "thrust_n", 4.4482216 / 4),
-        ("Total (N)", "thrust[N]", "thrust_n", 1 / 4),
+        ("Weight [kg]", "weight[g]", "thrust_n", 9.80665),
+        ("Total (lbf)", "thrust_total(N)", "thrust_n", 4.4482216 / 4),
         ("Total (N)", "thrust_n", "thrust_n", 1),
     ],
 )

@@ -44,18 +44,22 @@ def of_table(table: StandTable, stand: Stand, facts: RigFacts = NONE_STATED) -> 
 
 
 def _ask_motors(table: StandTable, motors: int | None) -> None:
-    """Raise ConfigError where the number of motors that gave the thrust is not known, or was stated too late."""
-    if table.thrust_n is None:
+    """Raise ConfigError where the number of motors of thrust and torque is not known, or was stated too late."""
+    if table.thrust_n is None and table.torque_nm is None:
         return
-    named, usual = f"{table.path}: '{table.columns['thrust_n'][0]}'", table.motors or 1
+    quantity = "torque" if table.thrust_n is None else "thrust"
+    column = next(names[0] for key, names in table.columns.items() if key.startswith(quantity))
+    named, usual = f"{table.path}: '{column}'", table.motors or 1
     if motors is None and table.rotors not in (None, usual):
         rotors = counted(table.rotors, "rotor")
         raise ConfigError(
-            f"{named} is usually the thrust of {counted(usual, 'motor')}, but the file has the speed of {rotors}. Give "
-            "`motors`, the number of motors whose thrust it is."
+            f"{named} is usually the {quantity} of {counted(usual, 'motor')}, but the file has the speed of {rotors}. "
+            f"Give `motors`, the number of motors whose {quantity} it is."
         )
     if motors is not None and table.motors not in (None, motors):
-        raise ConfigError(f"{named} was read as the thrust of {usual} motors: read the table with `motors` {motors}.")
+        raise ConfigError(
+            f"{named} was read as the {quantity} of {usual} motors: read the table with `motors` {motors}."
+        )
 
 
 def _is_tachometers(table: StandTable) -> bool:

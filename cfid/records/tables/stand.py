@@ -17,6 +17,7 @@ from cfid.quantities.plausible import range_of
 from cfid.records.parameters import Source
 from cfid.records.run_notes import run_at
 from cfid.records.tables.blocks import open_table
+from cfid.records.tables.column_units import spelt
 from cfid.records.tables.schema import Foreign, TimeUnit, refuse_clock
 from cfid.records.tables.stand_columns import Found, columns_of, turned
 from cfid.records.tables.stand_commands import commands_of
@@ -36,12 +37,16 @@ Speeds = Literal["motor", "series", "rotors", "mean"]
 
 STAND = "stand"
 
+# In the header of Bitcraze's stand, which measures four motors, beside one of its thrusts.
+_BITCRAZE = frozenset({"pwm", "rpm1", "rpm2", "rpm3", "rpm4"})
+_BITCRAZE_THRUST = frozenset({"weight[g]", "thrust[g]", "thrust[n]"})
+
 
 @dataclass(frozen=True, kw_only=True)
 class StandTable:
     """A table's columns (n,) in SI units, None for absent ones; `columns` has the file's names for each.
 
-    `thrust_n` is one motor's where the file has the sum of `motors` motors; where `motors` is None, it is as in the
+    Thrust and torque are one motor's where the file is of `motors` motors; where `motors` is None, they are as in the
     file. `command` is nan where the file has only thrust and speed; any quantity is nan where a field was not a number.
     `speeds_rad_s` (n, s) are as displayed, nan where a sensor was dead: a motor's ("motor"), one rotor's in several
     series ("series"), four rotors' at once ("rotors") or their mean ("mean"). `rotors` is the number of rotors whose
@@ -87,8 +92,9 @@ def read_stand_table(
 
     Rows of a pwm that is held for long are a record over time, at `rate_hz` where no column gives the time. `esc_us`
     are the pulse widths of commands 0 and 65535, `columns` states what the header does not, as in `with_named`, and
-    which rows are meant, as in `with_rows`. `motors` is how many motors ran where a column is the sum of several, four
-    by default; where it is given, it divides torque, too. Fields that are not numbers are missing, with a note.
+    which rows are meant, as in `with_rows`. `motors` is how many motors ran: it divides thrust and torque. Without it,
+    the table of Bitcraze's stand and a `thrust_total` are of four. Fields that are not numbers are missing, with a
+    note.
 
     Raises DataError with file, line or column, and next step; ConfigError for an invalid rate or range.
     """
@@ -103,15 +109,16 @@ def read_stand_table(
         command = command[timing.order]
         found = {quantity: columns._replace(raw=columns.raw[timing.order]) for quantity, columns in found.items()}
     fault_notes = () if timing.time_s is None else without_faults(table, found, command, timing.order)
-    total = _is_total(found)
-    thrust, thrust_notes = _thrust(found, command, gravity_mps2, motors=motors)
-    torque, torque_notes = _torque(found, command, motors=motors if total and motors else 1)
+    ran = motors or (ROTORS if _is_of_four(chosen.table, found) else None)
+    thrust, thrust_notes = _thrust(found, command, gravity_mps2, motors=ran or 1)
+    torque, torque_notes = _torque(found, command, motors=ran or 1)
     speeds, speed_notes = speeds_of(found, command, thrust, settled=timing.time_s is None)
     kind = found["speeds_rad_s"].head.kind if "speeds_rad_s" in found else None
     notes = (
         *chosen.notes,
         *named,
         *command_notes,
+        *_motors_note(found, ran, stated=motors is not None),
         *thrust_notes,
         *torque_notes,
         *timing.notes,
@@ -127,7 +134,7 @@ def read_stand_table(
         columns={quantity: columns.names for quantity, columns in found.items()},
         command=command,
         thrust_n=thrust,
-        motors=(motors or ROTORS) if total else None,
+        motors=ran,
         rotors=_rotors(table),
         torque_nm=torque,
         vbat_v=_single(found, "vbat_v"),
@@ -187,10 +194,23 @@ def _larger_motor(found: Found, thrust_n: Array | None) -> tuple[Finding, ...]:
     return (note("motor-of-larger-vehicle", text),)
 
 
-def _is_total(found: Found) -> bool:
-    """Return whether thrust is that of several motors, usually four; a stand with a motor controller has one."""
-    thrust, command = found.get("thrust_n"), found.get("command")
-    return thrust is not None and thrust.head.kind != "" and (command is None or command.head.kind != "esc")
+def _is_of_four(table: CsvTable, found: Found) -> bool:
+    """Return whether a file is of four motors: it has the header of Bitcraze's stand, or states a total thrust."""
+    names = {spelt(name) for name in table.names}
+    thrust = found.get("thrust_n")
+    return (names >= _BITCRAZE and not names.isdisjoint(_BITCRAZE_THRUST)) or (
+        thrust is not None and thrust.head.kind.startswith("total")
+    )
+
+
+def _motors_note(found: Found, motors: int | None, *, stated: bool) -> tuple[str, ...]:
+    """Return a note on what is divided by the number of motors that ran, None for none."""
+    names = [f"'{found[quantity].names[0]}'" for quantity in ("thrust_n", "torque_nm") if quantity in found]
+    if motors is None or not names:
+        return ()
+    how = f"divided by {motors}" if motors > 1 else "not divided"
+    end = " (`motors`)." if stated else ". Fits take another number by `motors`."
+    return (f"{' and '.join(names)}, of {counted(motors, 'motor')}: {how}{end}",)
 
 
 def _rotors(table: CsvTable) -> int | None:
@@ -201,25 +221,14 @@ def _rotors(table: CsvTable) -> int | None:
     return len(heads) if heads[0].kind == "rotors" else 1
 
 
-def _thrust(
-    found: Found, command: Array, gravity_mps2: float, *, motors: int | None
-) -> tuple[Array | None, tuple[str, ...]]:
-    """Return thrust (n,) in newtons, of one motor where the file has the total of several, and notes."""
+def _thrust(found: Found, command: Array, gravity_mps2: float, *, motors: int) -> tuple[Array | None, tuple[str, ...]]:
+    """Return thrust (n,) in newtons, of one of `motors` motors, and notes."""
     column = found.get("thrust_n")
     if column is None:
         return None, ()
-    grams, ran = column.head.kind == "total in grams", (motors or ROTORS) if _is_total(found) else None
-    value = column.value[:, 0] * (gravity_mps2 if grams else 1.0) / (ran or 1)
-    notes = []
-    by = f"grams by {gravity_mps2:g} m/s^2" if grams else ""
-    if ran is not None:
-        how = [*([f"divided by {ran}"] if ran > 1 else []), *([by] if by else [])] or ["not divided"]
-        option = " (`motors`)" if motors else ""
-        end = "." if motors else ". Fits take another number by `motors`."
-        taken = f"'{column.names[0]}' is taken as the thrust of {counted(ran, 'motor')}{option}"
-        notes = [f"{taken}: {' and '.join(how)}{end}"]
-    elif grams:
-        notes = [f"'{column.names[0]}' is a weight: {by}."]
+    grams = column.head.kind.endswith("grams")
+    value = column.value[:, 0] * (gravity_mps2 if grams else 1.0) / motors
+    notes = [f"'{column.names[0]}' is a weight: grams by {gravity_mps2:g} m/s^2."] if grams else []
     value, is_turned = turned(value, _drive(found, command))
     if is_turned:
         notes.append(f"'{column.names[0]}' falls as the motor is driven harder: its sign is changed.")

@@ -15,9 +15,9 @@ from cfid.units import FULL_COMMAND, RPM
 
 HEADS = (
     "cmd, command or pwm (0 to 65535), pwm_percent, command_fraction (0 to 1), ESC signal (us); thrust_n, Thrust (N), "
-    "(gf) or (kgf) (of what ran), weight[g], thrust[g], thrust_total_g, thrust[N] (of four motors); torque_nm, "
-    "Torque (N.m); grams (scales); speed_rad_s, rpm, Motor Optical Speed (RPM), rpm_1, rpm_2, ... (series of one "
-    "rotor), rpm1 to rpm4 (four rotors), rpm_mean; vbat_v, vbat[V], voltage_V, Voltage (V); t"
+    "(gf) or (kgf), weight[g], thrust_total_g (of four motors); torque_nm, Torque (N.m); grams (scales); speed_rad_s, "
+    "rpm, Motor Optical Speed (RPM), rpm_1, rpm_2, ... (series of one rotor), rpm1 to rpm4 (four rotors), rpm_mean; "
+    "vbat_v, vbat[V], voltage_V, Voltage (V); t"
 )
 MEASURED = ("thrust_n", "torque_nm", "speeds_rad_s", "grams")
 
@@ -88,11 +88,11 @@ _KNOWN = (
     ColumnHead("command", r"command_fraction", FULL_COMMAND, "fraction"),
     ColumnHead("command", r"(?:esc(?:signal|throttle)?|throttle|pwm)(?:[ab]?\(us\)|\[us\]|_us)", kind="esc"),
     ColumnHead("thrust_n", r"thrust_n"),
-    ColumnHead("thrust_n", r"thrust\[n\]", kind="total"),
-    ColumnHead("thrust_n", r"(?:weight|thrust)\[g\]|thrust_total_g", 1e-3, "total in grams"),
+    ColumnHead("thrust_n", r"(?:weight|thrust)[(\[]g[)\]]", 1e-3, "grams"),
+    ColumnHead("thrust_n", r"thrust_total_g", 1e-3, "total in grams"),
     *_of_stand("thrust_n", r"thrust|forcefz\(thrust\)|schub|schubkraft|kraft", FORCES_N, ""),
     *_of_stand("thrust_n", "thrust_total", FORCES_N, "total"),
-    ColumnHead("torque_nm", r"torque_nm"),
+    ColumnHead("torque_nm", r"torque_nm|torque_z\[n\]"),  # so Bitcraze's stand calls its N m
     *_of_stand(
         "torque_nm",
         r"torque|torquemz\(torque\)|drehmoment",
@@ -181,7 +181,7 @@ def in_own_unit(name: str, own: str) -> str:
         return f"{name} [{unit}]" if named and unit and not named[1] else name
     units = _units_of(own)
     total = head.kind.startswith("total")
-    if head.kind == "total in grams" and "g" in units:
+    if head.kind.endswith("grams") and "g" in units:
         return name
     whole = [] if total or _BARE_COMMAND.fullmatch(spelt(own)) else [own]
     called = "thrust_total" if total else _TAKE_UNITS.get(quantity)
@@ -233,9 +233,8 @@ def _remedy(table: CsvTable, name: str, quantity: str) -> str:
         return f"Name it by `columns`, as in {command_called(table.known_numbers([name]))}={place}"
     if quantity != "thrust_n":
         return f"Name it by `columns`, as in {called_as(quantity)}={place}"
-    if _TOTAL.search(spelt(name)):
-        return f"Name it by `columns`, as in thrust[N]={place} of four motors, or thrust_n={place} of one"
-    return f"Name it by `columns`, as in thrust_n={place} in newtons, or Thrust (gf)={place} in grams"
+    several = ", and state by `motors` how many it is of" if _TOTAL.search(spelt(name)) else ""
+    return f"Name it by `columns`, as in thrust_n={place} in newtons, or Thrust (gf)={place} in grams{several}"
 
 
 def has_unread_unit(name: str, own: str) -> bool:
