@@ -1,4 +1,4 @@
-"""Rows as written by serial monitors and plotters of boards, LabVIEW and R give the numbers of a plain table."""
+"""Rows as written by serial monitors of boards, LabVIEW and R give the numbers of a plain table."""
 
 from pathlib import Path
 
@@ -43,18 +43,11 @@ def test_the_times_of_day_of_a_serial_monitor_are_left_out_with_a_note(tmp_path:
 
 
 @pytest.mark.parametrize("between", [",", "\t", ", "])
-def test_the_names_before_the_values_of_a_serial_plotter_name_the_columns(tmp_path: Path, between: str) -> None:
-    lines = [f"angle:{a:.2f}{between}millis:{t}" for t, a in BOTH]
-    assert same(read(tmp_path, lines))
-    assert same(read(tmp_path, stamped(["Ready", "gle:1,millis:7", *lines])))
-    assert read_log(tmp_path / "swing.txt").series[0].rows == ROWS
-
-
-def test_a_line_of_a_plotter_with_other_names_is_not_taken_for_the_columns(tmp_path: Path) -> None:
-    lines = [f"millis:{t},angle:{a:.2f}" for t, a in BOTH]
-    lines[100] = f"angle:{ANGLE_DEG[100]},millis:{TIME_MS[100]}"
-    with pytest.raises(DataError, match=r"swing\.txt:101: another header"):
-        read(tmp_path, lines)
+def test_the_names_before_the_values_of_a_serial_plotter_are_refused_with_what_to_write(
+    tmp_path: Path, between: str
+) -> None:
+    with pytest.raises(DataError, match=r"line 2 reads 'angle:.*write the numbers alone, below a header"):
+        read(tmp_path, [f"angle:{a:.2f}{between}millis:{t}" for t, a in BOTH])
 
 
 LABVIEW = [

@@ -69,8 +69,8 @@ def _table_in(path: Path, content: bytes, *, sha256: str, skip_lines: int = 0) -
     return CsvTable(
         path=path,
         sha256=sha256,
-        names=form.labels or head.names,
-        has_head=head.has_head or bool(form.labels),
+        names=head.names,
+        has_head=head.has_head,
         cut=cut,
         preamble=head.preamble,
         decimal=decimal,

@@ -1,7 +1,7 @@
 """Recognise forms of rows that only certain programs write, and turn them into plain rows.
 
-Arduino's serial monitor writes a time of day before each line, its plotter a name before each value; LabVIEW leaves
-its column of times empty and states their step.
+Arduino's serial monitor writes a time of day before each line; LabVIEW leaves its column of times empty and states
+their step.
 """
 
 import itertools
@@ -13,8 +13,6 @@ from cfid.records.tables.head import Head
 from cfid.records.tables.text import decoded, fields_of, filled_lines, is_finite
 
 _STAMP = re.compile(rb"(?m)^\d\d:\d\d:\d\d\.\d{3} -> ?")
-_PAIR = re.compile(r"[ ]*([A-Za-z_][\w .\[\]()/%-]*?)[ ]*:[ ]*([^\s,:]+)[ ]*")
-_SEPARATORS = re.compile(r"[,\t]")
 _LOOKED_AT = 60  # lines
 _STEP = re.compile(r"(?m)^Delta_X[\t;,](?P<steps>.*)$")
 _ALONG_TIME = re.compile(r"(?m)^X_Dimension[\t;,]Time\b")
@@ -22,23 +20,15 @@ _ALONG_TIME = re.compile(r"(?m)^X_Dimension[\t;,]Time\b")
 
 @dataclass(frozen=True)
 class Form:
-    """How rows are written: after times of day, with names before values, or without times whose step is known."""
+    """How rows are written: after times of day, or without times whose step is known."""
 
     stamped: bool = False
-    labels: tuple[str, ...] = ()
     step_s: float | None = None
     notes: tuple[str, ...] = ()
 
     def plain(self, text: bytes) -> bytes:
-        """Return whole lines without times of day, and without names before values where a line has all the names."""
-        if self.stamped:
-            text = _STAMP.sub(b"", text)
-        if not self.labels:
-            return text
-        between = rb"[ ]*:[ ]*([^\s,:]+)[ ]*"
-        names = (re.escape(label.encode()) + between for label in self.labels)
-        line = re.compile(rb"(?m)^[ ]*" + rb"[,\t][ ]*".join(names) + rb"(?:[,\t])?[ ]*$")
-        return line.sub(lambda found: b",".join(found.groups()), text)
+        """Return whole lines without times of day."""
+        return _STAMP.sub(b"", text) if self.stamped else text
 
     def completed(self, above: bytes, head: Head) -> "Form":
         """Return the form with what a table's head and the lines above its rows show: the step of its times."""
@@ -62,25 +52,9 @@ class Form:
 def form_of(text: bytes) -> Form:
     """Return the form of a text's rows, by its first lines."""
     lines = [line.text for line in itertools.islice(filled_lines(text), _LOOKED_AT)]
-    stamps = [_STAMP.match(line.encode()) for line in lines]
-    stamped = sum(stamp is not None for stamp in stamps) > len(lines) / 2
-    if stamped:
-        lines = [line[stamp.end() :] if stamp else line for line, stamp in zip(lines, stamps, strict=True)]
-    named = (one for one, following in itertools.pairwise(map(_labels, lines)) if one and one == following)
-    labels = next(named, ())
-    notes = []
-    if stamped:
-        notes.append("the times of day that a serial monitor wrote before its lines are left out.")
-    if labels:
-        notes.append(f"the names of columns stand before the values: {', '.join(labels)}.")
-    return Form(stamped=stamped, labels=labels, notes=tuple(notes))
-
-
-def _labels(line: str) -> tuple[str, ...]:
-    """Return the names before the values of a line that has no other fields."""
-    fields = [field for field in _SEPARATORS.split(line) if field.strip()]
-    pairs = [_PAIR.fullmatch(field) for field in fields]
-    return tuple(pair[1] for pair in pairs if pair and is_finite(pair[2])) if all(pairs) else ()
+    if sum(_STAMP.match(line.encode()) is not None for line in lines) <= len(lines) / 2:
+        return Form()
+    return Form(stamped=True, notes=("the times of day that a serial monitor wrote before its lines are left out.",))
 
 
 def _labview_step_s(above: bytes, head: Head) -> float | None:

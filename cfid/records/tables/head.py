@@ -14,6 +14,7 @@ COMMENT = r"[ \t]*(?:#|%|//)"
 
 _LABVIEW_END, _LABVIEW_COMMENT = "***End_of_Header***", "Comment"
 _MOST_LINES = 60  # within which the rows have to begin
+_LONGEST_NAME, _MOST_COLUMNS = 200, 10_000  # of a table
 _UNITS = re.compile(
     r"s|secs?|seconds|radians|volts|newtons|ms|[uµμ]s|hz|rad|deg|°|degrees|counts?|(?:rad|deg|°|m)/s(?:\^?2|²)?|pwm|rpm|n|k?gf?|n[·*.]?m|m?v|a|w|m?m|%|-",
     re.IGNORECASE,
@@ -49,6 +50,12 @@ def head_of(path: Path, text: bytes, *, skip_lines: int = 0) -> Head:
     heads = (_head_at(lines, place) for place in range(len(lines)))
     head = next((head for head in heads if head is not None), None) or _of_first_line(path, lines)
     _refuse_word_alone(path, lines, head)
+    if len(head.names) > _MOST_COLUMNS or max(map(len, head.names)) > _LONGEST_NAME:
+        raise DataError(
+            f"{path}: {len(head.names)} columns, the longest name of {max(map(len, head.names))} characters: not a "
+            f"table's header (at most {_MOST_COLUMNS} columns and {_LONGEST_NAME} characters). It can be left out with "
+            "`skip_lines`."
+        )
     return head._replace(preamble=above + head.preamble)
 
 
@@ -116,8 +123,9 @@ def _of_first_line(path: Path, lines: Sequence[TextLine]) -> Head:
     row = lines[1] if has_head else first
     fields = fields_of(row.text, separator)
     if not _numbers(fields):
+        named = "Names before values are not read: write the numbers alone, below a header. " if ":" in row.text else ""
         raise DataError(
-            f"{path}: not a CSV file of numbers: line {row.number} reads '{short(row.text.strip())}'. "
+            f"{path}: not a CSV file of numbers: line {row.number} reads '{short(row.text.strip())}'. {named}"
             "A longer header can be left out with `skip_lines`."
         )
     return Head(_fitted(names, fields) if has_head else _numbered(fields), has_head, separator, row)

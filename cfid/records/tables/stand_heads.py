@@ -1,5 +1,6 @@
 """Recognise the columns of tables of motors by the header alone: quantity, unit and factor to SI."""
 
+import functools
 import re
 from collections.abc import Container, Mapping, Sequence
 from typing import NamedTuple
@@ -148,6 +149,7 @@ def _unmangled(name: str) -> list[tuple[str, str]]:
     return found
 
 
+@functools.cache
 def _head_of(name: str) -> ColumnHead | None:
     """Return the head of a column with a known name; for a mangled name, only where all possible originals agree."""
     plain = next((head for head in _KNOWN if re.fullmatch(head.called, _without_side(name))), None)

@@ -27,11 +27,11 @@ _WRITTEN_ONLY = {b"\x89MCAP0\r\n": "an MCAP", b"PAR1": "a Parquet"}
 _CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1f]")
 _LOOKED_AT = 4096  # bytes at the start of a file, where text has no control characters
 _DARK = re.compile(r"[^\x00-\x20]+")
-NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
+NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 _NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 _ONE_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
-_COMMA_NUMBER = re.compile(r"[+-]?[\d.,']*\d,\d[\d.,']*(?:e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
-_FIELD = rb"(?m)(?:^|[;\t ])[ ]*[+-]?(%s)(?:[eE][+-]?\d+)?[ \r]*(?=[;\t ]|$)"
+_COMMA_NUMBER = re.compile(r"[+-]?(?=[\d.,']*\d,\d)[\d.,']+(?:e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
+_FIELD = rb"(?m)(?:^|(?<=[;\t ]))[+-]?(%s)(?:[eE][+-]?\d+)?[ \r]*(?=[;\t ]|$)"
 _DECIMAL_COMMA = re.compile(_FIELD % rb"\d+,\d+")
 _DECIMAL_POINT = re.compile(_FIELD % rb"\d*\.\d+")
 _THOUSANDS = re.compile(rb"[1-9]\d{0,2},\d{3}")
