@@ -20,6 +20,7 @@ _FIRST_REPORT_S = 1.0  # within which the report of the first sample comes
 _DONE_AFTER_S = 1.0  # from the motors' stop to the byte that reports the end (C.2.4)
 _DONE_LATE_S = 0.5  # how late that byte may be
 _MARGIN_S = 2.0  # for the link, and for a vehicle whose clock runs slow
+_NUMBERS = 1 << 16  # of reports, after which they start anew
 _OUTCOMES: Mapping[int | None, str] = {
     AppOutcome.FINISHED: "played to its end",
     AppOutcome.STOPPED: "was stopped",
@@ -39,7 +40,7 @@ class Crossings:
         self._player, self._loop, self._clock = player, loop, clock
         self._vehicle = vehicle
         self._reports: list[tuple[float, Crossing]] = []
-        self._next_report = 0
+        self._next_report = self._missing = self._duplicates = 0
         self._rejected = self._samples = 0
         self._done: Deferred[Done] | None = None
         self._end: Done | None = None
@@ -87,7 +88,8 @@ class Crossings:
             return Block(no_rows(len(self.columns)))
         times_s = self._clock.unix_s(np.array([arrived_s for arrived_s, _ in reports]))
         values = np.array([report for _, report in reports], dtype=np.int64)
-        return Block((times_s, *values.T), self._missing([report for _, report in reports]))
+        missing, self._missing = self._missing, 0
+        return Block((times_s, *values.T), missing)
 
     async def stop(self) -> None:
         """Stop the motors. Raises DeviceError when it is not certain that they stopped."""
@@ -99,11 +101,11 @@ class Crossings:
         """Do nothing: the code that opened the link closes it."""
 
     def facts(self) -> Mapping[str, Any]:
-        """Return what the vehicle reported at the end, the number of invalid payloads, and how long the stop took."""
+        """Return what the vehicle reported at the end, invalid and repeated reports, and how long the stop took."""
         end = self._end._asdict() if self._end is not None else {}
         stopped = {} if self._stopped_in_s is None else {"stopped_in_s": round(self._stopped_in_s, 4)}
         known = {key: value for key, value in end.items() if value is not None}
-        return {"end": known, "rejected": self._rejected, **stopped}
+        return {"end": known, "rejected": self._rejected, "duplicates": self._duplicates, **stopped}
 
     def _complain(self, what: str) -> None:
         begun = "first" in what and (self._next_report or self._reports or self._player.playing)
@@ -117,6 +119,11 @@ class Crossings:
         if crossing is None:
             self._rejected += 1
             return
+        missing = (crossing.number - self._next_report) % _NUMBERS
+        if missing >= _NUMBERS // 2:  # an earlier number: a datagram may arrive twice
+            self._duplicates += 1
+            return
+        self._missing, self._next_report = self._missing + missing, crossing.number + 1
         self._reports.append((arrived_s, crossing))
         if crossing.sample == self._samples and self._done is not None:  # the motors are off; the byte `a` may be lost
             self._loop.callLater(_DONE_AFTER_S + _DONE_LATE_S, self._finish, self._done, Done(None, crossing.sample))
@@ -134,14 +141,6 @@ class Crossings:
         if waiting is self._done and not waiting.called:
             self._end = done
             waiting.callback(done)
-
-    def _missing(self, reports: list[Crossing]) -> int:
-        """Return how many numbered reports the link lost."""
-        missing = 0
-        for report in reports:
-            missing += (report.number - self._next_report) % (1 << 16)
-            self._next_report = report.number + 1
-        return missing
 
 
 def _outcome(done: Done) -> str:

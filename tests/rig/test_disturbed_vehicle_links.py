@@ -93,6 +93,18 @@ def test_a_row_of_the_vehicles_log_that_arrives_three_times_is_recorded_once_and
     assert f"{again} duplicates" in pilot.out
 
 
+def test_a_report_of_a_sine_that_arrives_twice_is_recorded_once_and_is_no_loss(bench: Bench) -> None:
+    with relayed(bench.uri, lambda packet: [packet] * 2) as uri:
+        pilot = bench.start("log", "sine", "--l", 12, "--n", 1000, "--yes", "--uri", uri)
+        assert pilot.end() == 0, pilot.err
+    record = bench.run().header.devices["crossings"]
+    reports = pd.read_csv(bench.run().device_file("crossings"))["report"]
+
+    assert reports.tolist() == list(range(26))  # the first sample, 24 crossings, and the end
+    assert record.lost == 0
+    assert (record.model_extra or {})["duplicates"] == len(reports)
+
+
 class SlowDriver:
     """A driver of cflib whose sender, having checked for the link, is held up until the link is closed."""
 
