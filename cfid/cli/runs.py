@@ -178,7 +178,7 @@ def _row(run: "Run") -> dict[str, Any]:
         "state": run.outcome if run.cut else header.state,
         "usable": None if header.verdict is None else header.verdict.usable,
         "rows": sum(known) if known else "?",
-        "lost": sum(device.lost for device in devices),
+        "lost": "?" if header.lost is None else header.lost,
         "skipped": sum(device.skipped or 0 for device in devices),
         "simulated": header.simulated,
         "excluded": header.excluded,

@@ -21,7 +21,8 @@ def print_summary(run: "Run", lines: Sequence[str] = (), failure: CfidError | No
     """Print a run's rows, losses and files; the failure that ended the run is printed later, when the command ends."""
     for name, device in devices_of(run).items():
         skipped = f", {device['skipped']} skipped: {device['achieved']}" if device["achieved"] else ""
-        counts = f"{counted(device['rows'], 'row')}, {device['lost']} lost{counts_of(device)}{skipped}"
+        lost = "losses unknown" if device["lost"] is None else f"{device['lost']} lost"
+        counts = f"{counted(device['rows'], 'row')}, {lost}{counts_of(device)}{skipped}"
         echo(fitted(f"{name}: {counts} -> {device['file']}", indent=2))
     for line in (*lines, verdict_line(run)):
         if line:

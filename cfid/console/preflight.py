@@ -80,7 +80,7 @@ def _of_lines(record: DeviceRecord, sampled: Sampled, plan: Sequence[Held], *, m
         advice = (
             "compare baud, pattern and values of devices.loadcell in rig.toml with what it sends: `cfid rig check` "
             "shows a line, and which tables have the same port"
-            if sampled.lost > sampled.rows
+            if (sampled.lost or 0) > sampled.rows
             else f"check power and cable, or look for longer (--for): it states {record.rate_hz:g} Hz"
         )
         return [_answer("rate", counted(sampled.rows, "sample"), advice, limit=f"{FEWEST_LINES}", within=False)]
@@ -207,8 +207,9 @@ def _degrees(counts: Array, counts_per_turn: float | str) -> Array:
 
 
 def _rate(sampled: Sampled, requested_hz: float) -> list[DeviceAnswer]:
-    achieved_hz = (sampled.rows + sampled.lost - 1) / float(np.ptp(sampled.columns["t"]))
-    share = sampled.lost / (sampled.rows + sampled.lost)
+    count = sampled.rows + (sampled.lost or 0)
+    achieved_hz = (count - 1) / float(np.ptp(sampled.columns["t"]))
+    share = math.inf if sampled.lost is None else sampled.lost / count
     # The span of a few samples is uncertain by a fraction of a period.
     least_hz = requested_hz * (_SLOWEST - (1 / sampled.rows if sampled.rows < _FEWEST else 0.0))
     return [
@@ -221,8 +222,12 @@ def _rate(sampled: Sampled, requested_hz: float) -> list[DeviceAnswer]:
         ),
         _answer(
             "losses",
-            f"{100 * share:.2g} % of {sampled.rows + sampled.lost} samples",
-            "use a direct cable, and end other programs; `cfid rig check` names what it finds of the device",
+            "unknown: more samples than the stated rate"
+            if sampled.lost is None
+            else f"{100 * share:.2g} % of {count} samples",
+            "set the rate that the device's program sets"
+            if sampled.lost is None
+            else "use a direct cable, and end other programs; `cfid rig check` names what it finds of the device",
             limit=f"{100 * _MOST_LOST:g} %",
             within=share <= _MOST_LOST,
         ),
@@ -231,10 +236,11 @@ def _rate(sampled: Sampled, requested_hz: float) -> list[DeviceAnswer]:
 
 def of_vehicle(sampled: Sampled, plan: Sequence[Held]) -> list[DeviceAnswer]:
     """Judge the vehicle's log: the radio losses, and whether the battery lasts for a plan."""
-    lost = sampled.lost / max(sampled.rows + sampled.lost, 1)
+    count = sampled.rows + (sampled.lost or 0)
+    lost = (sampled.lost or 0) / max(count, 1)
     radio = _answer(
         "radio losses",
-        f"{100 * lost:.2g} % of {sampled.rows + sampled.lost} rows",
+        f"{100 * lost:.2g} % of {count} rows",
         "move the antenna nearer, or change the channel; a slower log (--log-ms) needs less",
         limit=f"{100 * _MOST_LOST:g} %",
         within=bool(sampled.rows) and lost <= _MOST_LOST,

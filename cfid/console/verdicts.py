@@ -59,9 +59,10 @@ def _losses(run: "Run") -> str:
 
     sentences = []
     for name, record in run.header.devices.items():
-        taken, skipped = record.lost + (record.rows or 0), record.skipped or 0
-        if record.lost > _FEW_LOST * taken:
-            text = f"{record.lost} of {taken} samples of {name} are lost: see to its cable, and to other programs."
+        lost, skipped = record.lost or 0, record.skipped or 0
+        taken = lost + (record.rows or 0)
+        if lost > _FEW_LOST * taken:
+            text = f"{lost} of {taken} samples of {name} are lost: see to its cable, and to other programs."
             sentences.append(f" {text}")
         stood_s = _missed_s(record, reason=STOOD)
         if stood_s * (record.rate_hz or 0) > skipped / 2:

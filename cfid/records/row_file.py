@@ -18,7 +18,7 @@ _LOSSES = (errno.EIO, errno.ENOSPC, errno.EDQUOT, errno.EROFS)  # a flush's othe
 
 
 class RowFile:
-    """A new CSV file with a header, open for rows; `rows` were written, `lost` samples are known to be missing.
+    """A new CSV file with a header, open for rows; `rows` were written, `lost` samples are missing (None: unknown).
 
     Writing is unbuffered, so that a killed process loses no row that was appended. Times are written
     to the microsecond, finer than almost any stamp, or with `all_digits`, as another program recorded them.
@@ -27,7 +27,8 @@ class RowFile:
     def __init__(self, path: Path, raw: FileIO, columns: Sequence[str], *, all_digits: bool = False) -> None:
         """Wrap an empty file that is open for writing; `create` makes one."""
         self.path, self.columns, self._all_digits = path, tuple(columns), all_digits
-        self.rows = self.lost = self._written = 0
+        self.rows = self._written = 0
+        self.lost: int | None = 0
         self._raw = raw
 
     @classmethod

@@ -11,7 +11,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import AliasChoices, AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AliasChoices, AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from cfid.errors import ConfigError, DataError
 from cfid.records.facts import NONE_STATED, RigFacts
@@ -24,6 +24,7 @@ RUNS_FOLDER = "runs"  # in a campaign
 RUN_FILE = "run.toml"
 RECORDER_FILE = ".recording"  # held by the process that records the run
 FORMAT = 1
+UNKNOWN = "unknown"  # in run.toml: how many samples were lost
 
 _NOTABLE_SKIPS = 0.01  # of the samples requested
 _QUIET_S = 2.0  # a file that changed within this time counts as growing
@@ -65,7 +66,8 @@ class Label(_Section):
 class DeviceRecord(_Section):
     """One device's file: its columns in the device's own units, and the scale from counts to SI.
 
-    `lost` samples were taken and are missing; `skipped` ones, of a device polled at `rate_hz`, were never taken.
+    `lost` samples were taken and are missing, None where that is unknown or the run is not closed; `skipped` ones, of a
+    device polled at `rate_hz`, were never taken.
     `channel_units` has, by column, units of another program's recording that the column's name does not show.
     """
 
@@ -73,7 +75,7 @@ class DeviceRecord(_Section):
     columns: tuple[_ColumnName, ...] = Field(min_length=1)
     counts_per_turn: _Positive | Literal["rls-13bit-in-22"] | None = None
     rows: _Count | None = None
-    lost: _Count = 0
+    lost: Annotated[_Count | None, BeforeValidator(lambda value: None if value == UNKNOWN else value)] = 0
     skipped: _Count | None = Field(None, validation_alias=AliasChoices("skipped", "grid_places_skipped"))
     rate_hz: _Positive | None = None
     channel_units: dict[str, str] | None = None
@@ -81,7 +83,7 @@ class DeviceRecord(_Section):
     @property
     def achieved(self) -> str:
         """The rate achieved as text, "462 of 1000 Hz", where at least one sample in a hundred was skipped; else ""."""
-        taken, skipped = (self.rows or 0) + self.lost, self.skipped or 0
+        taken, skipped = (self.rows or 0) + (self.lost or 0), self.skipped or 0
         if not skipped or skipped < _NOTABLE_SKIPS * (taken + skipped):
             return ""
         share = taken / (taken + skipped)
@@ -135,6 +137,12 @@ class RunHeader(_Section):
             "label": {"note"},
         }
         return sha256(self.model_dump_json(exclude=beside, exclude_defaults=True).encode()).hexdigest()
+
+    @property
+    def lost(self) -> int | None:
+        """How many samples of all devices are missing, None where that of any is unknown."""
+        counts = [device.lost for device in self.devices.values()]
+        return None if None in counts else sum(filter(None, counts))
 
     @property
     def family(self) -> str:
@@ -300,6 +308,8 @@ def write_header(folder: Path, header: RunHeader) -> None:
     """Write run.toml atomically. Raises OSError."""
     content = header.model_dump(mode="json", exclude_none=True, by_alias=True)
     content["started"] = header.started
+    for device in content["devices"].values():
+        device.setdefault("lost", UNKNOWN)
     content.pop("rig")
     if header.rig.stated:
         content["rig"] = header.rig.stated

@@ -67,6 +67,8 @@ def losses(run: Run, record: DeviceRecord, rows: int) -> list[str]:
         notes.append(f"the run failed ({run.header.reason or 'no reason given'}); the recorded rows are used.")
     if record.lost:
         notes.append(f"{counted(record.lost, 'sample was', 'samples were')} {_LOST}.")
+    if record.lost is None and not run.cut and run.header.origin is None:
+        notes.append("how many samples are missing is unknown.")
     if record.achieved:
         notes.append(
             f"{counted(record.skipped or 0, 'sample was', 'samples were')} {_NEVER_TAKEN} ({record.achieved}): the "

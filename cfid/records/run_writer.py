@@ -75,9 +75,13 @@ class RunWriter:
         """Add facts of a device, which are written to run.toml when the run is closed."""
         self._facts.setdefault(device, {}).update(facts)
 
-    def count_lost(self, device: str, samples: int) -> None:
-        """Count samples of a device that are known to be missing; run.toml states them however the run ends."""
-        self._files[device].lost += samples
+    def count_lost(self, device: str, samples: int | None) -> None:
+        """Count samples of a device that are missing, None where their number is unknown, as it then remains.
+
+        run.toml states the sum however the run ends.
+        """
+        file = self._files[device]
+        file.lost = None if samples is None or file.lost is None else file.lost + samples
 
     def close(self, state: State, *, reason: str = "", lost: Mapping[str, int] | None = None) -> Run:
         """Close the run and write its final run.toml; after a failed write, the state is always failed.
@@ -172,7 +176,7 @@ def create_run(
         rig=facts,
         asked=dict(requested),
         origin=origin,
-        devices=dict(devices),
+        devices={name: record.model_copy(update={"lost": None}) for name, record in devices.items()},
     )
     folder = _new_folder(runs_folder, re.sub(r"[^A-Za-z0-9_.+-]", "-", stem))
     try:
@@ -186,6 +190,8 @@ def create_run(
         (folder / _RESERVE_FILE).write_bytes(bytes(_RESERVE_BYTES))
         for name, record in devices.items():
             writer._files[name] = RowFile.create(folder / record.file, record.columns, all_digits=origin is not None)
+            if origin is not None:
+                writer.count_lost(name, None)
     except OSError as error:
         for file in writer._files.values():
             file.close()

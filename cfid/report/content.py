@@ -73,7 +73,7 @@ class RunLine:
     what: str
     state: str
     rows: int | None
-    lost: int
+    lost: int | None
     simulated: bool
     excluded: str
     note: str
@@ -172,7 +172,7 @@ def _line(run: Run) -> RunLine:
         what=" ".join(filter(None, [header.kind, label.body, label.axis, weight])),
         state=run.outcome,
         rows=sum(rows) if rows else None,
-        lost=sum(device.lost for device in devices),
+        lost=header.lost,
         simulated=header.simulated,
         excluded=getattr(header, "excluded", ""),
         note="; ".join(filter(None, [*(device.achieved for device in devices), label.note, header.reason])),

@@ -13,6 +13,7 @@ from cfid.errors import DeviceError
 from cfid.records.line_devices import LineDevice, LineValue
 from cfid.rig.check import DeviceAnswer
 from cfid.rig.e201_port import PORT_ERRORS, lock_name, why_not_open
+from cfid.rig.line_clock import periods
 from cfid.rig.lock import DeviceLock, holder_of
 from cfid.wire.lines import LineReader, printable
 
@@ -49,18 +50,43 @@ def _listened(name: str, setting: LineDevice) -> list[DeviceAnswer]:
         last = printable(reader.last_rejected)
         shown = f"{received} bytes, but no line that matches{f': {last!r}' if last else ''}"
         return [opened, DeviceAnswer("lines", "fault", shown, setting.unmatched(name))]
-    rate = _rate(setting, len(readings), reader.rejected, for_s)
-    return [opened, rate, *_clock(setting, readings, for_s), *_resolutions(setting, readings)]
+    clock = _clock(setting, readings, for_s)
+    runs = any(answer.state == "ok" for answer in clock)
+    rate = _rate(setting, len(readings), reader.rejected, for_s, _steps_s(setting, readings) if runs else None)
+    return [opened, rate, *clock, *_resolutions(setting, readings)]
 
 
-def _rate(setting: LineDevice, count: int, rejected: int, for_s: float) -> DeviceAnswer:
-    rate_hz = count / for_s
+def _rate(
+    setting: LineDevice, count: int, rejected: int, for_s: float, steps_s: npt.NDArray[np.float64] | None
+) -> DeviceAnswer:
+    """Compare the lines that came with those that were sent, by the device's clock (steps_s) or the stated rate."""
+    rate_hz, stated_hz = count / for_s, setting.rate_hz
     shown = f"{rate_hz:.4g} a second, {rejected} of {count + rejected} do not match"
     if rejected > max(_TORN * count, 1):
         return DeviceAnswer("lines", "warning", shown, "shorten the cable, lower the rate, or correct the pattern")
-    if abs(rate_hz - setting.rate_hz) > max(_OFF * setting.rate_hz, 2 / for_s):
-        return DeviceAnswer("lines", "warning", shown, f"rig.toml states {setting.rate_hz:g} Hz: set what it sends")
+    if rate_hz - stated_hz > max(_OFF * stated_hz, 2 / for_s):
+        advice = f"rig.toml states {stated_hz:g} Hz: set the rate that the device's program sets; losses are unknown"
+        return DeviceAnswer("lines", "warning", shown, advice)
+    if steps_s is None:
+        sent, few = stated_hz * for_s, max(_OFF * stated_hz * for_s, 2.0)
+    else:
+        tick_s = 1e-6 * setting.factor(setting.stamp) if setting.stamp is not None else 0.0
+        sent, few = 1 + sum(periods(step_s, rate_hz=stated_hz, tick_s=tick_s) for step_s in steps_s), 1.0
+    if sent - count > few:
+        shown = f"{shown}, {sent - count:.0f} of the {sent:.0f} that rig.toml's {stated_hz:g} Hz implies are missing"
+        advice = (
+            "see to cable, baud and other programs, and compare rate_hz with the rate that the device's program sets"
+        )
+        return DeviceAnswer("lines", "warning", shown, advice)
     return DeviceAnswer("lines", "ok", shown)
+
+
+def _steps_s(setting: LineDevice, readings: Sequence[tuple[float, ...]]) -> npt.NDArray[np.float64]:
+    """Return the steps of the device's own clock from line to line; none where it sends none."""
+    if (stamp := setting.stamp) is None:
+        return np.empty(0)
+    ticks = np.array(readings)[:, setting.in_order().index(stamp)]
+    return np.asarray(1e-6 * setting.factor(stamp) * (np.diff(ticks) % _WRAP))
 
 
 def _clock(setting: LineDevice, readings: Sequence[tuple[float, ...]], for_s: float) -> list[DeviceAnswer]:
@@ -68,8 +94,7 @@ def _clock(setting: LineDevice, readings: Sequence[tuple[float, ...]], for_s: fl
     stamp = setting.stamp
     if stamp is None:
         return []
-    ticks = np.array(readings)[:, setting.in_order().index(stamp)]
-    gone_s = 1e-6 * setting.factor(stamp) * float(np.sum(np.diff(ticks) % _WRAP))
+    gone_s = float(np.sum(_steps_s(setting, readings)))
     shown = f"went {gone_s:.3g} s in {for_s:.3g} s"
     if abs(gone_s - for_s) > _OFF * for_s + 2 / setting.rate_hz:
         advice = "it counts another unit, stands, or is no clock: are there commas in numbers?"

@@ -91,7 +91,7 @@ class Encoder:
         self._gone_s: float | None = None
         self._gaps: list[dict[str, float | str]] = []
         self._missing = self._late = self._failed_check = self._taken = self._counted = 0
-        self._stopped = False
+        self._stopped = self._started = False
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -101,6 +101,7 @@ class Encoder:
     def start(self) -> None:
         """Open the port and begin to sample."""
         self._received_s = self._loop.seconds()
+        self._started = True
         self._attach()
 
     def received(self, data: bytes) -> None:
@@ -156,7 +157,7 @@ class Encoder:
         elif self._line is not None:
             await self._quieten(self._line)
         now_s = self._loop.seconds()
-        if now_s - self._received_s > self._longest(_PAUSE_S):
+        if self._started and now_s - self._received_s > self._longest(_PAUSE_S):
             self._note_gap(now_s, "silent at the end" if self._gone_s is None else "unplugged")
         if self._gone_s is not None:
             raise DeviceError(
@@ -268,10 +269,11 @@ class Encoder:
                 "unplug it and plug it in again; `cfid rig check` looks for the cause."
             )
 
-    def _newly_lost(self) -> int:
-        """Count samples lost since the last block; in continuous output only garbled ones are known."""
-        unread = self._reader.rejected if self._polls is None else self._polls.unanswered
-        lost = unread + self._missing + self._late + self._failed_check
+    def _newly_lost(self) -> int | None:
+        """Count samples lost since the last block; in continuous output, which has no known rate, none are known."""
+        if self._polls is None:
+            return None
+        lost = self._polls.unanswered + self._missing + self._late + self._failed_check
         newly, self._counted = lost - self._counted, lost
         return newly
 

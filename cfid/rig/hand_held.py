@@ -192,7 +192,7 @@ class HandHeld:
         self._rows = _Rows(len(parser.columns), clock)
         self._port: Port | None = None
         self._received_s = 0.0
-        self._unread_bytes = self._counted = 0
+        self._unread_bytes = 0
         self._last_bytes = b""
         self._gone = self._stopped = False
 
@@ -220,8 +220,7 @@ class HandHeld:
         block = self._rows.take()
         if not len(block.columns[0]) and not self._stopped:
             self._watch()
-        before, self._counted = self._counted, self._parser.rejected
-        return block._replace(lost=self._counted - before)
+        return block._replace(lost=None)  # the device states neither a rate nor a clock
 
     async def stop(self) -> None:
         """Expect no further reading."""

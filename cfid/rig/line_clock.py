@@ -1,22 +1,23 @@
-"""Judges lines by the clock of the device that sent them, and counts lines that are missing between others."""
+"""Judges lines by the clock of the device that sent them: how long after the line before each was sent."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
-
-from cfid.rig.line_summary import OFF, UNLIKE
-
 _WRAP = 1 << 32  # of a device's clock
-_MOST_FALSE = 3  # lines in a row: more show that the number is no clock
-_WINDOW, _FEWEST = 64, 20  # lines that show the usual interval
-_USUAL = 0.75  # quantile of the intervals: lines sent twice, or a device that waits, are no losses
+_TICKS = 4  # fewest ticks of a device's clock in a period that show how many periods a step is
+UNLIKE = 0.01  # fraction of this computer's time by which a device's clock may deviate
+
+
+def periods(step_s: float, *, rate_hz: float, tick_s: float) -> float:
+    """Return how many periods a step of a device's clock is: a whole number, if its ticks are fine enough."""
+    count = step_s * rate_hz
+    return round(count) if _TICKS * tick_s * rate_hz <= 1 else count
 
 
 class Line(NamedTuple):
     """A line's arrival by this computer's clock, and its numbers.
 
-    `step_s` is the time since the line before, by the device's clock where it sends one; None where it is unknown.
+    `step_s` is the time since the line before, by the device's clock; None where that does not show it.
     """
 
     received_s: float
@@ -25,133 +26,50 @@ class Line(NamedTuple):
 
 
 class Arrivals:
-    """Takes lines of a device without a clock: their times are those of arrival."""
+    """Takes lines of a device without a clock."""
 
-    false = repeats = 0
-
-    def __init__(self) -> None:
-        """Start with no line."""
-        self._last_s: float | None = None
+    false = in_doubt = 0
 
     def credible(self, received_s: float, readings: Sequence[tuple[float, ...]]) -> list[Line]:
         """Return the lines that arrived at one time, in order."""
-        found = []
-        for numbers in readings:
-            found.append(Line(received_s, numbers, None if self._last_s is None else received_s - self._last_s))
-            self._last_s = received_s
-        return found
-
-    def settle(self) -> list[Line]:
-        """Return no line at the end, since none was unconfirmed."""
-        return []
+        return [Line(received_s, numbers, None) for numbers in readings]
 
 
 class DeviceClock:
-    """Takes lines whose clock continues that of earlier lines; `false` counts the others, which are left out.
-
-    `repeats` counts lines that repeat the line before, its clock included.
+    """Takes lines whose clock continues that of the line before; `false` counts the others, which are left out.
 
     Two lines that ran into one have a number of too many digits: the clock jumps back, or ahead of this computer's,
-    for one line. Lines come late, never early, so that a true clock is never ahead of the quickest line's. Where later
-    lines continue from the new number, the device was restarted, and all of them count. The first lines count once
-    a line continues from one of them.
+    for one line. Lines come late, never early, so that a true clock is never ahead of the quickest line's. Where the
+    next line continues from the new number, the device was restarted, and both count. The first line counts once a
+    line continues from it.
     """
 
     def __init__(self, place: int, *, tick_s: float, early_s: float) -> None:
         """Take the clock's place in a line, how long its tick lasts, and how far ahead of time a line may be."""
-        self.false = self.repeats = 0
+        self.false = self.in_doubt = 0  # in_doubt: lines left out since the last that counted
         self._place, self._tick_s, self._early_s = place, tick_s, early_s
         self._last: Line | None = None
         self._late_s = 0.0  # how much later than the quickest line the last one came
-        self._unconfirmed: list[Line] = []
-        self._is_clock = True
+        self._doubted: Line | None = None  # the line before, if it did not continue
 
     def credible(self, received_s: float, readings: Sequence[tuple[float, ...]]) -> list[Line]:
-        """Return, in order, the lines that count among those that came together and the unconfirmed ones before."""
+        """Return, in order, the lines that count among those that came together and the doubted one before."""
         return [line for numbers in readings for line in self._judged(Line(received_s, numbers, None))]
 
-    def settle(self) -> list[Line]:
-        """Count lines unconfirmed at the end as false, but return a single first one, which no other refutes."""
-        if self._last is None and len(self._unconfirmed) == 1:
-            return self._begun(self._unconfirmed)
-        self._leave_out()
+    def _judged(self, line: Line) -> list[Line]:
+        doubted, self._doubted = self._doubted, None
+        for before, late_s, lines in ((self._last, self._late_s, ()), (doubted, 0.0, (doubted,))):
+            if before is not None and (step_s := self._step_s(before, late_s, line)) is not None:
+                self.false, self.in_doubt, self._last = self.false - len(lines), 0, line
+                self._late_s = max(late_s + line.received_s - before.received_s - step_s, 0.0)
+                return [*filter(None, lines), line._replace(step_s=step_s)]
+        self._doubted = line
+        self.false, self.in_doubt = self.false + 1, self.in_doubt + 1
         return []
 
-    def _leave_out(self) -> None:
-        self.false += len(self._unconfirmed)
-        self._unconfirmed = []
-
-    def _judged(self, line: Line) -> list[Line]:
-        if not self._is_clock:
-            return self._begun([line])
-        if self._last is None:
-            for place, before in enumerate(self._unconfirmed):
-                if self._after(before, 0.0, line) is not None:
-                    self._last = self._unconfirmed.pop(place)
-                    return [before, *self._judged(line)]
-        elif (late_s := self._after(self._last, self._late_s, line)) is not None:
-            self._leave_out()
-            step_s = self._step_s(self._last, line)
-            self.repeats += int(line.numbers == self._last.numbers)
-            self._last, self._late_s = line, max(late_s, 0.0)
-            return [line._replace(step_s=step_s)]
-        anew = bool(self._unconfirmed) and self._after(self._unconfirmed[-1], 0.0, line) is not None
-        self._unconfirmed.append(line)
-        self._is_clock = len(self._unconfirmed) <= _MOST_FALSE
-        return self._begun(self._unconfirmed) if anew or not self._is_clock else []
-
-    def _begun(self, lines: list[Line]) -> list[Line]:
-        """Continue from the last of some lines, with which the clock started anew."""
-        self._last, self._late_s, self._unconfirmed = lines[-1], 0.0, []
-        return lines
-
-    def _step_s(self, before: Line, line: Line) -> float:
+    def _step_s(self, before: Line, late_s: float, line: Line) -> float | None:
+        """Return how long after `before`, which came `late_s` late, a line was sent; None if it does not continue."""
         ticks = round(line.numbers[self._place]) - round(before.numbers[self._place])
-        return self._tick_s * ((ticks + _WRAP // 2) % _WRAP - _WRAP // 2)
-
-    def _after(self, before: Line, late_s: float, line: Line) -> float | None:
-        """Return how much later than the quickest a line came; None if it does not continue `before`, `late_s` late."""
-        here_s, step_s = line.received_s - before.received_s, self._step_s(before, line)
-        now_late_s = late_s + here_s - step_s
-        return now_late_s if step_s >= 0 and now_late_s > -self._early_s - UNLIKE * here_s else None
-
-
-class Spacing:
-    """Counts lines that are missing between those that came, by their usual interval.
-
-    A usual interval below a limit is not used: the clock is too coarse, or the computer delays arrivals too much. Nor
-    is one shorter than `rate_hz` implies: after a pause a device may send overdue lines all at once.
-    """
-
-    def __init__(self, rate_hz: float, *, shortest_s: float) -> None:
-        """Take the stated rate, and the shortest usual interval by which lines can be counted."""
-        self.missing = 0
-        self._stated_s, self._shortest_s = 1 / rate_hz, shortest_s
-        self._steps_s: list[float] = []
-        self._known = self._open = 0
-
-    def add(self, steps_s: Iterable[float], *, known: int) -> None:
-        """Take the intervals (n,) between lines, and how many of the missing lines are already counted as lost."""
-        self._steps_s += steps_s
-        self._known += known
-        if len(self._steps_s) >= _WINDOW:
-            self._count()
-
-    def settle(self) -> None:
-        """Count what is still open at the end."""
-        if len(self._steps_s) >= _FEWEST:
-            self._count()
-        self.missing, self._open = self.missing + self._open, 0
-
-    def _count(self) -> None:
-        """Count lines missing since the last count; late lines, in this count or the next, make up for them."""
-        steps_s, known = np.array(self._steps_s), self._known
-        self._steps_s, self._known = [], 0
-        usual_s = max(float(np.quantile(steps_s, _USUAL)), (1 - OFF) * self._stated_s)
-        if usual_s < self._shortest_s:
-            return
-        here = int(np.sum(np.rint(steps_s / usual_s) - 1)) - known
-        if here >= 0:
-            self.missing, self._open = self.missing + self._open, here
-        else:
-            self._open = max(self._open + here, 0)
+        step_s = self._tick_s * ((ticks + _WRAP // 2) % _WRAP - _WRAP // 2)
+        here_s = line.received_s - before.received_s
+        return step_s if 0 <= step_s < late_s + here_s + self._early_s + UNLIKE * here_s else None

@@ -1,9 +1,8 @@
 """Sentences at the end of a recording of lines, on a rate or clock other than stated, and on lines left out."""
 
 from cfid.counted import counted
+from cfid.rig.line_clock import UNLIKE
 
-OFF = 0.1  # tolerance, as a fraction of the rate that rig.toml states
-UNLIKE = 0.01  # fraction of this computer's time by which a device's clock may deviate
 _TELLING_S = 2.0  # shortest recording that shows a clock's rate
 
 
@@ -15,13 +14,11 @@ def repeated(name: str, count: int) -> str:
     )
 
 
-def rate_apart(name: str, sent_hz: float, *, stated_hz: float) -> tuple[str, ...]:
-    """Return a sentence on a rate other than that in rig.toml, by which losses in gaps are counted."""
-    if abs(sent_hz - stated_hz) <= OFF * stated_hz:
-        return ()
+def too_many(name: str, sent_hz: float, *, stated_hz: float) -> str:
+    """Return the sentence on more lines than rig.toml states, which shows that its rate is wrong."""
     return (
-        f"the {name} sent {sent_hz:.4g} lines a second; rig.toml states {stated_hz:g}: set devices.{name}.rate_hz to "
-        "what it sends.",
+        f"the {name} sent {sent_hz:.4g} lines a second, more than the {stated_hz:g} that rig.toml states, so its "
+        f"losses are unknown: set devices.{name}.rate_hz to the rate that the device's program sets."
     )
 
 
@@ -36,10 +33,10 @@ def false_clock(name: str, count: int) -> tuple[str, ...]:
 
 
 def restarted(name: str) -> str:
-    """Return the sentence on a device's clock that disagreed with this computer's across a gap."""
+    """Return the sentence on a device's clock that started anew."""
     return (
-        f"the {name}'s clock, device_us, went otherwise than this computer's in a gap: was the device restarted? See "
-        "to its supply. A swing is timed by its clock before and after."
+        f"the {name}'s clock, device_us, started anew: was the device restarted? See to its supply. A swing is timed "
+        "by its clock before and after."
     )
 
 

@@ -1,8 +1,7 @@
 """Records a device that sends lines of text unprompted; a port that is gone is opened again when it is back."""
 
-import math
-from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,8 +11,8 @@ from cfid.errors import DeviceError
 from cfid.records.line_devices import LineDevice
 from cfid.rig.clock import HostClock
 from cfid.rig.e201_stamps import Stamps
-from cfid.rig.line_clock import Arrivals, DeviceClock, Line, Spacing
-from cfid.rig.line_summary import OFF, UNLIKE, clock_apart, false_clock, rate_apart, repeated, restarted
+from cfid.rig.line_clock import UNLIKE, Arrivals, DeviceClock, Line, periods
+from cfid.rig.line_summary import clock_apart, false_clock, repeated, restarted, too_many
 from cfid.rig.listening import Listen, Port
 from cfid.rig.recorder import Block, Say, no_rows
 from cfid.rig.stalls import STOOD, Stalls
@@ -26,18 +25,8 @@ _PERIODS = 4  # of a slow rate: a shorter silence is neither absence nor gap
 _SEARCH_S = 0.5
 _LATE_S = 0.3  # after a gap, in which lines that the computer held back still come
 _PROMPT, _CHUNK_S = 2, 0.02  # lines after a gap that are no burst; a USB adapter passes them on in chunks
-_WRAP = 1 << 32  # of a device's clock
-_FEWEST = 20  # lines that show a rate
-_TICKS = 4  # fewest ticks of a device's clock in an interval by which lines are counted
-_PROMPT_S = 0.05  # shortest interval by which arrivals are counted: a busy computer delays lines by less
-
-
-class _Latest(NamedTuple):
-    """A line's arrival by this computer's clock, the device's clock in it, and how many lines had not counted."""
-
-    received_s: float
-    ticks: int
-    known: int
+_DOUBTS = 20  # lines in a row that do not continue the clock: the number is none
+_SLACK_S, _LIVE_SLACK_S = 0.1, 0.5  # by which a computer may delay the first line, at the end and in the live line
 
 
 class Lines:
@@ -63,23 +52,23 @@ class Lines:
         self._patient = patient
         self._reader = device.reader()
         self._stamps = Stamps()
-        self._clocked, self._spacing = self._judges()
-        self._known = 0  # lines that did not match, or had a false clock, as reported to the spacing
+        self._tick_s = 0.0 if device.stamp is None else 1e-6 * device.factor(device.stamp)
+        self._clocked = self._judge()
         self._port: Port | None = None
         self._lines: list[Line] = []
         self._received_s = 0.0
         self._begun = self._stopped = False  # begun with the first line
         self._gone_s: float | None = None
         self._gaps: list[dict[str, float | str]] = []
-        self._missing = self._counted = self._sent = 0
-        self._owed = 0  # lines that the last gap should have had, until those that come late are known
+        self._sent = 0.0  # lines after the first, by the device's clock or the time of arrival, and the stated rate
+        self._kept = self._repeats = self._counted = 0  # kept: of the lines after the first
+        self._first_s: float | None = None  # when the first row arrived
+        self._row: Line | None = None  # the latest row
+        self._missing_before = 0  # the last gap
+        self._gap_ended_s: float | None = None  # until lines that come late have come
         self._late = 0  # lines since the end of that gap
-        self._paid_s: float | None = None  # when that gap ended
-        self._latest: _Latest | None = None  # the latest line
-        self._before: _Latest | None = None  # the latest line before that gap
-        self._restarted = False  # the device's clock disagreed with this computer's across a gap
+        self._restarts = 0  # of the device's clock
         self._stalls = Stalls(loop)
-        self._sending_s = 0.0  # without gaps
         self._first: tuple[float, int] | None = None  # by this computer's clock, and the device's, in microseconds
         self._last = (0.0, 0)
 
@@ -101,22 +90,11 @@ class Lines:
             return
         if self._begun and now_s - self._received_s > self._longest(_PAUSE_S):
             self._note_gap(now_s, "no line came")
-        elif self._begun and self._paid_s is None:  # lines that come late show no rate
-            self._sent, self._sending_s = self._sent + len(readings), self._sending_s + now_s - self._received_s
         self._begun, self._received_s = True, now_s
         lines = self._clocked.credible(now_s, readings)
-        known = self._reader.rejected + self._clocked.false
-        if self._paid_s is None:
-            self._spacing.add([line.step_s for line in lines if line.step_s is not None], known=known - self._known)
-        self._known = known
-        if not lines:
-            return
-        if (stamp := self._device.stamp) is not None:
-            ticks = int(lines[-1].numbers[self._device.in_order().index(stamp)])
-            self._latest = _Latest(now_s, ticks, known)
-        if self._paid_s is not None and not self._is_timely(len(lines), now_s - self._paid_s):
-            return
-        self._lines += lines
+        if self._is_timely(len(lines), now_s):
+            self._count(lines)
+            self._lines += lines
 
     def disconnected(self) -> None:
         """Note that the plug was pulled, and look for the port until it is back."""
@@ -155,11 +133,9 @@ class Lines:
         silent_s = now_s - self._received_s
         if self._begun and silent_s > self._longest(_PAUSE_S):
             self._note_gap(now_s, "silent at the end" if self._gone_s is None else "unplugged")
+            self._sent += silent_s * self._device.rate_hz
         self._settle()
-        self._lines += self._clocked.settle()
-        self._spacing.settle()
-        self._say_rate()
-        self._say_clock()
+        self._say_summary()
         if self._gone_s is not None and self._patient:
             raise DeviceError(
                 f"{self._device.port}: unplugged {now_s - self._gone_s:.0f} s before the end, and not plugged in again."
@@ -175,8 +151,7 @@ class Lines:
     def facts(self) -> Mapping[str, Any]:
         """Return losses by kind, and gaps."""
         losses = {
-            "missing_in_gaps": self._missing,
-            "missing_between_lines": self._spacing.missing,
+            "missing_lines": max(self._missing - self._left_out, 0),
             "lines_that_do_not_match": self._reader.rejected,
             "lines_with_a_false_clock": self._clocked.false,
         }
@@ -186,14 +161,41 @@ class Lines:
     def _names(self) -> list[str]:
         return [value.name for value in self._device.in_order()]
 
-    def _judges(self) -> tuple[Arrivals | DeviceClock, Spacing]:
-        """Return what judges lines, and what counts missing ones, both by the device's clock if it sends one."""
-        stamp = self._device.stamp
-        if stamp is None:
-            return Arrivals(), Spacing(self._device.rate_hz, shortest_s=_PROMPT_S)
-        tick_s, place = 1e-6 * self._device.factor(stamp), self._device.in_order().index(stamp)
-        clock = DeviceClock(place, tick_s=tick_s, early_s=self._longest(_LATE_S))
-        return clock, Spacing(self._device.rate_hz, shortest_s=_TICKS * tick_s)
+    def _judge(self) -> Arrivals | DeviceClock:
+        """Return what judges lines, by the device's clock if it sends one."""
+        if (stamp := self._device.stamp) is None:
+            return Arrivals()
+        place = self._device.in_order().index(stamp)
+        return DeviceClock(place, tick_s=self._tick_s, early_s=self._longest(_LATE_S))
+
+    def _count(self, lines: Sequence[Line]) -> None:
+        """Count lines and how many were sent since the line before; the first arrival may have been delayed."""
+        for line in lines:
+            before, self._row = self._row, line
+            if line.step_s is not None:
+                self._sent += periods(line.step_s, rate_hz=self._device.rate_hz, tick_s=self._tick_s)
+            elif before is None or line.received_s == self._first_s:
+                self._first_s = line.received_s
+                continue
+            else:
+                self._restarts += self._device.stamp is not None
+                self._sent += (line.received_s - before.received_s) * self._device.rate_hz
+            repeats = line.step_s == 0 and before is not None and line.numbers == before.numbers
+            self._kept, self._repeats = self._kept + 1 - repeats, self._repeats + repeats
+
+    @property
+    def _missing(self) -> int:
+        return round(self._sent) - self._kept
+
+    @property
+    def _left_out(self) -> int:
+        return self._reader.rejected + self._clocked.false
+
+    def _lost(self, slack_s: float) -> int | None:
+        """Return how many lines are lost; None where more came than the stated rate allows, which is then wrong."""
+        if -self._missing > UNLIKE * self._kept + slack_s * self._device.rate_hz:
+            return None
+        return max(self._missing, self._left_out)
 
     def _search(self) -> None:
         if self._stopped or self._gone_s is None:
@@ -211,77 +213,51 @@ class Lines:
         self._gone_s, self._received_s = None, now_s
 
     def _note_gap(self, end_s: float, reason: str) -> None:
-        """Note a span without lines; those that the rate implies there are lost, except lines that come late."""
+        """Note a span without lines."""
         self._settle()
         stood = self._stalls.since(self._received_s) > (end_s - self._received_s) / 2
         begin_s, to_s = self._clock.unix_s(np.array([self._received_s, end_s])).tolist()
         self._gaps.append({"from_s": begin_s, "to_s": to_s, "reason": STOOD if stood else reason})
-        self._owed, self._paid_s = max(round((end_s - self._received_s) * self._device.rate_hz), 0), end_s
-        self._late, self._before = 0, self._latest
+        self._gap_ended_s, self._late, self._missing_before = end_s, 0, self._missing
 
-    def _is_timely(self, lines: int, since_s: float) -> bool:
+    def _is_timely(self, lines: int, now_s: float) -> bool:
         """Return whether lines after a gap are kept: in a burst, only a device's clock shows when each was sent."""
         self._late += lines
-        if self._device.stamp is None and self._late > _PROMPT + (since_s + _CHUNK_S) * self._device.rate_hz:
-            return False
-        self._owed -= lines
-        return True
+        if self._gap_ended_s is None or self._device.stamp is not None:
+            return True
+        return self._late <= _PROMPT + (now_s - self._gap_ended_s + _CHUNK_S) * self._device.rate_hz
 
     def _settle(self, *, after_s: float = 0.0) -> None:
-        """Count what the last gap lost, `after_s` after its end, when no more of its lines come late."""
-        if self._paid_s is None or self._loop.seconds() - self._paid_s < after_s:
+        """State what the last gap lost by the device's clock, `after_s` after its end, when no line comes late."""
+        if self._gap_ended_s is None or self._loop.seconds() - self._gap_ended_s < after_s:
             return
-        by_device = self._skipped_by_device()
-        # Count up to the last line; after a silent end, none came.
-        since_s = max(self._received_s - self._paid_s, 0.0)
-        by_arrival = self._owed + math.floor(since_s * self._device.rate_hz)
-        self._missing += max(by_arrival if by_device is None else by_device, 0)
-        self._paid_s = None
-        if by_device is not None:
-            self._gaps[-1]["lost"] = max(by_device, 0)
+        self._gap_ended_s = None
+        if self._device.stamp is not None and self._late:
+            self._gaps[-1]["lost"] = max(self._missing - self._missing_before, 0)
 
-    def _skipped_by_device(self) -> int | None:
-        """Return how many lines are missing since the last line before the last gap, by the device's own clock.
-
-        Return None where that clock shows nothing: the device sends none, no line came since, or the clock disagrees
-        with this computer's, as that of a restarted board does.
-        """
-        stamp, before, latest = self._device.stamp, self._before, self._latest
-        if stamp is None or before is None or latest is None or not self._late:
-            return None
-        gone_s = 1e-6 * self._device.factor(stamp) * ((latest.ticks - before.ticks) % _WRAP)
-        here_s = latest.received_s - before.received_s
-        if abs(gone_s - here_s) > _LATE_S + UNLIKE * here_s:
-            self._restarted = True
-            return None
-        return round(gone_s * self._device.rate_hz) - self._late - (latest.known - before.known)
-
-    def _say_rate(self) -> None:
-        repeats = self._clocked.repeats
-        sent = self._sent + self._reader.rejected + self._spacing.missing - repeats
-        if repeats > OFF * self._sent:
-            self._say(repeated(self.name, repeats))
-        if self._sending_s and sent >= _FEWEST:
-            self._say_all(rate_apart(self.name, sent / self._sending_s, stated_hz=self._device.rate_hz))
-
-    def _say_clock(self) -> None:
-        self._say_all(false_clock(self.name, self._clocked.false))
-        if self._restarted:
-            self._say(restarted(self.name))
+    def _say_summary(self) -> None:
+        if self._repeats > UNLIKE * self._kept:
+            self._say(repeated(self.name, self._repeats))
+        if self._sent and self._lost(_SLACK_S) is None:
+            stated_hz = self._device.rate_hz
+            self._say(too_many(self.name, stated_hz * self._kept / self._sent, stated_hz=stated_hz))
+        apart: tuple[str, ...] = ()
         if self._first is not None and not self._gaps:
             here_s, there_s = self._last[0] - self._first[0], 1e-6 * (self._last[1] - self._first[1])
-            self._say_all(clock_apart(self.name, here_s=here_s, there_s=there_s))
-
-    def _say_all(self, sentences: Iterable[str]) -> None:
-        for sentence in sentences:
+            apart = clock_apart(self.name, here_s=here_s, there_s=there_s)
+        for sentence in (
+            *false_clock(self.name, self._clocked.false),
+            *((restarted(self.name),) if self._restarts else apart),
+        ):
             self._say(sentence)
 
     def _longest(self, usual_s: float) -> float:
         """Return how long a silence may be at this rate before it is significant."""
         return max(usual_s, _PERIODS / self._device.rate_hz)
 
-    def _newly_lost(self) -> int:
-        lost = self._reader.rejected + self._clocked.false + self._missing + self._spacing.missing
+    def _newly_lost(self) -> int | None:
+        if (lost := self._lost(_SLACK_S if self._stopped else _LIVE_SLACK_S)) is None:
+            return None
         newly, self._counted = lost - self._counted, lost
         return newly
 
@@ -289,6 +265,11 @@ class Lines:
         if self._stopped:
             return
         where = self._device.port
+        if self._clocked.in_doubt > _DOUBTS:
+            raise DeviceError(
+                f"{where}: the {self.name}'s clock jumps in every line: is it a clock, in the stated unit, without "
+                f"commas? Correct it, or leave it out of devices.{self.name}.values."
+            )
         silent_s = self._loop.seconds() - self._received_s - self._stalls.since(self._received_s)
         if self._gone_s is not None:
             if not self._patient:

@@ -46,6 +46,7 @@ def _loss(vehicle: ReadyVehicle, names: Sequence[str], period_ms: int) -> float:
         if ending.signal:
             raise KeyboardInterrupt
         came = recorder.progress[instrument.name]
-        return came.lost / (came.rows + came.lost) if came.rows else 1.0
+        lost = came.lost or 0
+        return lost / (came.rows + lost) if came.rows else 1.0
 
     return run_until_done(main)

@@ -33,7 +33,7 @@ class Noticing:
         if wrong:
             self._tell(wrong)
 
-    def count_lost(self, device: str, samples: int) -> None:
+    def count_lost(self, device: str, samples: int | None) -> None:
         """Count samples that are missing."""
         self._run.count_lost(device, samples)
 

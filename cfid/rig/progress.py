@@ -25,7 +25,8 @@ class Progress:
 
     def __init__(self) -> None:
         """Start with nothing."""
-        self.rows = self.lost = 0
+        self.rows = 0
+        self.lost: int | None = 0
         self.status = ""
         self.reading: Reading | None = None
         self.first: tuple[float, ...] = ()
@@ -43,7 +44,7 @@ class Progress:
         """Take note of a block; one of an instrument `at_rest` counts towards its tare."""
         rows = len(block.columns[0])
         self.rows += rows
-        self.lost += block.lost
+        self.lost = None if self.lost is None or block.lost is None else self.lost + block.lost
         self.status = block.status
         self._blocks.append((now_s, rows))
         self._note_silence(now_s, rows)

@@ -26,11 +26,12 @@ Say = Callable[[str], None]
 class Block(NamedTuple):
     """An instrument's data since the last block: columns (n,), samples lost, and a fault that ends the run.
 
+    `lost` is None from when on it is unknown how many are, as where a device states neither a rate nor a clock.
     `status` is what the live line shows in place of values.
     """
 
     columns: Sequence[npt.NDArray[Any]]
-    lost: int = 0
+    lost: int | None = 0
     fault: str = ""
     status: str = ""
 
@@ -66,8 +67,8 @@ class Sink(Protocol):
     def append(self, device: str, columns: Sequence[Any]) -> None:
         """Write one block. Raises DataError when it does not fit."""
 
-    def count_lost(self, device: str, samples: int) -> None:
-        """Count samples that are missing."""
+    def count_lost(self, device: str, samples: int | None) -> None:
+        """Count samples that are missing; None for an unknown number, after which the count stays unknown."""
 
     def describe(self, device: str, facts: Mapping[str, Any]) -> None:
         """Add facts about a device."""
@@ -82,7 +83,7 @@ class Nowhere:
     def append(self, device: str, columns: Sequence[Any]) -> None:
         """Discard a block."""
 
-    def count_lost(self, device: str, samples: int) -> None:
+    def count_lost(self, device: str, samples: int | None) -> None:
         """Discard a count of missing samples."""
 
     def describe(self, device: str, facts: Mapping[str, Any]) -> None:
@@ -180,7 +181,7 @@ class Recorder:
 
     def _write(self, instrument: Instrument) -> None:
         block = instrument.take()
-        if block.lost:
+        if block.lost != 0:
             self._run.count_lost(instrument.name, block.lost)
         if len(block.columns[0]):
             self._run.append(instrument.name, block.columns)

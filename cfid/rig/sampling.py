@@ -15,10 +15,10 @@ from cfid.rig.recorder import Recorder, sleep
 
 @dataclass
 class Sampled:
-    """A device's rows as columns (n,), by their names, the samples that were lost, and its facts."""
+    """A device's rows as columns (n,), by their names, the samples that were lost (None: unknown), and its facts."""
 
     columns: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict)
-    lost: int = 0
+    lost: int | None = 0
     facts: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -33,16 +33,17 @@ class Memory:
     def __init__(self) -> None:
         """Start without rows."""
         self._blocks: dict[str, list[Sequence[Any]]] = {}
-        self._lost: dict[str, int] = {}
+        self._lost: dict[str, int | None] = {}
         self._facts: dict[str, Mapping[str, Any]] = {}
 
     def append(self, device: str, columns: Sequence[Any]) -> None:
         """Keep one block."""
         self._blocks.setdefault(device, []).append(columns)
 
-    def count_lost(self, device: str, samples: int) -> None:
+    def count_lost(self, device: str, samples: int | None) -> None:
         """Count samples that are missing."""
-        self._lost[device] = self._lost.get(device, 0) + samples
+        before = self._lost.get(device, 0)
+        self._lost[device] = None if samples is None or before is None else before + samples
 
     def describe(self, device: str, facts: Mapping[str, Any]) -> None:
         """Keep a device's facts."""

@@ -63,6 +63,6 @@ def _of_device(name: str, device: DeviceProgress, run: LiveRun) -> tuple[str, st
     rate_hz = run.rate_hz(device)
     rate = f"{rate_hz:.0f}{requested} Hz, " if rate_hz > _SLOWEST_HZ else ""
     lost = device.missing if run.recording else record.lost
-    losses = "" if lost is None else f", {lost} lost"
+    losses = "" if lost is None and run.recording else f", {'losses unknown' if lost is None else f'{lost} lost'}"
     unreadable = f", {counted(device.tail.unreadable, 'byte')} unreadable" if device.tail.unreadable else ""
     return name, f"{rate}{counted(device.rows, 'row')}{losses}{unreadable}", bool(lost or device.tail.unreadable)

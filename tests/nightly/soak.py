@@ -21,6 +21,7 @@ from cfid.console.campaign import make_campaign
 from cfid.records.run import Run, read_run
 from cfid.rig.sim_file import SIM_FILE
 from cfid.sim.faults import SOUND_ENCODER, SOUND_LOADCELL
+from tests.known import known
 from tests.priority import ahead_of_others
 from tests.rig.virtual import Session, encoder, loadcell
 
@@ -74,7 +75,7 @@ def _print(what: str, run: Run, device: str) -> None:
     record = run.header.devices[device]
     print(f"{what}, rows {record.rows}")
     print(f"{what}, lost {record.lost}  (goal: 0)")
-    asked = (record.rows or 0) + record.lost + (record.skipped or 0)
+    asked = (record.rows or 0) + known(record.lost) + (record.skipped or 0)
     print(f"{what}, skipped {1e4 * (record.skipped or 0) / asked:.2f} in 10 000  (goal: at most 1)")
     for gap in (record.model_extra or {}).get("gaps", ()):
         print(f"{what}, a gap of {gap['to_s'] - gap['from_s']:.2f} s after {gap['from_s']:.0f}: {gap['reason']}")

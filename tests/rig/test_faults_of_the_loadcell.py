@@ -15,6 +15,7 @@ import pytest
 
 from cfid.sim.netft_server import BoxPorts
 from cfid.wire.rdt import Command, Request, encode_request
+from tests.known import known
 from tests.rig_in_a_folder import LOADCELL_HZ, Lab, lab_in, wait_until
 
 LOG = ("log", "loadcell")
@@ -37,7 +38,7 @@ def check_count(lab: Lab) -> None:
     rows = rows_of(lab)
     record = lab.run().header.devices["loadcell"]
     assert record.rows == len(rows)
-    assert len(rows) + record.lost == rows["rdt_sequence"].iloc[-1]
+    assert len(rows) + known(record.lost) == rows["rdt_sequence"].iloc[-1]
     assert np.all(np.diff(rows["rdt_sequence"]) > 0)
     assert np.all(np.diff(rows["t"]) > 0)
 
@@ -140,7 +141,7 @@ def test_a_silence_that_ends_is_a_gap_with_its_losses(lab: Lab) -> None:
     assert gap["reason"] == "the stream broke off"
     assert gap["to_s"] - gap["from_s"] > 0.9
     assert lab.run().header.state == "complete"
-    assert lab.run().header.devices["loadcell"].lost > 0.9 * LOADCELL_HZ
+    assert known(lab.run().header.devices["loadcell"].lost) > 0.9 * LOADCELL_HZ
 
 
 def test_a_silence_for_good_fails_the_run_after_ten_seconds(lab: Lab) -> None:
@@ -201,7 +202,7 @@ def test_another_client_that_takes_the_stream_once_costs_a_gap(lab: Lab) -> None
 
     assert ended.code == 0
     assert [gap["reason"] for gap in lab.facts("loadcell")["gaps"]] == ["the stream broke off"]
-    assert lab.run().header.devices["loadcell"].lost > 0
+    assert known(lab.run().header.devices["loadcell"].lost) > 0
 
 
 def test_another_client_that_takes_the_stream_is_told_by_check(lab: Lab) -> None:

@@ -125,7 +125,7 @@ def test_what_scales_say_is_recorded_with_whether_it_is_stable(session: Session)
 
     assert failure is None
     assert rows[["grams", "stable"]].to_numpy().tolist() == [[1230, 1], [-12.3, 0], [12.34, 1]]
-    assert run.header.devices["scales"].lost == 1
+    assert run.header.devices["scales"].lost is None  # scales state neither a rate nor a clock
     assert facts(run, "scales") == {"rejected": 1}
 
 
@@ -199,7 +199,7 @@ def test_packets_of_the_open_set_up_are_no_readings(session: Session) -> None:
 
     assert isinstance(failure, DeviceError)
     assert "set-up" in str(failure)
-    assert run.header.devices["tachometer"].lost == pytest.approx(20, abs=1)
+    assert facts(run, "tachometer")["rejected"] == pytest.approx(20, abs=1)
 
 
 def test_a_pulled_plug_ends_a_run_at_once_and_keeps_its_rows(session: Session) -> None:
@@ -319,7 +319,8 @@ def test_lines_on_a_serial_port_are_weights(pty: Pty) -> None:
         [lambda: pty.send(b"0.5 g\r\n" + LINE + b"US,NT,-  12.3 g\r\n")],
     )
     assert [column.tolist() for column in block.columns[1:]] == [[1230.0, -12.3], [1, 0]]
-    assert block.lost == 1
+    assert block.lost is None
+    assert instrument.facts() == {"rejected": 1}
     assert instrument.latest is not None
     assert instrument.latest[0] == -12.3
 
@@ -383,9 +384,9 @@ def bridge() -> Iterator[Bridge]:
 
 
 def test_reports_of_the_bridge_are_readings(bridge: Bridge) -> None:
-    (block, *_), _ = listened(on("hidraw0", bridge.listen), [lambda: bridge.send(PACKET * 3)])
+    (block, *_), instrument = listened(on("hidraw0", bridge.listen), [lambda: bridge.send(PACKET * 3)])
     assert block.columns[1].tolist() == [1353.7] * 3
-    assert block.lost == 0
+    assert instrument.facts()["rejected"] == 0
 
 
 def test_a_report_that_is_not_the_bridges_is_a_lost_packet_and_no_reading(bridge: Bridge) -> None:
@@ -394,9 +395,9 @@ def test_a_report_that_is_not_the_bridges_is_a_lost_packet_and_no_reading(bridge
         bridge.send_report(b"\x01" + PACKET[14:21])
         bridge.send(PACKET[21:] + PACKET)
 
-    (block, *_), _ = listened(on("hidraw0", bridge.listen), [send])
+    (block, *_), instrument = listened(on("hidraw0", bridge.listen), [send])
     assert block.columns[1].tolist() == [1353.7]
-    assert block.lost == 1
+    assert instrument.facts()["rejected"] == 1
 
 
 def test_an_unplugged_bridge_is_said(bridge: Bridge) -> None:

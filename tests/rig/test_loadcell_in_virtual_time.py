@@ -10,6 +10,7 @@ from cfid.errors import DeviceError
 from cfid.records.run import Run
 from cfid.sim.faults import LoadCellFaults
 from cfid.wire.rdt import Command, Request, decode_request, encode_request
+from tests.known import known
 from tests.rig.virtual import STEP_S, UNIX_S, RdtWire, Session, loadcell, rows_of
 
 SOUND = LoadCellFaults()
@@ -81,7 +82,7 @@ def test_a_count_that_jumps_is_a_break_and_no_time(session: Session, numbers: tu
     assert rows["t"].iloc[-1] - rows["t"].iloc[0] == pytest.approx(5, abs=0.2)
     assert np.all(np.diff(rows["t"]) > 0)
     assert [gap["reason"] for gap in facts(run)["gaps"]] == ["the box' count jumped"]
-    assert run.header.devices["loadcell"].lost < 50
+    assert known(run.header.devices["loadcell"].lost) < 50
 
 
 def test_doubled_and_swapped_datagrams_leave_no_trace_but_a_count(session: Session) -> None:
@@ -95,7 +96,7 @@ def test_doubled_and_swapped_datagrams_leave_no_trace_but_a_count(session: Sessi
     assert np.all(np.diff(rows["t"]) > 0)
     assert arrivals["duplicates"] == pytest.approx(box.mishaps.duplicated_records, abs=14)
     assert arrivals["reordered"] > 0
-    assert len(rows) + run.header.devices["loadcell"].lost == rows["rdt_sequence"].iloc[-1]
+    assert len(rows) + known(run.header.devices["loadcell"].lost) == rows["rdt_sequence"].iloc[-1]
 
 
 def test_garbled_datagrams_are_never_rows_with_a_wrong_number(session: Session) -> None:
@@ -123,7 +124,7 @@ def test_garbled_datagrams_are_never_rows_with_a_wrong_number(session: Session) 
     assert np.all(rows["ft_sequence"] - 10 * rows["rdt_sequence"] == rows["ft_sequence"][0] - 10)
     assert facts(run)["arrivals"]["malformed_datagrams"] == harmed["cut"]
     assert facts(run)["arrivals"]["rejected"] == harmed["flipped"]
-    assert len(rows) + run.header.devices["loadcell"].lost == rows["rdt_sequence"].iloc[-1]
+    assert len(rows) + known(run.header.devices["loadcell"].lost) == rows["rdt_sequence"].iloc[-1]
 
 
 def test_a_silence_is_bridged_by_asking_again_and_noted_as_a_gap(session: Session) -> None:

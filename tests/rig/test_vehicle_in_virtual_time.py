@@ -22,6 +22,7 @@ from cfid.sim.radio import RadioTruth
 from cfid.transfer.sines.record import play_sine
 from cfid.wire.app import SineRequest, omega_of
 from cfid.wire.crtp import LOG_CONTROL_CHANNEL, LOG_PORT
+from tests.known import known
 from tests.rig.flying import UNIX_S, Flight
 
 KINDS = pytest.mark.parametrize("firmware", ["app", "stock"])
@@ -159,8 +160,8 @@ def test_pings_that_get_no_answer_are_lost_and_the_next_is_sent(tmp_path: Path) 
         lambda there: ping_often(there["pings"], count=50, every_s=0.1, loop=flight.clock, tell=silent),
     )
     assert failure is None
-    assert 0 < run.header.devices["pings"].lost < 25
-    assert len(rows(run, "pings")) + run.header.devices["pings"].lost == 50
+    assert 0 < known(run.header.devices["pings"].lost) < 25
+    assert len(rows(run, "pings")) + known(run.header.devices["pings"].lost) == 50
 
 
 def test_a_lossy_link_costs_repetitions_and_no_command(tmp_path: Path) -> None:
@@ -470,5 +471,5 @@ def test_the_log_keeps_its_period_and_counts_what_the_link_lost(tmp_path: Path, 
     log, record = rows(run, "crazyflie"), run.header.devices["crazyflie"]
     span = log.vehicle_ms.iloc[-1] - log.vehicle_ms.iloc[0]
     assert failure is None
-    assert span / period_ms + 1 == len(log) + record.lost
-    assert record.lost > 0 or period_ms == 100
+    assert span / period_ms + 1 == len(log) + known(record.lost)
+    assert known(record.lost) > 0 or period_ms == 100

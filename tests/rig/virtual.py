@@ -74,23 +74,22 @@ class Session:
 
     def record(
         self,
-        instrument: Instrument,
-        *,
+        *instruments: Instrument,
         for_s: float | None,
         also: Callable[[float], None] = lambda now_s: None,
         step_s: float = STEP_S,
     ) -> tuple[Run, Exception | None]:
         """Record until the end, calling `also` at every step of the clock; return the run and the exception or None."""
-        record = DeviceRecord(file=f"{instrument.name}.csv", columns=instrument.columns)
+        records = {one.name: DeviceRecord(file=f"{one.name}.csv", columns=one.columns) for one in instruments}
         run = create_run(
             self._runs_folder,
             kind="test",
             label=Label(),
-            devices={instrument.name: record},
+            devices=records,
             started=datetime.fromtimestamp(UNIX_S, UTC),
             cfid_version="0",
         )
-        recorder = Recorder([instrument], run, loop=self.clock, show=lambda: None)
+        recorder = Recorder(instruments, run, loop=self.clock, show=lambda: None)
         done: list[object] = []
         Deferred.fromCoroutine(recorder.record(lambda: self.ending.within(for_s))).addBoth(done.append)
         while not done:
