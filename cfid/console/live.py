@@ -3,7 +3,7 @@
 import os
 import re
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from cfid.console.messages import clock, fitted, in_options, noted, printable, printable_lines
@@ -34,7 +34,8 @@ class LiveLine:
         self._terminal = None if file is None or not os.isatty(file) or os.environ.get("TERM") == "dumb" else file
         self._next_s = 0.0
         self._length = 0
-        self._task = self._question = self._left = ""
+        self._task = self._question = ""
+        self._left: Callable[[], str] = str
         self._quiet = quiet
 
     def ring(self) -> None:
@@ -47,9 +48,9 @@ class LiveLine:
         self._task, self._question = text, ""
         self._next_s = 0.0
 
-    def left(self, text: str) -> None:
+    def left(self, text: str | Callable[[], str]) -> None:
         """Show `text`, which states what remains to do, instead of the time; for work of unknown duration."""
-        self._left = text
+        self._left = (lambda: text) if isinstance(text, str) else text
 
     def ask(self, text: str) -> None:
         """Show a question, and the answer as it is typed, after the remaining time, until the next task."""
@@ -63,7 +64,7 @@ class LiveLine:
             return
         self._next_s = now_s + _EVERY_S
         parts = [
-            printable(part) for part in line_of(recorder, task=self._task, question=self._question, left=self._left)
+            printable(part) for part in line_of(recorder, task=self._task, question=self._question, left=self._left())
         ]
         columns = self._columns()
         if self._question and len(parts[0]) > columns:

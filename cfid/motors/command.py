@@ -26,6 +26,15 @@ _STAIRCASE, _INSTRUMENT = "Staircase", "Instrument"
 
 Tachometer = Literal["typed", "ut372", "lines", "deck", "brushless"]
 
+Wait = Annotated[
+    float | None,
+    typer.Option(
+        metavar="S",
+        help="Longest wait for a typed reading while motors run, then they pause until you resume; default: 60 s.",
+        rich_help_panel=_INSTRUMENT,
+    ),
+]
+
 _SPEED_STEP, _SPEED_HOLD_S, _SPEED_REST_S = 2000, 6.0, 2.0  # a tachometer's display takes seconds to settle
 _SCALES_STEP, _SCALES_HOLD_S, _SCALES_REST_S = 4000, 5.0, 3.0  # as in figure 3.9
 _SCALES_BAUD = 9600
@@ -134,6 +143,7 @@ def speed(
     port: Annotated[
         str | None, typer.Option(help="Port of the UT372; default: search for it.", rich_help_panel=_INSTRUMENT)
     ] = None,
+    wait: Wait = None,
     motor: Motor = None,
     vehicle: ExperimentOptions,
     log_ms: LogMs = 10,
@@ -161,6 +171,7 @@ def speed(
             rig,
             tachometer=tachometer,
             port=port,
+            wait=wait,
             vehicle=vehicle,
             log_ms=log_ms,
             keep=keep,
@@ -189,6 +200,7 @@ def scales(
             rich_help_panel=_INSTRUMENT,
         ),
     ] = None,
+    wait: Wait = None,
     motor: Motor = None,
     vehicle: ExperimentOptions,
     log_ms: LogMs = 10,
@@ -215,6 +227,7 @@ def scales(
             wanted,
             rig,
             port=port or known.get("port"),
+            wait=wait,
             baud=baud or known.get("baud") or _SCALES_BAUD,
             vehicle=vehicle,
             log_ms=log_ms,

@@ -9,19 +9,22 @@ from cfid.records.run import Run
 
 FEWEST_COMMANDS = {"thrust": 3, "speed": 2}  # above the dead zone: as many as the map of each kind has coefficients
 LONGEST_STEP_S = 3600.0  # longer than any battery lasts: a larger value is a typing error
+WAIT_S, LONGEST_WAIT_S = 60.0, 600.0  # for a typed reading while motors run; a battery lasts for ten minutes at most
 
 
 @dataclass(frozen=True, kw_only=True)
 class StaircasePlan:
     """Commands for some of the motors, held one after the other, with pauses (motors off) before, between and after.
 
-    `resumes` is the name of the run that this staircase completes.
+    Where readings are typed, a command is held for `wait_s` more at most, until its reading; then motors pause until
+    the operator resumes. `resumes` is the name of the run that this staircase completes.
     """
 
     steps: tuple[int, ...]
     motors: tuple[int, ...]
     hold_s: float
     rest_s: float
+    wait_s: float = WAIT_S
     resumes: str = ""
 
     @classmethod

@@ -6,13 +6,14 @@ from dataclasses import replace
 from typing import Any
 
 from cfid.console.live import LiveLine
+from cfid.console.options import positive
 from cfid.console.quick_look import NOT_READ, quick
 from cfid.console.recording import Found, KeepOptions, Rig, effort_of, nothing_found, record
 from cfid.console.vehicle import ExperimentOptions, confirm, reach, refuse
 from cfid.console.verdicts import Judge
 from cfid.errors import ConfigError
 from cfid.motors.during import Steps
-from cfid.motors.plan import StaircasePlan
+from cfid.motors.plan import LONGEST_WAIT_S, StaircasePlan
 from cfid.motors.staircase.record import procedure_of
 from cfid.motors.typed import Expected, expected_of
 from cfid.records.run import Label
@@ -38,16 +39,18 @@ def record_forces(
     note: str | None,
     judge: Judge,
     question: str | None = None,
+    wait: float | None = None,
     calm: bool = True,
     requested: Mapping[str, Any] | None = None,
     found: Found = nothing_found,
 ) -> None:
     """Record load cell, commands and the vehicle's log during a staircase; a `question` is asked at each command.
 
-    A staircase in wind is not `calm`, and its noise has no limit. `requested` goes into run.toml with the staircase.
-    Raises ConfigError or DeviceError.
+    `wait` is how long a command is held for its answer, None for the usual time. A staircase in wind is not `calm`, and
+    its noise has no limit. `requested` goes into run.toml with the staircase. Raises ConfigError or DeviceError.
     """
     _, devices, simulated = rig
+    staircase = _waiting(staircase, wait, question)
     cell = devices.loadcell.sampled_at(rate_hz)
     live = LiveLine(quiet=keep.quiet)
     with ExitStack() as held:
@@ -80,6 +83,7 @@ def record_speed(
     *,
     tachometer: str,
     port: str | None,
+    wait: float | None,
     vehicle: ExperimentOptions,
     log_ms: int,
     keep: KeepOptions,
@@ -111,6 +115,7 @@ def record_speed(
         instrument=instrument,
         value="rpm",
         question=question,
+        wait=wait,
         requested={"tachometer": tachometer},
         vehicle=vehicle,
         keep=keep,
@@ -124,6 +129,7 @@ def record_scales(
     rig: Rig,
     *,
     port: str | None,
+    wait: float | None,
     baud: int,
     vehicle: ExperimentOptions,
     log_ms: int,
@@ -152,6 +158,7 @@ def record_scales(
         instrument=instrument,
         value="grams",
         question=question,
+        wait=wait,
         requested={},
         vehicle=vehicle,
         keep=keep,
@@ -178,6 +185,7 @@ def _record_readings(
     instrument: Callable[[ReadyVehicle, ExitStack, Say], list[Device]],
     value: str,
     question: str | None,
+    wait: float | None,
     requested: Mapping[str, Any],
     vehicle: ExperimentOptions,
     keep: KeepOptions,
@@ -186,6 +194,7 @@ def _record_readings(
 ) -> None:
     """Record an instrument that is logged automatically or, with a question, one that the operator reads."""
     _, devices, simulated = rig
+    staircase = _waiting(staircase, wait, question)
     live = LiveLine(quiet=keep.quiet)
     with ExitStack() as held:
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
@@ -199,6 +208,15 @@ def _record_readings(
         procedure = procedure_of(staircase, question, live, _expected(staircase, rig, value), tare=False)
         plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested=requested, question=question)
         record(f"log {kind}", plan, parts, live, keep, judge=judge)
+
+
+def _waiting(staircase: StaircasePlan, wait: float | None, question: str | None) -> StaircasePlan:
+    """Return a staircase whose commands wait so long for typed readings. Raises ConfigError where none are typed."""
+    if wait is None:
+        return staircase
+    if question is None:
+        raise ConfigError(f"--wait {wait:g}: no reading is typed here.")
+    return replace(staircase, wait_s=positive(wait, "--wait", most=LONGEST_WAIT_S))
 
 
 def _effort(staircase: StaircasePlan, rig: Rig, *, rate_hz: float) -> str:
@@ -223,7 +241,11 @@ def _plan(
         procedure=procedure,
         lasts_s=staircase.duration_s if question is None else None,  # nobody knows how long typing takes
         facts=campaign.rig.facts,
-        requested={**staircase.to_run(), **requested},
+        requested={
+            **staircase.to_run(),
+            **({} if question is None else {"wait_s": staircase.wait_s}),
+            **requested,
+        },
         simulated=simulated,
     )
 

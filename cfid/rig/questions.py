@@ -6,7 +6,8 @@ from contextlib import suppress
 from enum import Enum
 from typing import Any, Final, NoReturn
 
-from twisted.internet.defer import DeferredQueue
+from twisted.internet.defer import Deferred, DeferredQueue
+from twisted.internet.defer import TimeoutError as WaitedError
 
 from cfid.errors import ConfigError
 from cfid.rig.keyboard import Keyboard, edited
@@ -20,9 +21,11 @@ class Answer(Enum):
     """An operator's answer that is not a number."""
 
     UNDO = "take the last reading back"
+    LATE = "no answer in time"
 
 
 UNDO: Final = Answer.UNDO
+LATE: Final = Answer.LATE
 
 
 class Questions:
@@ -42,17 +45,27 @@ class Questions:
         """Stop listening."""
         self._keyboard.close()
 
-    async def number(self, what: str, fault: Callable[[float], str] = lambda value: "") -> float | Answer | None:
+    async def number(
+        self, what: str, fault: Callable[[float], str] = lambda value: "", *, within_s: float | None = None
+    ) -> float | Answer | None:
         """Return the number typed, None for an empty line, which means no reading, UNDO for u or undo.
+
+        LATE if nothing was typed `within_s`; a line that was begun is forgotten.
 
         Asks again after an invalid line, and once after a number for which `fault` returns a reason: typed again, it
         counts. For a script, the reason is only printed, and its number counts. Raises ConfigError when the input ends,
         or when a script's line is invalid.
         """
-        await self._forget_typed(what)
+        answer = Deferred.fromCoroutine(self._number(what, fault))
+        try:
+            return await (answer if within_s is None else answer.addTimeout(within_s, self._loop))
+        except WaitedError:
+            return LATE
+
+    async def _number(self, what: str, fault: Callable[[float], str]) -> float | Answer | None:
         questioned: float | None = None
+        line = await self.line(what)
         while True:
-            line = await self._line(what)
             if not line:
                 return None
             if line.lower() in _UNDO:
@@ -65,15 +78,16 @@ class Questions:
                 if not self._keyboard.keys:
                     raise ConfigError(wrong)
                 self._say(wrong)
-                continue
-            reason = fault(value)
-            if not reason or value == questioned:
-                return value
-            if not self._keyboard.keys:
-                self._say(reason)
-                return value
-            self._say(f"{reason} Type it again to keep it, or the right one.")
-            questioned = value
+            else:
+                reason = fault(value)
+                if not reason or value == questioned:
+                    return value
+                if not self._keyboard.keys:
+                    self._say(reason)
+                    return value
+                self._say(f"{reason} Type it again to keep it, or the right one.")
+                questioned = value
+            line = await self._line(what)
 
     async def undone(self, what: str) -> bool:
         """Return whether u or undo is typed rather than Enter; the end of the input counts as Enter.
@@ -91,6 +105,11 @@ class Questions:
                 if line:
                     self._say(f"'{line}' is {'neither Enter nor u' if self._keyboard.keys else _UNUSED}.")
         return False
+
+    async def line(self, what: str) -> str:
+        """Return the next line that is typed. Raises ConfigError when the input ends."""
+        await self._forget_typed(what)
+        return await self._line(what)
 
     async def _forget_typed(self, what: str) -> None:
         """Forget what was typed at a terminal before the question. Raises ConfigError when the input ended."""

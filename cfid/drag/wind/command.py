@@ -19,7 +19,7 @@ from cfid.console.vehicle import ExperimentOptions, LogMs
 from cfid.counted import counted
 from cfid.errors import ConfigError
 from cfid.lazy import later
-from cfid.motors.command import announce
+from cfid.motors.command import Wait, announce
 
 if TYPE_CHECKING:
     from cfid.drag.wind.plan import PlannedRun, WindSetting
@@ -120,6 +120,7 @@ class SweepOptions:
             rich_help_panel=_COMMANDS,
         ),
     ] = None
+    wait: Wait = None
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Print what would be done, how long it would take, and what is missing.")
     ] = False
@@ -186,6 +187,7 @@ def wind(
         note=note,
         judge=later("cfid.drag.wind.verdict", "verdict"),
         question="RPM at command {command}, Enter for none" if asks else None,
+        wait=sweep.wait,
         calm=setting.is_reference,
         requested=setting.to_run(),
         found=lambda run: _missing(_recorded(campaign, simulated=simulated)),

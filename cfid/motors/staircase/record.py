@@ -12,13 +12,14 @@ from cfid.rig.log import Procedure
 from cfid.rig.loop import Loop
 from cfid.rig.motor_commands import MotorCommands, four
 from cfid.rig.motors import STILL
-from cfid.rig.questions import UNDO, Answer, Questions
+from cfid.rig.questions import LATE, UNDO, Answer, Questions
 from cfid.rig.recorder import sleep
 
 _LAST = "Enter ends, u undoes {value:g}"
 
 Tell = Callable[[str], None]  # takes the procedure's progress, for the live line
-Ask = Callable[[int], Awaitable[float | Answer | None]]  # the operator's reading at a command; None leaves it out
+Ask = Callable[[int], Awaitable[float | Answer | None]]  # a reading; None leaves it out
+Resumed = Callable[[int], Awaitable[object]]  # done when the operator resumes a command after a pause
 Undone = Callable[[], Awaitable[bool]]  # whether the operator takes the last reading back before the end
 
 
@@ -49,9 +50,19 @@ def procedure_of(
 
             live.ring()
             undo = f" (u undoes {readings.values[-1]:g})" if readings.values else ""
-            answer = await questions.number(question.format(command=command) + undo, fault)
+            within_s = staircase.wait_s if command else None
+            answer = await questions.number(question.format(command=command) + undo, fault, within_s=within_s)
             live.ask("")
             return answer
+
+        async def resumed(command: int) -> None:
+            live.ring()
+            live.tell(
+                f"command {command} was held for {staircase.wait_s:g} s more without a reading: motors paused. Enter "
+                "drives it again, then type its reading."
+            )
+            if line := await questions.line(f"motors off; Enter resumes command {command}"):
+                live.tell(f"'{line}' is not used: it was typed while motors were off. Read the instrument again.")
 
         async def undone() -> bool:
             live.ring()
@@ -63,7 +74,9 @@ def procedure_of(
         try:
             if tare:
                 await sleep(loop, staircase.rest_s)
-            await read_at_steps(staircase, there["commands"], readings, ask, undone, loop=loop, live=live)
+            await read_at_steps(
+                staircase, there["commands"], readings, ask, undone, resumed=resumed, loop=loop, live=live
+            )
         finally:
             questions.close()
 
@@ -97,25 +110,40 @@ async def read_at_steps(
     ask: Ask,
     undone: Undone,
     *,
+    resumed: Resumed,
     loop: Any,
     live: LiveLine,
 ) -> None:
     """Hold each command until the operator has read an instrument, then pause (sections 3.3.1 and 3.3.2).
 
-    A command whose reading is taken back is held again after the current one, or, for the last reading, at the end.
+    A command that nobody reads within the plan's wait ends in a pause, and is held again when the operator resumes. One
+    whose reading is taken back is held again after the current one, or, for the last reading, at the end.
     """
     left = list(staircase.steps)
+
+    async def answered(step: int) -> float | Answer | None:
+        """Return the answer of an operator, while the line counts down the wait."""
+        end_s, count = loop.seconds() + staircase.wait_s, _steps_left(1 + len(left))
+        live.left(lambda: f"{count}, pause in {max(end_s - loop.seconds(), 0):.0f} s" if step else count)
+        return await ask(step)
+
     while left:
         live.left(_steps_left(len(left)))
         step = left.pop(0)
-        live.task(f"command {step}")
-        await commands.set(four(step, staircase.motors))
-        await sleep(loop, staircase.hold_s)
-        while (value := await ask(step)) is UNDO:
-            back = readings.withdraw()
-            live.tell("there is no reading to take back." if back is None else _taken_back(*back))
-            left = left if back is None else [back[0], *left]
-            live.left(_steps_left(1 + len(left)))
+        value: float | Answer | None = LATE
+        while value is LATE:
+            live.task(f"command {step}")
+            await commands.set(four(step, staircase.motors))
+            await sleep(loop, staircase.hold_s)
+            while (value := await answered(step)) is UNDO:
+                back = readings.withdraw()
+                live.tell("there is no reading to take back." if back is None else _taken_back(*back))
+                left = left if back is None else [back[0], *left]
+            if value is LATE:
+                await commands.set(STILL)
+                live.left(_steps_left(1 + len(left)))
+                live.task("motors off")
+                await resumed(step)
         if isinstance(value, float):
             readings.add(step, value)
         readings.whole = not left  # from now on Ctrl-C ends the run as Enter does
