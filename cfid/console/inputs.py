@@ -1,6 +1,5 @@
 """Find the recordings that a command's arguments name, and the rig that recorded them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -35,11 +34,10 @@ class Workplace:
         """How devices are mounted, as rig.toml states it; a borrowed rig states nothing."""
         return NONE_STATED if self.borrowed else self.rig.facts
 
-    def figures_folder(self, files: Sequence[Path]) -> Path:
-        """Return the folder for figures of several recordings: that of the campaign, else that of the first file."""
-        if self.campaign is not None:
-            return self.campaign.folder / "figures"
-        return files[0].parent if files else Path()
+    @property
+    def figures(self) -> Path | None:
+        """The campaign's folder for figures, None without a campaign: a folder of data is none for figures."""
+        return None if self.campaign is None else self.campaign.folder / "figures"
 
 
 def open_workplace(options: RigOptions, *, gravity: Measured = NOT_GIVEN) -> Workplace:

@@ -263,12 +263,19 @@ class Delivery:
         ),
     ] = False
     figures: Annotated[
-        bool, typer.Option(help="Draw figures (with --json, only if --out is given).", rich_help_panel=_OUTPUT)
-    ] = True
+        bool | None,
+        typer.Option(
+            "--figures/--no-figures",
+            help="Draw figures (with --json, only if --out is given); default: yes, but outside a campaign only if "
+            "--out is given.",
+            rich_help_panel=_OUTPUT,
+        ),
+    ] = None
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Folder for the figures; default: figures in the campaign, or next to the run.",
+            help="Folder for the figures; default: figures in the campaign, or next to a swing's run; else the current "
+            "folder.",
             rich_help_panel=_OUTPUT,
         ),
     ] = None

@@ -96,12 +96,15 @@ def _as_json(result: Result, *, accepted: bool, in_force: bool) -> str:
 
 
 def _draw(result: Result, delivery: Delivery) -> Sequence[Path]:
-    wanted = delivery.figures and (delivery.out is not None or not delivery.json)
+    placed = delivery.out is not None or result.folder is not None
+    wanted = placed if delivery.figures is None else delivery.figures
+    if delivery.json and delivery.out is None:
+        wanted = False
     if not wanted or result.drawings is None:
         return ()
     from cfid.drawing.save import save_figure
 
-    folder = delivery.out or result.folder
+    folder = delivery.out or result.folder or Path()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         drawings = result.figures()

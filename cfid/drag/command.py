@@ -130,8 +130,7 @@ def drag(
         grouping=models.grouping,
         method=method,
     )
-    files = [file for file in (wind.table, wind.index, *paths) if file is not None]
-    deliver(replace(result, folder=place.figures_folder(files)), delivery, place.campaign, place.own_rig)
+    deliver(replace(result, folder=place.figures), delivery, place.campaign, place.own_rig)
 
 
 def _paths(words: list[str], wind: WindInputs, place: Workplace) -> list[Path]:

@@ -72,7 +72,7 @@ def flight(
     paths = [find_recording(word, workplace) for word in logs or []]
     window = {"from_s": cut.from_s, "to_s": cut.to_s}
     result = fit([read_flight(path, foreign, **window, props_out=props_out) for path in paths], body=body)
-    deliver(replace(result, folder=workplace.figures_folder(paths)), delivery, workplace.campaign, workplace.own_rig)
+    deliver(replace(result, folder=workplace.figures), delivery, workplace.campaign, workplace.own_rig)
 
 
 def _body(workplace: Workplace, mass: Measured, arm_mm: Measured, torque_m: Measured) -> "Body":

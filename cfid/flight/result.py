@@ -81,7 +81,6 @@ def fit(flights: Sequence[FlownLog], *, body: Body) -> Result:
         covariances=covariances_of(found, body),
         lines=(*_lines(flights, found, drags), *_assumptions(flights, body)),
         drawings=drawings,
-        folder=flights[0].log.path.parent,
     )
     rescaled = any(one.flight.rescaled for one in flights)
     scales = power_law(quantities, *causes_of(body, in_volts=found.in_volts, rescaled=rescaled))

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -68,8 +67,7 @@ def friction(
         to_s=cut.to_s,
         method=method,
     )
-    folder = workplace.figures_folder([Path(source.path) for source in found.sources])
-    found = replace(found, folder=folder, findings=(*left_out, *found.findings))
+    found = replace(found, folder=workplace.figures, findings=(*left_out, *found.findings))
     deliver(found, delivery, workplace.campaign, workplace.own_rig)
 
 

@@ -1,7 +1,6 @@
 """Friction of the swing's axis from dropped weights: quantities, findings, lines and figures."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, Literal
 
 from cfid.errors import ConfigError, DataError, check_positive
@@ -111,7 +110,6 @@ def fit(
         rests_on=("site", "friction"),
         lines=tuple(Dependent(_line(drop), "friction.runs") for drop in measured),
         drawings=drawings,
-        folder=records[0].path.parent if records else Path(),
     )
 
 

@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -123,5 +122,4 @@ def _fit_swings(
         peaks=arguments.parse_peaks(window.peaks),
         smallest_peak_rad=math.radians(window.min_angle_deg or 1.0),
     )
-    folder = workplace.figures_folder([Path(source.path) for source in found.sources])
-    deliver(replace(found, folder=folder), delivery, workplace.campaign, workplace.own_rig)
+    deliver(replace(found, folder=workplace.figures), delivery, workplace.campaign, workplace.own_rig)

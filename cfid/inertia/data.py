@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 from cfid.errors import ConfigError, DataError, FitError
@@ -38,11 +37,6 @@ class MeasuredSwings:
     def sources(self) -> tuple[Source, ...]:
         """The files of the recordings."""
         return tuple(record.source for record in self.records)
-
-    @property
-    def folder(self) -> Path:
-        """The folder of the first recording."""
-        return self.records[0].path.parent if self.records else Path()
 
     def findings(self, resting_on: Callable[[str], tuple[str, ...]]) -> tuple[Finding, ...]:
         """Return the findings about recordings and swings; `resting_on` returns the quantities that rest on a mount."""

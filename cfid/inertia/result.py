@@ -121,7 +121,6 @@ def fit(
             *(_proposals(axis_inertias, axes, about, matrix is not None) if propose else ()),
         ),
         drawings=drawings,
-        folder=measured.folder,
     )
 
 

@@ -85,7 +85,6 @@ def fit_testbody(
         rests_on=rests_on((), body="testbody"),
         lines=(*measured.lines, *differences),
         drawings=drawings,
-        folder=measured.folder,
     )
 
 

@@ -59,7 +59,7 @@ def loadcell(
         gravity_std_mps2=workplace.rig.site.gravity_std_mps2,
         at_std_m=MM * positive(at_std_mm, "--at-std-mm"),
     )
-    deliver(replace(result, folder=workplace.figures_folder([])), delivery, workplace.campaign)
+    deliver(replace(result, folder=workplace.figures), delivery, workplace.campaign)
     if store and workplace.campaign is not None:
         _store(result, workplace.campaign)
 

@@ -44,7 +44,6 @@ class LoadedRun:
     source: Source
     findings: tuple[Finding, ...]
     rig: RigFacts
-    folder: Path
 
     def load(self, gravity_mps2: float) -> Array:
         """Return the load (6,) in N and N m."""
@@ -80,7 +79,6 @@ def read_load(run: Run | Path | str) -> LoadedRun:
         source=record.source,
         findings=record.findings,
         rig=run.header.rig,
-        folder=run.folder,
     )
 
 

@@ -64,7 +64,6 @@ def fit(
         sources=tuple(run.source for run in loaded),
         rests_on=("site",),
         lines=tuple(_line(run, gravity_mps2) for run in loaded),
-        folder=loaded[0].folder,
     )
     gravity = {Cause("gravity", gravity_std_mps2 / gravity_mps2): 1.0}
     measured = {"kg": scales_of_weights([run.rig for run in loaded]), "m/s^2": gravity}

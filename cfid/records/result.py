@@ -45,7 +45,7 @@ class Result:
     "mounts.x", in addition to what recordings themselves state. `facts` are numbers that recordings state and that the
     quantities depend on, under rig.toml's keys; rig.toml should state the same. `suspects` are the mounts, or runs,
     that a rejection names as wrong. `lines` are further lines for the terminal, which `summary` returns. `drawings`
-    makes the figures by file name, and `folder` is their folder.
+    makes the figures by file name, and `folder` is their folder; without one, they are drawn on request alone.
     """
 
     command: str
@@ -63,7 +63,7 @@ class Result:
     suspects: tuple[str, ...] = ()
     lines: tuple[str | Dependent, ...] = ()
     drawings: Callable[[], Figures] | None = None
-    folder: Path = field(default_factory=Path)
+    folder: Path | None = None
 
     def __post_init__(self) -> None:
         """Give each quantity without a unit that of the registry, and merge findings of several files."""

@@ -1,6 +1,8 @@
 """Provide `cfid fit swing`: a natural frequency from one swing, and with mass and distance, an axis inertia."""
 
 import math
+from dataclasses import replace
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -67,4 +69,5 @@ def swing(
         to_s=cut.to_s,
         method=method,
     )
-    deliver(found, delivery, workplace.campaign, workplace.own_rig)
+    folder = None if workplace.campaign is None else Path(found.sources[0].path).parent
+    deliver(replace(found, folder=folder), delivery, workplace.campaign, workplace.own_rig)

@@ -107,7 +107,6 @@ def fit(
         rests_on=rests_on([axis or ""], body=record.label.body),
         lines=(_window_line(swing), *found.lines, *(() if inertia is None else (Dependent(inertia.budget, INERTIA),))),
         drawings=found.drawings,
-        folder=record.path.parent,
     )
 
 

@@ -227,9 +227,7 @@ def identify(
         compare=compare,
         method=method,
     )
-    deliver(
-        replace(result, folder=workplace.figures_folder(sines.paths)), delivery, workplace.campaign, workplace.own_rig
-    )
+    deliver(replace(result, folder=workplace.figures), delivery, workplace.campaign, workplace.own_rig)
 
 
 def _thrust_poly(workplace: Workplace) -> list[float] | None:
@@ -268,9 +266,7 @@ def verify(
         raise ConfigError("nothing to verify with: give a RUN that was left out of the fit, or --index FILE.")
     sines = inputs.read(runs, scale.reading(reading), workplace, excluded=True)
     result = transfer.verify(sines, known, sign=inputs.sign, settle_s=settle_s)
-    deliver(
-        replace(result, folder=workplace.figures_folder(sines.paths)), delivery, workplace.campaign, workplace.own_rig
-    )
+    deliver(replace(result, folder=workplace.figures), delivery, workplace.campaign, workplace.own_rig)
 
 
 def _function(options: FunctionOptions, workplace: Workplace) -> "Function":

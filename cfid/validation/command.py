@@ -78,7 +78,7 @@ def validate(
     for fault in faults:
         note(f"{fault} It is left out.")
     result = compare(flown, [*sets, *published], used=used)
-    deliver(replace(result, folder=workplace.figures_folder([path])), delivery, None, workplace.own_rig)
+    deliver(replace(result, folder=workplace.figures), delivery, None, workplace.own_rig)
 
 
 def _measured(word: str) -> "Measured | None":

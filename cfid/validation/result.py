@@ -124,7 +124,6 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Me
             _assumed(telling, captured=captured, delay_s=delay_s),
         ),
         drawings=drawings,
-        folder=flown.log.path.parent,
     )
 
 

@@ -107,7 +107,6 @@ def fit(record: RotorLog) -> Result:
             *(Dependent(_line(name, one), _ROWS) for name, one in fits.items()),
         ),
         drawings=drawings,
-        folder=record.path.parent,
     )
 
 

@@ -229,5 +229,4 @@ def torque(
 
 
 def _deliver(result: "Result", workplace: Workplace, delivery: Delivery) -> None:
-    folder = result.folder if workplace.campaign is None else workplace.figures_folder(())
-    deliver(replace(result, folder=folder), delivery, workplace.campaign, workplace.own_rig)
+    deliver(replace(result, folder=workplace.figures), delivery, workplace.campaign, workplace.own_rig)

@@ -180,7 +180,6 @@ def _of_speed_alone(found: Evidence, method: Method, *, robust: bool) -> Result:
         sources=found.sources,
         lines=found.lines,
         drawings=lambda: _of_speed(mapped),
-        folder=found.paths[0].parent if found.paths else Path(),
     )
 
 
@@ -281,7 +280,6 @@ def _result(mapped: MotorMap, found: Evidence, details: _MapDetails) -> Result:
         rests_on=("site",) if mapped.quantity == "thrust" else (),
         lines=(*found.lines, *values.map_lines(mapped), *details.lines),
         drawings=drawings,
-        folder=found.paths[0].parent if found.paths else Path(),
     )
     drifts = dict.fromkeys(found.drifts, 1 / max(len(found.reduced), 1))
     measured = {

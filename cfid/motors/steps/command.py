@@ -78,7 +78,7 @@ def dynamics(
         raise ConfigError(f"{path}: --rotor, --from and --to are for commands that never rest, not for steps.")
     else:
         result = fit(of_run(found, scale.reading(reading)) if isinstance(found, Run) else of_table(found))
-    result = replace(result, folder=workplace.figures_folder([path]))
+    result = replace(result, folder=workplace.figures)
     deliver(result, delivery, workplace.campaign, workplace.own_rig)
 
 

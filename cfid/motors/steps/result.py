@@ -97,7 +97,6 @@ def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
         sources=record.sources,
         lines=tuple(Dependent(_line(lag), _ROWS) for lag in accepted),
         drawings=drawings,
-        folder=record.path.parent,
     )
 
 

@@ -81,6 +81,4 @@ def rotor(
         from_s=cut.from_s,
         to_s=cut.to_s,
     )
-    deliver(
-        replace(result, folder=workplace.figures_folder([record.path])), delivery, workplace.campaign, workplace.own_rig
-    )
+    deliver(replace(result, folder=workplace.figures), delivery, workplace.campaign, workplace.own_rig)

@@ -95,7 +95,6 @@ def fit(
         sources=(record.source,) if staircase is None else staircase.sources,
         lines=tuple(Dependent(_line(one), KEY) for one in windows if one.speed.accepted),
         drawings=drawings,
-        folder=record.path.parent,
     )
 
 
