@@ -196,12 +196,13 @@ def _means(record: "WrenchRecord") -> dict[str, Parameter]:
 def _device_view(run: "Run", device: str) -> View:
 
     from cfid.drawing.device import groups
+    from cfid.findings import texts
     from cfid.records.run_notes import losses
     from cfid.records.tables.vehicle import SUPERVISOR, read_rows
 
     rows = read_rows(run, device)
     since_s = rows.time_s - rows.time_s[0]
-    notes = tuple(losses(run, run.header.devices[device], len(rows.time_s)))
+    notes = (*losses(run, run.header.devices[device], len(rows.time_s)), *texts(rows.findings))
     if device == SUPERVISOR:
         notes += (_states(since_s, rows.columns["state"]),)
     columns = shown_columns(rows.columns, len(rows.time_s))

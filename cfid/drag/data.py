@@ -75,7 +75,7 @@ def read_index(path: Path, *, how: WindReading = AS_THEY_ARE) -> DragExperiments
 
 def read_forces(path: Path) -> DragExperiments:
     """Read a CSV file of reduced forces. Raises DataError with the file, and the line of an invalid number."""
-    table = open_table(path)
+    table = open_table(path, typed=True)
     values = table.numbers(list(FORCES.places(table).values()))
     try:
         experiments = experiments_from_table(

@@ -41,8 +41,20 @@ class RunStaircase:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Findings about the steps, each with the record's name."""
-        return tuple(one.at(self.record.name) for one in self.reduced.findings)
+        """Findings about the steps, each with the record's name, and about the run's other files."""
+        return (*(one.at(self.record.name) for one in self.reduced.findings), *self.about_files)
+
+    @property
+    def about_files(self) -> tuple[Finding, ...]:
+        """Findings about the lines of the run's commands and of the vehicle's log."""
+        if self.run is None:
+            return ()
+        return tuple(
+            finding
+            for device in (COMMANDS, VEHICLE_LOG)
+            if holds(self.run, device)
+            for finding in read_rows(self.run, device).findings
+        )
 
     def volts(self, points: Sequence[Point]) -> Array | None:
         """Return the battery's mean voltage (p,) at each point, or None if the vehicle logged no voltage."""

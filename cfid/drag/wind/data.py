@@ -99,7 +99,7 @@ def reduce_run(path: Path, how: WindReading, *, read_later: frozenset[int] = fro
     with suppress(TakenBackError):
         readings = read_rows(run, READINGS) if holds(run, READINGS) else None
     volts = staircase.volts(points)
-    findings = _assumptions(facts, setting, typed=readings is not None)
+    findings = [*_assumptions(facts, setting, typed=readings is not None), *(readings.findings if readings else ())]
     forces, unknown = [], []
     for place, point in enumerate(points):
         name, typed = f"{record.name} command {point.command}", _typed(readings, staircase.began_s, point)

@@ -28,7 +28,6 @@ from cfid.motors.maps.warm_up import warm_up
 from cfid.motors.points import MotorPoints, per_motor, rotor_speed_rad_s
 from cfid.motors.stand_points import points_of, reduce_speeds
 from cfid.motors.vibration.data import Rotors, speeds_from_vibration
-from cfid.records.parameters import Source
 from cfid.records.resumed import with_completed
 from cfid.records.run import Run, refuse_contradiction
 from cfid.records.run_notes import run_at
@@ -38,6 +37,7 @@ from cfid.records.tables.vehicle import (
     SCALES,
     TACHOMETER,
     VEHICLE_LOG,
+    Rows,
     holds,
     read_commands,
     read_rows,
@@ -197,6 +197,7 @@ def _evidence(
         findings=(
             *record.findings,
             *staircase_findings(found.reduced, record.name),
+            *found.about_files,
             *found.dead,
             *about_speed,
             *about_drift,
@@ -213,24 +214,24 @@ def _evidence(
 def _of_readings(run: Run, stand: Stand) -> Evidence:
     """Return the tachometer readings that the operator typed."""
     rows = read_rows(run, READINGS)
-    return _of_shown(run, stand, rows.source, rows.columns["command"], rows.columns["rpm"])
+    return _of_shown(run, stand, rows, rows.columns["command"], rows.columns["rpm"])
 
 
 def _of_tachometer(run: Run, stand: Stand) -> Evidence:
     """Return what a tachometer sent at each command, but not in the pauses: some keep showing the last speed."""
-    source, command, rpm = shown_at_commands(run, TACHOMETER, "rpm")
+    rows, command, rpm = shown_at_commands(run, TACHOMETER, "rpm")
     ran = command > 0
     if not ran.any():
         raise DataError(f"{run.folder}: no command was held to its end.")
-    return _of_shown(run, stand, source, command[ran], rpm[ran])
+    return _of_shown(run, stand, rows, command[ran], rpm[ran])
 
 
-def _of_shown(run: Run, stand: Stand, source: Source, command: Array, rpm: Array) -> Evidence:
+def _of_shown(run: Run, stand: Stand, rows: Rows, command: Array, rpm: Array) -> Evidence:
     speed, findings = stand.divided(rotor_speed_rad_s(rpm, markers=1), run.folder.name)
     return Evidence(
         points=MotorPoints(command=command, speed_rad_s=speed),
-        findings=findings,
-        sources=(source,),
+        findings=(*rows.findings, *findings),
+        sources=(rows.source,),
         paths=(run.folder,),
         tachometers=(stand.facts,),
     )
@@ -257,7 +258,7 @@ def _of_speeds(run: Run) -> Evidence:
             speed_std_rad_s=np.array([np.sqrt((point.std_of_mean**2).sum()) / len(ran) for point in settled]),
         ),
         lines=tuple(line_of(point, run.folder.name) for point in found.points),
-        findings=(*dead, *speed_findings(found, run.folder.name)),
+        findings=(*rows.findings, *log.findings, *dead, *speed_findings(found, run.folder.name)),
         sources=(rows.source, log.source),
         paths=(run.folder,),
         expected=tuple(int(step) for step in run.header.requested.get("steps", ()) if step),

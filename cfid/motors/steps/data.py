@@ -114,6 +114,7 @@ def of_run(run: Run, reading: WrenchReading) -> SpeedRecord:
         command_time_s=log.time_s - rows.time_s[0],
         command=command,
         battery=_battery(rows, rows.time_s[0]),
+        findings=(*rows.findings, *log.findings),
         sources=(rows.source, log.source),
     )
     return _once_each(record)

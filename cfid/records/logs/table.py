@@ -240,16 +240,16 @@ def _checked(whole: CsvTable, time: str | None, names: Sequence[str]) -> _Checke
     inexact: dict[str, None] = {}
     rows = 0
     for table in whole.blocks():
-        good = [name for name in names if name not in faults]
-        values = _numbers(table, time, good)
+        values = _numbers(table, time, names)
         known = np.isfinite(values[:, len(_given(time)) :])
-        for name, there, value in zip(good, known.T, values[:, len(_given(time)) :].T, strict=True):
+        for name, there, value in zip(names, known.T, values[:, len(_given(time)) :].T, strict=True):
             if name not in inexact and np.abs(value).max(initial=0.0, where=there) > _EXACT_BELOW:
                 inexact |= {name: None} if table.loses_digits(name) else {}
             missing[name] += int(np.count_nonzero(~there))
             if not rows and not there.any():
                 faults[name] = _fault(table, name)
         rows += len(values)
+    faults = {name: fault for name, fault in faults.items() if missing[name] == rows}
     missing = {name: count for name, count in missing.items() if count and name not in faults}
     return _Checked(faults, missing, list(inexact), rows)
 

@@ -15,19 +15,27 @@ from cfid.records.tables.head import head_of
 from cfid.records.tables.matlab import csv_blocks, is_matlab, matlab_table
 from cfid.records.tables.matlab_structs import MatlabTable
 from cfid.records.tables.table import CsvTable, Following
-from cfid.records.tables.text import check_text, decimal_sign, whole_lines
+from cfid.records.tables.text import check_text, decimal_sign, last_row, whole_lines
 
 BLOCK_BYTES = 1 << 20
 _FEWEST_LINES = 4  # of a large table's first block: a header, its units, two rows
 
 
-def open_table(path: Path, *, skip_lines: int = 0, columns: Sequence[str] = (), sha256: str | None = None) -> CsvTable:
+def open_table(
+    path: Path,
+    *,
+    skip_lines: int = 0,
+    columns: Sequence[str] = (),
+    sha256: str | None = None,
+    typed: bool = False,
+) -> CsvTable:
     """Open a CSV file, separated by commas, semicolons, tabs or spaces, with or without a header.
 
     A MATLAB file is read like a CSV file of its arrays; where it has several tables, `columns` chooses one.
     Lines above the header and lines of comments are left out; between semicolons, tabs and spaces, numbers may have
-    decimal commas. A last line without its newline is left out, since a cut number may look plausible, and `cut`
-    is set. `sha256` is the file's, where it is known.
+    decimal commas. A last line without its newline is left out (`cut`), since a cut number may look plausible; of a
+    table of points, which may be `typed`, it is a row if it has the form of the line before (`unended`).
+    `sha256` is the file's, where it is known.
 
     Raises DataError when the file is missing, empty or not a table of numbers.
     """
@@ -49,21 +57,25 @@ def open_table(path: Path, *, skip_lines: int = 0, columns: Sequence[str] = (), 
     if size > len(content) and content.count(b"\n") < _FEWEST_LINES:
         raise DataError(f"{path}: lines of {len(content) // _FEWEST_LINES >> 10} kB or more: not a table of numbers.")
     check_text(path, content)
-    table = _table_in(path, content, sha256=sha256_of(path) if sha256 is None else sha256, skip_lines=skip_lines)
+    sha256 = sha256_of(path) if sha256 is None else sha256
+    table = _table_in(path, content, sha256=sha256, skip_lines=skip_lines, typed=typed)
     if size == len(content):
         return table
-    return replace(table, cut=whole_lines(end)[1], following=Following(partial(_following, table, len(content))))
+    last = table.continued(end)  # as far as its last line is concerned
+    following = Following(partial(_following, table, len(content)))
+    return replace(table, cut=last.cut, unended=last.unended, following=following)
 
 
-def _table_in(path: Path, content: bytes, *, sha256: str, skip_lines: int = 0) -> CsvTable:
+def _table_in(path: Path, content: bytes, *, sha256: str, skip_lines: int = 0, typed: bool = False) -> CsvTable:
     """Return the table in a file's content, or in its beginning. Raises DataError as `open_table`."""
-    text, cut = whole_lines(content)
+    text, rest = whole_lines(content)
     if not text or text.isspace():
         raise DataError(f"{path}: its only line has no end: the recording was cut before its first row.")
     form = form_of(text)
     text = form.plain(text)
     head = head_of(path, text, skip_lines=skip_lines)
-    rows = rows_of(text[head.row.begin :], head.separator, len(head.names), head.row.number)
+    last = last_row(text, form.plain(rest), head.separator) if typed else b""
+    rows = rows_of(text[head.row.begin :] + last, head.separator, len(head.names), head.row.number)
     decimal = decimal_sign(rows.body, head.separator)
     form = form.completed(text[: head.row.begin], head)
     return CsvTable(
@@ -71,7 +83,8 @@ def _table_in(path: Path, content: bytes, *, sha256: str, skip_lines: int = 0) -
         sha256=sha256,
         names=head.names,
         has_head=head.has_head,
-        cut=cut,
+        cut=bool(rest) and not last,
+        unended=bool(last),
         preamble=head.preamble,
         decimal=decimal,
         prose=rows.prose,
@@ -80,6 +93,7 @@ def _table_in(path: Path, content: bytes, *, sha256: str, skip_lines: int = 0) -
         _even=rows.even,
         _first_line=head.row.number,
         _separator=head.separator,
+        _typed=typed,
     )
 
 

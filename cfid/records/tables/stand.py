@@ -15,6 +15,7 @@ from cfid.findings import Finding, note, of_recording
 from cfid.large import stored
 from cfid.quantities.plausible import range_of
 from cfid.records.parameters import Source
+from cfid.records.run import RUN_FILE
 from cfid.records.run_notes import run_at
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.column_units import spelt
@@ -98,7 +99,9 @@ def read_stand_table(
 
     Raises DataError with file, line or column, and next step; ConfigError for an invalid rate or range.
     """
-    chosen = with_rows(with_percent(open_table(path, skip_lines=skip_lines)), columns)
+    chosen = with_rows(
+        with_percent(open_table(path, skip_lines=skip_lines, typed=not (path.parent / RUN_FILE).is_file())), columns
+    )
     opened, named = with_named(chosen.table, chosen.columns)
     table, found, read_notes = columns_of(with_known_units(opened))
     command, command_notes = commands_of(table, found, esc_us)

@@ -31,6 +31,7 @@ from cfid.records.tables.text import (
     decimal_sign,
     fields_of,
     filled_lines,
+    last_row,
     short,
     whole_lines,
 )
@@ -54,7 +55,8 @@ class CsvTable:
     sha256: str
     names: tuple[str, ...]
     has_head: bool
-    cut: bool
+    cut: bool  # the last line has no end, and is left out
+    unended: bool  # it has none, and is a row
     preamble: int
     decimal: str
     prose: tuple[TextLine, ...] = ()
@@ -66,6 +68,7 @@ class CsvTable:
     _first_line: int
     _separator: str | None  # None: any run of spaces and tabs
     _left_out: Places = field(default_factory=lambda: np.empty(0, np.intp))
+    _typed: bool = False  # whether a last line without its end may be a row
     _rows_before: int = 0  # in the file, where the form of the rows counts them
 
     def numbers(self, columns: Sequence[str]) -> Array:
@@ -195,15 +198,17 @@ class CsvTable:
 
         Only the first block of a large file has a header.
         """
-        text, cut = whole_lines(content)
+        text, rest = whole_lines(content)
+        last = last_row(text, self.form.plain(rest), self._separator) if self._typed else b""
         first_line = self._first_line + self._body.count(b"\n")
         before = self._rows_before + self._count if self.form.step_s else 0
-        rows = rows_of(self.form.plain(text), self._separator, len(self.names), first_line)
+        rows = rows_of(self.form.plain(text) + last, self._separator, len(self.names), first_line)
         shown = self.decimal == "," or b"." in self._body  # whole numbers show no decimal sign
         decimal = self.decimal if shown else decimal_sign(rows.body, self._separator)
         return replace(
             self,
-            cut=cut,
+            cut=bool(rest) and not last,
+            unended=bool(last),
             decimal=decimal,
             prose=rows.prose,
             following=None,

@@ -85,20 +85,29 @@ def check_text(path: Path, content: bytes) -> None:
         )
 
 
-def whole_lines(content: bytes) -> tuple[bytes, bool]:
-    r"""Return the complete lines, and whether the file was cut after them.
+def whole_lines(content: bytes) -> tuple[bytes, bytes]:
+    r"""Return the complete lines, and what follows them: a last line without its end, or b"".
 
     Each line is ended by \n and has plain spaces and minus signs. Zero bytes at the end, which a power failure may
-    leave, count as a cut.
+    leave, stand for a last line.
     """
     text = content.removeprefix(_BOM).rstrip(b"\0")
-    cut = content.endswith(b"\0")
     if b"\r" in text:
         text = text.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     if not text.isascii():
         text = _NO_BREAK_SPACE.sub(b" ", text).replace(_MINUS, b"-")
     end = text.rfind(b"\n") + 1
-    return text[:end], cut or bool(text[end:].strip())
+    return text[:end], b"\0" if content.endswith(b"\0") else text[end:].strip(b" \t")
+
+
+def last_row(lines: bytes, rest: bytes, separator: str | None) -> bytes:
+    """Return a last line with the end that an editor left out, if it has the form of the line before; else b""."""
+    before, last = (fields_of(decoded(line), separator) for line in (lines[lines.rfind(b"\n", 0, -1) + 1 : -1], rest))
+    alike = len(last) == len(before) and all(
+        is_number(field) or has_comma(field) or not (is_number(number) or has_comma(number))
+        for field, number in zip(last, before, strict=True)
+    )
+    return rest + b"\n" if alike else b""
 
 
 def filled_lines(text: bytes, *, skip: int = 0) -> Iterator[TextLine]:

@@ -30,6 +30,7 @@ _WRONG_IN_MANY = (
     "the rows are evenly spaced."
 )
 _CUT_LINE = "the last line was cut (it has no end) and is left out."
+_UNENDED = "the last line has no end: it is used, but if the file was cut there, its last number may lack digits."
 
 OTHER_UNIT = re.compile(r"[ _/,\[(]+(min|minutes?|h|hrs?|hours?|ns|nanoseconds?)[\])_]?$", re.IGNORECASE)
 _UNIT_AT_END = re.compile(r"[ _/,\[(]+([a-zµμ]+)[\])_]?$", re.IGNORECASE)
@@ -76,6 +77,7 @@ def line_notes(table: CsvTable) -> tuple[str, ...]:
         *_left_out(words, "has no number and is", "without a number are"),
         *_left_out(damaged, f"has not {counted(len(table.names), 'field')} and is", "that are damaged are"),
         *((_CUT_LINE,) if table.cut else ()),
+        *((_UNENDED,) if table.unended else ()),
     )
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from cfid.errors import DataError
+from cfid.findings import Finding, of_recording
 from cfid.records.files import check_regular
 from cfid.records.parameters import Source
 from cfid.records.run import Run
@@ -18,6 +19,7 @@ from cfid.records.tables.blocks import open_table
 from cfid.records.tables.line_faults import REPAIR
 from cfid.records.tables.table import Array
 from cfid.records.tables.text import is_finite, short
+from cfid.records.tables.times import line_notes
 from cfid.units import MOTORS, RPM
 
 COMMANDS, READINGS, VEHICLE_LOG, SUPERVISOR = "commands", "readings", "crazyflie", "supervisor"
@@ -37,11 +39,12 @@ class TakenBackError(DataError):
 
 @dataclass(frozen=True, kw_only=True)
 class Rows:
-    """A device's file: times (n,) in Unix seconds, every other column (n,) by its name."""
+    """A device's file: times (n,) in Unix seconds, every other column (n,) by its name, and findings on its lines."""
 
     source: Source
     time_s: Array
     columns: Mapping[str, Array]
+    findings: tuple[Finding, ...]
 
 
 def holds(run: Run, device: str) -> bool:
@@ -77,7 +80,12 @@ def read_rows(run: Run, device: str) -> Rows:
         if not len(values):
             raise TakenBackError(f"{path}: every reading was taken back.")
     columns = {name: column for name, column in zip(table.names, values.T, strict=True) if name not in _NO_VALUES}
-    return Rows(source=Source(str(path), table.sha256), time_s=values[:, 0], columns=columns)
+    return Rows(
+        source=Source(str(path), table.sha256),
+        time_s=values[:, 0],
+        columns=columns,
+        findings=of_recording(f"{run.folder.resolve().name}/{path.name}", line_notes(table)),
+    )
 
 
 def _not_withdrawn(values: Array, place: int) -> Array:
@@ -100,8 +108,8 @@ def read_commands(run: Run) -> tuple[Rows, Array]:
     return rows, np.column_stack([rows.columns[name] for name in _MOTORS])
 
 
-def shown_at_commands(run: Run, device: str, column: str) -> tuple[Source, Array, Array]:
-    """Return an instrument's file, commands (n,) of the motors that ran, and the mean (n,) that it showed at each.
+def shown_at_commands(run: Run, device: str, column: str) -> tuple[Rows, Array, Array]:
+    """Return an instrument's rows, commands (n,) of the motors that ran, and the mean (n,) that it showed at each.
 
     Only the second half of each command counts: a display of numbers takes seconds to settle. A command during which
     a run ended early does not count, since `--resume` holds it again. Raises DataError.
@@ -115,7 +123,7 @@ def shown_at_commands(run: Run, device: str, column: str) -> tuple[Source, Array
         inside = (shown.time_s > (begin_s + end_s) / 2) & (shown.time_s <= end_s)
         if inside.any() and (command == 0 or end_s - begin_s >= least_s):
             found.append((command, shown.columns[column][inside].mean()))
-    return shown.source, *np.reshape(found, (-1, 2)).T
+    return shown, *np.reshape(found, (-1, 2)).T
 
 
 def reported_speeds_rad_s(rows: Rows) -> dict[int, Array]:
