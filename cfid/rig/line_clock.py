@@ -4,14 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 _WRAP = 1 << 32  # of a device's clock
-_TICKS = 4  # fewest ticks of a device's clock in a period that show how many periods a step is
 UNLIKE = 0.01  # fraction of this computer's time by which a device's clock may deviate
-
-
-def periods(step_s: float, *, rate_hz: float, tick_s: float) -> float:
-    """Return how many periods a step of a device's clock is: a whole number, if its ticks are fine enough."""
-    count = step_s * rate_hz
-    return round(count) if _TICKS * tick_s * rate_hz <= 1 else count
 
 
 class Line(NamedTuple):

@@ -1,6 +1,6 @@
 """Records a device that sends lines of text unprompted; a port that is gone is opened again when it is back."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,8 +11,7 @@ from cfid.errors import DeviceError
 from cfid.records.line_devices import LineDevice
 from cfid.rig.clock import HostClock
 from cfid.rig.e201_stamps import Stamps
-from cfid.rig.line_clock import UNLIKE, Arrivals, DeviceClock, Line, periods
-from cfid.rig.line_summary import clock_apart, false_clock, repeated, restarted, too_many
+from cfid.rig.line_clock import UNLIKE, Arrivals, DeviceClock, Line
 from cfid.rig.listening import Listen, Port
 from cfid.rig.recorder import Block, Say, no_rows
 from cfid.rig.stalls import STOOD, Stalls
@@ -25,6 +24,8 @@ _PERIODS = 4  # of a slow rate: a shorter silence is neither absence nor gap
 _SEARCH_S = 0.5
 _LATE_S = 0.3  # after a gap, in which lines that the computer held back still come
 _PROMPT, _CHUNK_S = 2, 0.02  # lines after a gap that are no burst; a USB adapter passes them on in chunks
+_TICKS = 4  # fewest ticks of a device's clock in a period that show how many periods a step is
+_TELLING_S = 2.0  # shortest recording that shows a clock's rate
 _DOUBTS = 20  # lines in a row that do not continue the clock: the number is none
 _SLACK_S, _LIVE_SLACK_S = 0.1, 0.5  # by which a computer may delay the first line, at the end and in the live line
 
@@ -61,16 +62,16 @@ class Lines:
         self._gone_s: float | None = None
         self._gaps: list[dict[str, float | str]] = []
         self._sent = 0.0  # lines after the first, by the device's clock or the time of arrival, and the stated rate
-        self._kept = self._repeats = self._counted = 0  # kept: of the lines after the first
+        self._kept = self._counted = 0  # kept: of the lines after the first
         self._first_s: float | None = None  # when the first row arrived
         self._row: Line | None = None  # the latest row
         self._missing_before = 0  # the last gap
         self._gap_ended_s: float | None = None  # until lines that come late have come
         self._late = 0  # lines since the end of that gap
         self._restarts = 0  # of the device's clock
+        self._astray = False  # whether it disagreed with this computer's
         self._stalls = Stalls(loop)
-        self._first: tuple[float, int] | None = None  # by this computer's clock, and the device's, in microseconds
-        self._last = (0.0, 0)
+        self._first = self._last = (0.0, 0)  # by this computer's clock, and the device's, in microseconds
 
     @property
     def begun(self) -> bool:
@@ -122,8 +123,8 @@ class Lines:
             ticks = self._stamps.unwrapped([int(number) for number in numbers[stamp.name]])
             device_us = ticks * round(self._device.factor(stamp))
             columns.append(device_us)
-            self._first = self._first or (times_s[0], int(device_us[0]))
             self._last = times_s[-1], int(device_us[-1])
+            self._first = self._first if self._first[0] else (times_s[0], int(device_us[0]))
         return Block(columns, self._newly_lost())
 
     async def stop(self) -> None:
@@ -135,7 +136,8 @@ class Lines:
             self._note_gap(now_s, "silent at the end" if self._gone_s is None else "unplugged")
             self._sent += silent_s * self._device.rate_hz
         self._settle()
-        self._say_summary()
+        for sentence in self._findings():
+            self._say(sentence)
         if self._gone_s is not None and self._patient:
             raise DeviceError(
                 f"{self._device.port}: unplugged {now_s - self._gone_s:.0f} s before the end, and not plugged in again."
@@ -173,15 +175,15 @@ class Lines:
         for line in lines:
             before, self._row = self._row, line
             if line.step_s is not None:
-                self._sent += periods(line.step_s, rate_hz=self._device.rate_hz, tick_s=self._tick_s)
+                periods = line.step_s * self._device.rate_hz
+                self._sent += round(periods) if _TICKS * self._tick_s * self._device.rate_hz <= 1 else periods
             elif before is None or line.received_s == self._first_s:
                 self._first_s = line.received_s
                 continue
             else:
                 self._restarts += self._device.stamp is not None
                 self._sent += (line.received_s - before.received_s) * self._device.rate_hz
-            repeats = line.step_s == 0 and before is not None and line.numbers == before.numbers
-            self._kept, self._repeats = self._kept + 1 - repeats, self._repeats + repeats
+            self._kept += 1
 
     @property
     def _missing(self) -> int:
@@ -192,8 +194,8 @@ class Lines:
         return self._reader.rejected + self._clocked.false
 
     def _lost(self, slack_s: float) -> int | None:
-        """Return how many lines are lost; None where more came than the stated rate allows, which is then wrong."""
-        if -self._missing > UNLIKE * self._kept + slack_s * self._device.rate_hz:
+        """Return how many lines are lost; None where more came than the stated rate allows, or the clock is wrong."""
+        if self._astray or -self._missing > UNLIKE * self._kept + slack_s * self._device.rate_hz:
             return None
         return max(self._missing, self._left_out)
 
@@ -235,21 +237,34 @@ class Lines:
         if self._device.stamp is not None and self._late:
             self._gaps[-1]["lost"] = max(self._missing - self._missing_before, 0)
 
-    def _say_summary(self) -> None:
-        if self._repeats > UNLIKE * self._kept:
-            self._say(repeated(self.name, self._repeats))
-        if self._sent and self._lost(_SLACK_S) is None:
-            stated_hz = self._device.rate_hz
-            self._say(too_many(self.name, stated_hz * self._kept / self._sent, stated_hz=stated_hz))
-        apart: tuple[str, ...] = ()
-        if self._first is not None and not self._gaps:
-            here_s, there_s = self._last[0] - self._first[0], 1e-6 * (self._last[1] - self._first[1])
-            apart = clock_apart(self.name, here_s=here_s, there_s=there_s)
-        for sentence in (
-            *false_clock(self.name, self._clocked.false),
-            *((restarted(self.name),) if self._restarts else apart),
-        ):
-            self._say(sentence)
+    def _findings(self) -> Iterator[str]:
+        """Yield sentences at the end, on a rate or a clock that is not as stated, and on lines left out."""
+        name, stated_hz, false = self.name, self._device.rate_hz, self._clocked.false
+        here_s, there_s = self._last[0] - self._first[0], 1e-6 * (self._last[1] - self._first[1])
+        apart = here_s >= _TELLING_S and abs(there_s - here_s) > UNLIKE * here_s
+        self._astray = apart and not self._gaps and not self._restarts
+        if self._sent and self._lost(_SLACK_S) is None and not self._astray:
+            yield (
+                f"the {name} sent {stated_hz * self._kept / self._sent:.4g} lines a second, more than the "
+                f"{stated_hz:g} that rig.toml states, so its losses are unknown: set devices.{name}.rate_hz to the "
+                "rate that the device's program sets."
+            )
+        if false:
+            yield (
+                f"{counted(false, 'line')} of the {name} left out, lost: device_us jumps there and back, as where two "
+                "lines run into one. Let the device end lines with a checksum, shorten the cable."
+            )
+        if self._restarts:
+            yield (
+                f"the {name}'s clock, device_us, started anew: was the device restarted? See to its supply. A swing is "
+                "timed by its clock before and after."
+            )
+        if self._astray:
+            yield (
+                f"the {name}'s clock, device_us, went {there_s:.4g} s in {here_s:.4g} s, so its losses are unknown: it "
+                f"counts another unit, stands, or was restarted. Correct it, or leave it out of devices.{name}.values: "
+                "times are then those of arrival."
+            )
 
     def _longest(self, usual_s: float) -> float:
         """Return how long a silence may be at this rate before it is significant."""

@@ -442,14 +442,14 @@ def test_more_lines_than_the_stated_rate_allows_leave_the_losses_unknown(session
     assert re.match(r"the loadcell sent (79|80)\S* lines a second, more than the 76 that rig.toml states", text)
 
 
-def test_lines_that_are_sent_twice_are_named_and_are_no_other_rate(session: Session) -> None:
+def test_lines_that_are_sent_twice_leave_the_losses_unknown(session: Session) -> None:
     instrument, cable = cell(session)
     run, _ = session.record(instrument, for_s=4, also=sending(cable, lambda n: 2 * line(n)))
 
     assert len(rows_of(run, "loadcell")) == pytest.approx(640, abs=4)
-    assert run.header.devices["loadcell"].lost == 0
+    assert run.header.devices["loadcell"].lost is None
     (text,) = session.said
-    assert re.match(r"3(18|19|20) lines of the loadcell repeat the one before, device_us too: its program has to", text)
+    assert re.match(r"the loadcell sent (159|160|161)\S* lines a second, more than the 80", text)
 
 
 def test_the_stated_rate_is_not_commented_where_lines_do_not_match_or_a_plug_was_pulled(session: Session) -> None:
@@ -685,20 +685,6 @@ def test_check_shows_rate_and_resolution(board: Board) -> None:
     assert "steps of 0.0049," in found["Fz"][1]
 
 
-def test_check_shows_numbers_that_lost_a_digit(board: Board) -> None:
-    state, answer, advice = checked(board, lambda n: line(n) if n % 25 else b"%d,9\r\n" % (12500 * n))["Fz"]
-
-    assert state == "warning"
-    assert re.search(r"\b[23456] of \d+ readings far off alone", answer)
-    assert "checksum" in advice
-
-
-def test_check_takes_a_swinging_bodys_readings_as_they_are(board: Board) -> None:
-    state, _, _ = checked(board, lambda n: b"%d,%d\r\n" % (12500 * n, round(3000 * np.sin(0.1 * n))))["Fz"]
-
-    assert state == "ok"
-
-
 def test_check_shows_a_clock_that_is_none(board: Board) -> None:
     state, answer, advice = checked(board, lambda n: b"0,%d\r\n" % (301 + n))["device_us"]  # 0,301 is one number there
 
@@ -721,9 +707,9 @@ def test_check_shows_lines_that_never_came_and_advises_no_lower_rate(board: Boar
     state, answer, advice = checked(board, lambda n: lines(n) if n % 3 else b"", device=device)["lines"]
 
     assert state == "warning"
-    match = re.search(r"(\d+) of the (\d+) .* are missing", answer)
+    match = re.search(r"(\d+) of the (\d+) expected are missing", answer)
     assert match is not None
-    assert int(match[1]) / int(match[2]) == pytest.approx(1 / 3, abs=0.02 if clocked else 0.05)
+    assert int(match[1]) / int(match[2]) == pytest.approx(1 / 3, abs=0.05)
     assert "set " not in advice
     assert "lower" not in advice
 

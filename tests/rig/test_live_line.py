@@ -71,6 +71,15 @@ def test_time_left_force_battery_state_losses_rate_and_command_fit_80_columns() 
     assert line == " 13:43 left  Fz  123 mN  3.92 V  flying  7 LOST  7000+100 Hz  command 20000"
 
 
+def test_losses_that_nobody_can_count_are_unknown_and_not_zero() -> None:
+    recorder, _ = recorder_of(scales=None, loadcell=None)
+    recorder.progress["scales"].add(Block([np.zeros(1), np.zeros(1)], None), 0.0)
+    assert "losses unknown" in line_of(recorder)
+    assert "0 lost" not in line_of(recorder)
+    recorder.progress["loadcell"].add(Block([np.zeros(1), np.zeros(1)], 3), 0.0)
+    assert "3 LOST" in line_of(recorder)
+
+
 def test_what_does_not_fit_is_left_out_and_not_cut() -> None:
     parts = line_of(staircase(state="deck fault, unconfirmed"), task="command 20000 (9 of 33)")
 

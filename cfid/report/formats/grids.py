@@ -196,5 +196,6 @@ def runs_grid(runs: tuple[RunLine, ...]) -> Grid:
     for run in runs:
         excluded = f"excluded: {run.excluded}" if run.excluded else ""
         note = "; ".join(filter(None, ["simulated" * run.simulated, excluded, run.note]))
-        rows.append((run.name, run.what, run.state, cell_text(run.rows), cell_text(run.lost), note))
+        lost = cell_text("unknown" if run.lost is None else run.lost)
+        rows.append((run.name, run.what, run.state, cell_text(run.rows), lost, note))
     return Grid(("run", "what", "state", "rows", "lost", "note"), tuple(rows))
