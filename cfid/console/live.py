@@ -138,8 +138,7 @@ def line_of(recorder: "Recorder", *, task: str = "", question: str = "", left: s
     read = [text for name, own in recorder.progress.items() if (text := _read(name, own))]
     states = [own.status for own in every if own.status]
     lost = sum(own.lost or 0 for own in every)
-    unknown = any(own.lost is None for own in every)
-    losses = f"{lost} LOST" if lost else ("losses unknown" if unknown else "0 lost")
+    losses = f"{lost} LOST" if lost else "losses unknown" if None in [own.lost for own in every] else "0 lost"
     rates = "+".join(f"{own.rate_hz:.0f}" for own in shown if own.rate_hz >= _SLOWEST_HZ)
     first = "  ".join(filter(None, [left or _time_text(recorder), question]))
     parts = [first, *read, *states, losses, f"{rates} Hz" if rates else ""]

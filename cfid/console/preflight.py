@@ -225,9 +225,8 @@ def _rate(sampled: Sampled, requested_hz: float) -> list[DeviceAnswer]:
             "unknown: more samples than the stated rate"
             if sampled.lost is None
             else f"{100 * share:.2g} % of {count} samples",
-            "set the rate that the device's program sets"
-            if sampled.lost is None
-            else "use a direct cable, and end other programs; `cfid rig check` names what it finds of the device",
+            "use a direct cable, end other programs, and compare rate_hz in rig.toml with the rate of the device's "
+            "program; `cfid rig check` names what it finds of the device",
             limit=f"{100 * _MOST_LOST:g} %",
             within=share <= _MOST_LOST,
         ),

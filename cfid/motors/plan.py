@@ -17,14 +17,14 @@ class StaircasePlan:
     """Commands for some of the motors, held one after the other, with pauses (motors off) before, between and after.
 
     Where readings are typed, a command is held for `wait_s` more at most, until its reading; then motors pause until
-    the operator resumes. `resumes` is the name of the run that this staircase completes.
+    the operator resumes. It is None where none are. `resumes` is the name of the run that this staircase completes.
     """
 
     steps: tuple[int, ...]
     motors: tuple[int, ...]
     hold_s: float
     rest_s: float
-    wait_s: float = WAIT_S
+    wait_s: float | None = None
     resumes: str = ""
 
     @classmethod
@@ -50,5 +50,6 @@ class StaircasePlan:
 
     def to_run(self) -> dict[str, Any]:
         """Return what run.toml states about the staircase."""
-        own = {"steps": self.steps, "motors": self.motors, "hold_s": self.hold_s, "rest_s": self.rest_s}
+        own: dict[str, Any] = {"steps": self.steps, "motors": self.motors, "hold_s": self.hold_s, "rest_s": self.rest_s}
+        own |= {} if self.wait_s is None else {"wait_s": self.wait_s}
         return own | ({RESUMES: self.resumes} if self.resumes else {})

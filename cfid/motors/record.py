@@ -13,7 +13,7 @@ from cfid.console.vehicle import ExperimentOptions, confirm, reach, refuse
 from cfid.console.verdicts import Judge
 from cfid.errors import ConfigError
 from cfid.motors.during import Steps
-from cfid.motors.plan import LONGEST_WAIT_S, StaircasePlan
+from cfid.motors.plan import LONGEST_WAIT_S, WAIT_S, StaircasePlan
 from cfid.motors.staircase.record import procedure_of
 from cfid.motors.typed import Expected, expected_of
 from cfid.records.run import Label
@@ -66,7 +66,7 @@ def record_forces(
         if question is not None:
             parts.append(typed_readings("rpm"))
         procedure = procedure_of(staircase, question, live, _expected(staircase, rig, "rpm"), tare=True)
-        plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested=requested or {}, question=question)
+        plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested=requested or {})
         counts_per_n = (loadcell.record.model_extra or {}).get("counts_per_n")  # None for a cell that sends lines
         notice = Steps(counts_per_n) if calm and counts_per_n else None
         plan = replace(plan, notice=notice, asks=question is not None, tare_s=staircase.rest_s)
@@ -206,17 +206,17 @@ def _record_readings(
         effort += NOT_READ if vehicle.no_preflight else _quick([crazyflie.usual_log()], staircase, rig)
         confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes, effort=effort, ring=live.ring)
         procedure = procedure_of(staircase, question, live, _expected(staircase, rig, value), tare=False)
-        plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested=requested, question=question)
+        plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested=requested)
         record(f"log {kind}", plan, parts, live, keep, judge=judge)
 
 
 def _waiting(staircase: StaircasePlan, wait: float | None, question: str | None) -> StaircasePlan:
     """Return a staircase whose commands wait so long for typed readings. Raises ConfigError where none are typed."""
-    if wait is None:
-        return staircase
-    if question is None:
+    if question is not None:
+        return replace(staircase, wait_s=WAIT_S if wait is None else positive(wait, "--wait", most=LONGEST_WAIT_S))
+    if wait is not None:
         raise ConfigError(f"--wait {wait:g}: no reading is typed here.")
-    return replace(staircase, wait_s=positive(wait, "--wait", most=LONGEST_WAIT_S))
+    return staircase
 
 
 def _effort(staircase: StaircasePlan, rig: Rig, *, rate_hz: float) -> str:
@@ -231,7 +231,6 @@ def _plan(
     note: str | None,
     procedure: Procedure,
     requested: Mapping[str, Any],
-    question: str | None,
 ) -> Plan:
     campaign, _, simulated = rig
     return Plan(
@@ -239,13 +238,9 @@ def _plan(
         kind=kind,
         label=Label(note=note),
         procedure=procedure,
-        lasts_s=staircase.duration_s if question is None else None,  # nobody knows how long typing takes
+        lasts_s=staircase.duration_s if staircase.wait_s is None else None,  # nobody knows how long typing takes
         facts=campaign.rig.facts,
-        requested={
-            **staircase.to_run(),
-            **({} if question is None else {"wait_s": staircase.wait_s}),
-            **requested,
-        },
+        requested={**staircase.to_run(), **requested},
         simulated=simulated,
     )
 

@@ -123,7 +123,7 @@ async def read_at_steps(
 
     async def answered(step: int) -> float | Answer | None:
         """Return the answer of an operator, while the line counts down the wait."""
-        end_s, count = loop.seconds() + staircase.wait_s, _steps_left(1 + len(left))
+        end_s, count = loop.seconds() + (staircase.wait_s or 0), _steps_left(1 + len(left))
         live.left(lambda: f"{count}, pause in {max(end_s - loop.seconds(), 0):.0f} s" if step else count)
         return await ask(step)
 

@@ -146,12 +146,7 @@ def _of_gyro(run: Run, device: str) -> AngleRecord:
         label=run.header.label,
         time_s=found.time_s,
         angle_rad=found.angle_rad,
-        findings=(
-            *of_recording(name, losses(run, record, len(found.time_s))),
-            *found.rows.findings,
-            axis,
-            *clock,
-        ),
+        findings=(*of_recording(name, losses(run, record, len(found.time_s))), *found.rows.findings, axis, *clock),
         run=name,
         begin_s=float(found.rows.time_s[0]),
         time_scale_std=found.time_scale_std,
