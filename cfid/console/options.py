@@ -166,11 +166,14 @@ class LoadCellOptions:
     """Units and scales of a file's forces and torques."""
 
     counts_per_n: Annotated[
-        float | None, typer.Option(help="Counts per newton; default: the run's, else 1e6.", rich_help_panel=_FILE)
+        float | None,
+        typer.Option(help="Counts per newton; default: the run's or the file's, else 1e6.", rich_help_panel=_FILE),
     ] = None
     counts_per_nm: Annotated[
         float | None,
-        typer.Option(help="Counts per newton metre; default: the run's, else 1e6.", rich_help_panel=_FILE),
+        typer.Option(
+            help="Counts per newton metre; default: the run's or the file's, else 1e6.", rich_help_panel=_FILE
+        ),
     ] = None
     units: Annotated[
         Literal["counts", "n,nm"] | None,

@@ -15,7 +15,7 @@ from cfid.records.tables.head import head_of
 from cfid.records.tables.matlab import csv_blocks, is_matlab, matlab_table
 from cfid.records.tables.matlab_structs import MatlabTable
 from cfid.records.tables.table import CsvTable, Following
-from cfid.records.tables.text import check_text, decimal_sign, last_row, whole_lines
+from cfid.records.tables.text import check_text, decimal_sign, decoded, last_row, whole_lines
 
 BLOCK_BYTES = 1 << 20
 _FEWEST_LINES = 4  # of a large table's first block: a header, its units, two rows
@@ -77,7 +77,8 @@ def _table_in(path: Path, content: bytes, *, sha256: str, skip_lines: int = 0, t
     last = last_row(text, form.plain(rest), head.separator) if typed else b""
     rows = rows_of(text[head.row.begin :] + last, head.separator, len(head.names), head.row.number)
     decimal = decimal_sign(rows.body, head.separator)
-    form = form.completed(text[: head.row.begin], head)
+    above = text[: head.row.begin]
+    form = form.completed(above, head)
     return CsvTable(
         path=path,
         sha256=sha256,
@@ -87,6 +88,7 @@ def _table_in(path: Path, content: bytes, *, sha256: str, skip_lines: int = 0, t
         unended=bool(last),
         preamble=head.preamble,
         decimal=decimal,
+        above=decoded(above),
         prose=rows.prose,
         form=form,
         _body=form.timed(rows.body, head.separator, decimal, row=0),

@@ -46,9 +46,9 @@ class CsvTable:
     """A CSV file, opened but not yet parsed: column names ('1', '2', ... without a header) and its body.
 
     A column is selected by its name, or by its number counted from 1. `preamble` is how many lines were left out
-    above the header, `prose` are lines of words among the rows, also left out. `units` are those that the file states
-    in addition to the names, as cfid's own MATLAB files do; "" is an unknown one. For a large file, `following()`
-    yields the blocks of lines after this one, whose columns are read one after another.
+    above the header, `above` the text above the rows, `prose` are lines of words among the rows, also left out. `units`
+    are those that the file states in addition to the names, as cfid's own MATLAB files do; "" is an unknown one. For a
+    large file, `following()` yields the blocks of lines after this one, whose columns are read one after another.
     """
 
     path: Path
@@ -59,6 +59,7 @@ class CsvTable:
     unended: bool  # it has none, and is a row
     preamble: int
     decimal: str
+    above: str = ""
     prose: tuple[TextLine, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
     following: "Following | None" = None

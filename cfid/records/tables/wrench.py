@@ -20,9 +20,11 @@ from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
 from cfid.records.run_notes import Facts, facts_of, file_name, gaps, losses, run_at
 from cfid.records.tables.blocks import open_table
+from cfid.records.tables.force_units import FORCES_N, TORQUES_NM, si_factor
 from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema, refuse_clock, unused_in_run
 from cfid.records.tables.stamps import stamped_rows
 from cfid.records.tables.table import Array, CsvTable
+from cfid.records.tables.text import is_finite, short
 from cfid.records.tables.times import TIME_COLUMN, complete_rows, line_notes, pauses, seconds_of, times_of
 from cfid.records.tables.wrench_range import Units, check_values, possible_rows
 from cfid.records.tables.wrench_status import Words, status_notes, status_words
@@ -34,6 +36,8 @@ AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 USUAL_COUNTS = 1e6  # per N and per N m: the thesis' box, and the manufacturer's default
 
 _STATUS = "status"
+_RATE = "RDT Sample Rate"
+_OF_ATI = (_RATE, "Force Units", "Counts per Unit Force", "Torque Units", "Counts per Unit Torque")
 _THESIS_FAMILY: Family = "netft"  # of a file that does not state its box
 
 
@@ -187,6 +191,7 @@ def _read(
 ) -> WrenchRecord:
     refuse_clock(path, reading)
     table = open_table(path, skip_lines=reading.skip_lines, columns=reading.columns)
+    reading, scale_notes = _as_stated(table, reading)
     if not reading.columns:
         refuse_other_units(table, axes)
     places = _schema(axes).places(table, named=reading.columns, rate_hz=reading.rate_hz)
@@ -205,7 +210,7 @@ def _read(
     time, notes = times_of(table, time_name, raw, unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
     begin_s = _begin_s(table, time_name, raw[:1], reading)
     wrench = values[:, time_name is not None :][:, : len(axes)]
-    scale, scale_notes = _scales(reading, units.name)
+    scale, assumed = _scales(reading, units.name)
     if axes != AXES:
         shown, wrench = wrench, np.full((len(values), len(AXES)), np.nan)
         wrench[:, [AXES.index(axis) for axis in axes]] = shown
@@ -214,7 +219,7 @@ def _read(
     words = status_words(table, values[:, -1]) if _STATUS in places else None
     notes = (*missing, *stamp_notes, *notes, *(() if own or missing else pauses(table, time)))
     notes += converted_note(table, names, units)
-    notes += scale_notes if words is None else (*scale_notes, *status_notes(table, words, family))
+    notes += (*scale_notes, *assumed, *(() if words is None else status_notes(table, words, family)))
     notes += line_notes(table)
     wrench /= scale  # in place: it may be larger than the memory
     return WrenchRecord(
@@ -229,6 +234,42 @@ def _read(
         begin_s=begin_s,
         axes=axes,
     )
+
+
+def _as_stated(table: CsvTable, reading: WrenchReading) -> tuple[WrenchReading, tuple[str, ...]]:
+    """Return a reading with what ATI's demo program writes above its columns, where no option states it, and a note.
+
+    Raises ConfigError for a unit or number there that is not read.
+    """
+    lines = (line.strip(' "').partition(":") for line in table.above.splitlines())
+    stated = {key: value.strip(' "') for key, _, value in lines if key in _OF_ATI}
+    if not all(f"Counts per Unit {what}" in stated for what in ("Force", "Torque")):
+        return reading, ()
+    found: dict[str, float] = {}
+    for what, option, units in (("Force", "counts_per_n", FORCES_N), ("Torque", "counts_per_nm", TORQUES_NM)):
+        if getattr(reading, option) is None:
+            factor = si_factor(stated.get(f"{what} Units", ""), units)
+            found[option] = _number(table, stated, f"Counts per Unit {what}", option) / (factor or np.nan)
+            if factor is None:
+                unit = stated.get(f"{what} Units", "")
+                raise ConfigError(f"{table.path}: its {what} Units, '{short(unit)}', are not read: give `{option}`.")
+    if reading.rate_hz is None and reading.time_unit is None and not reading.columns and _RATE in stated:
+        found["rate_hz"] = _number(table, stated, _RATE, "rate_hz")
+    listed = ", ".join(f"`{option}` {value:.6g}" for option, value in found.items())
+    notes = (f"above its columns the file states {listed}.",) if found else ()
+    stated_reading = replace(
+        reading,
+        counts_per_n=found.get("counts_per_n", reading.counts_per_n),
+        counts_per_nm=found.get("counts_per_nm", reading.counts_per_nm),
+        rate_hz=found.get("rate_hz", reading.rate_hz),
+    )
+    return stated_reading, notes
+
+
+def _number(table: CsvTable, stated: Mapping[str, str], key: str, option: str) -> float:
+    if not (is_finite(stated[key]) and float(stated[key]) > 0):
+        raise ConfigError(f"{table.path}: its {key}, '{short(stated[key])}', is no number above zero: give `{option}`.")
+    return float(stated[key])
 
 
 def _begin_s(table: CsvTable, column: str | None, first: Array, reading: WrenchReading) -> float | None:
