@@ -249,29 +249,17 @@ def test_a_row_without_a_command_is_left_out_and_a_column_of_text_is_not_used(tm
     assert "stand.csv: 1 row without a time or command (first: line 3) is left out." in texts(table.findings, "warning")
 
 
-@pytest.mark.parametrize("cells", ["40%,50%,100%", "40 %,50 %,100 %", '"40%","50%","100%"', "40.0%,50.00%,100%"])
-@pytest.mark.parametrize("columns", [(), ("cmd=1",), ("pwm_percent=Throttle",)])
-def test_a_sign_of_per_cent_in_cells_is_the_unit_of_a_command(
-    tmp_path: Path, cells: str, columns: tuple[str, ...]
+@pytest.mark.parametrize("head", ["Throttle (%)", "pwm_percent", "command_fraction", "cmd"])
+def test_signs_of_per_cent_in_cells_are_no_numbers_and_the_message_names_what_to_write(
+    tmp_path: Path, head: str
 ) -> None:
-    rows = "".join(f"{cell},{7000 + at},{at}\n" for at, cell in enumerate(cells.split(",")))
-    table = read(tmp_path, f"Throttle,rpm,thrust_n\n{rows}", columns=columns)
-    assert table.command == pytest.approx([26214, 32767.5, 65535])
-    assert np.asarray(table.thrust_n).tolist() == [0, 1, 2]
-
-
-def test_a_sign_of_per_cent_behind_decimal_commas_is_the_unit_of_a_command(tmp_path: Path) -> None:
-    table = read(tmp_path, "Throttle;thrust_n\n40,00%;1,5\n50,50%;2\n")
-    assert table.command == pytest.approx([26214, 33095.175])
-
-
-@pytest.mark.parametrize(("head", "columns"), [("thrust_n", ()), ("lift", ("thrust_n=2",))])
-def test_a_thrust_in_per_cent_is_none_in_newtons(tmp_path: Path, head: str, columns: tuple[str, ...]) -> None:
-    text = f"cmd,{head},rpm\n30000,10%,9000\n40000,20%,9900\n"
-    if columns:
-        assert "states a unit that is not read" in refusal(tmp_path, text, ConfigError, columns=columns)
-    else:
-        assert read(tmp_path, text).thrust_n is None
+    said = "Write per cent without the sign."
+    table = read(tmp_path, f"{head},rpm,thrust_n\n40%,7000,1\n50%,7100,2\n")
+    assert said in " ".join(notes_of(table))
+    assert np.isnan(table.command).all()
+    named = read(tmp_path, "Throttle,rpm,thrust_n\n40%,7000,1\n50%,7100,2\n", columns=("cmd=1",))
+    assert said in " ".join(notes_of(named))
+    assert read(tmp_path, "cmd,thrust_n,rpm\n30000,10%,9000\n40000,20%,9900\n").thrust_n is None
 
 
 @pytest.mark.parametrize(
@@ -1005,9 +993,3 @@ def test_decimal_points_before_three_digits_are_taken_as_such(tmp_path: Path) ->
     table = read_stand_table(tmp_path / "stand.csv")
     assert table.speeds_rad_s is not None
     assert table.speeds_rad_s[1, 0] == pytest.approx(5230 * 2 * np.pi / 60)
-
-
-def test_signs_of_per_cent_below_a_fraction_are_its_unit(tmp_path: Path) -> None:
-    (tmp_path / "stand.csv").write_text("command_fraction,Thrust (g),RPM\n50%,253,5230\n75%,528,7520\n100%,828,9380\n")
-    table = read_stand_table(tmp_path / "stand.csv")
-    assert table.command == pytest.approx([0.5 * 65535, 0.75 * 65535, 65535])

@@ -25,7 +25,6 @@ from cfid.records.tables.stand_commands import commands_of
 from cfid.records.tables.stand_faults import without_faults
 from cfid.records.tables.stand_heads import heads_of
 from cfid.records.tables.stand_names import with_named
-from cfid.records.tables.stand_percent import with_known_units, with_percent
 from cfid.records.tables.stand_rows import check_one_motor, with_rows
 from cfid.records.tables.stand_speeds import mean_of_known, speeds_of
 from cfid.records.tables.stand_times import Timing, timing_of
@@ -99,11 +98,10 @@ def read_stand_table(
 
     Raises DataError with file, line or column, and next step; ConfigError for an invalid rate or range.
     """
-    chosen = with_rows(
-        with_percent(open_table(path, skip_lines=skip_lines, typed=not (path.parent / RUN_FILE).is_file())), columns
-    )
+    typed = not (path.parent / RUN_FILE).is_file()
+    chosen = with_rows(open_table(path, skip_lines=skip_lines, typed=typed), columns)
     opened, named = with_named(chosen.table, chosen.columns)
-    table, found, read_notes = columns_of(with_known_units(opened))
+    table, found, read_notes = columns_of(opened)
     command, command_notes = commands_of(table, found, esc_us)
     timing = timing_of(table, found, command, unit=time_unit, rate_hz=rate_hz)
     used = [*chosen.by, *(name for columns in found.values() for name in columns.names)]

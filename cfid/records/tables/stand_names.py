@@ -5,7 +5,6 @@ from dataclasses import replace
 
 from cfid.errors import ConfigError
 from cfid.records.tables.stand_heads import HEADS, has_unread_unit, heads_of, in_own_unit
-from cfid.records.tables.stand_percent import with_unit
 from cfid.records.tables.table import CsvTable
 
 
@@ -29,7 +28,7 @@ def with_named(table: CsvTable, columns: Sequence[str]) -> tuple[CsvTable, tuple
                 f"{HEADS}."
             )
         place = table.place(column)
-        own = with_unit(table, table.names[place])
+        own = table.names[place]
         if has_unread_unit(name, own):
             raise ConfigError(
                 f"{table.path}: `columns` {pair}: column '{own}' states a unit that is not read. "

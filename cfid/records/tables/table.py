@@ -3,7 +3,6 @@
 This module handles separators, headers and cut files; other modules interpret the columns.
 """
 
-import re
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -144,11 +143,6 @@ class CsvTable:
         chosen = np.sort(np.asarray(rows, np.intp))
         before = np.searchsorted(self._left_out - np.arange(len(self._left_out)), chosen, side="right")
         return replace(self, _left_out=np.sort(np.append(self._left_out, chosen + before)))
-
-    def without_signs(self, signs: "re.Pattern[bytes]") -> "CsvTable":
-        """Return the table, which has to be a single block, without some signs in its rows."""
-        body = signs.sub(b"", self._body)
-        return replace(self, _body=body, decimal=decimal_sign(body, self._separator))
 
     def blocks(self) -> "Iterator[CsvTable]":
         """Yield the blocks of the table that have a row, each a table of its own."""
