@@ -25,6 +25,7 @@ from cfid.records.rig_file import RIG_FILE, load_rig, new_rig_text
 from cfid.records.run import RUN_FILE, read_run
 from cfid.records.tables.any_kind import read_table
 from cfid.records.tables.blocks import open_table
+from cfid.records.tables.schema import Foreign
 from cfid.report.content import gather
 from cfid.report.formats.render import rendered
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
@@ -74,7 +75,6 @@ CROSSINGS = _lines("t,thrust_rec,sample,vehicle_us", TIME_S, 100 * (1 + np.arang
 PINGS = _lines("t,rtt_s,vehicle_us", TIME_S, 0.01 + TIME_S / 100, range(0, 10000 * ROWS, 10000))
 SEMICOLONS = ANGLE.replace(b",", b";").replace(b".", b",").replace(b"\n", b"\r\n")
 MONITOR = b"".join(b"12:03:45.%03d -> " % at + line + b"\n" for at, line in enumerate(ANGLE.splitlines()))
-PLOTTER = b"".join(b"t:%f,phi:%d\n" % pair for pair in zip(TIME_S, ANGLES, strict=True))
 OF_R = b'"t","phi"\n' + b"".join(b'"%d",%f,%d\n' % row for row in zip(range(1, ROWS + 1), TIME_S, ANGLES, strict=True))
 LABVIEW = (
     b"***End_of_Header***\nX_Dimension\tTime\nDelta_X\t0,01\n***End_of_Header***\nX_Value\tAngle\tComment\n"
@@ -240,7 +240,7 @@ READERS = (
     Reader(
         name="table", contents=(ANGLE,), read=lambda path: open_table(path).numbers(("t", "phi")), fault=_other_numbers
     ),
-    Reader(name="angle", contents=(ANGLE, SEMICOLONS, MONITOR, PLOTTER, LABVIEW, OF_R), read=_angle),
+    Reader(name="angle", contents=(ANGLE, SEMICOLONS, MONITOR, LABVIEW, OF_R), read=_angle),
     Reader(name="MATLAB", contents=(_matlab(),), read=_angle, file="swing.mat"),
     Reader(name="wrench", contents=(WRENCH,), read=lambda path: read_table(path, kind="wrench")),
     Reader(name="crossings", contents=(CROSSINGS,), read=lambda path: read_table(path, kind="crossings")),
@@ -248,12 +248,15 @@ READERS = (
     Reader(name="stand", contents=(text_of().encode(),), read=lambda path: read_table(path, kind="stand")),
     Reader(name="table log", contents=(ANGLE, WRENCH), read=lambda path: _all_values(read_log(path))),
     Reader(
-        name="uSD-card log", contents=(single(40),), read=lambda path: _all_values(read_log(path)), fault=_unnoticed
+        name="uSD-card log",
+        contents=(single(40),),
+        read=lambda path: _all_values(read_log(path, Foreign(clock="true"))),
+        fault=_unnoticed,
     ),
     Reader(
         name="uSD-card log, checksum right",
         contents=(single(40),),
-        read=lambda path: _all_values(read_log(path)),
+        read=lambda path: _all_values(read_log(path, Foreign(clock="true"))),
         repaired=_with_checksum,
     ),
     Reader(name="ULog", contents=(ulog(), ulog(geometry="FR RL FL RR")), read=lambda path: _all_values(read_log(path))),
