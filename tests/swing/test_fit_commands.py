@@ -52,7 +52,7 @@ def swings(files: Path, *axes: str) -> list[str]:
 def test_json_has_the_keys_of_the_contract(cfid: Cfid, files: Path) -> None:
     result = found(cfid("fit", "inertia", *swings(files), "--geometry", files / "geometry.toml", "--json"))
 
-    assert set(result) == {"command", "parameters", "accepted", "findings", "quality", "sources", "version"}
+    assert set(result) == {"command", "parameters", "accepted", "in_force", "findings", "quality", "sources", "version"}
     assert result["command"] == "fit inertia"
     assert result["accepted"] is True
     assert set(result["parameters"]) == {
