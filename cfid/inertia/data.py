@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from cfid.errors import ConfigError, DataError, FitError
+from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding
 from cfid.records.mounts import Mount
 from cfid.records.parameters import Source
@@ -12,11 +12,8 @@ from cfid.records.plausibility import taken_as_exact
 from cfid.records.result import Dependent
 from cfid.records.tables.angle import AngleRecord, Recording, angle_record
 from cfid.swing.axis_inertias import MountedSwing
-from cfid.swing.data import FIXTURE, KnownInertia, check_peaks, peaks_on, swing_in, threads_of
-from cfid.swing.estimation import fit_swing
-from cfid.swing.free_swing import FreeSwing
-from cfid.swing.result import Method, rejections_of
-from cfid.swing.thesis import fit_damped_cosine
+from cfid.swing.data import FIXTURE, KnownInertia, check_peaks, peaks_on, threads_of
+from cfid.swing.result import FREQUENCY, Method, estimate
 
 Swing = Recording | KnownInertia
 Peaks = int | Mapping[str, int] | None
@@ -82,18 +79,16 @@ def measure(
             found += [] if swing.std_kg_m2 else [(mount, taken_as_exact("axis inertia"))]
             continue
         threads = threads_of(mounts.get(mount), gravity_mps2)
-        free = swing_in(swing, threads, peaks=peaks_on(mount, peaks), smallest_peak_rad=smallest_peak_rad)
-        try:
-            value, std, figures, rejections = (_by_thesis if method == "thesis" else _by_default)(free)
-        except FitError as error:
-            raise FitError(f"{swing.path}: {error}") from None
+        window = {"peaks": peaks_on(mount, peaks), "smallest_peak_rad": smallest_peak_rad}
+        fitted = estimate(swing, threads, method=method, **window)
+        value, std = (one.natural_frequency_squared_s2 for one in (fitted.coefficients, fitted.std))
         mounted.append(MountedSwing(axis=mount, value=value, std=std, name=swing.name, seen=swing.rates is not None))
         numbers = {"natural_frequency_squared_s2": value, "std_s2": std}
         key = f"{gives}.{mount}"
-        merits.append({"axis": mount, **{name: Dependent(one, key) for name, one in numbers.items()}, **figures})
-        about = _about(figures)
+        merits.append({"axis": mount, **{name: Dependent(one, key) for name, one in numbers.items()}, **fitted.merits})
+        about = _about(fitted.merits)
         lines.append(Dependent(f"{mount}: W {value:.7g} 1/s^2, {about}", key, instead=f"{mount}: rejected, {about}"))
-        found += [(mount, finding) for finding in (*free.findings, *rejections)]
+        found += [(mount, finding) for finding in fitted.findings if finding.concerns(FREQUENCY)]
     return MeasuredSwings(
         mounted=tuple(swing for swing in mounted if swing.axis != FIXTURE),
         fixture=next((swing for swing in mounted if swing.axis == FIXTURE), None),
@@ -114,30 +109,6 @@ def _mount_of(record: AngleRecord, body: str) -> str:
     if label.axis is None:
         raise DataError(f"{record.name}: has no axis in its label: name it, as in AXIS={record.name}.")
     return label.axis
-
-
-def _by_default(swing: FreeSwing) -> tuple[float, float, dict[str, Any], tuple[Finding, ...]]:
-    """Return W, its standard uncertainty, figures of quality and rejections.
-
-    Which damping terms explain the decay does not matter for an inertia, so that note is left out.
-    """
-    fit = fit_swing(swing)
-    quality = {
-        "accepted": fit.accepted,
-        "peaks_used": swing.peaks_used,
-        "damping_terms": fit.terms,
-        "rms": fit.residual_rms_rad,
-        "distortion": fit.quality.distortion,
-        "drift": fit.quality.drift,
-    }
-    frequency, std = (found.natural_frequency_squared_s2 for found in (fit.coefficients, fit.std))
-    return frequency, std, quality, fit.quality.findings
-
-
-def _by_thesis(swing: FreeSwing) -> tuple[float, float, dict[str, Any], tuple[Finding, ...]]:
-    cosine, rejections = fit_damped_cosine(swing), rejections_of(swing)
-    frequency, std = (found.natural_frequency_squared_s2 for found in (cosine.frequencies, cosine.std))
-    return frequency, std, {"accepted": not rejections, "peaks_used": swing.peaks_used}, rejections
 
 
 def _about(figures: Mapping[str, Any]) -> str:

@@ -251,5 +251,5 @@ def _usable(peak_angle: Array, requested: int | None, smallest: float) -> tuple[
         return max(FEWEST_PEAKS, int(np.count_nonzero(np.abs(peak_angle) >= smallest))), ()
     if requested > found:
         text = f"{requested} peaks were requested; only {found} are at least 1 degree high."
-        return found, (note("swing-fewer-peaks", text, "swing.peaks_used"),)
+        return found, (note("swing-fewer-peaks", text, "swing.*"),)
     return requested, ()

@@ -1,7 +1,8 @@
 """Collect the results of one swing's fit: quantities, findings, lines and figures."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -13,7 +14,7 @@ from cfid.records.plausibility import implausible_gravity, implausible_quantitie
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig, thesis_rig
 from cfid.records.tables.angle import AngleRecord, Recording, angle_record, labelled
-from cfid.swing.collocation import NO_THREADS, Coefficients
+from cfid.swing.collocation import NO_THREADS, Coefficients, Threads
 from cfid.swing.data import (
     body_of_swing,
     check_peaks,
@@ -33,7 +34,7 @@ from cfid.swing.values import INERTIA, InertiaAbout, findings_about, inertia_abo
 
 Method = Literal["default", "thesis"]
 
-_FREQUENCY = "swing.natural_frequency_squared_s2"
+FREQUENCY = "swing.natural_frequency_squared_s2"
 _OTHER_BODY = {"testbody": "testbody", "fixture": "fixture"}  # the vehicle has no name here
 _THESIS_BIAS = (
     "the thesis' damped cosine takes sin(phi) for phi: its inertia is too high, by 1 % at 20 degrees; its standard "
@@ -80,8 +81,8 @@ def fit(
     swung, directions = (None, ()) if body is None else turned_about(body[0], [record])
     threads = NO_THREADS if body is None else threads_of(body[0].mounts[body[1]], around.gravity_mps2)
     window = {"smallest_peak_rad": smallest_peak_rad, "from_s": from_s, "to_s": to_s}
-    swing = swing_in(record, threads, peaks=peaks_on(axis, peaks), **window)
-    found = _by_thesis(record, swing) if method == "thesis" else _by_default(record, swing)
+    found = estimate(record, threads, method=method, peaks=peaks_on(axis, peaks), **window)
+    swing, (checks, check_lines) = found.swing, _checks(found)
     inertia = (
         None if body is None or swung is None else inertia_about(found.coefficients, found.std, swung, body[1], around)
     )
@@ -92,8 +93,8 @@ def fit(
         section=" ".join(filter(None, ("swing", _OTHER_BODY.get(record.label.body or ""), axis or record.name))),
         method=method,
         quantities=quantities,
-        wanted=(_FREQUENCY, INERTIA),
-        merits=found.merits,
+        wanted=(FREQUENCY, INERTIA),
+        merits={**found.merits, **checks},
         findings=(
             *record.findings,
             *found.findings,
@@ -105,49 +106,56 @@ def fit(
         ),
         sources=(record.source,),
         rests_on=rests_on([axis or ""], body=record.label.body),
-        lines=(_window_line(swing), *found.lines, *(() if inertia is None else (Dependent(inertia.budget, INERTIA),))),
-        drawings=found.drawings,
+        lines=(
+            _window_line(swing),
+            found.line,
+            *check_lines,
+            *(() if inertia is None else (Dependent(inertia.budget, INERTIA),)),
+        ),
+        drawings=lambda: _drawings(record, found),
     )
 
 
-def rejections_of(swing: FreeSwing) -> tuple[Finding, ...]:
-    """Return why no pendulum describes a record, for a method without checks of its own."""
-    try:
-        return tuple(one for one in fit_swing(swing).findings if one.severity == "rejection")
-    except FitError as error:
-        return (rejection("swing-no-pendulum", str(error), "swing.*"),)
-
-
 @dataclass(frozen=True, kw_only=True)
-class _SwingEstimate:
-    """The result of either method; damping is per inertia."""
+class SwingEstimate:
+    """One swing, fitted by either method; damping is per inertia. `fitted` is the method's own result."""
 
+    swing: FreeSwing
+    fitted: SwingFit | DampedCosine
     coefficients: Coefficients
     std: Coefficients
     start: tuple[float, float]
     start_std: tuple[float | None, float | None]
     merits: Mapping[str, Any]
     findings: tuple[Finding, ...]
-    lines: tuple[str | Dependent, ...]
-    drawings: Callable[[], Figures]
+    line: str
 
 
-def _by_default(record: AngleRecord, swing: FreeSwing) -> _SwingEstimate:
-    fitted, cosine = fit_swing(swing), fit_damped_cosine(swing)
-    checks, check_lines = _checks(swing, fitted, cosine)
+def estimate(record: AngleRecord, threads: Threads, *, method: Method, **window: Any) -> SwingEstimate:
+    """Find the free swing in a recording and fit it: the way from a swing to a frequency for every command.
 
-    def drawings() -> Figures:
-        from cfid.swing.figures import swing_figure
+    `threads` carry the body; `window` are arguments of `find_swing`. Raises DataError for a recording without a swing
+    and FitError when no pendulum follows it, both naming the file.
+    """
+    swing = swing_in(record, threads, **window)
+    try:
+        return _by_thesis(swing) if method == "thesis" else _by_default(swing)
+    except FitError as error:
+        raise FitError(f"{record.path}: {error}") from None
 
-        return {f"{record.path.stem}_swing": swing_figure(swing, fitted, title=record.name)}
 
+def _by_default(swing: FreeSwing) -> SwingEstimate:
+    fitted = fit_swing(swing)
     quality = fitted.quality
-    return _SwingEstimate(
+    return SwingEstimate(
+        swing=swing,
+        fitted=fitted,
         coefficients=fitted.coefficients,
         std=fitted.std,
         start=(fitted.output_error.start_angle_rad, fitted.output_error.start_speed_rad_per_s),
         start_std=fitted.start_std,
         merits={
+            "accepted": fitted.accepted,
             "rms": fitted.residual_rms_rad,
             "misfit": quality.misfit,
             "distortion": quality.distortion,
@@ -157,20 +165,45 @@ def _by_default(record: AngleRecord, swing: FreeSwing) -> _SwingEstimate:
             "damping_split_bic": fitted.split_bic,
             **_gyro(swing, fitted),
             **_window(swing),
-            **checks,
         },
         findings=fitted.findings,
-        lines=(
-            f"damping: {', '.join(fitted.terms) or 'none'}; residual {1e3 * fitted.residual_rms_rad:.3g} mrad rms, "
-            f"waveform off by {100 * quality.distortion:.2g} % of the start angle, drift {100 * quality.drift:+.2g} %",
-            *(
-                f"{key.replace('_', ' ')} {value:+.3g}, standard uncertainty {std:.1g}"
-                for key, (value, std) in _gyro(swing, fitted).items()
-            ),
-            *check_lines,
-        ),
-        drawings=drawings,
+        line=f"damping: {', '.join(fitted.terms) or 'none'}; residual {1e3 * fitted.residual_rms_rad:.3g} mrad rms, "
+        f"waveform off by {100 * quality.distortion:.2g} % of the start angle, drift {100 * quality.drift:+.2g} %",
     )
+
+
+def _by_thesis(swing: FreeSwing) -> SwingEstimate:
+    cosine, rejections = fit_damped_cosine(swing), _rejections_of(swing)
+    residual = cosine.angle_rad - cosine.model_rad
+    rms = float((residual @ residual / len(residual)) ** 0.5)
+    return SwingEstimate(
+        swing=swing,
+        fitted=cosine,
+        coefficients=Coefficients(*cosine.frequencies, 0.0, 0.0, 0.0),
+        std=Coefficients(*cosine.std, 0.0, 0.0, 0.0),
+        start=(cosine.start_angle_rad, cosine.start_speed_rad_per_s),
+        start_std=(None, None),
+        merits={"accepted": not rejections, "rms": rms, **_window(swing)},
+        findings=(*swing.findings, warning("swing-thesis-bias", _THESIS_BIAS, FREQUENCY, INERTIA), *rejections),
+        line=f"damped cosine: residual {1e3 * rms:.3g} mrad rms",
+    )
+
+
+def _rejections_of(swing: FreeSwing) -> tuple[Finding, ...]:
+    """Return why no pendulum describes a record, for a method without checks of its own."""
+    try:
+        return tuple(one for one in fit_swing(swing).findings if one.severity == "rejection")
+    except FitError as error:
+        return (rejection("swing-no-pendulum", str(error), "swing.*"),)
+
+
+def _drawings(record: AngleRecord, found: SwingEstimate) -> Figures:
+    from cfid.swing.figures import swing_figure, thesis_swing_figure
+
+    name, swing, fitted = f"{record.path.stem}_swing", found.swing, found.fitted
+    if isinstance(fitted, SwingFit):
+        return {name: swing_figure(swing, fitted, title=record.name)}
+    return {f"{name}_thesis": thesis_swing_figure(swing, fitted, fit_flexible(swing), title=record.name)}
 
 
 def _gyro(swing: FreeSwing, fitted: SwingFit) -> dict[str, tuple[float, float]]:
@@ -180,69 +213,43 @@ def _gyro(swing: FreeSwing, fitted: SwingFit) -> dict[str, tuple[float, float]]:
     return {"gyro_scale_error": (fitted.gyro_scale_error, fitted.gyro_scale_std)}
 
 
-def _checks(
-    swing: FreeSwing, fitted: SwingFit, cosine: DampedCosine
-) -> tuple[dict[str, Dependent], tuple[Dependent, ...]]:
-    """Return the results of the thesis' simpler methods, as figures and as lines."""
-    decrement, linear = log_decrement(swing), cosine.frequencies
-    # An inertia is m g r over W: a frequency that is too low gives an inertia that is too high.
-    excess = fitted.coefficients.natural_frequency_squared_s2 / linear.natural_frequency_squared_s2 - 1
+def _checks(found: SwingEstimate) -> tuple[dict[str, Dependent], tuple[Dependent, ...]]:
+    """Return the results of the thesis' other methods, as figures and as lines."""
+    swing = found.swing
+    if not isinstance(found.fitted, SwingFit):
+        nonlinear = fit_flexible(swing).frequencies
+        line = (
+            "nonlinear equation (2.9) on the flexible function (2.16): "
+            f"{nonlinear.natural_frequency_squared_s2:.6g} 1/s^2"
+        )
+        return {"nonlinear_equation": Dependent(nonlinear._asdict(), FREQUENCY)}, (Dependent(line, FREQUENCY),)
+    decrement = log_decrement(swing)
     scatter = decrement.viscous_scatter_per_s
-    figures = {
-        "damped_cosine": {**linear._asdict(), "relative_inertia_excess": excess},
-        "log_decrement": {**decrement.frequencies._asdict(), "viscous_scatter_per_s": scatter},
-    }
-    lines = (
-        f"check: the thesis' damped cosine would give {linear.natural_frequency_squared_s2:.6g} 1/s^2, "
-        f"an inertia {100 * excess:+.2f} % off",
+    figures = {"log_decrement": {**decrement.frequencies._asdict(), "viscous_scatter_per_s": scatter}}
+    lines = [
         f"check: decay by the logarithmic decrement {decrement.frequencies.viscous_per_s / 2:.3g} 1/s, scatter "
         f"{scatter / 2:.2g}; its period gives {decrement.frequencies.natural_frequency_squared_s2:.6g} 1/s^2",
-    )
+    ]
+    with suppress(FitError):  # a swing may be sound where a damped cosine does not follow it
+        linear = fit_damped_cosine(swing).frequencies
+        # An inertia is m g r over W: a frequency that is too low gives an inertia that is too high.
+        excess = found.coefficients.natural_frequency_squared_s2 / linear.natural_frequency_squared_s2 - 1
+        figures = {"damped_cosine": {**linear._asdict(), "relative_inertia_excess": excess}, **figures}
+        lines = [
+            f"check: the thesis' damped cosine would give {linear.natural_frequency_squared_s2:.6g} 1/s^2, "
+            f"an inertia {100 * excess:+.2f} % off",
+            *lines,
+        ]
     return (
-        {name: Dependent(each, _FREQUENCY) for name, each in figures.items()},
-        tuple(Dependent(line, _FREQUENCY) for line in lines),
+        {name: Dependent(each, FREQUENCY) for name, each in figures.items()},
+        tuple(Dependent(line, FREQUENCY) for line in lines),
     )
 
 
-def _by_thesis(record: AngleRecord, swing: FreeSwing) -> _SwingEstimate:
-    cosine, flexible = fit_damped_cosine(swing), fit_flexible(swing)
-    residual = cosine.angle_rad - cosine.model_rad
-    rms = float((residual @ residual / len(residual)) ** 0.5)
-    nonlinear = (
-        "nonlinear equation (2.9) on the flexible function (2.16): "
-        f"{flexible.frequencies.natural_frequency_squared_s2:.6g} 1/s^2"
-    )
-
-    def drawings() -> Figures:
-        from cfid.swing.figures import thesis_swing_figure
-
-        name = f"{record.path.stem}_swing_thesis"
-        return {name: thesis_swing_figure(swing, cosine, flexible, title=record.name)}
-
-    return _SwingEstimate(
-        coefficients=Coefficients(*cosine.frequencies, 0.0, 0.0, 0.0),
-        std=Coefficients(*cosine.std, 0.0, 0.0, 0.0),
-        start=(cosine.start_angle_rad, cosine.start_speed_rad_per_s),
-        start_std=(None, None),
-        merits={
-            "rms": rms,
-            **_window(swing),
-            "nonlinear_equation": Dependent(flexible.frequencies._asdict(), _FREQUENCY),
-        },
-        findings=(
-            *swing.findings,
-            warning("swing-thesis-bias", _THESIS_BIAS, _FREQUENCY, INERTIA),
-            *rejections_of(swing),
-        ),
-        lines=(f"damped cosine: residual {1e3 * rms:.3g} mrad rms", Dependent(nonlinear, _FREQUENCY)),
-        drawings=drawings,
-    )
-
-
-def _quantities(swing: FreeSwing, found: _SwingEstimate, inertia: InertiaAbout | None) -> dict[str, Parameter]:
+def _quantities(swing: FreeSwing, found: SwingEstimate, inertia: InertiaAbout | None) -> dict[str, Parameter]:
     values, std = found.coefficients, found.std
     return {
-        _FREQUENCY: Parameter(value=values.natural_frequency_squared_s2, std=std.natural_frequency_squared_s2),
+        FREQUENCY: Parameter(value=values.natural_frequency_squared_s2, std=std.natural_frequency_squared_s2),
         **({} if inertia is None else inertia.quantities),
         "swing.start_angle_rad": Parameter(value=found.start[0], std=found.start_std[0]),
         "swing.start_speed_rad_per_s": Parameter(value=found.start[1], std=found.start_std[1]),

@@ -12,8 +12,8 @@ from cfid.records.line_devices import STAMP
 from cfid.records.run import Run
 from cfid.records.tables.angle import angle_record
 from cfid.swing.collocation import NO_THREADS
-from cfid.swing.data import rig_around, swing_in, threads_of
-from cfid.swing.estimation import fit_swing
+from cfid.swing.data import rig_around, threads_of
+from cfid.swing.result import estimate
 
 Array = npt.NDArray[np.float64]
 
@@ -27,15 +27,16 @@ def verdict(run: Run) -> str:
     _check_end(record.time_s, record.angle_rad)
     rig = rig_around([record], None)
     mount = None if rig is None else rig.mounts.get(record.label.axis or "")
-    swing = swing_in(record, NO_THREADS if rig is None else threads_of(mount, rig.site.gravity_mps2))
-    fitted = fit_swing(swing)
-    if not fitted.accepted:
+    threads = NO_THREADS if rig is None else threads_of(mount, rig.site.gravity_mps2)
+    fitted = estimate(record, threads, method="default")
+    swing = fitted.swing
+    if not fitted.merits["accepted"]:
         of_clock = [text for text in texts(record.findings, "warning") if STAMP in text]
         raise FitError(joined([*texts(fitted.findings, "rejection"), *of_clock]))
     degrees = math.degrees(float(np.max(np.abs(swing.peak_angle_rad))))
     frequency, std = fitted.coefficients.natural_frequency_squared_s2, fitted.std.natural_frequency_squared_s2
     line = (
-        f"{counted(swing.peaks_used, 'peak')} from {degrees:.0f} degrees, {1e3 * fitted.residual_rms_rad:.2g} "
+        f"{counted(swing.peaks_used, 'peak')} from {degrees:.0f} degrees, {1e3 * fitted.merits['rms']:.2g} "
         "mrad off the "
         f"pendulum, inertia known to {100 * std / frequency:.1g} % from the swing alone."
     )

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from cfid.records.campaign import open_campaign
+from tests.swing.integrated import encoded, frequency_on, motion, written
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -144,6 +145,33 @@ def test_a_rejected_swing_takes_away_the_matrix_and_its_own_mount_alone(
     printed = cfid("fit", "inertia", *others, f"z={distorted}", "--propose", "--no-figures", "--campaign", bodies)
     assert "z: rejected" in printed.stdout
     assert "budget" not in printed.stdout
+
+
+def test_a_swing_that_a_cable_pulls_is_rejected_by_every_fit_that_takes_it(cfid: Cfid, tmp_path: Path) -> None:
+    inertia_kg_m2 = np.diag([16.57e-6, 16.66e-6, 29.26e-6])
+    for mount in ("x", "y", "z", "xy", "xz", "yz"):
+        frequency = frequency_on(mount, inertia_kg_m2)
+        time_s, angle = motion(
+            frequency_squared_s2=frequency,
+            release_deg=60,
+            seconds=15,
+            viscous_per_s=0.01,
+            coulomb_per_s2=0.05,
+            cable=0.1,
+        )
+        written(tmp_path / f"{mount}.csv", time_s, encoded(angle, seed=1))
+    fits = [
+        ("swing", "x.csv", "--axis", "x"),
+        ("inertia", *(f"{mount}={mount}.csv" for mount in ("x", "y", "z", "xy", "xz", "yz"))),
+        ("testbody", "x=x.csv", "z=z.csv"),
+    ]
+    ended = [cfid("fit", *words, "--json") for words in fits]
+
+    assert [one.returncode for one in ended] == [5, 5, 5]
+    by_swing, *by_others = (rejections(json.loads(one.stdout)) for one in ended)
+    assert by_swing
+    assert all(by_swing <= codes for codes in by_others)
+    assert "inertia.matrix_kg_m2" not in json.loads(ended[1].stdout)["parameters"]
 
 
 def test_two_swings_give_their_axis_inertias_and_no_matrix(cfid: Cfid, bodies: Path) -> None:
