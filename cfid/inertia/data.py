@@ -37,9 +37,17 @@ class MeasuredSwings:
 
     def findings(self, resting_on: Callable[[str], tuple[str, ...]]) -> tuple[Finding, ...]:
         """Return the findings about recordings and swings; `resting_on` returns the quantities that rest on a mount."""
+        mounts = dict[Finding, dict[str, None]]()
+        for mount, finding in self.found:
+            mounts.setdefault(finding, {})[mount] = None
         return (
             *(finding for record in self.records for finding in record.findings),
-            *(replace(finding, where=(mount,), quantities=resting_on(mount)) for mount, finding in self.found),
+            *(
+                replace(
+                    finding, where=tuple(names), quantities=tuple(key for name in names for key in resting_on(name))
+                )
+                for finding, names in mounts.items()
+            ),
         )
 
 
@@ -113,6 +121,6 @@ def _mount_of(record: AngleRecord, body: str) -> str:
 
 def _about(figures: Mapping[str, Any]) -> str:
     peaks = f"{figures['peaks_used']} peaks"
-    if "damping_terms" not in figures:
+    if "distortion" not in figures:
         return f"{peaks}, damped cosine"
     return f"{peaks}, waveform off by {100 * figures['distortion']:.2g} %, drift {100 * figures['drift']:+.2g} %"

@@ -5,17 +5,21 @@ of three or more, and a rig with a soft arm and a dragging cable exceeds the lim
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from cfid.estimate.blocks import block_means
 from cfid.findings import Finding, note, rejection, warning
+from cfid.records.tables.gyro import SCALE_STD
 from cfid.swing.free_swing import FreeSwing
-from cfid.swing.model import OutputError, sample
-from cfid.swing.uncertainty import FrictionProbe, chosen_terms
+from cfid.swing.model import OutputError, motion_in_readings
+from cfid.swing.uncertainty import CABLE_STD, DISC_STD_RAD
+
+if TYPE_CHECKING:
+    from cfid.swing.estimation import SwingFit
 
 Array = npt.NDArray[np.float64]
 
@@ -23,12 +27,10 @@ MISFIT_LIMIT = 0.02
 DISTORTION_LIMIT = 0.0015
 DRIFT_LIMIT = 0.01
 _UNUSUAL_STD = 4.0  # of the standard uncertainty that data sheets state for the scale of a gyro
-SPRING_LIMIT = 0.03  # of gravity's stiffness
+_MOST_STD = 3.0  # of a cable and of an encoder's error together, on the worst rig that works
 _UNCERTAIN_LIMIT = 0.1  # of W: with more, the pendulum may have followed noise
 
-IDENTIFIABLE_BIC = 10.0  # [KR]: a smaller difference is not strong evidence
-_SPRING_THAT_MISLEADS = 4e-3  # of gravity: more than all other uncertainties together
-_SPRING_THAT_MATTERS = 1e-3  # of gravity: as much as the uncertainties of mass and distance
+_SHARE_THAT_MATTERS = 3e-4  # of W: far below the uncertainties of mass and distance
 _LED_BY_HAND = 0.15  # of the release angle
 
 _ALL = "swing.*"
@@ -105,18 +107,13 @@ def judge(fit: OutputError, time_s: Array, *, resolution_rad: float, drift: floa
 
 
 def _waveform_residual(fit: OutputError, time_s: Array, period: float) -> Array:
-    """Return the residual minus its best fit in each period by the model's angle, its speed and a constant."""
-    trajectory = fit.trajectory
-    model = sample(trajectory, time_s)
-    nodes_s = trajectory.start_s + trajectory.step_s * np.arange(len(trajectory.speed_rad_per_s))
-    speed = np.interp(time_s, nodes_s, trajectory.speed_rad_per_s)
-    if fit.setup.gyro_per_s is not None:  # the recorded quantity is a rate: use it and its derivative
-        model = np.sin(model)
+    """Return the residual minus its best fit in each period by the model's reading, its derivative and a constant."""
+    reading, slope = motion_in_readings(fit, time_s)
     left = fit.residual_rad.copy()
     edges = np.searchsorted(time_s, np.arange(time_s[0], time_s[-1], period))
     for first, last in zip(edges, [*edges[1:], len(time_s)], strict=True):
         part = slice(first, last)
-        local = np.stack([model[part], speed[part], np.ones(last - first)], axis=1)
+        local = np.stack([reading[part], slope[part], np.ones(last - first)], axis=1)
         if last - first > 2 * local.shape[1]:
             left[part] -= local @ np.linalg.lstsq(local, left[part], rcond=None)[0]
     return left
@@ -130,136 +127,51 @@ def _percent(fraction: float) -> str:
     return f"{100 * fraction:.2g} %"
 
 
-def eccentricity_finding(fit: OutputError) -> tuple[Finding, ...]:
-    """Note that an encoder's disc is eccentric."""
-    if not fit.eccentric:
-        return ()
-    degrees = math.degrees(math.hypot(*fit.eccentricity))
-    text = (
-        f"the encoder's disc reads {degrees:.2g} degrees off within a turn, as an eccentric one: its first harmonic is "
-        "taken out. Centre the disc on the axis."
-    )
-    return (note("swing-encoder-eccentric", text),)
-
-
-def eccentricity_or_noise_finding(degrees: float | None, moves: float) -> tuple[Finding, ...]:
-    """Note an eccentricity in degrees that noise may have caused, and its relative effect on W, `moves`."""
-    if degrees is None:
-        return ()
-    text = (
-        f"an eccentric disc of {degrees:.2g} degrees shows, too little to tell it from noise: {_percent(moves)} of the "
-        "natural frequency squared depends on which it is, and is added to the uncertainty. Swing longer."
-    )
-    return (note("swing-eccentric-or-noise", text),)
-
-
-def uncertain_finding(fit: OutputError, std_s2: float) -> tuple[Finding, ...]:
-    """Reject a natural frequency squared that the record hardly determines."""
-    relative = std_s2 / fit.coefficients.natural_frequency_squared_s2
-    if relative <= _UNCERTAIN_LIMIT:
-        return ()
-    text = (
-        f"the natural frequency squared is uncertain by {_percent(relative)} (limit {_percent(_UNCERTAIN_LIMIT)}): the "
-        "record is too short or too noisy. Release higher, swing longer; look at it with `cfid show`."
-    )
-    return (rejection("swing-uncertain", text, _ALL),)
-
-
-def spring_finding(fit: OutputError, uncertain_s2: float, unseen_s2: float) -> tuple[Finding, ...]:
-    """Warn of a spring in addition to gravity, reject a stiff one, or state which springs the record cannot show.
-
-    A fitted spring adds the uncertainty `uncertain_s2` to W; springs up to `unseen_s2` raise W by as much and do not
-    show.
-    """
-    frequency, spring = fit.coefficients.natural_frequency_squared_s2, fit.setup.spring_per_s2
-    if spring > SPRING_LIMIT * frequency:
+def findings_of(fit: "SwingFit") -> tuple[Finding, ...]:
+    """Report a natural frequency squared that the record hardly determines, and what the rig adds to a pendulum."""
+    frequency, std = fit.coefficients.natural_frequency_squared_s2, fit.std.natural_frequency_squared_s2
+    found = []
+    if std > _UNCERTAIN_LIMIT * frequency:
         text = (
-            f"a spring pulls with {_percent(spring / frequency)} of gravity's stiffness (limit "
-            f"{_percent(SPRING_LIMIT)}): free the cable, and check the angle's unit."
+            f"the natural frequency squared is uncertain by {_percent(std / frequency)} (limit "
+            f"{_percent(_UNCERTAIN_LIMIT)}): the record is too short or too noisy. Release higher, swing longer; "
+            "look at it with `cfid show`."
         )
-        return (rejection("swing-spring-stiff", text, _ALL),)
-    if spring:
+        found.append(rejection("swing-uncertain", text, _ALL))
+    if fit.output_error.setup.gyro_per_s is not None:
+        return (*found, *_gyro_finding(*fit.instrument[:1]))
+    cable, disc_rad = fit.coefficients.spring_per_s2 / frequency, math.hypot(*fit.instrument)
+    needs = (
+        f"the period depends on the angle as with a cable of {_percent(cable)} of gravity's stiffness and an encoder "
+        f"that reads {math.degrees(disc_rad):.2g} degrees off within a turn"
+    )
+    share = fit.budget_s2.get("cable or encoder", 0.0) / frequency
+    if (times := math.hypot(cable / CABLE_STD, disc_rad / DISC_STD_RAD)) > _MOST_STD:
         text = (
-            f"a spring, as of a cable or a bearing, pulls with {_percent(spring / frequency)} of gravity's stiffness. "
-            "It is taken out, which leaves the natural frequency squared uncertain by "
-            f"{_percent(uncertain_s2 / frequency)}. Free the cable and swing again."
+            f"{needs}, {times:.1f} times what is usual on a bad rig (limit {_MOST_STD:g}): free the cable, centre the "
+            "disc; check the angle's unit and the counts per turn."
         )
-        return (warning("swing-spring", text),)
-    if unseen_s2 < _SPRING_THAT_MATTERS * frequency:
-        return ()
-    text = (
-        f"this swing does not show a spring, as of a cable or a bearing, below {_percent(unseen_s2 / frequency)} of "
-        "gravity's stiffness, which would raise the natural frequency squared by as much. Release higher, swing longer."
-    )
-    if unseen_s2 < _SPRING_THAT_MISLEADS * frequency:
-        return (note("swing-spring-unseen", text),)
-    return (warning("swing-spring-hidden", text),)
+        found.append(rejection("swing-no-gravity-pendulum", text, _ALL))
+    elif share > _SHARE_THAT_MATTERS:
+        text = (
+            f"{needs}: the record cannot separate the two, which leaves the natural frequency squared uncertain by "
+            f"{_percent(share)}. Free the cable, centre the disc; release higher, swing longer."
+        )
+        found.append(warning("swing-cable-or-encoder", text, _ALL))
+    return tuple(found)
 
 
-def spring_or_friction_finding(spring: float, moves: float) -> tuple[Finding, ...]:
-    """Warn of a spring, relative to gravity's stiffness, that may be noise or friction instead.
-
-    `moves` is its relative effect on W, 0 for no spring.
-    """
-    if not moves:
-        return ()
-    text = (
-        f"a spring of {_percent(spring)} of gravity's stiffness shows, too little to tell it from noise or from dry "
-        f"friction that varies: {_percent(moves)} of the natural frequency squared depends on which it is, and is "
-        "added to the uncertainty. Free the cable, clean the bearing, release higher and swing again."
-    )
-    return (warning("swing-spring-or-friction", text, "swing.*"),)
-
-
-def unfinished_finding(unfinished: OutputError | None, shares: Mapping[str, float]) -> tuple[Finding, ...]:
-    """Warn of a better model whose fit did not converge."""
-    if unfinished is None:
-        return ()
-    terms = ", ".join(chosen_terms(unfinished)) or "none"
-    text = (
-        f"a model with other terms ({terms}) follows the record better, but its fit did not converge: its natural "
-        f"frequency squared differs by {shares['model that did not converge']:.2g} 1/s^2, which is added to the "
-        "uncertainty. Use another window."
-    )
-    return (warning("swing-better-model-open", text, "swing.*"),)
-
-
-def varying_finding(varying: FrictionProbe | None) -> tuple[Finding, ...]:
-    """Warn of dry friction that varies in a way that the model does not describe."""
-    if varying is None:
-        return ()
-    consequence = "taken off" if varying.varies_with == "angle" else "added to the uncertainty"
-    text = (
-        f"dry friction varies with {varying.varies_with} ({varying.shown_std:.1f} standard uncertainties), which moves "
-        f"the natural frequency squared by {varying.moved_s2:.2g} 1/s^2: this is {consequence}. Clean or replace the "
-        "bearing (on threads, see that nothing rubs), or end the window at a higher peak."
-    )
-    return (warning("swing-friction-varies", text, "swing.*"),)
-
-
-def gyro_scale_finding(error: float, usual_std: float) -> tuple[Finding, ...]:
-    """Warn of a gyro's scale error beyond those of working gyros, whose standard uncertainty is `usual_std`."""
-    if abs(error) <= _UNUSUAL_STD * usual_std:
+def _gyro_finding(error: float) -> tuple[Finding, ...]:
+    """Reject a gyro's scale error beyond those of working gyros."""
+    limit = _UNUSUAL_STD * SCALE_STD
+    if abs(error) <= limit:
         return ()
     text = (
         f"the gyro's scale is {_percent(error)} off, by how the period depends on the angle (usual: "
-        f"{_percent(usual_std)}, limit {_percent(_UNUSUAL_STD * usual_std)}): another range or unit than the log "
-        "states, or no pendulum. Compare with a swing from another angle."
+        f"{_percent(SCALE_STD)}, limit {_percent(limit)}): another range or unit than the log states, or no pendulum. "
+        "Compare with a swing from another angle."
     )
-    return (warning("swing-gyro-scale", text, "swing.*"),)
-
-
-def split_finding(terms: tuple[str, ...], split_bic: float) -> tuple[Finding, ...]:
-    """Note that another choice of damping terms is equally likely."""
-    if split_bic >= IDENTIFIABLE_BIC:
-        return ()
-    chosen = ", ".join(terms) or "none"
-    text = (
-        f"the damping terms ({chosen}) are not identifiable: another choice is as likely "
-        f"(BIC {split_bic:.1f} apart). The inertia does not depend on it."
-    )
-    damping = ("swing.viscous_nms_per_rad", "swing.coulomb_nm", "swing.quadratic_nms2_per_rad2")
-    return (note("swing-damping-split-unresolved", text, *damping),)
+    return (rejection("swing-gyro-scale", text, _ALL),)
 
 
 def hand_finding(swing: FreeSwing, fit: OutputError) -> tuple[Finding, ...]:

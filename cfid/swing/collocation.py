@@ -12,18 +12,26 @@ from scipy.linalg.lapack import dtbtrs
 
 Array = npt.NDArray[np.float64]
 
-_PROBED_RAD_PER_S = 0.3, 0.8  # speeds below which static friction exceeds sliding friction
+SLOW_RAD_PER_S = 0.3, 0.8  # speeds below which dry friction may differ from sliding friction
 _HELD = 0.95  # Coulomb friction relative to gravity's pull: above it, the pendulum hardly returns
 
 
 class Coefficients(NamedTuple):
-    """The physical constants of the model, in the order of the Jacobian's columns."""
+    """The physical constants of the model, in the order of the Jacobian's columns.
+
+    `spring_per_s2` is the stiffness of a cable over the axis inertia. The last three are what dry friction has beyond
+    Coulomb friction: below 0.3 and 0.8 rad/s, and in proportion to 1 - cos phi.
+    """
 
     natural_frequency_squared_s2: float
     viscous_per_s: float
-    coulomb_per_s2: float
-    quadratic_per_rad: float
-    zero_rad: float
+    coulomb_per_s2: float = 0.0
+    quadratic_per_rad: float = 0.0
+    zero_rad: float = 0.0
+    spring_per_s2: float = 0.0
+    slow_per_s2: float = 0.0
+    less_slow_per_s2: float = 0.0
+    aside_per_s2: float = 0.0
 
 
 class Threads(NamedTuple):
@@ -40,46 +48,38 @@ class Threads(NamedTuple):
 NO_THREADS = Threads(0.0, 0.0)
 
 
-class Forces(NamedTuple):
-    """Restoring effects in addition to gravity: threads, and a spring, such as a cable, divided by the axis inertia."""
-
-    threads: Threads = NO_THREADS
-    spring_per_s2: float = 0.0
-
-
-GRAVITY_ALONE = Forces()
-
-
 class _Acceleration(NamedTuple):
     value: Array
     by_angle: Array
     by_speed: Array
-    by_coefficient: Array  # (5, n), or (9, n) with the probes
+    by_coefficient: Array  # (9, n)
 
 
 def _acceleration(
-    angle: Array, speed: Array, step: float, coefficients: Coefficients, forces: Forces, *, probes: bool
+    angle: Array, speed: Array, step: float, coefficients: Coefficients, threads: Threads
 ) -> _Acceleration:
-    stiffness, viscous, coulomb, quadratic, zero = coefficients
-    threads, spring = forces
+    stiffness, viscous, coulomb, quadratic, zero, spring, *excess = coefficients
     turned = angle - zero
     sine, cosine = np.sin(turned), np.cos(turned)
+    slow = [np.exp(-((speed / low) ** 2)) for low in SLOW_RAD_PER_S]
+    shapes = np.stack([*slow, 1 - cosine])
+    dry, dry_by_angle = coulomb + np.tensordot(excess, shapes, 1), excess[2] * sine
     if threads != NO_THREADS:
         sine, cosine, bend = _pull_of_threads(sine, cosine, threads.ratio)
     carried = 1 + stiffness * threads.fall_s2 * sine**2 if threads.fall_s2 else 1.0
-    width = _turning_width((stiffness * sine + spring * turned) / carried, speed, coulomb / carried, step)
+    width = _turning_width((stiffness * sine + spring * turned) / carried, speed, dry / carried, step)
     direction = np.clip(speed / width, -1, 1)
-    turning = np.abs(speed) < width
     drag = speed * np.abs(speed)
-    excess = [np.exp(-((speed / low) ** 2)) for low in _PROBED_RAD_PER_S] + [1 - cosine] if probes else []
+    steeper = stiffness * cosine + spring + direction * dry_by_angle
+    faster = sum(-2 * size / low**2 * one for size, low, one in zip(excess, SLOW_RAD_PER_S, slow, strict=False))
     level = _Acceleration(
-        value=-stiffness * sine - spring * turned - viscous * speed - coulomb * direction - quadratic * drag,
-        by_angle=-stiffness * cosine - spring,
-        by_speed=-viscous - 2 * quadratic * np.abs(speed) - np.where(turning, coulomb / width, 0.0),
-        by_coefficient=np.stack(
-            [-sine, -speed, -direction, -drag, stiffness * cosine + spring, *(-direction * e for e in excess)]
-            + ([-turned] if probes else [])
-        ),
+        value=-stiffness * sine - spring * turned - viscous * speed - dry * direction - quadratic * drag,
+        by_angle=-steeper,
+        by_speed=-viscous
+        - 2 * quadratic * np.abs(speed)
+        - np.where(np.abs(speed) < width, dry / width, 0.0)
+        - direction * speed * faster,
+        by_coefficient=np.stack([-sine, -speed, -direction, -drag, steeper, -turned, *(-direction * shapes)]),
     )
     if not threads.fall_s2:
         return level
@@ -109,7 +109,7 @@ def _lifted(
     return _Acceleration(value, by_angle, by_speed, by_coefficient)
 
 
-def _turning_width(pull: Array, speed: Array, coulomb: float | Array, step: float) -> Array:
+def _turning_width(pull: Array, speed: Array, coulomb: Array, step: float) -> Array:
     """Return the speed within which sgn(phi') is replaced by a straight line, so that nothing jumps.
 
     At a turning point, the speed passes through zero at the rate P + s on the way out and P - s on the way back, with P
@@ -132,7 +132,7 @@ def linearised(
     coefficients: Coefficients,
     free: npt.NDArray[np.intp],
     *,
-    forces: Forces = GRAVITY_ALONE,
+    threads: Threads = NO_THREADS,
 ) -> Array:
     """Linearise the collocated equation of motion about `state` (2n,), interleaved angle and speed.
 
@@ -140,16 +140,14 @@ def linearised(
     of that solution with respect to the free coefficients, the start angle and the start speed.
     """
     angle, speed = state[::2], state[1::2]
-    probes = len(free) > 0 and int(free[-1]) >= len(coefficients)
-    node = _acceleration(angle, speed, step, coefficients, forces, probes=probes)
+    node = _acceleration(angle, speed, step, coefficients, threads)
     a, a_angle, a_speed = node.value, node.by_angle, node.by_speed
     middle = _acceleration(
         (angle[:-1] + angle[1:]) / 2 + step / 8 * (speed[:-1] - speed[1:]),
         (speed[:-1] + speed[1:]) / 2 + step / 8 * (a[:-1] - a[1:]),
         step,
         coefficients,
-        forces,
-        probes=probes,
+        threads,
     )
     left, right = _cells(a_angle, a_speed, middle, step)
     by_node, by_middle = node.by_coefficient[free], middle.by_coefficient[free]

@@ -30,7 +30,7 @@ from cfid.drawing.style import (
 from cfid.findings import texts
 from cfid.swing.estimation import SwingFit
 from cfid.swing.free_swing import FreeSwing
-from cfid.swing.model import TERMS, sample
+from cfid.swing.model import sample
 from cfid.swing.motion import fitted_motion
 from cfid.swing.thesis import DampedCosine, FlexibleFunction
 from cfid.units import COVERAGE_95
@@ -181,14 +181,13 @@ def _draw_autocorrelation(axes: Axes, swing: FreeSwing, fit: SwingFit) -> None:
 def _found(swing: FreeSwing, fit: SwingFit, motion_rad: Array) -> list[tuple[str, str]]:
     names = ("natural frequency²", "viscous damping", "Coulomb friction", "quadratic drag")
     units = ("s⁻²", "s⁻¹", "s⁻²", "rad⁻¹")
-    chosen = (True, *(term in fit.terms for term in TERMS))
-    constants = zip(names, units, fit.coefficients[:4], fit.std[:4], chosen, strict=True)
+    constants = zip(names, units, fit.coefficients[:4], fit.std[:4], strict=True)
     quality = fit.quality
     window = slice(swing.hand_gone, swing.end + 1)
     fitted = sample(fit.output_error.trajectory, swing.time_s[window])
     apart = np.max(np.abs(motion_rad[window.start - swing.release : window.stop - swing.release] - fitted))
     return [
-        *((name, plus_minus(value, std, unit=unit)) for name, unit, value, std, used in constants if used),
+        *((name, plus_minus(value, std, unit=unit)) for name, unit, value, std in constants if value),
         ("zero", plus_minus(1e3 * fit.coefficients.zero_rad, 1e3 * fit.std.zero_rad, unit="mrad")),
         ("misfit", f"{100 * quality.misfit:.2g} %"),
         ("distortion", f"{100 * quality.distortion:.2g} %, limit {100 * quality.distortion_limit:.2g} %"),

@@ -1,13 +1,13 @@
 """Fit the damped pendulum to a record of its angle or its rate by output error, without any rig, mount or mass.
 
-The model is eq. 2.9 of the thesis with its sine kept and two damping terms added,
+The model is eq. 2.9 of the thesis with its sine kept and further terms added,
 
-    phi'' = -W sin(phi - zero) - c phi' - s sgn(phi') - q phi' |phi'|,
+    phi'' = -W sin(phi - zero) - k (phi - zero) - c phi' - (s + d(phi, phi')) sgn(phi') - q phi' |phi'|,
 
-where W = m g r / I_a, and c, s, q are the damping divided by I_a; a cable that acts as a spring adds -k (phi - zero).
-An encoder whose disc is eccentric reads phi + a sin phi + b (cos phi - 1), with the first harmonic of its error about
-rest. A gyro reads phi' plus a constant, its bias; as rates do not show the zero angle, zero is then the vertical. A
-body on two threads turns about the vertical by
+where W = m g r / I_a, and c, s, q are the damping divided by I_a, as are a cable's stiffness k and what dry friction
+has beyond Coulomb's, d. An encoder whose disc is eccentric reads phi + a sin phi + b (cos phi - 1), with the first
+harmonic of its error about rest. A gyro reads (1 + a) phi' + b; as rates do not show the zero angle, zero is then the
+vertical. A body on two threads turns about the vertical by
 
     (1 + W f S^2) phi'' = -W S - W f S S' phi'^2 - friction,  S = sin phi / s,  s^2 = 1 - 2 k (1 - cos phi),
 
@@ -26,13 +26,9 @@ import numpy.typing as npt
 from scipy.sparse import csr_matrix
 
 from cfid.estimate.signals import smooth
-from cfid.swing.collocation import NO_THREADS, Coefficients, Forces, Threads, linearised
+from cfid.swing.collocation import NO_THREADS, Coefficients, Threads, linearised
 
 Array = npt.NDArray[np.float64]
-
-TERMS = ("viscous", "coulomb", "quadratic")
-PROBES = ("low speed", "low speed", "angle")  # what dry friction may vary with, unlike the model's friction
-ECCENTRICITY, SPRING = "eccentricity", "spring"
 
 _SMOOTHED_NODES = 15  # of the grid, around each node of the first guess
 _GAP = 5.0  # typical intervals between rows
@@ -43,31 +39,15 @@ _CONVERGED = 0.05  # of the uncertainty of the predicted angle due to white nois
 _RUNAWAY_RAD = 10.0  # a step that takes the pendulum over the top will not return
 
 
-class Eccentricity(NamedTuple):
-    """The first harmonic of an encoder's error: amplitudes of sin phi and of cos phi - 1."""
-
-    sine_rad: float
-    cosine_rad: float
-
-
-CENTRED = Eccentricity(0.0, 0.0)
-
-
 class Setup(NamedTuple):
-    """What the model adds to a pendulum with an encoder: threads, a gyro, and a known spring, such as a cable.
+    """What the model adds to a pendulum with an encoder: threads, and a gyro.
 
     A gyro's rates are converted to rad by the angular frequency `gyro_per_s` of the swing, so that residuals of both
-    instruments are comparable. The spring is divided by the axis inertia.
+    instruments are comparable.
     """
 
     threads: Threads = NO_THREADS
     gyro_per_s: float | None = None
-    spring_per_s2: float = 0.0
-
-    @property
-    def forces(self) -> Forces:
-        """The restoring effects in addition to gravity."""
-        return Forces(self.threads, self.spring_per_s2)
 
 
 PLAIN = Setup()
@@ -86,29 +66,27 @@ class Trajectory(NamedTuple):
 class OutputError:
     """A fitted pendulum.
 
+    `instrument` has the error of the reading: amplitudes of sin phi and of cos phi - 1, or scale and bias of a gyro.
     `residual_rad` has the shape of the samples (n,). `jacobian` (n, p) has the derivatives of the predicted readings
-    with respect to the free coefficients, the encoder's eccentricity if that was free too (`eccentric`) or the gyro's
-    bias, the start angle and the start speed, in this order; `free` states which coefficients were free.
+    with respect to the `free` ones of coefficients and instrument, the start angle and the start speed, in this order.
     """
 
     coefficients: Coefficients
-    eccentricity: Eccentricity
-    eccentric: bool
+    instrument: tuple[float, float]
     setup: Setup
-    bias_rad: float
     start_angle_rad: float
     start_speed_rad_per_s: float
     trajectory: Trajectory
     residual_rad: Array
     jacobian: Array
-    free: tuple[bool, ...]
+    free: npt.NDArray[np.bool_]
     iterations: int
     converged: bool
 
     @property
-    def sum_of_squares_rad2(self) -> float:
-        """The sum of the squared residuals."""
-        return float(self.residual_rad @ self.residual_rad)
+    def values(self) -> Array:
+        """Coefficients and the instrument's error, in the order of `free`."""
+        return np.array([*self.coefficients, *self.instrument])
 
 
 def first_guess(time_s: Array, angle_rad: Array, *, start_s: float, step_s: float) -> tuple[Coefficients, Trajectory]:
@@ -124,7 +102,7 @@ def first_guess(time_s: Array, angle_rad: Array, *, start_s: float, step_s: floa
     blind = _without_rows(time_s, grid)
     seen = ~blind if np.count_nonzero(~blind) > len(blind) / 4 else np.ones_like(blind)
     stiffness, viscous, offset = np.linalg.lstsq(regressors[seen], acceleration[seen], rcond=None)[0]
-    coefficients = Coefficients(stiffness, max(viscous, 0.0), 0.0, 0.0, offset / stiffness)
+    coefficients = Coefficients(stiffness, max(viscous, 0.0), zero_rad=offset / stiffness)
     _swing_on(angle, speed, ~seen, coefficients, step_s)
     return coefficients, Trajectory(start_s, step_s, angle, speed)
 
@@ -144,7 +122,7 @@ def _swing_on(
     angle: Array, speed: Array, blind: npt.NDArray[np.bool_], coefficients: Coefficients, step_s: float
 ) -> None:
     """Replace angles and speeds (n,) of blind nodes by those of the pendulum, continued from the node before."""
-    stiffness, viscous, *_, zero = coefficients
+    stiffness, viscous, zero = coefficients[0], coefficients[1], coefficients.zero_rad
     for at in np.flatnonzero(blind[1:]) + 1:
         speed[at] = speed[at - 1] - step_s * (stiffness * math.sin(angle[at - 1] - zero) + viscous * speed[at - 1])
         angle[at] = angle[at - 1] + step_s * speed[at]
@@ -155,47 +133,48 @@ def fit_output_error(
     time_s: Array,
     reading_rad: Array,
     *,
-    coefficients: Coefficients,
+    values: Array,
+    free: npt.NDArray[np.bool_],
     trajectory: Trajectory,
-    terms: tuple[str, ...],
-    eccentricity: Eccentricity = CENTRED,
     setup: Setup = PLAIN,
+    pull: Array | float = 0.0,
 ) -> OutputError:
     """Fit the pendulum to samples (n,) at any increasing times within the trajectory's grid.
 
-    Free parameters are W, the start state, zero or a gyro's bias, and the given `terms` of damping and the encoder's
-    eccentricity; the others keep their given values. The start need not be a solution: measured angles suffice. The fit
-    has converged when a step changes the prediction by far less than its uncertainty due to noise.
+    The start state and the `free` ones of the values (coefficients, then the instrument's error) are fitted; the others
+    stay. `pull` is the weight of each value's square in the sum of squares, the variance of the noise over that of the
+    value's prior. The start need not be a solution: measured angles suffice. The fit has converged when a step changes
+    the prediction by far less than its uncertainty due to noise.
     """
-    gyro = setup.gyro_per_s is not None
-    free = (True, *(term in terms for term in TERMS), not gyro)
-    chosen, eccentric = np.flatnonzero(free), ECCENTRICITY in terms
-    values, offsets = np.array(coefficients, dtype=float), np.zeros(1) if gyro else np.array(eccentricity, dtype=float)
+    values, chosen = values.astype(float), np.flatnonzero(free)
+    count = len(Coefficients._fields)
+    physical, read = chosen[chosen < count], chosen[chosen >= count] - count
+    weights = np.append(np.broadcast_to(pull, values.shape)[chosen], [0.0, 0.0])
     start, step = trajectory.start_s, trajectory.step_s
     state = np.stack([trajectory.angle_rad, trajectory.speed_rad_per_s], axis=1).ravel()
     begin = state[:2].copy()
-    sampler = _sampler(time_s, trajectory, setup)
-    extra = len(offsets) * (gyro or eccentric)
-    jacobian = np.zeros((len(time_s), len(chosen) + extra + 2))
+    sampler, gyro = _sampler(time_s, trajectory, setup), setup.gyro_per_s is not None
+    jacobian = np.zeros((len(time_s), len(weights)))
     converged = False
     iteration = 0
     while not converged and iteration < _MAX_ITERATIONS:
         iteration += 1
         try:
-            columns = linearised(state, begin, step, Coefficients(*values), chosen, forces=setup.forces)
+            columns = linearised(state, begin, step, Coefficients(*values[:count]), physical, threads=setup.threads)
             seen = sampler @ state
-            error = reading_rad - _read(seen, offsets)
-            sampled = _read_derivatives(seen, sampler @ columns, offsets, free=extra > 0)
-            jacobian = sampled[:, 1:]
-            change, moved_rad = _gauss_newton(jacobian, error - sampled[:, 0])
+            reads, stretch, harmonics = _read(seen, values[count:], gyro=gyro)
+            sampled = stretch[:, None] * (sampler @ columns)
+            error = reading_rad - reads
+            jacobian = np.concatenate([sampled[:, 1:-2], harmonics[:, read], sampled[:, -2:]], axis=1)
+            pulled = weights * np.append(values[chosen], [0.0, 0.0])
+            change, moved_rad = _gauss_newton(jacobian, error - sampled[:, 0], weights, pulled)
         except np.linalg.LinAlgError:
             break
-        moved = columns[:, 0] + columns[:, 1:] @ np.concatenate([change[: len(chosen)], change[-2:]])
+        moved = columns[:, 0] + columns[:, 1:] @ np.concatenate([change[: len(physical)], change[-2:]])
         if not np.max(np.abs(moved[::2])) < _RUNAWAY_RAD:
             break
         state = state + moved
-        values[chosen] += change[: len(chosen)]
-        offsets += change[len(chosen) : -2] if extra else 0.0
+        values[chosen] += change[:-2]
         begin += change[-2:]
         off_equation_rad = float(np.max(np.abs(columns[::2, 0])))
         uncertain_rad = math.sqrt(float(error @ error) * len(change)) / len(error)
@@ -203,15 +182,13 @@ def fit_output_error(
             _ON_THE_EQUATION_RAD, _CONVERGED * uncertain_rad
         )
     return OutputError(
-        coefficients=Coefficients(*map(float, values)),
-        eccentricity=CENTRED if gyro else Eccentricity(*map(float, offsets)),
-        eccentric=eccentric,
+        coefficients=Coefficients(*map(float, values[:count])),
+        instrument=(float(values[count]), float(values[count + 1])),
         setup=setup,
-        bias_rad=float(offsets[0]) if gyro else 0.0,
         start_angle_rad=float(begin[0]),
         start_speed_rad_per_s=float(begin[1]),
         trajectory=Trajectory(start, step, state[::2], state[1::2]),
-        residual_rad=reading_rad - _read(sampler @ state, offsets),
+        residual_rad=reading_rad - _read(sampler @ state, values[count:], gyro=gyro)[0],
         jacobian=jacobian,
         free=free,
         iterations=iteration,
@@ -219,63 +196,57 @@ def fit_output_error(
     )
 
 
-def probed(fit: OutputError, time_s: Array) -> tuple[Array, Array, Array]:
-    """Return the readings' derivatives (n, p) with respect to all that a fit may leave free, W first, and to probes.
+def _read(seen: Array, error: Array, *, gyro: bool) -> tuple[Array, Array, Array]:
+    """Return readings (n,) of angles or rates with an instrument's error (2,), and their derivatives by both.
 
-    The probes (n, 3) are excesses of dry friction below two low speeds, and one that grows with 1 - cos phi; the last
-    array (n,) is for a spring.
+    Those by the angles or rates are (n,), those by the error (n, 2).
     """
-    path, gyro = fit.trajectory, fit.setup.gyro_per_s is not None
-    state = np.stack([path.angle_rad, path.speed_rad_per_s], axis=1).ravel()
-    probes = slice(len(fit.coefficients), len(fit.coefficients) + len(PROBES))
-    everything = np.arange(probes.stop + 1)
-    columns = linearised(state, state[:2], path.step_s, fit.coefficients, everything, forces=fit.setup.forces)[:, 1:]
-    sampler = _sampler(time_s, path, fit.setup)
-    offsets = np.array([fit.bias_rad] if gyro else fit.eccentricity)
-    read = _read_derivatives(
-        np.asarray(sampler @ state), np.asarray(sampler @ columns), offsets, free=gyro or fit.eccentric
-    )
-    left_out = [4] if gyro else []  # for rates, zero has the same effect as the start angle
-    own = np.delete(read, [*left_out, *range(probes.start, probes.stop + 1)], axis=1)
-    return own, read[:, probes], read[:, probes.stop]
-
-
-def _read(seen: Array, offsets: Array) -> Array:
-    """Return the readings of a gyro with a bias (1,) at rates (n,), or of an eccentric encoder (2,) at angles (n,)."""
-    if len(offsets) == 1:
-        return np.asarray(seen + offsets[0])
-    if not offsets.any():
-        return seen
-    return np.asarray(seen + offsets[0] * np.sin(seen) + offsets[1] * (np.cos(seen) - 1))
-
-
-def _read_derivatives(seen: Array, columns: Array, offsets: Array, *, free: bool) -> Array:
-    """Convert derivatives (n, 1 + p + 2) of an angle or a rate to those of readings, and add those of free offsets."""
-    if len(offsets) == 1:
-        bias = np.ones((len(columns), 1))
-        return np.concatenate([columns[:, :-2], bias, columns[:, -2:]], axis=1) if free else columns
-    if not (free or offsets.any()):
-        return columns
+    if gyro:
+        scale_and_bias = np.stack([seen, np.ones(len(seen))], axis=1)
+        return seen + scale_and_bias @ error, np.full(len(seen), 1 + error[0]), scale_and_bias
     sine, cosine = np.sin(seen), np.cos(seen)
-    read = (1 + offsets[0] * cosine - offsets[1] * sine)[:, None] * columns
-    if not free:
-        return np.asarray(read)
-    return np.concatenate([read[:, :-2], np.stack([sine, cosine - 1], axis=1), read[:, -2:]], axis=1)
+    harmonics = np.stack([sine, cosine - 1], axis=1)
+    return seen + harmonics @ error, 1 + error[0] * cosine - error[1] * sine, harmonics
+
+
+def on_another_grid(trajectory: Trajectory, step_s: float) -> Trajectory:
+    """Return the trajectory on a grid of another step, with the same start."""
+    end_s = trajectory.step_s * (len(trajectory.angle_rad) - 1)
+    time_s = trajectory.start_s + step_s * np.arange(math.ceil(end_s / step_s) + 1)
+    inside = np.minimum(time_s, trajectory.start_s + end_s)
+    speed = _sampled(trajectory, inside, Setup(gyro_per_s=1.0))
+    return Trajectory(trajectory.start_s, step_s, sample(trajectory, inside), speed)
 
 
 def sample(trajectory: Trajectory, time_s: Array) -> Array:
     """Return the trajectory's angle at any times (n,) within its grid, by cubic Hermite interpolation."""
+    return _sampled(trajectory, time_s, PLAIN)
+
+
+def motion_in_readings(fit: OutputError, time_s: Array) -> tuple[Array, Array]:
+    """Return the fitted angle and its derivative (n,), or for a gyro its rate and the rate's derivative's shape."""
+    angle, speed = sample(fit.trajectory, time_s), _sampled(fit.trajectory, time_s, Setup(gyro_per_s=1.0))
+    if fit.setup.gyro_per_s is None:
+        return angle, speed
+    frequency = fit.coefficients.natural_frequency_squared_s2
+    return speed / fit.setup.gyro_per_s, -frequency * np.sin(angle) / fit.setup.gyro_per_s
+
+
+def _sampled(trajectory: Trajectory, time_s: Array, setup: Setup) -> Array:
     state = np.stack([trajectory.angle_rad, trajectory.speed_rad_per_s], axis=1).ravel()
-    return np.asarray(_sampler(time_s, trajectory, PLAIN) @ state)
+    return np.asarray(_sampler(time_s, trajectory, setup) @ state)
 
 
-def _gauss_newton(jacobian: Array, error: Array) -> tuple[Array, float]:
-    """Return the least-squares step and the rms change of the prediction by it."""
+def _gauss_newton(jacobian: Array, error: Array, weights: Array, pulled: Array) -> tuple[Array, float]:
+    """Return the step of least squares with weights (p,) of the values' squares, and the prediction's rms change.
+
+    `pulled` (p,) are the values times their weights.
+    """
     products = jacobian.T @ jacobian
     scale = np.sqrt(np.diag(products))
     scale[scale == 0] = 1.0
     normal = products / np.outer(scale, scale) + 1e-13 * np.eye(len(scale))
-    change = np.linalg.solve(normal, jacobian.T @ error / scale)
+    change = np.linalg.solve(normal + np.diag(weights / scale**2), (jacobian.T @ error - pulled) / scale)
     moved = np.sqrt(max(float(change @ normal @ change), 0.0) / len(error))
     return change / scale, moved
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.integrate import solve_ivp
 
-from cfid.swing.collocation import Coefficients, Threads
+from cfid.swing.collocation import SLOW_RAD_PER_S, Coefficients, Threads
 from cfid.swing.estimation import SwingFit
 
 Array = npt.NDArray[np.float64]
@@ -21,7 +21,7 @@ _TOLERANCE = 1e-8
 def fitted_motion(fit: SwingFit, time_s: Array) -> Array:
     """Return the angle (n,) at increasing times (n,), none before the fit's start, from its start state.
 
-    The equation is phi'' = -W sin(phi - zero) - c phi' - s sgn(phi') - q phi' |phi'|, with threads that of `model`.
+    The equation is that of `model`.
     With dry friction, each half-swing is integrated separately, because the integrator cannot step over a jump, and the
     body stops where gravity no longer overcomes the friction.
     """
@@ -29,8 +29,8 @@ def fitted_motion(fit: SwingFit, time_s: Array) -> Array:
     state = np.array([start.start_angle_rad, start.start_speed_rad_per_s])
     now, end = start.trajectory.start_s, float(time_s[-1])
     angle = np.full(len(time_s), state[0])
-    while now < end and (side := _side(state, fit.coefficients)):
-        segment = _until_it_turns(state, fit.coefficients, start.setup.threads, side, (now, end))
+    while now < end and (side := _side(state, start.coefficients)):
+        segment = _until_it_turns(state, start.coefficients, start.setup.threads, side, (now, end))
         turned = segment.status == 1
         reached = float(segment.t[-1])
         state = np.array([segment.y[0, -1], 0.0 if turned else segment.y[1, -1]])
@@ -46,8 +46,16 @@ def _side(state: Array, coefficients: Coefficients) -> float:
     """Return the sign of the body's next motion, 0 if dry friction holds it."""
     if state[1] != 0.0:
         return float(np.sign(state[1]))
-    pull = -coefficients.natural_frequency_squared_s2 * np.sin(state[0] - coefficients.zero_rad)
-    return float(np.sign(pull)) if abs(pull) > coefficients.coulomb_per_s2 else 0.0
+    turned = state[0] - coefficients.zero_rad
+    pull = -coefficients.natural_frequency_squared_s2 * np.sin(turned) - coefficients.spring_per_s2 * turned
+    return float(np.sign(pull)) if abs(pull) > _dry_friction(state, coefficients) else 0.0
+
+
+def _dry_friction(state: Array, coefficients: Coefficients) -> float:
+    """Return the size of dry friction at an angle and a speed, per inertia."""
+    slow, less_slow = (np.exp(-((state[1] / limit) ** 2)) for limit in SLOW_RAD_PER_S)
+    aside = 1 - np.cos(state[0] - coefficients.zero_rad)
+    return float(coefficients.coulomb_per_s2 + np.dot(coefficients[-3:], [slow, less_slow, aside]))
 
 
 class _Turning:
@@ -66,10 +74,11 @@ def _until_it_turns(
     state: Array, coefficients: Coefficients, threads: Threads, side: float, span_s: tuple[float, float]
 ) -> Any:
     """Integrate to the end or, with dry friction, until the body turns."""
-    stiffness, viscous, coulomb, quadratic, zero = coefficients
+    stiffness, viscous, _, quadratic, zero, spring, *_ = coefficients
 
     def derivative(_: float, y: Array) -> tuple[float, float]:
-        drag = viscous * y[1] + quadratic * y[1] * abs(y[1]) + coulomb * side
+        drag = viscous * y[1] + quadratic * y[1] * abs(y[1]) + _dry_friction(y, coefficients) * side
+        drag += spring * (y[0] - zero)
         height = np.sqrt(1 - 2 * threads.ratio * (1 - np.cos(y[0] - zero)))  # relative to that at rest
         pull = np.sin(y[0] - zero) / height
         steeper = np.cos(y[0] - zero) / height + threads.ratio * pull**2 / height
@@ -84,5 +93,5 @@ def _until_it_turns(
         rtol=_TOLERANCE,
         atol=_TOLERANCE,
         dense_output=True,
-        events=_Turning(side) if coulomb > 0 else None,
+        events=_Turning(side) if any(coefficients[2:3] + coefficients[-3:]) else None,
     )

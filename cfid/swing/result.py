@@ -6,6 +6,8 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+import numpy as np
+
 from cfid.counted import counted
 from cfid.errors import FitError
 from cfid.findings import Finding, rejection, warning
@@ -125,7 +127,7 @@ class SwingEstimate:
     coefficients: Coefficients
     std: Coefficients
     start: tuple[float, float]
-    start_std: tuple[float | None, float | None]
+    start_std: tuple[float | None, ...]
     merits: Mapping[str, Any]
     findings: tuple[Finding, ...]
     line: str
@@ -161,13 +163,11 @@ def _by_default(swing: FreeSwing) -> SwingEstimate:
             "distortion": quality.distortion,
             "drift": quality.drift,
             "drift_std": quality.drift_std,
-            "damping_terms": fitted.terms,
-            "damping_split_bic": fitted.split_bic,
-            **_gyro(swing, fitted),
+            **_imperfections(fitted),
             **_window(swing),
         },
         findings=fitted.findings,
-        line=f"damping: {', '.join(fitted.terms) or 'none'}; residual {1e3 * fitted.residual_rms_rad:.3g} mrad rms, "
+        line=f"residual {1e3 * fitted.residual_rms_rad:.3g} mrad rms, "
         f"waveform off by {100 * quality.distortion:.2g} % of the start angle, drift {100 * quality.drift:+.2g} %",
     )
 
@@ -179,8 +179,8 @@ def _by_thesis(swing: FreeSwing) -> SwingEstimate:
     return SwingEstimate(
         swing=swing,
         fitted=cosine,
-        coefficients=Coefficients(*cosine.frequencies, 0.0, 0.0, 0.0),
-        std=Coefficients(*cosine.std, 0.0, 0.0, 0.0),
+        coefficients=Coefficients(*cosine.frequencies),
+        std=Coefficients(*cosine.std),
         start=(cosine.start_angle_rad, cosine.start_speed_rad_per_s),
         start_std=(None, None),
         merits={"accepted": not rejections, "rms": rms, **_window(swing)},
@@ -206,11 +206,18 @@ def _drawings(record: AngleRecord, found: SwingEstimate) -> Figures:
     return {f"{name}_thesis": thesis_swing_figure(swing, fitted, fit_flexible(swing), title=record.name)}
 
 
-def _gyro(swing: FreeSwing, fitted: SwingFit) -> dict[str, tuple[float, float]]:
-    """Return the relative error of a gyro's scale with its standard uncertainty, nothing for an encoder."""
-    if swing.rate_rad_per_s is None:
-        return {}
-    return {"gyro_scale_error": (fitted.gyro_scale_error, fitted.gyro_scale_std)}
+def _imperfections(fitted: SwingFit) -> dict[str, tuple[float, float]]:
+    """Return what the rig adds to a pendulum, each with its standard uncertainty: shares of gravity, or degrees."""
+    values, std = np.array(fitted.instrument), np.array(fitted.instrument_std)
+    if fitted.output_error.setup.gyro_per_s is not None:
+        return {"gyro_scale_error": (float(values[0]), float(std[0]))}
+    frequency = fitted.coefficients.natural_frequency_squared_s2
+    size = float(np.linalg.norm(values))
+    disc = size, float(np.linalg.norm(values / (size or 1.0) * std))
+    return {
+        "cable": (fitted.coefficients.spring_per_s2 / frequency, fitted.std.spring_per_s2 / frequency),
+        "disc_deg": (math.degrees(disc[0]), math.degrees(disc[1])),
+    }
 
 
 def _checks(found: SwingEstimate) -> tuple[dict[str, Dependent], tuple[Dependent, ...]]:

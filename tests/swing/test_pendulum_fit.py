@@ -12,10 +12,10 @@ from scipy.signal import savgol_filter
 
 from cfid.estimate.signals import correlation_inflation, smooth
 from cfid.sim.plants import HandRelease, Motion, Pendulum, swing
-from cfid.swing.collocation import Coefficients
-from cfid.swing.model import TERMS, OutputError, first_guess, fit_output_error, sample
+from cfid.swing.model import OutputError, first_guess, fit_output_error, sample
 
 Array = npt.NDArray[np.float64]
+TERMS = ("viscous", "coulomb", "quadratic")
 Friction = tuple[float, float, float]
 
 INERTIA, MOMENT = 4e-5, 0.028 * 9.81 * 0.0229
@@ -60,9 +60,9 @@ def free_swing(degrees: float, friction: Friction) -> tuple[Array, Array]:
 
 def fitted(time_s: Array, angle: Array, terms: tuple[str, ...], step_s: float = 0.004) -> OutputError:
     coefficients, trajectory = first_guess(time_s, angle, start_s=float(time_s[0]), step_s=step_s)
-    viscous = coefficients.viscous_per_s if "viscous" in terms else 0.0
-    guess = Coefficients(coefficients[0], viscous, 0.0, 0.0, coefficients.zero_rad)
-    return fit_output_error(time_s, angle, coefficients=guess, trajectory=trajectory, terms=terms)
+    free = np.array([True, *(term in terms for term in TERMS), True, *[False] * 6])
+    values = free * np.array([*coefficients, 0.0, 0.0])
+    return fit_output_error(time_s, angle, values=values, free=free, trajectory=trajectory)
 
 
 @pytest.mark.parametrize("begin_s", [1.0, 2.5, 4.0])
@@ -106,7 +106,7 @@ def test_a_finer_grid_changes_nothing_that_matters() -> None:
 
 def test_the_trajectory_solves_the_equation_of_motion() -> None:
     fit = fitted(*free_swing(60, (1.5e-5, 0.0, 2e-6)), ("viscous", "quadratic"))
-    frequency, viscous, _, quadratic, zero = fit.coefficients
+    frequency, viscous, _, quadratic, zero = fit.coefficients[:5]
 
     def motion(_: float, y: Array) -> list[float]:
         return [y[1], -frequency * math.sin(y[0] - zero) - viscous * y[1] - quadratic * y[1] * abs(y[1])]
@@ -123,11 +123,11 @@ def test_the_trajectory_solves_the_equation_of_motion() -> None:
 def test_the_jacobian_is_the_derivative_of_the_prediction() -> None:
     time_s, angle = free_swing(40, ALL_THREE)
     fit = fitted(time_s, angle, TERMS)
-    held = fit_output_error(time_s, angle, coefficients=fit.coefficients, trajectory=fit.trajectory, terms=TERMS)
+    held = fit_output_error(time_s, angle, values=fit.values, free=fit.free, trajectory=fit.trajectory)
     disturbed = angle + 1e-6 * held.jacobian @ np.array([3.0, 0.05, 0.2, 0.01, 0.001, 0.002, 0.02])
     moved = fitted(time_s, disturbed, TERMS)
 
-    change = np.array(moved.coefficients) - np.array(held.coefficients)
+    change = (moved.values - held.values)[held.free]
     assert change == pytest.approx(1e-6 * np.array([3.0, 0.05, 0.2, 0.01, 0.001]), rel=2e-2)
 
 

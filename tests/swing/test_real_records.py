@@ -28,6 +28,8 @@ def test_the_sound_rig_gives_its_authors_natural_frequency() -> None:
     # The published parameters give (m g a) / (I + m a^2) = 64.22 1/s^2.
     assert 64.0 <= fit.coefficients.natural_frequency_squared_s2 <= 64.3
     assert fit.accepted
+    # Other integrators, with and without a cable, give 64.00 to 64.04.
+    assert abs(fit.coefficients.natural_frequency_squared_s2 - 64.02) < 2 * fit.std.natural_frequency_squared_s2 < 0.2
 
 
 @needs_sound

@@ -110,22 +110,24 @@ def test_the_motion_integrated_anew_is_the_fits(swing: FreeSwing, fit: SwingFit)
 
 
 def test_dry_friction_holds_the_motion_where_it_overcomes_gravity(fit: SwingFit) -> None:
-    held = replace(fit, coefficients=Coefficients(150.0, 0.5, 4.0, 0.0, 0.0))
+    held = replace(fit, output_error=replace(fit.output_error, coefficients=Coefficients(150.0, 0.5, 4.0)))
     motion = fitted_motion(held, np.linspace(fit.output_error.trajectory.start_s, 30.0, 999))
     assert np.ptp(motion[-300:]) == 0.0
     assert abs(motion[-1]) <= np.arcsin(4.0 / 150.0)
 
 
 def test_half_swings_within_a_gap_of_the_recording_are_passed(fit: SwingFit) -> None:
-    held = replace(fit, coefficients=Coefficients(150.0, 0.5, 4.0, 0.0, 0.0))
+    held = replace(fit, output_error=replace(fit.output_error, coefficients=Coefficients(150.0, 0.5, 4.0)))
     dense = np.linspace(fit.output_error.trajectory.start_s, 30.0, 3001)
     sparse = dense[[0, 1, -1]]
     assert fitted_motion(held, sparse) == pytest.approx(fitted_motion(held, dense)[[0, 1, -1]])
 
 
 def test_a_body_that_dry_friction_holds_from_the_start_stays_there(fit: SwingFit) -> None:
-    start = replace(fit.output_error, start_angle_rad=0.02, start_speed_rad_per_s=0.0)
-    held = replace(fit, coefficients=Coefficients(150.0, 0.5, 4.0, 0.0, 0.0), output_error=start)
+    start = replace(
+        fit.output_error, coefficients=Coefficients(150.0, 0.5, 4.0), start_angle_rad=0.02, start_speed_rad_per_s=0.0
+    )
+    held = replace(fit, output_error=start)
     assert np.all(fitted_motion(held, np.linspace(start.trajectory.start_s, 9.0, 99)) == 0.02)
 
 
