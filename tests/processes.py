@@ -31,7 +31,7 @@ _ROOMS = ("cfid.cli", "cfid.console", "cfid.rig", "cfid.sim")  # common to the c
 _NUMBER = 8  # characters of a number that is reported
 _AT_THE_DOOR = """#!{python} -IS
 import json, os, signal, socket, sys
-words = sys.argv[3:] if sys.argv[1:3] == ["-m", "cfid.cli.main"] else sys.argv[1:]
+words = sys.argv[4:] if sys.argv[1:4] == ["-P", "-m", "cfid.cli.main"] else sys.argv[1:]
 wanted = json.dumps([words, os.getcwd(), dict(os.environ), os.getpriority(os.PRIO_PROCESS, 0)]).encode()
 reports, report = os.pipe()
 with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as asking:
@@ -53,7 +53,7 @@ def started(
     arguments = [str(word) for word in words]
     if not (anew or wrapper or "preexec_fn" in options):
         return Forked(arguments, **options)
-    command = [*wrapper, sys.executable, "-W", "error", "-m", "cfid.cli.main", *arguments]
+    command = [*wrapper, sys.executable, "-P", "-W", "error", "-m", "cfid.cli.main", *arguments]
     return subprocess.Popen(command, **{"stdin": subprocess.DEVNULL, **options})
 
 

@@ -2,7 +2,6 @@
 
 import math
 import subprocess
-import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
@@ -11,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cfid.console.messages import echo, headline, result
+from cfid.console.processes import cfid_command
 from cfid.console.tables import value_and_deviation
 from cfid.errors import FitError
 from cfid.records.campaign import Campaign
@@ -80,7 +80,7 @@ class _Processes:
         """Run a command until it ends; return its exit code, stdout and stderr."""
         drawn = self._drawn if words.startswith(("fit", "tf")) else []
         process = subprocess.Popen(
-            [sys.executable, "-m", "cfid.cli.main", *words.split(), *drawn],
+            cfid_command(*words.split(), *drawn),
             cwd=self._folder,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -1,13 +1,13 @@
 """Record the demo in real time: serve a simulated rig on real wires, and run the operator's log commands on it."""
 
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from cfid.console.messages import headline
+from cfid.console.processes import cfid_command
 from cfid.errors import DeviceError
 from cfid.records.campaign import Campaign
 from cfid.rig.sim_file import SIM_FILE
@@ -29,14 +29,14 @@ def record_over_wires(campaign: Campaign, *, truth: Path | None, seed: int) -> N
     with _served(campaign.folder, truth=truth, seed=seed):
         for words in LOGS:
             headline(f"\n$ cfid {words}")
-            if subprocess.run(_command(*words.split()), cwd=campaign.folder, check=False).returncode:
+            if subprocess.run(cfid_command(*words.split()), cwd=campaign.folder, check=False).returncode:
                 raise DeviceError(f"cfid {words} failed; {campaign.folder} keeps what was recorded.")
 
 
 @contextmanager
 def _served(folder: Path, *, truth: Path | None, seed: int) -> Iterator[None]:
     known = [] if truth is None else ["--truth", str(truth.resolve())]
-    words = _command("rig", "sim", "--axis", "x", "--seed", str(seed), *known)
+    words = cfid_command("rig", "sim", "--axis", "x", "--seed", str(seed), *known)
     with subprocess.Popen(words, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as rig:
         try:
             _wait_for(folder / SIM_FILE, rig)
@@ -52,7 +52,3 @@ def _wait_for(file: Path, rig: subprocess.Popen[str]) -> None:
             rig.terminate()
             raise DeviceError(f"the simulated rig did not start: {rig.communicate()[1].strip()}")
         time.sleep(_LOOKS_EVERY_S)
-
-
-def _command(*words: str) -> list[str]:
-    return [sys.executable, "-m", "cfid.cli.main", *words]

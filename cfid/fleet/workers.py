@@ -25,8 +25,9 @@ Answer = TypeVar("Answer")
 Work = Callable[[str], Answer]
 
 TRIES = 3  # after this many deaths of its processes, the campaign is at fault, not the computer
-# One thread per process, as for a Dask worker: more threads would wait for each other and sum in another order.
-_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+# One thread per process, as for a Dask worker: more threads would wait for each other and sum in another order. Nothing
+# is imported from the working directory, which may hold a file such as queue.py.
+_ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "PYTHONSAFEPATH": "1"}
 
 
 @dataclass(kw_only=True)
@@ -133,7 +134,7 @@ def _client(address: str) -> Iterator[Any]:
 def _start(work: Work[Any], imports: Sequence[str]) -> _Worker:
     ours, its = multiprocessing.Pipe()
     room = tempfile.TemporaryDirectory(prefix="cfid-fleet-", ignore_cleanup_errors=True)
-    with _environment(_ONE_THREAD):
+    with _environment(_ENVIRONMENT):
         process = _begun(its, work, room.name, imports=imports)
     its.close()
     return _Worker(process=process, pipe=ours, room=room)

@@ -10,6 +10,7 @@ import typer
 
 from cfid.console.campaign import here
 from cfid.console.messages import echo, fitted, note, printable, typed_line
+from cfid.console.processes import cfid_command
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -114,8 +115,7 @@ def _name_unreadable_runs(campaign: "Campaign") -> None:
 def _become(words: tuple[str, ...], campaign: "Campaign") -> None:
     """Replace this program with the command, which then has the signals, the terminal and the exit code."""
     sys.stdout.flush()
-    where = ["--campaign", str(campaign.folder)]
-    os.execv(sys.executable, [sys.executable, "-m", "cfid.cli.main", *words, *where])
+    os.execv(sys.executable, cfid_command(*words, "--campaign", str(campaign.folder)))
 
 
 def _print(

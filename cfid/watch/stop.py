@@ -1,10 +1,10 @@
 """Runs `cfid motors stop` in its own process, which needs neither the recorder nor this process."""
 
 import asyncio
-import sys
 from pathlib import Path
 from typing import NamedTuple
 
+from cfid.console.processes import cfid_command
 from cfid.records.rig_file import RIG_FILE
 from cfid.rig.address import resolved
 from cfid.rig.motors import MAY_BE_RUNNING
@@ -53,7 +53,7 @@ async def _stop(words: list[str], *, failed: str) -> StopReport:
     """Run `cfid motors stop` with these options; `failed` begins the text of a failure that states no danger itself."""
     try:
         process = await asyncio.create_subprocess_exec(
-            *[sys.executable, "-m", "cfid.cli.main", "motors", "stop", *words],
+            *cfid_command("motors", "stop", *words),
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.STDOUT,
