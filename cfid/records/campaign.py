@@ -232,13 +232,17 @@ def find_campaign(folder: Path | None, *, start: Path | None = None) -> Campaign
 
     Raises ConfigError when `folder` holds no rig.toml, or when the current folder no longer exists.
     """
-    if folder is not None:
-        return Campaign(folder=folder, rig=load_rig(folder / RIG_FILE))
+    folder = find_folder(start) if folder is None else folder
+    return None if folder is None else Campaign(folder=folder, rig=load_rig(folder / RIG_FILE))
+
+
+def find_folder(start: Path | None = None) -> Path | None:
+    """Return the nearest folder with a rig.toml at or above `start` or the current folder, else None.
+
+    Raises ConfigError when the current folder no longer exists.
+    """
     start = _current_folder() if start is None else start
-    for candidate in (start, *start.parents):
-        if _has_rig(candidate):
-            return Campaign(folder=candidate, rig=load_rig(candidate / RIG_FILE))
-    return None
+    return next(filter(_has_rig, (start, *start.parents)), None)
 
 
 def _current_folder() -> Path:

@@ -5,9 +5,8 @@ from typing import Annotated
 
 import typer
 
-from cfid.console.inputs import find_recording, open_workplace
-from cfid.console.messages import echo
-from cfid.console.options import RigOptions
+from cfid.console.inputs import Workplace, find_recording
+from cfid.console.messages import echo, note
 from cfid.records.extras import optional_library
 
 
@@ -29,9 +28,17 @@ def watch(
     Example: [bold]cfid watch --open[/bold]
     """
     from cfid.errors import ConfigError
+    from cfid.records.campaign import Campaign, find_campaign, find_folder
+    from cfid.records.rig_file import RIG_FILE, thesis_rig
 
-    workplace = open_workplace(RigOptions(campaign=campaign))
-    found = workplace.campaign
+    try:
+        found = find_campaign(campaign)
+    except ConfigError as error:
+        folder = find_folder() if campaign is None else campaign
+        if folder is None or not (folder / RIG_FILE).is_file():
+            raise
+        note(f"{error} The page needs no valid rig.toml.")
+        found = Campaign(folder=folder, rig=thesis_rig())
     if run is None and found is None:
         raise ConfigError("there is no campaign here whose runs could be shown: name a run folder, or --campaign.")
     optional_library("bokeh", extra="watch", what="cfid watch")
@@ -39,7 +46,7 @@ def watch(
     from cfid.watch.watched import Watched
 
     watched = Watched(
-        folder=None if run is None else find_recording(run, workplace),
+        folder=None if run is None else find_recording(run, Workplace(found, thesis_rig(), borrowed=True)),
         runs_folder=None if found is None else found.runs_folder,
     )
     serve(

@@ -1,6 +1,6 @@
 """The facts above the plots as HTML: run, state, time left, battery, the vehicle, rates and losses."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from html import escape
 
 from cfid.console.messages import clock
@@ -14,18 +14,22 @@ _SLOWEST_HZ = 2.0  # rows that come more slowly are events
 _LONGEST = 300
 
 
-def facts_html(run: LiveRun | None, *, refused: int) -> str:
-    """Return a table of facts; texts from the run's files are escaped and contain no control characters."""
-    if run is None:
-        return "<p>No run yet. The page shows the first one as soon as it begins.</p>"
-    rows = [*_of_run(run), *(_of_device(name, device, run) for name, device in run.devices.items())]
+def facts_html(run: LiveRun | None, *, refused: int, stops: Sequence[str] = ()) -> str:
+    """Return a table of facts; texts from the run's files are escaped and contain no control characters.
+
+    `stops` are the vehicles that the page's button stops.
+    """
+    none = "<p>No run yet. The page shows the first one as soon as it begins.</p>" if run is None else ""
+    rows = [("the button stops", ", ".join(stops), False)] if stops else []
+    if run is not None:
+        rows += [*_of_run(run), *(_of_device(name, device, run) for name, device in run.devices.items())]
     if refused:
         rows.append(("requests refused", f"{refused} from outside this page", True))
     cells = "".join(
         f'<tr><th>{escape(name)}</th><td class="{"warning" if warning else ""}">{_text(text)}</td></tr>'
         for name, text, warning in rows
     )
-    return f"<table>{cells}</table>"
+    return f"{none}<table>{cells}</table>"
 
 
 def _text(text: str) -> str:
@@ -43,8 +47,6 @@ def _of_run(run: LiveRun) -> Iterator[tuple[str, str, bool]]:
     if header.verdict is not None and header.state != "failed":  # a failed run's verdict is its reason, shown above
         usable = header.verdict.usable
         yield "verdict", header.verdict.text if usable else f"not usable: {header.verdict.text}", not usable
-    if driven := run.driven:
-        yield "the button stops", ", ".join(driven), False
     left_s = run.left_s
     lasted = f"{clock(run.now_s)} min" + ("" if left_s is None else f", {clock(left_s)} min left")
     yield "time", lasted, False

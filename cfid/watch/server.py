@@ -3,8 +3,12 @@
 import asyncio
 import logging
 import signal
+import time
+from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from socket import socket
 from typing import Any
 
 from bokeh.application import Application
@@ -16,10 +20,11 @@ from bokeh.settings import settings
 from tornado.httpserver import HTTPServer
 from tornado.httputil import HTTPServerRequest
 from tornado.ioloop import IOLoop, PeriodicCallback
-from tornado.netutil import bind_sockets
+from tornado.iostream import IOStream
 from tornado.web import RequestHandler
 
 from cfid.errors import ConfigError
+from cfid.watch.door import Door
 from cfid.watch.facts import facts_html
 from cfid.watch.gate import LOOPBACK, Gate
 from cfid.watch.page import HEADERS, SCRIPT, page_html
@@ -28,30 +33,31 @@ from cfid.watch.stop import MotorStop
 from cfid.watch.watched import Watched
 
 _PLOTS = "/plots"
+_STREAM = b"GET /plots/ws"  # the one connection that outlives its request
+_MOST_LOADS, _WITHIN_S = 8, 10.0  # of the plots, each of which takes a quarter of a second to draw
+_DENIALS = {
+    403: "This page is open on this computer alone, at the address that cfid watch printed.\n",
+    503: "The plots were loaded too often: reload this page later.\n",
+}
 
 
 def serve(watched: Watched, *, campaign: Path | None, port: int, ready: Callable[[str], None]) -> None:
     """Serve the page until Ctrl-C; `ready` gets its address. Port 0 is any free one.
 
-    The button stops the vehicles of the shown run and of those recorded beside it; where no run drives one, the
-    vehicle of the folder `campaign`. Raises ConfigError when the port cannot be taken.
+    `campaign` is the folder of the page's campaign, for the button. Raises ConfigError when the port cannot be taken.
     """
     try:
-        sockets = bind_sockets(port, LOOPBACK)
+        door = Door(port)
     except OSError as error:
         raise ConfigError(f"`port` {port}: cannot be taken: {error.strerror}. Leave it out for a free one.") from None
-    port = sockets[0].getsockname()[1]
     for name in ("bokeh", "tornado.access"):  # the page shows what was refused
         logging.getLogger(name).setLevel(logging.ERROR)
     settings.resources = "server"  # whatever the environment sets: nothing is loaded from elsewhere
-    asyncio.run(_serving(watched, campaign, sockets, port, ready))
+    asyncio.run(_serving(watched, door, MotorStop(watched, campaign), ready))
 
 
-async def _serving(
-    watched: Watched, campaign: Path | None, sockets: list[Any], port: int, ready: Callable[[str], None]
-) -> None:
-    gate = Gate(port)
-    stop = MotorStop(campaign)
+async def _serving(watched: Watched, door: Door, stop: MotorStop, ready: Callable[[str], None]) -> None:
+    gate = door.gate
 
     def draw(document: Document) -> None:
         context = document.session_context
@@ -65,46 +71,65 @@ async def _serving(
         extra_patterns=[
             ("/", _Page, {"gate": gate}),
             ("/page.js", _Script),
-            ("/facts", _FactsPage, {"watched": watched, "gate": gate}),
-            ("/stop", _Stop, {"gate": gate, "stop": stop, "watched": watched}),
+            ("/facts", _FactsPage, {"watched": watched, "gate": gate, "stop": stop}),
         ],
         extra_websocket_origins=gate.hosts,
     )
-    http = HTTPServer(application)
-    http.add_sockets(sockets)
-    server = BaseServer(IOLoop.current(), application, http)
+    # A press of the button that came over the connection of a page load would wait for it: that one is not kept open.
+    streaming, loading = HTTPServer(application), HTTPServer(application, no_keep_alive=True)
+    loop = asyncio.get_running_loop()
+
+    def take(connection: socket, address: Any, begin: bytes) -> None:
+        (streaming if begin.startswith(_STREAM) else loading).handle_stream(IOStream(connection), address)
+
+    def pass_on(*arrived: Any) -> None:
+        with suppress(RuntimeError):  # raised once the page has ended
+            loop.call_soon_threadsafe(take, *arrived)
+
+    server = BaseServer(IOLoop.current(), application, streaming)
     server.start()
+    door.open(stop, pass_on)
     reading = PeriodicCallback(watched.read, EVERY_MS)
     reading.start()
     ended = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        asyncio.get_running_loop().add_signal_handler(number, ended.set)
-    ready(f"http://{LOOPBACK}:{port}/")
+        loop.add_signal_handler(number, ended.set)
+    ready(f"http://{LOOPBACK}:{door.server_address[1]}/")
     await ended.wait()
+    door.shutdown()
+    door.server_close()
     reading.stop()
     server.stop()
-    http.stop()
-    await http.close_all_connections()
+    for http in (streaming, loading):
+        await http.close_all_connections()
     watched.close()
 
 
 class _Gated(BokehTornado):
-    """Bokeh's server, which answers 403 to every request that the gate does not admit."""
+    """Bokeh's server, which answers 403 to every request that the gate does not admit, 503 to one load too many."""
 
     def __init__(self, applications: Any, *, gate: Gate, **more: Any) -> None:
         super().__init__(applications, **more)
         self._gate = gate
+        self._loaded_s: deque[float] = deque(maxlen=_MOST_LOADS)
 
     def find_handler(self, request: HTTPServerRequest, **more: Any) -> Any:
-        if not self._gate.admits(request.headers):
-            return self.get_handler_delegate(request, _Refused)
+        if not self._gate.admits(request.path, request.headers):
+            return self.get_handler_delegate(request, _Denied, {"status": 403})
+        if request.path.startswith(_PLOTS) and not request.path.endswith("/ws"):
+            now_s = time.monotonic()
+            if len(self._loaded_s) == _MOST_LOADS and now_s - self._loaded_s[0] < _WITHIN_S:
+                return self.get_handler_delegate(request, _Denied, {"status": 503})
+            self._loaded_s.append(now_s)
         return super().find_handler(request, **more)
 
 
-class _Refused(RequestHandler):
+class _Denied(RequestHandler):
+    def initialize(self, status: int) -> None:
+        self.set_status(status)
+
     def prepare(self) -> None:
-        self.set_status(403)
-        self.finish("This page is open on this computer alone, at the address that cfid watch printed.\n")
+        self.finish(_DENIALS[self.get_status()])
 
 
 class _Page(RequestHandler):
@@ -127,26 +152,11 @@ class _Script(RequestHandler):
 
 
 class _FactsPage(RequestHandler):
-    def initialize(self, watched: Watched, gate: Gate) -> None:
-        self._watched, self._gate = watched, gate
+    def initialize(self, watched: Watched, gate: Gate, stop: MotorStop) -> None:
+        self._watched, self._gate, self._stop = watched, gate, stop
 
     def get(self) -> None:
+        if not self._watched.viewers:  # the plots were not loaded
+            self._watched.look_for_newer()
         self.set_header("Cache-Control", "no-store")
-        self.finish(facts_html(self._watched.run, refused=self._gate.refused))
-
-
-class _Stop(RequestHandler):
-    def initialize(self, gate: Gate, stop: MotorStop, watched: Watched) -> None:
-        self._gate, self._stop, self._watched = gate, stop, watched
-
-    async def post(self) -> None:
-        if not self._gate.admits_stop(self.request.headers, self._token()):
-            self.set_status(403)
-            self.finish("Not stopped: no button of the page sent this request.\n")
-            return
-        self._watched.look_for_newer()  # nothing has looked where the plots were not loaded
-        report = await self._stop.press(self._watched.run)
-        self.finish({"stopped": report.stopped, "text": report.text})
-
-    def _token(self) -> str:
-        return self.request.headers.get("X-Cfid-Token", "")
+        self.finish(facts_html(self._watched.run, refused=self._gate.refused, stops=self._stop.vehicles()))

@@ -31,7 +31,8 @@ def test_it_waits_for_the_first_run_and_ctrl_c_ends_it_with_0(campaign: Path) ->
     wait_until(lambda: "Ctrl-C" in said.read_text() or running.poll() is not None, "the address")
     address = re.match(r"http://127\.0\.0\.1:\d+/", said.read_text())
     assert address is not None, said.read_text()
-    with urllib.request.urlopen(f"{address[0]}facts", timeout=30) as answer:
+    facts = urllib.request.Request(f"{address[0]}facts", headers={"Sec-Fetch-Site": "same-origin"})
+    with urllib.request.urlopen(facts, timeout=30) as answer:
         assert b"No run yet" in answer.read()
     running.send_signal(signal.SIGINT)
     assert running.wait(60) == 0

@@ -171,9 +171,13 @@ def test_no_other_page_stops_the_motors(show: Show) -> None:
         show.asked("GET", "/", Host=f"evil.example:{show.port}"),
         show.asked("GET", "/plots/autoload.js?bokeh-autoload-element=x", Origin=elsewhere),
         show.asked("GET", "/plots/ws", Origin=elsewhere, Upgrade="websocket", Connection="Upgrade"),
+        show.asked("GET", "/plots/autoload.js?bokeh-autoload-element=x", Sec_Fetch_Site="cross-site"),
+        show.asked("GET", "/plots/autoload.js?bokeh-autoload-element=x"),
+        show.asked("GET", "/facts"),
+        show.asked("GET", "/", Sec_Fetch_Site="cross-site"),
     ]
     assert asked == [403] * len(asked)
-    assert show.asked("GET", "/stop") == 405
+    assert show.asked("GET", "/stop", X_Cfid_Token=token) == 404
     assert any(show.bench.motors), show.recorder.err
     page.wait_for(f"{FACTS}.includes('{len(asked)} from outside this page')")
     assert page.value("document.getElementById('answered').textContent") == ""
