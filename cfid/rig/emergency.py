@@ -38,15 +38,19 @@ def stop_vehicle(uri: str, ports: AppPorts, *, say: Say, opened: Open = open_lin
 
     Raises DeviceError for a vehicle that cannot be reached, StopError when motors may still be running.
     """
-    holder = _end_holder(uri)
-    line = _second_line(holder, uri, opened, say)
+    holder = find_holder(uri)
+    if holder is not None and holder.process == os.getpid():
+        holder = None
+    line, acknowledged = _second_line(holder, uri, opened, say), None
+    if line is not None:
+        with contextlib.closing(line):
+            acknowledged = stop_over(line, ports)
+            if holder is not None:
+                holder = None if _ends(holder) else holder
+                acknowledged = stop_over(line, ports)  # until it ended, the holder may have sent another command
     with contextlib.ExitStack() as held:
         with contextlib.suppress(DeviceError):  # another holder is no reason to let motors run
             held.enter_context(DeviceLock.take(uri))
-        acknowledged = None
-        if line is not None:
-            with contextlib.closing(line):
-                acknowledged = stop_over(line, ports)
         from cfid.rig.read_back import confirm_stop  # imports cflib, which the motors need not wait for
 
         try:
@@ -61,14 +65,11 @@ def stop_vehicle(uri: str, ports: AppPorts, *, say: Say, opened: Open = open_lin
     return Stopped(kind, acknowledged.after_s, state)
 
 
-def _end_holder(uri: str) -> Holder | None:
-    """Signal the process that holds the vehicle to end; return it when it keeps the vehicle or cannot be signalled."""
-    holder = find_holder(uri)
-    if holder is None or holder.process == os.getpid():
-        return None
-    if not holder.send(signal.SIGTERM) or holder.is_suspended:
-        return holder
-    return None if holder.wait_until_it_lets_go(_LETS_GO_S) else holder
+def _ends(holder: Holder) -> bool:
+    """Signal the process that holds the vehicle to end; return whether it gives the vehicle up at once."""
+    if holder.is_ours and not holder.holds:  # it had to give up a radio already
+        return True
+    return holder.send(signal.SIGTERM) and not holder.is_suspended and holder.wait_until_it_lets_go(_LETS_GO_S)
 
 
 def _second_line(holder: Holder | None, uri: str, opened: Open, say: Say) -> VehicleLine | None:
@@ -91,7 +92,7 @@ def _second_line(holder: Holder | None, uri: str, opened: Open, say: Say) -> Veh
 def _freed(holder: Holder, say: Say) -> bool:
     """Return whether a holder gave up its radio, after a signal or because it was killed."""
     patience_s = _WAKES_S if holder.is_suspended else _CLOSES_S
-    holder.send(signal.SIGCONT)  # one that was suspended has a SIGTERM waiting
+    holder.send(signal.SIGTERM, signal.SIGCONT)  # one that is suspended gets the first when it continues
     if holder.wait_until_it_lets_go(patience_s):
         return True
     if not holder.is_ours:

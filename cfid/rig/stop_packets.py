@@ -20,10 +20,10 @@ OVERRIDES = {"motorPowerSet.enable": "B", **{f"motorPowerSet.m{motor}": "H" for 
 WITHIN_S = 0.1
 TRIES = 20  # so that the stop gets through a link that is disturbed for two seconds
 
-_TURN_S = 0.1
-_TURNS = 20
-_TURNS_FOR_THE_APP = 3  # an app answers at least one of them
-_SILENT_TURNS = 5  # without any answer: connecting in full then finds the reason
+_TURN_S = 0.04  # longer than an answer takes over most radios, and short where one of a few packets was lost
+_TURNS = 50
+_TURNS_FOR_THE_APP = 8  # an app answers at least one of them
+_SILENT_TURNS = 13  # without any answer: connecting in full then finds the reason
 
 
 class Acknowledged(NamedTuple):
