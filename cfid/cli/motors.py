@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from cfid.records.devices import CrazyflieLink
     from cfid.rig.log import Procedure
     from cfid.rig.ready_vehicle import ReadyVehicle
+    from cfid.wire.app import AppPorts
 
 CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")]
 
@@ -100,6 +101,20 @@ def stop(*, vehicle: LinkOptions, yes: Unasked = False, campaign: CampaignFolder
         raise type(failed[0])("\n".join(map(str, failed)))
 
 
+@flat
+def recover(*, vehicle: LinkOptions, campaign: CampaignFolder = None) -> None:
+    """Recover a vehicle that crashed, once it is upright: stop its motors, recover it, and check its state.
+
+    Example: [bold]cfid motors recover[/bold]
+    """
+    from cfid.rig.recovery import recover_vehicle
+
+    setting = _setting(vehicle.uri, campaign)
+    uri = setting.uri or _found()
+    state = recover_vehicle(uri, _ports(setting), say=note)
+    result(f"{uri}: motors stopped; the vehicle {'reports no state' if state is None else f'is {state.name}'}.")
+
+
 def _held_beside(uri: str | None) -> list[str]:
     """Return the vehicles that programs on this computer hold, except the vehicle that the command names."""
     from cfid.rig.address import resolved
@@ -110,13 +125,17 @@ def _held_beside(uri: str | None) -> list[str]:
 
 def _stop(uri: str, setting: "CrazyflieLink") -> None:
     from cfid.rig.emergency import stop_vehicle
-    from cfid.wire.app import AppPorts
 
-    ports = AppPorts(setting.thrust_port, setting.sine_port, setting.ping_port)
-    stopped = stop_vehicle(uri, ports, say=note)
+    stopped = stop_vehicle(uri, _ports(setting), say=note)
     result(stopped_line(uri, stopped.after_s))
     if stopped.state is not None and stopped.state.remedy:
         note(f"{uri}: the vehicle is {stopped.state.name}: {stopped.state.remedy}.")
+
+
+def _ports(setting: "CrazyflieLink") -> "AppPorts":
+    from cfid.wire.app import AppPorts
+
+    return AppPorts(setting.thrust_port, setting.sine_port, setting.ping_port)
 
 
 def _found() -> str:

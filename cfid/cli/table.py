@@ -132,6 +132,10 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
         "cfid.cli.motors:stop",
         "Stop all motors and confirm the stop. Another cfid that drives them is asked to end, without waiting for it.",
     ),
+    "motors recover": (
+        "cfid.cli.motors:recover",
+        "Recover a vehicle that crashed, once it is upright: stop its motors, recover it, and check its state.",
+    ),
     "fit": (None, "Estimate parameters from recordings."),
     "fit swing": (
         "cfid.swing.command:swing",

@@ -1,7 +1,7 @@
-"""Encodes and decodes the exchange with the firmware's supervisor: its state word, arming, and relaxed setpoints.
+"""Encodes and decodes the exchange with the firmware's supervisor: its state word, its commands, relaxed setpoints.
 
-Firmware from protocol 12 on (release 2026.04) answers on port 9. Before that, arming was a command of the platform
-port, and the state word was available only as the log variable `supervisor.info`.
+Firmware from protocol 12 on (release 2026.04) answers on port 9. Before that, arming and recovery were commands of the
+platform port, and the state word was available only as the log variable `supervisor.info`.
 """
 
 from enum import IntFlag
@@ -16,8 +16,7 @@ PORT_SINCE = 12  # version of the protocol
 INFO_VARIABLE = "supervisor.info"
 
 _ANSWER = 0x80
-_ARM, _WORD = 0x01, 0x0C
-_ARM_BY_PLATFORM = 0x01
+_ARM, _RECOVER, _WORD = 0x01, 0x02, 0x0C
 
 # Releases a setpoint that some client left behind. Firmware fails an assertion at any other payload length.
 RELAX_SETPOINT = Packet(SETPOINT_PORT, META_CHANNEL, bytes(5))
@@ -92,7 +91,7 @@ _NAMES = (
 )
 _REMEDIES = {
     "locked": "turn it off and on (an emergency stop, an old setpoint or a blocked rotor locked it)",
-    "crashed": "put it upright and turn it off and on",
+    "crashed": "put it upright and run `cfid motors recover`",
     "tumbled": "put it upright; one that is fastened upside down needs the parameter supervisor.tmblChckEn at 0",
     "deck fault": "look at its console for the deck that failed its test",
 }
@@ -107,17 +106,30 @@ def decode_state(payload: bytes) -> VehicleState | None:
 
 def encode_arming(*, arm: bool, protocol: int) -> Packet:
     """Return the request to arm or disarm in a version of the protocol."""
-    if protocol >= PORT_SINCE:
-        return Packet(SUPERVISOR_PORT, COMMAND_CHANNEL, bytes([_ARM, arm]))
-    return Packet(PLATFORM_PORT, PLATFORM_CHANNEL, bytes([_ARM_BY_PLATFORM, arm]))
+    return _request(_ARM, arm, protocol=protocol)
+
+
+def encode_recovery(*, protocol: int) -> Packet:
+    """Return the request to recover from a crash, which the firmware grants to a vehicle that is upright."""
+    return _request(_RECOVER, protocol=protocol)
 
 
 def decode_arming(payload: bytes, *, protocol: int) -> bool | None:
-    """Return whether a request to arm or disarm was granted, or None for any payload that answers no such request.
+    """Return whether a request to arm or disarm was granted, or None for any payload that answers no such request."""
+    return _granted(_ARM, payload, protocol=protocol)
 
-    A further byte states whether the vehicle is armed; firmware before protocol 12 omits it.
-    """
-    command, shortest = (_ANSWER | _ARM, 3) if protocol >= PORT_SINCE else (_ARM_BY_PLATFORM, 2)
-    if not shortest <= len(payload) <= 3 or payload[0] != command:
-        return None
-    return bool(payload[1])
+
+def decode_recovery(payload: bytes, *, protocol: int) -> bool | None:
+    """Return whether a recovery was granted, or None for any payload that answers no such request."""
+    return _granted(_RECOVER, payload, protocol=protocol)
+
+
+def _request(command: int, *more: int, protocol: int) -> Packet:
+    port, channel = (SUPERVISOR_PORT, COMMAND_CHANNEL) if protocol >= PORT_SINCE else (PLATFORM_PORT, PLATFORM_CHANNEL)
+    return Packet(port, channel, bytes([command, *more]))
+
+
+def _granted(command: int, payload: bytes, *, protocol: int) -> bool | None:
+    """Return whether a command was granted. The byte that follows states the result; old firmware omits it."""
+    first, shortest = (_ANSWER | command, 3) if protocol >= PORT_SINCE else (command, 2)
+    return bool(payload[1]) if shortest <= len(payload) <= 3 and payload[0] == first else None

@@ -3,7 +3,15 @@
 import pytest
 
 from cfid.wire.crtp import Packet
-from cfid.wire.supervisor import ASK_STATE, RELAX_SETPOINT, decode_arming, decode_state, encode_arming
+from cfid.wire.supervisor import (
+    ASK_STATE,
+    RELAX_SETPOINT,
+    decode_arming,
+    decode_recovery,
+    decode_state,
+    encode_arming,
+    encode_recovery,
+)
 
 # Words in recordings of the real supervisor, and the state that it was in (states that a word cannot distinguish
 # share a name).
@@ -71,6 +79,8 @@ def test_the_requests_are_those_of_the_firmware() -> None:
     assert encode_arming(arm=True, protocol=12) == Packet(9, 1, b"\x01\x01")
     assert encode_arming(arm=False, protocol=12) == Packet(9, 1, b"\x01\x00")
     assert encode_arming(arm=True, protocol=10) == Packet(13, 0, b"\x01\x01")
+    assert encode_recovery(protocol=12) == Packet(9, 1, b"\x02")
+    assert encode_recovery(protocol=11) == Packet(13, 0, b"\x02")
 
 
 @pytest.mark.parametrize(
@@ -91,3 +101,18 @@ def test_the_requests_are_those_of_the_firmware() -> None:
 )
 def test_the_answer_to_arming_is_read_in_either_protocol(payload: str, protocol: int, granted: bool | None) -> None:
     assert decode_arming(bytes.fromhex(payload), protocol=protocol) is granted
+
+
+@pytest.mark.parametrize(
+    ("payload", "protocol", "granted"),
+    [
+        ("820101", 12, True),  # as recorded from the firmware: granted to an upright vehicle
+        ("820000", 12, False),  # refused to one that lies on its back
+        ("810101", 12, None),
+        ("020101", 12, None),
+        ("020101", 11, True),
+        ("0200", 11, False),
+    ],
+)
+def test_the_answer_to_a_recovery_is_read_in_either_protocol(payload: str, protocol: int, granted: bool | None) -> None:
+    assert decode_recovery(bytes.fromhex(payload), protocol=protocol) is granted
