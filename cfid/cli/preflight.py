@@ -90,7 +90,8 @@ def _identified(experiment: Experiment, rig: "Rig") -> Answers:
     campaign, devices, _ = rig
     if experiment == "swing":
         return {"encoder": encoder_answers(devices, campaign.rig)}
-    return {"loadcell": loadcell_answers(devices), "crazyflie": check_vehicle(devices.crazyflie)}
+    vehicle = check_vehicle(devices.crazyflie, campaign.rig.vehicle.platform)
+    return {"loadcell": loadcell_answers(devices), "crazyflie": vehicle}
 
 
 def _look(

@@ -49,7 +49,7 @@ def check(
         "encoder": encoder_answers(devices, found.rig),
         "loadcell": loadcell_answers(devices),
         **{name: check_lines(name, one) for name, one in hand_held.items() if isinstance(one, LineDevice)},
-        "crazyflie": check_vehicle(devices.crazyflie),
+        "crazyflie": check_vehicle(devices.crazyflie, found.rig.vehicle.platform),
     }
     report_answers("rig check", findings, simulated=simulated, json=json)
 

@@ -145,7 +145,7 @@ async def firmware_of(vehicle: Vehicle, ports: AppPorts) -> Firmware:
         if hello.protocol not in PROTOCOLS:
             raise DeviceError(
                 f"{vehicle.uri}: the app on the vehicle speaks version {hello.protocol}, this cfid "
-                f"{' and '.join(map(str, PROTOCOLS))}: flash the app that came with it (firmware_patches/README.md)."
+                f"{' and '.join(map(str, PROTOCOLS))}: flash this cfid's app (firmware_patches/README.md)."
             )
         return Firmware(kind="app", ports=ports, hello=hello)
     # Stock firmware answers everything except the hello; a dead link answers nothing, so the echo distinguishes them.

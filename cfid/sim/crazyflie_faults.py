@@ -15,7 +15,7 @@ from cfid.sim.radio import Ping, Radio
 from cfid.wire.app import PingChannel
 from cfid.wire.crtp import ECHO_CHANNEL, ECHO_PORT, Packet, decode_packet
 
-_OLD_PROTOCOL = 3
+_HELLO = b"cfid"  # in the app's answer to a hello, before its version
 _LOW_V = 2.9
 _ACTIVE_S = 1.0  # since its last packet, a client counts as active
 _ROUNDING_S = 1e-9
@@ -162,7 +162,7 @@ class FaultyCrazyflie:
         if within(elapsed_s, faults.reboot_after_s, None) and not self._rebooted:
             self._rebooted = True
             vehicle.restart(now_s)
-        vehicle.protocol = _OLD_PROTOCOL if faults.old_protocol else PROTOCOL
+        vehicle.protocol = faults.protocol or PROTOCOL
         tumbled = within(elapsed_s, faults.tumble_after_s, faults.tumble_for_s)
         if tumbled != self._tumbled:
             self._tumbled = tumbled
@@ -179,7 +179,10 @@ class FaultyCrazyflie:
     def _send(
         self, leaving: list[LeavingPacket], ping: tuple[Packet, float] | None = None, *, late_s: float = 0.0
     ) -> None:
-        for time_s, packet in leaving:
+        for time_s, sent in leaving:
+            packet, version = sent, self.faults.app_protocol
+            if version and sent[1:5] == _HELLO:
+                packet = sent[:5] + bytes([version]) + sent[6:]
             self._sent += 1
             if self._silent(time_s):
                 self.mishaps.silenced += 1

@@ -63,7 +63,8 @@ class CrazyflieFaults:
     Every n-th packet from the vehicle, or to it, is dropped. `silent`: no packet passes either way. `closed`: the port
     is closed, while the vehicle goes on. `busy`: while one client is active, others are ignored. `tumble`: the vehicle
     turns by `tumble_deg`, 180 upside down, 90 on its side. `emergency`: an emergency stop. `low_battery`: the voltage
-    falls to 2.9 V. `reboot`: the vehicle loses power for a moment. `old_protocol`: it speaks version 3.
+    falls to 2.9 V. `reboot`: the vehicle loses power for a moment. `protocol`: it speaks this version,
+    and `app_protocol`: its app speaks this one; 0 for their own.
 
     A stop is the app's, or zero written to motorPowerSet.enable. `stop_ignored`: it is acknowledged, and the motors go
     on. `stop_late_s` delays its answer. `stop_misnumbered`: its answer has another number.
@@ -80,7 +81,8 @@ class CrazyflieFaults:
     emergency_after_s: float | None = None
     low_battery_after_s: float | None = None
     busy: bool = False
-    old_protocol: bool = False
+    protocol: int = 0
+    app_protocol: int = 0
     reboot_after_s: float | None = None
     stop_ignored: bool = False
     stop_late_s: float = 0.0
@@ -92,7 +94,12 @@ SOUND_ENCODER = EncoderFaults()
 SOUND_CRAZYFLIE = CrazyflieFaults()
 
 # Limits of the protocols' fields, and of a turn of the vehicle.
-_LARGEST = {"encoder.wrong_width": 32, "loadcell.status": 0xFFFFFFFF, "crazyflie.tumble_deg": 180}
+_LARGEST = {
+    "encoder.wrong_width": 32,
+    "loadcell.status": 0xFFFFFFFF,
+    "crazyflie.tumble_deg": 180,
+    "crazyflie.app_protocol": 255,
+}
 
 _Faults = TypeVar("_Faults", EncoderFaults, LoadCellFaults, CrazyflieFaults)
 _DEVICES = {"encoder": EncoderFaults, "loadcell": LoadCellFaults, "crazyflie": CrazyflieFaults}

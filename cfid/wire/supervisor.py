@@ -10,10 +10,12 @@ from typing import NamedTuple, Self
 from cfid.wire.crtp import Packet
 
 SUPERVISOR_PORT, INFO_CHANNEL, COMMAND_CHANNEL = 9, 0, 1
-PLATFORM_PORT, PLATFORM_CHANNEL = 13, 0
+PLATFORM_PORT, PLATFORM_CHANNEL, VERSION_CHANNEL = 13, 0, 1
 SETPOINT_PORT, META_CHANNEL = 7, 1
 PORT_SINCE = 12  # version of the protocol
 INFO_VARIABLE = "supervisor.info"
+
+RELEASE, DEVICE = b"\x01", b"\x02"  # questions about the firmware and the vehicle, which text answers
 
 _ANSWER = 0x80
 _ARM, _RECOVER, _WORD = 0x01, 0x02, 0x0C

@@ -129,7 +129,7 @@ def test_something_else_that_answers_is_no_vehicle(bench: Bench) -> None:
 
 
 def test_an_old_protocol_is_told(bench: Bench) -> None:
-    bench.vehicle_suffers(old_protocol=True)
+    bench.vehicle_suffers(protocol=3)
     message = refused(bench, "log", "ping")
     assert "speaks version 3 of its protocol, cfid needs 4 or newer: update its firmware." in message
 
@@ -195,6 +195,60 @@ def test_rig_check_calls_no_such_vehicle_ok(bench: Bench, state: str) -> None:
     assert answers["supervisor"]["answer"] == state
     assert answers["supervisor"]["state"] == "fault"
     assert answers["supervisor"]["advice"]
+
+
+def checked(bench: Bench) -> dict[str, dict[str, str]]:
+    """Return what `cfid rig check` answers about the vehicle, by what it asked."""
+    pilot = bench.start("rig", "check", "--json")
+    pilot.end()
+    return {answer["asked"]: answer for answer in json.loads(pilot.out)["devices"]["crazyflie"]}
+
+
+@pytest.mark.parametrize(
+    ("faults", "told"), [({"protocol": 9}, "2025.12"), ({"app_protocol": 3}, "speaks version 3, this cfid 1 and 2")]
+)
+def test_rig_check_calls_no_vehicle_ok_that_motors_set_refuses(bench: Bench, faults: dict[str, int], told: str) -> None:
+    bench.vehicle_suffers(**faults)
+    message = refused(bench, "motors", "set", 20000, "--yes")
+    answers = checked(bench)
+
+    assert told in message
+    assert answers["link"]["state"] == "ok"
+    assert answers["motors"]["state"] == "fault"
+    assert told in answers["motors"]["answer"]
+
+
+def test_rig_check_notes_a_protocol_that_is_newer_than_cfid(bench: Bench) -> None:
+    assert checked(bench)["link"]["state"] == "ok"
+    bench.vehicle_suffers(protocol=99)
+    link = checked(bench)["link"]
+
+    assert link["state"] == "warning"
+    assert "protocol 99" in link["answer"]
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "platform", "state"),
+    [
+        ("cf21bl", "cf2", "warning"),
+        ("cf21bl", "cf21bl", "ok"),
+        ("cf21bl", "crazyflie", "ok"),
+        ("cf2", "cf21bl", "warning"),
+        ("cf2", "cf2", "ok"),
+    ],
+)
+def test_rig_check_compares_the_vehicle_with_rig_tomls_platform(
+    tmp_path: Path, vehicle: str, platform: str, state: str
+) -> None:
+    with bench_in(tmp_path, crazyflie={"platform": vehicle}) as bench:
+        rig = bench.folder / "rig.toml"
+        text = rig.read_text()
+        assert 'platform = "cf2"' in text
+        rig.write_text(text.replace('platform = "cf2"', f'platform = "{platform}"'))
+        answers = checked(bench)
+    name = {"cf2": "Crazyflie 2.1", "cf21bl": "Crazyflie 2.1 Brushless"}[vehicle]
+    assert (answers["vehicle"]["state"], answers["vehicle"]["answer"]) == (state, name)
+    assert "firmware 2026.08" in answers["link"]["answer"]
 
 
 def test_a_vehicle_that_is_busy_with_another_client_is_told(bench: Bench) -> None:

@@ -147,14 +147,14 @@ def test_a_restarted_vehicle_is_deaf_for_a_second_and_starts_from_nothing() -> N
 
 
 def test_an_old_vehicle_speaks_protocol_3() -> None:
-    assert Bench(faults=CrazyflieFaults(old_protocol=True)).ask(13, 1, b"\0") == b"\0\3\0\0\0"
+    assert Bench(faults=CrazyflieFaults(protocol=3)).ask(13, 1, b"\0") == b"\0\3\0\0\0"
 
 
 def test_faults_can_come_and_go_while_it_runs() -> None:
     bench = Bench(battery=BatteryTruth(volts=3.9))
-    bench.faulty.faults = CrazyflieFaults(silent_after_s=0, low_battery_after_s=0, old_protocol=True)
+    bench.faulty.faults = CrazyflieFaults(silent_after_s=0, low_battery_after_s=0, protocol=3)
     assert not _echo(bench)
-    bench.faulty.faults = CrazyflieFaults(low_battery_after_s=0, old_protocol=True)
+    bench.faulty.faults = CrazyflieFaults(low_battery_after_s=0, protocol=3)
     assert bench.ask(13, 1, b"\0")[1] == 3
     assert bench.vehicle.volts == 2.9
     bench.faulty.faults = CrazyflieFaults()
