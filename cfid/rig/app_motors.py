@@ -123,6 +123,7 @@ class AppMotors:
     async def stop(self) -> float | None:
         """End the keep-alives, and wait until the app reports that all commands are zero.
 
+        Return after how many seconds that was confirmed, None where another program holds the motors.
         Then make sure that nothing overrides the app, that a vehicle with idle thrust is disarmed, and that no motor
         runs for any other reason.
         """

@@ -11,7 +11,7 @@ from cfid.errors import DeviceError
 from cfid.rig.clock import HostClock
 from cfid.rig.log_block import BATTERY, LogBlock
 from cfid.rig.recorder import Block, no_rows
-from cfid.rig.vehicle import Vehicle
+from cfid.rig.vehicle import OnALink, Vehicle
 from cfid.wire.crtp import LOG_DATA_CHANNEL, LOG_PORT, Variable
 
 _WRAP_MS = 1 << 24
@@ -20,7 +20,7 @@ _ABSENT_S = 3.0  # without a row of a log without battery, as for an encoder
 _LOW_FOR_S = 0.5  # a start of the motors pulls the voltage down for a moment
 
 
-class CrazyflieLog:
+class CrazyflieLog(OnALink):
     """One log block of the vehicle; `t` is when a row arrived, `vehicle_ms` when the vehicle made it (it wraps)."""
 
     name = "crazyflie"
@@ -79,9 +79,6 @@ class CrazyflieLog:
         if self._beginning is not None:
             self._beginning.cancel()
         await self._block.delete()
-
-    def close(self) -> None:
-        """Do nothing: the code that opened the link closes it."""
 
     def facts(self) -> Mapping[str, Any]:
         """Return how many rows were invalid, and how many were duplicates."""

@@ -12,7 +12,7 @@ from cfid.rig.app_motors import AppMotors
 from cfid.rig.clock import HostClock
 from cfid.rig.motors import STOPPED, Firmware
 from cfid.rig.recorder import Block, no_rows
-from cfid.rig.vehicle import Vehicle
+from cfid.rig.vehicle import OnALink, Vehicle
 from cfid.wire import app
 from cfid.wire.app import AppOutcome, Crossing, Done, SineChannel, SineRequest
 
@@ -29,7 +29,7 @@ _OUTCOMES: Mapping[int | None, str] = {
 }
 
 
-class Crossings:
+class Crossings(OnALink):
     """The reports of one sine: `t` is when they arrived, beside the sample's index and the time on board."""
 
     name = "crossings"
@@ -96,9 +96,6 @@ class Crossings:
         if self._running:
             self._running = False
             self._stopped_in_s = await self._player.stop()
-
-    def close(self) -> None:
-        """Do nothing: the code that opened the link closes it."""
 
     def facts(self) -> Mapping[str, Any]:
         """Return what the vehicle reported at the end, invalid and repeated reports, and how long the stop took."""

@@ -21,7 +21,7 @@ from cfid.rig.lines import Lines
 from cfid.rig.loop import Ending, Loop, run_until_done, until_over
 from cfid.rig.motor_commands import MotorCommands
 from cfid.rig.noticing import Notice, Noticing
-from cfid.rig.recorder import BLOCK_S, Instrument, Nowhere, Recorder, Say, Sink, sleep
+from cfid.rig.recorder import BLOCK_S, Instrument, Recorder, Say, Sink, sleep
 
 Procedure = Callable[[Mapping[str, Any], Loop], Coroutine[Any, Any, None]]  # of the run's instruments by name
 
@@ -93,7 +93,7 @@ def drive(
     async def main(loop: Loop, ending: Ending) -> None:
         clock = HostClock.now()
         instruments = [device.open(loop, clock) for device in devices]
-        recorder = Recorder(instruments, into or Nowhere(), loop=loop, show=lambda: show(recorder))
+        recorder = Recorder(instruments, into, loop=loop, show=lambda: show(recorder))
         recorder.for_s, recorder.tare_s = lasts_s, tare_s
         _add_readings(recorder, instruments, devices)
         try:

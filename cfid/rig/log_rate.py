@@ -6,7 +6,7 @@ from cfid.errors import DeviceError
 from cfid.rig.clock import HostClock
 from cfid.rig.loop import Ending, Loop, run_until_done
 from cfid.rig.ready_vehicle import ReadyVehicle
-from cfid.rig.recorder import Nowhere, Recorder
+from cfid.rig.recorder import Recorder
 
 PERIODS_MS = (1, 2, 5, 10)
 LARGEST_LOSS = 0.01
@@ -41,7 +41,7 @@ def _loss(vehicle: ReadyVehicle, names: Sequence[str], period_ms: int) -> float:
 
     async def main(loop: Loop, ending: Ending) -> float:
         instrument = device.open(loop, HostClock.now())
-        recorder = Recorder([instrument], Nowhere(), loop=loop, show=lambda: None)
+        recorder = Recorder([instrument], None, loop=loop, show=lambda: None)
         await recorder.record(lambda: ending.within(_TRIAL_S))
         if ending.signal:
             raise KeyboardInterrupt

@@ -7,13 +7,16 @@ import numpy as np
 from twisted.internet.defer import Deferred
 
 from cfid.errors import DeviceError
+from cfid.rig.app_motors import AppMotors
 from cfid.rig.clock import HostClock
-from cfid.rig.motors import STILL, STOPPED, Four, Motors
+from cfid.rig.motors import STILL, STOPPED, Four
 from cfid.rig.recorder import Block, no_rows, sleep
+from cfid.rig.stock_motors import StockMotors
+from cfid.rig.vehicle import OnALink
 from cfid.units import MOTORS
 
 
-class MotorCommands:
+class MotorCommands(OnALink):
     """Commands of all four motors, a row for each change, with the time at which the accepted request was sent.
 
     `whole` is set once all requested commands have been held, and the run may end.
@@ -22,7 +25,7 @@ class MotorCommands:
     name = "commands"
     columns = ("t", "m1", "m2", "m3", "m4")
 
-    def __init__(self, motors: Motors, *, loop: Any, clock: HostClock) -> None:
+    def __init__(self, motors: AppMotors | StockMotors, *, loop: Any, clock: HostClock) -> None:
         """Take motors that stand still."""
         self._motors, self._loop, self._clock = motors, loop, clock
         self._rows: list[tuple[float, Four]] = []
@@ -61,9 +64,6 @@ class MotorCommands:
             if self._commands != STILL:
                 self._note(self._loop.seconds(), STILL)
             self._stopped_in_s = await self._motors.stop()
-
-    def close(self) -> None:
-        """Do nothing: the code that opened the link closes it."""
 
     def facts(self) -> Mapping[str, Any]:
         """Return how long the motors' stop took to be confirmed."""

@@ -1,11 +1,11 @@
-"""Defines what motors do for the rig, within the limits of rig.toml, and finds out how a vehicle's are driven.
+"""Defines the limits of motors by rig.toml and the rotors, and finds out how a vehicle's are driven.
 
 They are driven in one of two ways: by cfid's app, or by stock firmware.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 from cfid.errors import ConfigError, DeviceError
 from cfid.rig.vehicle import Vehicle
@@ -35,30 +35,6 @@ _DSHOT_SHIFT = 5  # of a command's 16 bits, 11 are carried
 _DSHOT_NONE = 47  # values up to here are no throttle
 _HELLO_S = 0.3
 _HELLOS = 5
-
-
-class Motors(Protocol):
-    """Four motors of a vehicle."""
-
-    def start(self) -> None:
-        """Begin to monitor the motors."""
-
-    async def set(self, commands: Four) -> float:
-        """Set all four commands; return when the first accepted request was sent, on the monotonic clock.
-
-        May be cancelled half-way; the next call then sets all of them. Raises ConfigError beyond the limits,
-        DeviceError when the vehicle does not obey, or once `stop` was called.
-        """
-
-    def check(self) -> None:
-        """Raise DeviceError when the vehicle itself stopped the motors, or can no longer be reached."""
-
-    async def stop(self) -> float | None:
-        """Stop the motors for good; return after how many seconds the stop was confirmed.
-
-        Returns None when no command of this program took effect, so that motors that turn are another program's.
-        Raises StopError when the stop is not certain.
-        """
 
 
 @dataclass(frozen=True, kw_only=True)

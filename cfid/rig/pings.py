@@ -8,7 +8,7 @@ import numpy as np
 from cfid.rig.clock import HostClock
 from cfid.rig.motors import Firmware
 from cfid.rig.recorder import Block, no_rows
-from cfid.rig.vehicle import Vehicle
+from cfid.rig.vehicle import OnALink, Vehicle
 from cfid.wire import app, crtp
 from cfid.wire.app import PingChannel
 from cfid.wire.crtp import Packet
@@ -16,7 +16,7 @@ from cfid.wire.crtp import Packet
 _LOST_S = 1.0  # without an answer: seventeen times the thesis' mean
 
 
-class Pings:
+class Pings(OnALink):
     """A row for each answer: `t` when the ping left, the round trip, and the vehicle's time where it reports one."""
 
     name = "pings"
@@ -71,9 +71,6 @@ class Pings:
 
     async def stop(self) -> None:
         """Do nothing: a ping under way ends by its time limit."""
-
-    def close(self) -> None:
-        """Do nothing: the code that opened the link closes it."""
 
     def facts(self) -> Mapping[str, Any]:
         """Return how many pings were sent."""

@@ -20,7 +20,7 @@ from cfid.rig.log_block import BATTERY
 from cfid.rig.loop import Loop
 from cfid.rig.motor_commands import MotorCommands
 from cfid.rig.motor_log import APPLIED
-from cfid.rig.motors import Firmware, Limits, Motors, firmware_of
+from cfid.rig.motors import Firmware, Limits, firmware_of
 from cfid.rig.pings import Pings
 from cfid.rig.recorder import Instrument
 from cfid.rig.shown import turning, volts
@@ -52,7 +52,7 @@ class ReadyVehicle:
     idle_thrust: int = 0
     _vehicle: Vehicle | None = field(default=None, init=False)
     _supervisor: Supervisor | None = field(default=None, init=False)
-    _motors: Motors | None = field(default=None, init=False)
+    _motors: AppMotors | StockMotors | None = field(default=None, init=False)
 
     @property
     def limits(self) -> Limits:
@@ -105,7 +105,7 @@ class ReadyVehicle:
             self._supervisor = Supervisor(vehicle)
         return self._supervisor
 
-    def motors(self, loop: Loop) -> Motors:
+    def motors(self, loop: Loop) -> AppMotors | StockMotors:
         """Return its motors in a loop, driven as its firmware allows."""
         vehicle, limits = self.vehicle(loop), self.limits
         if self._motors is None:

@@ -62,7 +62,7 @@ class Instrument(Protocol):
 
 
 class Sink(Protocol):
-    """Takes rows: a run's writer, or `Nowhere`."""
+    """Takes rows, as a run's writer does."""
 
     def append(self, device: str, columns: Sequence[Any]) -> None:
         """Write one block. Raises DataError when it does not fit."""
@@ -77,26 +77,12 @@ class Sink(Protocol):
         """Sync the rows to the disk."""
 
 
-class Nowhere:
-    """Discards rows, for motors that are driven by hand."""
-
-    def append(self, device: str, columns: Sequence[Any]) -> None:
-        """Discard a block."""
-
-    def count_lost(self, device: str, samples: int | None) -> None:
-        """Discard a count of missing samples."""
-
-    def describe(self, device: str, facts: Mapping[str, Any]) -> None:
-        """Discard facts about a device."""
-
-    def sync(self) -> None:
-        """Do nothing."""
-
-
 class Recorder:
-    """Records instruments into a sink. `loop` is Twisted's, or its Clock in a test."""
+    """Records instruments into a sink, None for motors driven by hand. `loop` is Twisted's, or its Clock in a test."""
 
-    def __init__(self, instruments: Sequence[Instrument], run: Sink, *, loop: Any, show: Callable[[], None]) -> None:
+    def __init__(
+        self, instruments: Sequence[Instrument], run: Sink | None, *, loop: Any, show: Callable[[], None]
+    ) -> None:
         """Take the instruments and the sink; `show` is called after every block."""
         self.progress = {instrument.name: Progress() for instrument in instruments}
         self.began_s = loop.seconds()
@@ -181,9 +167,9 @@ class Recorder:
 
     def _write(self, instrument: Instrument) -> None:
         block = instrument.take()
-        if block.lost != 0:
+        if block.lost != 0 and self._run is not None:
             self._run.count_lost(instrument.name, block.lost)
-        if len(block.columns[0]):
+        if len(block.columns[0]) and self._run is not None:
             self._run.append(instrument.name, block.columns)
         at_rest = self.seconds < self.tare_s
         self.progress[instrument.name].add(block, self._loop.seconds(), at_rest=at_rest)
@@ -192,7 +178,7 @@ class Recorder:
 
     def _sync(self) -> None:
         """Sync rows to the disk on another thread, never twice at once."""
-        if self._syncing or not hasattr(self._loop, "getThreadPool"):
+        if self._run is None or self._syncing or not hasattr(self._loop, "getThreadPool"):
             return
         self._syncing = True
 
@@ -214,7 +200,8 @@ class Recorder:
             with _noted(failed):
                 instrument.close()
             with _noted(failed):
-                self._run.describe(instrument.name, instrument.facts())
+                if self._run is not None:
+                    self._run.describe(instrument.name, instrument.facts())
         return failed
 
 

@@ -14,7 +14,7 @@ from cfid.errors import DeviceError
 from cfid.rig.clock import HostClock
 from cfid.rig.log_block import LogBlock
 from cfid.rig.recorder import Block, no_rows, sleep
-from cfid.rig.vehicle import Vehicle
+from cfid.rig.vehicle import OnALink, Vehicle
 from cfid.wire.crtp import LOG_DATA_CHANNEL, LOG_PORT
 from cfid.wire.supervisor import (
     ASK_STATE,
@@ -188,7 +188,7 @@ def _settled(state: VehicleState) -> bool:
     return state.can_fly or (_waits_for_arming(state) and not state.arms_itself)
 
 
-class SupervisorLog:
+class SupervisorLog(OnALink):
     """Records the supervisor: a row for each change of its state word.
 
     A state in which no motor may run ends the run where motors are meant to turn.
@@ -230,9 +230,6 @@ class SupervisorLog:
             await self._supervisor.end()
         except DeviceError:  # the link is gone: the last known state stays
             return
-
-    def close(self) -> None:
-        """Do nothing: the code that opened the link closes it."""
 
     def facts(self) -> Mapping[str, Any]:
         """Return the states before and after by name."""

@@ -200,6 +200,13 @@ class Vehicle:
                 handle(packet.payload, arrived_s)
 
 
+class OnALink:
+    """What has no port or lock of its own to release."""
+
+    def close(self) -> None:
+        """Do nothing: the code that opened the link closes it."""
+
+
 def asked(wire: Wire, question: Callable[[Vehicle], Coroutine[Any, Any, Answer]]) -> Answer:
     """Return the answer to a question to a vehicle, before a recording runs a loop.
 

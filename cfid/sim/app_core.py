@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from cfid.errors import DeviceError
-from cfid.sim.crazyflie_modules import Orders, Seen, Sent
+from cfid.sim.crazyflie_modules import App, Orders, Seen, Sent
 
 _PACKAGE = Path(__file__).parents[1]
 _PLACES = (_PACKAGE, _PACKAGE.parent)  # in an installed package; in the repository
@@ -69,7 +69,7 @@ class _Orders(ctypes.Structure):
     ]
 
 
-class AppCore:
+class AppCore(App):
     """A core of the app, with the interface that the vehicle's firmware uses."""
 
     def __init__(self, library: ctypes.CDLL) -> None:

@@ -8,7 +8,7 @@ from cfid.sim.crazyflie_commander import GENERIC_SETPOINT_PORT, SETPOINT_PORT, C
 from cfid.sim.crazyflie_glue import IDLE, Glue
 from cfid.sim.crazyflie_log import Log
 from cfid.sim.crazyflie_memories import AbsentMemoryError, answer_memory
-from cfid.sim.crazyflie_modules import PING, SINE, THRUST, App, NoModules, Orders
+from cfid.sim.crazyflie_modules import PING, SINE, THRUST, App, Orders
 from cfid.sim.crazyflie_packets import MEMORY_PORT, SUPERVISOR_PORT, answer_link, framed, new_packet
 from cfid.sim.crazyflie_params import Parameters
 from cfid.sim.crazyflie_platform import COMMAND_CHANNEL, VERSION_CHANNEL, answer_command, answer_version
@@ -75,7 +75,7 @@ class Crazyflie:
         """Start the vehicle before `opened_s`, by `powered_for_s` of its truth; without `imu` it is fastened."""
         self.protocol = PROTOCOL
         self._truth, self._propulsion, self._on_motors = truth, propulsion, on_motors
-        self._load_app = {"app": load_app, "stock": NoModules}[truth.firmware]
+        self._load_app = {"app": load_app, "stock": App}[truth.firmware]
         self._services = {ports.thrust: THRUST, ports.sine: SINE, ports.ping: PING}
         self._ports, self._rtos_ms, self._imu = ports, rtos_ms, imu
         self._motors, self._ticks = STILL, 0

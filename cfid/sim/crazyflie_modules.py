@@ -1,6 +1,6 @@
-"""Defines the interface between the simulated vehicle and the app on it, and a vehicle without one."""
+"""Defines the interface between the simulated vehicle and the app on it."""
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from cfid.sim.propulsion import Four
 
@@ -31,36 +31,20 @@ class Orders(NamedTuple):
     disarms: bool = False
 
 
-class App(Protocol):
-    """The three services on a vehicle, which give orders once a millisecond."""
+class App:
+    """The three services on a vehicle, which give orders once a millisecond; this one, of stock firmware, has none."""
 
     def receive(self, service: int, channel: int, payload: bytes, *, now_us: int, vehicle: Seen) -> None:
         """Take a request."""
 
     def tick(self, *, now_us: int, vehicle: Seen) -> Orders:
         """Advance by a millisecond."""
-
-    def sent(self) -> list[Sent]:
-        """Return the packets to send."""
-
-    def alive(self, *, now_us: int) -> bool:
-        """Return whether its client's keep-alives are fresh, or a sine plays."""
-
-
-class NoModules:
-    """Stock firmware."""
-
-    def receive(self, service: int, channel: int, payload: bytes, *, now_us: int, vehicle: Seen) -> None:
-        """Ignore the request."""
-
-    def tick(self, *, now_us: int, vehicle: Seen) -> Orders:
-        """Leave the motors alone."""
         return Orders()
 
     def sent(self) -> list[Sent]:
-        """Return nothing."""
+        """Return the packets to send."""
         return []
 
     def alive(self, *, now_us: int) -> bool:
-        """Return False."""
+        """Return whether its client's keep-alives are fresh, or a sine plays."""
         return False

@@ -36,7 +36,7 @@ class Stopped:
 def recorder_of(**readings: Reading | None) -> tuple[Any, Stopped]:
     loop: Any = Stopped()
     instruments: list[Any] = [Named(name) for name in readings]
-    recorder = Recorder(instruments, None, loop=loop, show=lambda: None)  # type: ignore[arg-type]
+    recorder = Recorder(instruments, None, loop=loop, show=lambda: None)
     for name, reading in readings.items():
         recorder.progress[name].reading = reading
     return recorder, loop

@@ -26,7 +26,7 @@ WITH_APP = CrazyflieTruth()
 CLIENT, OTHER_CLIENT = ("127.0.0.1", 1000), ("127.0.0.1", 1001)
 
 
-class LittleApp:
+class LittleApp(App):
     """An app that obeys commands for all motors until 0.5 s after the last keep-alive, here any packet to ping."""
 
     def __init__(self) -> None:
