@@ -562,7 +562,9 @@ def test_a_stand_s_table_of_a_command_that_never_rests_gives_the_lag(tmp_path: P
     shown = cfid("fit", "dynamics", table, "--json")
     assert shown.returncode == 0, shown.stderr
     parameters = json.loads(shown.stdout)["parameters"]
-    assert parameters["dynamics.rising"]["value"][0] == pytest.approx(1 / RISING_S, rel=0.02)
+    times = [row["time_constant_s"] for row in parameters["dynamics.time_constant_s"]["value"]]
+    assert times == pytest.approx([RISING_S, FALLING_S], rel=0.02)
+    assert not {"dynamics.rising", "dynamics.falling"} & set(parameters)  # one rate is not the rotor model
     (row,) = parameters["dynamics.map"]["value"]
     assert row["of"] == "rad/s"
     at = np.array([1, 0.6, 0.36])

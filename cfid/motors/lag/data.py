@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError
 from cfid.estimate.held_readings import Readings, once_each
-from cfid.findings import Finding, note, of_recording
+from cfid.findings import Finding, note, of_recording, rejection
 from cfid.motors.lag.model import Signal
 from cfid.motors.lag.part import BREAK_S, LogPart
 from cfid.motors.lag.survey import part_s, possible, survey
@@ -36,7 +36,15 @@ _COMMANDS = ("motor.m{}", "pwm.m{}_pwm", "pwm.m{}", "control.m{}")
 _SPEEDS = ("rpm.m{}", "motor.m{}_rpm")
 _VOLTS, _ACCELERATION = ("pm.vbat", "pm.vbatMV"), "acc.z"
 _IMPOSSIBLE_SHARE = 0.1  # share of impossible ones among the voltages that are numbers, up to which the others are used
-_FEWEST_CHANGES, _HELD_S = 20, 0.5  # of a stand's command that never rests: fewest changes, longest mean interval
+_ONE_RATE = rejection(
+    "rotor-model-not-excited",
+    "commands that are held this shortly show one rate each way, k1 + 2 k2 w at a mean speed w, not k1 and k2. Record "
+    "steps that hold each command for a second, between low and high speeds. Time constants and delay hold for the "
+    "speeds of this recording.",
+    "dynamics.rising",
+    "dynamics.falling",
+)
+_FEWEST_CHANGES, _HELD_S = 20, 0.25  # of a stand's command that never rests: fewest changes, longest mean interval
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -188,7 +196,7 @@ def of_stand(table: StandTable) -> RotorLog | None:
         clock="times are the stand's",
         series=(in_memory("stand", time_s[known], channels, rows),),
     )
-    return replace(of_log(log), findings=table.findings)
+    return replace(of_log(log), findings=(*table.findings, _ONE_RATE))
 
 
 def of_log(log: FlightLog) -> RotorLog:

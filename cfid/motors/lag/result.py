@@ -81,7 +81,7 @@ def fit(record: RotorLog) -> Result:
             _ROWS: Parameter(value=rotor_rows(fits, seen.commands)),
             "dynamics.map": Parameter(value=rotor_maps(fits, at_v=seen.at_v, by_voltage=record.volts is not None)),
         },
-        wanted=("dynamics.*",) if record.speeds else (_ROWS,),
+        wanted=(_ROWS,),
         covariances=covariances,
         merits={
             "rotors": list(fits),
