@@ -16,7 +16,7 @@ from cfid.sim.crazyflie_supervisor import INFO_CHANNEL, UPDATE_STEPS, SimulatedS
 from cfid.sim.crazyflie_tables import parameters, variables
 from cfid.sim.crazyflie_truth import CrazyflieTruth
 from cfid.sim.imu import Imu, ImuSample
-from cfid.sim.motor_power_set import overriding
+from cfid.sim.motor_power_set import compensated, overriding
 from cfid.sim.propulsion import STILL, Four, OnMotors, Propulsion
 from cfid.sim.stepping import Array
 from cfid.wire.app import AppPorts, PingChannel, encode_ping_answer
@@ -242,9 +242,16 @@ class Crazyflie:
         """Return the commands that the stabilizer drives."""
         if not self.supervisor.motors_may_run:
             return STILL
-        one, two, three, four = orders.commands or STILL  # with a null setpoint the controller commands nothing
+        one, two, three, four = orders.commands or self._flown()
         idle = self._idle
         return max(one, idle), max(two, idle), max(three, idle), max(four, idle)
+
+    def _flown(self) -> Four:
+        """Return what the stock controller makes of the setpoint in force; the app is built without compensation."""
+        thrust = self.commander.thrust if self.supervisor.can_fly else 0
+        if self._truth.firmware == "stock" and not self._truth.brushless:
+            thrust = compensated(thrust, volts=self.volts)
+        return thrust, thrust, thrust, thrust
 
     def _set(self, motors: Four, now_s: float) -> None:
         if motors != self._motors:
@@ -261,6 +268,7 @@ class Crazyflie:
             yield from self._ask_app(packet, now_s)
         elif port in (SETPOINT_PORT, GENERIC_SETPOINT_PORT):
             self.commander.receive(port, channel, payload)
+            self._stay_awake()
         elif port in self._answering:
             try:
                 answer = self._answering[port](channel, payload)

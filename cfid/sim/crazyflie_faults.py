@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from cfid.sim.crazyflie import PROTOCOL, Crazyflie, LeavingPacket
+from cfid.sim.crazyflie_commander import GENERIC_SETPOINT_PORT, SETPOINT_PORT
 from cfid.sim.crazyflie_stops import answer_only, is_stop, misnumbered
 from cfid.sim.faults import CrazyflieFaults, within
 from cfid.sim.netft import Address
@@ -42,7 +43,7 @@ class _InFlight(NamedTuple):
 
 
 class FaultyCrazyflie:
-    """The vehicle behind its radio. Answers go to the client that talked last."""
+    """The vehicle behind its radio. Answers go to the client that last sent anything but a setpoint."""
 
     def __init__(
         self,
@@ -89,7 +90,9 @@ class FaultyCrazyflie:
         if self.faults.busy and client != self._client and now_s - self._received_s < _ACTIVE_S and self._client:
             self.mishaps.refused += 1
             return
-        self._client, self._received_s = client, now_s
+        packet = decode_packet(datagram)
+        if packet is None or packet.port not in (SETPOINT_PORT, GENERIC_SETPOINT_PORT):
+            self._client, self._received_s = client, now_s
         self._heard += 1
         if self._silent(now_s):
             self.mishaps.silenced += 1
@@ -98,7 +101,6 @@ class FaultyCrazyflie:
         else:
             arrives_s = self.radio.to_vehicle.arrival_s(now_s)
             if arrives_s is not None:
-                packet = decode_packet(datagram)
                 ping = (packet, now_s) if packet is not None and packet[:2] in self._pings else None
                 self._up.append(_InFlight(arrives_s, datagram, ping))
 

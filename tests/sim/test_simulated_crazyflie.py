@@ -1,12 +1,14 @@
 """The simulated Crazyflie as a client sees it, packet by packet, on a clock that is set by hand."""
 
 import struct
+from typing import Literal
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cfid.sim.app_core import load_core
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.crazyflie import LeavingPacket
 from cfid.sim.crazyflie_truth import CrazyflieTruth
@@ -22,7 +24,7 @@ from cfid.wire.app import (
     decode_ping_answer,
     encode_thrust,
 )
-from tests.sim.vehicle import OPENED_S, WITH_APP, Bench, rows_of
+from tests.sim.vehicle import OPENED_S, OTHER_CLIENT, WITH_APP, Bench, rows_of
 
 THRUST, _SINE, PING = AppPorts()
 CRASHED, LOCKED = b"\xa4\2", b"\x44\2"
@@ -153,6 +155,27 @@ def test_compensated_for_the_battery_a_command_rises_as_the_voltage_falls() -> N
     motor_v = full / 65535 * 4.2  # at which the firmware's cubic gives half of 0.12 N
     cubic_n = (0.005960923942142, -0.01847364358025878, 0.04724465241828281, -0.014830744918356092)
     assert np.polyval(cubic_n, motor_v) == pytest.approx(0.06, rel=1e-3)
+
+
+@pytest.mark.parametrize(("firmware", "command"), [("stock", 29678), ("app", 25000)])  # recorded from the firmware
+def test_a_clients_setpoints_drive_the_motors_while_nothing_overrides_them(
+    firmware: Literal["stock", "app"], command: int
+) -> None:
+    bench = Bench(CrazyflieTruth(firmware=firmware), battery=BatteryTruth(volts=4.0), load_app=load_core)
+    for thrust in (25000, 0, 25000):  # the first one counts for nothing: no setpoint without thrust came before it
+        bench.say(3, 0, struct.pack("<fffH", 0, 0, 0, thrust), client=OTHER_CLIENT)
+        bench.wait(0.1)
+        bench.ask(9, 0, b"\x0c")  # another client's setpoints take no answer from this one
+    assert [motors for _, motors in bench.changes] == [pytest.approx((command,) * 4, abs=256)]
+    bench.drive((22000, 0, 0, 0))
+    bench.wait(0.1)
+    assert bench.motors == (22000, 0, 0, 0)
+    bench.set("motorPowerSet.enable", 0)
+    bench.wait(0.1)
+    assert bench.motors == pytest.approx((command,) * 4, abs=256)
+    bench.wait(2.5)
+    assert bench.motors == STILL
+    assert bench.ask(9, 0, b"\x0c") == b"\x8c" + LOCKED  # by its old setpoint
 
 
 def test_motors_of_motor_power_set_outlive_tumble_emergency_stop_and_a_client_that_is_gone() -> None:
