@@ -136,9 +136,10 @@ def confirm(
     """Have the operator confirm that the vehicle is fastened, before motors turn at these commands.
 
     `effort` states how long the motors turn and what that takes; `ring` calls the operator. Raises ConfigError without
-    a confirmation, and otherwise as `refuse` does.
+    a confirmation, DeviceError where something else drives motors, and otherwise as `refuse` does.
     """
     largest = refuse(vehicle, motors, commands)
+    vehicle.refuse_driven()
     if yes:
         return
     which = f"motor {motors[0]}" if len(motors) == 1 else f"motors {', '.join(map(str, motors))}"

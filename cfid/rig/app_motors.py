@@ -8,10 +8,11 @@ from twisted.internet.base import DelayedCall
 from cfid.errors import DeviceError, StopError
 from cfid.rig.motor_log import confirm_still
 from cfid.rig.motors import MAY_BE_RUNNING, STILL, STOPPED, Firmware, Four, Limits
-from cfid.rig.power_set import PowerSet
+from cfid.rig.power_set import PowerSet, is_overridden
 from cfid.rig.recorder import sleep
 from cfid.rig.supervisor import Supervisor
 from cfid.rig.vehicle import Vehicle
+from cfid.units import MOTORS
 from cfid.wire import app
 from cfid.wire.app import AppState, AppVerdict, Flags, PingChannel, SineChannel, ThrustChannel
 from cfid.wire.crtp import Packet
@@ -25,7 +26,6 @@ _AGAIN_S = 0.05
 _SINE_ENDS_S = 2.0
 _OTHERS_S = 0.7  # for the app to drop a program that died
 _WHY_S = 0.15
-_OVERRIDES = "motorPowerSet.enable"
 _VERDICTS: Mapping[int, str] = {
     AppVerdict.ACCEPTED: "accepted",
     AppVerdict.WRONG_LENGTH: "the request has the wrong length",
@@ -68,6 +68,7 @@ class AppMotors:
         """Set the motors whose commands differ; first arm a vehicle that needs it, if all its motors are off."""
         self._limits.check_four(commands)
         before, self._commands = self._commands, None
+        self._vehicle.expected = None
         await self._own_motors()
         if before in (None, STILL) and any(commands):
             await self._make_ready()
@@ -78,6 +79,7 @@ class AppMotors:
             for place in ([app.ALL_MOTORS_THRUST] if at_once else each)
         ]
         self._commands, self._settled_at = commands, self._number
+        self._vehicle.expected = (commands, commands)
         return sent_s[0] if sent_s else float(self._vehicle.loop.seconds())
 
     async def be_ready(self, request: app.SineRequest) -> None:
@@ -91,7 +93,7 @@ class AppMotors:
         """Start a sine; `Crossings` receives its crossings and its end."""
         self._limits.check_sine(request)
         packet = Packet(self._ports.sine, SineChannel.START, app.encode_sine(request, self._owner))
-        self._commands = None
+        self._commands = self._vehicle.expected = None
         await self._own_motors()
 
         async def started() -> int | None:
@@ -100,6 +102,9 @@ class AppMotors:
 
         # A request that was repeated because the first answer was lost finds the sine running.
         await self._insist(started, "play a sine", also=AppVerdict.SINE_IS_RUNNING)
+        crest = min(app.MIDDLE + request.amplitude, app.LARGEST_COMMAND)
+        played = [crest if request.motor in (motor, app.ALL_MOTORS_SINE) else 0 for motor in MOTORS]
+        self._vehicle.expected = (STILL, played)
 
     def check(self) -> None:
         """Raise DeviceError when the app stopped the motors, or does not answer."""
@@ -131,7 +136,7 @@ class AppMotors:
         began_s = self._vehicle.loop.seconds()
         if self._next is not None and self._next.active():
             self._next.cancel()
-        self._next = self._commands = None
+        self._next = self._commands = self._vehicle.expected = None
         if self._kept_out:
             return None
         self._number += 1
@@ -157,12 +162,9 @@ class AppMotors:
         return float(self._vehicle.loop.seconds() - began_s)
 
     async def _end_overriding(self) -> None:
-        if self._vehicle.wire.parameter(_OVERRIDES) is None:
-            return
         try:
-            overriding = PowerSet(self._vehicle)
-            if await overriding.is_enabled():
-                await overriding.clear()
+            if await is_overridden(self._vehicle):
+                await PowerSet(self._vehicle).clear()
         except DeviceError as error:
             raise StopError(
                 f"{MAY_BE_RUNNING}: the app stopped, but the parameters motorPowerSet override it, and were not seen "
@@ -280,9 +282,11 @@ class AppMotors:
         if state is None or not self._first < state.number <= self._number:
             return
         self._answered_s = arrived_s
-        self.playing = Flags.SINE_RUNNING in state.flags
+        was_playing, self.playing = self.playing, Flags.SINE_RUNNING in state.flags
         if self._stopped or not self._owns_motors:
             return
+        if was_playing and not self.playing and self._commands is None:  # a sine ended: its motors are off
+            self._vehicle.expected = (STILL, STILL)
         if Flags.NOT_OWNER in state.flags:
             self._fault = f"{self._vehicle.uri}: another program stopped the motors of this vehicle."
         elif self._commands is not None and state.number > self._settled_at and state.commands != self._commands:

@@ -8,13 +8,17 @@ from cfid.rig.check import DeviceAnswer
 from cfid.rig.crazyflie import Link
 from cfid.rig.lock import DeviceLock, holder_of
 from cfid.rig.log_block import BATTERY, logged
+from cfid.rig.motor_log import foreign_motion
 from cfid.rig.motors import Firmware, firmware_of
 from cfid.rig.ready_vehicle import ReadyVehicle, state_and_idle
+from cfid.rig.recorder import sleep
+from cfid.rig.supervisor import present_state
 from cfid.rig.vehicle import Vehicle, asked
 from cfid.wire.app import AppPorts
 from cfid.wire.crtp import Packet
-from cfid.wire.supervisor import DEVICE, PLATFORM_PORT, RELEASE, VERSION_CHANNEL, VehicleState
+from cfid.wire.supervisor import DEVICE, PLATFORM_PORT, RELEASE, VERSION_CHANNEL, Bits, VehicleState
 
+_LANDS_S = 2.5  # after the last motor stopped, a vehicle counts as flying for 2 s
 _FOUND = {
     "app": "cfid's app: thrust, sine, ping, and motors that stop when the link is lost",
     "stock": "stock firmware: thrust by parameters, ping by echo, no sine",
@@ -48,11 +52,15 @@ def check_vehicle(setting: CrazyflieLink, platform: Platform) -> list[DeviceAnsw
 def _ask(link: Link, setting: CrazyflieLink, platform: Platform) -> list[DeviceAnswer]:
     async def answers(vehicle: Vehicle) -> list[DeviceAnswer]:
         state, idle_thrust = await state_and_idle(vehicle)
+        cause = await foreign_motion(vehicle, idle_thrust=idle_thrust)
+        if not cause and state is not None and Bits.FLYING in state.bits:
+            await sleep(vehicle.loop, _LANDS_S)
+            state = await present_state(vehicle)
         volts = (await logged(vehicle, [BATTERY]))[0] if link.variable(BATTERY) is not None else None
         return [
             *await _identity(vehicle, platform),
             await _motors(vehicle, link, setting, state, idle_thrust),
-            _state(state),
+            _state(state, cause),
             _battery(volts, setting.stop_below_v),
         ]
 
@@ -117,13 +125,20 @@ def _firmware(firmware: Firmware) -> DeviceAnswer:
     return DeviceAnswer("motors", "warning", f"{what}; an older version", advice)
 
 
-def _state(state: VehicleState | None) -> DeviceAnswer:
+def _state(state: VehicleState | None, cause: str) -> DeviceAnswer:
+    """Return the answer about the supervisor; `cause` is what drives motors although no cfid does."""
+    if cause:
+        return DeviceAnswer("supervisor", "fault", state.name if state else "no state reported", cause)
     if state is None:
         return DeviceAnswer(
             "supervisor", "warning", "this firmware reports no state", "update it: 2023.02 or later does"
         )
     if state.remedy:
         return DeviceAnswer("supervisor", "fault", state.name, state.remedy)
+    if Bits.FLYING in state.bits:
+        return DeviceAnswer(
+            "supervisor", "fault", state.name, "its motors are at zero, yet it does not land: restart it"
+        )
     return DeviceAnswer("supervisor", "ok", state.name)
 
 

@@ -10,6 +10,7 @@ from twisted.python.failure import Failure
 from cfid.errors import DeviceError
 from cfid.rig.clock import HostClock
 from cfid.rig.log_block import BATTERY, LogBlock
+from cfid.rig.motor_log import MotorWatch
 from cfid.rig.recorder import Block, no_rows
 from cfid.rig.vehicle import OnALink, Vehicle
 from cfid.wire.crtp import LOG_DATA_CHANNEL, LOG_PORT, Variable
@@ -32,15 +33,17 @@ class CrazyflieLog(OnALink):
         *,
         period_ms: int,
         stop_below_v: float | None,
+        idle_thrust: int = 0,
         loop: Any,
         clock: HostClock,
     ) -> None:
-        """Take variables that the vehicle has, 26 bytes at most; a battery below `stop_below_v` ends the run."""
+        """Take variables of 26 bytes at most; a battery below `stop_below_v` or disobedient motors end the run."""
         self.columns = ("t", "vehicle_ms", *names)
         self.latest: dict[str, float] = {}
         self._names, self._period_ms, self._stop_below_v = names, period_ms, stop_below_v
         self._vehicle, self._loop, self._clock = vehicle, loop, clock
         self._block = LogBlock(vehicle, names)
+        self._motors = MotorWatch(vehicle, idle_thrust=idle_thrust)
         self._rows: list[tuple[float, int, tuple[float, ...]]] = []
         self._last_ms: int | None = None
         self._low_since_s: float | None = None
@@ -58,7 +61,7 @@ class CrazyflieLog(OnALink):
         self._beginning = Deferred.fromCoroutine(self._begin()).addErrback(self._refused)
 
     def take(self) -> Block:
-        """Return the rows, with a fault when the battery is too low. Raises DeviceError when the vehicle refused."""
+        """Return the rows, with a fault for a low battery or disobedient motors. Raises DeviceError for a refusal."""
         if self._refusal is not None:
             raise self._refusal
         self._vehicle.stalls.note()
@@ -69,7 +72,7 @@ class CrazyflieLog(OnALink):
         times_s = self._clock.unix_s(np.array([arrived_s for arrived_s, _, _ in rows]))
         stamps_ms = np.array([stamp_ms for _, stamp_ms, _ in rows])
         values = zip(*(row for _, _, row in rows), strict=True)
-        fault = self._watch_battery(rows[-1][0])
+        fault = self._motors.fault or self._watch_battery(rows[-1][0])
         columns = map(self._column, values, self._block.variables)
         return Block((times_s, stamps_ms, *columns), self._missing(stamps_ms), fault)
 
@@ -106,6 +109,7 @@ class CrazyflieLog(OnALink):
         self._rows.append((arrived_s, *row))
         self._received_s = arrived_s
         self.latest = dict(zip(self._names, row[1], strict=True))
+        self._motors.take(arrived_s, self.latest)
 
     def _column(self, values: Sequence[float], variable: Variable) -> Any:
         """Return a column as the vehicle sent it: a float32 with no more digits than it has."""

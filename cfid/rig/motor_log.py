@@ -1,40 +1,129 @@
-"""Reads what the motors do from the vehicle's log: the commands that finally reach them, whatever program sent them."""
+"""Compares what the motors do, by the vehicle's log, with this program's commands, and names what else drives them."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+from twisted.internet.defer import Deferred
 
 from cfid.errors import DeviceError, StopError
-from cfid.rig.log_block import logged
-from cfid.rig.motors import MAY_BE_RUNNING, Four
+from cfid.rig.log_block import LogBlock
+from cfid.rig.motors import MAY_BE_RUNNING, STILL
+from cfid.rig.power_set import is_overridden
 from cfid.rig.recorder import sleep
+from cfid.rig.supervisor import present_state
 from cfid.rig.vehicle import Vehicle
 from cfid.units import MOTORS
-from cfid.wire.supervisor import encode_arming
+from cfid.wire.crtp import LOG_DATA_CHANNEL, LOG_PORT
+from cfid.wire.supervisor import Bits, encode_arming
 
-APPLIED = tuple(f"motor.m{motor}" for motor in MOTORS)
+APPLIED = tuple(f"motor.m{motor}" for motor in MOTORS)  # the commands that finally reach the motors
 
 _READY_S = 0.3  # in which a disarmed brushed vehicle is ready again, and another program may go on
+_LOOK_S, _LOOK_MS, _ROW_S = 0.12, 10, 0.5  # a client that flies sends a setpoint every 0.1 s or more often
+_RESOLUTION = 256  # of brushed motors
+_LASTS_S = 0.1
+_STOPPED_S = 0.6  # until then a vehicle that stopped its motors has reported why
+_FORGOTTEN_S = 1.5
 
 
-async def applied_commands(vehicle: Vehicle) -> Four:
-    """Return the commands that the four motors obey, all of one moment. Raises DeviceError when they are not logged."""
-    m1, m2, m3, m4 = (int(command) for command in await logged(vehicle, APPLIED))
-    return m1, m2, m3, m4
+class MotorWatch:
+    """Compares the rows of a running log with the commands; `fault` states a difference that lasts, and its cause."""
+
+    def __init__(self, vehicle: Vehicle, *, idle_thrust: int) -> None:
+        """Take a vehicle whose idle motors may turn at `idle_thrust`."""
+        self.fault = ""
+        self._vehicle, self._idle_thrust = vehicle, idle_thrust
+        self._compared = vehicle.expected
+        self._first_s = self._last_s = -math.inf  # rows that differ
+        self._naming: Deferred[None] | None = None
+
+    def take(self, arrived_s: float, row: Mapping[str, float]) -> None:
+        """Take a row and when it arrived; where it lacks a motor, nothing can be compared."""
+        applied, expected = [row.get(name, math.nan) for name in APPLIED], self._vehicle.expected
+        if expected != self._compared or arrived_s - self._last_s > _FORGOTTEN_S:
+            self._compared, self._first_s = expected, math.inf
+        if expected is None or self._naming is not None:
+            return
+        least, most = expected
+        below = any(command < low - _RESOLUTION for low, command in zip(least, applied, strict=True))
+        if not below and not _beyond(most, applied, self._idle_thrust):
+            return
+        self._first_s, self._last_s = min(self._first_s, arrived_s), arrived_s
+        stopped = not _beyond(STILL, applied, self._idle_thrust)
+        if arrived_s - self._first_s >= (_STOPPED_S if stopped else _LASTS_S):
+            self._naming = Deferred.fromCoroutine(self._name(applied))
+            self._naming.addErrback(lambda failure: failure.trap(DeviceError))  # a lost link is reported by others
+
+    async def _name(self, applied: Sequence[float]) -> None:
+        self.fault = f"{self._vehicle.uri}: {await _cause(self._vehicle, applied)}."
+
+
+async def foreign_motion(vehicle: Vehicle, *, idle_thrust: int) -> str:
+    """Return what turns motors before this program commands any, or would override it; empty where nothing does.
+
+    Raises DeviceError when the vehicle does not answer.
+    """
+    if any(vehicle.wire.variable(name) is None for name in APPLIED):
+        return ""
+    applied = await _applied(vehicle)
+    driven = _beyond(STILL, applied, idle_thrust) or await is_overridden(vehicle)
+    return await _cause(vehicle, applied) if driven else ""
 
 
 async def confirm_still(vehicle: Vehicle) -> None:
-    """Raise StopError unless the vehicle's log shows all four motors at zero.
+    """Raise StopError unless the vehicle's log shows all four motors at zero for a while.
 
     A vehicle with a motor that still runs is disarmed first, which stops it, unless the parameters motorPowerSet drive
     it; a brushed vehicle is ready again in a moment.
     """
     try:
-        if not any(await applied_commands(vehicle)):
+        if not any(await _applied(vehicle)):
             return
         vehicle.wire.send(encode_arming(arm=False, protocol=vehicle.wire.firmware_protocol))
         await sleep(vehicle.loop, _READY_S)
-        commands = await applied_commands(vehicle)
+        applied = await _applied(vehicle)
+        cause = await _cause(vehicle, applied) if any(applied) else ""
     except DeviceError as error:
         raise StopError(f"{MAY_BE_RUNNING}: the log could not confirm that the motors stopped. ({error})") from None
-    if any(commands):
-        raise StopError(
-            f"{MAY_BE_RUNNING}: {vehicle.uri}: its log shows the motors at {', '.join(map(str, commands))}. Another "
-            "program may drive them, or an app on other ports than devices.crazyflie in rig.toml has"
+    if cause:
+        raise StopError(f"{MAY_BE_RUNNING}: {vehicle.uri}: {cause}.")
+
+
+async def _applied(vehicle: Vehicle) -> list[float]:
+    """Return the largest command of each motor in a short look: one that competes with the app's comes in pulses."""
+    block = LogBlock(vehicle, APPLIED)
+    largest = [0.0] * len(APPLIED)
+    try:
+        await block.start(_LOOK_MS)
+        end_s = vehicle.loop.seconds() + _LOOK_S
+        while vehicle.loop.seconds() < end_s:
+            row = await vehicle.next((LOG_PORT, LOG_DATA_CHANNEL), block.row, within_s=_ROW_S)
+            if row is None:
+                raise DeviceError(f"{vehicle.uri}: no row of the motors' log came within {_ROW_S:g} s.")
+            largest = list(map(max, largest, row[0][1]))
+    finally:
+        await block.delete()
+    return largest
+
+
+def _beyond(most: Sequence[int], applied: Sequence[float], idle_thrust: int) -> bool:
+    return any(command > max(high, idle_thrust) + _RESOLUTION for high, command in zip(most, applied, strict=True))
+
+
+async def _cause(vehicle: Vehicle, applied: Sequence[float]) -> str:
+    """Return what drives motors, or stopped them, against or without this program's commands."""
+    shown = f"its motors are at {', '.join(f'{command:.0f}' for command in applied)}, which this cfid does not command"
+    if await is_overridden(vehicle):
+        return (
+            f"{shown}: the parameters motorPowerSet drive them, set by another program or left on by a killed one. "
+            "`cfid motors stop` clears them"
         )
+    if not any(applied):
+        return f"{shown}: another program stopped them"
+    state = await present_state(vehicle)
+    if state is not None and Bits.HIGH_LEVEL in state.bits:
+        return f"{shown}: its high-level commander flies. End the program that started it, then `cfid motors stop`"
+    return (
+        f"{shown}: another client's setpoints drive them, or an app on other ports than devices.crazyflie in rig.toml "
+        "has. End that program, then `cfid motors stop`"
+    )

@@ -21,21 +21,20 @@ class PowerSet:
         for parameter in (self.enable, *self.each):
             await self._vehicle.write_parameter(parameter, 0, within_s=WITHIN_S, tries=TRIES)
         for parameter in (self.enable, *self.each):
-            if await self._read(parameter) != 0:
+            if await self._vehicle.read_parameter(parameter, within_s=WITHIN_S, tries=TRIES) != 0:
                 raise DeviceError(f"{self._vehicle.uri}: a parameter of motorPowerSet was set to 0 and is not.")
-
-    async def is_enabled(self) -> bool:
-        """Return whether the parameters drive the motors. Raises DeviceError without an answer."""
-        value = await self._read(self.enable)
-        if value is None:
-            raise DeviceError(f"{self._vehicle.uri}: the vehicle does not report motorPowerSet.enable.")
-        return value != 0
-
-    async def _read(self, parameter: Variable) -> float | None:
-        return await self._vehicle.read_parameter(parameter, within_s=WITHIN_S, tries=TRIES)
 
     def _parameter(self, name: str) -> Variable:
         found = self._vehicle.wire.parameter(f"motorPowerSet.{name}")
         if found is None:
             raise DeviceError(f"{self._vehicle.uri}: the firmware has no parameter motorPowerSet.{name}.")
         return found
+
+
+async def is_overridden(vehicle: Vehicle) -> bool:
+    """Return whether these parameters drive the motors. Raises DeviceError without an answer."""
+    enable = vehicle.wire.parameter("motorPowerSet.enable")
+    value = 0 if enable is None else await vehicle.read_parameter(enable, within_s=WITHIN_S, tries=TRIES)
+    if value is None:
+        raise DeviceError(f"{vehicle.uri}: the vehicle does not report motorPowerSet.enable.")
+    return value != 0

@@ -19,7 +19,7 @@ from cfid.rig.lock import DeviceLock
 from cfid.rig.log_block import BATTERY
 from cfid.rig.loop import Loop
 from cfid.rig.motor_commands import MotorCommands
-from cfid.rig.motor_log import APPLIED
+from cfid.rig.motor_log import APPLIED, foreign_motion
 from cfid.rig.motors import Firmware, Limits, firmware_of
 from cfid.rig.pings import Pings
 from cfid.rig.recorder import Instrument
@@ -81,6 +81,12 @@ class ReadyVehicle:
                 f"{self.uri}: {IDLE_THRUST} is 0, and this vehicle arms only while its rotors idle: turn it off and "
                 "on, or set the parameter to 7000."
             )
+
+    def refuse_driven(self) -> None:
+        """Raise DeviceError for a vehicle whose motors something else drives."""
+        cause = asked(self.link, lambda vehicle: foreign_motion(vehicle, idle_thrust=self.idle_thrust))
+        if cause:
+            raise DeviceError(f"{self.uri}: {cause}.")
 
     @property
     def uri(self) -> str:
@@ -169,7 +175,7 @@ class ReadyVehicle:
         if self.link.variable(names[0]) is None:
             what = "RPM deck" if deck else "motors that report their speed"
             raise DeviceError(f"{self.uri}: this vehicle has no {what}: it does not log {names[0]}.")
-        return self.log((BATTERY, *names), period_ms=period_ms)
+        return self.log((BATTERY, *APPLIED, *names), period_ms=period_ms)
 
     def inertial_log(self, period_ms: int, **facts: Any) -> Device:
         """Return a log of gyro and accelerometer; `facts` about their rate go into run.toml.
@@ -193,6 +199,7 @@ class ReadyVehicle:
                 there,
                 period_ms=period_ms,
                 stop_below_v=self.setting.stop_below_v if BATTERY in there else None,
+                idle_thrust=self.idle_thrust,
                 loop=loop,
                 clock=clock,
             )

@@ -208,7 +208,7 @@ class Recorder:
 def _together(failed: list[Exception]) -> Exception:
     """Return the first failure, with the others in its message; a StopError comes first, as motors may still run."""
     first, *later = sorted(failed, key=lambda error: not isinstance(error, StopError))
-    others = "\n".join(str(error) for error in later if isinstance(error, CfidError) and str(error) != str(first))
+    others = "\n".join(dict.fromkeys(str(e) for e in later if isinstance(e, CfidError) and str(e) != str(first)))
     if not others:
         return first
     if isinstance(first, CfidError):

@@ -35,6 +35,7 @@ class StockMotors:
         """Write the commands that differ, and enable them. To stop all motors, disable them first, in one write."""
         self._limits.check_four(commands)
         before, self._commands = self._commands, None
+        self._vehicle.expected = None
         began_s: float = self._vehicle.loop.seconds()
         if commands == STILL:
             await self._write(self._parameters.enable, 0)
@@ -46,6 +47,7 @@ class StockMotors:
                 self._vehicle.wire.send(RELAX_SETPOINT)
             await self._write(self._parameters.enable, _EACH)
         self._commands = commands
+        self._vehicle.expected = (commands, commands)
         return began_s
 
     def check(self) -> None:
@@ -54,7 +56,7 @@ class StockMotors:
 
     async def stop(self) -> float:
         """Disable the parameters, set them to zero, and read them and what the motors do back."""
-        self._stopped = True
+        self._stopped, self._vehicle.expected = True, None
         began_s = self._vehicle.loop.seconds()
         try:
             await self._parameters.clear()

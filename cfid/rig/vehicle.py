@@ -1,7 +1,7 @@
 """Sends requests to a vehicle over an open link in a loop, awaits the answers, and monitors the link."""
 
 from collections import defaultdict
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from typing import Any, Protocol, TypeVar
 
 from twisted.internet.defer import Deferred
@@ -75,6 +75,8 @@ class Vehicle:
         self._handlers: dict[Place, list[Handler]] = defaultdict(list)
         self._woken = False
         self._blocks = 0
+        # The least and the largest command that this program lets each motor obey; None while commands change.
+        self.expected: tuple[Sequence[int], Sequence[int]] | None = ((0, 0, 0, 0), (0, 0, 0, 0))
         self.stalls = Stalls(loop)
         wire.arrived()  # drops earlier packets
         wire.attach(self._wake)

@@ -22,10 +22,7 @@ class Priority(IntEnum):
 
 
 class Commander:
-    """The setpoint in force, by its time in milliseconds since power-on, its priority and its thrust.
-
-    Only setpoints of port 3 demand thrust here, and, as in the firmware, only after one without thrust.
-    """
+    """The setpoint in force, by its time in milliseconds since power-on, its priority and its thrust."""
 
     def __init__(self, now_ms: Callable[[], int]) -> None:
         """Hold the empty setpoint of power-on; `now_ms` is the clock."""
@@ -57,7 +54,7 @@ class Commander:
             self.relax()
 
     def _thrust(self, payload: bytes) -> int:
-        """Return the thrust that a setpoint of port 3 demands."""
+        """Return the thrust that a setpoint of port 3 demands: none before the first one without thrust."""
         thrust = int(_LEGACY.unpack(payload)[-1]) if len(payload) == _LEGACY.size else 0
         self._locked = thrust > 0 and (self._locked or self.priority is Priority.NOBODY)
         return 0 if self._locked or thrust < _LEAST_THRUST else min(thrust, _MOST_THRUST)

@@ -36,6 +36,7 @@ class Bits(IntFlag):
     TUMBLED = 1 << 5
     LOCKED = 1 << 6
     CRASHED = 1 << 7
+    HIGH_LEVEL = 1 << 8  # the high-level commander flies
     DECK_FAULT = 1 << 11
 
 
