@@ -35,7 +35,7 @@ Mask = npt.NDArray[np.bool_]
 PHASE_STEP = 0.08  # rad of the natural oscillation, the longest grid step: phase error 1e-7
 _LEAST_ROWS = 16
 _FINER_STEPS = (0.5, 0.7)
-_WIDER = 4.0  # than the priors, for the fit that the posterior starts from: a gyro may be worse than usual
+_WIDER = 4.0  # than its priors, for the fit that a gyro's posterior starts from: its scale may be worse than usual
 _ROUNDS = 3  # each with the noise and the rig of the last; the first noise contains what the nuisances explain
 _FREQUENCY, _FRICTION, _ZERO, _SHAPES = 0, [1, 2, 3], 4, [6, 7, 8]  # places among a fit's values
 
@@ -79,17 +79,17 @@ def fit_swing(swing: FreeSwing) -> SwingFit:
     if len(time) < _LEAST_ROWS:
         raise FitError(f"after the release {len(time)} rows of free swing are left: look at it with `cfid show`.")
     guess, trajectory = first_guess(time, angle, start_s=swing.release_s, step_s=grid_step(swing))
-    needed = [_FREQUENCY, _ZERO]
+    needed, wider = [_FREQUENCY, _ZERO], 1.0
     nuisances = [*_SHAPES, SPRING, FIRST, SECOND]
     if swing.rate_rad_per_s is not None:
         trajectory = trajectory._replace(angle_rad=trajectory.angle_rad - guess.zero_rad)
         guess = guess._replace(zero_rad=0.0)
-        needed, nuisances = [_FREQUENCY, SECOND], [*_SHAPES, FIRST]
+        needed, nuisances, wider = [_FREQUENCY, SECOND], [*_SHAPES, FIRST], _WIDER
     fit = _damped(swing, np.array([*guess, 0.0, 0.0]), trajectory, _mask([*needed, *_FRICTION]))
     priors = Priors.usual(swing, fit)
     shares = np.ones(len(priors.of_rig))
     for _ in range(_ROUNDS):
-        pull = noise_variance(fit) / (_WIDER * priors.std(shares)) ** 2
+        pull = noise_variance(fit) / (wider * priors.std(shares)) ** 2
         fit = _damped(swing, fit.values, fit.trajectory, fit.free | _mask(nuisances), pull)
         found = posterior(fit, priors)
         shares = found.shares
@@ -107,6 +107,7 @@ def _mask(places: list[int]) -> Mask:
     return mask
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of a diverged fit, which is refused
 def _damped(
     swing: FreeSwing, values: Array, trajectory: Trajectory, free: Mask, pull: Array | float = 0.0
 ) -> OutputError:

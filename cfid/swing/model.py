@@ -33,6 +33,7 @@ Array = npt.NDArray[np.float64]
 _SMOOTHED_NODES = 15  # of the grid, around each node of the first guess
 _GAP = 5.0  # typical intervals between rows
 _MAX_ITERATIONS = 20
+_FULL_STEPS = 8
 _CONVERGED_RAD = 1e-8  # rms change of the predicted angle in a step
 _ON_THE_EQUATION_RAD = 1e-7
 _CONVERGED = 0.05  # of the uncertainty of the predicted angle due to white noise
@@ -170,6 +171,8 @@ def fit_output_error(
             change, moved_rad = _gauss_newton(jacobian, error - sampled[:, 0], weights, pulled)
         except np.linalg.LinAlgError:
             break
+        if iteration > _FULL_STEPS:  # where dry friction jumps, full steps may alternate between two sides
+            change /= 2
         moved = columns[:, 0] + columns[:, 1:] @ np.concatenate([change[: len(physical)], change[-2:]])
         if not np.max(np.abs(moved[::2])) < _RUNAWAY_RAD:
             break
