@@ -14,7 +14,7 @@ from cfid.motors.plan import StaircasePlan
 from cfid.records.run import RUN_FILE, DeviceRecord, Run, RunHeader, is_written, read_run
 from cfid.records.tables.vehicle import READINGS, SUPERVISOR, VEHICLE_LOG
 from cfid.records.tables.wrench import LOADCELL
-from cfid.rig.crazyflie_log import BATTERY
+from cfid.rig.log_block import BATTERY
 from cfid.transfer.sines.plan import SAMPLE_S
 from cfid.watch.driven import vehicles_of, vehicles_recorded
 from cfid.watch.signals import Trace, signals_of
