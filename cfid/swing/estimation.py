@@ -36,7 +36,7 @@ PHASE_STEP = 0.08  # rad of the natural oscillation, the longest grid step: phas
 _LEAST_ROWS = 16
 _FINER_STEPS = (0.5, 0.7)
 _WIDER = 4.0  # than its priors, for the fit that a gyro's posterior starts from: its scale may be worse than usual
-_ROUNDS = 3  # each with the noise and the rig of the last; the first noise contains what the nuisances explain
+_ROUNDS = 2  # each with the noise of the last; the first noise contains what the nuisances explain
 _FREQUENCY, _FRICTION, _ZERO, _SHAPES = 0, [1, 2, 3], 4, [6, 7, 8]  # places among a fit's values
 
 
@@ -87,12 +87,10 @@ def fit_swing(swing: FreeSwing) -> SwingFit:
         needed, nuisances, wider = [_FREQUENCY, SECOND], [*_SHAPES, FIRST], _WIDER
     fit = _damped(swing, np.array([*guess, 0.0, 0.0]), trajectory, _mask([*needed, *_FRICTION]))
     priors = Priors.usual(swing, fit)
-    shares = np.ones(len(priors.of_rig))
     for _ in range(_ROUNDS):
-        pull = noise_variance(fit) / (wider * priors.std(shares)) ** 2
+        pull = noise_variance(fit) / (wider * priors.worst_std) ** 2
         fit = _damped(swing, fit.values, fit.trajectory, fit.free | _mask(nuisances), pull)
-        found = posterior(fit, priors)
-        shares = found.shares
+    found = posterior(fit, priors)
     return _judged(swing, fit, found, _step_error(swing, fit, pull))
 
 

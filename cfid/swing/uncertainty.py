@@ -26,6 +26,9 @@ Array = npt.NDArray[np.float64]
 CABLE_STD, DISC_STD_RAD = 0.015, math.radians(0.6)
 _SHARES = np.logspace(-3, 0, 13)  # of the worst rig's, that a rig may have
 _RARER = math.log10(5)  # a rig that is ten times worse is five times rarer
+# The likelihood's exponent is divided by this: it is linear about one fit, and second-order terms of a disc or a cable
+# of 1 % otherwise decide between the two where the record does not.
+_TEMPERED = 3.0
 _FRICTION_STD = 0.3  # of Coulomb friction: how much dry friction varies at low speed and over the angle
 _LEAST_FRICTION_RAD = math.radians(0.02)  # the zero's shift by the least dry friction, for bearings that show none
 _PERIODS_A_WINDOW, _MOST_WINDOWS = 4, 8
@@ -64,12 +67,11 @@ class Priors:
 class Posterior(NamedTuple):
     """What a record and the priors give: changes of a fit's free values, then of its start (p,), and variances (p,).
 
-    `shares` (r,) are the rig's, the means of their logarithms; `least_variance` is W's on the best rig.
+    `least_variance` is W's on the best rig.
     """
 
     change: Array
     variance: Array
-    shares: Array
     least_variance: float
 
 
@@ -83,7 +85,7 @@ def posterior(fit: OutputError, priors: Priors) -> Posterior:
     covariance = np.linalg.inv(rows.T @ rows / noise + weight[:, None] * np.eye(len(size)))
     pulled = rows.T @ fit.residual_rad / noise - weight * values
     change, variance = np.einsum("rij,rj->ri", covariance, pulled), np.einsum("rii->ri", covariance).copy()
-    score = np.sum(pulled * change - weight * values**2, axis=1) + np.linalg.slogdet(covariance)[1]
+    score = np.sum(pulled * change - weight * values**2, axis=1) / _TEMPERED + np.linalg.slogdet(covariance)[1]
     score = score / 2 - (1 + _RARER) * np.log(shares).sum(axis=1)
     if fit.free[SPRING]:  # a cable does not push: its stiffness has a normal distribution without its negative part
         spring = int(np.sum(fit.free[:SPRING]))
@@ -100,7 +102,6 @@ def posterior(fit: OutputError, priors: Priors) -> Posterior:
     return Posterior(
         change=together / size,
         variance=likely @ (variance + (change - together) ** 2) / size**2,
-        shares=np.exp(likely @ np.log(shares)),
         least_variance=float(variance[0, 0] / size[0] ** 2),
     )
 
