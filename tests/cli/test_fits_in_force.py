@@ -21,10 +21,10 @@ SPEED = "motor.speed_poly"
 
 
 def stand(path: Path, commands: range | tuple[int, ...], *, seed: int, noise_n: float = 2e-4) -> Path:
-    """Write what a thrust stand showed: a quadratic of the command, with a battery that sags."""
+    """Write what a thrust stand on a supply showed: a quadratic of the command."""
     cmd = np.repeat(np.array(commands, dtype=float), 2 if isinstance(commands, range) else 1)
     thrust = 2.4e-11 * cmd**2 + 6e-7 * cmd + np.random.default_rng(seed).normal(0, noise_n, len(cmd))
-    rows = np.column_stack([cmd, thrust, 4.1 - 0.4 * cmd / 65535])
+    rows = np.column_stack([cmd, thrust, np.full(len(cmd), 3.7)])
     np.savetxt(path, rows, fmt="%.6f", delimiter=",", header="cmd,thrust_n,voltage_v", comments="")
     return path
 
