@@ -25,8 +25,8 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
     """Draw, keep and print a result; with --force also rejected quantities and those impossible for the `rig`.
 
     Raises RejectedError when a quantity that the command determines was rejected and --force is not set;
-    parameters.toml is then unchanged. Raises it also where a stored fit stays in force. Raises ConfigError where no
-    figure can be written; the result is then printed, but not kept.
+    parameters.toml is then unchanged. Raises it also where one that was forced replaces no stored fit. Raises
+    ConfigError where no figure can be written; the result is then printed, but not kept.
     """
     if delivery.take is not None:
         delivery.take(result)
@@ -62,8 +62,10 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
         still = " parameters.toml is unchanged." if campaign is not None else ""
         reasons = joined(texts(result.findings, "rejection"))
         raise RejectedError(f"rejected: {reasons}{still} Use --force to get the numbers anyway.")
-    if staying is not None:
+    if staying is not None and not result.accepted:
         raise staying
+    if staying is not None:
+        note(str(staying))
     if undrawn is not None:
         raise ConfigError(f"{undrawn} Nothing is kept of this fit.") if campaign is not None else undrawn
 
