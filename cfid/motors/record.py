@@ -213,9 +213,9 @@ def _record_readings(
 def _waiting(staircase: StaircasePlan, wait: float | None, question: str | None) -> StaircasePlan:
     """Return a staircase whose commands wait so long for typed readings. Raises ConfigError where none are typed."""
     if question is not None:
-        return replace(staircase, wait_s=WAIT_S if wait is None else positive(wait, "--wait", most=LONGEST_WAIT_S))
+        return replace(staircase, wait_s=WAIT_S if wait is None else positive(wait, "`wait`", most=LONGEST_WAIT_S))
     if wait is not None:
-        raise ConfigError(f"--wait {wait:g}: no reading is typed here.")
+        raise ConfigError(f"`wait` {wait:g}: no reading is typed here.")
     return staircase
 
 

@@ -76,6 +76,7 @@ WORDS: dict[str, tuple[object, ...]] = {
     "motors": (),
     "motors set": (20000, "--motor", 1, "--for", 0.3),
     "motors stop": (),
+    "motors recover": (),
 }
 
 

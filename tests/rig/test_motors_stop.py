@@ -412,7 +412,7 @@ def test_a_command_that_was_suspended_names_itself_and_not_the_vehicle(tmp_path:
 
 
 @pytest.mark.parametrize(
-    ("kind", "told"), [("app", "another program stopped the motors"), ("stock", "its battery is not monitored")]
+    ("kind", "told"), [("app", "another program stopped the motors"), ("stock", "another program stopped them")]
 )
 def test_a_process_that_heeds_no_signal_cannot_keep_the_motors_on(tmp_path: Path, kind: str, told: str) -> None:
     def heed_nothing() -> None:

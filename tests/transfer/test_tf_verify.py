@@ -187,5 +187,5 @@ def test_runs_whose_files_are_called_the_same_keep_their_own_figures(tf: Here, t
 
     assert len([key for key in content["parameters"] if key.endswith("gain_ratio")]) == 2
     assert len(content["quality"]["runs"]) == 2
-    assert tf("verify", "--index", "both.csv", *BY_NUMBERS).returncode == 0
+    assert tf("verify", "--index", "both.csv", *BY_NUMBERS, "--figures").returncode == 0
     assert {"tf_verify_l10.png", "tf_verify_l10_2.png"} <= {path.name for path in tmp_path.rglob("*.png")}
