@@ -58,7 +58,7 @@ _SWING = _given(
     Quantity("swing.viscous_nms_per_rad", "N m s/rad", "c", "damping proportional to speed", plausible=_VISCOUS),
     Quantity("swing.coulomb_nm", "N m", "M_c", "dry friction", plausible=_COULOMB),
     Quantity("swing.quadratic_nms2_per_rad2", "N m s^2/rad^2", "q", "damping proportional to the square of speed",
-             plausible=Range(0, 1e-3, "air around a body as large as a palm: 1e-7")),
+             plausible=Range(-1e-3, 1e-3, "air around a palm-sized body: 1e-7; a bearing may take from it")),
     Quantity("swing.start_angle_rad", "rad", "φ_0", "angle at the release", of_the_run=True,
              plausible=Range(-3.15, 3.15, "a swing over the top is refused")),
     Quantity("swing.start_speed_rad_per_s", "rad/s", "φ'_0", "speed at the release", of_the_run=True,

@@ -27,7 +27,7 @@ MISFIT_LIMIT = 0.02
 DISTORTION_LIMIT = 0.0015
 DRIFT_LIMIT = 0.01
 _UNUSUAL_STD = 4.0  # of the standard uncertainty that data sheets state for the scale of a gyro
-_MOST_STD = 3.0  # of a cable and of an encoder's error together, on the worst rig that works
+_MOST_CABLE, _MOST_DISC_RAD = 2 * CABLE_STD, 5 * DISC_STD_RAD  # the latter is twice the worst data sheet's
 _UNCERTAIN_LIMIT = 0.1  # of W: with more, the pendulum may have followed noise
 
 _SHARE_THAT_MATTERS = 3e-4  # of W: far below the uncertainties of mass and distance
@@ -140,22 +140,24 @@ def findings_of(fit: "SwingFit") -> tuple[Finding, ...]:
         found.append(rejection("swing-uncertain", text, _ALL))
     if fit.output_error.setup.gyro_per_s is not None:
         return (*found, *_gyro_finding(*fit.instrument[:1]))
-    cable, disc_rad = fit.coefficients.spring_per_s2 / frequency, math.hypot(*fit.instrument)
-    needs = (
-        f"the period depends on the angle as with a cable of {_percent(cable)} of gravity's stiffness and an encoder "
-        f"that reads {math.degrees(disc_rad):.2g} degrees off within a turn"
-    )
+    push, disc_rad = fit.push_s2 / frequency, math.hypot(*fit.instrument)
+    stiffness = max(fit.coefficients.spring_per_s2 / frequency, push)
+    spring = f"{'a spring that pushes with' if push else 'a cable of'} {_percent(stiffness)} of gravity's stiffness"
+    disc = f"an encoder that reads {math.degrees(disc_rad):.2g} degrees off within a turn"
     share = fit.budget_s2.get("cable or encoder", 0.0) / frequency
-    if (times := math.hypot(cable / CABLE_STD, disc_rad / DISC_STD_RAD)) > _MOST_STD:
+    limits = ((spring, stiffness > _MOST_CABLE), (disc, disc_rad > _MOST_DISC_RAD))
+    if beyond := [what for what, exceeds in limits if exceeds]:
         text = (
-            f"{needs}, {times:.1f} times what is usual on a bad rig (limit {_MOST_STD:g}): free the cable, centre the "
-            "disc; check the angle's unit and the counts per turn."
+            f"the period depends on the angle as with {' and '.join(beyond)} (limits {_percent(_MOST_CABLE)}, "
+            f"{math.degrees(_MOST_DISC_RAD):.2g} degrees): check the angle's unit and the counts per turn; free the "
+            "cable, centre the disc."
         )
         found.append(rejection("swing-no-gravity-pendulum", text, _ALL))
     elif share > _SHARE_THAT_MATTERS:
         text = (
-            f"{needs}: the record cannot separate the two, which leaves the natural frequency squared uncertain by "
-            f"{_percent(share)}. Free the cable, centre the disc; release higher, swing longer."
+            f"the period depends on the angle as with {spring} and {disc}: the record cannot separate the two, which "
+            f"leaves the natural frequency squared uncertain by {_percent(share)}. Free the cable, centre the disc; "
+            "release higher, swing longer."
         )
         found.append(warning("swing-cable-or-encoder", text, _ALL))
     return tuple(found)

@@ -37,6 +37,7 @@ _LEAST_ROWS = 16
 _FINER_STEPS = (0.5, 0.7)
 _WIDER = 4.0  # than its priors, for the fit that a gyro's posterior starts from: its scale may be worse than usual
 _ROUNDS = 2  # each with the noise of the last; the first noise contains what the nuisances explain
+_SURE_STD = 4.0  # beyond, a spring that pushes is no chance
 _FREQUENCY, _FRICTION, _ZERO, _SHAPES = 0, [1, 2, 3], 4, [6, 7, 8]  # places among a fit's values
 
 
@@ -46,7 +47,8 @@ class SwingFit:
 
     `std` has the fields of `coefficients`; `start_std` belongs to the start angle and speed. `budget_s2` has the parts
     of W's standard uncertainty. `instrument` has the error of the readings as in `OutputError`, with standard
-    uncertainties `instrument_std`; `predicted_rad` (n,) are the readings without residual.
+    uncertainties `instrument_std`; `predicted_rad` (n,) are the readings without residual. `push_s2` is the stiffness
+    of a spring that pushes, which no cable does, where the record shows one, else 0.
     """
 
     output_error: OutputError
@@ -59,6 +61,7 @@ class SwingFit:
     budget_s2: Mapping[str, float]
     predicted_rad: Array
     quality: FitQuality
+    push_s2: float = 0.0
     findings: tuple[Finding, ...] = ()
 
     @property
@@ -85,13 +88,20 @@ def fit_swing(swing: FreeSwing) -> SwingFit:
         trajectory = trajectory._replace(angle_rad=trajectory.angle_rad - guess.zero_rad)
         guess = guess._replace(zero_rad=0.0)
         needed, nuisances, wider = [_FREQUENCY, SECOND], [*_SHAPES, FIRST], _WIDER
-    fit = _damped(swing, np.array([*guess, 0.0, 0.0]), trajectory, _mask([*needed, *_FRICTION]))
-    priors = Priors.usual(swing, fit)
-    for _ in range(_ROUNDS):
-        pull = noise_variance(fit) / (wider * priors.worst_std) ** 2
-        fit = _damped(swing, fit.values, fit.trajectory, fit.free | _mask(nuisances), pull)
-    found = posterior(fit, priors)
-    return _judged(swing, fit, found, _step_error(swing, fit, pull))
+    values = np.array([*guess, 0.0, 0.0])
+    try:
+        fit = _damped(swing, values, trajectory, _mask([*needed, *_FRICTION]))
+        priors = Priors.usual(swing, fit)
+        for _ in range(_ROUNDS):
+            pull = noise_variance(fit) / (wider * priors.worst_std) ** 2
+            fit = _damped(swing, fit.values, fit.trajectory, fit.free | _mask(nuisances), pull)
+        return _judged(swing, fit, posterior(fit, priors), _step_error(swing, fit, pull))
+    except FitError:  # what a viscous pendulum misses shows why no pendulum follows
+        fit = _damped(swing, values, trajectory, _mask([*needed, *_FRICTION[:1]]))
+        judged = _judged(swing, fit, posterior(fit, Priors.usual(swing, fit)), 0.0)
+        if judged.accepted:
+            raise
+        return judged
 
 
 def grid_step(swing: FreeSwing) -> float:
@@ -158,10 +168,12 @@ def _judged(swing: FreeSwing, fit: OutputError, found: Posterior, step_error: fl
     values = fit.values + change
     frequency = float(values[0])
     drift, drift_std = drift_of_halves(fit, time)
+    push = max(-fit.coefficients.spring_per_s2, 0.0) if found.pull_std < -_SURE_STD else 0.0
     instrument = "encoder" if swing.rate_rad_per_s is None else "vehicle"
     shares = {
         "noise and friction": math.sqrt(found.least_variance),
-        "cable or encoder": math.sqrt(max(variance[0] - found.least_variance, 0.0)),
+        # What the fit without a cable and that with a spring that pushes state for W, as the ends of an interval.
+        "cable or encoder": math.hypot(math.sqrt(max(variance[0] - found.least_variance, 0.0)), push / math.sqrt(3)),
         "grid": step_error,
         f"clock of the {instrument}": 2 * frequency * swing.time_scale_std,
         "scatter between windows": scatter_of_windows(fit, time, swing.period_s),
@@ -180,5 +192,6 @@ def _judged(swing: FreeSwing, fit: OutputError, found: Posterior, step_error: fl
         budget_s2={name: share for name, share in shares.items() if share > 0},
         predicted_rad=swing.readings_rad - fit.residual_rad,
         quality=quality,
+        push_s2=push,
     )
     return replace(known, findings=(*swing.findings, *quality.findings, *hand_finding(swing, fit), *findings_of(known)))

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import chdtrc, log_ndtr
+from scipy.special import chdtrc, erfcx, log_ndtr
 
 from cfid.estimate.linear import gain_of
 from cfid.estimate.signals import correlation_inflation
@@ -67,12 +67,14 @@ class Priors:
 class Posterior(NamedTuple):
     """What a record and the priors give: changes of a fit's free values, then of its start (p,), and variances (p,).
 
-    `least_variance` is W's on the best rig.
+    `least_variance` is W's on the best rig; `pull_std` is the cable's pull on the worst rig, in standard deviations,
+    without the knowledge that a cable does not push.
     """
 
     change: Array
     variance: Array
     least_variance: float
+    pull_std: float
 
 
 def posterior(fit: OutputError, priors: Priors) -> Posterior:
@@ -87,15 +89,17 @@ def posterior(fit: OutputError, priors: Priors) -> Posterior:
     change, variance = np.einsum("rij,rj->ri", covariance, pulled), np.einsum("rii->ri", covariance).copy()
     score = np.sum(pulled * change - weight * values**2, axis=1) / _TEMPERED + np.linalg.slogdet(covariance)[1]
     score = score / 2 - (1 + _RARER) * np.log(shares).sum(axis=1)
+    pull_std = 0.0
     if fit.free[SPRING]:  # a cable does not push: its stiffness has a normal distribution without its negative part
         spring = int(np.sum(fit.free[:SPRING]))
         spread = np.sqrt(variance[:, spring])
         mean = (values[spring] + change[:, spring]) / spread
         score += log_ndtr(mean)
-        higher = np.exp(-(mean**2) / 2 - log_ndtr(mean)) / math.sqrt(2 * math.pi)
+        higher = math.sqrt(2 / math.pi) / erfcx(-mean / math.sqrt(2))
         moved = covariance[:, spring] / spread[:, None]
         change += higher[:, None] * moved
-        variance -= (higher * (higher + mean))[:, None] * moved**2
+        variance -= np.minimum(higher * (higher + mean), 1)[:, None] * moved**2
+        pull_std = float(mean[-1])
     likely = np.exp(score - score.max())
     likely /= likely.sum()
     together = likely @ change
@@ -103,6 +107,7 @@ def posterior(fit: OutputError, priors: Priors) -> Posterior:
         change=together / size,
         variance=likely @ (variance + (change - together) ** 2) / size**2,
         least_variance=float(variance[0, 0] / size[0] ** 2),
+        pull_std=pull_std,
     )
 
 

@@ -7,6 +7,7 @@ import json
 import math
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -128,3 +129,45 @@ def test_an_inertia_from_swings_with_a_disc_off_its_axis_is_within_its_interval(
     error = np.array(matrix["value"]) - inertia_kg_m2
     assert np.max(np.abs(error) / np.array(matrix["std"])) < 2.5
     assert "swing-cable-or-encoder" in {one["code"] for one in result["findings"]}
+
+
+def fitted(cfid: Cfid, path: Path, *options: object) -> tuple[int, dict[str, Any]]:
+    ended = cfid("fit", "swing", path, "--json", *options)
+    return ended.returncode, json.loads(ended.stdout)
+
+
+@pytest.mark.parametrize("release_deg", [45, 60])
+def test_an_encoder_whose_counts_per_turn_are_wrong_gives_no_number(
+    cfid: Cfid, tmp_path: Path, release_deg: float
+) -> None:
+    time_s, angle = swung(release_deg)
+    read = encoded(angle, seed=1, counts=4096) * 4096 / 4000
+    code, result = fitted(cfid, written(tmp_path / "swing.csv", time_s, read))
+
+    assert (code, result["accepted"], KEY in result["parameters"]) == (5, False, False)
+
+
+def test_a_disc_of_two_degrees_is_within_the_interval(cfid: Cfid, tmp_path: Path) -> None:
+    time_s, angle = swung(60)
+    for phase_deg in (40, 178):
+        read = encoded(angle, seed=1, eccentric_deg=2, phase_deg=phase_deg, counts=65536)
+        code, result = fitted(cfid, written(tmp_path / f"{phase_deg}.csv", time_s, read))
+
+        assert code == 0
+        value, std = (result["parameters"][KEY][part] for part in ("value", "std"))
+        assert abs(value - FREQUENCY_S2) < 3 * std < 0.05 * FREQUENCY_S2
+
+
+def test_a_spring_that_pushes_is_in_the_uncertainty_until_it_is_no_pendulum(cfid: Cfid, tmp_path: Path) -> None:
+    def of_push(push: float) -> tuple[int, dict[str, Any]]:
+        time_s, angle = swung(60, -push)
+        return fitted(cfid, written(tmp_path / f"{push}.csv", time_s, encoded(angle, seed=1, counts=65536)))
+
+    code, result = of_push(0.01)
+    value, std = (result["parameters"][KEY][part] for part in ("value", "std"))
+    assert code == 0
+    assert abs(value - FREQUENCY_S2) < 2 * std < 0.02 * FREQUENCY_S2
+    assert "swing-cable-or-encoder" in {finding["code"] for finding in result["findings"]}
+
+    code, result = of_push(0.04)
+    assert (code, result["accepted"], KEY in result["parameters"]) == (5, False, False)
