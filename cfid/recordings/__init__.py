@@ -1,0 +1,1 @@
+"""Recordings of any origin, as columns with units, times and typed facts."""
