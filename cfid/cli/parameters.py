@@ -173,10 +173,10 @@ def _into_parameters(
 ) -> str:
     from datetime import UTC, datetime
 
-    from cfid import __version__
     from cfid.errors import ConfigError
     from cfid.quantities.lookup import UNITS, unit_of
     from cfid.records.parameters import Parameter, Section, change_section
+    from cfid.version import __version__
 
     known = unit or unit_of(name)
     if not known:

@@ -170,8 +170,8 @@ def _warn(target: "Target", vehicle: "ExportVehicle") -> None:
 
 
 def _print_list(vehicle: "ExportVehicle", *, json: bool) -> None:
-    from cfid import __version__
     from cfid.export.catalogue import TARGETS
+    from cfid.version import __version__
 
     rows = [_row(target, vehicle) for target in TARGETS.values()]
     if json:

@@ -15,7 +15,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 from typing import Any, BinaryIO
 
-from cfid import __version__
 from cfid.errors import ConfigError, DataError
 from cfid.fleet.places import is_address
 from cfid.fleet.refit import Refitted
@@ -23,6 +22,7 @@ from cfid.records.campaign import FITS_FOLDER
 from cfid.records.files import check_regular, read_small, write_new
 from cfid.records.rig_file import RIG_FILE
 from cfid.records.run import RUN_FILE, RUNS_FOLDER
+from cfid.version import __version__
 
 MANIFEST = "manifest.jsonl"
 _HALF = ".half-"  # beginning of the name of an incomplete folder

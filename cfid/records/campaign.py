@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ConfigDict
 
-from cfid import __version__
 from cfid.counted import counted
 from cfid.errors import ConfigError, RejectedError
 from cfid.findings import joined, texts
@@ -23,6 +22,7 @@ from cfid.records.run import RUN_FILE, RUNS_FOLDER, Run, list_runs
 from cfid.records.run_notes import run_at
 from cfid.records.stale import stale_in
 from cfid.records.values import lost_by
+from cfid.version import __version__
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -5,7 +5,6 @@ from dataclasses import asdict, dataclass
 from datetime import datetime
 from typing import Any, TypeVar
 
-from cfid import __version__
 from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.guide.status import next_of, remarks_of, status_of, unusable_in
@@ -26,6 +25,7 @@ from cfid.report.measurements import measurements_of
 from cfid.report.repeats import RepeatedFit, repeated_fits
 from cfid.report.sheet import SheetGroup, sheet_of
 from cfid.report.summary import FirstScreen, summary_of
+from cfid.version import __version__
 
 FORMAT = 1  # version of the JSON object
 
