@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 from cfid.console.inputs import Workplace, find_recording, read_recording
 from cfid.console.options import LoadCellOptions, ReadingOptions
 from cfid.errors import ConfigError, DataError
-from cfid.quantities.lookup import unit_of
+from cfid.quantities.registry import unit_of
 from cfid.records.parameters import Parameter, Source
 from cfid.wire.supervisor import VehicleState
 

@@ -17,8 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.findings import Finding, note
-from cfid.quantities.lookup import find
-from cfid.quantities.quantity import Shape
+from cfid.quantities.registry import Shape, find
 from cfid.records.covariances import Covariance, numbers_of, shaped_as
 from cfid.records.facts import LoadCellMount, RigFacts
 from cfid.records.parameters import Parameter, plain

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from cfid.errors import ConfigError
-from cfid.quantities.lookup import registered, unit_of
-from cfid.quantities.platforms import Platform
+from cfid.quantities.registry import Platform, registered, unit_of
 from cfid.records.mounts import BodyFrame
 from cfid.records.parameters import Section, Value, plain
 from cfid.records.rig_file import Rig, thesis_rig

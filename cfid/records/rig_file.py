@@ -15,7 +15,7 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError
 
 from cfid.errors import ConfigError
-from cfid.quantities.platforms import Platform
+from cfid.quantities.registry import Platform
 from cfid.records.devices import Devices
 from cfid.records.facts import (
     LabBook,

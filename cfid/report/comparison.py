@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from cfid.quantities.lookup import registered, unit_of
+from cfid.quantities.registry import registered, unit_of
 from cfid.quantities.values import coefficient_units, evaluate
 from cfid.records.covariances import shaped_as
 from cfid.records.mounts import BodyFrame

@@ -11,7 +11,7 @@ from cfid.estimate.differences import number_of
 from cfid.guide.certainty import percent
 from cfid.guide.plan import at_middle, slope_at_hover
 from cfid.guide.status import Next, TaskStatus
-from cfid.quantities.lookup import find
+from cfid.quantities.registry import find
 from cfid.records.covariances import numbers_of
 from cfid.records.parameters import plain
 from cfid.records.rig_file import Rig

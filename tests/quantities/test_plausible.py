@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cfid.quantities.plausible import centre_fault, implausible
+from cfid.quantities.registry import Platform
 from cfid.report.published import INERTIA, PublishedInertia
 
 
@@ -137,3 +138,14 @@ def test_a_load_at_the_end_of_an_arm_may_have_a_tenth_of_the_mass(load_kg: float
     loaded = MOMENTS + about_both * (there @ there * np.eye(3) - np.outer(there, there))
 
     assert product_is_refused(loaded) == refused
+
+
+@pytest.mark.parametrize("platform", ["other", "crazyflie", "cf2"])
+def test_no_body_has_an_inertia_matrix_of_zeros(platform: Platform) -> None:
+    assert implausible("inertia.matrix_kg_m2", [[0.0] * 3] * 3, platform=platform) != ""
+
+
+@pytest.mark.parametrize("platform", ["other", "cf2"])
+def test_a_matrix_with_an_unknown_number_is_not_judged(platform: Platform) -> None:
+    matrix = [[16.6e-6, None, 0.0], [None, 16.7e-6, 0.0], [0.0, 0.0, 29.3e-6]]
+    assert implausible("inertia.matrix_kg_m2", matrix, platform=platform) == ""

@@ -6,9 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from cfid.quantities.lookup import find, registered, unit_of
-from cfid.quantities.quantity import Shape
-from cfid.quantities.table import EXPERIMENTS, QUANTITIES
+from cfid.quantities.registry import EXPERIMENTS, QUANTITIES, Shape, find, registered, unit_of
 from cfid.quantities.values import coefficient_units, evaluate, numbers, shape_error
 from tests.places import ROOT
 

@@ -13,7 +13,7 @@ import numpy as np
 from cfid.counted import counted
 from cfid.findings import Finding, note, of_recording
 from cfid.large import stored
-from cfid.quantities.plausible import range_of
+from cfid.quantities.registry import range_of
 from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE
 from cfid.records.run_notes import run_at

@@ -11,7 +11,7 @@ from cfid.console.facts import assumed
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, merged, note, of_recording
 from cfid.large import empty, parts
-from cfid.quantities.quantity import Range
+from cfid.quantities.registry import Range
 from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts
 from cfid.records.parameters import Source
 from cfid.records.plausibility import Given, implausible_inputs
