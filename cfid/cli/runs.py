@@ -107,7 +107,8 @@ def _meant(word: str, folder: Path | None) -> "list[Run]":
     Raises ConfigError when no run matches, and DataError for an unreadable run.
     """
     from cfid.errors import ConfigError, DataError
-    from cfid.records.run import RUN_FILE, list_runs, read_run
+    from cfid.records.files import RUN_FILE
+    from cfid.records.run import list_runs, read_run
 
     if (Path(word) / RUN_FILE).is_file():
         return [read_run(Path(word))]

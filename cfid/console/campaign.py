@@ -14,9 +14,8 @@ def make_campaign(folder: Path) -> Path:
 
     Raises ConfigError when the folder has a rig.toml already, or cannot be created.
     """
-    from cfid.records.files import write_new
-    from cfid.records.rig_file import RIG_FILE, new_rig_text
-    from cfid.records.run import RUNS_FOLDER
+    from cfid.records.files import RIG_FILE, RUNS_FOLDER, write_new
+    from cfid.records.rig_file import new_rig_text
 
     try:
         (folder / RUNS_FOLDER).mkdir(parents=True, exist_ok=True)

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 
 from cfid.console.lists import NOT_GIVEN, Measured
 from cfid.console.options import RigOptions
-from cfid.console.selection import LAST, RUN_FILE, is_glob, is_named, name_other_folders
+from cfid.console.selection import LAST, is_glob, is_named, name_other_folders
 from cfid.errors import ConfigError
-from cfid.records.facts import NONE_STATED, RigFacts
+from cfid.records.files import RUN_FILE
+from cfid.records.rig_file import NONE_STATED, RigFacts
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign

@@ -75,7 +75,7 @@ def views_of(
     setting that belongs to another kind of file.
     """
     from cfid.console.log_views import log_views, stand_view
-    from cfid.records.run_notes import run_at
+    from cfid.records.run import run_at
     from cfid.records.tables.angle import ENCODER
     from cfid.records.tables.wrench import LOADCELL, holds_wrench, read_wrench
 
@@ -197,7 +197,7 @@ def _device_view(run: "Run", device: str) -> View:
 
     from cfid.drawing.device import groups
     from cfid.findings import texts
-    from cfid.records.run_notes import losses
+    from cfid.records.run import losses
     from cfid.records.tables.vehicle import SUPERVISOR, read_rows
 
     rows = read_rows(run, device)

@@ -76,8 +76,7 @@ def _record_over_wires(campaign: "Campaign", truth: Path | None, seed: int) -> d
 def _check(folder: Path, truth: Path | None) -> None:
     """Refuse an existing campaign or an invalid truth before anything is created. Raises ConfigError."""
     from cfid.errors import ConfigError
-    from cfid.records.rig_file import RIG_FILE
-    from cfid.records.run import RUNS_FOLDER
+    from cfid.records.files import RIG_FILE, RUNS_FOLDER
     from cfid.sim.truth_file import load_truth
 
     left = (folder / RIG_FILE, folder / "parameters.toml", folder / "fits", *(folder / RUNS_FOLDER).glob("*"))

@@ -12,10 +12,8 @@ from cfid.errors import DataError, FitError
 from cfid.findings import Finding, merged, warning
 from cfid.motors.maps.checks import marker_findings
 from cfid.records.parameters import Source
-from cfid.records.resumed import resumed_by
-from cfid.records.run import Run
-from cfid.records.run_notes import run_at
-from cfid.records.steps import steps_read_later
+from cfid.records.resumed import resumed_by, steps_read_later
+from cfid.records.run import Run, run_at
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import Column, TableSchema
 from cfid.units import ROTORS

@@ -8,9 +8,8 @@ from cfid.errors import ConfigError, DataError
 from cfid.guide.plan import Assignment, Words
 from cfid.motors.missing_steps import missing
 from cfid.motors.plan import FEWEST_COMMANDS
-from cfid.records.resumed import with_completed
+from cfid.records.resumed import recorded_steps, with_completed
 from cfid.records.run import Run
-from cfid.records.steps import recorded_steps
 from cfid.transfer.sines.plan import Sine, SineSweep, missing_sines
 from cfid.units import DEAD_COMMAND
 

@@ -10,9 +10,10 @@ from cfid.guide.certainty import Certainty, certainty_of, percent
 from cfid.guide.incomplete import completing, short_series, short_staircases
 from cfid.guide.plan import Assignment, Task, Words, is_vehicle, tasks
 from cfid.records.campaign import Campaign
+from cfid.records.files import RIG_FILE
 from cfid.records.parameters import Section, runs_of
 from cfid.records.resumed import resumed_by
-from cfid.records.rig_file import RIG_FILE, CampaignKind
+from cfid.records.rig_file import CampaignKind
 from cfid.records.run import Run
 from cfid.records.stale import Stale, is_blind, other_facts, stale_in
 from cfid.records.tables.angle import ENCODER

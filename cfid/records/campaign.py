@@ -12,14 +12,13 @@ from pydantic import BaseModel, ConfigDict
 from cfid.counted import counted
 from cfid.errors import ConfigError, RejectedError
 from cfid.findings import joined, texts
-from cfid.records.files import sha256_of
+from cfid.records.files import FITS_FOLDER, PARAMETERS_FILE, RIG_FILE, RUN_FILE, RUNS_FOLDER, sha256_of
 from cfid.records.fits import Fit, keep_fit
 from cfid.records.parameters import Section, Source, load_sections, plain, runs_of, store_section
 from cfid.records.plausibility import judged
 from cfid.records.result import Result
-from cfid.records.rig_file import RIG_FILE, Rig, load_rig, stated
-from cfid.records.run import RUN_FILE, RUNS_FOLDER, Run, list_runs
-from cfid.records.run_notes import run_at
+from cfid.records.rig_file import Rig, load_rig, stated
+from cfid.records.run import Run, list_runs, run_at
 from cfid.records.stale import stale_in
 from cfid.records.values import lost_by
 from cfid.version import __version__
@@ -27,7 +26,6 @@ from cfid.version import __version__
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-FITS_FOLDER, PARAMETERS_FILE = "fits", "parameters.toml"
 LAST = "last"
 
 

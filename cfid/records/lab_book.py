@@ -7,7 +7,7 @@ from difflib import get_close_matches
 
 from cfid.counted import counted
 from cfid.errors import ConfigError
-from cfid.records.facts import LabBook
+from cfid.records.rig_file import LabBook
 from cfid.records.run import Run, RunHeader
 
 _KNOWN = tuple(LabBook.model_fields)

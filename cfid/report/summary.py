@@ -15,7 +15,7 @@ from cfid.quantities.registry import find
 from cfid.records.covariances import numbers_of
 from cfid.records.parameters import plain
 from cfid.records.rig_file import Rig
-from cfid.records.run_notes import SIMULATED, is_loss
+from cfid.records.run import SIMULATED, is_loss
 from cfid.report.experiments import Experiment
 from cfid.report.known import Known
 from cfid.report.sheet import BARELY

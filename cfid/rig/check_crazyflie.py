@@ -2,7 +2,7 @@
 
 from cfid.errors import DeviceError
 from cfid.quantities.registry import Platform
-from cfid.records.devices import CrazyflieLink
+from cfid.records.rig_file import CrazyflieLink
 from cfid.rig.cflib_drivers import find_vehicle
 from cfid.rig.check import DeviceAnswer
 from cfid.rig.crazyflie import Link

@@ -10,7 +10,7 @@ from typing import Any
 from twisted.internet.defer import Deferred
 
 from cfid.errors import DeviceError
-from cfid.records.facts import NONE_STATED, RigFacts
+from cfid.records.rig_file import NONE_STATED, RigFacts
 from cfid.records.run import Label, Run
 from cfid.records.run_writer import RunWriter, create_run
 from cfid.rig.clock import HostClock

@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from cfid.errors import DataError
 from cfid.motors.plan import StaircasePlan
-from cfid.records.run import RUN_FILE, DeviceRecord, Run, RunHeader, is_written, read_run
+from cfid.records.files import RUN_FILE
+from cfid.records.run import DeviceRecord, Run, RunHeader, is_written, read_run
 from cfid.records.tables.vehicle import READINGS, SUPERVISOR, VEHICLE_LOG
 from cfid.records.tables.wrench import LOADCELL
 from cfid.rig.log_block import BATTERY

@@ -11,8 +11,9 @@ from cfid import latency
 from cfid.errors import ConfigError, DataError, FitError
 from cfid.guide.plan import tasks
 from cfid.latency.estimation import round_trips
+from cfid.records.files import RIG_FILE
 from cfid.records.parameters import load_sections
-from cfid.records.rig_file import RIG_FILE, load_rig, new_rig_text
+from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
 from cfid.records.tables.pings import read_pings

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from cfid.errors import ConfigError
-from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts, Tachometer, WindStand
-from cfid.records.frames import turn_about_z
-from cfid.records.rig_file import load_rig, new_rig_text
+from cfid.estimate.rotation import turn_about_z
+from cfid.records.rig_file import NONE_STATED, LoadCellMount, RigFacts, Tachometer, WindStand, load_rig, new_rig_text
 from cfid.records.run import DeviceRecord, Label, amend_run, read_run
 from cfid.records.run_writer import create_run
 

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from cfid.errors import ConfigError, DataError
+from cfid.errors import DataError
 from cfid.fleet.places import campaigns
 from cfid.records.files import write_whole
 from cfid.records.fits import keep_fit, list_fits
 from cfid.records.parameters import Section, Source
-from cfid.records.rig_file import RIG_FILE, load_rig, thesis_rig
+from cfid.records.rig_file import thesis_rig
 from cfid.records.run import DeviceRecord, Label, read_run
 from cfid.records.run_writer import RunWriter, create_run
 from cfid.records.stale import stale_in
@@ -157,19 +157,3 @@ def test_a_pipe_among_fits_sources_or_lists_is_not_waited_for(tmp_path: Path) ->
     assert stale_in(tmp_path, (), thesis_rig())(section) == ()
     with pytest.raises(DataError, match="pipe: cannot be read: a pipe or a device"):
         campaigns([], str(pipe))
-
-
-@pytest.mark.parametrize(
-    "deep", ["[" + ".".join("a" * 5000) + "]", "a = " + "[" * 150 + "]" * 150, "a = " + "[" * 9000]
-)
-def test_tables_nested_too_deeply_are_refused_when_they_are_read(tmp_path: Path, deep: str) -> None:
-    with new(tmp_path) as writer:
-        pass
-    with (writer.folder / "run.toml").open("a") as file:
-        file.write(f"\n[more]\n{deep}\n")
-    (tmp_path / RIG_FILE).write_text(deep)
-
-    with pytest.raises(DataError, match="nested too deeply"):
-        read_run(writer.folder)
-    with pytest.raises(ConfigError, match="nested too deeply"):
-        load_rig(tmp_path / RIG_FILE)

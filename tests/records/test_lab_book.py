@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from cfid.console.campaign import make_campaign
-from cfid.records.facts import LabBook, RigFacts
+from cfid.records.files import RIG_FILE
 from cfid.records.lab_book import entries, lines, summary
-from cfid.records.rig_file import RIG_FILE, load_rig
+from cfid.records.rig_file import LabBook, RigFacts, load_rig
 from cfid.records.run import DeviceRecord, Label, Run, read_run
 from cfid.records.run_writer import create_run
 from tests.campaigns import Cfid

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from cfid.errors import ConfigError
 from cfid.records.campaign import find_campaign
-from cfid.records.mounts import Mount
-from cfid.records.rig_file import Rig, TestBody, VehicleData, load_rig, new_rig_text, thesis_rig
+from cfid.records.rig_file import Mount, Rig, TestBody, VehicleData, load_rig, new_rig_text, thesis_rig
 from cfid.units import MM
 
 # The distances that the thesis' appendix C.1.7 calculates, to the micrometre.

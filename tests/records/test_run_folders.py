@@ -2,6 +2,7 @@
 
 import tomllib
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
@@ -389,3 +390,57 @@ def test_runs_are_listed_by_start_and_broken_ones_among_them(tmp_path: Path) -> 
 def test_a_device_cannot_be_recorded_outside_of_its_run(file: str) -> None:
     with pytest.raises(ValueError):
         DeviceRecord(file=file, columns=("t", "phi"))
+
+
+def test_runs_are_numbered_in_the_order_in_which_they_were_recorded_whatever_the_clock_shows(tmp_path: Path) -> None:
+    later, earlier = STARTED + timedelta(days=2), STARTED - timedelta(days=2)
+    folders = [recorded(tmp_path, started=started) for started in (STARTED, later, earlier)]
+    runs = [run for run in list_runs(tmp_path / "runs") if isinstance(run, Run)]
+
+    assert [run.folder for run in runs] == folders
+    assert [run.header.number for run in runs] == [1, 2, 3]
+
+
+def test_runs_without_a_number_come_first_by_their_start(tmp_path: Path) -> None:
+    numbered = recorded(tmp_path, started=STARTED - timedelta(days=9))
+    old = [recorded(tmp_path, started=STARTED + timedelta(days=day)) for day in (2, 1)]
+    for folder in old:
+        changed(folder, lambda content: content.pop("number"))
+
+    assert [run.folder for run in list_runs(tmp_path / "runs") if isinstance(run, Run)] == [*reversed(old), numbered]
+    assert header_of(recorded(tmp_path))["number"] == 2  # one more than the largest there
+
+
+def test_a_number_is_not_given_twice_though_a_run_cannot_be_read(tmp_path: Path) -> None:
+    recorded(tmp_path)
+    second = recorded(tmp_path)
+    (second / "run.toml").write_text((second / "run.toml").read_text() + "\n[[broken")
+
+    assert header_of(recorded(tmp_path))["number"] == 3
+
+
+def test_runs_that_begin_at_once_have_different_numbers(tmp_path: Path) -> None:
+    with ThreadPoolExecutor(8) as pool:
+        folders = list(pool.map(lambda _: recorded(tmp_path, rows=1), range(24)))
+
+    assert sorted(header_of(folder)["number"] for folder in folders) == list(range(1, 25))
+
+
+@pytest.mark.parametrize(
+    ("sentence", "clock"),
+    [
+        ("times are the vehicle's microseconds, not corrected: rows of 1 ms lie 1.000 ms apart by them", "true"),
+        ("times are the vehicle's microseconds, corrected by 85/84 (`clock` 84/85)", "84/85"),
+        ("the log does not show whether they run at 84/85 of real time", "unknown"),
+        ("times are in s", None),
+    ],
+)
+def test_what_version_0_2_stated_in_sentences_of_an_import_is_read_as_facts(
+    tmp_path: Path, sentence: str, clock: str | None
+) -> None:
+    assumed = ["rotors turn the other way than a Crazyflie's, by CA_ROTOR0_KM to CA_ROTOR3_KM"]
+    origin = {"file": "log.ulg", "sha256": "0", "program": "PX4", "clock": sentence, "assumed": assumed}
+    found = read_run(changed(recorded(tmp_path), lambda content: content.update(origin=origin))).header.origin
+
+    assert found is not None
+    assert (found.clock, found.times, found.props_out, found.assumed) == (clock, sentence, True, tuple(assumed))

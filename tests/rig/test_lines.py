@@ -16,11 +16,9 @@ import pytest
 
 from cfid.console.log_summary import devices_of
 from cfid.errors import ConfigError, DeviceError
-from cfid.records.devices import Devices
-from cfid.records.line_devices import EncoderLines, LineValue, LoadCellLines
-from cfid.records.rig_file import RIG_FILE, new_rig_text
-from cfid.records.run import Label, Run
-from cfid.records.run_notes import Facts, facts_of, gaps
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import Devices, EncoderLines, LineValue, LoadCellLines, new_rig_text
+from cfid.records.run import Facts, Label, Run, facts_of, gaps
 from cfid.records.tables.angle import Reading, read_angle
 from cfid.records.tables.wrench import WrenchReading, read_wrench
 from cfid.rig.check_lines import check_lines

@@ -22,7 +22,8 @@ import numpy.typing as npt
 import pandas as pd
 import pytest
 
-from cfid.records.rig_file import RIG_FILE, load_rig
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import load_rig
 from cfid.records.run import list_runs, read_run
 from cfid.records.tables.vehicle import read_rows
 from cfid.rig.crazyflie import Link

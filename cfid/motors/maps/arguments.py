@@ -13,8 +13,7 @@ from cfid.motors.maps.data import of_file, of_run
 from cfid.motors.maps.evidence import Evidence, Stand, together
 from cfid.motors.maps.table_data import of_table
 from cfid.motors.vibration.data import Rotors
-from cfid.records.run import Run, refuse_contradiction, run_holding
-from cfid.records.run_notes import run_at
+from cfid.records.run import Run, refuse_contradiction, run_at, run_holding
 from cfid.records.tables.schema import refuse_for_run
 from cfid.records.tables.stand import read_stand_as, stand_file
 from cfid.records.tables.wrench import holds_wrench

@@ -29,8 +29,7 @@ from cfid.motors.points import MotorPoints, per_motor, rotor_speed_rad_s
 from cfid.motors.stand_points import points_of, reduce_speeds
 from cfid.motors.vibration.data import Rotors, speeds_from_vibration
 from cfid.records.resumed import with_completed
-from cfid.records.run import Run, refuse_contradiction
-from cfid.records.run_notes import run_at
+from cfid.records.run import Run, refuse_contradiction, run_at
 from cfid.records.tables.stand import StandTable, read_stand_table, stand_file
 from cfid.records.tables.vehicle import (
     READINGS,

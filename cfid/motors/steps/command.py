@@ -55,8 +55,7 @@ def dynamics(
     from cfid.motors.lag.data import RotorLog
     from cfid.motors.steps import fit
     from cfid.motors.steps.data import of_run, of_table
-    from cfid.records.run import Run
-    from cfid.records.run_notes import run_at
+    from cfid.records.run import Run, run_at
     from cfid.records.tables.stand import stand_file
 
     workplace = open_workplace(rig)

@@ -13,7 +13,7 @@ from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.findings import Finding, of_recording
 from cfid.records.parameters import Source
-from cfid.records.run_notes import run_at
+from cfid.records.run import run_at
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import TIME, Column, TableSchema, TimeUnit
 from cfid.records.tables.table import Array, CsvTable

@@ -8,7 +8,7 @@ import numpy as np
 from cfid.errors import DataError
 from cfid.findings import Finding, of_recording
 from cfid.records.parameters import Source
-from cfid.records.run_notes import losses, run_at
+from cfid.records.run import losses, run_at
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.column_units import SECONDS, column_name, unit_of
 from cfid.records.tables.few_rows import without_few

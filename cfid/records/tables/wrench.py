@@ -15,10 +15,10 @@ from pydantic import Field
 
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, of_recording, texts
-from cfid.records.line_devices import STAMP
+from cfid.records.files import RUN_FILE
 from cfid.records.parameters import Source
-from cfid.records.run import RUN_FILE, Label, Run
-from cfid.records.run_notes import Facts, facts_of, file_name, gaps, losses, run_at
+from cfid.records.rig_file import STAMP
+from cfid.records.run import Facts, Label, Run, facts_of, file_name, gaps, losses, run_at
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.force_units import FORCES_N, TORQUES_NM, si_factor
 from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema, refuse_clock, unused_in_run

@@ -12,11 +12,10 @@ from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, merged, note, of_recording
 from cfid.large import empty, parts
 from cfid.quantities.registry import Range
-from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts
 from cfid.records.parameters import Source
 from cfid.records.plausibility import Given, implausible_inputs
-from cfid.records.run import Run, refuse_contradiction, run_holding
-from cfid.records.run_notes import losses, run_at
+from cfid.records.rig_file import NONE_STATED, LoadCellMount, RigFacts
+from cfid.records.run import Run, losses, refuse_contradiction, run_at, run_holding
 from cfid.records.tables.crossings import CROSSINGS, CrossingRecord, read_crossings
 from cfid.records.tables.index import IndexRow, read_index
 from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
