@@ -37,7 +37,7 @@ def demo(
     from cfid.demo.fits import FITS, FITS_OVER_WIRES, HANDED_ON, print_comparison, run_all
 
     _check(folder, truth)
-    campaign = _new_campaign(folder)
+    campaign = _new_campaign(folder, seed)
     try:
         known = (_record_over_wires if wire else _record)(campaign, truth, seed)
         run_all(campaign, FITS_OVER_WIRES if wire else FITS, figures=figures)
@@ -88,11 +88,11 @@ def _check(folder: Path, truth: Path | None) -> None:
         load_truth(truth)
 
 
-def _new_campaign(folder: Path) -> "Campaign":
+def _new_campaign(folder: Path, seed: int) -> "Campaign":
     from cfid.console.campaign import make_campaign
     from cfid.records.campaign import find_campaign
 
-    make_campaign(folder)
+    make_campaign(folder, seed=seed)
     campaign = find_campaign(folder, start=folder)
     assert campaign is not None  # the folder was given
     return campaign

@@ -624,9 +624,13 @@ CampaignKind = Literal["full", "inertia", "motors", "afternoon"]
 
 
 class CampaignGoal(RigTable):
-    """What a campaign should find: everything, the inertia, the motors, or what an afternoon allows."""
+    """What a campaign should find: everything, the inertia, the motors, or what an afternoon allows.
+
+    `seed` is that of the random order of mounts, so that a copy of the campaign keeps it.
+    """
 
     kind: CampaignKind = "full"
+    seed: Annotated[int, Field(strict=True, ge=0)] = 0
 
 
 class Rig(RigTable):
@@ -685,9 +689,9 @@ def load_rig(path: Path) -> Rig:
     return _checked(content, name=str(path))
 
 
-def new_rig_text() -> str:
+def new_rig_text(*, seed: int = 0) -> str:
     """Return the commented rig.toml that a new campaign starts from: the thesis' vehicle, cube and test body."""
-    return _preset("rig.toml")
+    return _preset("rig.toml").replace("seed = 0 ", f"seed = {seed} ")
 
 
 def thesis_rig() -> Rig:

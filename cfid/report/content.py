@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 from cfid.counted import counted
 from cfid.errors import DataError
-from cfid.guide.status import next_of, remarks_of, status_of, unusable_in
+from cfid.guide.status import status_of
 from cfid.records.campaign import Campaign
 from cfid.records.fits import Fit, in_force, list_fits
 from cfid.records.lab_book import lines, summary
@@ -112,14 +112,12 @@ def gather(campaign: Campaign, *, now: datetime, kind: CampaignKind | None = Non
     held = in_force(fits, known.sections)
     measured = measurements_of(fits, held)
     commands = {name: fit.command for name, fit in held.items()}
-    stale, statuses = stale_in(campaign.folder, runs, campaign.rig), status_of(campaign, kind=kind)
-    step = next_of(statuses, kind=kind)
-    remarks = remarks_of(statuses, unusable_in(campaign, statuses), step)
+    stale, status = stale_in(campaign.folder, runs, campaign.rig), status_of(campaign, kind=kind)
     experiments = experiments_of(measured, fits, held, stale, campaign.folder)
     return Report(
         about=_about(campaign, runs, fits, now),
-        summary=summary_of(known, experiments, statuses, step, remarks),
-        sheet=sheet_of(known, commands, stale, wanted=[one.task.section for one in statuses]),
+        summary=summary_of(known, experiments, status.tasks, status.next, status.remarks),
+        sheet=sheet_of(known, commands, stale, wanted=[one.task.section for one in status.tasks]),
         experiments=experiments,
         repeats=repeated_fits(measured),
         agreements=(*agreements_of(known, held), *flown_agreements(known)),

@@ -78,7 +78,7 @@ _MAIN = (
     _Main("Viscous friction of the axis", "friction.viscous_nms_per_rad", _only(0), 1e6, "10⁻⁶ N m s/rad"),
     _Main("Largest thrust of one motor", "motor.max_thrust_n", _only(0), 1e3, "mN"),
     _Main("Mass that hovers at most", "motor.hover_mass_kg", _only(0), 1e3, "g"),
-    _Main(f"Rotor speed at command {MIDDLE:.0f}", "motor.speed_poly", lambda count, _: at_middle(count), 1.0, "rad/s"),
+    _Main(f"Rotor speed at command {MIDDLE:.0f}", "motor.speed_poly", at_middle, 1.0, "rad/s"),
     _Main("Torque over thrust of a rotor, in hover", "motor.torque_poly", slope_at_hover, 1e3, "mN m/N"),
     _Main("Time constant of motor and rotor", "tf.time_constant_s", _only(0), 1e3, "ms"),
     _Main("Round trip to the vehicle", "latency.rtt_mean_s", _only(0), 1e3, "ms"),
@@ -148,7 +148,7 @@ def _weakest(statuses: Sequence[TaskStatus]) -> str:
         return ""
     enough = "enough for" if worst.short_by <= 1 else "too little for"
     reason = f" (mostly by the {worst.mostly})" if worst.mostly else ""
-    return f"{_title(worst.aim.key)} is known to {percent(worst.std)}{reason}, {enough} {worst.aim.purpose}."
+    return f"{_title(worst.key)} is known to {percent(worst.std)}{reason}, {enough} {worst.aim.purpose}."
 
 
 def _title(key: str) -> str:

@@ -33,7 +33,7 @@ def section(**parameters: Parameter) -> Section:
 def summary(*sections: Section, experiments: tuple[Experiment, ...] = (), stds: tuple[float, ...] = ()) -> FirstScreen:
     known = Known(thesis_rig(), {str(i): one for i, one in enumerate(sections)})
     found = tuple(
-        Certainty(aim=Aim(key=f"number {i}", std=0.03, purpose="a purpose: 3 %"), std=std) for i, std in enumerate(stds)
+        Certainty(key=f"number {i}", aim=Aim(std=0.03, purpose="a purpose: 3 %"), std=std) for i, std in enumerate(stds)
     )
     task = Task(section="thrust", recordings=(), fit=("fit", "thrust"), aims=())
     status = TaskStatus(task=task, lacking=(), state="not fitted", reason="recorded.", found=found)
@@ -174,7 +174,7 @@ def test_a_report_in_which_everything_is_found_does_not_advise_a_report() -> Non
 
 
 def test_the_weakest_number_has_the_largest_part_of_its_uncertainty() -> None:
-    found = Certainty(aim=Aim(key="drag.simple_kg_per_rad", std=0.2, purpose="a simulator"), std=0.03, mostly="gain")
+    found = Certainty(key="drag.simple_kg_per_rad", aim=Aim(std=0.2, purpose="a simulator"), std=0.03, mostly="gain")
     task = Task(section="drag", recordings=(), fit=("fit", "drag"), aims=())
     status = TaskStatus(task=task, lacking=(), state="accepted", reason="", found=(found,))
 
