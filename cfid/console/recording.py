@@ -14,10 +14,10 @@ from cfid.console.live import LiveLine
 from cfid.console.log_summary import print_json, print_summary, stop_line, summary
 from cfid.console.messages import clock, echo, note
 from cfid.console.options import LoadCellOptions, ReadingOptions, RigOptions, positive
-from cfid.console.selection import LAST
 from cfid.console.verdicts import Judge, judged
 from cfid.console.views import views_of
 from cfid.errors import CfidError, ConfigError, DataError
+from cfid.records.choose import LAST
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign

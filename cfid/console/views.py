@@ -81,7 +81,7 @@ def views_of(
 
     path, forces = find_recording(word, workplace), loadcell.reading(file, or_angles=True)
     readers: dict[str, Callable[[], View]] = {
-        ENCODER: lambda: _angle_view(ENCODER, read_recording(word, file.reading(), workplace)),
+        ENCODER: lambda: _angle_view(ENCODER, read_recording(str(path), file.reading(), workplace)),
         LOADCELL: lambda: _wrench_view(LOADCELL, read_wrench(path, forces)),
     }
     run = run_at(path)

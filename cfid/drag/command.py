@@ -20,8 +20,9 @@ from cfid.console.options import (
     finite,
 )
 from cfid.console.outcome import deliver
-from cfid.console.selection import chosen, labelled
+from cfid.console.selection import chosen
 from cfid.drag.wind.command import AzimuthRad, azimuth
+from cfid.records.choose import labelled
 
 _INPUT, _MODELS = "What was measured", "Models"
 

@@ -14,8 +14,8 @@ from typing import Any
 from urllib.parse import unquote
 
 from cfid.console.messages import printable
-from cfid.console.selection import is_glob
 from cfid.errors import CfidError, ConfigError, DataError
+from cfid.records.choose import is_glob
 from cfid.records.files import RIG_FILE, RUN_FILE, RUNS_FOLDER, check_regular
 
 _ADDRESS = re.compile(r"[A-Za-z][\w+.-]*://")

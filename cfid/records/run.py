@@ -346,17 +346,17 @@ def list_runs(runs_folder: Path) -> list[Run | DataError]:
     return errors + sorted(runs, key=lambda run: run.place)
 
 
-def next_number(runs_folder: Path) -> int:
-    """Return one more than the largest number of a run there; the caller has locked the folder.
+def number_of(folder: Path) -> int:
+    """Return a run's number as far as its run.toml can be read, 0 for none."""
+    with contextlib.suppress(OSError):
+        found = _NUMBER.search(read_small(folder / RUN_FILE))
+        return 0 if found is None else int(found[1])
+    return 0
 
-    An invalid run.toml counts as far as its number can be read.
-    """
-    numbers = [0]
-    for path in runs_folder.glob(f"*/{RUN_FILE}"):
-        with contextlib.suppress(OSError):
-            found = _NUMBER.search(read_small(path))
-            numbers += [] if found is None else [int(found[1])]
-    return max(numbers) + 1
+
+def next_number(runs_folder: Path) -> int:
+    """Return one more than the largest number of a run there; the caller has locked the folder."""
+    return 1 + max((number_of(path.parent) for path in runs_folder.glob(f"*/{RUN_FILE}")), default=0)
 
 
 def is_written(folder: Path) -> bool:

@@ -21,6 +21,7 @@ from cfid.console.options import (
     WindowOptions,
 )
 from cfid.console.outcome import deliver
+from cfid.records.choose import labelled
 
 
 @flat
@@ -54,7 +55,7 @@ def swing(
     workplace = open_workplace(rig, gravity=gravity)
     mass, distance = measured(mass_kg, "--mass-kg"), measured(distance_m, "--distance-m")
     found = result.fit(
-        read_recording(run, reading.reading(), workplace),
+        read_recording(run, reading.reading(), workplace, labelled("swing")),
         axis=axis,
         rig=None if workplace.borrowed else workplace.rig,
         mass_kg=mass.value,

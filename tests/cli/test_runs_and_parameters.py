@@ -13,9 +13,10 @@ import pytest
 
 from cfid.cli.parameters import set_by_hand
 from cfid.console.campaign import make_campaign
-from cfid.console.selection import chosen, labelled
+from cfid.console.selection import chosen
 from cfid.errors import ConfigError
 from cfid.records.campaign import Campaign, find_campaign, open_campaign
+from cfid.records.choose import labelled
 from cfid.records.parameters import load_sections
 from cfid.records.run import DeviceRecord, Label, Run, amend_run, read_run
 from cfid.records.run_writer import create_run
@@ -185,7 +186,7 @@ def test_a_quoted_glob_may_have_the_runs_folder(
     for folder in ("runs/", "./runs/", f"{campaign.runs_folder}/"):
         assert words(campaign, f"{folder}*_drop*") == [first, third]
         assert f"{second} (interrupted)" in capsys.readouterr().err
-    with pytest.raises(ConfigError, match=r"no complete drops in .* matches"):
+    with pytest.raises(ConfigError, match="fits/"):
         words(campaign, "fits/*")
     assert swing in cfid("show", "runs/*_swing_x", "--no-figures").stderr  # two rows are no swing
     assert cfid("runs", "exclude", "runs/*_swing_x").stdout.startswith(swing)
@@ -206,12 +207,12 @@ def test_a_name_is_taken_whatever_its_state(campaign: Campaign) -> None:
 
 @pytest.mark.parametrize("given", [["*swing*"], ["nothing*"]])
 def test_a_glob_that_finds_nothing_is_told(campaign: Campaign, given: list[str]) -> None:
-    with pytest.raises(ConfigError, match=r"no complete drops in .* matches"):
+    with pytest.raises(ConfigError, match="no complete drops"):
         words(campaign, *given)
 
 
 def test_no_run_at_all_and_no_campaign_are_told(campaign: Campaign) -> None:
-    with pytest.raises(ConfigError, match="no complete staircases: record one, or name runs"):
+    with pytest.raises(ConfigError, match="no complete staircases"):
         chosen([], campaign, suits=labelled("thrust"), wanted="staircases")
     with pytest.raises(ConfigError, match="no campaign here to look for runs in"):
         chosen([], None, suits=DROPS, wanted="drops")
@@ -299,7 +300,7 @@ def test_a_run_that_is_being_recorded_is_not_touched(cfid: Cfid, campaign: Campa
     assert cfid("runs", "exclude", writer.folder.name).returncode == 2
     shutil.copytree(writer.folder, campaign.runs_folder / "9999-01-01_000000_drop")
     assert states("9999-01-01_000000_drop") == ("cut", "cut")
-    assert cfid("runs", "exclude", "last").returncode == 0  # the run that was cut
+    assert cfid("runs", "exclude", "9999-01-01_000000_drop").returncode == 0
     writer.close("failed")
 
 

@@ -56,7 +56,7 @@ def test_runs_are_found_by_kind_name_pattern_and_as_the_last(bodies: Path) -> No
 
 @pytest.mark.parametrize("name", ["nothing", "*", "last nonsense"])
 def test_a_name_that_is_not_one_run_is_refused(bodies: Path, name: str) -> None:
-    with pytest.raises(ConfigError, match="runs match, expected one"):
+    with pytest.raises(ConfigError, match="see `cfid runs`"):
         cfid.open_campaign(bodies).run(name)
 
 

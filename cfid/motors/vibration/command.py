@@ -67,11 +67,13 @@ def rotor(
     Example: [bold]cfid fit rotor 2026-11-21_083012_thrust[/bold]
     """
     from cfid.motors.vibration import fit
-    from cfid.records.tables.wrench import read_wrench
+    from cfid.records.tables.wrench import LOADCELL, read_wrench
 
     expected = options.expected_rad_s
     workplace = open_workplace(rig)
-    record = read_wrench(find_recording(run, workplace), scale.reading(reading))
+    record = read_wrench(
+        find_recording(run, workplace, lambda one: LOADCELL in one.header.devices), scale.reading(reading)
+    )
     result = fit(
         record,
         rotors=options.rotors,
