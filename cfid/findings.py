@@ -22,9 +22,19 @@ CODES: dict[str, tuple[Severity, str]] = {
         "warning",
         "{count} of {rows} lines have no number or too many fields and are left out (first: line {line}).",
     ),
+    "recording-cut": ("warning", "the run was cut{or_grows}; the rows on disk are used."),
+    "recording-failed": ("warning", "the run failed ({reason}); the recorded rows are used."),
+    "recording-simulated": ("warning", "recorded on the simulated rig."),
+    "rows-changed": ("warning", "{recorded} recorded, but {file} has {rows}: the file was changed since."),
     "rows-without-number": (
         "warning",
         "{count} of {rows} rows lack a number of {names} and are left out (first: line {line}).",
+    ),
+    "samples-lost": ("warning", "{samples} lost while recording."),
+    "samples-lost-unknown": ("warning", "how many samples are missing is unknown."),
+    "samples-not-taken": (
+        "warning",
+        "{samples} never taken ({achieved}): the device or this computer was slow.",
     ),
     "time-gaps": (
         "warning",
@@ -97,9 +107,9 @@ def finding(code: str, *quantities: str, **values: Any) -> Finding:
     return Finding(code=code, severity=severity, sentence=sentence.format(**values), quantities=quantities)
 
 
-def of_recording(name: str, notes: Iterable[str]) -> tuple[Finding, ...]:
-    """Return the notes of the reader of a recording as warnings."""
-    return tuple(warning("recording", text).at(name) for text in notes)
+def of_recording(name: str, notes: Iterable[str | Finding]) -> tuple[Finding, ...]:
+    """Return what the reader of a recording found, at its name; texts become warnings."""
+    return tuple((warning("recording", note) if isinstance(note, str) else note).at(name) for note in notes)
 
 
 def merged(findings: Iterable[Finding]) -> tuple[Finding, ...]:

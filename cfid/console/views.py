@@ -202,7 +202,8 @@ def _device_view(run: "Run", device: str) -> View:
 
     rows = read_rows(run, device)
     since_s = rows.time_s - rows.time_s[0]
-    notes = (*losses(run, run.header.devices[device], len(rows.time_s)), *texts(rows.findings))
+    lost = losses(run, run.header.devices[device], len(rows.time_s))
+    notes = (*(found.sentence for found in lost), *texts(rows.findings))
     if device == SUPERVISOR:
         notes += (_states(since_s, rows.columns["state"]),)
     columns = shown_columns(rows.columns, len(rows.time_s))

@@ -13,11 +13,9 @@ from cfid.guide.certainty import Certainty, certainty_of, percent
 from cfid.guide.plan import AIMS, Assignment, Task, Words, is_vehicle, tasks
 from cfid.records.campaign import Campaign
 from cfid.records.parameters import Section, runs_of
-from cfid.records.resumed import steps_left
 from cfid.records.rig_file import CampaignKind
 from cfid.records.run import Run, list_runs
 from cfid.records.stale import Stale, stale_in
-from cfid.records.tables.angle import ENCODER
 from cfid.transfer.sines.plan import Sine, SineSweep, missing_sines
 
 State = Literal["missing", "not fitted", "stale", "rejected", "accepted"]
@@ -118,7 +116,7 @@ def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> Status
     sections, refused = campaign.sections(), campaign.rejected_sections()
     stale = stale_in(campaign.folder, runs, campaign.rig)
     swings = [run for run in runs if run.header.kind == "swing" and not run.header.excluded]
-    by_gyro = [ENCODER not in run.header.devices for run in swings if run.usable]
+    by_gyro = ["encoder" not in run.header.devices for run in swings if run.usable]
     planned = tasks(
         campaign.rig,
         kind=kind,
@@ -256,6 +254,8 @@ def _missing_sines(run: Run, runs: Sequence[Run], *, excluded: bool) -> list[Sin
 
 def _steps_left(run: Run) -> bool:
     """Return whether an interrupted run lacks steps of a staircase above zero."""
+    from cfid.records.resumed import steps_left
+
     with suppress(KeyError, TypeError, ValueError, DataError):  # it is no staircase, or cannot be read
         return any(steps_left(run))
     return False

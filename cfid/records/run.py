@@ -27,6 +27,7 @@ from pydantic import (
 
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
+from cfid.findings import Finding, finding
 from cfid.records.files import (
     RUN_FILE,
     check_format,
@@ -386,10 +387,6 @@ def write_header(folder: Path, header: RunHeader) -> None:
     write_toml(folder / RUN_FILE, content)
 
 
-SIMULATED = "recorded on the simulated rig."
-_LOST, _NEVER_TAKEN = "lost while recording", "never taken"
-
-
 class Gap(BaseModel):
     """A span of Unix time in which a device delivered nothing, and why.
 
@@ -421,36 +418,27 @@ def file_name(path: Path, *, own: bool) -> str:
     return f"{path.resolve().parent.name}/{path.name}" if own else path.name
 
 
-def losses(run: Run, record: DeviceRecord, rows: int) -> list[str]:
-    """Return notes on a device's recording: cut or failed, samples lost or never taken, rows changed, simulated."""
-    notes = []
+def losses(run: Run, record: DeviceRecord, rows: int) -> list[Finding]:
+    """Return findings on a device's recording: cut or failed, samples lost or not taken, rows changed, simulated."""
+    header = run.header
+    findings = []
     if run.cut:
-        or_not_yet = ", or is still being recorded" if run.grows else ""
-        notes.append(f"the run was cut{or_not_yet}; the rows on disk are used.")
-    if run.header.state == "failed":
-        notes.append(f"the run failed ({run.header.reason or 'no reason given'}); the recorded rows are used.")
+        findings.append(finding("recording-cut", or_grows=", or is still being recorded" if run.grows else ""))
+    if header.state == "failed":
+        findings.append(finding("recording-failed", reason=header.reason or "no reason given"))
     if record.lost:
-        notes.append(f"{counted(record.lost, 'sample was', 'samples were')} {_LOST}.")
-    if record.lost is None and not run.cut and run.header.origin is None:
-        notes.append("how many samples are missing is unknown.")
+        findings.append(finding("samples-lost", samples=counted(record.lost, "sample was", "samples were")))
+    if record.lost is None and not run.cut and header.origin is None:
+        findings.append(finding("samples-lost-unknown"))
     if record.achieved:
-        notes.append(
-            f"{counted(record.skipped or 0, 'sample was', 'samples were')} {_NEVER_TAKEN} ({record.achieved}): the "
-            "device or this computer was slow."
-        )
+        samples = counted(record.skipped or 0, "sample was", "samples were")
+        findings.append(finding("samples-not-taken", samples=samples, achieved=record.achieved))
     if record.rows is not None and record.rows != rows:
-        notes.append(
-            f"{counted(record.rows, 'row was', 'rows were')} recorded, but {record.file} has {rows}: the file "
-            "was changed since."
-        )
-    if run.header.simulated:
-        notes.append(SIMULATED)
-    return notes
-
-
-def is_loss(note: str) -> bool:
-    """Return whether a note of `losses` reports only that samples were lost or never taken."""
-    return _LOST in note or _NEVER_TAKEN in note
+        recorded = counted(record.rows, "row was", "rows were")
+        findings.append(finding("rows-changed", recorded=recorded, file=record.file, rows=rows))
+    if header.simulated:
+        findings.append(finding("recording-simulated"))
+    return findings
 
 
 def facts_of(run: Run, device: str, kind: type[Kind]) -> Kind:

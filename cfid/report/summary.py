@@ -8,6 +8,7 @@ from typing import NamedTuple
 from cfid.console.tables import value_and_deviation
 from cfid.counted import counted
 from cfid.estimate.differences import number_of
+from cfid.findings import CODES
 from cfid.guide.certainty import percent
 from cfid.guide.plan import at_middle, slope_at_hover
 from cfid.guide.status import Next, TaskStatus
@@ -15,14 +16,14 @@ from cfid.quantities.registry import find
 from cfid.records.covariances import numbers_of
 from cfid.records.parameters import plain
 from cfid.records.rig_file import Rig
-from cfid.records.run import SIMULATED, is_loss
 from cfid.report.experiments import Experiment
 from cfid.report.known import Known
 from cfid.report.sheet import BARELY
 from cfid.wire.app import MIDDLE
 
 _MOST_FINDINGS = 5
-_RECORDING = "recording"  # the code of findings about runs
+_RECORDINGS = frozenset({"recording", *CODES})  # codes of findings about runs
+_LOSSES = ("samples-lost", "samples-not-taken")
 _STALE = "stale"  # the code of findings about a fit that is no longer current
 _MILLIONTH = "10⁻⁶ "
 _DRAG = f"{_MILLIONTH}kg/rad"
@@ -182,11 +183,11 @@ def _findings(experiments: Sequence[Experiment]) -> Iterator[str]:
         about: dict[str, list[str]] = {}
         for one in experiments:
             for finding in one.findings:
-                if finding.severity != severity or (finding.code == _RECORDING) is not recordings:
+                if finding.severity != severity or (finding.code in _RECORDINGS) is not recordings:
                     continue
-                if recordings and one.accepted and is_loss(finding.sentence):
+                if one.accepted and finding.code in _LOSSES:
                     bearable.setdefault(one.title, set()).update(finding.where)
-                elif not finding.sentence.endswith(SIMULATED):
+                elif finding.code != "recording-simulated":
                     about.setdefault(finding.sentence, []).append(one.title)
         yield from (f"{', '.join(dict.fromkeys(titles))}: {sentence}" for sentence, titles in about.items())
     if bearable:

@@ -30,7 +30,8 @@ def log_of_run(run: Run) -> FlightLog:
             notes.append(f"{device} is left out: {fault}")
             continue
         series.append(one)
-        notes += [f"{device}: {note}" for note in (*losses(run, record, one.rows), *lines)]
+        lost = [found.sentence for found in losses(run, record, one.rows)]
+        notes += [f"{device}: {note}" for note in (*lost, *lines)]
     if not series:
         raise DataError(f"{run.folder}: nothing to read. {' '.join(notes)}")
     origin = run.header.origin

@@ -95,7 +95,7 @@ def read_pings(path: Path) -> PingRecord:
         sent_s, of_times = _seconds(table, _SENT, places[_SENT.key], columns[_SENT.key], usual_s=(0.0, _SLOWEST_S))
         notes += of_times
     notes += (*left_out, *line_notes(table))
-    notes += () if run is None else tuple(losses(run, run.header.devices[PINGS], len(rtt_s)))
+    notes += () if run is None else tuple(one.sentence for one in losses(run, run.header.devices[PINGS], len(rtt_s)))
     return PingRecord(
         path=path,
         source=Source(str(file), table.sha256),
