@@ -79,7 +79,7 @@ def note(
     """Add a note to runs, after their existing notes.
 
     A note of the form key=value is a lab book entry, which overrides that of rig.toml: operator, battery, propellers,
-    temperature_c or a key of your own; a key that resembles a known one is refused.
+    temperature_c or a key of your own.
 
     Example: [bold]cfid runs note last battery=B4[/bold]
     """

@@ -30,7 +30,7 @@ from pydantic import (
 from cfid.errors import ConfigError
 from cfid.quantities.registry import Platform
 from cfid.records.files import RIG_FILE, first_fault, locked_folder, read_toml, write_whole
-from cfid.units import FULL_COMMAND, MM, USUAL_GRAVITY_MPS2
+from cfid.units import FULL_COMMAND, MM, USUAL_GRAVITY_MPS2, factor
 from cfid.wire.lines import LineReader, Value
 
 Number = Annotated[float, Field(strict=True)]  # strict: neither true nor "1" is a number
@@ -270,13 +270,7 @@ STAMP = "device_us"  # a column of a run: when the device took the sample, by it
 
 _TICKS_US = {"device_us": 1.0, "device_ms": 1e3}  # the device's own clock
 _UNUSED = "unused"
-_COUNTS = "counts"
-_GRAVITY = 9.80665  # of the unit kilogram-force, by definition
-_NEWTONS = {"N": 1.0, "mN": 1e-3, "g": 1e-3 * _GRAVITY, "kg": _GRAVITY}
-_NEWTON_METRES = {"Nm": 1.0, "mNm": 1e-3, "Nmm": 1e-3}
-_RPM = {"rpm": 1.0, "Hz": 60.0, "rad/s": 30 / math.pi}
-_GRAMS = {"g": 1.0, "kg": 1e3, "mg": 1e-3, "N": 1e3 / _GRAVITY}
-_RADIANS = {_COUNTS: math.nan, "deg": math.pi / 180, "rad": 1.0}  # counts: encoder.counts_per_turn
+_COUNTS = "counts"  # of encoder.counts_per_turn
 
 
 class LineValue(RigTable):
@@ -294,7 +288,7 @@ class LineValue(RigTable):
 class LineDevice(RigTable):
     """A device that sends `rate_hz` lines a second unprompted; a `pattern` has a group for each value."""
 
-    units: ClassVar[dict[str, dict[str, float]]]  # by value's name; sizes in the column's unit, usual one first
+    measures: ClassVar[Mapping[str, tuple[str, str]]]  # by value's name: its column's unit, and the SI unit of its kind
 
     kind: Literal["lines"]
     port: str = Field(min_length=1)
@@ -307,67 +301,67 @@ class LineDevice(RigTable):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         names = [value.name for value in self.values if value.name != _UNUSED]
+        known = (*self.measures, *_TICKS_US, _UNUSED)
+        if unknown := [name for name in names if name not in known]:
+            raise ValueError(f"there is no value '{unknown[0]}' here, but {', '.join(known)}")
         if len(set(names)) < len(names) or len(set(names) & set(_TICKS_US)) > 1:
             raise ValueError("two of its values are the same")
-        if not set(names) & set(self.units):
-            raise ValueError(f"one of its values has to be {' or '.join(self.units)}")
+        if not self.measured:
+            raise ValueError(f"one of its values has to be {' or '.join(self.measures)}")
         for value in self.values:
             self._check(value)
-        if self.pattern:
-            self._check_pattern()
-        return self
-
-    def _check(self, value: LineValue) -> None:
-        if value.name not in self.units:
-            if value.name not in (*_TICKS_US, _UNUSED):
-                known = ", ".join((*self.units, *_TICKS_US, _UNUSED))
-                raise ValueError(f"there is no value '{value.name}' here, but {known}")
-            if value != LineValue(name=value.name):
-                raise ValueError(f"the value {value.name} has no unit, scale or arm_mm")
-            return
-        units = self._units(value)
-        if self.unit(value) not in units:
-            raise ValueError(f"the value {value.name} is in {', '.join(units)}, not in '{value.unit}'")
-        if not value.scale:
-            raise ValueError(f"the scale of {value.name} is zero")
-        if value.arm_mm is not None and self.units[value.name] is not _NEWTON_METRES:
-            raise ValueError(f"the value {value.name} is no torque: it has no arm_mm")
-        if self.unit(value) == _COUNTS and value.scale != 1:
-            raise ValueError("counts have no scale, but encoder.counts_per_turn")
-
-    def _check_pattern(self) -> None:
         try:
             groups = re.compile(self.pattern).groups
         except re.error as error:
             raise ValueError(f"its pattern is no regular expression: {error}") from None
-        if groups != len(self.values):
+        if self.pattern and groups != len(self.values):
             raise ValueError(f"its pattern has {groups} groups, such as (-?[0-9]+), for {len(self.values)} values")
+        return self
 
-    def _units(self, value: LineValue) -> dict[str, float]:
-        return self.units[value.name] if value.arm_mm is None else _NEWTONS
+    def _check(self, value: LineValue) -> None:
+        if value.name not in self.measures:
+            if value != LineValue(name=value.name):
+                raise ValueError(f"the value {value.name} has no unit, scale or arm_mm")
+            return
+        column, si = self.measures[value.name]
+        if value.arm_mm is not None and si != "N m":
+            raise ValueError(f"the value {value.name} is no torque: it has no arm_mm")
+        if self._size(value) is None:
+            usual = "N at an arm" if value.arm_mm is not None else column
+            raise ValueError(f"the value {value.name} is in {usual} or another unit of its kind, not '{value.unit}'")
+        if not value.scale:
+            raise ValueError(f"the scale of {value.name} is zero")
+        if self.unit(value) == _COUNTS and value.scale != 1:
+            raise ValueError("counts have no scale, but encoder.counts_per_turn")
+
+    def _size(self, value: LineValue) -> float | None:
+        """Return the factor from a value's unit to that of its column, None for a unit of another kind."""
+        column, si = self.measures[value.name]
+        if self.unit(value) == _COUNTS:
+            return 1.0 if si == "rad" else None
+        size = factor(self.unit(value), si if value.arm_mm is None else "N")
+        return None if size is None else size / (factor(column, si) or 1.0)
 
     def unit(self, value: LineValue) -> str:
         """Return the unit of a value's number times its scale."""
-        return value.unit or next(iter(self._units(value)))
+        column, si = self.measures[value.name]
+        return value.unit or ("N" if value.arm_mm is not None else _COUNTS if si == "rad" else column)
 
     def factor(self, value: LineValue) -> float:
         """Return the factor by which a value's number is multiplied for its column."""
         if value.name in _TICKS_US:
             return _TICKS_US[value.name]
-        if self.unit(value) == _COUNTS:
-            return 1.0
         arm_m = 1.0 if value.arm_mm is None else MM * value.arm_mm
-        return value.scale * self._units(value)[self.unit(value)] * arm_m
+        return value.scale * (self._size(value) or 1.0) * arm_m
 
     def column_unit(self, value: LineValue) -> str:
         """Return the unit of a value's column in the run."""
-        units = self.units[value.name]
-        return _COUNTS if self.unit(value) == _COUNTS else next(unit for unit, size in units.items() if size == 1.0)
+        return _COUNTS if self.unit(value) == _COUNTS else self.measures[value.name][0]
 
     @property
     def measured(self) -> tuple[LineValue, ...]:
         """The values that measure something, without the device's own time."""
-        return tuple(value for value in self.values if value.name in self.units)
+        return tuple(value for value in self.values if value.name in self.measures)
 
     @property
     def stamp(self) -> LineValue | None:
@@ -414,7 +408,7 @@ class LineDevice(RigTable):
 class EncoderLines(LineDevice):
     """An encoder, in counts (`encoder.counts_per_turn`), degrees or radians."""
 
-    units: ClassVar[dict[str, dict[str, float]]] = {"phi": _RADIANS}
+    measures: ClassVar[Mapping[str, tuple[str, str]]] = {"phi": ("rad", "rad")}
 
     @property
     def counted(self) -> bool:
@@ -429,9 +423,9 @@ class EncoderLines(LineDevice):
 class LoadCellLines(LineDevice):
     """A load cell with one or more axes: forces and torques, where a torque may be measured as a force at an arm."""
 
-    units: ClassVar[dict[str, dict[str, float]]] = {
-        **dict.fromkeys(("Fx", "Fy", "Fz"), _NEWTONS),
-        **dict.fromkeys(("Tx", "Ty", "Tz"), _NEWTON_METRES),
+    measures: ClassVar[Mapping[str, tuple[str, str]]] = {
+        **dict.fromkeys(("Fx", "Fy", "Fz"), ("N", "N")),
+        **dict.fromkeys(("Tx", "Ty", "Tz"), ("Nm", "N m")),
     }
 
 
@@ -442,13 +436,13 @@ class TachometerLines(LineDevice):
     """
 
     markers: Annotated[int, Field(strict=True, ge=1)]
-    units: ClassVar[dict[str, dict[str, float]]] = {"rpm": _RPM}
+    measures: ClassVar[Mapping[str, tuple[str, str]]] = {"rpm": ("rpm", "rad/s")}
 
 
 class ScalesLines(LineDevice):
     """Scales."""
 
-    units: ClassVar[dict[str, dict[str, float]]] = {"grams": _GRAMS}
+    measures: ClassVar[Mapping[str, tuple[str, str]]] = {"grams": ("g", "N")}
 
 
 _LINES = "lines"
@@ -722,16 +716,11 @@ def change_rig(folder: Path, table: str, keys: Mapping[str, object]) -> Path:
             for key, value in keys.items():
                 section[key] = value
             text = tomlkit.dumps(document)
-            check_rig(text, name=str(path))
+            _checked(tomllib.loads(text), name=str(path))
             write_whole(path, text.encode())
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {error.strerror}. It is unchanged.") from None
     return path
-
-
-def check_rig(text: str, *, name: str) -> None:
-    """Check a text before it is written as rig.toml. Raises ConfigError that names the key."""
-    _checked(tomllib.loads(text), name=name)
 
 
 def _checked(content: Mapping[str, object], *, name: str) -> Rig:
