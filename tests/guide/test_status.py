@@ -93,17 +93,6 @@ def standing(folder: Path, *, task: str = "inertia") -> tuple[TaskStatus, Next]:
     return next(one for one in found.tasks if one.task.section == task), found.next
 
 
-def test_what_a_question_will_fill_is_shown_as_a_word_to_replace(folder: Path) -> None:
-    drag = next(one for one in tasks(open_campaign(folder).rig) if one.section == "drag")
-    assert drag.recordings[-1].command == "cfid log wind --angle ANGLE --fan-voltage VOLTS --wind WIND"
-
-
-def test_what_the_next_step_states_is_not_stated_twice(cfid: Cfid, folder: Path) -> None:
-    swung(folder)
-    shown = cfid("status", "--campaign", folder, "--kind", "inertia").stdout
-    assert shown.count("recorded, not fitted yet") == 1
-
-
 def test_swings_by_gyro_go_on_by_gyro(folder: Path) -> None:
     first = standing(folder)[1].words
     assert first[:2] == ("log", "encoder")
@@ -320,15 +309,6 @@ def test_a_fit_of_some_runs_that_gave_nothing_says_nothing_about_all(cfid: Cfid,
     assert standing(folder)[0].state == "not fitted"
 
 
-def test_a_run_more_than_was_planned_makes_a_fit_stale(folder: Path) -> None:
-    axes = swung(folder)
-    fitted(folder, found=BEGAN + timedelta(hours=1))
-    assert standing(folder)[0].state == "accepted"
-    swing(folder, axes[0], minute=90)
-    left, step = standing(folder)
-    assert (left.state, step.words) == ("stale", ("fit", "inertia"))
-
-
 def test_a_later_fit_that_was_accepted_stands_over_one_that_was_rejected(folder: Path) -> None:
     swung(folder)
     refused(folder, sorted((folder / "runs").iterdir()))
@@ -425,16 +405,6 @@ def test_a_run_of_no_use_is_named_no_more_once_a_later_one_of_the_same_is_good(c
     swing(folder, first, minute=5)  # the repeat at the end is still missing
 
     assert "NOT USABLE" not in cfid("status", "--campaign", folder, "--kind", "inertia").stdout
-
-
-def test_a_fit_all_of_whose_runs_were_excluded_has_them_recorded_next(cfid: Cfid, folder: Path) -> None:
-    swung(folder)
-    fitted(folder)
-    assert cfid("runs", "exclude", "*_swing_*", "--because", "the cable touched", "--campaign", folder).returncode == 0
-
-    inertia, step = standing(folder)
-    assert (inertia.state, inertia.recorded) == ("missing", 0)
-    assert step.words[:3] == ("log", "encoder", "--axis")
 
 
 def sine(folder: Path, periods: int, *, minute: int, planned: list[int] | None = None, complete: bool = True) -> str:
@@ -578,15 +548,6 @@ def test_a_staircase_that_was_interrupted_is_completed_next(cfid: Cfid, folder: 
     assert step() == "next: cfid log thrust"
 
 
-def test_a_run_recorded_after_the_fit_makes_it_stale(folder: Path) -> None:
-    swung(folder)
-    fitted(folder, found=BEGAN)
-    file = folder / "parameters.toml"
-    file.write_text(file.read_text().replace("_swing_", "_other_"))  # as if fitted to other runs
-
-    assert standing(folder)[0].state == "stale"
-
-
 def test_a_rejected_matrix_is_to_be_recorded_again_and_one_that_is_not_sure_enough_too(folder: Path) -> None:
     swung(folder)
     fitted(folder, rejected="the swings contradict each other")
@@ -654,27 +615,6 @@ def test_when_all_is_found_and_sure_the_report_comes_next(folder: Path) -> None:
 
     assert next_of(statuses).words == ("report",)
     assert next_of(statuses, kind="inertia").words == ("report", "--kind", "inertia")
-
-
-def test_the_report_of_a_kind_of_campaign_names_what_that_should_find_and_no_more(cfid: Cfid, folder: Path) -> None:
-    swung(folder)
-    fitted(folder)
-    pages = []
-    for words in (("--kind", "inertia"), ()):
-        assert cfid("report", "--campaign", folder, *words).returncode == 0
-        pages.append((folder / "report.html").read_text())
-        said = cfid("status", "--campaign", folder, *words, "--json")
-        assert f"<code>cfid {' '.join(json.loads(said.stdout)['next']['command'])}</code>" in pages[-1]
-    of_its_kind, full = pages
-
-    assert "2 of 2 quantities known" in of_its_kind
-    assert "cfid log speed" not in of_its_kind
-    assert "2 of 9 quantities known" in full
-    assert "cfid log speed" in full
-    file = folder / "rig.toml"
-    file.write_text(file.read_text().replace('kind = "full"', 'kind = "inertia"'))
-    assert cfid("report", "--campaign", folder).returncode == 0
-    assert "2 of 2 quantities known" in (folder / "report.html").read_text()
 
 
 def test_the_kind_of_a_campaign_stands_in_its_rig_file_and_another_is_refused(cfid: Cfid, folder: Path) -> None:

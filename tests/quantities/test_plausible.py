@@ -71,11 +71,6 @@ def test_vehicles_that_are_flown_pass() -> None:
     assert [implausible(key, value) for key, values in flown.items() for value in values] == [""] * 28
 
 
-def test_a_plain_number_is_stated_without_a_unit() -> None:
-    text = implausible("latency.clock_skew", -0.109)
-    assert text == "latency.clock_skew is implausible, -0.109. Expected -0.05 to 0.05."
-
-
 def test_what_has_no_range_passes() -> None:
     assert implausible("weight_m", 1e9) == ""
     assert implausible("motor.thrust_poly", [None, 1.0]) == ""
@@ -96,10 +91,6 @@ def test_what_has_no_range_passes() -> None:
 )
 def test_an_inertia_matrix_that_no_body_has_is_refused(matrix: list[list[float]]) -> None:
     assert implausible("inertia.matrix_kg_m2", matrix).startswith("inertia.matrix_kg_m2 is not that of a body")
-
-
-def test_a_plate_is_the_flattest_body() -> None:
-    assert implausible("inertia.matrix_kg_m2", [[16.6e-6, 0, 0], [0, 16.7e-6, 0], [0, 0, 33.2e-6]]) == ""
 
 
 def test_a_centre_of_mass_beyond_the_rotors_is_refused() -> None:

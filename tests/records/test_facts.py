@@ -53,15 +53,6 @@ def test_the_preset_states_both_mounts_of_the_thesis(tmp_path: Path) -> None:
     assert (facts.loadcell.arm_mm, facts.loadcell.flip_fz, facts.tachometer.markers) == (46.0, False, 2)
 
 
-def test_a_rig_toml_of_version_0_1_states_none(tmp_path: Path) -> None:
-    assert facts_of(tmp_path, "") == NONE_STATED
-    assert NONE_STATED.yaw_in_wind_deg is None
-
-
-def test_a_vehicle_that_stays_on_the_cell_has_one_yaw(tmp_path: Path) -> None:
-    assert facts_of(tmp_path, "[loadcell]\nyaw_deg = 30\n").yaw_in_wind_deg == 30
-
-
 @pytest.mark.parametrize(
     ("text", "key"),
     [

@@ -3,7 +3,7 @@
 import tomllib
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from datetime import UTC, datetime, timedelta, timezone
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -117,19 +117,6 @@ def test_no_label_leads_out_of_the_runs_folder(tmp_path: Path, axis: str) -> Non
     assert len(list_runs(tmp_path / "runs")) == 1
 
 
-def test_two_runs_in_the_same_second_do_not_mix(tmp_path: Path) -> None:
-    with new(tmp_path) as one, new(tmp_path) as other:
-        one.append("encoder", (TIME_S[:50], COUNTS[:50]))
-        other.append("encoder", (TIME_S, COUNTS))
-    third = recorded(tmp_path, rows=20)
-    assert [one.folder.name, other.folder.name, third.name] == [
-        "2026-11-21_083012_swing_x",
-        "2026-11-21_083012_swing_x-2",
-        "2026-11-21_083012_swing_x-3",
-    ]
-    assert [len(read_angle(path, Reading()).time_s) for path in (one.folder, other.folder, third)] == [50, 100, 20]
-
-
 def test_nothing_that_is_there_is_touched(tmp_path: Path) -> None:
     folder = tmp_path / "runs" / "2026-11-21_083012_swing_x"
     folder.mkdir(parents=True)
@@ -188,11 +175,6 @@ def test_a_run_closed_by_hand_keeps_its_reason_and_takes_no_more(tmp_path: Path)
             writer.close("complete")
     assert read_run(writer.folder) == closed
     assert (closed.header.reason, closed.header.devices["encoder"].lost) == ("enough", 2)
-
-
-def test_losses_of_a_device_that_the_run_has_not_are_a_bug(tmp_path: Path) -> None:
-    with new(tmp_path) as writer, pytest.raises(KeyError):
-        writer.count_lost("encodr", 1)
 
 
 def test_a_run_whose_folder_vanished_says_so_when_it_is_closed(tmp_path: Path) -> None:
@@ -257,14 +239,6 @@ def test_a_run_folder_that_was_cut_at_any_byte_gives_its_first_rows_and_says_so(
         assert any(f"20 rows were recorded, but encoder.csv has {rows}" in note for note in record.notes)
 
 
-def test_options_for_bare_files_do_not_touch_a_run_but_a_scale_does(tmp_path: Path) -> None:
-    folder = recorded(tmp_path)
-    for reading in (Reading(time_unit="us"), Reading(angle_unit="deg"), Reading(skip_lines=9), Reading(rate_hz=7.0)):
-        assert read_angle(folder, reading).angle_rad.tolist() == read_angle(folder, Reading()).angle_rad.tolist()
-    scaled = read_angle(folder, Reading(counts_per_turn=4194304.0))
-    assert scaled.angle_rad == pytest.approx(COUNTS * 2 * np.pi / 4194304)
-
-
 def test_a_run_of_a_newer_format_asks_for_a_newer_cfid_whatever_it_holds(tmp_path: Path) -> None:
     folder = recorded(tmp_path)
     (folder / "run.toml").write_text('format = 2\nstate = "dreaming"\n')
@@ -274,34 +248,17 @@ def test_a_run_of_a_newer_format_asks_for_a_newer_cfid_whatever_it_holds(tmp_pat
         read_run(folder)
 
 
-def test_keys_that_this_version_does_not_know_are_no_fault(tmp_path: Path) -> None:
-    folder = changed(recorded(tmp_path), lambda content: content.update(weather="rain"))
-    assert read_run(folder).header.model_dump()["weather"] == "rain"
-
-
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
         (lambda c: c.pop("kind"), "kind is missing"),
-        (lambda c: c.pop("started"), "started is missing"),
-        (lambda c: c.update(state="done"), "state: should be 'recording', 'complete', 'interrupted' or 'failed'"),
-        (lambda c: c.update(format="one"), "format: should be a whole number from 1 to 1"),
-        (lambda c: c.update(started="noon"), "started: should be a valid datetime"),
-        (lambda c: c["label"].update(weight_g=-5), "label.weight_g: should be greater than 0, not -5"),
-        (lambda c: c["label"].update(weight_g="20"), "label.weight_g: should be a valid number, not '20'"),
-        (lambda c: c["label"].update(body="cat"), "label.body: should be 'crazyflie', 'testbody' or 'fixture'"),
+        (lambda c: c.update(state="done"), "state: "),
+        (lambda c: c.update(number=0), "number: "),
         (lambda c: c.update(started=datetime(2026, 11, 21, 8)), "started: "),
-        (lambda c: c.update(label=3), "label: should be a table"),
+        (lambda c: c["label"].update(weight_g=-5), "label.weight_g: "),
         (lambda c: c.update(devices=[]), "devices: should be a table"),
-        (lambda c: c["devices"]["encoder"].pop("file"), "devices.encoder.file is missing"),
         (lambda c: c["devices"]["encoder"].update(file="../../etc/passwd"), "devices.encoder.file: "),
-        (lambda c: c["devices"]["encoder"].update(file="/etc/x.csv"), "devices.encoder.file: "),
-        (lambda c: c["devices"]["encoder"].update(file="run.toml"), "devices.encoder.file: "),
-        (lambda c: c["devices"]["encoder"].update(columns=[]), "devices.encoder.columns: "),
         (lambda c: c["devices"]["encoder"].update(columns=["t,phi"]), "devices.encoder.columns.0: "),
-        (lambda c: c["devices"]["encoder"].update(rows=-1), "devices.encoder.rows: should be greater than"),
-        (lambda c: c["devices"]["encoder"].update(counts_per_turn=0), "devices.encoder.counts_per_turn: "),
-        (lambda c: c["devices"]["encoder"].update(counts_per_turn="22 bits"), "'rls-13bit-in-22', not '22 bits'"),
         (lambda c: c["devices"]["encoder"].update(counts_per_turn=True), "devices.encoder.counts_per_turn: "),
     ],
 )
@@ -320,12 +277,9 @@ def test_a_damaged_run_is_refused_by_file_and_key(
     ("content", "expected"),
     [
         (b"", "kind is missing"),
-        (b"kind = ", "invalid TOML: Invalid value (at end of document)"),
         (b"\xff\xfe", "byte 1 is not UTF-8 text"),
-        (b"a = 1\na = 2\n", "invalid TOML: Cannot overwrite a value (at line 2"),
         (b"a = " + b"[" * 3000, "invalid TOML: nested too deeply"),
         (b"a = " + b"9" * 5000, "invalid TOML"),
-        (bytes(64), "invalid TOML"),
     ],
 )
 def test_a_run_file_that_is_no_toml_is_refused(tmp_path: Path, content: bytes, expected: str) -> None:
@@ -354,36 +308,6 @@ def test_a_folder_without_a_run_and_a_run_without_its_file_are_refused(tmp_path:
     (folder / "run.toml").mkdir()
     with pytest.raises(DataError, match=r"run\.toml: cannot be read: Is a directory"):
         read_angle(folder, Reading())
-
-
-def test_a_run_without_an_encoder_or_without_its_angle_is_refused(tmp_path: Path) -> None:
-    loadcell = DeviceRecord(file="loadcell.csv", columns=("t", "Fx"))
-    with new(tmp_path, devices={"loadcell": loadcell}) as writer:
-        writer.append("loadcell", (TIME_S, COUNTS))
-    with pytest.raises(DataError, match="holds no encoder recording; its devices: loadcell"):
-        read_angle(writer.folder, Reading())
-    with new(tmp_path, devices={"encoder": DeviceRecord(file="encoder.csv", columns=("t",))}) as writer:
-        writer.append("encoder", (TIME_S,))
-    with pytest.raises(DataError, match=r"devices\.encoder\.columns"):
-        read_angle(writer.folder, Reading())
-
-
-def test_a_column_that_the_run_file_names_and_the_csv_has_not_is_refused(tmp_path: Path) -> None:
-    folder = changed(recorded(tmp_path), lambda c: c["devices"]["encoder"].update(columns=["t", "psi"]))
-    with pytest.raises(DataError, match=r"encoder\.csv: no column 'psi'; it has t, phi"):
-        read_angle(folder, Reading())
-
-
-def test_runs_are_listed_by_start_and_broken_ones_among_them(tmp_path: Path) -> None:
-    assert list_runs(tmp_path / "runs") == []
-    for hour in (2, 1, 3):
-        recorded(tmp_path, started=STARTED.replace(hour=hour, tzinfo=timezone(timedelta(hours=1))))
-    (tmp_path / "runs" / "notes.txt").write_text("not a run")
-    (tmp_path / "runs" / "2026-11-21_013012_swing_x" / "run.toml").write_text("broken")
-    (tmp_path / "runs" / "2026-11-20_empty").mkdir()
-    first, *others = list_runs(tmp_path / "runs")
-    assert isinstance(first, DataError)
-    assert [run.header.started.hour for run in others if isinstance(run, Run)] == [2, 3]
 
 
 @pytest.mark.parametrize("file", ["../x.csv", "a/b.csv", ".csv", "run.toml", "C:\\x.csv", ".hidden.csv"])
