@@ -69,11 +69,12 @@ def lasts(runs: "Sequence[Run]") -> dict[str, list[str]]:
 
 
 def without(runs: "Iterable[Run]") -> str:
-    """Return the names of runs that are left out, and why."""
-    return ", ".join(
-        f"{run.folder.name} ({f'excluded: {run.header.excluded}' if run.header.excluded else run.outcome})"
-        for run in runs
-    )
+    """Return the names of runs that are left out, and why, on one line."""
+
+    def reason(run: "Run") -> str:
+        return f"excluded: {' '.join(run.header.excluded.split())}" if run.header.excluded else run.outcome
+
+    return ", ".join(f"{run.folder.name} ({reason(run)})" for run in runs)
 
 
 def is_last(word: str) -> bool:
