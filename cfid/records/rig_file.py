@@ -21,7 +21,6 @@ from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
-    PrivateAttr,
     Tag,
     ValidationError,
     model_validator,
@@ -296,7 +295,6 @@ class LineDevice(RigTable):
     rate_hz: Positive
     pattern: str = ""
     values: tuple[LineValue, ...] = Field(min_length=1)
-    _at_the_same_port: tuple[str, ...] = PrivateAttr(())
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -384,15 +382,12 @@ class LineDevice(RigTable):
         ]
         return LineReader(kinds, pattern=self.pattern)
 
-    def share_port(self, *names: str) -> None:
-        """Keep the names of the other tables of rig.toml, such as devices.encoder, that have the same port."""
-        self._at_the_same_port = names
-
     def unmatched(self, name: str) -> str:
-        """Return what to compare where none of its lines match, and which other tables name its port."""
-        others = self._at_the_same_port
-        same = f"; {' and '.join(others)} {'have' if len(others) > 1 else 'has'} the same port" if others else ""
-        return f"compare baud, pattern and values of devices.{name} in rig.toml with what it sends{same}"
+        """Return what to compare where none of its lines match."""
+        return (
+            f"compare baud, pattern and values of devices.{name} in rig.toml with what it sends, and whether another "
+            "table there has its port"
+        )
 
     def in_order(self) -> tuple[LineValue, ...]:
         """Return the values that are read, in the order of a line."""
@@ -513,20 +508,6 @@ class Devices(RigTable):
     crazyflie: CrazyflieLink = CrazyflieLink()
     tachometer: TachometerLines | None = None
     scales: ScalesLines | None = None
-
-    @model_validator(mode="after")
-    def _find_same_ports(self) -> Self:
-        """Give devices that send lines the names of others at their port: a board may serve two, in separate runs."""
-        ports = {
-            f"devices.{name}": Path(one.port).resolve()
-            for name in type(self).model_fields
-            if isinstance(one := getattr(self, name), EncoderPort | LineDevice) and one.port
-        }
-        for name in type(self).model_fields:
-            if isinstance(one := getattr(self, name), LineDevice):
-                own = f"devices.{name}"
-                one.share_port(*(other for other, port in ports.items() if other != own and port == ports[own]))
-        return self
 
 
 class VehicleData(RigTable):
