@@ -12,7 +12,36 @@ SEVERITIES: tuple[Severity, ...] = ("note", "warning", "rejection")
 
 # Of what readers find in recordings: the severity of each code, and its sentence with the values that it needs.
 CODES: dict[str, tuple[Severity, str]] = {
+    "angle-jumps": (
+        "warning",
+        "the angle jumps by more than a quarter of a turn in {count} of {rows} samples (first: line {line}); whole "
+        "turns may be miscounted from there on.",
+    ),
+    "angle-outliers": (
+        "warning",
+        "{count} of {rows} readings of the angle lie off those around them and are left out (first: line {line}).",
+    ),
+    "angle-words-failed": (
+        "warning",
+        "{count} of {rows} words fail the check of a 13-bit encoder and are left out (first: line {line}).",
+    ),
+    "device-restarted": (
+        "warning",
+        "the stamps start anew {times} (first: line {line}): the device was restarted. Times on both sides are joined "
+        "by when rows arrived.",
+    ),
     "decimal-comma": ("note", "numbers are read with decimal commas."),
+    "file-read": (
+        "note",
+        "{rows} rows {step_ms:.4g} ms apart, angle from column '{column}', from {low_deg:.1f} to {high_deg:.1f} "
+        "degrees.",
+    ),
+    "gyro-axis": ("note", "the gyro turned about ({x:+.3f}, {y:+.3f}, {z:+.3f}) of the body frame."),
+    "gyro-clock-undecided": (
+        "rejection",
+        "nothing shows whether the log's microseconds run at 84/85 of real time, which would make an inertia 2.4 % "
+        "wrong. Import it again with `clock` 84/85 or true.",
+    ),
     "last-line-cut": ("warning", "the last line was cut (it has no end) and is left out."),
     "last-line-unended": (
         "warning",
@@ -35,6 +64,21 @@ CODES: dict[str, tuple[Severity, str]] = {
     "samples-not-taken": (
         "warning",
         "{samples} never taken ({achieved}): the device or this computer was slow.",
+    ),
+    "stamps-in-ms": (
+        "warning",
+        "the column of stamps is no clock in microseconds, it went {device_s:.4g} s in {here_s:.4g} s: it counts "
+        "milliseconds, name it device_ms in rig.toml. Times are those of arrival, which a busy computer makes late.",
+    ),
+    "stamps-no-clock": (
+        "warning",
+        "the column of stamps is no steady clock in microseconds, it went {device_s:.4g} s in {here_s:.4g} s: it "
+        "jumps, or counts another unit. Times are those of arrival, which a busy computer makes late.",
+    ),
+    "stamps-wrong": (
+        "warning",
+        "{count} of {rows} rows whose stamp is off that of the rows around are left out (first: line {line}): did the "
+        "line lose a letter? Send a checksum with it.",
     ),
     "time-gaps": (
         "warning",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 if TYPE_CHECKING:
-    from cfid.records.tables.angle import Reading
+    from cfid.recordings.recording import How
     from cfid.records.tables.schema import Foreign
     from cfid.records.tables.wrench import WrenchReading
 
@@ -99,6 +99,12 @@ class ReadingOptions:
             rich_help_panel=_FILE,
         ),
     ] = None
+    unit: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="COLUMN=UNIT", help="Unit of a column, as in t=us, phi=deg or phi=counts.", rich_help_panel=_FILE
+        ),
+    ] = None
     counts_per_turn: Annotated[
         str | None,
         typer.Option(metavar="N|rls-13bit-in-22", help="Encoder counts per turn.", rich_help_panel=_FILE),
@@ -119,20 +125,24 @@ class ReadingOptions:
         ),
     ] = None
 
-    def reading(self) -> "Reading":
-        """Return the options in the form that the readers take."""
-        from cfid.records.tables import angle as recording
+    def how(self, clock: Literal["true", "84/85"] | None = None) -> "How":
+        """Return what these options state about a file of angles. Raises ConfigError for an invalid unit."""
+        from cfid.errors import ConfigError
+        from cfid.recordings.angle import counts_per_turn
+        from cfid.recordings.recording import How
 
-        if self.rate_hz is not None:
-            positive(self.rate_hz, "--rate-hz")
-        scale = self.counts_per_turn
-        return recording.Reading(
-            time_unit=self.time_unit,
-            angle_unit=self.angle_unit,
-            counts_per_turn=None if scale is None else recording.counts_per_turn(scale),
+        if self.time_unit or self.angle_unit:
+            raise ConfigError("units of a file of angles are given by its columns: --unit COLUMN=UNIT.")
+        units = dict(word.rpartition("=")[::2] for word in self.unit or ())
+        if not all(name and unit for name, unit in units.items()):
+            raise ConfigError(f"--unit {self.unit}: expected COLUMN=UNIT, as in phi=deg.")
+        return How(
+            columns=self.column_names,
+            units=units,
             rate_hz=self.rate_hz,
             skip_lines=self.skip_lines,
-            columns=self.column_names,
+            clock=clock,
+            counts_per_turn=None if self.counts_per_turn is None else counts_per_turn(self.counts_per_turn),
         )
 
     def foreign(self, clock: Literal["true", "84/85"] | None = None) -> "Foreign":

@@ -15,6 +15,7 @@ from cfid.flight.gyro_unit import refuse_other_unit
 from cfid.flight.repeated import ACCELEROMETER, GYRO, commands_held_s, held_findings, repeated_findings
 from cfid.flight.rows import AXES, ROW_S, ROW_STEPS, STEP_S, Flight, segments, turned_back
 from cfid.flight.sensed import SLOWEST_S, Sensed, sensed_in
+from cfid.recordings.gyro import at_end_of_range
 from cfid.records.logs.any_kind import NO_OPTIONS, read_log
 from cfid.records.logs.flights import longest_flight
 from cfid.records.logs.log import FlightLog
@@ -22,7 +23,6 @@ from cfid.records.logs.motor_numbers import NO_SQUARE
 from cfid.records.logs.run import log_of_run
 from cfid.records.logs.spin import OTHER_WAY
 from cfid.records.run import run_at
-from cfid.records.tables.gyro import at_end_of_range
 from cfid.records.tables.schema import Foreign, refuse_for_run
 from cfid.units import DEAD_COMMAND, FULL_COMMAND, MOTORS, USUAL_GRAVITY_MPS2
 

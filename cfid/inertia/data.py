@@ -6,16 +6,16 @@ from typing import Any
 
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding
+from cfid.recordings.angle import AngleRecord, AngleSource, angle_record
 from cfid.records.parameters import Source
 from cfid.records.plausibility import taken_as_exact
 from cfid.records.result import Dependent
 from cfid.records.rig_file import Mount
-from cfid.records.tables.angle import AngleRecord, Recording, angle_record
 from cfid.swing.axis_inertias import MountedSwing
 from cfid.swing.data import FIXTURE, KnownInertia, check_peaks, peaks_on, threads_of
 from cfid.swing.result import FREQUENCY, Method, estimate
 
-Swing = Recording | KnownInertia
+Swing = AngleSource | KnownInertia
 Peaks = int | Mapping[str, int] | None
 
 

@@ -43,14 +43,13 @@ def import_file(
 
     into = here(campaign)
     kept = label.label(into)
-    found = kind or importing.kind_of(file, reading.reading())
+    found = kind or importing.kind_of(file, loadcell.reading(reading, or_angles=True))
     if found == "wrench" and load.pull is not None:
         kept = load.on(kept)
     elif load.pull is not None or load.at_mm is not None:
         raise ConfigError("--pull and --at-mm are for forces of a load cell under a known weight.")
     if found == "angle":
-        angles = replace(reading.reading(), clock=clock)
-        made = importing.import_angle(into, file, angles, label=kept, kind=label.kind_of_angles)
+        made = importing.import_angle(into, file, reading.how(clock), label=kept, kind=label.kind_of_angles)
     elif found == "wrench":
         made = importing.import_wrench(into, file, replace(loadcell.reading(reading), clock=clock), label=kept)
     elif found == "stand":

@@ -15,6 +15,10 @@ from cfid.errors import ConfigError, DataError
 from cfid.interchange.columns import changes, chosen_columns, finite_columns, known_rows
 from cfid.interchange.several_motors import of_one_motor
 from cfid.large import parts, usual_step
+from cfid.recordings.angle import ENCODER, angle_of
+from cfid.recordings.gyro import GYRO
+from cfid.recordings.read import read_recording
+from cfid.recordings.recording import How
 from cfid.records.campaign import Campaign
 from cfid.records.logs.any_kind import read_log
 from cfid.records.logs.crazyflie_names import crazyflie_channel, stated_unit
@@ -23,10 +27,8 @@ from cfid.records.logs.log import Array, Series
 from cfid.records.parameters import Source
 from cfid.records.run import DeviceRecord, Label, Origin, Run
 from cfid.records.run_writer import create_run
-from cfid.records.tables.angle import ENCODER, Reading, read_angle
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.column_units import unit_of
-from cfid.records.tables.gyro import GYRO
 from cfid.records.tables.schema import Foreign, TimeUnit
 from cfid.records.tables.stand import STAND
 from cfid.records.tables.stand_names import with_named
@@ -41,7 +43,6 @@ Mask = npt.NDArray[np.bool_]
 
 _UNIX_S = (1e9, 4e9)  # seconds since the epoch, from 2001 to 2096
 _COMMAND_NAMES = tuple(tuple(f"{name}{motor}" for motor in MOTORS) for name in ("motor.m", "pwm.m"))
-_OF_AN_ANGLE = 2  # columns: time and angle
 _NO_COMMA = re.compile(r'[,;"\n]+')
 _NO_COLUMN = re.compile(r'[\s,;"]+')
 
@@ -89,30 +90,22 @@ def kind_of(path: Path, reading: Foreign) -> Kind:
     return kind
 
 
-def import_angle(campaign: Campaign, path: Path, reading: Reading, *, label: Label, kind: str) -> Imported:
-    """Import an angle over time as a run of the encoder, in radians. Raises errors as `read_angle`."""
-    found = read_angle(path, reading)
+def import_angle(campaign: Campaign, path: Path, how: How, *, label: Label, kind: str) -> Imported:
+    """Import an angle over time as a run of the encoder, in radians. Raises errors as `angle_of`."""
+    found = angle_of(read_recording(path, how), how, rig_counts_per_turn=campaign.rig.encoder.counts_per_turn)
     record = DeviceRecord(file="encoder.csv", columns=("t", "phi"), angle_unit="rad")
     rate = 1 / usual_step(found.time_s)
     rows = f"{counted(len(found.time_s), 'row')} at {rate:.0f} Hz"
     devices = _Devices(
         records={ENCODER: record},
-        blocks={ENCODER: _in_parts([found.time_s, found.angle_rad])},
-        begin_s=0.0,
+        blocks={ENCODER: _in_parts([found.time_s + found.begin_s, found.angle_rad])},
+        begin_s=found.begin_s,
         understood=f"{path.name}: an angle, {rows}; kept in radians, continuous over turns.",
         source=found.source,
         program="table of angles",
-        notes=(*found.notes, *_others(path, reading.skip_lines, reading.columns)),
+        notes=found.notes,
     )
     return _imported(campaign, devices, kind=kind, label=label, path=path)
-
-
-def _others(path: Path, skip_lines: int, columns: Sequence[str]) -> tuple[str, ...]:
-    """Return a note for a table with more columns than the time and the angle, which alone are kept."""
-    table = open_table(path, skip_lines=skip_lines, columns=tuple(columns))
-    if len([name for name in table.names if name]) <= _OF_AN_ANGLE:
-        return ()
-    return (f"of the columns {table.listing} time and angle alone are kept.",)
 
 
 def import_wrench(campaign: Campaign, path: Path, reading: WrenchReading, *, label: Label) -> Imported:

@@ -10,10 +10,10 @@ import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError, check_positive
 from cfid.findings import Finding, note, rejection
+from cfid.recordings.angle import AngleRecord
+from cfid.recordings.gyro import ALIGNMENT_STD_RAD, SCALE_STD
 from cfid.records.campaign import find_campaign
 from cfid.records.rig_file import Mount, Rig, TestBody, thesis_rig
-from cfid.records.tables.angle import AngleRecord
-from cfid.records.tables.gyro import ALIGNMENT_STD_RAD, SCALE_STD
 from cfid.swing.axis_inertias import MountedSwing, Surroundings, SwungBody, swung_test_body
 from cfid.swing.collocation import NO_THREADS, Threads
 from cfid.swing.free_swing import FreeSwing, find_swing

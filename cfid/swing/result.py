@@ -11,11 +11,11 @@ import numpy as np
 from cfid.counted import counted
 from cfid.errors import FitError
 from cfid.findings import Finding, rejection, warning
+from cfid.recordings.angle import AngleRecord, AngleSource, angle_record, labelled
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import implausible_gravity, implausible_quantities, platform_of, taken_as_exact
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig, thesis_rig
-from cfid.records.tables.angle import AngleRecord, Recording, angle_record, labelled
 from cfid.swing.collocation import NO_THREADS, Coefficients, Threads
 from cfid.swing.data import (
     body_of_swing,
@@ -45,7 +45,7 @@ _THESIS_BIAS = (
 
 
 def fit(
-    recording: Recording,
+    recording: AngleSource,
     *,
     axis: str | None = None,
     rig: Rig | None = None,

@@ -7,8 +7,8 @@ from itertools import groupby
 import numpy as np
 import numpy.typing as npt
 
+from cfid.recordings.angle import ENCODER
 from cfid.records.run import DeviceRecord
-from cfid.records.tables.angle import ENCODER
 from cfid.records.tables.crossings import CROSSINGS
 from cfid.records.tables.vehicle import COMMANDS, READINGS, SUPERVISOR, VEHICLE_LOG
 from cfid.records.tables.wrench import AXES, LOADCELL, USUAL_COUNTS

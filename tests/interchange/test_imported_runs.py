@@ -10,10 +10,10 @@ import pytest
 from scipy.io import savemat
 
 from cfid.cli.main import main
+from cfid.recordings.angle import angle_record
 from cfid.records.logs.any_kind import read_log
 from cfid.records.logs.run import log_of_run
 from cfid.records.run import Run, read_run
-from cfid.records.tables.angle import Reading, read_angle
 from cfid.records.tables.vehicle import VEHICLE_LOG, read_commands, read_rows
 from cfid.records.tables.wrench import WrenchReading, read_wrench
 from tests.campaigns import Cfid
@@ -103,24 +103,6 @@ def test_importing_again_makes_another_run_and_changes_neither_file_nor_run(tmp_
     assert file.read_bytes() == content
 
 
-def test_an_imported_angle_is_the_angle_of_the_file(tmp_path: Path, campaign: Path) -> None:
-    savemat(tmp_path / "a.mat", {"time": TIME_S, "theta": ANGLE_RAD})
-    run = imported(campaign, tmp_path / "a.mat", "--angle-unit", "rad", "--axis", "x")
-    found, direct = read_angle(run.folder, Reading()), read_angle(tmp_path / "a.mat", Reading(angle_unit="rad"))
-    assert run.header.kind == "swing"
-    assert found.label.axis == "x"
-    np.testing.assert_allclose(found.angle_rad, direct.angle_rad, rtol=0, atol=1e-15)
-    np.testing.assert_array_equal(found.time_s, direct.time_s)
-
-
-def test_times_between_microseconds_keep_all_their_digits(tmp_path: Path, campaign: Path) -> None:
-    time_s = TIME_S / 7
-    savemat(tmp_path / "a.mat", {"time": time_s, "theta": ANGLE_RAD})
-    run = imported(campaign, tmp_path / "a.mat", "--angle-unit", "rad")
-    assert code("convert", str(run.folder), "--to", "csv", "--out", str(tmp_path / "back.csv")) == 0
-    np.testing.assert_array_equal(np.loadtxt(tmp_path / "back.csv", delimiter=",", skiprows=1)[:, 0], time_s)
-
-
 def test_imported_forces_are_those_of_the_file(tmp_path: Path, campaign: Path) -> None:
     names = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
     savemat(tmp_path / "a.mat", {"t": TIME_S, **{name: at + ANGLE_RAD for at, name in enumerate(names)}})
@@ -175,18 +157,6 @@ def test_forces_are_known_by_their_columns_in_any_unit_and_one_that_is_not_read_
     assert "column 'Fx [dyn]' is in dyn: forces are read in N, mN" in " ".join(capsys.readouterr().err.split())
 
 
-def test_what_is_ambiguous_is_a_question_and_makes_no_run(
-    tmp_path: Path, campaign: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    savemat(tmp_path / "a.mat", {"time": TIME_S, "phi": np.round(100 * ANGLE_RAD)})
-    assert code("import", str(tmp_path / "a.mat"), "--campaign", str(campaign)) == 4
-    assert "give --counts-per-turn N, or --angle-unit" in capsys.readouterr().err
-    savemat(tmp_path / "b.mat", {"time": TIME_S, "u": ANGLE_RAD})
-    assert code("import", str(tmp_path / "b.mat"), "--campaign", str(campaign)) == 2
-    assert "give --kind angle, wrench or flight" in capsys.readouterr().err
-    assert list((campaign / "runs").iterdir()) == []
-
-
 def test_a_bad_column_is_left_out_and_named(tmp_path: Path, campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
     records: list[Record] = [(65535, 1000 * at, (at, float("nan"))) for at in range(50)]
     file = written(tmp_path, bytes_of([(65535, "fixedFrequency", ("gyro.x(f)", "pm.vbat(f)"))], records))
@@ -220,15 +190,6 @@ def test_columns_with_the_same_gaps_are_one_device_and_others_another(tmp_path: 
     np.testing.assert_allclose(log_of_run(run).channel("rpm.m2")[1], np.pi / 15 * np.arange(1.0, 60.0, 2.0), rtol=1e-12)
 
 
-def test_columns_beside_an_angle_are_named_where_they_are_not_kept(
-    tmp_path: Path, campaign: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    rows = "".join(f"{t:.3f},{phi:.6f},21,x\n" for t, phi in zip(TIME_S, ANGLE_RAD, strict=True))
-    (tmp_path / "a.csv").write_text("time_s,theta_rad,temp_c,label\n" + rows)
-    imported(campaign, tmp_path / "a.csv")
-    assert "of the columns time_s, theta_rad, temp_c, label time and angle alone are kept" in capsys.readouterr().err
-
-
 def test_a_card_s_log_of_a_swing_has_true_seconds(tmp_path: Path, campaign: Path) -> None:
     rate_dps = np.degrees(4 * np.sin(8 * np.arange(3000) / 1000)) + 0.5
     records: list[Record] = [(65535, round(84e3 / 85 * at), (rate, 0.5, 0.5)) for at, rate in enumerate(rate_dps)]
@@ -236,7 +197,7 @@ def test_a_card_s_log_of_a_swing_has_true_seconds(tmp_path: Path, campaign: Path
     file = written(tmp_path, bytes_of([(65535, "fixedFrequency", gyro)], records))
 
     run = imported(campaign, file, "--axis", "x")
-    found = read_angle(run.folder, Reading())
+    found = angle_record(run.folder)
 
     assert (run.header.kind, run.header.label.axis) == ("swing", "x")
     assert found.rates is not None
@@ -248,7 +209,7 @@ def test_a_card_s_log_of_a_swing_has_true_seconds(tmp_path: Path, campaign: Path
     header = run.folder / "run.toml"
     undecided = "not corrected: the log does not show whether they run at 84/85 of real time, as on"
     header.write_text(header.read_text().replace('clock = "84/85"', f'clock = "{undecided}"'))
-    assert "gyro-clock-undecided" in [finding.code for finding in read_angle(run.folder, Reading()).findings]
+    assert "gyro-clock-undecided" in [finding.code for finding in angle_record(run.folder).findings]
 
 
 def test_an_event_without_variables_keeps_its_times(tmp_path: Path, campaign: Path) -> None:

@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 
-from cfid.errors import ConfigError
 from cfid.interchange.convert import convert
 from cfid.interchange.recording import recording_at
 from cfid.records.logs.any_kind import read_log
 from cfid.records.logs.kinds import kind_at
-from cfid.records.tables.angle import Reading, read_angle
 from cfid.records.tables.schema import Foreign
 from cfid.records.tables.stand import read_stand_table
 from tests.campaigns import Cfid
@@ -57,15 +55,6 @@ def test_an_option_does_not_override_the_unit_of_a_converted_column(tmp_path: Pa
     assert np.asarray(table.thrust_n)[50] == pytest.approx(KILOGRAM_FORCE_N / 2)
 
 
-@pytest.mark.parametrize("head", ["time [s],pos (deg)", "zeit_s,theta [deg]"])
-def test_an_angle_in_degrees_needs_no_option(tmp_path: Path, head: str) -> None:
-    body = [f"{time_s:.2f},{math.degrees(angle)!r}" for time_s, angle in zip(TIME_S, ANGLE_RAD.tolist(), strict=True)]
-    first = head.partition(",")[0]
-    named = Foreign(columns=() if first == "time [s]" else (first,), time_unit="s")
-    record = read_angle(converted(csv(tmp_path, "\n".join([head, *body, ""])), named), Reading())
-    np.testing.assert_allclose(record.angle_rad, ANGLE_RAD, rtol=0, atol=1e-12)
-
-
 def test_a_log_of_the_sd_card_keeps_its_channels_and_units(tmp_path: Path) -> None:
     path = written(tmp_path, single(300))
     original, again = read_log(path), read_log(converted(path))
@@ -99,20 +88,6 @@ def test_a_log_of_several_events_keeps_its_series_also_those_of_one_row(tmp_path
     imported = cfid("import", made, "--campaign", campaign)
     assert imported.returncode == 0, imported.stderr
     assert "landed 1 rows" in " ".join(imported.stdout.split())
-
-
-def test_series_of_a_run_are_a_question_whose_names_answer_it(tmp_path: Path) -> None:
-    names = ["t", "phi", "t", "Fz_n"]
-    variables = ["encoder_t", "encoder_phi", "loadcell_t", "loadcell_Fz_n"]
-    lists = {"variable": variables, "name": names, "unit": ["s", "", "s", ""]}
-    origin = {key: np.array(texts, dtype=object) for key, texts in lists.items()} | {"run": "r"}
-    columns = dict(zip(variables, [TIME_S, ANGLE_RAD, TIME_S, ANGLE_RAD], strict=True))
-    path = tmp_path / "a.mat"
-    savemat(path, {**columns, "cfid_origin": origin})
-    with pytest.raises(ConfigError, match=r"encoder\.t, encoder\.phi \(400 rows\); loadcell\.t, loadcell\.Fz_n"):
-        read_angle(path, Reading())
-    record = read_angle(path, Reading(columns=("encoder.t", "encoder.phi"), angle_unit="rad"))
-    np.testing.assert_allclose(record.angle_rad, ANGLE_RAD, rtol=1e-14)
 
 
 def test_a_variable_that_was_added_to_a_converted_file_is_a_column_beside_the_others(tmp_path: Path) -> None:

@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 from cfid.errors import DataError
-from cfid.records.tables.angle import AngleRecord, Reading, read_angle
 from cfid.records.tables.blocks import open_table
 
 ROWS = [[round(1e9 + 0.001 * i, 6), 4194047 - 512 * 40 * i] for i in range(20)]
@@ -42,25 +41,6 @@ def test_a_table_without_a_head_is_cut_like_any_other(tmp_path: Path) -> None:
     for length in range(content.index(b"\n") + 1, len(content) + 1):
         path.write_bytes(content[:length])
         assert open_table(path).numbers(["1", "2"]).tolist() == SHORT[: content.count(b"\n", 0, length)]
-
-
-def test_a_recording_cut_at_any_byte_says_that_its_last_line_was_cut(tmp_path: Path) -> None:
-    path = tmp_path / "cut.csv"
-    content = ("t,phi\n" + "".join(f"{t:.6f},{phi}\n" for t, phi in ROWS)).encode()
-    whole = read_angle_of(path, content)
-    for length in range(len(content) - 60, len(content)):
-        record = read_angle_of(path, content[:length])
-        rows = content.count(b"\n", 0, length) - 1
-        assert record.time_s.tolist() == whole.time_s[:rows].tolist()
-        assert record.angle_rad.tolist() == whole.angle_rad[:rows].tolist()
-        messages = [note for note in record.notes if "the last line was cut" in note]
-        assert len(messages) == int(not content[:length].endswith(b"\n"))
-    assert not whole.notes
-
-
-def read_angle_of(path: Path, content: bytes) -> AngleRecord:
-    path.write_bytes(content)
-    return read_angle(path, Reading(counts_per_turn=4194304.0))
 
 
 def test_zero_bytes_where_the_last_rows_should_be_are_a_cut(tmp_path: Path) -> None:

@@ -110,13 +110,13 @@ def test_a_finding_that_names_nothing_rejects_the_whole_result() -> None:
 
 
 def test_a_table_is_read_by_its_kind(files: Path) -> None:
-    record = cfid.read_table(files / "x.csv", kind="angle", time_unit="s", angle_unit="counts", counts_per_turn=2**22)
+    record = cfid.read_table(files / "x.csv", kind="angle", units={"t": "s"})
 
     assert record.time_s[0] == 0
     assert np.ptp(record.angle_rad) > 0.1
 
 
-@pytest.mark.parametrize(("kind", "settings"), [("angels", {}), ("angle", {"units": "n"}), ("pings", {"rate_hz": 1})])
+@pytest.mark.parametrize(("kind", "settings"), [("angels", {}), ("angle", {"unit": "n"}), ("pings", {"rate_hz": 1})])
 def test_a_kind_or_setting_that_there_is_not_is_refused(files: Path, kind: str, settings: dict[str, object]) -> None:
     with pytest.raises(ConfigError, match=r"the (kinds|settings) are"):
         cfid.read_table(files / "x.csv", kind=kind, **settings)  # type: ignore[call-overload]

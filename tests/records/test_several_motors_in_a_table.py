@@ -8,8 +8,6 @@ import pytest
 
 from cfid.errors import ConfigError, DataError
 from cfid.findings import texts
-from cfid.records.logs.any_kind import read_log
-from cfid.records.tables.angle import Reading, read_angle
 from cfid.records.tables.stand import StandTable, read_stand_table
 
 HEAD = "Propeller,Throttle (%),Voltage (V),Thrust (gf),RPM"
@@ -140,26 +138,6 @@ def test_another_header_ends_a_table_and_what_follows_is_read_from_there(tmp_pat
 def swing_of(seconds: np.ndarray, head: str, factor: float = 1.0) -> list[str]:
     angles = factor * 0.5 * np.cos(5 * seconds)
     return [head, *(f"{t:.3f},{angle:.6f}" for t, angle in zip(seconds, angles, strict=True))]
-
-
-def test_another_header_with_other_units_in_a_recording_is_refused_with_its_line(tmp_path: Path) -> None:
-    times = np.arange(0, 4, 0.01)
-    path = tmp_path / "swing.csv"
-    lines = [*swing_of(times, "t,theta_rad"), *swing_of(times + 4, "t,theta_deg", 57.29578)]
-    path.write_text("\n".join([*lines, ""]))
-    with pytest.raises(
-        DataError, match=r"swing.csv:402: another header, with other columns or units.*`skip_lines` 401"
-    ):
-        read_angle(path, Reading())
-    with pytest.raises(DataError, match=r"swing.csv:402: another header"):
-        read_log(path)
-
-
-def test_the_same_header_once_more_is_a_line_that_is_left_out(tmp_path: Path) -> None:
-    times = np.arange(0, 4, 0.01)
-    path = tmp_path / "swing.csv"
-    path.write_text("\n".join([*swing_of(times, "t,theta_rad"), *swing_of(times + 4, "t,theta_rad"), ""]))
-    assert len(read_angle(path, Reading()).time_s) == 800
 
 
 def recording(begin: int, rows: int, first_ms: int) -> list[str]:

@@ -12,9 +12,9 @@ import pytest
 import tomli_w
 
 from cfid.errors import ConfigError, DataError
+from cfid.recordings.angle import angle_record
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import RunWriter, create_run
-from cfid.records.tables.angle import Reading, read_angle
 from cfid.records.tables.wrench import WrenchReading, WrenchRecord, holds_wrench, read_wrench
 
 HEAD = "t,Fx,Fy,Fz,Tx,Ty,Tz"
@@ -146,7 +146,7 @@ def test_an_angle_of_the_simulated_rig_says_so_too(tmp_path: Path) -> None:
         simulated=True,
     ) as writer:
         writer.append("encoder", (EPOCH_S + TIME_S, np.arange(ROWS)))
-    assert read_angle(writer.folder, Reading()).notes == (f"{writer.folder.name}: recorded on the simulated rig.",)
+    assert angle_record(writer.folder).notes == (f"{writer.folder.name}: recorded on the simulated rig.",)
 
 
 def test_a_run_cut_at_any_byte_gives_its_first_rows_and_says_so(tmp_path: Path) -> None:

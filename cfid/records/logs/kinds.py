@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Literal
 
 from cfid.records.logs.any_kind import is_binary_log
-from cfid.records.tables.angle import SCHEMA as ANGLE_COLUMNS
 from cfid.records.tables.blocks import open_table
+from cfid.records.tables.column_units import ANGLE_NAMES
 from cfid.records.tables.matlab import converted_series, is_matlab
-from cfid.records.tables.schema import TIME, Foreign
+from cfid.records.tables.schema import Foreign
 from cfid.records.tables.stand_heads import heads_of, shows_stand
 from cfid.records.tables.times import TIME_COLUMN
 from cfid.records.tables.wrench import AXES
@@ -28,7 +28,7 @@ _COLUMNS: dict[Kind, tuple[re.Pattern[str], ...]] = {  # any one column shows th
         re.compile(rf"(?:{'|'.join(AXES)})\s*[\[(][^\[\]()]+[\])]", re.IGNORECASE),
     ),
     "flight": (_FLOWN,),
-    "angle": tuple(column.called for column in ANGLE_COLUMNS.columns if column.key != TIME),
+    "angle": (ANGLE_NAMES,),
 }
 
 

@@ -25,9 +25,8 @@ from cfid.records.logs.crazyflie_names import (
 from cfid.records.logs.log import Array, Channel, FlightLog, Series, printable
 from cfid.records.logs.usd_clock import RATES, correction
 from cfid.records.parameters import Source
-from cfid.records.tables.angle import SCHEMA as ANGLE_COLUMNS
 from cfid.records.tables.blocks import open_table
-from cfid.records.tables.column_units import unit_of, unit_word
+from cfid.records.tables.column_units import ANGLE_NAMES, unit_of, unit_word
 from cfid.records.tables.interleaved import refuse_interleaved
 from cfid.records.tables.line_faults import REPAIR
 from cfid.records.tables.matlab import is_matlab
@@ -192,8 +191,8 @@ def _suffixed(name: str) -> str:
     """Return the unit in the name of an angle, force or torque, as in `theta_rad`, or the name rpm; "" for none."""
     if name.lower() == "rpm":
         return "rpm"
-    for column in (*ANGLE_COLUMNS.columns, *WRENCH_COLUMNS.columns):
-        match = column.called.fullmatch(name)
+    for called in (ANGLE_NAMES, *(column.called for column in WRENCH_COLUMNS.columns)):
+        match = called.fullmatch(name)
         if match is not None and match.lastindex is not None:
             unit = unit_word(match[1]) or ""
             return {"n": "N", "nm": "N m"}.get(unit, unit)

@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Any, Literal, overload
 
 from cfid.errors import ConfigError
-from cfid.records.tables.angle import AngleRecord, Reading, read_angle
+from cfid.recordings.angle import AngleRecord, angle_of
+from cfid.recordings.read import read_recording
+from cfid.recordings.recording import How
 from cfid.records.tables.crossings import CrossingRecord, read_crossings
 from cfid.records.tables.pings import PingRecord, read_pings
 from cfid.records.tables.stand import StandTable, read_stand_table
@@ -14,8 +16,8 @@ from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
 
 _READERS: Mapping[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
     "angle": (
-        tuple(field.name for field in fields(Reading)),
-        lambda path, **settings: read_angle(path, Reading(**settings)),
+        tuple(field.name for field in fields(How)),
+        lambda path, **settings: angle_of(read_recording(path, How(**settings)), How(**settings)),
     ),
     "wrench": (
         tuple(field.name for field in fields(WrenchReading)),
@@ -41,7 +43,7 @@ def read_table(path: str | Path, *, kind: str, **settings: Any) -> Any:
     """Read a CSV file, or a run folder, of a kind: angles, forces and torques, crossings, pings, or a stand's table.
 
     `settings` state what a file does not: `time_unit` ("s", "ms", "us"), `rate_hz`, `skip_lines`, `columns` ("t,phi"
-    or a tuple); for angles `angle_unit` and `counts_per_turn`; for forces `units`, `counts_per_n`, `counts_per_nm`; for
+    or a tuple); for angles `units` and `counts_per_turn`; for forces `units`, `counts_per_n`, `counts_per_nm`; for
     a stand `gravity_mps2`, `esc_us` and `motors`.
     Raises ConfigError for an unknown kind or setting, DataError with file, line and next step.
     """

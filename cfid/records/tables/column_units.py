@@ -39,6 +39,12 @@ def column_name(names: str, units: Sequence[str], *, others: str = "") -> re.Pat
     return re.compile(rf"(?:{names})(?:(?: in)?[ _/,\[(]+({words})[\])_]?)?", re.IGNORECASE)
 
 
+ANGLE_NAMES = column_name(
+    r"(?:phi|angle|theta|alpha|winkel|auslenkung|[φϕθϑα]|pos|position|enc|encoder(?:[ _]angle)?)_?\d?",
+    ("rad", "deg", "counts"),
+)
+
+
 def unit_word(word: str) -> str | None:
     """Return the unit that a word in a column's name stands for, None for another word."""
     return next((unit for unit, words in _UNITS.items() if word.lower() in words), None)

@@ -4,20 +4,22 @@ The angle drifts with the remaining bias, and has the gyro's scale: it shows wha
 rate.
 """
 
+from collections.abc import Iterable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.integrate import cumulative_trapezoid
+from scipy.stats import theilslopes
 
 from cfid.errors import DataError
-from cfid.records.run import DeviceRecord, Run
-from cfid.records.tables.stamps import stamped_times
-from cfid.records.tables.table import Array
-from cfid.records.tables.vehicle import VEHICLE_LOG, Rows, read_rows
+from cfid.recordings.recording import Array, Series
+from cfid.recordings.stamps import stamped_times
 
 Marks = npt.NDArray[np.bool_]
 
-GYRO = tuple(f"gyro.{axis}" for axis in "xyz")  # deg/s, as the firmware logs it
+GYRO = ("gyro.x", "gyro.y", "gyro.z")  # in deg/s, as the firmware logs it, where no unit is stated
 RANGE_DPS = 2000.0  # of every gyro that a Crazyflie has had
 
 # As for gyros of this kind (BMI088): sensitivity within 1 %, and 1 % of a rate about one axis on another.
@@ -45,45 +47,42 @@ class Rates(NamedTuple):
     off_axis: float
 
 
-class Turned(NamedTuple):
+class Rotation(NamedTuple):
     """A gyro's recording: times (n,) since the first sample, the integral (n,) of its rates, and these."""
 
-    rows: Rows
     time_s: Array
     angle_rad: Array
     rates: Rates
     time_scale_std: float
 
 
-def gyro_device(run: Run) -> str | None:
-    """Return the device of a run whose rows hold a gyro, if there is one."""
-    return next((name for name, record in run.header.devices.items() if _has_gyro(record)), None)
+def gyro_series(series: Iterable[Series]) -> Series | None:
+    """Return the first series that holds a gyro, with its rows of numbers; its columns without a unit are in deg/s."""
+    found = next((one for one in series if set(GYRO) <= set(one.names)), None)
+    if found is None:
+        return None
+    columns = tuple(replace(one, unit="deg/s") if one.name in GYRO and not one.unit else one for one in found.columns)
+    return replace(found, columns=columns).complete(GYRO)
 
 
-def _has_gyro(record: DeviceRecord) -> bool:
-    return set(GYRO) <= set(record.columns)
-
-
-def read_gyro(run: Run, device: str = VEHICLE_LOG) -> Turned:
-    """Read a gyro. Raises DataError where it shows no rotation, or where it left its range."""
-    rows = read_rows(run, device)
-    where = rows.source.path
-    rates = np.radians(np.column_stack([rows.columns[name] for name in GYRO]))
-    time, scale_std = _times(rows)
-    if len(time) < 2 or not np.all(np.diff(time) > 0):
-        raise DataError(f"{where}: the times of its rows do not increase.")
+def rotation_of(series: Series) -> Rotation:
+    """Return the rotation that a gyro recorded. Raises DataError where it shows none, or where it left its range."""
+    rates = np.column_stack([series.si(name, "rad/s") for name in GYRO])
+    time_s, scale_std = _times(series)
+    if len(time_s) < 2 or not np.all(np.diff(time_s) > 0):
+        raise DataError(f"{series.path}: the times of its rows do not increase.", code="time-goes-back")
     fastest = np.degrees(rates[:, np.argmax(np.abs(rates).max(axis=0))])
-    if (reached := float(np.abs(fastest).max())) > _AT_THE_END * RANGE_DPS or at_end_of_range(
-        fastest, np.abs(fastest)
-    ).any():
+    reached = float(np.abs(fastest).max())
+    if reached > _AT_THE_END * RANGE_DPS or at_end_of_range(fastest, np.abs(fastest)).any():
         raise DataError(
-            f"{where}: the gyro reached {reached:.0f} deg/s, the end of its range, and shows no more than that. Set a "
-            "larger range, release lower, or drop a lighter weight."
+            f"{series.path}: the gyro reached {reached:.0f} deg/s, the end of its range, and shows no more than that. "
+            "Set a larger range, release lower, or drop a lighter weight.",
+            code="gyro-at-end",
         )
-    found = about_one_axis(rates)
-    angle, level = integrated(time, found.rate_rad_per_s)
-    found = found._replace(rate_rad_per_s=found.rate_rad_per_s - level)
-    return Turned(rows, time, angle, found, scale_std)
+    about_axis = about_one_axis(rates)
+    angle, bias = integrated(time_s, about_axis.rate_rad_per_s)
+    without_bias = about_axis._replace(rate_rad_per_s=about_axis.rate_rad_per_s - bias)
+    return Rotation(time_s, angle, without_bias, scale_std)
 
 
 def at_end_of_range(rate: Array, reached: Array) -> Marks:
@@ -116,39 +115,38 @@ def integrated(time_s: Array, rate_rad_per_s: Array) -> tuple[Array, float]:
     A swing returns to its rest angle, so its constant is the one that keeps the middles of the half-swings in place.
     Any other motion begins or ends at rest, where a gyro shows its bias.
     """
-    steps = np.diff(time_s)
-    summed = np.concatenate([[0.0], np.cumsum(steps * (rate_rad_per_s[1:] + rate_rad_per_s[:-1]) / 2)])
+    angle = np.asarray(cumulative_trapezoid(rate_rad_per_s, time_s, initial=0.0))
     turns = _extremes(rate_rad_per_s - np.median(rate_rad_per_s))
-    at, middle = _middles(time_s[turns], summed[turns])
-    if len(at) >= _FEWEST_MIDDLES:
-        first, last = np.triu_indices(len(at), k=1)
-        slope = float(np.median((middle[last] - middle[first]) / (at[last] - at[first])))  # of Theil and Sen
-        return summed - slope * time_s - float(np.median(middle - slope * at)), slope
-    slope = _at_rest(time_s, rate_rad_per_s)
-    return summed - slope * (time_s - time_s[0]), slope
+    at_s, middle = _middles(time_s[turns], angle[turns])
+    if len(at_s) >= _FEWEST_MIDDLES:
+        bias = float(theilslopes(middle, at_s).slope)
+        return angle - bias * time_s - float(np.median(middle - bias * at_s)), bias
+    bias = _at_rest(time_s, rate_rad_per_s)
+    return angle - bias * (time_s - time_s[0]), bias
 
 
-def _times(rows: Rows) -> tuple[Array, float]:
+def _times(series: Series) -> tuple[Array, float]:
     """Return times since the first row by the vehicle's clock, and their scale's uncertainty.
 
     The scale is that of this computer's clock where arrivals show it better than two crystals agree. An imported log
     has only the vehicle's times. Raises DataError where the stamps are not milliseconds.
     """
-    since_s = rows.time_s - rows.time_s[0]
-    if _STAMP not in rows.columns:
-        return since_s, _CRYSTALS_STD
-    steps = np.diff(rows.columns[_STAMP]) % _WRAP_MS
-    device_s = 1e-3 * np.concatenate([[0.0], np.cumsum(steps)])
-    found = stamped_times(rows.time_s, 1e6 * device_s)
-    if found is not None and found.scale_std < _CRYSTALS_STD:
-        return found.time_s - found.time_s[0], found.scale_std
-    pace, begin_s = np.polyfit(device_s, since_s, 1).tolist() if device_s[-1] > 0 else (0.0, 0.0)
+    arrival_s = np.zeros(0) if series.time_s is None else series.time_s
+    if _STAMP not in series.names:
+        return arrival_s - arrival_s[:1], _CRYSTALS_STD
+    steps_ms = np.diff(series.column(_STAMP).values) % _WRAP_MS
+    device_s = 1e-3 * np.concatenate([[0.0], np.cumsum(steps_ms)])
+    times = stamped_times(arrival_s, 1e6 * device_s)
+    if times is not None and times.scale_std < _CRYSTALS_STD:
+        return times.time_s - times.time_s[0], times.scale_std
+    pace, begin_s = np.polyfit(device_s, arrival_s, 1).tolist() if device_s[-1] > 0 else (0.0, 0.0)
     # Arrivals that are 6 ms late on a busy computer tilt the line by 0.6 % in a second.
-    jitter_s = float(np.ptp(since_s - (begin_s + pace * device_s)))
+    jitter_s = float(np.ptp(arrival_s - (begin_s + pace * device_s)))
     if abs(pace - 1) * device_s[-1] > _LARGEST_SKEW * device_s[-1] + _TILTING * jitter_s:
         raise DataError(
-            f"{rows.source.path}: in a second of the vehicle's stamps {pace:.4f} s pass on this computer: they are no "
-            "milliseconds, or the vehicle was restarted. Record it again."
+            f"{series.path}: in a second of the vehicle's stamps {pace:.4f} s pass on this computer: they are no "
+            "milliseconds, or the vehicle was restarted. Record it again.",
+            code="vehicle-clock",
         )
     return device_s, _CRYSTALS_STD
 

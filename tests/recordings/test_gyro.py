@@ -8,10 +8,10 @@ import numpy.typing as npt
 import pytest
 
 from cfid.errors import DataError
+from cfid.recordings.angle import AngleRecord, angle_record
+from cfid.recordings.gyro import GYRO, integrated
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
-from cfid.records.tables.angle import AngleRecord, Reading, read_angle
-from cfid.records.tables.gyro import GYRO, integrated
 from cfid.swing.data import swing_in
 
 Array = npt.NDArray[np.float64]
@@ -55,7 +55,7 @@ def gyro_run(
 
 
 def read(folder: Path) -> AngleRecord:
-    return read_angle(folder, Reading())
+    return angle_record(folder)
 
 
 def test_the_vehicles_stamps_place_its_rows_however_late_they_arrive_and_where_they_wrap(tmp_path: Path) -> None:
