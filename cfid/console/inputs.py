@@ -11,7 +11,7 @@ from cfid.records.choose import LAST, Matches, choose_one, is_glob, is_last
 from cfid.records.rig_file import NONE_STATED, RigFacts
 
 if TYPE_CHECKING:
-    from cfid.recordings.angle import AngleRecord
+    from cfid.recordings.angle import AxisRecord
     from cfid.records.campaign import Campaign
     from cfid.records.rig_file import Rig
 
@@ -95,11 +95,10 @@ def find_recording(word: str, workplace: Workplace, suits: Matches = lambda _run
     return choice.runs[0].folder
 
 
-def read_recording(word: str, workplace: Workplace, suits: Matches = lambda _run: True) -> "AngleRecord":
-    """Read the encoder of a RUN: a file, a run folder, or a run of the campaign, as `find_recording`."""
-    from cfid.recordings import read
-    from cfid.recordings.angle import angle_of
+def read_recording(word: str, workplace: Workplace, suits: Matches = lambda _run: True) -> "AxisRecord":
+    """Read the angle, or the periods, of a RUN: a file, a run folder, or a run of the campaign, as `find_recording`."""
+    from cfid.recordings.periods import axis_record
 
     path = find_recording(word, workplace, suits)
     of_rig = None if workplace.borrowed or path.is_dir() else workplace.rig.encoder.counts_per_turn
-    return angle_of(read.read_recording(path), rig_counts_per_turn=of_rig)
+    return axis_record(path, rig_counts_per_turn=of_rig)

@@ -75,13 +75,13 @@ def views_of(
     setting that belongs to another kind of file.
     """
     from cfid.console.log_views import log_views, stand_view
-    from cfid.recordings.angle import ENCODER
+    from cfid.recordings.angle import ENCODER, angle_record
     from cfid.records.run import run_at
     from cfid.records.tables.wrench import LOADCELL, holds_wrench, read_wrench
 
     path, forces = find_recording(word, workplace), loadcell.reading(file, or_angles=True)
     readers: dict[str, Callable[[], View]] = {
-        ENCODER: lambda: _angle_view(ENCODER, read_recording(str(path), workplace)),
+        ENCODER: lambda: _angle_view(ENCODER, angle_record(read_recording(str(path), workplace))),
         LOADCELL: lambda: _wrench_view(LOADCELL, read_wrench(path, forces)),
     }
     run = run_at(path)

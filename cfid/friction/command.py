@@ -87,7 +87,7 @@ def _read_weights(words: Sequence[str], workplace: Workplace) -> "tuple[list[Ang
         weight = _weight(label) if label else {}
         path = find_recording(rest, workplace, labelled("drop"))
         try:
-            record = read_recording(str(path), workplace)
+            record = angle.angle_record(read_recording(str(path), workplace))
         except DataError as error:  # one recording does not condemn the others
             if not path.exists():
                 raise

@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -46,23 +47,14 @@ _MOST_READ = 0.5  # of rows may differ from the one before where the others repe
 
 
 @dataclass(frozen=True, kw_only=True)
-class AngleRecord:
-    """An angle (n,), continuous over turns, at increasing times (n,) since the first sample.
-
-    `begin_s` is the first sample's time by the file's clock, Unix time in a run, and 0 without one. `time_scale_std` is
-    the relative standard uncertainty of intervals beyond that of this computer's clock. A gyro's angle is the integral
-    of its `rates`, which fits use.
-    """
+class AxisRecord:
+    """A recording of a body that turned about an axis: where it lies, its label, a gyro's `rates`, and findings."""
 
     path: Path
     source: Source
     label: Label
-    time_s: Array
-    angle_rad: Array
-    findings: tuple[Finding, ...]
+    findings: tuple[Finding, ...] = ()
     run: str | None = None
-    begin_s: float = 0.0
-    time_scale_std: float = 0.0
     rates: Rates | None = None
 
     @property
@@ -76,7 +68,23 @@ class AngleRecord:
         return texts(self.findings, "warning")
 
 
-AngleSource = AngleRecord | Recording | Run | Path | str
+@dataclass(frozen=True, kw_only=True)
+class AngleRecord(AxisRecord):
+    """An angle (n,), continuous over turns, at increasing times (n,) since the first sample.
+
+    `begin_s` is the first sample's time by the file's clock, Unix time in a run, and 0 without one. `time_scale_std` is
+    the relative standard uncertainty of intervals beyond that of this computer's clock. A gyro's angle is the integral
+    of its `rates`, which fits use.
+    """
+
+    time_s: Array
+    angle_rad: Array
+    begin_s: float = 0.0
+    time_scale_std: float = 0.0
+
+
+AngleSource = AxisRecord | Recording | Run | Path | str
+AnyRecord = TypeVar("AnyRecord", bound=AxisRecord)
 
 
 def angle_of(
@@ -357,12 +365,19 @@ def angle_record(recording: AngleSource) -> AngleRecord:
     """Return a record as it is, else read that of a run or a file. Raises as `read_recording` and `angle_of`."""
     if isinstance(recording, AngleRecord):
         return recording
-    if not isinstance(recording, Recording):
-        recording = read_recording(recording.folder if isinstance(recording, Run) else recording)
-    return angle_of(recording)
+    if isinstance(recording, AxisRecord):
+        raise DataError(f"{recording.path}: holds no angle over time.", code="no-column")
+    return angle_of(recording_at(recording))
 
 
-def labelled(record: AngleRecord, **label: object) -> AngleRecord:
+def recording_at(recording: Recording | Run | Path | str) -> Recording:
+    """Return a recording as it is, else read a run or a file. Raises as `read_recording`."""
+    if isinstance(recording, Recording):
+        return recording
+    return read_recording(recording.folder if isinstance(recording, Run) else recording)
+
+
+def labelled(record: AnyRecord, **label: object) -> AnyRecord:
     """Return a record with an `axis`, `weight_g`, `weight_std_g` or `body` in its label.
 
     Raises ConfigError where the record's own label has another value.

@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 from cfid.console.inputs import Workplace, read_recording, split_label
 from cfid.errors import ConfigError
-from cfid.recordings.angle import AngleRecord, labelled
+from cfid.recordings.angle import AxisRecord, labelled
 from cfid.records.choose import Matches
 from cfid.swing.data import FIXTURE, KnownInertia
 
 
-def read_swings(words: Sequence[str], workplace: Workplace, suits: Matches) -> list[AngleRecord | KnownInertia]:
+def read_swings(words: Sequence[str], workplace: Workplace, suits: Matches) -> list[AxisRecord | KnownInertia]:
     """Read AXIS=FILE, AXIS=NUMBER, AXIS=NUMBER:STD, fixture=FILE, or a RUN whose label has the axis.
 
     `suits` describes the runs among which `last` is.
@@ -19,7 +19,7 @@ def read_swings(words: Sequence[str], workplace: Workplace, suits: Matches) -> l
     return [_swing(word, workplace, suits) for word in words]
 
 
-def _swing(word: str, workplace: Workplace, suits: Matches) -> AngleRecord | KnownInertia:
+def _swing(word: str, workplace: Workplace, suits: Matches) -> AxisRecord | KnownInertia:
     label, rest = split_label(word, workplace)
     if label and (known := _known_inertia(label, rest)):
         return known

@@ -25,6 +25,7 @@ Array = npt.NDArray[np.float64]
 _FEWEST = 3  # times whose scatter shows a standard uncertainty
 _UNSTATED_DEG = 10.0  # an amplitude that nobody stated lies between zero and this
 _SURE = 0.99  # probability below which a scatter is within the stated standard uncertainty
+_LEAST_RAD = 1e-6  # below it, an amplitude changes no digit of a period
 _ROUNDS = 4  # of a body on threads, whose period depends on its frequency
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
 
@@ -44,18 +45,18 @@ def timed_frequency(record: PeriodRecord, threads: Threads = NO_THREADS) -> Time
     The standard uncertainty of the times is the stated one, or that of their scatter. Raises DataError where neither
     is known.
     """
-    count, stated = len(record.time_s), record.std_s is not None
+    count, stated = len(record.duration_s), record.std_s is not None
     if not stated and count < _FEWEST:
         raise DataError(
             f"{record.path}: {counted(count, 'time')} without a standard uncertainty: time {_FEWEST} swings or more, "
             "or add a column std_s (0.2 s for a hand with a stopwatch)."
         )
-    time_std = np.ones(count) if record.std_s is None else record.std_s
+    duration_std = np.ones(count) if record.std_s is None else record.std_s
     frequency = 0.0
     for _ in range(_ROUNDS):
         longer = _longer(record, threads, frequency)
-        period = record.time_s / (record.periods * longer)
-        period_std = time_std / (record.periods * longer)
+        period = record.duration_s / (record.periods * longer)
+        period_std = duration_std / (record.periods * longer)
         weight = period_std**-2.0
         mean = float(weight @ period / weight.sum())
         frequency = (2 * math.pi / mean) ** 2
@@ -74,7 +75,7 @@ def timed_frequency(record: PeriodRecord, threads: Threads = NO_THREADS) -> Time
             )
             findings.append(warning("swing-periods-scatter", text, "swing.*"))
     by_amplitude, assumed = _of_amplitude(record, threads, frequency, weight)
-    corrected = frequency * (1 + by_amplitude.correction)
+    corrected = float(frequency * (1 + by_amplitude.correction))
     relative = math.hypot(2 * std / mean, by_amplitude.std)
     text = (
         "friction is assumed to be small: where the amplitude falls by 10 % in a period, the natural frequency squared "
@@ -95,7 +96,7 @@ class _ByAmplitude(NamedTuple):
 def _longer(record: PeriodRecord, threads: Threads, frequency: float) -> Array:
     """Return the periods (n,) at the stated amplitudes relative to those of small swings; 1 where none is stated."""
     if record.amplitude_rad is None:
-        return np.ones(len(record.time_s))
+        return np.ones(len(record.duration_s))
     return period_ratio(record.amplitude_rad, threads, frequency)
 
 
@@ -108,7 +109,7 @@ def _of_amplitude(
     """
     keys = ("swing.natural_frequency_squared_s2", "swing.axis_inertia_kg_m2", "inertia.*")
     if record.amplitude_rad is None:
-        share = period_ratio([math.radians(_UNSTATED_DEG)], threads, frequency)[0] ** 2 - 1
+        share = float(period_ratio([math.radians(_UNSTATED_DEG)], threads, frequency)[0]) ** 2 - 1
         # Of the square of an amplitude that lies anywhere between zero and its limit.
         mean, std = share / 3, share * math.sqrt(1 / 5 - 1 / 9)
         text = (
@@ -130,7 +131,7 @@ def period_ratio(amplitude_rad: Array | Sequence[float], threads: Threads, frequ
 
     Energy gives the speed at each angle; angles are A sin(theta), which makes the integrand smooth.
     """
-    amplitude = np.asarray(amplitude_rad, dtype=float)[:, np.newaxis]
+    amplitude = np.maximum(np.asarray(amplitude_rad, dtype=float), _LEAST_RAD)[:, np.newaxis]
     theta = math.pi / 4 * (_NODES + 1)
     angle = amplitude * np.sin(theta)
     height, top = _height(angle, threads), _height(amplitude, threads)
@@ -142,7 +143,7 @@ def period_ratio(amplitude_rad: Array | Sequence[float], threads: Threads, frequ
 
 def _height(angle: Array, threads: Threads) -> Array:
     """Return the potential energy at angles, of which sin(phi) / s is the slope, with s the threads' height."""
-    fall = 1 - np.cos(angle)
+    fall = 2 * np.sin(angle / 2) ** 2
     if threads.ratio == 0:
         return fall
     return np.asarray((1 - np.sqrt(1 - 2 * threads.ratio * fall)) / threads.ratio)

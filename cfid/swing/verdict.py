@@ -33,6 +33,8 @@ def verdict(run: Run) -> str:
     if not fitted.merits["accepted"]:
         of_clock = (one for one in record.findings if one.code in CLOCK_CODES)
         raise FitError(joined([*texts(fitted.findings, "rejection"), *texts(of_clock, "warning")]))
+    if swing is None:
+        raise DataError(f"{record.path}: holds no angle over time.")
     degrees = math.degrees(float(np.max(np.abs(swing.peak_angle_rad))))
     frequency, std = fitted.coefficients.natural_frequency_squared_s2, fitted.std.natural_frequency_squared_s2
     line = (

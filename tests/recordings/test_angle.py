@@ -171,10 +171,9 @@ def test_a_handful_of_rows_is_no_recording(tmp_path: Path, rows: int) -> None:
 @pytest.mark.parametrize("per_turn", [8192, 4194304, "rls-13bit-in-22", "rad", "deg"])
 def test_an_angle_is_continuous_wherever_its_turn_ends(tmp_path: Path, start_rad: float, per_turn: int | str) -> None:
     angle = ANGLE_RAD + start_rad
-    folded = angle % TURN
+    folded, options, step = angle % TURN, dict[str, Any](), 1e-6
     if per_turn in ("rad", "deg"):
         values, options = np.round(folded if per_turn == "rad" else np.degrees(folded), 6), {"units": {"phi": per_turn}}
-        step = 1e-6
     elif isinstance(per_turn, int):
         values, options, step = counts(angle, per_turn), {"counts_per_turn": float(per_turn)}, TURN / per_turn
     else:
