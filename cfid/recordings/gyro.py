@@ -14,8 +14,9 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.stats import theilslopes
 
 from cfid.errors import DataError
-from cfid.recordings.recording import Array, Series
+from cfid.recordings.recording import Array, Column, Series
 from cfid.recordings.stamps import stamped_times
+from cfid.units import split_unit
 
 Marks = npt.NDArray[np.bool_]
 
@@ -58,11 +59,16 @@ class Rotation(NamedTuple):
 
 def gyro_series(series: Iterable[Series]) -> Series | None:
     """Return the first series that holds a gyro, with its rows of numbers; its columns without a unit are in deg/s."""
-    found = next((one for one in series if set(GYRO) <= set(one.names)), None)
-    if found is None:
-        return None
-    columns = tuple(replace(one, unit="deg/s") if one.name in GYRO and not one.unit else one for one in found.columns)
-    return replace(found, columns=columns).complete(GYRO)
+    named = (replace(one, columns=tuple(map(_of_gyro, one.columns))) for one in series)
+    found = next((one for one in named if set(GYRO) <= set(one.names)), None)
+    return None if found is None else found.complete(GYRO)
+
+
+def _of_gyro(column: Column) -> Column:
+    """Return a gyro's column with its unit, also one whose name in a run has it, as in `gyro.x_[rad/s]`."""
+    name, unit = split_unit(column.name)
+    name = name.rstrip("_")
+    return replace(column, name=name, unit=column.unit or unit or "deg/s") if name in GYRO else column
 
 
 def rotation_of(series: Series) -> Rotation:
