@@ -11,7 +11,6 @@ from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.guide.certainty import Certainty, certainty_of, percent
 from cfid.guide.plan import AIMS, Assignment, Task, Words, is_vehicle, tasks
-from cfid.recordings.angle import ENCODER
 from cfid.records.campaign import Campaign
 from cfid.records.parameters import Section, runs_of
 from cfid.records.rig_file import CampaignKind
