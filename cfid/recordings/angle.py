@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, finding, of_recording, texts
-from cfid.large import differences, parts, usual_step
+from cfid.large import chosen_rows, differences, empty, parts, usual_step
 from cfid.recordings.gyro import Rates, gyro_series, rotation_of
 from cfid.recordings.outliers import offset_segments, outliers
 from cfid.recordings.read import read_recording
@@ -233,7 +233,7 @@ def _turns(
                 f"counts. Where the name is wrong, give `unit` {column.name}=...",
                 code="other-unit",
             )
-        return values * (scale / (2 * np.pi)), None, ()
+        return _scaled(values, scale / (2 * np.pi)), None, ()
     setting = of_rig if per_turn is None else per_turn
     if setting is None:
         raise ConfigError(
@@ -255,7 +255,11 @@ def _turns(
             f"{per_turn:.0f} counts per turn are set: give `counts_per_turn` {RLS_13BIT_IN_22}.",
             code="counts-are-words",
         )
-    return values / per_turn, None, ()
+    return _scaled(values, 1 / per_turn), None, ()
+
+
+def _scaled(values: Array, scale: float) -> Array:
+    return np.multiply(values, scale, out=empty(len(values)))
 
 
 def _are_words(values: Array) -> bool:
@@ -268,19 +272,21 @@ def _are_words(values: Array) -> bool:
 
 def _words(series: Series, values: Array) -> tuple[Array, Mask | None, tuple[Finding, ...]]:
     """Return an encoder's 13-bit words (n,) in turns, without those that fail their check."""
-    words = decode_words(values.astype(np.int64))
-    failed = int(np.count_nonzero(~words.valid))
+    turns, valid = empty(len(values)), np.empty(len(values), bool)
+    for part in parts(len(values)):
+        words = decode_words(values[part].astype(np.int64))
+        turns[part], valid[part] = words.position / STEPS_PER_TURN, words.valid
+    failed = int(np.count_nonzero(~valid))
     if failed > _FAILED_SHARE * len(values):
         raise DataError(
             f"{series.path}: {failed} of {len(values)} samples fail the check of a 13-bit word in 22 bits, more than "
             f"{100 * _FAILED_SHARE:g} %: a loose cable, or another encoder (`counts_per_turn` N, e.g. 4194304).",
             code="words-failed",
         )
-    turns = words.position[words.valid] / STEPS_PER_TURN
     if not failed:
         return turns, None, ()
-    line = series.line_number(int(np.argmin(words.valid)))
-    return turns, words.valid, (finding("angle-words-failed", count=failed, rows=len(values), line=line),)
+    line = series.line_number(int(np.argmin(valid)))
+    return turns[valid], valid, (finding("angle-words-failed", count=failed, rows=len(values), line=line),)
 
 
 def continuous(series: Series, turns: Array) -> tuple[Array, Rows | None, tuple[Finding, ...]]:
@@ -296,11 +302,11 @@ def continuous(series: Series, turns: Array) -> tuple[Array, Rows | None, tuple[
     rows: Rows | None = None
     findings = list[Finding]()
     off = offset_segments(angle, _OUTLIER_RAD, period=period)
-    off[~off] = outliers(angle[~off], _OUTLIER_RAD, period=period)
+    off[~off] = outliers(chosen_rows(angle, ~off), _OUTLIER_RAD, period=period)
     if off.any():
         line = series.line_number(int(np.argmax(off)))
         findings.append(finding("angle-outliers", count=int(np.count_nonzero(off)), rows=len(angle), line=line))
-        rows, angle = np.flatnonzero(~off), angle[~off]
+        rows, angle = np.flatnonzero(~off), chosen_rows(angle, ~off)
     if wrapped:
         for part in parts(len(angle)):
             begin = max(part.start - 1, 0)  # unwrapped already

@@ -53,6 +53,8 @@ def outliers(
         return mask
     if len(values) < _WIDTH:
         return np.zeros(len(values), bool)
+    if period is not None and np.ptp(values) < period / 2:
+        period = None  # no step goes around the circle
     pieces = _pieces(len(values))
     some = np.concatenate([values[piece] for piece in pieces])
     usual = np.concatenate([_distance(values, piece, period) for piece in pieces])

@@ -10,7 +10,7 @@ import pytest
 from cfid.errors import DataError
 from cfid.recordings.angle import AngleRecord, angle_record
 from cfid.recordings.gyro import GYRO, integrated
-from cfid.records.run import DeviceRecord, Label
+from cfid.records.run import Clock, DeviceRecord, Label, Origin
 from cfid.records.run_writer import create_run
 from cfid.swing.data import swing_in
 
@@ -35,6 +35,7 @@ def gyro_run(
     stamps_ms: Array | None,
     arrivals_s: Array,
     bias_dps: float = 0.3,
+    clock: Clock | None = None,
 ) -> Path:
     """Write a run of a gyro that turns about AXIS; without stamps it is like a run imported from a card."""
     columns = STAMPED if stamps_ms is not None else ("t", *GYRO)
@@ -48,6 +49,7 @@ def gyro_run(
         devices={"crazyflie": record},
         started=datetime.fromtimestamp(EPOCH_S, UTC),
         cfid_version="0",
+        origin=None if clock is None else Origin(file="LOG00", sha256="0" * 64, program="uSD log", clock=clock),
     ) as writer:
         writer.append("crazyflie", values)
         writer.close("complete")
@@ -173,3 +175,14 @@ def test_a_turn_that_begins_at_rest_loses_its_bias_there() -> None:
 
     assert bias == pytest.approx(0.01, abs=1e-4)
     assert angle[-1] == pytest.approx(np.trapezoid(rate, time_s), abs=1e-3)
+
+
+@pytest.mark.parametrize(("clock", "undecided"), [("unknown", True), ("true", False), ("84/85", False)])
+def test_a_clock_that_nothing_shows_rejects_what_rests_on_times(
+    tmp_path: Path, clock: Clock, *, undecided: bool
+) -> None:
+    time_s = np.arange(0, 10, 0.005)
+    found = read(gyro_run(tmp_path, rocking(time_s)[1], stamps_ms=None, arrivals_s=time_s, clock=clock))
+    rejections = [finding for finding in found.findings if finding.severity == "rejection"]
+    assert [finding.code for finding in rejections] == ["gyro-clock-undecided"] * undecided
+    assert all(finding.concerns("swing.axis_inertia_kg_m2") for finding in rejections)
