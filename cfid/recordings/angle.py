@@ -142,18 +142,26 @@ def angle_of(
 
 
 def _encoder_series(recording: Recording) -> Series | None:
-    """Return the series that holds an angle; None for a recording of a gyro without one."""
+    """Return the series that holds an angle; None for a recording of a gyro without one.
+
+    Raises DataError for a run without either, or without rows of them.
+    """
     if recording.run is not None:
-        has_gyro = ENCODER not in recording.series and gyro_series(recording.series.values()) is not None
-        if has_gyro:
+        if ENCODER in recording.series:
+            return recording.series[ENCODER]
+        if _gyro_of(recording) is not None:
             return None
-        recording.run.device_file(ENCODER)
-        return recording.series[ENCODER]
+        raise DataError(f"{recording.run.device_file(ENCODER)}: has no rows.", code="no-rows")
     tables = list(recording.series.values())
     named = next((one for one in tables if any(map(_is_angle, one.names))), None)
-    if named is not None or gyro_series(tables) is None:
-        return named or tables[0]
-    return None
+    return named or (tables[0] if _gyro_of(recording) is None else None)
+
+
+def _gyro_of(recording: Recording) -> Series | None:
+    """Return the series that holds a gyro, if any; of a run, devices without one are not read."""
+    devices = {} if recording.run is None else recording.run.header.devices
+    without = {name for name, record in devices.items() if not any("gyro" in column for column in record.columns)}
+    return gyro_series(recording.series[name] for name in recording.series if name not in without)
 
 
 def _angle_column(series: Series, how: How) -> Column:
@@ -345,7 +353,7 @@ def _beyond(steps: Iterable[tuple[int, Array]]) -> Rows:
 
 def _angle_of_gyro(recording: Recording) -> AngleRecord:
     """Return the integral of a gyro's rates as an angle about the axis of their rotation."""
-    series = gyro_series(recording.series.values())
+    series = _gyro_of(recording)
     if series is None or series.time_s is None:
         raise DataError(f"{recording.path}: no gyro over time.", code="no-column")
     rotation = rotation_of(series)

@@ -186,3 +186,19 @@ def test_a_clock_that_nothing_shows_rejects_what_rests_on_times(
     rejections = [finding for finding in found.findings if finding.severity == "rejection"]
     assert [finding.code for finding in rejections] == ["gyro-clock-undecided"] * undecided
     assert all(finding.concerns("swing.axis_inertia_kg_m2") for finding in rejections)
+
+
+@pytest.mark.parametrize("device", ["encoder", "crazyflie"])
+def test_a_run_without_rows_is_refused(tmp_path: Path, device: str) -> None:
+    columns = ("t", "phi") if device == "encoder" else ("t", *GYRO)
+    with create_run(
+        tmp_path / "runs",
+        kind="swing",
+        label=Label(),
+        devices={device: DeviceRecord(file="rows.csv", columns=columns)},
+        started=datetime.fromtimestamp(EPOCH_S, UTC),
+        cfid_version="0",
+    ) as writer:
+        writer.close("complete")
+    with pytest.raises(DataError):
+        read(writer.folder)
