@@ -1,7 +1,6 @@
 """An angle over time, in seconds and radians, continuous over turns: of an encoder, or of a gyro as its integral."""
 
 import math
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +15,7 @@ from cfid.large import chosen_rows, differences, empty, parts, usual_step
 from cfid.recordings.gyro import Rates, gyro_series, rotation_of
 from cfid.recordings.outliers import offset_segments, outliers
 from cfid.recordings.read import read_recording
-from cfid.recordings.recording import Array, Column, How, Recording, Rows, Series
+from cfid.recordings.recording import Array, Column, How, Recording, Rows, Series, is_angle
 from cfid.recordings.stamps import by_stamps
 from cfid.records.files import RUN_FILE
 from cfid.records.parameters import Source
@@ -30,9 +29,6 @@ CountsPerTurn = float | str
 ENCODER = "encoder"  # the device of a run
 ANGLE = "phi"  # a column's name in runs, and in `columns`
 
-_CALLED = re.compile(
-    r"(?:phi|angle|theta|alpha|winkel|auslenkung|[φϕθϑα]|pos|position|enc|encoder(?:[ _]angle)?)_?\d?", re.IGNORECASE
-)
 _COUNTS = ("counts", "count")
 _OF_TABLES = ("columns", "units", "rate_hz", "skip_lines", "decimal", "rows", "sort_times")
 _FEWEST_ROWS = 16
@@ -153,7 +149,7 @@ def _encoder_series(recording: Recording) -> Series | None:
             return None
         raise DataError(f"{recording.run.device_file(ENCODER)}: has no rows.", code="no-rows")
     tables = list(recording.series.values())
-    named = next((one for one in tables if any(map(_is_angle, one.names))), None)
+    named = next((one for one in tables if any(map(is_angle, one.names))), None)
     return named or (tables[0] if _gyro_of(recording) is None else None)
 
 
@@ -171,7 +167,7 @@ def _angle_column(series: Series, how: How) -> Column:
     """
     if ANGLE in (word.partition("=")[0] for word in how.columns if "=" in word):
         return series.column(ANGLE)
-    called = [one for one in series.columns if _is_angle(one.name)]
+    called = [one for one in series.columns if is_angle(one.name)]
     if not called and len(series.columns) == 1 and series.columns[0].name.isdecimal():  # without a head
         called = list(series.columns)
     if len(called) != 1:
@@ -191,11 +187,6 @@ def _column_of_run(run: Run, series: Series) -> Column:
     if len(columns) < 2:
         raise DataError(f"{run.folder / RUN_FILE}: devices.{ENCODER}.columns: has no time and angle.", code="no-column")
     return series.column(columns[1])
-
-
-def _is_angle(name: str) -> bool:
-    """Return whether a column is called an angle, also as the last part of a dotted name."""
-    return bool(_CALLED.fullmatch(name.rpartition(".")[2]))
 
 
 def _complete(series: Series, column: Column) -> tuple[Series, Column]:

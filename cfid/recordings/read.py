@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from cfid.errors import ConfigError
-from cfid.recordings.recording import Column, Facts, How, Recording, Series
+from cfid.recordings.recording import Column, Facts, How, Kind, Recording, Series
 from cfid.recordings.table import read_table
 from cfid.recordings.times import TIME, series_of
 from cfid.records.files import RUN_FILE, sha256_of
@@ -17,8 +17,8 @@ from cfid.records.run import DeviceRecord, Run, losses, run_at
 _IN_ORDER: Mapping[bool, Mapping[int, tuple[str, ...]]] = {False: {1: (TIME,), 2: (TIME, "phi")}, True: {1: ("phi",)}}
 
 
-def read_recording(path: Path | str, how: How | None = None) -> Recording:
-    """Read a run folder, whose series are read when they are asked for, or a table.
+def read_recording(path: Path | str, how: How | None = None, *, kind: Kind | None = None) -> Recording:
+    """Read a run folder, whose series are read when they are asked for, or a table, which has times for most kinds.
 
     Raises DataError for what cannot be read, ConfigError for what `how` has to state.
     """
@@ -29,7 +29,7 @@ def read_recording(path: Path | str, how: How | None = None) -> Recording:
         return of_run(run)
     how = _with_names(how)
     table = read_table(path, how)
-    series = series_of(table, how, name=path.stem, timed=False)
+    series = series_of(table, how, name=path.stem, timed=kind in ("angle", "wrench"))
     return Recording(
         path=path,
         source=table.source,

@@ -1,5 +1,6 @@
 """What a recording of any origin is: series of columns with units over time, typed facts, and findings."""
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -21,7 +22,15 @@ Rows = npt.NDArray[np.intp]
 Kind = Literal["angle", "wrench", "stand", "flight", "ping", "period"]
 Clock = Literal["computer", "true", "84/85", "unknown"]
 
+_ANGLES = re.compile(
+    r"(?:phi|angle|theta|alpha|winkel|auslenkung|[φϕθϑα]|pos|position|enc|encoder(?:[ _]angle)?)_?\d?", re.IGNORECASE
+)
 MISSING_SHARE = 0.1  # of a recording's rows that may lack a number
+
+
+def is_angle(name: str) -> bool:
+    """Return whether a column is called an angle, also as the last part of a dotted name."""
+    return bool(_ANGLES.fullmatch(name.rpartition(".")[2]))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -31,7 +31,7 @@ def text_of(time: npt.ArrayLike, values: npt.ArrayLike, head: str = "t,phi", tim
 def read(folder: Path, text: str, *, of_rig: float | None = None, **options: Any) -> AngleRecord:
     path, how = folder / "swing.csv", How(**options)
     path.write_text(text)
-    return angle_of(read_recording(path, how), how, rig_counts_per_turn=of_rig)
+    return angle_of(read_recording(path, how, kind="angle"), how, rig_counts_per_turn=of_rig)
 
 
 def refusal(folder: Path, text: str, kind: type[CfidError] = DataError, **options: Any) -> CfidError:
