@@ -4,8 +4,9 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
+Error = TypeVar("Error", bound=Exception)
 Severity = Literal["note", "warning", "rejection"]
 
 SEVERITIES: tuple[Severity, ...] = ("note", "warning", "rejection")
@@ -14,6 +15,11 @@ SEVERITIES: tuple[Severity, ...] = ("note", "warning", "rejection")
 CODES: dict[str, tuple[Severity, str]] = {
     "column-empty": ("warning", "'{name}' holds no number: it is not used."),
     "columns-unused": ("warning", "not used: {names}."),
+    "columns-with-gaps": (
+        "note",
+        "columns of which some rows have no number are devices of their own, with the rows that have one: {names}.",
+    ),
+    "columns-without-number": ("note", "left out, since they hold no number: {names}."),
     "decimal-comma": ("note", "numbers are read with decimal commas."),
     "esc-range-assumed": ("warning", "pulse widths are read as `esc_us` {low:g},{high:g}, commands 0 to {full}."),
     "last-line-cut": ("warning", "the last line was cut (it has no end) and is left out."),
@@ -25,6 +31,7 @@ CODES: dict[str, tuple[Severity, str]] = {
         "warning",
         "{count} of {rows} lines have no number or too many fields and are left out (first: line {line}).",
     ),
+    "log-commands": ("note", "commands are {first} to {last}, as far as the log shows them."),
     "rate-assumed": (
         "warning",
         "a record over time without a time column: {rate_hz:g} Hz is assumed (`rate_hz`).",
@@ -38,6 +45,7 @@ CODES: dict[str, tuple[Severity, str]] = {
         "warning",
         "{count} of {rows} rows lack a number of {names} and are left out (first: line {line}).",
     ),
+    "series-left-out": ("warning", "left out: {fault}"),
     "sign-turned": ("warning", "'{name}' falls as the motor is driven harder: its sign is changed."),
     "speed-chosen": ("warning", "the speed is '{name}', not 0 in {rows} rows; '{other}' is not used."),
     "speed-electrical": (
@@ -160,6 +168,13 @@ def merged(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 def texts(findings: Iterable[Finding], *severities: Severity) -> tuple[str, ...]:
     """Return the texts of the findings with the given severities, each once."""
     return tuple(dict.fromkeys(finding.text for finding in merged(findings) if finding.severity in severities))
+
+
+def explained(error: Error, findings: Iterable[Finding]) -> Error:
+    """Return an error with its possible causes as notes: the warnings and rejections among findings."""
+    for text in texts(findings, "warning", "rejection"):
+        error.add_note(text)
+    return error
 
 
 def begun(text: str) -> str:

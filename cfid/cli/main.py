@@ -90,6 +90,8 @@ def main(words: Sequence[str] | None = None) -> None:
             app(words, prog_name="cfid")
         except CfidError as error:
             with suppress(OSError):
+                for text in getattr(error, "__notes__", ()):
+                    note(text)
                 fault(f"{error}{_import_first(sys.argv[1:] if words is None else words, str(error))}")
             if isinstance(error, DataError | FitError) and not isinstance(error, RejectedError):
                 from cfid.guide.refused import remember_refusal

@@ -123,6 +123,9 @@ def test_a_swing_that_is_rejected_gives_no_number_unless_forced(cfid: Cfid, file
     ended = cfid("fit", "swing", path, "--json")
     refused(ended, 5, "rejected", "differs from a pendulum's", "--force")
     assert '"accepted": false' in ended.stdout
+    rejections = [each for each in json.loads(ended.stdout)["findings"] if each["severity"] == "rejection"]
+    lines = [line for line in ended.stderr.splitlines() if "rejected: " in line]
+    assert len(lines) == len(rejections)
     forced = cfid("fit", "swing", path, "--json", "--force")
     assert forced.returncode == 0
     assert '"accepted": false' in forced.stdout

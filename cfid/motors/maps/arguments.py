@@ -7,7 +7,7 @@ from pathlib import Path
 from cfid.console.inputs import Workplace, find_recording, split_label
 from cfid.console.selection import chosen
 from cfid.errors import ConfigError, DataError, FitError
-from cfid.findings import joined, warning
+from cfid.findings import explained, warning
 from cfid.motors.maps.data import of_file, of_run
 from cfid.motors.maps.evidence import Evidence, Stand, together
 from cfid.motors.maps.table_data import of_table
@@ -81,7 +81,7 @@ def read_evidence(
     if not parts:
         raise next(iter(faults), _NOTHING)
     if not any(len(part.points.command) for part in parts):
-        raise FitError(joined(["no step settles.", *(part.findings[-1].text for part in parts if part.findings)]))
+        raise explained(FitError("no step settles."), [part.findings[-1] for part in parts if part.findings])
     left_out = tuple(warning("run-left-out", f"{error} It is left out.") for error in faults)
     found = together(parts)
     return replace(found, findings=(*left_out, *found.findings))
