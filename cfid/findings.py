@@ -41,6 +41,62 @@ CODES: dict[str, tuple[Severity, str]] = {
         "warning",
         "{count} of {rows} rows without a command are left out (first: line {line}).",
     ),
+    "flight-props-out": (
+        "note",
+        "rotors turn the other way than a Crazyflie's: the front right one clockwise, seen from above.",
+    ),
+    "gyro-clock-undecided": (
+        "rejection",
+        "the log does not show whether its times run at 84/85 of real time, which would make an inertia 2.4 % wrong. "
+        "Import it with `clock` 84/85 or true.",
+    ),
+    "log-bytes-behind": (
+        "warning",
+        "a whole log of {rows} records, whose CRC32 matches, ends at byte {end} of {size}: what is behind is not used.",
+    ),
+    "log-clock": ("note", "the vehicle's microseconds are read at {clock} of their rate: {why}."),
+    "log-clock-unknown": (
+        "warning",
+        "the log does not show whether its microseconds are true or run at 84/85 of real time, as on a Crazyflie 2.x "
+        "with firmware up to 2026.08: they are read as true. Import it with `clock` true or 84/85.",
+    ),
+    "log-cut": ("warning", "the log was cut: it ends within a record, and what followed is missing."),
+    "log-damaged": (
+        "warning",
+        "its CRC32 does not match, or bytes are damaged: the {rows} records before byte {end} of {size} are used.",
+    ),
+    "log-dropouts": ("warning", "{count} dropouts, of {lost_s:.3f} s together."),
+    "log-frames-left-out": ("warning", "log {log}: {count} frames do not follow from those before: left out."),
+    "log-motors": ("note", "motors have the Crazyflie's numbers: m1 to m4 are {own}, by {why}."),
+    "log-of-several": (
+        "note",
+        "{count} flights are in it: flight {log}, of {rows} rows, is read, and not {others}. Import another by `log`.",
+    ),
+    "log-outputs-left-out": (
+        "warning",
+        "{count} outputs of motors are beyond full throttle, which damaged bytes alone show: left out.",
+    ),
+    "log-parts-damaged": ("warning", "parts of the file are damaged, and left out."),
+    "log-sensor-hung": (
+        "warning",
+        "{name}: {count} of {rows} rows left out in which it repeats one value while the vehicle moves (the first "
+        "{at_s:.4g} s after its begin): it hung, or was not read.",
+    ),
+    "log-time-back": (
+        "warning",
+        "{event}: time goes back, or a stamp is damaged, at record {row} of {rows}: reading stops there, at byte "
+        "{end}. Was the clock set, or are two recordings in one file?",
+    ),
+    "log-times-left-out": (
+        "warning",
+        "{count} rows with a time that is not between those of the neighbours are left out.",
+    ),
+    "log-values-left-out": (
+        "warning",
+        "{name}: {count} values that cannot be, the first {first:.4g}{unit} (limits {least:g} and {most:g}{unit}), are "
+        "left out.",
+    ),
+    "log-units-by-names": ("note", "columns with the firmware's names and no unit are read in the firmware's units."),
     "rows-without-number": (
         "warning",
         "{count} of {rows} rows lack a number of {names} and are left out (first: line {line}).",

@@ -181,7 +181,8 @@ class Facts:
 
     `begin_s` is the Unix time of its first row. `clock` tells whether times are those of this computer, or of a
     Crazyflie at its true rate, at 84/85 of it, or unknown which. `props_out` is whether rotors turn the other way than
-    a Crazyflie's, `motors` how many motors thrust and torque are of.
+    a Crazyflie's, `square` whether they stand at the corners of a square, `motors` how many motors thrust and torque
+    are of.
     """
 
     program: str = ""
@@ -189,6 +190,7 @@ class Facts:
     begin_s: float | None = None
     clock: Clock | None = None
     props_out: bool | None = None
+    square: bool | None = None
     motors: int | None = None
     simulated: bool = False
 

@@ -123,29 +123,17 @@ def test_a_few_voltages_and_speeds_that_are_missing_are_left_out_and_named(tmp_p
 
 
 @pytest.mark.parametrize(
-    ("place", "value", "said"),
+    ("place", "value"),
     [
-        (0, 1e300, "motor.m1: 1 value that cannot be, the first 1e+300 (limits 0 and 65535), left out."),
-        (0, 1e6, "motor.m1: 1 value that cannot be, the first 1e+06 (limits 0 and 65535), left out."),
-        (0, -5.0, "motor.m1: 1 value that cannot be, the first -5 (limits 0 and 65535), left out."),
-        (1, 1e300, "rpm.m1: 1 value that cannot be, the first 1.047e+299 rad/s (limits -20000 and 20000 rad/s)"),
-        pytest.param(
-            0,
-            1e12,
-            "motor.m1: 1 value that cannot be, the first 1e+12 (limits 0 and 65535), left out.",
-            marks=pytest.mark.slow,
-        ),
-        pytest.param(
-            1,
-            1e100,
-            "rpm.m1: 1 value that cannot be, the first 1.047e+99 rad/s (limits -20000 and 20000 rad/s)",
-            marks=pytest.mark.slow,
-        ),
+        (0, 1e300),
+        (0, 1e6),
+        (0, -5.0),
+        (1, 1e300),
+        pytest.param(0, 1e12, marks=pytest.mark.slow),
+        pytest.param(1, 1e100, marks=pytest.mark.slow),
     ],
 )
-def test_one_command_or_speed_that_cannot_be_is_left_out_and_named(
-    tmp_path: Path, place: int, value: float, said: str
-) -> None:
+def test_one_command_or_speed_that_cannot_be_is_left_out_and_named(tmp_path: Path, place: int, value: float) -> None:
     _, command, speed = flown(1, 7, rotors=1, noise=3.0, red=0.0)
     columns = np.array([65535 * command[0, 0], NEXT * speed[0]])
     columns[place, columns.shape[1] // 2] = value
@@ -155,7 +143,7 @@ def test_one_command_or_speed_that_cannot_be_is_left_out_and_named(
     result = fit(read(path))
 
     assert result.accepted
-    assert any(said in one.text for one in result.findings)
+    assert "log-values-left-out" in [one.code for one in result.findings]
     assert seconds(result, "dynamics.rising") == pytest.approx(RISING_S, rel=0.01)
     assert seconds(result, "dynamics.falling") == pytest.approx(FALLING_S, rel=0.01)
     assert "motor.speed_poly" in result.without_rejected().quantities
@@ -597,7 +585,7 @@ def test_a_fault_of_a_flight_table_s_time_is_not_taken_for_one_of_a_stand_s_colu
     table = tmp_path / "flight.csv"
     rows = "".join(f"{1000 + 10 * at % 300},30000,12000\n" for at in range(60))
     table.write_text("Timestamp,motor.m1,rpm.m1\n" + rows)
-    with pytest.raises(DataError, match=r"flight.csv:32: time goes back from 1290 to 1000 ms"):
+    with pytest.raises(DataError, match=r"flight.csv:32: time goes back from 1290 to 1000"):
         rotor_log(table)
 
 

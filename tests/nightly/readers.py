@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from scipy.io import savemat
+from tests.records.test_thrust_stand_files import text_of
 
 from cfid.drag.wind.index import read_wind_index
 from cfid.errors import CfidError, DataError
@@ -36,7 +37,6 @@ from cfid.wire import app, crtp, e201, netft, rdt, scales, supervisor, ut372
 from tests.logs.autopilot_bytes import blackbox, ulog
 from tests.logs.usd_bytes import single
 from tests.records.test_fits import FIT
-from tests.records.test_thrust_stand_files import text_of
 from tests.report.fits_by_hand import NOON
 
 

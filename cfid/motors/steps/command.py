@@ -71,11 +71,11 @@ def dynamics(
 def _recorded(path: Path, run: "Run | None", *, is_table: bool) -> "RotorLog | StandTable | Run":
     """Return commands that never rest as a log, and steps as they were recorded: as a run, or as a stand's table."""
     from cfid.motors.lag.data import of_log, of_stand, rotor_log
+    from cfid.recordings.read import of_run as recording_of_run
     from cfid.recordings.stand import read_stand, stand_of
-    from cfid.records.logs.run import log_of_run
 
     if run is not None:
-        return of_log(log_of_run(run)) if run.header.kind == "flight" else run
+        return of_log(recording_of_run(run)) if run.header.kind == "flight" else run
     log = None if is_table else rotor_log(path)
     if log is not None:
         return log
