@@ -1,5 +1,6 @@
 """What no vehicle's log can show: hung three-axis sensors and repeated times; and parts of a log hold it all."""
 
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,9 @@ import pytest
 from cfid.errors import DataError
 from cfid.recordings.crazyflie import between, channel, windows
 from cfid.recordings.limits import refuse_repeated_times, without_hung
+from cfid.recordings.read import of_run
+from cfid.records.run import DeviceRecord, Label, read_run
+from cfid.records.run_writer import create_run
 from tests.recordings.made import made_log, made_series
 
 Array = npt.NDArray[np.float64]
@@ -92,3 +96,23 @@ def test_rows_between_two_times_keep_the_times_of_all_series() -> None:
         kept = (time_s >= 20) & (time_s <= 30)
         np.testing.assert_array_equal(channel(part, name).time_s, time_s[kept])
         np.testing.assert_array_equal(channel(part, name).value, value[kept])
+
+
+def test_rows_that_a_run_gets_while_it_is_read_change_nothing(tmp_path: Path) -> None:
+    """Before, rows were counted once and read again later, which failed where some had come in between."""
+    began = datetime.now(UTC)
+    begin_s = began.timestamp()
+    run = create_run(
+        tmp_path,
+        kind="flight",
+        label=Label(),
+        devices={"crazyflie": DeviceRecord(file="crazyflie.csv", columns=("t", "gyro.x"))},
+        started=began,
+        cfid_version="0",
+    )
+    run.append("crazyflie", (begin_s + np.arange(1000) / 100, np.zeros(1000)))
+    log = of_run(read_run(run.folder))
+    assert log.series["crazyflie"].rows == 1000
+    run.append("crazyflie", (begin_s + 10 + np.arange(100) / 100, np.zeros(100)))
+    assert channel(log, "gyro.x").value.shape == (1000,)
+    run.close("complete")
