@@ -1142,6 +1142,19 @@ def test_a_flight_whose_times_are_in_a_smaller_unit_is_asked_for_it_before_its_l
     assert flight_of(read_recording(path, How(units={"Timestamp": "us"}))).flight.averaged
 
 
+def test_a_clock_that_the_log_does_not_show_rejects_what_rests_on_times(flown: tuple[Fleet, list[Recording]]) -> None:
+    log = flown[1][0]
+    (undecided,) = [
+        one
+        for one in flight_of(replace(log, facts=replace(log.facts, clock="unknown"))).findings
+        if one.code == "gyro-clock-undecided"
+    ]
+    assert undecided.severity == "rejection"
+    assert all(map(undecided.concerns, ("flight.inertia_kg_m2.roll", "flight.rising_s", "flight.delay_s")))
+    assert not undecided.concerns("flight.thrust_poly")
+    assert "gyro-clock-undecided" not in [one.code for one in flight_of(log).findings]
+
+
 def test_a_window_without_rows_is_refused(flown: tuple[Fleet, list[Recording]]) -> None:
     with pytest.raises(ConfigError, match="are left of the log"):
         flight_of(flown[1][0], from_s=100.0)

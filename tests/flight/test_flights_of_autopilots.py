@@ -98,16 +98,12 @@ def blackbox(
     others: int = 0,
     headers: Sequence[str] = (),
     tenths: bool = False,
-    mixer: int = 0,
 ) -> bytes:
     """Return a blackbox log of Betaflight's quad X, x forward, y left, z up; `others` more motors repeat the first.
 
-    Rates are in deg/s, or in `tenths` of that. With a `mixer` the log contains the autopilot's demand about yaw: with
-    the sign for Betaflight's usual rotors if it is 1, and for rotors that turn the other way if it is -1.
+    Rates are in deg/s, or in `tenths` of that.
     """
     names = [f"{name}[{place}]" for name in ("gyroADC", "accSmooth") for place in range(3)]
-    if mixer:
-        names[-1:] = [names[-1], "axisP[2]", "axisI[2]"]
     motors = [f"motor[{place}]" for place in range(4 + others)]
     head = [
         "Product:Blackbox flight data recorder by Nicholas Sherlock",
@@ -130,9 +126,6 @@ def blackbox(
     order = [REAR_RIGHT, FRONT_RIGHT, REAR_LEFT, FRONT_LEFT, *others * [REAR_RIGHT]]
     shown = np.rint(np.column_stack([np.degrees(rates) * (10 if tenths else 1), 2048 * forces / G])).astype(int)
     driven = np.rint(2000 * commands[:, order]).astype(int)
-    if mixer:
-        wanted = -mixer * (driven[:, :4] @ [-1, 1, 1, -1]) // 4  # yaw of mixerQuadX, sign of mixTable
-        shown = np.column_stack([shown, wanted - 7, np.full(len(wanted), 7)])
     rows = b""
     for at, (sensors, outputs) in enumerate(zip(shown.tolist(), driven.tolist(), strict=True)):
         values = (*map(signed, sensors), *map(unsigned, outputs))
