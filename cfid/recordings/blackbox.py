@@ -7,8 +7,10 @@ in addition to their own.
 import logging
 import re
 import struct
-from collections.abc import Iterator, Mapping
-from itertools import islice
+from array import array
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,7 @@ import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, finding
-from cfid.large import joined
+from cfid.large import empty, joined, parts
 from cfid.recordings.crazyflie import printable
 from cfid.recordings.recording import Column, Facts, How, Recording, Series
 from cfid.records.extras import optional_library
@@ -26,6 +28,8 @@ from cfid.records.parameters import Source
 from cfid.units import MOTORS
 
 Array = npt.NDArray[np.float64]
+_Raw = tuple[str, str, Array, Callable[[Array], Array] | None]  # a column's name, unit and counts, and its conversion
+_Flight = tuple[Mapping[str, Any], list[str], Array, list[Finding]]
 
 BEGIN = b"H Product:Blackbox"
 
@@ -60,23 +64,31 @@ def read_blackbox(path: Path, how: How | None = None) -> Recording:
         raise ConfigError(f"{path}: `log` {how.log}: it has {count}.")
     numbers = range(1, 1 + count) if how.log is None else (how.log,)
     rows = {number: _rows(path, orangebox, number, count) for number in numbers}
-    number = max(rows, key=lambda one: len(rows[one][1]))
-    parser, frames, findings = rows[number]
+    number = max(rows, key=lambda one: len(rows[one][2]))
+    headers, names, frames, findings = rows[number]
     if not len(frames):
         raise DataError(f"{path}: a blackbox file without a whole frame.")
     if len(rows) > 1:
-        others = ", ".join(f"{one} ({len(frames)} rows)" for one, (_, frames, _) in rows.items() if one != number)
+        others = ", ".join(f"{one} ({len(frames)} rows)" for one, (_, _, frames, _) in rows.items() if one != number)
         findings.append(finding("log-of-several", count=count, log=number, rows=len(frames), others=others))
-    headers, names = parser.headers, [str(name) for name in parser.field_names]
     place = names.index(_TIME)
     fields = {name: frames[:, at] for at, name in enumerate(names) if at != place}
+    begin_us = float(frames[0, place])
+    time_s, *values = _converted(
+        [
+            (_TIME, "s", frames[:, place], lambda time_us: (time_us - begin_us) / 1e6),
+            *(raw := [*(_scaled(*field, headers) for field in fields.items()), *_as_a_crazyflie_s(fields, headers)]),
+        ]
+    )
     series = Series(
         name=f"log{number}",
         path=path,
-        columns=(*(_column(*field, headers) for field in fields.items()), *_as_a_crazyflie_s(fields, headers)),
+        columns=tuple(
+            Column(name=name, unit=unit, values=own) for (name, unit, _, _), own in zip(raw, values, strict=True)
+        ),
         rows=len(frames),
-        time_s=(frames[:, place] - frames[0, place]) / 1e6,
-        begin_s=float(frames[0, place]) / 1e6,
+        time_s=time_s,
+        begin_s=begin_us / 1e6,
     )
     if "control.m1" in [column.name for column in series.columns]:
         own = ", ".join(f"motor[{_QUAD_X.index(motor)}]" for motor in MOTORS)
@@ -99,8 +111,8 @@ def read_blackbox(path: Path, how: How | None = None) -> Recording:
     )
 
 
-def _rows(path: Path, orangebox: Any, number: int, count: int) -> tuple[Any, Array, list[Finding]]:
-    """Return the parser of one flight, its frames (n, fields), and findings on damage."""
+def _rows(path: Path, orangebox: Any, number: int, count: int) -> _Flight:
+    """Return the headers of one flight, the names of its fields, its frames (n, fields), and findings on damage."""
     try:
         parser = orangebox.Parser.load(str(path), number)
     except Exception as fault:  # a damaged file may make it raise anything
@@ -110,19 +122,19 @@ def _rows(path: Path, orangebox: Any, number: int, count: int) -> tuple[Any, Arr
         ) from None
     if _TIME not in parser.field_names:
         raise DataError(f"{path}: log {number} of {count} is a blackbox log without a field '{_TIME}'.")
-    lost: list[bool] = []
+    lost = array("b")
     rows = _frames(parser, lost)
     blocks = iter(lambda: list(islice(rows, _PART_ROWS)), [])
-    frames = joined([np.zeros((0, len(parser.field_names))), *(np.array(block) for block in blocks)])
+    frames = joined(chain([np.zeros((0, len(parser.field_names)))], (np.array(block) for block in blocks)))
     findings = []
     if any(lost[:-1]):
         findings.append(finding("log-frames-left-out", log=number, count=sum(lost[:-1])))
     if lost[-1]:
         findings.append(finding("log-cut"))
-    return parser, frames, findings
+    return parser.headers, [str(name) for name in parser.field_names], frames, findings
 
 
-def _frames(parser: Any, lost: list[bool]) -> Iterator[list[float]]:
+def _frames(parser: Any, lost: "array[int]") -> Iterator[list[float]]:
     """Yield frames, NaN where a field has no value yet; `lost` gets a word for each frame, and one for the end.
 
     Where the time or the loop count goes back or jumps, bytes are damaged. The search for a frame then resumes one byte
@@ -152,42 +164,62 @@ def _frames(parser: Any, lost: list[bool]) -> Iterator[list[float]]:
         lost.append(False)
 
 
-def _column(name: str, values: Array, headers: Mapping[str, Any]) -> Column:
-    """Return a field in the unit that the headers give its counts."""
+def _scaled(name: str, values: Array, headers: Mapping[str, Any]) -> _Raw:
+    """Return a field with the unit that the headers give its counts."""
     step = _FINE_STEP if headers.get(_FINE) == 1 else 1.0
     one_g = headers.get("acc_1G")
     if _GYRO.fullmatch(name) and (scale := _float_of(headers.get("gyro_scale"))):
-        return Column(name=name, unit="deg/s", values=values * (step * scale))
+        return name, "deg/s", values, lambda counts: counts * (step * scale)
     if _FINE in headers and (unit := next((each for each, one in _ALSO_FINE.items() if one.fullmatch(name)), "")):
-        return Column(name=name, unit=unit, values=values * step)
+        return name, unit, values, lambda counts: counts * step
     if name.startswith("accSmooth") and isinstance(one_g, int) and one_g > 0:
-        return Column(name=name, unit="g", values=values / one_g)
+        return name, "g", values, lambda counts: counts / one_g
     if name == _VOLTS and (step_v := _volt_step(headers)):
-        return Column(name=name, unit="V", values=values * step_v)
-    return Column(name=printable(name), unit="1" if _PLAIN.fullmatch(name) else "", values=values)
+        return name, "V", values, lambda counts: counts * step_v
+    return printable(name), "1" if _PLAIN.fullmatch(name) else "", values, None
 
 
-def _as_a_crazyflie_s(fields: Mapping[str, Array], headers: Mapping[str, Any]) -> Iterator[Column]:
+def _as_a_crazyflie_s(fields: Mapping[str, Array], headers: Mapping[str, Any]) -> Iterator[_Raw]:
     """Yield the columns that a Crazyflie also has, under its names and in its units."""
     low, high = _range(headers.get("motorOutput"))
     poles = headers.get("motor_poles")
     for place, motor in enumerate(_QUAD_X):
         output, speed = fields.get(f"motor[{place}]"), fields.get(f"eRPM[{place}]")
         if output is not None and low < high:
-            share = np.clip((output - low) / (high - low), 0, None)
-            yield Column(name=f"control.m{motor}", unit="1", values=np.where(share > _MOST, np.nan, share))
+            yield f"control.m{motor}", "1", output, partial(_share, low=low, high=high)
         if speed is not None and isinstance(poles, int) and poles >= 2:
-            yield Column(name=f"rpm.m{motor}", unit="rpm", values=speed * (100 / (poles / 2)))
+            yield f"rpm.m{motor}", "rpm", speed, lambda counts: counts * (100 / (poles / 2))
     for own, name in (("accSmooth[2]", "acc.z"), (_VOLTS, "pm.vbat")):
-        if own in fields and (column := _column(own, fields[own], headers)).unit:
-            yield Column(name=name, unit=column.unit, values=column.values)
+        if own in fields and (raw := _scaled(own, fields[own], headers))[1]:
+            yield name, *raw[1:]
+
+
+def _share(output: Array, *, low: float, high: float) -> Array:
+    """Return outputs (n,) as shares of full throttle, NaN where they are impossible."""
+    share = np.clip((output - low) / (high - low), 0, None)
+    return np.where(share > _MOST, np.nan, share)
+
+
+def _converted(columns: Sequence[_Raw]) -> list[Array]:
+    """Return the converted values (n,) of columns: together and part by part, since they may exceed the memory."""
+    changed = sum(convert is not None for _, _, _, convert in columns)
+    rows = iter(empty(changed, len(columns[0][2])))
+    converted = []
+    for _, _, values, convert in columns:
+        row = values if convert is None else next(rows)
+        if convert is not None:
+            for part in parts(len(values)):
+                row[part] = convert(values[part])
+        converted.append(row)
+    return converted
 
 
 def _beyond_full(fields: Mapping[str, Array], headers: Mapping[str, Any]) -> int:
     """Return how many outputs of motors are beyond full throttle, which only damaged bytes show."""
     low, high = _range(headers.get("motorOutput"))
     outputs = [fields[name] for place in range(len(MOTORS)) if (name := f"motor[{place}]") in fields]
-    return sum(int(np.count_nonzero(output > low + _MOST * (high - low))) for output in outputs) if low < high else 0
+    most = low + _MOST * (high - low)
+    return sum(int(np.count_nonzero(output > most)) for output in outputs) if low < high else 0
 
 
 def _volt_step(headers: Mapping[str, Any]) -> float:

@@ -53,6 +53,9 @@ _PLACES = {(True, True): 1, (False, True): 2, (False, False): 3, (True, False): 
 _OFF_SQUARE = 0.01  # relative to the lever: airframe files round places by as much
 
 
+_Raw = tuple[str, str, npt.NDArray[Any], float]  # a column's name, unit and values, and what divides these
+
+
 class _Topic(NamedTuple):
     """A topic's fields (n,) by name, without the rows of damaged times."""
 
@@ -93,14 +96,16 @@ def read_ulog(path: Path, how: How | None = None) -> Recording:
             "autopilot again."
         ) from None
     topics, wrong_times = _topics(log.data_list)
+    log.data_list.clear()
     if not topics:
         raise DataError(f"{path}: a ULog file without data.")
     parameters = {name: float(value) for name, value in log.initial_parameters.items() if _is_number(value)}
     stated = _by_geometry(parameters)
     battery = _connected(topics)
+    driven = _driven(topics)
     series = [_series(path, topic, stated or _QUAD_X, is_battery=topic is battery) for topic in topics]
     names = {column.name for one in series for column in one.columns}
-    motors = max(int(parameters.get("CA_ROTOR_COUNT", 0)), _driven(topics)) or None
+    motors = max(int(parameters.get("CA_ROTOR_COUNT", 0)), driven) or None
     props_out = how.props_out if how.props_out is not None else _turn_other_way(parameters, stated or _QUAD_X)
     findings: list[Finding] = []
     if log.dropouts:
@@ -152,29 +157,26 @@ def _topics(parts: Sequence[Any]) -> tuple[list[_Topic], int]:
 
 
 def _series(path: Path, topic: _Topic, motors: tuple[int, ...], *, is_battery: bool) -> Series:
-    columns = [
-        Column(name=printable(name), unit=_unit(topic.name, name), values=_floats(values))
-        for name, values in topic.fields.items()
-        if not _FILLING.search(name)
-    ]
+    fields = {name: values for name, values in topic.fields.items() if not _FILLING.search(name)}
+    raw = [(printable(name), _unit(topic.name, name), values, 1.0) for name, values in fields.items()]
     if topic.name != _BATTERY or is_battery:
-        columns += _as_a_crazyflie_s(topic, motors)
+        raw += _as_a_crazyflie_s(topic, motors)
+    numbers = empty(1 + len(raw), len(topic.time_us))  # together, since they may be larger than the memory
+    with np.errstate(invalid="ignore"):  # damaged floats that are signalling NaN become quiet ones
+        for row, (_, _, values, divisor) in zip(numbers[1:], raw, strict=True):
+            np.divide(values, divisor, out=row, dtype=np.float64)
+    numbers[0] = (topic.time_us - topic.time_us[0]) / 1e6
+    topic.fields.clear()  # the file's bytes are still in memory
     return Series(
         name=printable(f"{topic.name}_{topic.number}" if topic.number else topic.name),
         path=path,
-        columns=tuple(columns),
+        columns=tuple(
+            Column(name=name, unit=unit, values=row) for row, (name, unit, _, _) in zip(numbers[1:], raw, strict=True)
+        ),
         rows=len(topic.time_us),
-        time_s=_floats(topic.time_us - topic.time_us[0], 1e6),
+        time_s=numbers[0],
         begin_s=float(topic.time_us[0]) / 1e6,
     )
-
-
-def _floats(values: npt.NDArray[Any], divisor: float = 1.0) -> npt.NDArray[np.float64]:
-    numbers = empty(len(values))
-    with np.errstate(invalid="ignore"):  # damaged floats that are signalling NaN become quiet ones
-        numbers[:] = values
-        numbers /= divisor
-    return numbers
 
 
 def _unit(topic: str, field: str) -> str:
@@ -182,23 +184,23 @@ def _unit(topic: str, field: str) -> str:
     return next((unit for pattern, unit in _UNITS if pattern.fullmatch(name)), "")
 
 
-def _as_a_crazyflie_s(topic: _Topic, motors: tuple[int, ...]) -> Iterator[Column]:
-    """Yield the columns that a Crazyflie also has, under its names and in its units."""
+def _as_a_crazyflie_s(topic: _Topic, motors: tuple[int, ...]) -> Iterator[_Raw]:
+    """Yield the columns that a Crazyflie also has, under its names and in its units, and what divides their values."""
     fields = topic.fields
     if topic.name == _MOTORS:
         for place, motor in enumerate(motors):
             if f"control[{place}]" in fields:
-                yield Column(name=f"control.m{motor}", unit="1", values=_floats(fields[f"control[{place}]"]))
+                yield f"control.m{motor}", "1", fields[f"control[{place}]"], 1.0
     if topic.name == _CONTROLLERS:
         for place, motor in _of_controllers(fields, motors):
             speed = fields.get(f"esc[{place}].esc_rpm")
             if speed is not None:
                 sign = -1.0 if speed.max() <= 0 > speed.min() else 1.0  # of a rotor that turns the other way
-                yield Column(name=f"rpm.m{motor}", unit="rpm", values=_floats(speed, sign))
+                yield f"rpm.m{motor}", "rpm", speed, sign
     if topic.name == _BATTERY and "voltage_v" in fields:
-        yield Column(name="pm.vbat", unit="V", values=_floats(fields["voltage_v"]))
+        yield "pm.vbat", "V", fields["voltage_v"], 1.0
     if topic.name == "vehicle_acceleration" and "xyz[2]" in fields:
-        yield Column(name="acc.z", unit="g", values=_floats(fields["xyz[2]"], -USUAL_GRAVITY_MPS2))
+        yield "acc.z", "g", fields["xyz[2]"], -USUAL_GRAVITY_MPS2
 
 
 def _of_controllers(fields: Mapping[str, Any], motors: tuple[int, ...]) -> tuple[tuple[int, int], ...]:

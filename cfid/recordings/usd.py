@@ -261,7 +261,7 @@ def _stamps_of_fixed_rate(data: mmap.mmap, content: _Content, offsets: dict[int,
 
 
 def _series(path: Path, data: mmap.mmap, event: _Event, offsets: Offsets, per_s: float) -> Series:
-    columns = [empty(len(offsets)) for _ in range(1 + len(event.variables))]
+    columns = empty(1 + len(event.variables), len(offsets))
     names = ["stamp", *(str(1 + at) for at in range(len(event.variables)))]
     for part, rows in _parts(data, event, offsets):
         with np.errstate(invalid="ignore"):  # damaged floats that are signalling NaN become quiet ones
