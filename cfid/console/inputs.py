@@ -1,6 +1,6 @@
 """Find the recordings that a command's arguments name, and the rig that recorded them."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ from cfid.records.rig_file import NONE_STATED, RigFacts
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
     from cfid.records.rig_file import Rig
-    from cfid.records.tables.angle import AngleRecord, Reading
+    from cfid.records.tables.angle import AngleRecord
 
 
 @dataclass(frozen=True)
@@ -95,13 +95,10 @@ def find_recording(word: str, workplace: Workplace, suits: Matches = lambda _run
     return choice.runs[0].folder
 
 
-def read_recording(
-    word: str, reading: "Reading", workplace: Workplace, suits: Matches = lambda _run: True
-) -> "AngleRecord":
+def read_recording(word: str, workplace: Workplace, suits: Matches = lambda _run: True) -> "AngleRecord":
     """Read the encoder of a RUN: a file, a run folder, or a run of the campaign, as `find_recording`."""
-    from cfid.records.tables.angle import read_angle
+    from cfid.records.tables.angle import Reading, read_angle
 
     path = find_recording(word, workplace, suits)
-    if path.is_file() and not workplace.borrowed:
-        reading = replace(reading, rig_counts_per_turn=workplace.rig.encoder.counts_per_turn)
-    return read_angle(path, reading)
+    of_rig = None if workplace.borrowed or path.is_dir() else workplace.rig.encoder.counts_per_turn
+    return read_angle(path, Reading(rig_counts_per_turn=of_rig))

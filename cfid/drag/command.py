@@ -11,10 +11,8 @@ from cfid.console.inputs import Workplace, find_recording, open_workplace
 from cfid.console.options import (
     Delivery,
     FlipFz,
-    LoadCellOptions,
     Markers,
     Method,
-    ReadingOptions,
     RigOptions,
     YawDeg,
     finite,
@@ -103,8 +101,6 @@ def drag(
     wind: WindInputs,
     models: ModelOptions,
     rig: RigOptions,
-    reading: ReadingOptions,
-    scale: LoadCellOptions,
     delivery: Delivery,
     method: Method = "default",
 ) -> None:
@@ -119,7 +115,6 @@ def drag(
     result = fit(
         read_forces(wind.table) if wind.table is not None else paths,
         index=wind.index,
-        wrench=scale.reading(reading),
         azimuth_deg=azimuth(wind.azimuth_deg, wind.azimuth_rad),
         yaw_deg=None if wind.yaw_deg is None else finite(wind.yaw_deg, "--yaw-deg"),
         markers=wind.markers,
