@@ -44,6 +44,54 @@ CODES: dict[str, tuple[Severity, str]] = {
     "time-repeats": ("warning", "{count} of {rows} rows repeat the time of the previous one."),
     "time-replaced": ("note", "the times in '{name}' are not used: rows are {rate_hz:g} Hz apart by `rate_hz`."),
     "time-sorted": ("warning", "time goes back in {count} of {rows} rows: rows are sorted by it."),
+    # Of tables of motors.
+    "column-empty": ("warning", "'{name}' holds no number: it is not used."),
+    "columns-unused": ("warning", "not used: {names}."),
+    "esc-range-assumed": ("warning", "pulse widths are read as `esc_us` {low:g},{high:g}, commands 0 to {full}."),
+    "rate-assumed": (
+        "warning",
+        "a record over time without a time column: {rate_hz:g} Hz is assumed (`rate_hz`).",
+    ),
+    "rows-settled": ("warning", "rows are {step_s:.2g} s apart: each is taken as a settled point."),
+    "rows-without-command": (
+        "warning",
+        "{count} of {rows} rows without a command are left out (first: line {line}).",
+    ),
+    "sign-turned": ("warning", "'{name}' falls as the motor is driven harder: its sign is changed."),
+    "speed-chosen": ("warning", "the speed is '{name}', not 0 in {rows} rows; '{other}' is not used."),
+    "speed-electrical": (
+        "warning",
+        "'{name}' is taken as the rotor's speed, which it is where the stand's program knew the motor's poles.",
+    ),
+    "speeds-dead": (
+        "warning",
+        "'{name}' shows 0 in {count} rows in which rotors turn: its sensor is dead there, the values are missing.",
+    ),
+    "speeds-disagree": (
+        "warning",
+        "'{first}' is {ratio:.3g} times '{second}': '{name}' is taken. The electrical one is right where the stand's "
+        "program knew the motor's poles; `columns` names it.",
+    ),
+    "speeds-zero": ("warning", "'{first}' and '{second}' are 0 throughout: no speed is used."),
+    "stand-of-motors": (
+        "warning",
+        "{names}, of {motors}: {divided}. Where another number of motors ran, give `motors`.",
+    ),
+    "values-impossible": (
+        "warning",
+        "{count} of {rows} values of '{name}' are impossible and left out (first: {first:g} in line {line}).",
+    ),
+    "values-missing": ("warning", "'{name}' is no number in {count} of {rows} rows (first: line {line})."),
+    "values-off": (
+        "warning",
+        "{count} values of '{name}' off those around them are left out (first: {first:g} in line {line}).",
+    ),
+    "values-stuck": (
+        "warning",
+        "{count} values of '{name}' that repeat one while the command changes are left out (first: {first:g} in line "
+        "{line}).",
+    ),
+    "weight-by-gravity": ("warning", "'{name}' is a weight: grams by {gravity:g} m/s^2."),
 }
 
 _MOST_NAMES = 2  # of places that a sentence names
