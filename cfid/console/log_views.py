@@ -44,13 +44,13 @@ def _to_draw(log: "FlightLog") -> "list[Series]":
 
 
 def stand_view(path: Path) -> View:
-    """Return the view of a thrust stand's table. Raises DataError or ConfigError as `read_stand_table` does."""
+    """Return the view of a thrust stand's table. Raises DataError or ConfigError as `stand_of` does."""
     import numpy as np
 
     from cfid.findings import texts
-    from cfid.records.tables.stand import read_stand_table
+    from cfid.recordings.stand import read_stand, stand_of
 
-    table = read_stand_table(path)
+    table = stand_of(read_stand(path))
     columns = {"cmd": None if np.isnan(table.command).all() else table.command}
     columns |= {key: getattr(table, key) for key in ("thrust_n", "torque_nm", "vbat_v", "grams")}
     if table.speeds_rad_s is not None:

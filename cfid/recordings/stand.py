@@ -17,14 +17,14 @@ from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, finding, note
 from cfid.large import PART_ROWS, empty, parts, side_by_side, some_steps
-from cfid.quantities.plausible import range_of
+from cfid.quantities.registry import range_of
 from cfid.recordings.outliers import offset_segments, outliers, stuck
 from cfid.recordings.recording import Array, Column, Facts, How, Recording, Series
 from cfid.recordings.stand_names import BITCRAZE, KNOWN, SPEED_NAMES, Known, Speeds, known_columns
 from cfid.recordings.table import read_table
 from cfid.recordings.times import TIME, series_of
 from cfid.records.parameters import Source
-from cfid.records.run import run_holding
+from cfid.records.run import run_at, run_holding
 from cfid.units import FULL_COMMAND, ROTORS, USUAL_GRAVITY_MPS2, factor
 
 Mask = npt.NDArray[np.bool_]
@@ -344,6 +344,12 @@ def _command(
             )
     of_controller = re.match("esc|throttle", one.head.lower()) or factor(unit or "-", "s") is not None or how.dshot
     return Column(name="throttle" if of_controller else "cmd", unit="", values=values, head=one.head)
+
+
+def holds_stand(path: Path) -> bool:
+    """Return whether a path is a run that was imported from a stand's table. Raises DataError as `run_at`."""
+    run = run_at(path)
+    return run is not None and STAND in run.header.devices
 
 
 def read_stand(path: Path, how: How | None = None) -> Recording:

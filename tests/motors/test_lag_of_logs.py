@@ -16,8 +16,8 @@ from cfid.motors.lag import fit
 from cfid.motors.lag.data import RotorLog, of_stand, rotor_log
 from cfid.motors.lag.estimation import LagFit, fit_lag, joined
 from cfid.motors.lag.model import InputLag, LogSegment, Signal
+from cfid.recordings.stand import read_stand, stand_of
 from cfid.records.result import Result
-from cfid.records.tables.stand import read_stand_table
 from tests.campaigns import Cfid
 from tests.logs.usd_bytes import Event, bytes_of, written
 from tests.motors.rotor_logs import following
@@ -330,8 +330,8 @@ def test_a_record_that_is_too_short_or_shows_nothing_is_an_error(tmp_path: Path,
 def test_commands_that_were_recorded_too_slowly_are_named(tmp_path: Path, step_s: float) -> None:
     table = tmp_path / "stand.csv"
     rows = (f"{step_s * at:.3f},{20000 + 500 * (at % 7)},{9000 + 100 * (at % 7)}\n" for at in range(300))
-    table.write_text("t,cmd,rpm\n" + "".join(rows))
-    log = of_stand(read_stand_table(table))
+    table.write_text("t_s,cmd,rpm\n" + "".join(rows))
+    log = of_stand(stand_of(read_stand(table)))
     assert log is not None
     with pytest.raises(DataError, match=rf"recorded every {step_s:.2g} s, and not within 0.1 s"):
         fit(log)
@@ -586,7 +586,7 @@ def test_the_command_recognises_a_log_and_a_table_of_a_stand(tmp_path: Path, fou
     assert json.loads(of_run.stdout)["parameters"]["dynamics.rising"]["value"] == pytest.approx(rising, rel=1e-3)
 
     stand = tmp_path / "stand.csv"
-    stand.write_text("pwm,rpm_mean\n" + "10000,5000\n" * 300)
+    stand.write_text("t_s,pwm,rpm_mean\n" + "".join(f"{at / 100},10000,5000\n" for at in range(300)))
     refused = cfid("fit", "dynamics", stand, "--rotor", "1")
     assert refused.returncode == 2
     assert "are for commands that never rest" in refused.stderr
@@ -622,7 +622,7 @@ def test_where_whitening_and_drift_move_a_lag_beyond_noise_that_counts_in_its_un
             "Voltage (V)": 16 * (1 - 0.06 * (speed[at] / 1500) ** 2) + rng.normal(0, 0.01, len(at)),
         }
         pd.DataFrame(columns).to_csv(path, index=False)
-        found = of_stand(read_stand_table(path))
+        found = of_stand(stand_of(read_stand(path)))
         assert found is not None
         result = fit(found)
         for key, tau_s in (("dynamics.rising", 0.1), ("dynamics.falling", 0.15)):

@@ -16,9 +16,9 @@ from cfid.errors import ConfigError, DataError, FitError
 from cfid.motors.maps import fit_speed, fit_thrust
 from cfid.motors.maps.evidence import Stand
 from cfid.motors.steps import fit as fit_dynamics
+from cfid.recordings.stand import read_stand, stand_of
 from cfid.records.result import Result
 from cfid.records.run import read_run
-from cfid.records.tables.stand import read_stand_table
 from tests.campaigns import Cfid
 
 Array = npt.NDArray[np.float64]
@@ -130,7 +130,7 @@ def test_a_total_beside_the_speeds_of_four_rotors_needs_no_option(tmp_path: Path
 
 
 def test_a_number_of_motors_that_comes_after_the_table_was_divided_is_refused(tmp_path: Path) -> None:
-    table = read_stand_table(write_total(tmp_path, sweep(), "thrust[N]", 4))
+    table = stand_of(read_stand(write_total(tmp_path, sweep(), "thrust[N]", 4)))
     with pytest.raises(ConfigError, match="was read as the thrust of 4 motors: read the table with `motors` 1"):
         fit_thrust(table, stand=Stand(motors=1))
 

@@ -17,6 +17,7 @@ from cfid.findings import Finding, note, of_recording, rejection
 from cfid.motors.lag.model import Signal
 from cfid.motors.lag.part import BREAK_S, LogPart
 from cfid.motors.lag.survey import part_s, possible, survey
+from cfid.recordings.stand import StandTable
 from cfid.records.logs.any_kind import NO_OPTIONS, is_binary_log, read_log
 from cfid.records.logs.crazyflie_names import first_of
 from cfid.records.logs.flights import longest_flight
@@ -27,7 +28,6 @@ from cfid.records.logs.repeated_times import refuse_repeated_times
 from cfid.records.logs.windows import windows
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import Foreign
-from cfid.records.tables.stand import StandTable
 from cfid.units import MOTORS
 
 Array = npt.NDArray[np.float64]

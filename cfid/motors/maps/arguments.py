@@ -12,9 +12,10 @@ from cfid.motors.maps.data import of_file, of_run
 from cfid.motors.maps.evidence import Evidence, Stand, together
 from cfid.motors.maps.table_data import of_table
 from cfid.motors.vibration.data import Rotors
+from cfid.recordings.recording import How
+from cfid.recordings.stand import holds_stand, read_stand, stand_of
 from cfid.records.choose import labelled
 from cfid.records.run import Run, refuse_contradiction, run_at, run_holding
-from cfid.records.tables.stand import read_stand_table, stand_file
 from cfid.records.tables.wrench import WrenchReading, holds_wrench
 from cfid.units import FULL_COMMAND
 
@@ -47,8 +48,8 @@ def read_evidence(
             raise ConfigError(
                 f"`window` and `flip_fz` are for a load cell's recording, and {path} is a thrust stand's table."
             )
-        gravity = workplace.rig.site.gravity_mps2
-        read = read_stand_table(path, gravity_mps2=gravity, motors=known.motors)
+        how = How(motors=known.motors)
+        read = stand_of(read_stand(path, how), how, gravity_mps2=workplace.rig.site.gravity_mps2)
         return of_table(read, known, workplace.facts)
 
     def of_runs(run: Run) -> list[Evidence]:
@@ -68,9 +69,9 @@ def read_evidence(
             here = known.where(workplace.facts)
             parts.append(of_file(at, Path(file), here, WrenchReading(), method=method, rotors=rotors))
         else:
-            path = find_recording(word, workplace, labelled(kind))
-            if (imported := stand_file(path)) is not None:
-                parts.append(of_stand(imported))
+            path = find_recording(word, workplace)
+            if holds_stand(path):
+                parts.append(of_stand(path))
             elif (run := run_at(path)) is not None:
                 parts += of_runs(run)
             elif holds_wrench(path, WrenchReading()):

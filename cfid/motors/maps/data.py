@@ -28,9 +28,10 @@ from cfid.motors.maps.warm_up import warm_up
 from cfid.motors.points import MotorPoints, per_motor, rotor_speed_rad_s
 from cfid.motors.stand_points import points_of, reduce_speeds
 from cfid.motors.vibration.data import Rotors, speeds_from_vibration
+from cfid.recordings.recording import How
+from cfid.recordings.stand import StandTable, holds_stand, read_stand, stand_of
 from cfid.records.resumed import with_completed
 from cfid.records.run import Run, refuse_contradiction, run_at
-from cfid.records.tables.stand import StandTable, read_stand_table, stand_file
 from cfid.records.tables.vehicle import (
     READINGS,
     SCALES,
@@ -62,17 +63,14 @@ def evidence_of(points: Points, stand: Stand | None = None, rotors: Rotors | Non
 def _evidence_in(one: One, stand: Stand, rotors: Rotors | None) -> Evidence:
     if isinstance(one, Evidence):
         return one
-    path = None if isinstance(one, StandTable) else one.folder if isinstance(one, Run) else Path(one)
-    stand_path = None if path is None else stand_file(path)
-    if stand_path is not None:
-        read: StandTable | Run = read_stand_table(stand_path, motors=stand.motors)
-    elif isinstance(one, StandTable | Run):
-        read = one
-    else:
-        read = run_at(Path(one)) or read_stand_table(Path(one), motors=stand.motors)
-    return (
-        of_table(read, stand) if isinstance(read, StandTable) else of_run(read, stand, WrenchReading(), rotors=rotors)
-    )
+    if isinstance(one, StandTable):
+        return of_table(one, stand)
+    path = one.folder if isinstance(one, Run) else Path(one)
+    run = run_at(path)
+    if run is not None and not holds_stand(path):
+        return of_run(run, stand, WrenchReading(), rotors=rotors)
+    how = How(motors=stand.motors)
+    return of_table(stand_of(read_stand(path, how), how), stand)
 
 
 def of_file(

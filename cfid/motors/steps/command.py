@@ -17,8 +17,8 @@ from cfid.console.outcome import deliver
 
 if TYPE_CHECKING:
     from cfid.motors.lag.data import RotorLog
+    from cfid.recordings.stand import StandTable
     from cfid.records.run import Run
-    from cfid.records.tables.stand import StandTable
 
 
 @flat
@@ -45,8 +45,8 @@ def dynamics(
     from cfid.motors.lag.data import RotorLog
     from cfid.motors.steps import fit
     from cfid.motors.steps.data import of_run, of_table
+    from cfid.recordings.stand import holds_stand
     from cfid.records.run import Run, run_at
-    from cfid.records.tables.stand import stand_file
     from cfid.records.tables.wrench import WrenchReading
 
     workplace = open_workplace(rig)
@@ -54,10 +54,9 @@ def dynamics(
         raise ConfigError("nothing to fit: give a RUN with steps, a flight log, or a thrust stand's CSV file.")
     if len(runs or []) + (table is not None) > 1:
         raise ConfigError("several runs have several clocks: give one at a time.")
-    path = table or find_recording((runs or [])[0], workplace, lambda one: one.header.kind in ("thrust", "flight"))
-    stand = table or stand_file(path)
-    run = None if stand is not None else run_at(path)
-    found = _recorded(stand or path, run, is_table=stand is not None)
+    path = table or find_recording((runs or [])[0], workplace)
+    is_table = table is not None or holds_stand(path)
+    found = _recorded(path, None if is_table else run_at(path), is_table=is_table)
     if isinstance(found, RotorLog):
         log = found if rotor is None else found.only(rotor)
         result = lag.fit(log.between(cut.from_s, cut.to_s))
@@ -72,13 +71,13 @@ def dynamics(
 def _recorded(path: Path, run: "Run | None", *, is_table: bool) -> "RotorLog | StandTable | Run":
     """Return commands that never rest as a log, and steps as they were recorded: as a run, or as a stand's table."""
     from cfid.motors.lag.data import of_log, of_stand, rotor_log
+    from cfid.recordings.stand import read_stand, stand_of
     from cfid.records.logs.run import log_of_run
-    from cfid.records.tables.stand import read_stand_table
 
     if run is not None:
         return of_log(log_of_run(run)) if run.header.kind == "flight" else run
     log = None if is_table else rotor_log(path)
     if log is not None:
         return log
-    stand = read_stand_table(path)
+    stand = stand_of(read_stand(path))
     return of_stand(stand) or stand

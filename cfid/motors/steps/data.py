@@ -14,9 +14,9 @@ from cfid.motors.steps.model import CommandStep, command_steps
 from cfid.motors.steps.sag import LoggedBattery
 from cfid.motors.vibration.data import quiet_channels
 from cfid.motors.vibration.ridge import speed_ridge
+from cfid.recordings.stand import StandTable
 from cfid.records.parameters import Source
 from cfid.records.run import Run
-from cfid.records.tables.stand import StandTable
 from cfid.records.tables.vehicle import (
     VEHICLE_LOG,
     Rows,
