@@ -112,7 +112,7 @@ class Table:
     def line_of_row(self, row: int) -> int:
         """Return the line of the file, counted from 1, of a row, counted from 0. The file is read again for it."""
         at = -1
-        with self.path.open(encoding="utf-8-sig", errors="replace", newline="\n") as file:
+        with self.path.open(encoding="utf-8-sig", errors="replace", newline=None) as file:
             for number, line in enumerate(file, start=1):
                 if number > self.layout.lines_above and self.layout.is_row(line):
                     fields = self.layout.fields(line)
@@ -129,10 +129,12 @@ def read_table(path: Path, how: How | None = None) -> Table:
     for options that contradict it.
     """
     how = how or How()
-    check_regular(path)
     try:
+        check_regular(path)
         with path.open("rb") as file:
             return _read(path, file, how)
+    except FileNotFoundError:
+        raise DataError(f"{path}: no such file.", code="no-file") from None
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}.", code="unreadable") from None
 
@@ -142,10 +144,11 @@ def _read(path: Path, file: IO[bytes], how: How) -> Table:
     kind = next((what for begin, what in _OTHER_FILES.items() if start.removeprefix(_BOM).startswith(begin)), None)
     if kind is not None or b"\0" in start:
         raise DataError(f"{path}: this is {kind or 'no text: name a table, or a log that `cfid import --help` lists.'}")
-    layout = layout_of(path, start, how)
+    old_ends = start.count(b"\r") > start.count(b"\n")  # as spreadsheets on a Mac write them
+    layout = layout_of(path, start.replace(b"\r", b"\n") if old_ends else start, how)
     selected = tuple((_place(path, layout.heads, name), word) for name, word in how.rows)
     file.seek(0)
-    lines = _Lines(file, layout, selected)
+    lines = _Lines(file, layout, selected, old_ends=old_ends)
     count = len(layout.heads)
     values = as_columns(lines.blocks(), count, most_rows=1 + lines.size // count)
     rows = len(values[0])
@@ -173,8 +176,8 @@ def _read(path: Path, file: IO[bytes], how: How) -> Table:
 class _Lines:
     """The numbers of a file, block by block, its checksum, and how many lines were left out, and why."""
 
-    def __init__(self, file: IO[bytes], layout: Layout, selected: Sequence[tuple[int, str]]) -> None:
-        self.file, self.layout, self.selected = file, layout, selected
+    def __init__(self, file: IO[bytes], layout: Layout, selected: Sequence[tuple[int, str]], *, old_ends: bool) -> None:
+        self.file, self.layout, self.selected, self.old_ends = file, layout, selected, old_ends
         self.size = os.fstat(file.fileno()).st_size  # what a growing file has after it is not read
         self.sha256 = hashlib.sha256()
         self.left_out, self.first_left_out, self.fault = 0, 0, ""
@@ -187,7 +190,7 @@ class _Lines:
         while content := self.file.read(min(BLOCK_BYTES, left)):
             left -= len(content)
             self.sha256.update(content)
-            content = rest + content
+            content = rest + (content.replace(b"\r", b"\n") if self.old_ends else content)
             end = content.rfind(b"\n") + 1
             block, rest = content[:end], content[end:]
             if len(rest) > _LONGEST_LINE:
