@@ -69,7 +69,7 @@ def read_evidence(
             here = known.where(workplace.facts)
             parts.append(of_file(at, Path(file), here, WrenchReading(), method=method, rotors=rotors))
         else:
-            path = find_recording(word, workplace)
+            path = find_recording(word, workplace, labelled(kind))
             if holds_stand(path):
                 parts.append(of_stand(path))
             elif (run := run_at(path)) is not None:
