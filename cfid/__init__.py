@@ -11,9 +11,9 @@ from cfid.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from cfid import drag, flight, friction, inertia, latency, loadcell, motors, swing, transfer
+    from cfid.recordings.any_kind import read_table
     from cfid.records.campaign import open_campaign
     from cfid.records.run import read_run
-    from cfid.records.tables.any_kind import read_table
 
 __all__ = [
     "drag",
@@ -36,6 +36,6 @@ __getattr__, __dir__ = attached(
         **dict.fromkeys(__all__, ""),
         "open_campaign": "records.campaign",
         "read_run": "records.run",
-        "read_table": "records.tables.any_kind",
+        "read_table": "recordings.any_kind",
     },
 )

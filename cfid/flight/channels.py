@@ -13,10 +13,10 @@ from scipy.interpolate import CubicSpline
 from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.flight.rows import ROW_S, STEP_S
+from cfid.recordings import supply
 from cfid.records.logs.crazyflie_names import first_of, refuse_unread
 from cfid.records.logs.limits import other_scale
 from cfid.records.logs.log import FlightLog
-from cfid.records.tables import supply
 from cfid.units import FULL_COMMAND, MOTORS
 
 Array = npt.NDArray[np.float64]

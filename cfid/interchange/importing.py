@@ -2,36 +2,33 @@
 
 import re
 from collections.abc import Container, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
+from cfid.findings import texts
 from cfid.interchange.columns import changes, chosen_columns, finite_columns, known_rows
-from cfid.interchange.several_motors import of_one_motor
 from cfid.large import parts, usual_step
+from cfid.recordings.recording import How
+from cfid.recordings.stand import STAND, canonical_stand, read_stand
 from cfid.records.campaign import Campaign
 from cfid.records.logs.any_kind import read_log
 from cfid.records.logs.crazyflie_names import crazyflie_channel, stated_unit
-from cfid.records.logs.kinds import Kind, has_times, is_flown, kind_at
+from cfid.records.logs.kinds import Kind, is_flown, kind_at
 from cfid.records.logs.log import Array, Series
 from cfid.records.parameters import Source
 from cfid.records.run import DeviceRecord, Label, Origin, Run
 from cfid.records.run_writer import create_run
 from cfid.records.tables.angle import ENCODER, Reading, read_angle
 from cfid.records.tables.blocks import open_table
-from cfid.records.tables.column_units import unit_of
 from cfid.records.tables.gyro import GYRO
-from cfid.records.tables.schema import Foreign, TimeUnit
-from cfid.records.tables.stand import STAND
-from cfid.records.tables.stand_names import with_named
-from cfid.records.tables.table import CsvTable
-from cfid.records.tables.times import TIME_COLUMN
+from cfid.records.tables.schema import Foreign
 from cfid.records.tables.vehicle import COMMANDS, VEHICLE_LOG
 from cfid.records.tables.wrench import AXES, LOADCELL, WrenchReading, read_wrench
 from cfid.units import MOTORS
@@ -68,6 +65,7 @@ class _Devices:
     clock: str = ""
     assumed: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    motors: int | None = None
 
 
 def kind_of(path: Path, reading: Foreign) -> Kind:
@@ -75,12 +73,7 @@ def kind_of(path: Path, reading: Foreign) -> Kind:
 
     Raises ConfigError where its columns do not show the kind, or have no times; DataError where it cannot be read.
     """
-    kind, named = kind_at(path, reading), any("=" in one for one in reading.columns)
-    if kind == "stand" and not (named or has_times(path, reading) or reading.rate_hz):
-        raise ConfigError(
-            f"{path}: a thrust stand's settled points, which are no recording over time: `cfid fit thrust`, `cfid fit "
-            "speed` and `cfid fit torque` read them as they are."
-        )
+    kind = kind_at(path, reading)
     if kind is None:
         raise ConfigError(
             f"{path}: its columns ({open_table(path, skip_lines=reading.skip_lines).listing}) do not show what was "
@@ -137,49 +130,24 @@ def import_wrench(campaign: Campaign, path: Path, reading: WrenchReading, *, lab
 
 
 def import_stand(campaign: Campaign, path: Path, reading: Foreign, *, label: Label) -> Imported:
-    """Import a thrust stand's recording; columns keep their names or get those of NAME=COLUMN, as fits read them.
-
-    Raises errors as `read_log`, `with_named` and `of_one_motor`.
-    """
-    original = open_table(path, skip_lines=reading.skip_lines)
-    table, named = with_named(original, of_one_motor(original, reading))
-    given = dict(zip(original.names, table.names, strict=True))
-    log = read_log(path, _timed(table, original, reading))
-    (series,) = log.series
-    called = (given.get(name) or (f"unused {name}" if name in given else name) for name in series.names)
-    columns = ("t", *(_NO_COMMA.sub(" ", name).strip() for name in called))
-    if len(set(columns)) < len(columns):
-        raise DataError(f"{path}: two columns have one name: rename one.")
+    """Import a table of motors under the names by which `stand_of` knows its columns. Raises errors as that."""
+    unit = {} if reading.time_unit is None else {"t": reading.time_unit}
+    how = How(columns=reading.columns, rate_hz=reading.rate_hz, skip_lines=reading.skip_lines, units=unit)
+    recording = canonical_stand(read_stand(path, how), how)
+    series = recording.series[STAND]
+    times = [] if series.time_s is None else [series.time_s + (series.begin_s or 0.0)]
+    columns = (*(["t"] if times else []), *series.names)
     devices = _Devices(
         records={STAND: DeviceRecord(file=f"{STAND}.csv", columns=columns)},
-        blocks={STAND: series.blocks()},
-        begin_s=float(next(series.blocks())[0, 0]),
-        understood=log.understood,
-        source=log.source,
+        blocks={STAND: _in_parts([*times, *(column.values for column in series.columns)])},
+        begin_s=series.begin_s or 0.0,
+        understood=recording.findings[0].text,
+        source=recording.source,
         program="thrust stand",
-        clock=log.clock,
-        assumed=log.assumed,
-        notes=(*named, *log.notes),
+        notes=texts(recording.findings, "warning"),
+        motors=recording.facts.motors,
     )
     return _imported(campaign, devices, kind=STAND, label=label, path=path)
-
-
-def _timed(table: CsvTable, original: CsvTable, reading: Foreign) -> Foreign:
-    """Return the settings that read the times from the original table, in the unit that the table with names states.
-
-    Raises ConfigError where the times have no unit: rows a few seconds apart look like milliseconds.
-    """
-    reading = replace(reading, columns=tuple(one for one in reading.columns if "=" not in one))
-    names = [name for name in table.names if TIME_COLUMN.called.fullmatch(name)]
-    if reading.rate_hz or not names:
-        return reading
-    unit = unit_of(table, TIME_COLUMN.called, names[0], reading.time_unit, "time_unit")
-    if unit is None:
-        raise ConfigError(f"{table.path}: column '{names[0]}' names no unit: give `time_unit` s, ms or us.")
-    place = table.names.index(names[0])
-    if original.names[place] != names[0]:
-        reading = replace(reading, columns=(original.names[place],))
-    return replace(reading, time_unit=cast(TimeUnit, unit))
 
 
 def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: Label, kind: str = "flight") -> Imported:
@@ -275,13 +243,16 @@ def _units(series: Series, names: Sequence[str]) -> dict[str, str] | None:
 def _imported(campaign: Campaign, devices: _Devices, *, kind: str, label: Label, path: Path) -> Imported:
     dated = _UNIX_S[0] <= devices.begin_s <= _UNIX_S[1]
     started = datetime.fromtimestamp(devices.begin_s, UTC) if dated else datetime.now(UTC)
-    origin = Origin(
-        file=path.name,
-        sha256=devices.source.sha256,
-        program=devices.program,
-        clock=devices.clock,
-        assumed=devices.assumed,
-        notes=devices.notes,
+    origin = Origin.model_validate(
+        {
+            "file": path.name,
+            "sha256": devices.source.sha256,
+            "program": devices.program,
+            "clock": devices.clock,
+            "assumed": devices.assumed,
+            "notes": devices.notes,
+            "motors": devices.motors,
+        }
     )
     writer = create_run(
         campaign.runs_folder,

@@ -9,7 +9,7 @@ import pytest
 
 from cfid.console.messages import fault, in_options
 from cfid.errors import DataError
-from cfid.records.tables.any_kind import read_table
+from cfid.recordings.any_kind import read_table
 from tests.places import ROOT
 
 COMMANDS = ROOT / "docs" / "reference" / "commands.md"

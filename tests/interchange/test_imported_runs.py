@@ -10,6 +10,7 @@ import pytest
 from scipy.io import savemat
 
 from cfid.cli.main import main
+from cfid.recordings.stand import read_stand, stand_of
 from cfid.records.logs.any_kind import read_log
 from cfid.records.logs.run import log_of_run
 from cfid.records.run import Run, read_run
@@ -264,23 +265,13 @@ def test_an_event_without_variables_keeps_its_times(tmp_path: Path, campaign: Pa
 def test_a_stands_columns_are_imported_by_the_names_that_are_given(campaign: Path, tmp_path: Path) -> None:
     rows = [f"{at / 50},{1000 + 200 * (at // 100)},{at // 100},{3 * (at // 100)},{12.0}" for at in range(500)]
     (tmp_path / "odd.csv").write_text("\n".join(["clock (s),pulse,F (kgf),Thrust (N),volts", *rows, ""]))
-    names = "time_s=clock (s),esc_us=pulse,thrust_n=F (kgf)"
+    names = "t=clock (s),esc_us=pulse,thrust_n=F (kgf)"
     run = imported(campaign, tmp_path / "odd.csv", "--kind", "stand", "--columns", names)
 
-    assert run.header.devices["stand"].columns == ("t", "esc_us", "thrust(kgf)", "unused Thrust (N)", "volts")
-
-
-@pytest.mark.parametrize(("columns", "said"), [([], "rows differ in 'Prop'"), (["Prop=A"], "chooses rows")])
-def test_a_stands_recording_of_two_propellers_is_not_imported_as_one(
-    campaign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], columns: list[str], said: str
-) -> None:
-    head = "Time (s),ESC signal (us),Thrust (gf),Prop"
-    rows = [f"{at / 50},{1000 + 100 * (at // 20 % 10)},{(at // 20 % 10) ** 2},{'AB'[at // 200]}" for at in range(400)]
-    (tmp_path / "two.csv").write_text("\n".join([head, *rows, ""]))
-    options = [word for one in columns for word in ("--columns", one)]
-    assert code("import", str(tmp_path / "two.csv"), "--campaign", str(campaign), *options) == 2
-    assert said in " ".join(capsys.readouterr().err.split())
-    assert imported(campaign, tmp_path / "two.csv", "--columns", "Prop=*").header.kind == "stand"
+    assert run.header.devices["stand"].columns == ("t", "throttle", "thrust_n")
+    table = stand_of(read_stand(run.folder))
+    assert table.command[-1] == round(0.8 * 65535)
+    assert np.asarray(table.thrust_n)[-1] == pytest.approx(4 * 9.80665)
 
 
 def test_a_log_whose_time_is_named_alone_is_a_log(tmp_path: Path, campaign: Path) -> None:

@@ -256,14 +256,20 @@ def test_an_imported_stand_gives_what_its_file_gives_to_the_last_bit(cfid: Cfid,
     assert fit_thrust(read_run(run)).quantities == fit_thrust(run).quantities == fit_thrust(table).quantities
 
 
-def test_settled_points_of_a_stand_are_no_recording_and_the_commands_that_read_them_are_named(
+def test_imported_points_and_how_many_motors_they_are_of_give_what_their_table_gives(
     cfid: Cfid, tmp_path: Path
 ) -> None:
-    (tmp_path / "points.csv").write_text("cmd,thrust_n\n10000,0.01\n30000,0.05\n60000,0.15\n")
+    table = tmp_path / "points.csv"
+    rows = "".join(f"{pwm},{1e-8 * pwm**2},9000,9000,9000,9000\n" for pwm in range(0, 60001, 5000))
+    table.write_text(f"pwm,weight[g],rpm1,rpm2,rpm3,rpm4\n{rows}")
     assert cfid("new", tmp_path / "lab").returncode == 0
-    said = cfid("import", tmp_path / "points.csv", "--campaign", tmp_path / "lab")
-    assert said.returncode == 2
-    assert "settled points, which are no recording over time: `cfid fit thrust`" in " ".join(said.stderr.split())
+    assert cfid("import", table, "--campaign", tmp_path / "lab").returncode == 0
+    (run,) = (tmp_path / "lab" / "runs").iterdir()
+    of_run, of_file = (stand_of(read_stand(path)) for path in (run, table))
+    assert (of_run.time_s, of_run.motors, of_run.rotors) == (None, 4, 4)
+    assert np.array_equal(np.asarray(of_run.thrust_n), np.asarray(of_file.thrust_n))
+    with pytest.raises(ConfigError):
+        fit_thrust(run, stand=Stand(motors=1))
 
 
 def test_a_stand_s_times_without_a_unit_are_asked_for(cfid: Cfid, tmp_path: Path) -> None:
@@ -272,4 +278,4 @@ def test_a_stand_s_times_without_a_unit_are_asked_for(cfid: Cfid, tmp_path: Path
     assert cfid("new", tmp_path / "lab").returncode == 0
     said = cfid("import", tmp_path / "slow.csv", "--campaign", tmp_path / "lab")
     assert said.returncode == 2
-    assert "column 't' names no unit: give --time-unit s, ms or us" in " ".join(said.stderr.split())
+    assert "--unit t=s" in " ".join(said.stderr.split())

@@ -16,6 +16,7 @@ from scipy.io import savemat
 
 from cfid.drag.wind.index import read_wind_index
 from cfid.errors import CfidError, DataError
+from cfid.recordings.any_kind import read_table
 from cfid.records.campaign import open_campaign
 from cfid.records.files import FITS_FOLDER, RIG_FILE, RUN_FILE
 from cfid.records.fits import keep_fit, list_fits
@@ -24,7 +25,6 @@ from cfid.records.logs.log import FlightLog
 from cfid.records.parameters import Section, load_sections, store_section
 from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.records.run import read_run
-from cfid.records.tables.any_kind import read_table
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import Foreign
 from cfid.report.content import gather
@@ -35,8 +35,8 @@ from cfid.sim.truth_file import load_truth
 from cfid.wire import app, crtp, e201, netft, rdt, scales, supervisor, ut372
 from tests.logs.autopilot_bytes import blackbox, ulog
 from tests.logs.usd_bytes import single
+from tests.recordings.test_stand import STEPS, text_of
 from tests.records.test_fits import FIT
-from tests.records.test_thrust_stand_files import text_of
 from tests.report.fits_by_hand import NOON
 
 
@@ -245,7 +245,7 @@ READERS = (
     Reader(name="wrench", contents=(WRENCH,), read=lambda path: read_table(path, kind="wrench")),
     Reader(name="crossings", contents=(CROSSINGS,), read=lambda path: read_table(path, kind="crossings")),
     Reader(name="pings", contents=(PINGS,), read=lambda path: read_table(path, kind="pings")),
-    Reader(name="stand", contents=(text_of().encode(),), read=lambda path: read_table(path, kind="stand")),
+    Reader(name="stand", contents=(text_of(STEPS).encode(),), read=lambda path: read_table(path, kind="stand")),
     Reader(name="table log", contents=(ANGLE, WRENCH), read=lambda path: _all_values(read_log(path))),
     Reader(
         name="uSD-card log",

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+import cfid
 from cfid.errors import CfidError, ConfigError, DataError
 from cfid.recordings.recording import How, Series
 from cfid.recordings.stand import StandTable, canonical_stand, read_stand, stand_of
@@ -424,6 +425,14 @@ def test_the_last_row_counts_where_an_editor_wrote_no_newline_after_it(tmp_path:
     table = read(tmp_path, "rpm, weight[g]\n5000, 0.6\n20000, 60\n65000, 106")
     assert np.asarray(table.thrust_n)[-1] == pytest.approx(0.106 * 9.81)
     assert "last-line-unended" in codes(table)
+
+
+def test_python_reads_a_table_with_the_options_that_its_messages_name(tmp_path: Path) -> None:
+    (tmp_path / "stand.csv").write_text("0,0.5\n20000,0.75\n")
+    with pytest.raises(DataError, match="cmd=1,thrust_n=2"):
+        cfid.read_table(tmp_path / "stand.csv", kind="stand")
+    table = cfid.read_table(tmp_path / "stand.csv", kind="stand", columns="cmd=1,thrust_n=2", motors=2)
+    assert np.asarray(table.thrust_n).tolist() == [0.25, 0.375]
 
 
 def test_thrust_over_torque_needs_no_command(tmp_path: Path) -> None:

@@ -8,10 +8,10 @@ import numpy.typing as npt
 
 from cfid.large import joined
 from cfid.motors.lag.model import Signal
+from cfid.recordings import supply
 from cfid.records.logs.limits import Limits
 from cfid.records.logs.log import FlightLog
 from cfid.records.logs.windows import windows
-from cfid.records.tables import supply
 
 Array = npt.NDArray[np.float64]
 

@@ -6,11 +6,19 @@ from pathlib import Path
 from typing import Any, Literal, overload
 
 from cfid.errors import ConfigError
+from cfid.recordings.recording import How
+from cfid.recordings.stand import StandTable, read_stand, stand_of
 from cfid.records.tables.angle import AngleRecord, Reading, read_angle
 from cfid.records.tables.crossings import CrossingRecord, read_crossings
 from cfid.records.tables.pings import PingRecord, read_pings
-from cfid.records.tables.stand import StandTable, read_stand_table
 from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
+from cfid.units import USUAL_GRAVITY_MPS2
+
+
+def _read_stand(path: Path, *, gravity_mps2: float = USUAL_GRAVITY_MPS2, **settings: Any) -> StandTable:
+    how = How(**settings)
+    return stand_of(read_stand(path, how), how, gravity_mps2=gravity_mps2)
+
 
 _READERS: Mapping[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
     "angle": (
@@ -23,7 +31,10 @@ _READERS: Mapping[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
     ),
     "crossings": (("time_unit",), read_crossings),
     "pings": ((), read_pings),
-    "stand": (("gravity_mps2", "rate_hz", "skip_lines", "time_unit", "esc_us", "motors"), read_stand_table),
+    "stand": (
+        ("gravity_mps2", *(field.name for field in fields(How))),
+        _read_stand,
+    ),
 }
 
 
@@ -42,7 +53,7 @@ def read_table(path: str | Path, *, kind: str, **settings: Any) -> Any:
 
     `settings` state what a file does not: `time_unit` ("s", "ms", "us"), `rate_hz`, `skip_lines`, `columns` ("t,phi"
     or a tuple); for angles `angle_unit` and `counts_per_turn`; for forces `units`, `counts_per_n`, `counts_per_nm`; for
-    a stand `gravity_mps2`, `esc_us` and `motors`.
+    a stand all fields of `How`, and `gravity_mps2`.
     Raises ConfigError for an unknown kind or setting, DataError with file, line and next step.
     """
     if kind not in _READERS:
