@@ -367,7 +367,7 @@ def read_stand(path: Path, how: How | None = None) -> Recording:
     columns = tuple(replace(one, unit="s") if timed and one.name == TIME else one for one in table.columns)
     table = replace(table, columns=columns)
     series = series_of(table, how if run is None else How(), name=STAND, sort=True, timed=timed)
-    motors = None if run is None else getattr(run.header.origin, "motors", None)
+    motors = None if run is None or run.header.origin is None else run.header.origin.motors
     return Recording(path=path, source=table.source, series={STAND: series}, facts=Facts(motors=motors), run=run)
 
 

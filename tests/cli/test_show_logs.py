@@ -111,7 +111,7 @@ def test_a_table_of_a_stand_shows_commands_and_si_units(cfid: Cfid, tmp_path: Pa
     path.write_text(STAND + "".join(f"{at / 10},{1000 + at},{at},{100 * at},12\n" for at in range(100)), "utf-8")
     shown = cfid("show", path)
     assert shown.returncode == 0, shown.stderr
-    assert "thrust from 'Thrust (gf)'" in shown.stdout
+    assert "thrust_n from 'Thrust (gf)'" in shown.stdout
     assert (tmp_path / "stand_recording.png").is_file()
 
     numbers = json.loads(cfid("show", path, "--json").stdout)["parameters"]
