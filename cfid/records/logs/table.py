@@ -28,7 +28,6 @@ from cfid.records.parameters import Source
 from cfid.records.tables.angle import SCHEMA as ANGLE_COLUMNS
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.column_units import unit_of, unit_word
-from cfid.records.tables.interleaved import refuse_interleaved
 from cfid.records.tables.line_faults import REPAIR
 from cfid.records.tables.matlab import is_matlab
 from cfid.records.tables.schema import TIME, Foreign, TableSchema, refuse_clock
@@ -69,7 +68,6 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
     time = _by_name(table, _SCHEMA.places(table, named=reading.columns[:1], rate_hz=reading.rate_hz).get(TIME))
     raw, left_out = np.zeros(2), tuple[str, ...]()
     if time is not None:
-        refuse_interleaved(table, time, [name for name in table.names if name != time and _is_label(name, table)])
         table, values, left_out = known_rows(table, [time], timed=True)
         raw = values[:, 0]
     repeated = _repeated(table, time)
@@ -142,11 +140,6 @@ def _by_name(table: CsvTable, time: str | None) -> str | None:
     """Return the name of a time column that may be given by number, unless another column has it, too."""
     name = None if time is None else table.names[table.place(time)]
     return time if name is None or table.names.count(name) > 1 else name
-
-
-def _is_label(name: str, table: CsvTable) -> bool:
-    """Return whether a column may show which of several recordings a row is of: it is not a vehicle's variable."""
-    return bool(name) and table.has_head and table.names.count(name) == 1 and not is_variable(name)
 
 
 def _refuse_seconds(table: CsvTable, raw: Array) -> None:

@@ -14,7 +14,6 @@ from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.large import differences, empty, some_steps, usual_step
 from cfid.records.tables.column_units import PER_SECOND, SECONDS, column_name, unit_of, unit_word
-from cfid.records.tables.next_head import refuse_other_head
 from cfid.records.tables.schema import TIME, Column, TimeUnit
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.text import TextLine, short
@@ -154,7 +153,6 @@ def known_rows(table: CsvTable, columns: Sequence[str], *, timed: bool) -> tuple
     if len(bad := np.flatnonzero(~np.isfinite(known).all(axis=1))):
         if len(bad) > MISSING_SHARE * len(known):
             return table, table.numbers(columns), ()
-        refuse_other_head(table, bad, len(known))
         line, table = table.line_of_row(int(bad[0])), table.without(bad)
         where = f" in column '{columns[0]}'" if len(columns) == 1 else ""
         lack, are = ("lacks", "is") if len(bad) == 1 else ("lack", "are")
