@@ -19,7 +19,7 @@ from cfid.findings import Finding, finding, note
 from cfid.large import PART_ROWS, empty, parts, side_by_side, some_steps
 from cfid.quantities.registry import range_of
 from cfid.recordings.outliers import offset_segments, outliers, stuck
-from cfid.recordings.recording import Array, Column, Facts, How, Recording, Series
+from cfid.recordings.recording import Array, Column, Facts, How, Recording, Rows, Series
 from cfid.recordings.stand_names import BITCRAZE, KNOWN, SPEED_NAMES, Known, Speeds, known_columns
 from cfid.recordings.table import read_table
 from cfid.recordings.times import TIME, series_of
@@ -220,16 +220,22 @@ def _without_faults(series: Series, column: Column, command: Array) -> tuple[Arr
     else:
         off = outliers(values) & ~(commanded | np.roll(commanded, 1))
         hung = stuck(values, series.time_s) & (values != 0)
-    for begin, end in zip(*(np.flatnonzero(np.diff(hung, prepend=False, append=False)).reshape(-1, 2).T), strict=True):
-        hung[begin : begin + 1] = False  # the reading that is repeated
-        if not np.any(np.diff(command[begin : max(end - _LATE_ROWS, begin)])):
-            hung[begin:end] = False
+    for run in _runs_of(values, np.flatnonzero(hung)):
+        followed = np.any(np.diff(command[run[0] : max(run[-1] + 1 - _LATE_ROWS, run[0])]))
+        hung[run] = followed
+        hung[run[0]] = False  # the reading that is repeated
     for code, rows in (("values-off", off), ("values-stuck", hung)):
         if rows.any():
             first = float(values[np.argmax(rows)])
             count = int(np.count_nonzero(rows))
             findings.append(finding(code, count=count, name=column.head, first=first, line=_line(series, rows)))
     return (np.where(off | hung, np.nan, values), findings) if findings else (values, findings)
+
+
+def _runs_of(values: Array, places: Rows) -> list[Rows]:
+    """Return places (n,) in groups of neighbours with the same value."""
+    apart = (np.diff(places) != 1) | (np.diff(values[places]) != 0)
+    return np.split(places, np.flatnonzero(apart) + 1) if len(places) else []
 
 
 def _stand_series(recording: Recording) -> Series:
