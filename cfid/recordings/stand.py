@@ -5,7 +5,7 @@ a recording under the names by which an import keeps it, `stand_of` what fits ta
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
@@ -20,7 +20,7 @@ from cfid.large import PART_ROWS, empty, parts, side_by_side, some_steps
 from cfid.quantities.registry import range_of
 from cfid.recordings.outliers import offset_segments, outliers, stuck
 from cfid.recordings.recording import Array, Column, Facts, How, Recording, Rows, Series
-from cfid.recordings.stand_names import BITCRAZE, KNOWN, SPEED_NAMES, Known, Speeds, known_columns
+from cfid.recordings.stand_names import BITCRAZE, KNOWN, SPEED_NAMES, MotorColumn, Speeds, head_of, motor_columns
 from cfid.recordings.table import read_table
 from cfid.recordings.times import TIME, series_of
 from cfid.records.parameters import Source
@@ -33,8 +33,9 @@ STAND = "stand"  # the device of an imported run
 USUAL_ESC_US = (1000.0, 2000.0)  # pulse widths of standstill and full throttle, by convention
 
 _UNITS = {"thrust": "N", "torque": "N m", "speed": "rad/s", "voltage": "V", "grams": "g"}
-_EXAMPLES = {"command": "cmd", "thrust": "thrust_n", "torque": "torque_nm", "speed": "rpm", "voltage": "vbat_v"}
-_WEIGHTS = {"g": 1.0, "gram": 1.0, "grams": 1.0, "kg": 1e3}  # of a thrust that is weighed, in grams
+_NAMES_OF_RUN = {"thrust": "thrust_n", "torque": "torque_nm", "voltage": "vbat_v", "grams": "grams"}
+_EXAMPLES = {"command": "cmd", "speed": "rpm"} | _NAMES_OF_RUN
+_GRAMS = {"g": 1.0, "gram": 1.0, "grams": 1.0, "kg": 1e3}  # in a unit of a weight
 _COMMANDS = ("cmd", "throttle")
 _USED = ("columns", "units", "rate_hz", "skip_lines", "decimal", "rows", "sort_times", "motors")
 _DSHOT = (48.0, 2047.0)  # smallest and largest throttle; what is below are words to the controller
@@ -88,9 +89,12 @@ class StandTable:
 
 def is_stand(columns: Sequence[Column]) -> bool:
     """Return whether columns make a table of motors: something measured, and a command or another measurement."""
-    known = known_columns(columns).keys()
-    measured = known & {"thrust", "torque", "speed", "grams"}
-    return bool(measured) and ("command" in known or ("thrust" in known and len(measured) > 1))
+    return _is_complete(motor_columns(columns))
+
+
+def _is_complete(quantities: Collection[str]) -> bool:
+    measured = {"thrust", "torque", "speed", "grams"}.intersection(quantities)
+    return bool(measured) and ("command" in quantities or ("thrust" in measured and len(measured) > 1))
 
 
 def canonical_stand(recording: Recording, how: How | None = None) -> Recording:
@@ -104,46 +108,53 @@ def canonical_stand(recording: Recording, how: How | None = None) -> Recording:
     series = _stand_series(recording)
     findings = [*recording.findings, *series.findings]
     if _is_settled(series.time_s):
-        findings = [one for one in findings if one.code != "time-gaps"]
-    known = known_columns(series.columns, [word.partition("=")[0] for word in how.columns if "=" in word])
-    for quantity in list(known):
-        empty = [one for one in known[quantity] if not np.isfinite(one.column.values).any()]
-        findings += [finding("column-empty", name=one.head) for one in empty]
-        known[quantity] = [one for one in known[quantity] if one not in empty]
+        findings = [gaps for gaps in findings if gaps.code != "time-gaps"]
+    heads = [head_of(column) for column in series.columns]
+    known = motor_columns(series.columns, [word.partition("=")[0] for word in how.columns])
+    _check_names(series.path, how, known)
+    for quantity, columns in list(known.items()):
+        known[quantity] = [column for column in columns if np.isfinite(column.values).any()]
+        findings += [finding("column-empty", name=column.head) for column in columns if column not in known[quantity]]
         if not known[quantity]:
             del known[quantity]
     findings += _one_speed(known)
     _check(series, known)
     command = _command(series, known, how, findings, of_run=recording.run is not None)
-    time_s = _times(recording, series, known, command, findings)
-    columns = [] if command is None else [command]
-    for quantity in ("thrust", "torque", "voltage", "grams", "speed"):
-        columns += [_measured(series, quantity, one, findings) for one in known.get(quantity, ())]
-    columns = [column for column in columns if np.isfinite(column.values).any()]
+    time_s = _times(recording, series, command, findings)
+    measured = [
+        _measured(series, quantity, column, findings)
+        for quantity in ("thrust", "torque", "voltage", "grams", "speed")
+        for column in known.get(quantity, ())
+    ]
+    measured = [column for column in measured if np.isfinite(column.values).any()]
     kept = np.ones(series.rows, np.bool_) if command is None else np.isfinite(command.values)
     if not kept.all():
         count = int(np.count_nonzero(~kept))
         findings.append(finding("rows-without-command", count=count, rows=series.rows, line=_line(series, ~kept)))
-    findings += _missing(series, columns, kept)
-    stand = replace(series, name=STAND, columns=tuple(columns), time_s=time_s, findings=()).kept(kept)
-    used = {one.head for alike in known.values() for one in alike}
-    unused = [one.head or one.name for one in series.columns if (one.head or one.name) not in {"", *used}]
-    findings += [finding("columns-unused", names=_short(", ".join(unused), 120))] if unused else []
-    total = any(one.kind == "total" for one in known.get("thrust", ()))
-    of_four = total or BITCRAZE.matches([one.head or one.name for one in series.columns])
-    motors = how.motors or recording.facts.motors or (ROTORS if of_four else None)
-    if how.motors is not None and recording.facts.motors not in (None, how.motors):
+    for column in measured:
+        if (missing := kept & ~np.isfinite(column.values)).any():
+            count, line = int(np.count_nonzero(missing)), _line(series, missing)
+            findings.append(finding("values-missing", name=column.head, count=count, rows=series.rows, line=line))
+    used = {column.head for columns in known.values() for column in columns}
+    if unused := [head for head in heads if head not in used]:
+        findings.append(finding("columns-unused", names=_short(", ".join(unused), 120)))
+    kept_columns = tuple(measured if command is None else [command, *measured])
+    stand = replace(series, name=STAND, columns=kept_columns, time_s=time_s, findings=()).kept(kept)
+    of_four = BITCRAZE.matches(heads) or any(column.kind == "total" for column in known.get("thrust", ()))
+    stated = recording.facts.motors
+    if how.motors is not None and stated not in (None, how.motors):
         raise ConfigError(
-            f"{recording.path}: `motors` {how.motors} contradicts the run, which states {recording.facts.motors}: "
-            "leave it out, or import the file again with it."
+            f"{recording.path}: `motors` {how.motors} contradicts the run, which states {stated}: leave it out, or "
+            "import the file again with it."
         )
-    named = tuple(one.at(recording.path.name) if not one.where else one for one in findings)
-    understood = note("file-read", _understood(stand)).at(recording.path.name)
     return replace(
         recording,
         series={STAND: stand},
-        facts=replace(recording.facts, motors=motors),
-        findings=(understood, *named),
+        facts=replace(recording.facts, motors=how.motors or stated or (ROTORS if of_four else None)),
+        findings=tuple(
+            place if place.where else place.at(recording.path.name)
+            for place in (note("file-read", _understood(stand)), *findings)
+        ),
     )
 
 
@@ -201,7 +212,7 @@ def stand_of(recording: Recording, how: How | None = None, *, gravity_mps2: floa
         speeds_rad_s=speeds,
         speeds=kind,
         time_s=series.time_s,
-        findings=(*canonical.findings, *(one.at(path.name) for one in findings)),
+        findings=(*canonical.findings, *(fault.at(path.name) for fault in findings)),
     )
 
 
@@ -241,115 +252,131 @@ def _runs_of(values: Array, places: Rows) -> list[Rows]:
 def _stand_series(recording: Recording) -> Series:
     """Return the series that is a table of motors; where none is, the first one, whose columns a message names."""
     several = list(recording.series.values())
-    return next((one for one in several if is_stand(one.columns)), several[0])
+    return next((series for series in several if is_stand(series.columns)), several[0])
 
 
-def _one_speed(known: dict[str, list[Known]]) -> list[Finding]:
+def _one_speed(known: dict[str, list[MotorColumn]]) -> list[Finding]:
     """Keep one of an electrical and an optical speed: the one that is not 0 in more rows.
 
     Where both are not 0 and disagree, keep the optical one, which does not depend on the number of poles.
     """
-    two = known.get("speed", [])
-    if len(two) != 2 or any(one.kind != "motor" for one in two):
+    sensors = known.get("speed", [])
+    if len(sensors) != 2 or any(sensor.kind != "motor" for sensor in sensors):
         return []
-    seen = [np.nan_to_num(one.column.values) != 0 for one in two]
-    counts = [int(np.count_nonzero(one)) for one in seen]
-    if not any(counts):
+    first, second = sensors
+    turning = [np.nan_to_num(sensor.values) != 0 for sensor in sensors]
+    rows = [int(np.count_nonzero(mask)) for mask in turning]
+    if not any(rows):
         del known["speed"]
-        return [finding("speeds-zero", first=two[0].head, second=two[1].head)]
-    both = seen[0] & seen[1]
-    scaled = [one.column.values * (factor(one.unit, "rad/s") or np.nan) for one in two]
-    ratio = float(np.median(np.abs(scaled[0][both] / scaled[1][both]))) if 2 * both.sum() >= max(counts) else 1.0
-    optical = [one for one in two if "optical" in one.head.lower()]
-    if max(ratio, 1 / ratio) >= _ALIKE and len(optical) == 1:
-        known["speed"] = optical
-        return [finding("speeds-disagree", first=two[0].head, second=two[1].head, ratio=ratio, name=optical[0].head)]
+        return [finding("speeds-zero", first=first.head, second=second.head)]
+    both, ratio = turning[0] & turning[1], 1.0
+    if 2 * np.count_nonzero(both) >= max(rows):
+        scales = [factor(sensor.unit, "rad/s") or np.nan for sensor in sensors]
+        ratio = scales[0] / scales[1] * float(np.median(np.abs(first.values[both] / second.values[both])))
     if max(ratio, 1 / ratio) < _ALIKE:
-        best = int(np.argmax(counts))
-        known["speed"] = [two[best]]
-        found = finding("speed-chosen", name=two[best].head, rows=counts[best], other=two[1 - best].head)
-        return [found, *([finding("speed-electrical", name=two[best].head)] if "electrical" in two[best].head else [])]
-    return []
+        best = int(np.argmax(rows))
+        sensor = sensors[best]
+        known["speed"] = [sensor]
+        chosen = finding("speed-chosen", name=sensor.head, rows=rows[best], other=sensors[1 - best].head)
+        electrical = "electrical" in sensor.head.lower()
+        return [chosen, finding("speed-electrical", name=sensor.head)] if electrical else [chosen]
+    optical = [sensor for sensor in sensors if "optical" in sensor.head.lower()]
+    if len(optical) != 1:
+        return []
+    known["speed"] = optical
+    return [finding("speeds-disagree", first=first.head, second=second.head, ratio=ratio, name=optical[0].head)]
 
 
-def _check(series: Series, known: Mapping[str, Sequence[Known]]) -> None:
+def _check_names(path: Path, how: How, known: Mapping[str, Sequence[MotorColumn]]) -> None:
+    """Raise ConfigError for a name in `how.columns` that no quantity of motors has."""
+    names = {TIME, *(column.name for columns in known.values() for column in columns)}
+    unknown = [word for word in how.columns if word.partition("=")[0] not in names]
+    if unknown:
+        raise ConfigError(
+            f"{path}: `columns` {unknown[0]}: a table of motors takes NAME=COLUMN, as in thrust_n=3. Known names: "
+            f"{KNOWN}.",
+            code="columns",
+        )
+
+
+def _check(series: Series, known: Mapping[str, Sequence[MotorColumn]]) -> None:
     """Refuse several columns of one quantity, a table that is none of motors, and columns without a unit."""
-    for quantity, alike in known.items():
-        if len(alike) > 1 and {one.kind for one in alike} not in ({"series"}, {"rotors"}):
-            names = ", ".join(one.head for one in alike)
+    for quantity, columns in known.items():
+        if len(columns) > 1 and {column.kind for column in columns} not in ({"series"}, {"rotors"}):
             raise DataError(
-                f"{series.path}: more than one column of {quantity}: {names}. Name one by `columns`, by its name or "
-                f"number, as in {_EXAMPLES.get(quantity, quantity)}={alike[0].head}.",
+                f"{series.path}: more than one column of {quantity}: {', '.join(column.head for column in columns)}. "
+                f"Name one by `columns`, by its name or number, as in {_EXAMPLES[quantity]}={columns[0].head}.",
                 code="several-columns",
             )
-    if not is_stand([one.column for alike in known.values() for one in alike]):
+    if not _is_complete(known):
         lacking = "nothing measured" if "command" in known else "no motor command"
-        listing = _short(", ".join(one.head or one.name for one in series.columns), 200)
+        listing = _short(", ".join(head_of(column) for column in series.columns), 200)
         raise DataError(
             f"{series.path}: {lacking} among {listing}. Name columns by `columns`, as in cmd=1,thrust_n=2. Known "
             f"names: {KNOWN}.",
             code="no-stand",
         )
-    for quantity, alike in known.items():
-        for one in alike:
-            if quantity != "command" and not one.unit:
+    for quantity, columns in known.items():
+        for column in columns:
+            if quantity != "command" and not column.unit:
                 raise ConfigError(
-                    f"{series.path}: column '{one.head}' names no unit: give `unit` {one.column.name}="
+                    f"{series.path}: column '{column.head}' names no unit: give `unit` {column.name}="
                     f"{_UNITS[quantity].replace(' ', '')} or the like.",
                     code="no-unit",
                 )
 
 
 def _command(
-    series: Series, known: Mapping[str, Sequence[Known]], how: How, findings: list[Finding], *, of_run: bool
+    series: Series, known: Mapping[str, Sequence[MotorColumn]], how: How, findings: list[Finding], *, of_run: bool
 ) -> Column | None:
     """Return commands from 0 to 65535, None where the table has none, and add findings on how they were read."""
-    if "command" not in known:
-        how.refuse_unused(series.path, *_USED)
+    column = known["command"][0] if "command" in known else None
+    pulses = column is not None and factor(column.unit or "-", "s") is not None
+    dshot = column is not None and how.dshot and not pulses
+    how.refuse_unused(series.path, *_USED, *(["esc_us"] if pulses else []), *(["dshot"] if dshot else []))
+    if column is None:
         return None
-    (one,) = known["command"]
-    raw, unit = one.column.values, one.unit
-    largest = float(np.nanmax(raw))
-    if factor(unit or "-", "s") is not None:
-        how.refuse_unused(series.path, *_USED, "esc_us")
-        raw = raw * (1e6 * (factor(unit, "s") or 1.0))
-        raw = _possible(series, one.head, raw, (0.0, _LONGEST_PULSE_US), findings)
+
+    def scaled(most: float, low: float = 0.0, high: float = 1.0) -> Array:
+        """Return commands from numbers up to `most`, of which `low` is standstill and `high` full throttle."""
+        values = _possible(series, column.head, column.values, (0.0, most), findings)
+        return np.asarray((values.clip(low) - low) / (high - low) * FULL_COMMAND)
+
+    largest = float(np.nanmax(column.values))
+    if pulses:
+        us = 1e6 * (factor(column.unit, "s") or 1.0)
         low, high = how.esc_us or USUAL_ESC_US
-        if (longest := float(np.nanmax(raw))) > high:
-            line = _line(series, raw > high)
+        values = np.rint(scaled(_LONGEST_PULSE_US / us, low / us, high / us))
+        if np.nanmax(values) > FULL_COMMAND:
+            row = values > FULL_COMMAND
             raise DataError(
-                f"{series.path}:{line}: {longest:g} us in '{one.head}' is longer than the full throttle of `esc_us` "
-                f"{low:g},{high:g}: give the range of this motor controller.",
+                f"{series.path}:{_line(series, row)}: {column.values[row][0] * us:g} us in '{column.head}' is longer "
+                f"than the full throttle of `esc_us` {low:g},{high:g}: give the range of this motor controller.",
                 code="pulse-too-long",
             )
         if how.esc_us is None:
             findings.append(finding("esc-range-assumed", low=low, high=high, full=FULL_COMMAND))
-        values = np.rint((raw.clip(low) - low) / (high - low) * FULL_COMMAND)
-    elif how.dshot:
-        how.refuse_unused(series.path, *_USED, "dshot")
-        raw = _possible(series, one.head, raw, (0.0, _DSHOT[1]), findings)
-        values = np.rint((raw.clip(_DSHOT[0]) - _DSHOT[0]) / (_DSHOT[1] - _DSHOT[0]) * FULL_COMMAND)
-    elif unit and unit.lower() != "pwm":
-        how.refuse_unused(series.path, *_USED)
-        share = factor(unit, "1")
+    elif dshot:
+        values = np.rint(scaled(_DSHOT[1], *_DSHOT))
+    elif column.unit and column.unit.lower() != "pwm":
+        share = factor(column.unit, "1")
         if share is None:
             raise DataError(
-                f"{series.path}: column '{one.head}' is in '{unit}', which is no unit of a command: us, %, fraction, "
-                "or none for 0 to 65535.",
+                f"{series.path}: column '{column.head}' is in '{column.unit}', which is no unit of a command: us, %, "
+                "fraction, or none for 0 to 65535.",
                 code="other-unit",
             )
-        values = _possible(series, one.head, raw, (0.0, 1 / share), findings) * (share * FULL_COMMAND)
+        values = scaled(1 / share, high=1 / share)
     else:
-        how.refuse_unused(series.path, *_USED)
-        values = _possible(series, one.head, raw, (0.0, float(FULL_COMMAND)), findings)
+        values = scaled(FULL_COMMAND, high=FULL_COMMAND)
         if 0 < largest <= _LEAST_FULL and not of_run:
             raise ConfigError(
-                f"{series.path}: no command above {largest:g} of {FULL_COMMAND} in '{one.head}': state its unit, by "
-                f"`unit` {one.column.name}=% (0 to 100), =fraction (0 to 1) or =us (pulse widths), or give `dshot`.",
+                f"{series.path}: no command above {largest:g} of {FULL_COMMAND} in '{column.head}': state its unit, by "
+                f"`unit` {column.name}=% (0 to 100), =fraction (0 to 1) or =us (pulse widths), or give `dshot`.",
                 code="no-unit",
             )
-    of_controller = re.match("esc|throttle", one.head.lower()) or factor(unit or "-", "s") is not None or how.dshot
-    return Column(name="throttle" if of_controller else "cmd", unit="", values=values, head=one.head)
+    of_controller = pulses or dshot or re.match("esc|throttle", column.head.lower())
+    return Column(name="throttle" if of_controller else "cmd", unit="", values=values, head=column.head)
 
 
 def holds_stand(path: Path) -> bool:
@@ -370,8 +397,8 @@ def read_stand(path: Path, how: How | None = None) -> Recording:
         path = run.device_file(STAND)
     table = read_table(path, how if run is None else None)
     timed = run is not None and table.heads[0] == TIME
-    columns = tuple(replace(one, unit="s") if timed and one.name == TIME else one for one in table.columns)
-    table = replace(table, columns=columns)
+    if timed:
+        table = replace(table, columns=(replace(table.columns[0], unit="s"), *table.columns[1:]))
     series = series_of(table, how if run is None else How(), name=STAND, sort=True, timed=timed)
     motors = None if run is None or run.header.origin is None else run.header.origin.motors
     return Recording(path=path, source=table.source, series={STAND: series}, facts=Facts(motors=motors), run=run)
@@ -382,13 +409,7 @@ def _is_settled(time_s: Array | None) -> bool:
     return time_s is not None and len(time_s) > 1 and float(np.median(some_steps(time_s))) >= _SETTLED_S
 
 
-def _times(
-    recording: Recording,
-    series: Series,
-    known: Mapping[str, Sequence[Known]],
-    command: Column | None,
-    findings: list[Finding],
-) -> Array | None:
+def _times(recording: Recording, series: Series, command: Column | None, findings: list[Finding]) -> Array | None:
     """Return the times of a record, None for settled points. Raises ConfigError for a record without times."""
     if _is_settled(series.time_s):
         assert series.time_s is not None
@@ -399,7 +420,7 @@ def _times(
     held = series.rows / (1 + np.count_nonzero(np.diff(command.values)))
     if held < _HELD_ROWS and series.rows <= _MOST_TYPED:
         return None
-    if BITCRAZE.matches([one.head or one.name for one in series.columns]):
+    if BITCRAZE.matches([head_of(column) for column in series.columns]):
         findings.append(finding("rate-assumed", rate_hz=BITCRAZE.rate_hz))
         return np.arange(series.rows) / BITCRAZE.rate_hz
     raise ConfigError(
@@ -410,37 +431,36 @@ def _times(
     )
 
 
-def _measured(series: Series, quantity: str, one: Known, findings: list[Finding]) -> Column:
+def _measured(series: Series, quantity: str, column: MotorColumn, findings: list[Finding]) -> Column:
     """Return a measured column in its unit of a run, under the name that states it, without impossible values."""
-    values, unit = one.column.values, _UNITS[quantity]
-    name = {"thrust": "thrust_n", "torque": "torque_nm", "voltage": "vbat_v", "grams": "grams"}.get(quantity, "")
+    name, unit = _NAMES_OF_RUN.get(quantity, ""), _UNITS[quantity]
     if quantity == "speed":
-        place = re.sub(r"\D", "", one.head) if one.kind in ("series", "rotors") else ""
-        name = f"{SPEED_NAMES[cast(Speeds, one.kind)]}{place}_rad_s"
-    grams = _WEIGHTS.get(one.unit.lower()) if quantity in ("thrust", "grams") else None
-    scale = grams if grams or quantity == "grams" else factor(one.unit, unit)
+        place = re.sub(r"\D", "", column.head) if column.kind in ("series", "rotors") else ""
+        name = f"{SPEED_NAMES[cast(Speeds, column.kind)]}{place}_rad_s"
+    grams = _GRAMS.get(column.unit.lower()) if quantity in ("thrust", "grams") else None
+    if grams is not None and quantity == "thrust":
+        name, unit = "weight_g", "g"
+    scale = grams or (None if quantity == "grams" else factor(column.unit, unit))
     if scale is None:
         raise DataError(
-            f"{series.path}: column '{one.head}' is in '{one.unit}', which is no unit of {quantity}. Where the name is "
-            f"wrong, give `unit` {one.column.name}=...",
+            f"{series.path}: column '{column.head}' is in '{column.unit}', which is no unit of {quantity}. Where the "
+            f"name is wrong, give `unit` {column.name}=...",
             code="other-unit",
         )
-    values = values if scale == 1 else values * scale
+    values = column.values if scale == 1 else column.values * scale
     if quantity == "speed":
         values = -values if np.nanmax(values) <= -_NOISE * np.nanmin(values) else values
         noise = (values < 0) & (values >= -_NOISE * np.nanmax(values))
-        values = _possible(series, one.head, np.where(noise, 0.0, values), (0.0, np.inf), findings)
+        values = _possible(series, column.head, np.where(noise, 0.0, values), (0.0, np.inf), findings)
     if quantity == "voltage":
         if np.nanmedian(values) > _MOST_VOLTS:
             raise DataError(
-                f"{series.path}: {np.nanmedian(values):g} V in column '{one.head}': no battery has that. Is it in "
-                f"millivolts? Then give `unit` {one.column.name}=mV.",
+                f"{series.path}: {np.nanmedian(values):g} V in column '{column.head}': no battery has that. Is it in "
+                f"millivolts? Then give `unit` {column.name}=mV.",
                 code="impossible",
             )
-        values = _possible(series, one.head, values, (np.nextafter(0, 1), _MOST_VOLTS), findings, most=1.0)
-    if grams:
-        name, unit = "grams" if quantity == "grams" else "weight_g", "g"
-    return Column(name=name, unit=unit, values=values, head=one.head)
+        values = _possible(series, column.head, values, (np.nextafter(0, 1), _MOST_VOLTS), findings, most=1.0)
+    return Column(name=name, unit=unit, values=values, head=column.head)
 
 
 def _possible(
@@ -467,22 +487,6 @@ def _possible(
         )
     findings.append(finding("values-impossible", count=count, rows=len(values), name=head, first=first, line=line))
     return np.where(wrong, np.nan, values)
-
-
-def _missing(series: Series, columns: Sequence[Column], kept: Mask) -> list[Finding]:
-    """Return a finding on each column that lacks numbers in rows that are kept."""
-    missing = [(column, kept & ~np.isfinite(column.values)) for column in columns]
-    return [
-        finding(
-            "values-missing",
-            name=column.head,
-            count=int(np.count_nonzero(rows)),
-            rows=len(rows),
-            line=_line(series, rows),
-        )
-        for column, rows in missing
-        if rows.any()
-    ]
 
 
 def _line(series: Series, rows: Mask) -> int:

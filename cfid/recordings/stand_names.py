@@ -4,6 +4,9 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Literal, NamedTuple
 
+import numpy as np
+import numpy.typing as npt
+
 from cfid.recordings.recording import Column
 from cfid.units import ROTORS, split_unit
 
@@ -66,32 +69,38 @@ BITCRAZE = Profile(
 _OF_POWERTRAIN = re.compile(r".+ - (?=(esc throttle|force fz|torque mz|rotation speed|voltage)\b)")  # of Flight Stand
 
 
-class Known(NamedTuple):
-    """A column of a known name, its kind of a quantity, and its unit, "" where nothing states one."""
+class MotorColumn(NamedTuple):
+    """A column of a known name: its kind of a quantity, its unit ("" where nothing states one) and its numbers (n,).
 
-    column: Column
+    `name` is without the unit, or as an option states it, and `head` the name in the file.
+    """
+
+    name: str
+    head: str
     kind: str
     unit: str
-
-    @property
-    def head(self) -> str:
-        """The column's name in the file."""
-        return self.column.head or self.column.name
+    values: npt.NDArray[np.float64]
 
 
-def known_columns(columns: Sequence[Column], stated: Sequence[str] = ()) -> dict[str, list[Known]]:
+def head_of(column: Column) -> str:
+    """Return a column's name in the file."""
+    return column.head or column.name
+
+
+def motor_columns(columns: Sequence[Column], stated: Sequence[str] = ()) -> dict[str, list[MotorColumn]]:
     """Return columns by quantity; those with a `stated` name take the place of others of their quantity."""
-    known: dict[str, list[Known]] = {}
-    own = BITCRAZE.columns if BITCRAZE.matches([one.head or one.name for one in columns]) else {}
+    by_quantity: dict[str, list[MotorColumn]] = {}
+    own = BITCRAZE.columns if BITCRAZE.matches([head_of(column) for column in columns]) else {}
     for column in columns:
-        renamed = own.get((column.head or column.name).lower())
+        renamed = own.get(head_of(column).lower())
         name, unit = split_unit(renamed or column.name)
         words = re.sub(r"[\s_]+", " ", _OF_POWERTRAIN.sub("", name.strip().lower()))
         unit = unit if renamed else column.unit or unit or UNIT_OF_NAME.get(re.split(r"[ \d]", words)[0], "")
         for quantity, kinds in NAMES.items():
             for kind, pattern in kinds.items():
                 if re.fullmatch(pattern, words):
-                    known.setdefault(quantity, []).append(Known(column, kind, unit))
-    for quantity, alike in known.items():
-        known[quantity] = [one for one in alike if one.column.name in stated] or alike
-    return known
+                    known = MotorColumn(column.name, head_of(column), kind, unit, column.values)
+                    by_quantity.setdefault(quantity, []).append(known)
+    for quantity, known_columns in by_quantity.items():
+        by_quantity[quantity] = [column for column in known_columns if column.name in stated] or known_columns
+    return by_quantity

@@ -180,6 +180,11 @@ def test_an_option_answers_the_question(tmp_path: Path, text: str, how: How) -> 
     assert table.thrust_n == pytest.approx([0, 1, 2])
 
 
+@pytest.mark.parametrize("columns", [("3",), ("lift=2",)])
+def test_a_column_needs_a_name_that_motors_have(tmp_path: Path, columns: tuple[str, ...]) -> None:
+    assert refusal(tmp_path, "cmd,thrust_n,x\n0,0,1\n60000,1,1\n", How(columns=columns)).code == "columns"
+
+
 @pytest.mark.parametrize("how", [How(esc_us=(1000, 2000)), How(dshot=True, counts_per_n=1e6), How(clock="true")])
 def test_an_option_that_nothing_in_a_table_needs_is_an_error(tmp_path: Path, how: How) -> None:
     assert refusal(tmp_path, "cmd,thrust_n\n0,0\n60000,1\n", how).code == "unused"
