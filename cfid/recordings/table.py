@@ -225,7 +225,7 @@ class _Lines:
         for number, content in enumerate(block.split(b"\n")[:-1], start=1):
             text = _decoded(content)
             if self.layout.is_row(text):
-                rows.append(content.rstrip(b"\r" + (self.layout.separator or " ").encode()))
+                rows.append(content.rstrip(b" \r" + (self.layout.separator or " ").encode()))
             elif text.strip() and not text.lstrip().startswith(_COMMENT):
                 if not self.left_out:
                     self.first_left_out, self.fault = self._lines_before(begin) + number, self._fault(text)

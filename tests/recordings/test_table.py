@@ -35,6 +35,7 @@ def codes(table: Table) -> list[str]:
         "t_s,phi_deg\n0,1\n1,2\n",
         "t_s;phi_deg\r\n0;1\r\n1;2\r\n",
         "t_s,phi_deg,\r0,1\r1,2\r\n",
+        "t_s,phi_deg\n0,1,,\n1,2,, \n# a comment, after more fields\n",
         "\ufefft_s\tphi_deg\n0\t1\n1\t2\n",
         "# measured by hand\n# t_s phi_deg\n0  1\n1  2\n",
         "A report\nof 2 lines\nt_s,phi_deg,\n0,1,\n1,2,\n",
