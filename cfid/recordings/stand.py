@@ -42,6 +42,7 @@ _DSHOT = (48.0, 2047.0)  # smallest and largest throttle; what is below are word
 _LEAST_FULL = 2500.0  # a table whose commands are all below turns no motor on the scale 0 to 65535
 _LONGEST_PULSE_US = 5000.0  # beyond all that controllers take, of which few reach 2500
 _MOST_VOLTS = 60.0  # more than any battery that flies, and less than its millivolts
+_LARGEST = 1e9  # of any number, beyond all that is measured
 _IMPOSSIBLE_SHARE = 0.1  # of a column's values, up to which only the impossible ones are left out
 _NOISE = 1e-2  # of the fastest speed: up to this far below zero is noise
 _ALIKE = 1.05  # ratio of two sensors of one rotor's speed; wrong poles or markers make 7/6 and more
@@ -451,8 +452,10 @@ def _measured(series: Series, quantity: str, column: MotorColumn, findings: list
     if quantity == "speed":
         values = -values if np.nanmax(values) <= -_NOISE * np.nanmin(values) else values
         noise = (values < 0) & (values >= -_NOISE * np.nanmax(values))
-        values = _possible(series, column.head, np.where(noise, 0.0, values), (0.0, np.inf), findings)
-    if quantity == "voltage":
+        values = _possible(series, column.head, np.where(noise, 0.0, values), (0.0, _LARGEST), findings)
+    elif quantity != "voltage":
+        values = _possible(series, column.head, values, (-_LARGEST, _LARGEST), findings)
+    else:
         if np.nanmedian(values) > _MOST_VOLTS:
             raise DataError(
                 f"{series.path}: {np.nanmedian(values):g} V in column '{column.head}': no battery has that. Is it in "
