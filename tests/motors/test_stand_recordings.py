@@ -237,6 +237,16 @@ def test_a_stand_of_a_larger_motor_gives_its_map_where_no_rig_states_a_smaller_v
     assert "implausible" in within.stderr
 
 
+def test_a_script_s_log_whose_rows_leave_out_the_last_columns_gives_the_rotor_s_lag(tmp_path: Path) -> None:
+    table = write(tmp_path, sweep())
+    head, rest = table.read_text().split("\n", 1)
+    table.write_text(f"{head}App message,90% settling time (s),Max acceleration (RPM/s),\n{rest}")
+    steps = fit_dynamics(table).quantities["dynamics.time_constant_s"].value
+    assert isinstance(steps, list)
+    lags_s = [step["time_constant_s"] for step in steps if step["rising"]]
+    assert lags_s == pytest.approx([LAG_S] * len(lags_s), rel=0.05)
+
+
 def test_an_imported_stand_gives_what_its_file_gives_to_the_last_bit(cfid: Cfid, tmp_path: Path) -> None:
     table, lab = write(tmp_path, sweep()), tmp_path / "lab"
     assert cfid("new", lab).returncode == 0

@@ -196,6 +196,15 @@ def test_an_assumed_range_of_pulses_is_stated_and_a_given_one_is_not(tmp_path: P
     assert "esc-range-assumed" not in codes(read(tmp_path, text, How(esc_us=(1000, 1900))))
 
 
+@pytest.mark.parametrize(("head", "larger"), [("ESC signal (us)", True), ("cmd", False)])
+def test_a_motor_with_its_own_controller_may_be_that_of_a_larger_vehicle(
+    tmp_path: Path, head: str, *, larger: bool
+) -> None:
+    """8.2 N at 80 % are 12.8 N at full command; in a table of the firmware's commands the unit is wrong."""
+    rows = "1000,0\n1800,8.2\n" if larger else "0,0\n52428,8.2\n"
+    assert ("motor-of-larger-vehicle" in codes(read(tmp_path, f"{head},Thrust (N)\n{rows}"))) is larger
+
+
 # How many motors
 
 
