@@ -64,7 +64,7 @@ def stand_view(path: Path) -> View:
     return View(
         device="stand",
         name=path.name,
-        path=path,
+        path=table.path,
         source=table.source,
         lines=texts(table.findings, "note"),
         notes=texts(table.findings, "warning"),

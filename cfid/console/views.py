@@ -66,6 +66,7 @@ def views_of(word: str, workplace: Workplace) -> tuple[list[View], tuple[str, ..
     file that needs an option of `cfid import`.
     """
     from cfid.console.log_views import log_views, stand_view
+    from cfid.recordings.stand import STAND
     from cfid.records.run import run_at
     from cfid.records.tables.angle import ENCODER
     from cfid.records.tables.wrench import LOADCELL, WrenchReading, holds_wrench, read_wrench
@@ -74,6 +75,7 @@ def views_of(word: str, workplace: Workplace) -> tuple[list[View], tuple[str, ..
     readers: dict[str, Callable[[], View]] = {
         ENCODER: lambda: _angle_view(ENCODER, read_recording(str(path), workplace)),
         LOADCELL: lambda: _wrench_view(LOADCELL, read_wrench(path, forces)),
+        STAND: lambda: stand_view(path),
     }
     run = run_at(path)
     kind = None if run is not None else _kind_of(path, forces)

@@ -280,6 +280,9 @@ def test_imported_points_and_how_many_motors_they_are_of_give_what_their_table_g
     assert np.array_equal(np.asarray(of_run.thrust_n), np.asarray(of_file.thrust_n))
     with pytest.raises(ConfigError):
         fit_thrust(run, stand=Stand(motors=1))
+    for words in (("fit", "thrust", "last"), ("show", "last")):
+        shown = cfid(*words, "--no-figures", "--campaign", tmp_path / "lab")
+        assert shown.returncode == 0, shown.stderr
 
 
 def test_a_stand_s_times_without_a_unit_are_asked_for(cfid: Cfid, tmp_path: Path) -> None:

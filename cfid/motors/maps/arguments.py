@@ -13,8 +13,8 @@ from cfid.motors.maps.evidence import Evidence, Stand, together
 from cfid.motors.maps.table_data import of_table
 from cfid.motors.vibration.data import Rotors
 from cfid.recordings.recording import How
-from cfid.recordings.stand import holds_stand, read_stand, stand_of
-from cfid.records.choose import labelled
+from cfid.recordings.stand import STAND, holds_stand, read_stand, stand_of
+from cfid.records.choose import Matches, labelled
 from cfid.records.run import Run, refuse_contradiction, run_at, run_holding
 from cfid.records.tables.wrench import WrenchReading, holds_wrench
 from cfid.units import FULL_COMMAND
@@ -69,7 +69,7 @@ def read_evidence(
             here = known.where(workplace.facts)
             parts.append(of_file(at, Path(file), here, WrenchReading(), method=method, rotors=rotors))
         else:
-            path = find_recording(word, workplace, labelled(kind))
+            path = find_recording(word, workplace, _of_kinds(kind, STAND))
             if holds_stand(path):
                 parts.append(of_stand(path))
             elif (run := run_at(path)) is not None:
@@ -90,7 +90,12 @@ def read_evidence(
 def _meant(words: Sequence[str], tables: Sequence[Evidence], workplace: Workplace, kind: str) -> Sequence[str]:
     if workplace.campaign is None or (tables and not words):
         return words
-    return chosen(words, workplace.campaign, suits=labelled(kind), wanted=f"runs of cfid log {kind}")
+    suits = _of_kinds(kind, STAND) if words else labelled(kind)  # a stand is taken where it is named
+    return chosen(words, workplace.campaign, suits=suits, wanted=f"runs of cfid log {kind}")
+
+
+def _of_kinds(*kinds: str) -> Matches:
+    return lambda run: run.header.kind in kinds
 
 
 def _command(text: str, word: str) -> int:

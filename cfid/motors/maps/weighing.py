@@ -14,7 +14,7 @@ from cfid.motors.maps.estimation import MotorMap
 from cfid.motors.maps.evidence import Stand
 from cfid.motors.maps.scales import ScalesCheck, scales_findings, scales_thrust_n, verify_thrust
 from cfid.motors.points import Array
-from cfid.recordings.stand import read_stand, stand_of
+from cfid.recordings.stand import holds_stand, read_stand, stand_of
 from cfid.records.resumed import with_completed
 from cfid.records.rig_file import RigFacts
 from cfid.records.run import Run, run_at
@@ -47,7 +47,7 @@ class Weighing:
 def read_scales(path: Path, stand: Stand) -> Weighing:
     """Read a run of scales with the runs that it completes, or a table. Raises DataError."""
     run = run_at(path)
-    if run is not None:
+    if run is not None and not holds_stand(path):
         return weighing_of(run)
     table = stand_of(read_stand(path))
     if table.grams is None:

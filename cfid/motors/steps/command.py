@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from cfid.records.run import Run
 
 
+_KINDS = ("thrust", "stand", "flight")
+
+
 @flat
 def dynamics(
     *,
@@ -54,7 +57,7 @@ def dynamics(
         raise ConfigError("nothing to fit: give a RUN with steps, a flight log, or a thrust stand's CSV file.")
     if len(runs or []) + (table is not None) > 1:
         raise ConfigError("several runs have several clocks: give one at a time.")
-    path = table or find_recording((runs or [])[0], workplace, lambda one: one.header.kind in ("thrust", "flight"))
+    path = table or find_recording((runs or [])[0], workplace, lambda run: run.header.kind in _KINDS)
     is_table = table is not None or holds_stand(path)
     found = _recorded(path, None if is_table else run_at(path), is_table=is_table)
     if isinstance(found, RotorLog):

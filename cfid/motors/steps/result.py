@@ -18,7 +18,7 @@ from cfid.motors.steps.data import SpeedRecord, of_run, of_table
 from cfid.motors.steps.estimation import StepFit, fit_steps
 from cfid.motors.steps.model import CommandStep, followed
 from cfid.motors.steps.rotor_model import RotorModel, fit_rotor_model
-from cfid.recordings.stand import StandTable, read_stand, stand_of
+from cfid.recordings.stand import StandTable, holds_stand, read_stand, stand_of
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Figures, Result
@@ -102,9 +102,13 @@ def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
 def _record(recording: SpeedRecord | StandTable | Run | Path | str) -> SpeedRecord:
     if isinstance(recording, SpeedRecord):
         return recording
-    read = recording if isinstance(recording, StandTable | Run) else run_at(Path(recording))
-    read = read or stand_of(read_stand(Path(str(recording))))
-    return of_table(read) if isinstance(read, StandTable) else of_run(read, WrenchReading())
+    if isinstance(recording, StandTable):
+        return of_table(recording)
+    path = recording.folder if isinstance(recording, Run) else Path(recording)
+    run = run_at(path)
+    if run is None or holds_stand(path):
+        return of_table(stand_of(read_stand(path)))
+    return of_run(run, WrenchReading())
 
 
 def _steps(record: SpeedRecord) -> tuple[tuple[CommandStep, ...], tuple[Finding, ...]]:
