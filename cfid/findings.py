@@ -65,7 +65,7 @@ CODES: dict[str, tuple[Severity, str]] = {
     ),
     "speeds-dead": (
         "warning",
-        "'{name}' shows 0 in {count} rows in which rotors turn: its sensor is dead there, the values are missing.",
+        "'{name}' shows 0 in {rows} in which rotors turn: its sensor is dead there, the values are missing.",
     ),
     "speeds-disagree": (
         "warning",
@@ -79,17 +79,16 @@ CODES: dict[str, tuple[Severity, str]] = {
     ),
     "values-impossible": (
         "warning",
-        "{count} of {rows} values of '{name}' are impossible and left out (first: {first:g} in line {line}).",
+        "left out: {values} of '{name}' that cannot be (first: {first:g} in line {line}).",
     ),
     "values-missing": ("warning", "'{name}' is no number in {count} of {rows} rows (first: line {line})."),
     "values-off": (
         "warning",
-        "{count} values of '{name}' off those around them are left out (first: {first:g} in line {line}).",
+        "left out: {values} of '{name}' off those around (first: {first:g} in line {line}).",
     ),
     "values-stuck": (
         "warning",
-        "{count} values of '{name}' that repeat one while the command changes are left out (first: {first:g} in line "
-        "{line}).",
+        "left out: {values} of '{name}' that repeat one while the command changes (first: {first:g} in line {line}).",
     ),
     "weight-by-gravity": ("warning", "'{name}' is a weight: grams by {gravity:g} m/s^2."),
 }

@@ -239,8 +239,8 @@ def _without_faults(series: Series, column: Column, command: Array) -> tuple[Arr
     for code, rows in (("values-off", off), ("values-stuck", hung)):
         if rows.any():
             first = float(values[np.argmax(rows)])
-            count = int(np.count_nonzero(rows))
-            findings.append(finding(code, count=count, name=column.head, first=first, line=_line(series, rows)))
+            count = counted(int(np.count_nonzero(rows)), "value")
+            findings.append(finding(code, values=count, name=column.head, first=first, line=_line(series, rows)))
     return (np.where(off | hung, np.nan, values), findings) if findings else (values, findings)
 
 
@@ -488,7 +488,8 @@ def _possible(
             f"of {len(values)} rows. Is it in another unit?",
             code="impossible",
         )
-    findings.append(finding("values-impossible", count=count, rows=len(values), name=head, first=first, line=line))
+    impossible = counted(count, "value")
+    findings.append(finding("values-impossible", values=impossible, name=head, first=first, line=line))
     return np.where(wrong, np.nan, values)
 
 
@@ -538,7 +539,7 @@ def _without_dead(
     dead = (speeds == 0) & turning[:, np.newaxis]
     speeds[dead] = np.nan
     counts = zip(heads, np.count_nonzero(dead, axis=0).tolist(), strict=True)
-    return [finding("speeds-dead", name=head, count=count) for head, count in counts if count]
+    return [finding("speeds-dead", name=head, rows=counted(count, "row")) for head, count in counts if count]
 
 
 def _has_thrust(thrust_n: Array, command: Array) -> Mask:
