@@ -20,13 +20,12 @@ from cfid.records.tables.stand import StandTable
 from cfid.records.tables.vehicle import (
     VEHICLE_LOG,
     Rows,
-    begin_s,
     holds,
     read_commands,
     read_rows,
     reported_speeds_rad_s,
 )
-from cfid.records.tables.wrench import LOADCELL, WrenchReading, read_wrench
+from cfid.records.tables.wrench import WrenchReading, read_wrench
 from cfid.units import MOTORS
 
 Array = npt.NDArray[np.float64]
@@ -139,7 +138,7 @@ def _of_vibration(run: Run, commands: Rows, command: Array, reading: WrenchReadi
     channels = quiet_channels(record)
     ridge = speed_ridge(time_s=record.time_s, wrench=channels, window_s=_BLUR_S, step_s=_STEP_S)
     sure = ridge.std_rad_per_s < _SURE * ridge.speed_rad_per_s  # and not NaN
-    clock_s = begin_s(run.device_file(LOADCELL))
+    clock_s = record.begin_s or 0.0
     text = "this vehicle reports no speed: it is estimated from the load cell's vibration, absent at standstill."
     return SpeedRecord(
         name=run.folder.name,

@@ -16,7 +16,6 @@ def frame(run: Run, device: str) -> DataFrame:
     The encoder has `angle_rad`, the load cell `fx_n` to `tz_nm` (frame of the cell), the others their own columns.
     Raises DataError when the run has no such device, or a file is invalid.
     """
-    file = run.device_file(device)
     began_s = [begin_s(run.device_file(name)) for name, record in run.header.devices.items() if record.rows != 0]
     if not began_s:
         raise DataError(f"{run.folder}: none of its devices has rows: nothing was recorded.")
@@ -28,6 +27,6 @@ def frame(run: Run, device: str) -> DataFrame:
         cell = read_wrench(run.folder, WrenchReading())
         names = ("fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")
         columns = np.hstack([cell.force_n, cell.torque_nm]).T
-        return DataFrame({"t": cell.time_s + begin_s(file) - zero_s, **dict(zip(names, columns, strict=True))})
+        return DataFrame({"t": cell.time_s + (cell.begin_s or 0.0) - zero_s, **dict(zip(names, columns, strict=True))})
     rows = read_rows(run, device)
     return DataFrame({"t": rows.time_s - zero_s, **rows.columns})
