@@ -24,7 +24,6 @@ from cfid.errors import DataError, FitError
 from cfid.records.facts import RigFacts, WindStand
 from cfid.records.result import Result
 from cfid.records.rig_file import RIG_FILE, new_rig_text
-from cfid.records.tables.wrench import WrenchReading
 from cfid.sim.rotors import RotorTruth
 from tests.drag.test_drag_campaigns import COMPLEX_AIR, EQ_4_9, EQ_4_11, NAMES, SIMPLE_AIR, WORLDS, exact, measured
 from tests.drag.wind_in_a_folder import (
@@ -62,7 +61,7 @@ def tunnel(unspoilt: WindFolder, tmp_path: Path) -> WindFolder:
 
 def read(index: Path, *, method: Method = "default", **wind: float) -> DragExperiments:
     given = RigFacts(wind=WindStand(**wind))
-    return drag.read_index(index, how=WindReading(WrenchReading(), method, given))
+    return drag.read_index(index, how=WindReading(method, given))
 
 
 def codes(result: Result) -> list[str]:
@@ -361,7 +360,7 @@ def test_a_load_cell_that_was_stuck_costs_its_samples_or_its_file_and_is_named(
     name = tunnel.row(40000, WINDS[1])["loadcell"]
     table = pd.read_csv(tmp_path / name)
     rows = slice(round(begin * len(table)), round((begin + share) * len(table)))
-    table.loc[rows.start : rows.stop - 1, axis] = 0 if axis == "Fx" else -1_000_000
+    table.loc[rows.start : rows.stop - 1, f"{axis}_counts"] = 0 if axis == "Fx" else -1_000_000
     table.to_csv(tmp_path / name, index=False)
     found = drag.fit([], index=tunnel.write())
 

@@ -45,18 +45,17 @@ _AT_ONCE = 2  # files: one is averaged while another is read or parsed
 
 @dataclass(frozen=True)
 class WindReading:
-    """How to read and average recordings.
+    """How to average recordings.
 
     Facts of the rig that are `given` replace those that a run states; an index has those of `rig`.
     """
 
-    wrench: WrenchReading
     method: Literal["default", "thesis"] = "default"
     given: RigFacts = NONE_STATED
     rig: RigFacts = NONE_STATED
 
 
-AS_THEY_ARE = WindReading(WrenchReading())
+AS_THEY_ARE = WindReading()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +87,7 @@ def reduce_run(path: Path, how: WindReading, *, read_later: frozenset[int] = fro
     run = run_at(path)
     if run is None:
         raise DataError(f"{path}: not a run folder; other recordings are listed in an index file.")
-    setting, record = setting_of(run), read_wrench(path, how.wrench)
+    setting, record = setting_of(run), read_wrench(path, WrenchReading())
     record.require("Fx", "Fy", "Fz", purpose="drag")
     facts = how.given.over(run.header.rig)
     if not holds(run, COMMANDS):
@@ -134,7 +133,7 @@ def _reduce_row(row: IndexedRun, how: WindReading) -> ReducedRecording:
     """Reduce a recording; forces at standing rotors are not needed."""
     _refuse_other_wind(row)
     facts = how.given.over(how.rig)
-    read = read_wrench(row.loadcell, replace(how.wrench, gain=facts.loadcell.gain))
+    read = read_wrench(row.loadcell, WrenchReading(gain=facts.loadcell.gain))
     moving = without_stuck(read)
     record = without_faults(moving)
     findings = _assumptions(facts, row.setting, typed=bool(row.tach_rpm))

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -71,18 +71,16 @@ def read_sines(
     yaw_deg: float | None = None,
     facts: RigFacts = NONE_STATED,
     middle: float = MIDDLE,
-    reading: WrenchReading | None = None,
 ) -> SineSet:
     """Return runs of `cfid log sine` and the runs of an index, a CSV file with one row per run, as thrust of one motor.
 
-    `arm_m`, `arm_std_m` and `yaw_deg` of the load cell override those that a run states; `facts` apply to files, as do
-    `middle`, B of eq. 3.6, and `reading`. Paths of an index are relative to it. Raises ConfigError when there is
-    nothing to read, and DataError with the name of a file that cannot be read or that is given twice.
+    `arm_m`, `arm_std_m` and `yaw_deg` of the load cell override those that a run states; `facts` apply to files, and so
+    does `middle`, B of eq. 3.6. Paths of an index are relative to it. Raises ConfigError when there is nothing to read,
+    and DataError with the name of a file that cannot be read or that is given twice.
     """
     if index is None and not runs:
         raise ConfigError("no sine to read: name runs or an index.")
-    cells = replace(reading or WrenchReading(), gain=facts.loadcell.gain)
-    reader = _Reader(channel, arm_m, arm_std_m, yaw_deg, middle, cells)
+    reader = _Reader(channel, arm_m, arm_std_m, yaw_deg, middle, WrenchReading(gain=facts.loadcell.gain))
     if index is not None:
         listed = read_index(index, columns=_COLUMNS, optional=("series",))
         reader.sources.append(listed.source)
@@ -120,7 +118,7 @@ class _Reader:
     def add_row(self, row: IndexRow, facts: RigFacts) -> None:
         """Add the run in a row of an index."""
         samples = row.whole("n", 1, _MOST_SAMPLES)
-        crossings = read_crossings(row.file("crossings"), time_unit=self.reading.time_unit)
+        crossings = read_crossings(row.file("crossings"))
         sine = Sine(
             periods=row.whole("l", 0, samples // 2),
             samples=samples,
