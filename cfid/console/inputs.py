@@ -1,6 +1,6 @@
 """Find the recordings that a command's arguments name, and the rig that recorded them."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ from cfid.records.facts import NONE_STATED, RigFacts
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
     from cfid.records.rig_file import Rig
-    from cfid.records.tables.angle import AngleRecord, Reading
+    from cfid.records.tables.angle import AngleRecord
 
 
 @dataclass(frozen=True)
@@ -91,11 +91,10 @@ def find_recording(word: str, workplace: Workplace) -> Path:
     return found[-1]
 
 
-def read_recording(word: str, reading: "Reading", workplace: Workplace) -> "AngleRecord":
+def read_recording(word: str, workplace: Workplace) -> "AngleRecord":
     """Read the encoder of a RUN: a file, a run folder, or the name of a run of the campaign."""
-    from cfid.records.tables.angle import read_angle
+    from cfid.records.tables.angle import Reading, read_angle
 
     path = find_recording(word, workplace)
-    if path.is_file() and not workplace.borrowed:
-        reading = replace(reading, rig_counts_per_turn=workplace.rig.encoder.counts_per_turn)
-    return read_angle(path, reading)
+    of_rig = None if workplace.borrowed or path.is_dir() else workplace.rig.encoder.counts_per_turn
+    return read_angle(path, Reading(rig_counts_per_turn=of_rig))

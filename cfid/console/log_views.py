@@ -13,17 +13,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from cfid.records.logs.log import Array, FlightLog, Series
-    from cfid.records.tables.schema import Foreign
 
 _MOST_FIGURES = 8  # of a log with one series per topic: a hundred figures would take minutes
 _DRAWN_ROWS = 20_000  # more than the dots across a page
 
 
-def log_views(path: Path, reading: "Foreign") -> list[View]:
+def log_views(path: Path) -> list[View]:
     """Return a view of every series of a log. Raises DataError or ConfigError as `read_log` does."""
     from cfid.records.logs.any_kind import read_log
 
-    log = read_log(path, reading)
+    log = read_log(path)
     stated = tuple(f"assumed: {text}." for text in log.assumed)
     drawn = _to_draw(log)
     views = [replace(_view(log, series), drawn=series in drawn) for series in log.series]
@@ -44,14 +43,14 @@ def _to_draw(log: "FlightLog") -> "list[Series]":
     ]
 
 
-def stand_view(path: Path, reading: "Foreign", esc_us: tuple[float, float] | None) -> View:
+def stand_view(path: Path) -> View:
     """Return the view of a thrust stand's table. Raises DataError or ConfigError as `read_stand_table` does."""
     import numpy as np
 
     from cfid.findings import texts
-    from cfid.records.tables.stand import read_stand_as
+    from cfid.records.tables.stand import read_stand_table
 
-    table = read_stand_as(path, reading, esc_us=esc_us)
+    table = read_stand_table(path)
     columns = {"cmd": None if np.isnan(table.command).all() else table.command}
     columns |= {key: getattr(table, key) for key in ("thrust_n", "torque_nm", "vbat_v", "grams")}
     if table.speeds_rad_s is not None:

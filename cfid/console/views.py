@@ -2,14 +2,13 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from cfid.console.inputs import Workplace, find_recording, read_recording
-from cfid.console.options import LoadCellOptions, ReadingOptions
-from cfid.errors import ConfigError, DataError
+from cfid.errors import DataError
 from cfid.quantities.lookup import unit_of
 from cfid.records.parameters import Parameter, Source
 from cfid.wire.supervisor import VehicleState
@@ -60,41 +59,29 @@ class View:
         return f"{self.figure or self.path.stem}_recording"
 
 
-def views_of(
-    word: str,
-    workplace: Workplace,
-    file: ReadingOptions,
-    loadcell: LoadCellOptions,
-    *,
-    esc_us: tuple[float, float] | None = None,
-    clock: Literal["true", "84/85"] | None = None,
-) -> tuple[list[View], tuple[str, ...]]:
+def views_of(word: str, workplace: Workplace) -> tuple[list[View], tuple[str, ...]]:
     """Read a RUN; return a view of every readable device in it, and why the others could not be read.
 
     A file outside a run is identified by its columns. Raises DataError when nothing can be read, and ConfigError for a
-    setting that belongs to another kind of file.
+    file that needs an option of `cfid import`.
     """
     from cfid.console.log_views import log_views, stand_view
     from cfid.records.run_notes import run_at
     from cfid.records.tables.angle import ENCODER
-    from cfid.records.tables.wrench import LOADCELL, holds_wrench, read_wrench
+    from cfid.records.tables.wrench import LOADCELL, WrenchReading, holds_wrench, read_wrench
 
-    path, forces = find_recording(word, workplace), loadcell.reading(file, or_angles=True)
+    path, forces = find_recording(word, workplace), WrenchReading()
     readers: dict[str, Callable[[], View]] = {
-        ENCODER: lambda: _angle_view(ENCODER, read_recording(word, file.reading(), workplace)),
+        ENCODER: lambda: _angle_view(ENCODER, read_recording(word, workplace)),
         LOADCELL: lambda: _wrench_view(LOADCELL, read_wrench(path, forces)),
     }
     run = run_at(path)
     kind = None if run is not None else _kind_of(path, forces)
-    if esc_us is not None and kind != "stand":
-        raise ConfigError(f"{path}: `esc_us` is for a thrust stand's table.")
-    if clock is not None and kind != "flight":
-        raise ConfigError(f"{path}: `clock` is for logs of a Crazyflie's uSD card and tables made of them.")
     if run is None:
         if kind == "flight":
-            return log_views(path, replace(forces, clock=clock)), ()
+            return log_views(path), ()
         if kind == "stand":
-            return [stand_view(path, forces, esc_us)], ()
+            return [stand_view(path)], ()
         return [readers[LOADCELL if holds_wrench(path, forces) else ENCODER]()], ()
     order = sorted(run.header.devices, key=lambda device: [*readers, device].index(device))
     wanted = [_reader_of(run, device, readers) for device in order]

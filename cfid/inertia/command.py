@@ -16,7 +16,6 @@ from cfid.console.options import (
     GravityMps2,
     MassKg,
     Method,
-    ReadingOptions,
     RigOptions,
     Swings,
     WindowOptions,
@@ -34,7 +33,6 @@ def inertia(
     runs: Swings = None,
     window: WindowOptions,
     rig: RigOptions,
-    reading: ReadingOptions,
     delivery: Delivery,
     propose: Annotated[bool, typer.Option("--propose", help="Propose axes and distances for the next swings.")] = False,
     plan: Annotated[
@@ -49,7 +47,7 @@ def inertia(
     AXIS is a mount in rig.toml; fixture=FILE is a swing of the empty fixture, whose effect is subtracted;
     x=3.12e-05:4e-08 is an axis inertia already known, with its standard uncertainty.
 
-    Example: [bold]cfid fit inertia x=x.csv y=y.csv z=z.csv xy=xy.csv xz=xz.csv yz=yz.csv --time-unit us[/bold]
+    Example: [bold]cfid fit inertia x=x.csv y=y.csv z=z.csv xy=xy.csv xz=xz.csv yz=yz.csv[/bold]
     """
     from cfid.inertia import result
 
@@ -65,7 +63,7 @@ def inertia(
         method=method,
         propose=propose or plan,
     )
-    _fit_swings(fit, runs, body="crazyflie", window=window, reading=reading, workplace=workplace, delivery=delivery)
+    _fit_swings(fit, runs, body="crazyflie", window=window, workplace=workplace, delivery=delivery)
 
 
 @flat
@@ -74,7 +72,6 @@ def testbody(
     runs: Swings = None,
     window: WindowOptions,
     rig: RigOptions,
-    reading: ReadingOptions,
     delivery: Delivery,
     mass_kg: MassKg = None,
     gravity_mps2: GravityMps2 = None,
@@ -84,7 +81,7 @@ def testbody(
 
     AXIS is a mount in \[testbody.mounts]; cuboids and mass come from \[testbody] in rig.toml.
 
-    Example: [bold]cfid fit testbody x=tb_x.csv z=tb_z.csv --time-unit us[/bold]
+    Example: [bold]cfid fit testbody x=tb_x.csv z=tb_z.csv[/bold]
     """
     from cfid.inertia import testbody_result
 
@@ -99,7 +96,7 @@ def testbody(
         gravity_std_mps2=gravity.std,
         method=method,
     )
-    _fit_swings(fit, runs, body="testbody", window=window, reading=reading, workplace=workplace, delivery=delivery)
+    _fit_swings(fit, runs, body="testbody", window=window, workplace=workplace, delivery=delivery)
 
 
 def _fit_swings(
@@ -108,7 +105,6 @@ def _fit_swings(
     *,
     body: str,
     window: WindowOptions,
-    reading: ReadingOptions,
     workplace: Workplace,
     delivery: Delivery,
 ) -> None:
@@ -117,7 +113,7 @@ def _fit_swings(
     wanted = "swings of the test body" if body == "testbody" else "swings of the vehicle"
     words = chosen(runs, workplace.campaign, suits=labelled("swing", body, data.FIXTURE), wanted=wanted)
     found = fit(
-        arguments.read_swings(words, reading.reading(), workplace),
+        arguments.read_swings(words, workplace),
         rig=None if workplace.borrowed else workplace.rig,
         peaks=arguments.parse_peaks(window.peaks),
         smallest_peak_rad=math.radians(window.min_angle_deg or 1.0),

@@ -4,23 +4,23 @@ from collections.abc import Sequence
 
 from cfid.console.inputs import Workplace, read_recording, split_label
 from cfid.errors import ConfigError
-from cfid.records.tables.angle import AngleRecord, Reading, labelled
+from cfid.records.tables.angle import AngleRecord, labelled
 from cfid.swing.data import FIXTURE, KnownInertia
 
 
-def read_swings(words: Sequence[str], reading: Reading, workplace: Workplace) -> list[AngleRecord | KnownInertia]:
+def read_swings(words: Sequence[str], workplace: Workplace) -> list[AngleRecord | KnownInertia]:
     """Read AXIS=FILE, AXIS=NUMBER, AXIS=NUMBER:STD, fixture=FILE, or a RUN whose label has the axis.
 
     Raises ConfigError for numbers that are not an inertia.
     """
-    return [_swing(word, reading, workplace) for word in words]
+    return [_swing(word, workplace) for word in words]
 
 
-def _swing(word: str, reading: Reading, workplace: Workplace) -> AngleRecord | KnownInertia:
+def _swing(word: str, workplace: Workplace) -> AngleRecord | KnownInertia:
     label, rest = split_label(word, workplace)
     if label and (known := _known_inertia(label, rest)):
         return known
-    record = read_recording(rest, reading, workplace)
+    record = read_recording(rest, workplace)
     if label == FIXTURE:
         return labelled(record, body=FIXTURE)
     return labelled(record, axis=label) if label else record

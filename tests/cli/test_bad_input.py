@@ -27,16 +27,6 @@ def replaced(row: int, text: str) -> Spoil:
     return lambda lines: [*lines[:row], text, *lines[row + 1 :]]
 
 
-def scaled(factor: float, column: int) -> Spoil:
-    def spoil(lines: list[str]) -> list[str]:
-        rows = [line.split(",") for line in lines[1:]]
-        for row in rows:
-            row[column] = f"{float(row[column]) * factor:.6f}"
-        return [lines[0], *(",".join(row) for row in rows)]
-
-    return spoil
-
-
 def in_unit(head: str, factor: float) -> Spoil:
     """Return a function that rewrites counts as an angle, `factor` times the angle in rad."""
 
@@ -50,15 +40,14 @@ def in_unit(head: str, factor: float) -> Spoil:
 
 
 CASES: dict[str, tuple[Spoil, tuple[str, ...], int, tuple[str, ...]]] = {
-    "a missing column": (replaced(0, "t,speed"), (), 4, ("no column of angle", "--columns")),
-    "a column named that is not there": (lambda lines: lines, ("--columns", "t,psi"), 4, ("psi", "t, phi")),
+    "a missing column": (replaced(0, "t,speed"), (), 4, ("no column of angle",)),
     "degrees read as radians": (
-        in_unit("t,phi", 180 / np.pi),
-        ("--angle-unit", "rad"),
+        in_unit("t,phi_rad", 180 / np.pi),
+        (),
         4,
         ("over the top", "the angle's unit"),
     ),
-    "an angle without a unit": (in_unit("t,phi", 5.0), (), 4, ("names no unit", "--angle-unit")),
+    "an angle without a unit": (in_unit("t,phi", 5.0), (), 4, ("names no unit",)),
     "a swing of 500 rad": (in_unit("t,phi_rad", 700.0), (), 4, ("over the top",)),
     "an empty file": (lambda _: [], (), 4, ("empty",)),
     "a head alone": (lambda lines: lines[:1], (), 4, ("no rows",)),
@@ -87,8 +76,6 @@ CASES: dict[str, tuple[Spoil, tuple[str, ...], int, tuple[str, ...]]] = {
         4,
         ("samples in 1e+09 s (expected 2 a second or more)", "the longest gap, of 1e+09 s"),
     ),
-    "epoch microseconds read as seconds": (scaled(1e6, 0), ("--time-unit", "s"), 4, ("--time-unit us",)),
-    "seconds read as microseconds": (lambda lines: lines, ("--time-unit", "us"), 4, ("--time-unit s",)),
     "an angle that never changes": (
         lambda lines: [lines[0], *(f"{line.split(',')[0]},512" for line in lines[1:])],
         (),
@@ -96,26 +83,12 @@ CASES: dict[str, tuple[Spoil, tuple[str, ...], int, tuple[str, ...]]] = {
         ("never changes",),
     ),
     "fewer than four usable peaks": (lambda lines: lines[:3200], (), 4, ("usable peaks",)),
-    "counts that fail the 13-bit check": (
-        lambda lines: [
-            lines[0],
-            *(
-                f"{line.split(',')[0]},{int(line.split(',')[1]) ^ (4 * (i % 3 == 0))}"
-                for i, line in enumerate(lines[1:])
-            ),
-        ],
-        ("--counts-per-turn", "rls-13bit-in-22"),
-        4,
-        ("fail the check", "--counts-per-turn"),
-    ),
     "a file that is no CSV": (lambda _: ["PK\x03\x04\0\0\0"], (), 4, ("a spreadsheet", "save the table as CSV")),
     "binary data": (lambda _: ["\x7fELF\0\0\0"], (), 4, ("not a CSV",)),
     "prose": (lambda _: ["This is a letter.", "It has two lines."], (), 4, ("not a CSV",)),
     "a mass of zero": (lambda lines: lines, ("--mass-kg", "0", "--distance-m", "0.02"), 2, ("--mass-kg", "above zero")),
     "a negative distance": (lambda lines: lines, ("--mass-kg", "0.03", "--distance-m", "-0.02"), 2, ("--distance-m",)),
     "three peaks asked for": (lambda lines: lines, ("--peaks", "3"), 2, ("4 peaks at least",)),
-    "a rate of zero": (lambda lines: lines, ("--rate-hz", "0"), 2, ("--rate-hz",)),
-    "counts per turn of zero": (lambda lines: lines, ("--counts-per-turn", "0"), 2, ("--counts-per-turn",)),
 }
 
 
@@ -241,17 +214,7 @@ def test_a_pipe_or_a_device_is_refused_and_not_read_for_ever(
         assert "Traceback" not in ended.stderr
 
 
-@pytest.mark.parametrize(
-    "words", ["tf identify --index index.csv", "fit drag --index index.csv", "fit thrust 20000=cell.csv"]
-)
-@pytest.mark.parametrize("option", ["--angle-unit deg", "--counts-per-turn 4096"])
-def test_an_option_of_angles_is_refused_where_a_load_cell_is_read(cfid: Cfid, words: str, option: str) -> None:
-    said = cfid(*words.split(), *option.split())
-    assert said.returncode == 2
-    assert "are for a file with an angle: none is read here." in said.stderr
-
-
-@pytest.mark.parametrize("option", ["--units n,nm", "--counts-per-n 100", "--window 1,5", "--flip-fz"])
+@pytest.mark.parametrize("option", ["--window 1,5", "--flip-fz"])
 def test_an_option_of_a_load_cell_is_refused_where_a_stand_is_read(cfid: Cfid, tmp_path: Path, option: str) -> None:
     rows = "".join(f"{1000 + 100 * at},{5 * at * at}\n" for at in range(11))
     (tmp_path / "stand.csv").write_text(f"ESC signal (us),Thrust (gf)\n{rows}")

@@ -91,22 +91,6 @@ def test_a_bare_file_is_told_from_a_swing_by_its_columns(cfid: Cfid, tmp_path: P
     assert set(ended) == {f"recording.{name}" for name in (*TIMING, "range_rad")}
 
 
-def test_what_a_bare_file_cannot_say_is_said_by_options(cfid: Cfid, tmp_path: Path) -> None:
-    scaled = bare(tmp_path / "scaled.csv", COUNTS // 1000)
-    words = ["--counts-per-n", "1e3", "--counts-per-nm", "1e3"]
-    ended = shown(cfid("show", scaled, *words, "--json"))
-    assert ended["parameters"]["recording.mean_n"]["value"] == pytest.approx([0.1, -0.2, 1.5], abs=1e-3)
-    assert sentences(ended) == []
-
-    newtons = bare(tmp_path / "newtons.csv", COUNTS / 1e6, "%.6f")
-    refused = cfid("show", newtons, "--json")
-    assert refused.returncode == 4
-    assert "newtons.csv:2: " in refused.stderr
-    assert "--units n,nm" in refused.stderr
-    ended = shown(cfid("show", newtons, "--units", "n,nm", "--json"))
-    assert ended["parameters"]["recording.mean_n"]["value"] == pytest.approx([0.1, -0.2, 1.5], abs=1e-4)
-
-
 def test_a_run_with_both_devices_shows_both_and_says_once_what_holds_for_both(cfid: Cfid, tmp_path: Path) -> None:
     run = recorded(tmp_path, angle=True)
     assert cfid("show", run, "--out", tmp_path / "out").returncode == 0

@@ -9,7 +9,6 @@ from scipy.io import savemat
 
 from tests.campaigns import Cfid
 from tests.logs.usd_bytes import FIXED, POSE, bytes_of, rows, single, written
-from tests.records.test_sampled_runs import encoder
 
 STAND = "Time (s),ESC signal (µs),Thrust (gf),Motor Optical Speed (RPM),Voltage (V)\n"
 
@@ -110,13 +109,13 @@ def test_a_log_as_a_table_and_a_matlab_file_are_recognised(cfid: Cfid, tmp_path:
 def test_a_table_of_a_stand_shows_commands_and_si_units(cfid: Cfid, tmp_path: Path) -> None:
     path = tmp_path / "stand.csv"
     path.write_text(STAND + "".join(f"{at / 10},{1000 + at},{at},{100 * at},12\n" for at in range(100)), "utf-8")
-    shown = cfid("show", path, "--esc-us", "1000:1500")
+    shown = cfid("show", path)
     assert shown.returncode == 0, shown.stderr
     assert "thrust from 'Thrust (gf)'" in shown.stdout
     assert (tmp_path / "stand_recording.png").is_file()
 
-    numbers = json.loads(cfid("show", path, "--esc-us", "1000:1500", "--json").stdout)["parameters"]
-    assert numbers["recording.range.cmd"]["value"] == [0, pytest.approx(65535 * 99 / 500, abs=1)]
+    numbers = json.loads(cfid("show", path, "--json").stdout)["parameters"]
+    assert numbers["recording.range.cmd"]["value"] == [0, pytest.approx(65535 * 99 / 1000, abs=1)]
     assert numbers["recording.range.thrust_n"]["value"] == [0, pytest.approx(99 * 9.80665e-3)]
     assert numbers["recording.range.thrust_n"]["unit"] == "N"
 
@@ -128,19 +127,3 @@ def test_what_is_no_recording_gets_the_sentence_of_the_fits(cfid: Cfid, tmp_path
     shown, fitted = cfid("show", path), cfid("fit", "swing", path)
     assert shown.returncode == fitted.returncode == 4
     assert shown.stderr.splitlines()[-1] == fitted.stderr.splitlines()[-1]
-
-
-@pytest.mark.parametrize(
-    ("option", "said"),
-    [
-        ("--esc-us=1000:2000", "--esc-us is for a thrust stand"),
-        ("--clock=true", "--clock is for logs of a Crazyflie"),
-    ],
-)
-def test_an_option_of_another_kind_of_recording_is_refused(cfid: Cfid, tmp_path: Path, option: str, said: str) -> None:
-    angle = tmp_path / "angle.csv"
-    angle.write_text("t,theta_rad\n" + "".join(f"{at / 100},{np.cos(at / 20)}\n" for at in range(300)))
-    for recording in (angle, encoder(tmp_path)):
-        shown = cfid("show", recording, option, "--no-figures")
-        assert shown.returncode == 2
-        assert said in " ".join(shown.stderr.split())

@@ -4,8 +4,6 @@ import hashlib
 import json
 import math
 import re
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 from typing import NamedTuple
@@ -92,14 +90,12 @@ def test_a_stepped_sweep_gives_the_settled_truth_within_its_uncertainty(tmp_path
     assert any("a recording of 27.98 s in 1120 rows, 40 Hz" in finding.text for finding in result.findings)
 
 
-def test_a_stand_whose_motor_rests_at_longer_pulses_than_usual_is_told_the_option(cfid: Cfid, tmp_path: Path) -> None:
+def test_a_stand_whose_motor_rests_at_longer_pulses_than_usual_is_told_the_option(tmp_path: Path) -> None:
     one = sweep()
     path = write(tmp_path, one._replace(pulse_us=1100 + 0.8 * (one.pulse_us - 1000)))
 
     with pytest.raises(DataError, match=r"motors stand at its shortest pulses, of 1100 us, give .* `esc_us` 1100,2000"):
         fit_thrust(path, gravity_mps2=9.81)
-    ended = cfid("fit", "thrust", path, "--esc-us", "1100,1900", "--no-figures")
-    assert ended.returncode == 0, ended.stderr
 
 
 def write_total(folder: Path, one: Sweep, head: str, speeds: int) -> Path:
@@ -149,19 +145,6 @@ def test_a_number_of_motors_beside_speeds_alone_is_reported_as_unused(tmp_path: 
 def test_a_record_without_a_command_gives_the_same_by_the_changes_it_shows(tmp_path: Path) -> None:
     one = sweep()
     assert off(fit_speed(write(tmp_path, one._replace(pulse_us=np.full(len(one.time_s), math.nan))))) < 3
-
-
-def test_no_warning_of_a_library_reaches_the_terminal_where_a_rate_too_low_is_given(tmp_path: Path) -> None:
-    table = write(tmp_path, sweep())
-    lines = [line.partition(",")[2] for line in table.read_text().splitlines()]
-    table.write_text("\n".join([*lines, ""]))  # without the column of times
-
-    words = [sys.executable, "-m", "cfid.cli.main", "fit", "dynamics", str(table), "--rate-hz", "8"]
-    ended = subprocess.run(words, capture_output=True, text=True, check=False, cwd=tmp_path)
-
-    assert ended.returncode in (0, 5), ended.stderr
-    for trace in ("Warning", "warns", ".py", "numpy"):
-        assert trace not in ended.stderr
 
 
 def test_a_flight_read_as_a_table_of_motors_is_refused_as_unsteady(tmp_path: Path) -> None:
@@ -234,30 +217,6 @@ def test_a_table_of_exact_plateaus_gives_its_own_curve(tmp_path: Path, rate_hz: 
     assert "e+" not in " ".join(one.text for one in result.findings)
     scatter = next(one.text for one in result.findings if "times as far" in one.text)
     assert float(scatter.split()[3]) < 1000
-
-
-@pytest.mark.parametrize(
-    ("words", "refused"),
-    [
-        ("--columns a,b", "--columns a: a table of motors takes NAME=COLUMN"),
-        ("--angle-unit deg", "--angle-unit and --counts-per-turn are for a file with an angle"),
-        ("--rate-hz 40 --time-unit s", "--time-unit is that of a time column"),
-    ],
-)
-@pytest.mark.parametrize("fit", ["dynamics", "thrust"])
-def test_an_option_that_a_stand_s_table_does_not_take_is_an_error(
-    cfid: Cfid, tmp_path: Path, fit: str, words: str, refused: str
-) -> None:
-    ended = cfid("fit", fit, write(tmp_path, sweep()), "--no-figures", *words.split())
-    assert ended.returncode == 2
-    assert refused in " ".join(ended.stderr.split())
-
-
-def test_a_rate_beside_a_stand_s_times_is_noted(tmp_path: Path) -> None:
-    table = read_stand_table(write(tmp_path, sweep()), rate_hz=8.0)
-    texts = " ".join(finding.text for finding in table.findings)
-    assert "times are those of `rate_hz` 8: column 'Time (s)' is not used." in texts
-    assert "time from" not in texts
 
 
 def test_a_stand_of_a_larger_motor_gives_its_map_where_no_rig_states_a_smaller_vehicle(

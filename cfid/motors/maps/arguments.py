@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from cfid.console.inputs import Workplace, find_recording, split_label
-from cfid.console.options import LoadCellOptions, ReadingOptions
 from cfid.console.selection import chosen, labelled
 from cfid.errors import ConfigError, DataError, FitError
 from cfid.findings import joined, warning
@@ -15,9 +14,8 @@ from cfid.motors.maps.table_data import of_table
 from cfid.motors.vibration.data import Rotors
 from cfid.records.run import Run, refuse_contradiction, run_holding
 from cfid.records.run_notes import run_at
-from cfid.records.tables.schema import refuse_for_run
-from cfid.records.tables.stand import read_stand_as, stand_file
-from cfid.records.tables.wrench import holds_wrench
+from cfid.records.tables.stand import read_stand_table, stand_file
+from cfid.records.tables.wrench import WrenchReading, holds_wrench
 from cfid.units import FULL_COMMAND
 
 _NOTHING = ConfigError(
@@ -27,8 +25,6 @@ _NOTHING = ConfigError(
 
 def read_evidence(
     words: Sequence[str],
-    reading: ReadingOptions,
-    scale: LoadCellOptions,
     workplace: Workplace,
     *,
     known: Stand,
@@ -36,7 +32,6 @@ def read_evidence(
     kind: str,
     method: str,
     rotors: Rotors | None = None,
-    esc_us: tuple[float, float] | None = None,
 ) -> Evidence:
     """Read COMMAND=FILE arguments, runs and tables, and put all their points together.
 
@@ -45,27 +40,20 @@ def read_evidence(
 
     Raises ConfigError when there is nothing to read, DataError and FitError that name the file.
     """
-
-    foreign = reading.foreign()
-    runs: list[Path] = []
     faults: list[DataError | FitError] = []
-    stands: list[Path] = []
-    files: list[str] = []
 
     def of_stand(path: Path) -> Evidence:
-        if scale != LoadCellOptions() or known.window_s is not None or known.flip_fz is not None:
+        if known.window_s is not None or known.flip_fz is not None:
             raise ConfigError(
-                "`units`, `counts_per_n`, `counts_per_nm`, `window` and `flip_fz` are for a load cell's recording, and "
-                f"{path} is a thrust stand's table."
+                f"`window` and `flip_fz` are for a load cell's recording, and {path} is a thrust stand's table."
             )
-        stands.append(path)
         gravity = workplace.rig.site.gravity_mps2
-        read = read_stand_as(path, foreign, gravity_mps2=gravity, esc_us=esc_us, motors=known.motors)
+        read = read_stand_table(path, gravity_mps2=gravity, motors=known.motors)
         return of_table(read, known, workplace.facts)
 
     def of_runs(run: Run) -> list[Evidence]:
         try:
-            return [of_run(run, known, scale.reading(reading), rotors=rotors)]
+            return [of_run(run, known, WrenchReading(), rotors=rotors)]
         except (DataError, FitError) as error:  # one part of a resumed staircase does not condemn the others
             faults.append(error)
             return []
@@ -77,26 +65,20 @@ def read_evidence(
             at = _command(command, word)
             if (run := run_holding(Path(file))) is not None:
                 refuse_contradiction(word, {"command": at}, {"command": run.header.requested.get("steps")})
-            files.append(file)
             here = known.where(workplace.facts)
-            parts.append(of_file(at, Path(file), here, scale.reading(reading), method=method, rotors=rotors))
+            parts.append(of_file(at, Path(file), here, WrenchReading(), method=method, rotors=rotors))
         else:
             path = find_recording(word, workplace)
             if (imported := stand_file(path)) is not None:
                 parts.append(of_stand(imported))
             elif (run := run_at(path)) is not None:
-                runs.append(path)
                 parts += of_runs(run)
-            elif holds_wrench(path, scale.reading(reading)):
+            elif holds_wrench(path, WrenchReading()):
                 raise DataError(f"{path}: a load cell's file needs its command: write COMMAND={path}.")
             else:
                 parts.append(of_stand(path))
     if not parts:
         raise next(iter(faults), _NOTHING)
-    if runs and not (stands or files):
-        refuse_for_run(runs[0], foreign)
-    if esc_us is not None and not stands:
-        raise ConfigError("`esc_us` is for a thrust stand's table, and none is given.")
     if not any(len(part.points.command) for part in parts):
         raise FitError(joined(["no step settles.", *(part.findings[-1].text for part in parts if part.findings)]))
     left_out = tuple(warning("run-left-out", f"{error} It is left out.") for error in faults)

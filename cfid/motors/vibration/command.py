@@ -8,7 +8,7 @@ import typer
 from cfid.console.flat import flat
 from cfid.console.inputs import find_recording, open_workplace
 from cfid.console.lists import span
-from cfid.console.options import CutOptions, Delivery, LoadCellOptions, ReadingOptions, RigOptions, positive
+from cfid.console.options import CutOptions, Delivery, RigOptions, positive
 from cfid.console.outcome import deliver
 
 if TYPE_CHECKING:
@@ -58,8 +58,6 @@ def rotor(
     options: RotorOptions,
     cut: CutOptions,
     rig: RigOptions,
-    reading: ReadingOptions,
-    scale: LoadCellOptions,
     delivery: Delivery,
 ) -> None:
     """Estimate rotor speeds from the load cell's vibration, in each steady window or between --from and --to.
@@ -67,11 +65,11 @@ def rotor(
     Example: [bold]cfid fit rotor 2026-11-21_083012_thrust[/bold]
     """
     from cfid.motors.vibration import fit
-    from cfid.records.tables.wrench import read_wrench
+    from cfid.records.tables.wrench import WrenchReading, read_wrench
 
     expected = options.expected_rad_s
     workplace = open_workplace(rig)
-    record = read_wrench(find_recording(run, workplace), scale.reading(reading))
+    record = read_wrench(find_recording(run, workplace), WrenchReading())
     result = fit(
         record,
         rotors=options.rotors,
