@@ -1,0 +1,1 @@
+"""What anybody recorded: columns with units, and what fits take from them."""
