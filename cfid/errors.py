@@ -2,9 +2,17 @@
 
 
 class CfidError(Exception):
-    """The base of all errors that cfid reports as a sentence instead of a traceback."""
+    """The base of all errors that cfid reports as a sentence instead of a traceback.
+
+    `code` names the fault for programs and tests, "" where nothing asks for it.
+    """
 
     exit_code: int
+
+    def __init__(self, *arguments: object, code: str = "") -> None:
+        """Keep the sentence, and the fault's code."""
+        super().__init__(*arguments)
+        self.code = code
 
 
 class ConfigError(CfidError):

@@ -10,6 +10,32 @@ Severity = Literal["note", "warning", "rejection"]
 
 SEVERITIES: tuple[Severity, ...] = ("note", "warning", "rejection")
 
+# Of what readers find in recordings: the severity of each code, and its sentence with the values that it needs.
+CODES: dict[str, tuple[Severity, str]] = {
+    "decimal-comma": ("note", "numbers are read with decimal commas."),
+    "last-line-cut": ("warning", "the last line was cut (it has no end) and is left out."),
+    "last-line-unended": (
+        "warning",
+        "the last line has no end: it is used, but if the file was cut there, its last number may lack digits.",
+    ),
+    "lines-left-out": (
+        "warning",
+        "{count} of {rows} lines have no number or too many fields and are left out (first: line {line}).",
+    ),
+    "rows-without-number": (
+        "warning",
+        "{count} of {rows} rows lack a number of {names} and are left out (first: line {line}).",
+    ),
+    "time-gaps": (
+        "warning",
+        "{gaps} without rows, the longest of {longest_s:.4g} s after line {line} ({at_s:.4g} s); rows are usually "
+        "{usual_ms:.3g} ms apart.",
+    ),
+    "time-repeats": ("warning", "{count} of {rows} rows repeat the time of the previous one."),
+    "time-replaced": ("note", "the times in '{name}' are not used: rows are {rate_hz:g} Hz apart by `rate_hz`."),
+    "time-sorted": ("warning", "time goes back in {count} of {rows} rows: rows are sorted by it."),
+}
+
 _MOST_NAMES = 2  # of places that a sentence names
 _WORD = re.compile(r"(?!cfid)(?:a|[a-z]{2,})(?=[ ,'])")  # an ordinary word, not a name or a symbol
 
@@ -63,6 +89,12 @@ def warning(code: str, sentence: str, *quantities: str) -> Finding:
 def rejection(code: str, sentence: str, *quantities: str) -> Finding:
     """Return a rejection: the reason why quantities are removed from the result."""
     return Finding(code=code, severity="rejection", sentence=sentence, quantities=quantities)
+
+
+def finding(code: str, *quantities: str, **values: Any) -> Finding:
+    """Return the finding of a code in `CODES`, with the values that its sentence needs."""
+    severity, sentence = CODES[code]
+    return Finding(code=code, severity=severity, sentence=sentence.format(**values), quantities=quantities)
 
 
 def of_recording(name: str, notes: Iterable[str]) -> tuple[Finding, ...]:

@@ -1,1 +1,1 @@
-"""What anybody recorded: columns with units, and what fits take from them."""
+"""Recordings of any origin, as columns with units, times and typed facts."""

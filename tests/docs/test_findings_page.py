@@ -7,7 +7,7 @@ from functools import cache
 
 import pytest
 
-from cfid.findings import SEVERITIES
+from cfid.findings import CODES, SEVERITIES
 from tests.places import ROOT
 
 PAGE = ROOT / "docs" / "reference" / "findings.md"
@@ -43,7 +43,7 @@ def codes_in(source: str) -> Iterator[tuple[str, str]]:
 @cache
 def found() -> Mapping[str, frozenset[str]]:
     """Return the severities of every code."""
-    severities: dict[str, set[str]] = {}
+    severities: dict[str, set[str]] = {code: {severity} for code, (severity, _) in CODES.items()}
     for path in (ROOT / "cfid").rglob("*.py"):
         for code, severity in codes_in(path.read_text(encoding="utf-8")):
             severities.setdefault(code, set()).add("warning" if code in OF_A_ROW else severity)
