@@ -62,6 +62,35 @@ def stored_together(values: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray[Any]
     return found
 
 
+def as_columns(blocks: Iterable[Array], columns: int, *, most_rows: int) -> list[Array]:
+    """Return blocks (m, columns), concatenated, as columns (n,), n being `most_rows` at most.
+
+    Of large ones, each column lies by itself in a file, so that only those that are used take memory. Raises
+    ConfigError where the disk has too little space.
+    """
+    kept: list[Array] = []
+    rest = iter(blocks)
+    for block in rest:
+        kept.append(block)
+        if sum(each.nbytes for each in kept) >= _LEAST_BYTES:
+            break
+    else:
+        return list(np.ascontiguousarray(np.concatenate([np.empty((0, columns)), *kept]).T))
+    with tempfile.TemporaryFile(prefix="cfid-") as file:
+        rows = 0
+        try:
+            file.truncate(8 * columns * most_rows)  # without disk space for what is never written
+            for block in chain(kept, rest):
+                for place in range(columns):
+                    part = np.ascontiguousarray(block[:, place])
+                    os.pwrite(file.fileno(), part.data, 8 * (place * most_rows + rows))
+                rows += len(block)
+        except OSError as error:
+            raise _no_room(error) from None
+        mapped = _mapped(file, columns, most_rows)
+    return [mapped[place, :rows] for place in range(columns)]
+
+
 def side_by_side(columns: Sequence[Array]) -> Array:
     """Return s columns (n,) as one array (n, s). Raises as `empty` does."""
     if len(columns) == 1:

@@ -8,9 +8,9 @@ out, with a finding; a field that is not a number is nan.
 import csv
 import hashlib
 import io
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 from pathlib import Path
 from typing import IO
 
@@ -21,7 +21,7 @@ from pandas.errors import ParserError
 
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, finding
-from cfid.large import joined
+from cfid.large import as_columns
 from cfid.recordings.recording import Array, Column, How
 from cfid.records.files import check_regular
 from cfid.records.parameters import Source
@@ -93,7 +93,7 @@ class Layout:
 class Table:
     """The columns of a file by its own heads, '1', '2', ... without any, and what was found on the way.
 
-    `values` (rows, columns) are nan where a field is no number.
+    Values are nan where a field is no number.
     """
 
     path: Path
@@ -146,20 +146,22 @@ def _read(path: Path, file: IO[bytes], how: How) -> Table:
     selected = tuple((_place(path, layout.heads, name), word) for name, word in how.rows)
     file.seek(0)
     lines = _Lines(file, layout, selected)
-    values = joined(chain([np.empty((0, len(layout.heads)))], lines.blocks()))
+    count = len(layout.heads)
+    values = as_columns(lines.blocks(), count, most_rows=1 + lines.size // count)
+    rows = len(values[0])
     table = Table(
         path=path,
         source=Source(str(path), lines.sha256.hexdigest()),
         layout=layout,
         columns=(),
-        rows=len(values),
-        findings=tuple(one.at(path.name) for one in lines.findings(len(values))),
+        rows=rows,
+        findings=tuple(one.at(path.name) for one in lines.findings(rows)),
         selected=selected,
     )
-    if not len(values):
+    if not rows:
         rest = " with these `rows`" if selected else ": it ends after its header"
         raise DataError(f"{path}: has no row{rest}.", code="no-rows")
-    if lines.left_out > _LEFT_OUT_SHARE * (len(values) + lines.left_out) + 1:
+    if lines.left_out > _LEFT_OUT_SHARE * (rows + lines.left_out) + 1:
         raise DataError(
             f"{path}:{lines.first_left_out}: {lines.fault}, as in {lines.left_out} lines. Correct them, or is this not "
             "the table? See `skip_lines` and `decimal`.",
@@ -173,14 +175,17 @@ class _Lines:
 
     def __init__(self, file: IO[bytes], layout: Layout, selected: Sequence[tuple[int, str]]) -> None:
         self.file, self.layout, self.selected = file, layout, selected
+        self.size = os.fstat(file.fileno()).st_size  # what a growing file has after it is not read
         self.sha256 = hashlib.sha256()
         self.left_out, self.first_left_out, self.fault = 0, 0, ""
         self.cut = self.unended = False
 
     def blocks(self) -> Iterator[Array]:
         """Yield the numbers (rows, columns) of one block of whole lines after another."""
-        line, rest, above = 1, b"", self.layout.lines_above
-        while content := self.file.read(BLOCK_BYTES):
+        begin, rest, above = 0, b"", self.layout.lines_above  # where a block begins in the file
+        left = self.size
+        while content := self.file.read(min(BLOCK_BYTES, left)):
+            left -= len(content)
             self.sha256.update(content)
             content = rest + content
             end = content.rfind(b"\n") + 1
@@ -188,11 +193,11 @@ class _Lines:
             if len(rest) > _LONGEST_LINE:
                 raise DataError(f"{self.file.name}: a line of more than {_LONGEST_LINE} bytes: this is no table.")
             while above and block:
-                block = block[block.find(b"\n") + 1 :]
-                above, line = above - 1, line + 1
+                line = block.find(b"\n") + 1
+                block, begin, above = block[line:], begin + line, above - 1
             if block:
-                yield self._numbers(block, line)
-            line += block.count(b"\n")
+                yield self._numbers(block, begin)
+            begin += len(block)
         if rest.strip() and not above:
             text = _decoded(rest)
             self.unended = len(self.layout.fields(text)) == len(self.layout.heads) and self.layout.is_row(text)
@@ -200,29 +205,33 @@ class _Lines:
             if self.unended:
                 yield self._parsed(rest)[0]
 
-    def _numbers(self, block: bytes, line: int) -> Array:
-        """Return the numbers of a block of lines, the first of which has a number in the file."""
+    def _numbers(self, block: bytes, begin: int) -> Array:
+        """Return the numbers of a block of lines that begins at a byte of the file."""
         if not block.translate(None, _OF_NUMBERS + (self.layout.separator or " ").encode()):
             try:
-                values, surplus = self._parsed(block)
+                values, surplus = self._parsed(block, spaces=self.layout.separator is None)
             except ParserError:  # several fields too many
                 surplus = True
             if not surplus:
                 return values
-        return self._parsed(self._rows(block, line))[0]
+        return self._parsed(self._rows(block, begin))[0]
 
-    def _rows(self, block: bytes, line: int) -> bytes:
+    def _rows(self, block: bytes, begin: int) -> bytes:
         """Return a block without its lines that are no rows; these are counted, but for blank lines and comments."""
         rows = []
-        for number, content in enumerate(block.split(b"\n")[:-1], start=line):
+        for number, content in enumerate(block.split(b"\n")[:-1], start=1):
             text = _decoded(content)
             if self.layout.is_row(text):
                 rows.append(content.rstrip(b"\r" + (self.layout.separator or " ").encode()))
             elif text.strip() and not text.lstrip().startswith(_COMMENT):
-                self.first_left_out = self.first_left_out or number
-                self.fault = self.fault or self._fault(text)
+                if not self.left_out:
+                    self.first_left_out, self.fault = self._lines_before(begin) + number, self._fault(text)
                 self.left_out += 1
         return b"".join(row + b"\n" for row in rows)
+
+    def _lines_before(self, begin: int) -> int:
+        with Path(self.file.name).open("rb") as file:
+            return file.read(begin).count(b"\n")
 
     def _fault(self, text: str) -> str:
         count, columns = len(self.layout.fields(text)), len(self.layout.heads)
@@ -230,8 +239,11 @@ class _Lines:
             return f"{count} fields where the table has {columns}"
         return f"'{_short(text.strip())}' has no number"
 
-    def _parsed(self, rows: bytes) -> tuple[Array, bool]:
-        """Return the numbers of some rows, of the selected ones alone, and whether one has a field too many."""
+    def _parsed(self, rows: bytes, *, spaces: bool = True) -> tuple[Array, bool]:
+        """Return the numbers of some rows, of the selected ones alone, and whether one has a field too many.
+
+        `spaces` is whether there may be some before a field's quotes.
+        """
         layout, columns = self.layout, len(self.layout.heads)
         if not rows.strip():
             return np.empty((0, columns)), False
@@ -242,7 +254,7 @@ class _Lines:
             header=None,
             names=range(columns + 1),
             index_col=False,
-            skipinitialspace=True,
+            skipinitialspace=spaces,
             encoding="latin-1",
             low_memory=False,
         )
@@ -268,7 +280,7 @@ class _Lines:
             yield finding("last-line-unended")
 
 
-def _columns(table: Table, values: Array, how: How) -> tuple[Column, ...]:
+def _columns(table: Table, values: Sequence[Array], how: How) -> tuple[Column, ...]:
     """Return the columns of a table with the names and units that the heads and the options state."""
     named = dict(word.partition("=")[::2] for word in how.columns if "=" in word)
     names = {_place(table.path, table.heads, column): name for name, column in named.items()}
@@ -276,7 +288,7 @@ def _columns(table: Table, values: Array, how: How) -> tuple[Column, ...]:
     for place, head in enumerate(table.heads):
         name, unit = split_unit(head)
         name = names.get(place, name)
-        columns.append(Column(name=name, unit=unit, values=values[:, place], head=head))
+        columns.append(Column(name=name, unit=unit, values=values[place], head=head))
     return with_units(table.path, columns, how)
 
 
