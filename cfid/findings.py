@@ -12,7 +12,47 @@ SEVERITIES: tuple[Severity, ...] = ("note", "warning", "rejection")
 
 # Of what readers find in recordings: the severity of each code, and its sentence with the values that it needs.
 CODES: dict[str, tuple[Severity, str]] = {
+    "device-restarted": (
+        "warning",
+        "the stamps start anew {times} (first: line {line}): the device was restarted. Times on both sides are joined "
+        "by when rows arrived.",
+    ),
+    "crossing-impossible": (
+        "warning",
+        "{count} of {rows} reports whose command is not 0 to 65535 are left out (first: {value:g} in line {line}).",
+    ),
+    "crossing-repeated": (
+        "warning",
+        "{count} of {rows} reports that repeat the one before are left out (first: {value:g} in line {line}).",
+    ),
     "decimal-comma": ("note", "numbers are read with decimal commas."),
+    "force-hung": (
+        "warning",
+        "{count} of {rows} samples repeat the one before for long (first at {first_s:.4g} s): the load cell hung. "
+        "Record the sines of that time again.",
+    ),
+    "force-impossible": (
+        "warning",
+        "{count} of {rows} rows with a value that no load cell measures are left out (first: {value:.9g} in line "
+        "{line}).",
+    ),
+    "force-outliers": (
+        "warning",
+        "{count} of {rows} samples lie off those around them, or far beyond all others, and are left out (first at "
+        "{first_s:.4g} s).",
+    ),
+    "force-scale-assumed": ("warning", "counts are read as {counts:.0f} a unit: state {names} where it is another."),
+    "force-status": (
+        "warning",
+        "{count} of {rows} samples have a status that is not 0 (first: line {line}): {meaning}.",
+    ),
+    "force-stuck": (
+        "warning",
+        "{axis} repeats one value in {count} of {rows} samples (first at {first_s:.4g} s), which are left out: the "
+        "load cell's wire, or its reading, failed.",
+    ),
+    "forces-described": ("note", "above its columns the file states {lines}."),
+    "index-unused": ("warning", "not used: column {names}; it may have {known}."),
     "last-line-cut": ("warning", "the last line was cut (it has no end) and is left out."),
     "last-line-unended": (
         "warning",
@@ -22,9 +62,33 @@ CODES: dict[str, tuple[Severity, str]] = {
         "warning",
         "{count} of {rows} lines have no number or too many fields and are left out (first: line {line}).",
     ),
+    "ping-impossible": (
+        "warning",
+        "{count} of {rows} round trips that no answer takes are left out (first: {value:.9g} s in line {line}).",
+    ),
+    "ping-stamp-off": (
+        "warning",
+        "{count} of {rows} answers whose stamp is off the vehicle's clock are left out (first: {value:.9g} in line "
+        "{line}).",
+    ),
     "rows-without-number": (
         "warning",
         "{count} of {rows} rows lack a number of {names} and are left out (first: line {line}).",
+    ),
+    "stamps-in-ms": (
+        "warning",
+        "the column of stamps is no clock in microseconds, it went {device_s:.4g} s in {here_s:.4g} s: it counts "
+        "milliseconds, name it device_ms in rig.toml. Times are those of arrival, which a busy computer makes late.",
+    ),
+    "stamps-no-clock": (
+        "warning",
+        "the column of stamps is no steady clock in microseconds, it went {device_s:.4g} s in {here_s:.4g} s: it "
+        "jumps, or counts another unit. Times are those of arrival, which a busy computer makes late.",
+    ),
+    "stamps-wrong": (
+        "warning",
+        "{count} of {rows} rows whose stamp is off that of the rows around are left out (first: line {line}): did the "
+        "line lose a letter? Send a checksum with it.",
     ),
     "time-gaps": (
         "warning",

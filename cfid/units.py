@@ -63,6 +63,7 @@ UNITS: dict[str, dict[str, float]] = {
         "nmm": 1e-3,
         "gfcm": 1e-2 * _GRAM_FORCE_N,
         "kgfm": 1e3 * _GRAM_FORCE_N,
+        "kgfcm": 10 * _GRAM_FORCE_N,
         **dict.fromkeys(("lbfin", "lbin"), _POUND_FORCE_N * _INCH_M),
         **dict.fromkeys(("lbfft", "lbft"), _POUND_FORCE_N * 12 * _INCH_M),
         **dict.fromkeys(("ozfin", "ozin"), _POUND_FORCE_N / 16 * _INCH_M),

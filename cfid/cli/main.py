@@ -60,7 +60,9 @@ def _import_first(words: Sequence[str], text: str) -> str:
     """Return the next step where a command other than import asks for an option that describes a foreign file."""
     asked = any(f"`{setting}`" in text for setting in _OF_IMPORT)
     fits = bool(words) and words[0] in ("fit", "tf", "show", "validate", "convert")
-    return " These options are those of `cfid import FILE`: it makes a run, and every fit takes runs." * (asked and fits)
+    return " These options are those of `cfid import FILE`: it makes a run, and every fit takes runs." * (
+        asked and fits
+    )
 
 
 def _drop_output() -> None:

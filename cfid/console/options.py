@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 if TYPE_CHECKING:
+    from cfid.recordings.recording import How
     from cfid.records.tables.angle import Reading
     from cfid.records.tables.schema import Foreign
-    from cfid.records.tables.wrench import WrenchReading
 
 _FILE = "Files that something else wrote"
 _OUTPUT = "Output"
@@ -175,31 +175,33 @@ class LoadCellOptions:
             help="Counts per newton metre; default: the run's or the file's, else 1e6.", rich_help_panel=_FILE
         ),
     ] = None
-    units: Annotated[
-        Literal["counts", "n,nm"] | None,
+    unit: Annotated[
+        list[str] | None,
         typer.Option(
-            help="Units of forces and torques; default: the suffixes of the column names, else counts.",
+            metavar="COLUMN=UNIT",
+            help="Unit of a force or torque that its name does not state, as in Fz=N, Tx=Nm, Fz=counts; one of a kind "
+            "is enough.",
             rich_help_panel=_FILE,
         ),
     ] = None
 
-    def reading(self, file: ReadingOptions, *, or_angles: bool = False) -> "WrenchReading":
-        """Return these options, with those of every file, in the form that the load cell's reader takes.
+    def how(self, file: ReadingOptions, clock: Literal["true", "84/85"] | None) -> "How":
+        """Return these options, with those of every file, in the form that the reader takes.
 
-        Raises ConfigError for options that only an angle has, unless `or_angles` allows an angle instead.
+        Raises ConfigError for options that only an angle has.
         """
-        from cfid.records.tables.wrench import WrenchReading
+        from cfid.recordings.recording import How
 
-        if not or_angles:
-            file.refuse_angles()
-        return WrenchReading(
-            time_unit=file.time_unit,
-            units=self.units,
-            counts_per_n=self.counts_per_n,
-            counts_per_nm=self.counts_per_nm,
+        file.refuse_angles()
+        units = dict(one.partition("=")[::2] for one in self.unit or ())
+        return How(
+            columns=file.column_names,
+            units=units if file.time_unit is None else {"t": file.time_unit, **units},
             rate_hz=file.rate_hz,
             skip_lines=file.skip_lines,
-            columns=file.column_names,
+            clock=clock,
+            counts_per_n=self.counts_per_n,
+            counts_per_nm=self.counts_per_nm,
         )
 
 

@@ -16,12 +16,12 @@ from cfid.wire.supervisor import VehicleState
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from cfid.recordings.wrench import WrenchRecord
     from cfid.records.logs.kinds import Kind
     from cfid.records.run import Run
     from cfid.records.tables.angle import AngleRecord
     from cfid.records.tables.schema import Foreign
     from cfid.records.tables.table import Array
-    from cfid.records.tables.wrench import WrenchRecord
 
 _CURVE_POINTS = 400  # more than the dots across a terminal
 
@@ -66,23 +66,25 @@ def views_of(word: str, workplace: Workplace) -> tuple[list[View], tuple[str, ..
     file that needs an option of `cfid import`.
     """
     from cfid.console.log_views import log_views, stand_view
+    from cfid.recordings.read import read_recording as recording_at
+    from cfid.recordings.wrench import LOADCELL, wrench_of
     from cfid.records.run_notes import run_at
     from cfid.records.tables.angle import ENCODER
-    from cfid.records.tables.wrench import LOADCELL, WrenchReading, holds_wrench, read_wrench
+    from cfid.records.tables.schema import Foreign
 
-    path, forces = find_recording(word, workplace), WrenchReading()
+    path = find_recording(word, workplace)
     readers: dict[str, Callable[[], View]] = {
         ENCODER: lambda: _angle_view(ENCODER, read_recording(word, workplace)),
-        LOADCELL: lambda: _wrench_view(LOADCELL, read_wrench(path, forces)),
+        LOADCELL: lambda: _wrench_view(LOADCELL, wrench_of(recording_at(path))),
     }
     run = run_at(path)
-    kind = None if run is not None else _kind_of(path, forces)
+    kind = None if run is not None else _kind_of(path, Foreign())
     if run is None:
         if kind == "flight":
             return log_views(path), ()
         if kind == "stand":
             return [stand_view(path)], ()
-        return [readers[LOADCELL if holds_wrench(path, forces) else ENCODER]()], ()
+        return [readers[LOADCELL if kind == "wrench" else ENCODER]()], ()
     order = sorted(run.header.devices, key=lambda device: [*readers, device].index(device))
     wanted = [_reader_of(run, device, readers) for device in order]
     return _readable(wanted or [readers[ENCODER]])
@@ -163,7 +165,7 @@ def _wrench_view(device: str, record: "WrenchRecord") -> View:
 
 def _means(record: "WrenchRecord") -> dict[str, Parameter]:
     """Return means and scatter of forces and torques: as vectors, or axis by axis for a load cell with fewer axes."""
-    from cfid.records.tables.wrench import AXES
+    from cfid.recordings.wrench import AXES
 
     if record.axes == AXES:
         return {
@@ -184,8 +186,8 @@ def _device_view(run: "Run", device: str) -> View:
 
     from cfid.drawing.device import groups
     from cfid.findings import texts
+    from cfid.recordings.vehicle import SUPERVISOR, read_rows
     from cfid.records.run_notes import losses
-    from cfid.records.tables.vehicle import SUPERVISOR, read_rows
 
     rows = read_rows(run, device)
     since_s = rows.time_s - rows.time_s[0]

@@ -52,7 +52,7 @@ def import_file(
         angles = replace(reading.reading(), clock=clock)
         made = importing.import_angle(into, file, angles, label=kept, kind=label.kind_of_angles)
     elif found == "wrench":
-        made = importing.import_wrench(into, file, replace(loadcell.reading(reading), clock=clock), label=kept)
+        made = importing.import_wrench(into, file, loadcell.how(reading, clock), label=kept)
     elif found == "stand":
         made = importing.import_stand(into, file, reading.foreign(clock), label=kept)
     else:

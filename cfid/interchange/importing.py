@@ -16,6 +16,10 @@ from cfid.errors import ConfigError, DataError
 from cfid.interchange.columns import changes, chosen_columns, finite_columns, known_rows
 from cfid.interchange.several_motors import of_one_motor
 from cfid.large import parts, usual_step
+from cfid.recordings.read import read_recording
+from cfid.recordings.recording import How
+from cfid.recordings.vehicle import COMMANDS, VEHICLE_LOG
+from cfid.recordings.wrench import AXES, LOADCELL, wrench_of
 from cfid.records.campaign import Campaign
 from cfid.records.logs.any_kind import read_log
 from cfid.records.logs.crazyflie_names import crazyflie_channel, stated_unit
@@ -33,8 +37,6 @@ from cfid.records.tables.stand import STAND
 from cfid.records.tables.stand_names import with_named
 from cfid.records.tables.table import CsvTable
 from cfid.records.tables.times import TIME_COLUMN
-from cfid.records.tables.vehicle import COMMANDS, VEHICLE_LOG
-from cfid.records.tables.wrench import AXES, LOADCELL, WrenchReading, read_wrench
 from cfid.units import MOTORS
 
 Mask = npt.NDArray[np.bool_]
@@ -115,9 +117,9 @@ def _others(path: Path, skip_lines: int, columns: Sequence[str]) -> tuple[str, .
     return (f"of the columns {table.listing} time and angle alone are kept.",)
 
 
-def import_wrench(campaign: Campaign, path: Path, reading: WrenchReading, *, label: Label) -> Imported:
-    """Import forces and torques as a run of the load cell, in N and N m. Raises errors as `read_wrench`."""
-    found = read_wrench(path, reading)
+def import_wrench(campaign: Campaign, path: Path, how: How, *, label: Label) -> Imported:
+    """Import forces and torques as a run of the load cell, in N and N m. Raises errors as `wrench_of`."""
+    found = wrench_of(read_recording(path, how), how)
     columns = ("t", *AXES, *(() if found.status is None else ("status",)))
     values = [found.time_s + (found.begin_s or 0.0), *found.force_n.T, *found.torque_nm.T]
     values += [] if found.status is None else [found.status]

@@ -13,9 +13,7 @@ from cfid.estimate.staircase import mean_in_windows, reduce_staircase
 from cfid.estimate.staircase_points import Point, Staircase
 from cfid.findings import Finding, warning
 from cfid.large import empty
-from cfid.records.parameters import Source
-from cfid.records.run import Run, read_run
-from cfid.records.tables.vehicle import (
+from cfid.recordings.vehicle import (
     COMMANDS,
     VEHICLE_LOG,
     holds,
@@ -23,7 +21,9 @@ from cfid.records.tables.vehicle import (
     read_rows,
     reported_speeds_rad_s,
 )
-from cfid.records.tables.wrench import AXES, WrenchRecord
+from cfid.recordings.wrench import AXES, WrenchRecord
+from cfid.records.parameters import Source
+from cfid.records.run import Run, read_run
 
 Array = npt.NDArray[np.float64]
 

@@ -36,18 +36,20 @@ _LEAST_S = 0.05  # shorter runs change nothing
 _BESIDE, _STILL_STEPS, _RESUME_STEPS = 20, 1.5, 2.5
 
 
-def outliers(values: Array, limit: float | None = None, *, period: float | None = None) -> Mask:
+def outliers(
+    values: Array, limit: float | None = None, *, period: float | None = None, most_share: float = MOST_SHARE
+) -> Mask:
     """Return which readings of a series (n,) lie off the course of those around them, up to three in a row.
 
     They are farther than `limit` off the median of the seven around them; without a limit, than a fifth of the series'
     range, and readings far beyond all others are outliers too. Steps stay, and so do readings whose distance is usual
-    in the series. Missing readings (nan) are none; more than one in a hundred are no faults, and then none is marked.
+    in the series. Missing readings (nan) are none; more than `most_share` are no faults, and then none is marked.
     `period` is the length of the circle on which the values lie.
     """
     known = np.isfinite(values)
     if not known.all():
         mask = np.zeros(len(values), bool)
-        mask[known] = outliers(values[known], limit, period=period)
+        mask[known] = outliers(values[known], limit, period=period, most_share=most_share)
         return mask
     if len(values) < _WIDTH:
         return np.zeros(len(values), bool)
@@ -66,7 +68,7 @@ def outliers(values: Array, limit: float | None = None, *, period: float | None 
         if high > low:
             for part in parts(len(values)):
                 off[part] |= np.abs(values[part] - middle) > _FAR_TIMES * (high - low)
-    return _few(off)
+    return _few(off, most_share)
 
 
 def offset_segments(
@@ -111,7 +113,7 @@ def stuck(values: Array, time_s: Array | None = None) -> Mask:
     return mask
 
 
-def _few(mask: Mask, most_share: float = MOST_SHARE) -> Mask:
+def _few(mask: Mask, most_share: float) -> Mask:
     return mask if np.mean(mask) <= most_share else np.zeros_like(mask)
 
 

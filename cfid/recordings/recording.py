@@ -82,7 +82,8 @@ class Series:
     """Columns (n,) that were sampled together, at times (n,) in s since the first row.
 
     `time_s` is None for a table without times, `begin_s` the first row's time by the file's clock, None without one.
-    `line_of_row` gives the line of the file, counted from 1, of a row counted from 0.
+    `line_of_row` gives the line of the file, counted from 1, of a row counted from 0. `source` is its file, where a
+    recording has several.
     """
 
     name: str
@@ -92,6 +93,7 @@ class Series:
     time_s: Array | None = None
     begin_s: float | None = None
     line_of_row: Callable[[int], int] | None = None
+    source: Source | None = None
     findings: tuple[Finding, ...] = ()
 
     @property
@@ -102,6 +104,10 @@ class Series:
     def line(self, row: int) -> str:
         """Return the path, with the line of a row where the file has lines, to begin a message."""
         return f"{self.path}:{self.line_of_row(row)}" if self.line_of_row is not None else f"{self.path}"
+
+    def line_number(self, row: int) -> int:
+        """Return the line of the file of a row, or the number of the row, counted from 1."""
+        return row + 1 if self.line_of_row is None else self.line_of_row(row)
 
     def column(self, name: str) -> Column:
         """Return a column by its name, or by its head in the file. Raises DataError that names the columns."""
@@ -152,8 +158,9 @@ class Series:
                 "Correct the column, or name another by `columns`.",
                 code="no-number",
             )
-        line = row + 1 if self.line_of_row is None else self.line_of_row(row)
-        left_out = finding("rows-without-number", count=count, rows=self.rows, names=", ".join(names), line=line)
+        left_out = finding(
+            "rows-without-number", count=count, rows=self.rows, names=", ".join(names), line=self.line_number(row)
+        )
         kept = self.kept(~lacking)
         return replace(kept, findings=(*kept.findings, left_out.at(self.path.name)))
 

@@ -122,8 +122,10 @@ class Table:
         return self.layout.lines_above + 1 + row  # the file was changed
 
 
-def read_table(path: Path, how: How | None = None) -> Table:
+def read_table(path: Path, how: How | None = None, *, of_run: bool = False) -> Table:
     """Read a table between commas, semicolons, tabs or spaces.
+
+    In a file of a run (`of_run`) every row has its end: a last line without it was cut, perhaps within a number.
 
     Raises DataError for a file that is no table, or in which more than one line in a hundred is damaged; ConfigError
     for options that contradict it.
@@ -132,12 +134,12 @@ def read_table(path: Path, how: How | None = None) -> Table:
     check_regular(path)
     try:
         with path.open("rb") as file:
-            return _read(path, file, how)
+            return _read(path, file, how, of_run=of_run)
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}.", code="unreadable") from None
 
 
-def _read(path: Path, file: IO[bytes], how: How) -> Table:
+def _read(path: Path, file: IO[bytes], how: How, *, of_run: bool) -> Table:
     start = file.read(_HEAD_BYTES)
     kind = next((what for begin, what in _OTHER_FILES.items() if start.removeprefix(_BOM).startswith(begin)), None)
     if kind is not None or b"\0" in start:
@@ -145,7 +147,7 @@ def _read(path: Path, file: IO[bytes], how: How) -> Table:
     layout = layout_of(path, start, how)
     selected = tuple((_place(path, layout.heads, name), word) for name, word in how.rows)
     file.seek(0)
-    lines = _Lines(file, layout, selected)
+    lines = _Lines(file, layout, selected, of_run=of_run)
     count = len(layout.heads)
     values = as_columns(lines.blocks(), count, most_rows=1 + lines.size // count)
     rows = len(values[0])
@@ -173,8 +175,8 @@ def _read(path: Path, file: IO[bytes], how: How) -> Table:
 class _Lines:
     """The numbers of a file, block by block, its checksum, and how many lines were left out, and why."""
 
-    def __init__(self, file: IO[bytes], layout: Layout, selected: Sequence[tuple[int, str]]) -> None:
-        self.file, self.layout, self.selected = file, layout, selected
+    def __init__(self, file: IO[bytes], layout: Layout, selected: Sequence[tuple[int, str]], *, of_run: bool) -> None:
+        self.file, self.layout, self.selected, self.of_run = file, layout, selected, of_run
         self.size = os.fstat(file.fileno()).st_size  # what a growing file has after it is not read
         self.sha256 = hashlib.sha256()
         self.left_out, self.first_left_out, self.fault = 0, 0, ""
@@ -200,7 +202,8 @@ class _Lines:
             begin += len(block)
         if rest.strip() and not above:
             text = _decoded(rest)
-            self.unended = len(self.layout.fields(text)) == len(self.layout.heads) and self.layout.is_row(text)
+            whole = len(self.layout.fields(text)) == len(self.layout.heads) and self.layout.is_row(text)
+            self.unended = whole and not self.of_run
             self.cut = not self.unended
             if self.unended:
                 yield self._parsed(rest)[0]

@@ -3,9 +3,9 @@
 from collections import Counter
 from collections.abc import Sequence
 
+from cfid.recordings.vehicle import COMMANDS, HELD_SHARE, READINGS, TakenBackError, holds, read_commands, read_rows
 from cfid.records.resumed import completing
 from cfid.records.run import Run
-from cfid.records.tables.vehicle import COMMANDS, ENOUGH, READINGS, TakenBackError, holds, read_commands, read_rows
 
 
 def steps_left(run: Run) -> tuple[int, ...]:
@@ -59,7 +59,7 @@ def held_steps(run: Run) -> list[int]:
     rows, commands = read_commands(run)
     request = run.header.requested
     column = commands[:-1, int(request["motors"][0]) - 1]
-    long_enough = rows.time_s[1:] - rows.time_s[:-1] >= ENOUGH * float(request["hold_s"])
+    long_enough = rows.time_s[1:] - rows.time_s[:-1] >= HELD_SHARE * float(request["hold_s"])
     done = Counter(column[long_enough].astype(int).tolist())
     return [step for step in map(int, request["steps"]) if _was_done(step, done)]
 

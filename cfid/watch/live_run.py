@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 from cfid.errors import DataError
 from cfid.motors.plan import StaircasePlan
+from cfid.recordings.vehicle import READINGS, SUPERVISOR, VEHICLE_LOG
+from cfid.recordings.wrench import LOADCELL
 from cfid.records.run import RUN_FILE, DeviceRecord, Run, RunHeader, is_written, read_run
-from cfid.records.tables.vehicle import READINGS, SUPERVISOR, VEHICLE_LOG
-from cfid.records.tables.wrench import LOADCELL
 from cfid.rig.log_block import BATTERY
 from cfid.transfer.sines.plan import SAMPLE_S
 from cfid.watch.driven import vehicles_of, vehicles_recorded

@@ -72,7 +72,7 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     folder = tmp_path_factory.mktemp("cell")
     count, rate_hz, size = 200_000, 7000, 0
     draw, periods, samples = np.random.default_rng(8), (100, 200, 400), 20_000  # of 2 ms each
-    head = "t,Fx,Fy,Fz,Tx,Ty,Tz,status\n"
+    head = "t,Fx_counts,Fy,Fz,Tx,Ty,Tz,status\n"
 
     def rows(time_s: Array) -> str:
         thrust = 0.3 * (time_s > 500) * (1 - np.exp(-20 * (time_s - 500).clip(0)))

@@ -7,9 +7,10 @@ import pytest
 
 from cfid.motors.data import reduce_run
 from cfid.motors.steps.data import of_run
+from cfid.recordings.read import read_recording
+from cfid.recordings.wrench import AXES, wrench_of
 from cfid.records.run import DeviceRecord, Label, Run, read_run
 from cfid.records.run_writer import create_run
-from cfid.records.tables.wrench import AXES, WrenchReading, read_wrench
 from cfid.sim.stand import StandRecord
 from tests.motors.stand_in_a_folder import BEGIN_S, climbed
 
@@ -37,7 +38,7 @@ def run(record: StandRecord, tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 
 def test_steps_of_force_are_not_late_by_the_delay_of_the_first_row(run: Run) -> None:
-    assert reduce_run(read_wrench(run.folder, WrenchReading())).began_s == pytest.approx(BEGIN_S, abs=2e-3)
+    assert reduce_run(wrench_of(read_recording(run.folder))).began_s == pytest.approx(BEGIN_S, abs=2e-3)
 
 
 def test_a_frame_shows_forces_when_they_were_taken(run: Run, record: StandRecord) -> None:
@@ -47,4 +48,4 @@ def test_a_frame_shows_forces_when_they_were_taken(run: Run, record: StandRecord
 
 
 def test_speeds_from_vibration_are_not_late_by_the_delay_of_the_first_row(run: Run, record: StandRecord) -> None:
-    np.testing.assert_allclose(of_run(run, WrenchReading()).command_time_s, record.command_time_s, atol=2e-3)
+    np.testing.assert_allclose(of_run(run).command_time_s, record.command_time_s, atol=2e-3)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cfid.console.inputs import open_workplace
-from cfid.console.options import LoadCellOptions, ReadingOptions, RigOptions
+from cfid.console.options import RigOptions
 from cfid.estimate.voltage_cubic import cubic_fault
 from cfid.motors import maps
 from cfid.motors.maps.arguments import read_evidence
@@ -204,9 +204,8 @@ def test_a_tachometers_markers_are_those_of_rig_toml_or_of_the_run_and_noted_whe
     def told(*words: object, **options: Any) -> tuple[float, list[str]]:
         rig = RigOptions() if options.pop("borrowed", False) else RigOptions(campaign=tmp_path)
         evidence = read_evidence(
-            [str(word) for word in words], ReadingOptions(), LoadCellOptions(),
-            open_workplace(rig), known=Stand(markers=options.get("markers")), table=options.get("table"),
-            kind="speed", method="default",
+            [str(word) for word in words], open_workplace(rig), known=Stand(markers=options.get("markers")),
+            table=options.get("table"), kind="speed", method="default",
         )  # fmt: skip
         assert evidence.points.speed_rad_s is not None
         divided_by = round(20000 * 2 * np.pi / 60 / float(evidence.points.speed_rad_s[0]), 9)

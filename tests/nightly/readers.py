@@ -70,7 +70,7 @@ def _lines(head: str, *columns: Iterable[Any]) -> bytes:
 
 
 ANGLE = _lines("t,phi", TIME_S, ANGLES)
-WRENCH = _lines("t,Fx,Fy,Fz,Tx,Ty,Tz", TIME_S, *(ANGLES + axis for axis in range(6)))
+WRENCH = _lines("t,Fx_counts,Fy,Fz,Tx,Ty,Tz", TIME_S, *(ANGLES + axis for axis in range(6)))
 CROSSINGS = _lines("t,thrust_rec,sample,vehicle_us", TIME_S, 100 * (1 + np.arange(ROWS)), range(ROWS), range(ROWS))
 PINGS = _lines("t,rtt_s,vehicle_us", TIME_S, 0.01 + TIME_S / 100, range(0, 10000 * ROWS, 10000))
 SEMICOLONS = ANGLE.replace(b",", b";").replace(b".", b",").replace(b"\n", b"\r\n")

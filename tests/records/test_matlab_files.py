@@ -16,7 +16,6 @@ from cfid.errors import ConfigError, DataError
 from cfid.records.tables.angle import AngleRecord, Reading, read_angle
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.matlab import converted_series
-from cfid.records.tables.wrench import WrenchReading, read_wrench
 
 TIME_S = np.arange(400) / 100
 ANGLE_RAD = 0.5 * np.exp(-TIME_S / 3) * np.cos(7 * TIME_S)
@@ -98,12 +97,6 @@ def test_a_timeseries_that_was_saved_as_a_struct_has_its_own_name_and_units(
     savemat(tmp_path / "a.mat", {"theta": series | info})
     assert open_table(tmp_path / "a.mat").names == (f"Time [{unit}]", "theta [deg]")
     assert same(read_angle(tmp_path / "a.mat", Reading()))
-
-
-def test_forces_of_a_mat_file_are_read(tmp_path: Path) -> None:
-    names = ("Fx_n", "Fy_n", "Fz_n", "Tx_nm", "Ty_nm", "Tz_nm")
-    savemat(tmp_path / "a.mat", {"t": TIME_S, **{name: at + ANGLE_RAD for at, name in enumerate(names)}})
-    np.testing.assert_array_equal(read_wrench(tmp_path / "a.mat", WrenchReading()).torque_nm[:, 2], 5 + ANGLE_RAD)
 
 
 def test_one_of_two_tables_of_equal_columns_is_chosen_by_the_struct(tmp_path: Path) -> None:

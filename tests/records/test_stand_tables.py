@@ -14,7 +14,6 @@ from cfid.findings import texts
 from cfid.records.logs.kinds import kind_at
 from cfid.records.tables.schema import Foreign
 from cfid.records.tables.stand import StandTable, read_stand_table
-from cfid.records.tables.wrench import WrenchReading, holds_wrench
 from tests.places import DATA
 
 OLD = DATA / "bitcraze_2015" / "cf20_pwm_thrust_2015.csv"
@@ -734,7 +733,6 @@ def test_a_table_of_six_named_columns_is_no_load_cell_s(tmp_path: Path) -> None:
     path.write_text("".join(f"{at / 10},{at // 20},1,2,3,4\n" for at in range(60)))
     named = ("t=1", "cmd=2", "thrust_n=3", "torque_nm=4", "vbat_v=5", "rpm=6")
     assert kind_at(path, Foreign(columns=named)) == "stand"
-    assert not holds_wrench(path, WrenchReading(columns=named))
 
 
 def test_a_named_column_that_is_not_there_is_refused(tmp_path: Path) -> None:

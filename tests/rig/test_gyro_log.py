@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from cfid.errors import DeviceError
+from cfid.recordings.vehicle import read_rows
 from cfid.records.rig_file import load_rig
 from cfid.records.tables.angle import Reading, read_angle
-from cfid.records.tables.vehicle import read_rows
 from cfid.rig.log_rate import fastest_period_ms, shortest
 from cfid.rig.ready_vehicle import INERTIAL, connect_vehicle
 from tests.flying_in_a_folder import bench_in

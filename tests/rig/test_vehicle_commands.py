@@ -22,9 +22,9 @@ import numpy.typing as npt
 import pandas as pd
 import pytest
 
+from cfid.recordings.vehicle import read_rows
 from cfid.records.rig_file import RIG_FILE, load_rig
 from cfid.records.run import list_runs, read_run
-from cfid.records.tables.vehicle import read_rows
 from cfid.rig.crazyflie import Link
 from cfid.sim.crazyflie_tables import parameters
 from cfid.sim.supervisor_states import SupervisorState

@@ -23,14 +23,14 @@ from cfid.findings import Finding, joined, note, texts, warning
 from cfid.motors import data as motors
 from cfid.motors.points import rotor_speed_rad_s
 from cfid.motors.vibration.data import Rotors, VibrationRecord
+from cfid.recordings.read import read_recording
+from cfid.recordings.vehicle import COMMANDS, READINGS, Rows, TakenBackError, holds, read_rows
+from cfid.recordings.wrench import WrenchRecord, wrench_of
 from cfid.records.facts import NONE_STATED, RigFacts, WindStand
 from cfid.records.frames import turn_about_z
 from cfid.records.parameters import Source
 from cfid.records.run import refuse_contradiction, run_holding
 from cfid.records.run_notes import run_at
-from cfid.records.tables.vehicle import COMMANDS, READINGS, Rows, TakenBackError, holds, read_rows
-from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
-from cfid.records.tables.wrench_faults import without_faults, without_stuck
 from cfid.units import DEAD_COMMAND
 
 _ESTIMATED_S = 3.0  # of a window: long enough to find a speed to a thousandth
@@ -87,7 +87,7 @@ def reduce_run(path: Path, how: WindReading, *, read_later: frozenset[int] = fro
     run = run_at(path)
     if run is None:
         raise DataError(f"{path}: not a run folder; other recordings are listed in an index file.")
-    setting, record = setting_of(run), read_wrench(path, WrenchReading())
+    setting, record = setting_of(run), wrench_of(read_recording(path))
     record.require("Fx", "Fy", "Fz", purpose="drag")
     facts = how.given.over(run.header.rig)
     if not holds(run, COMMANDS):
@@ -133,9 +133,9 @@ def _reduce_row(row: IndexedRun, how: WindReading) -> ReducedRecording:
     """Reduce a recording; forces at standing rotors are not needed."""
     _refuse_other_wind(row)
     facts = how.given.over(how.rig)
-    read = read_wrench(row.loadcell, WrenchReading(gain=facts.loadcell.gain))
-    moving = without_stuck(read)
-    record = without_faults(moving)
+    read = wrench_of(read_recording(row.loadcell), gain=facts.loadcell.gain)
+    moving = read.without_stuck()
+    record = moving.without_outliers()
     findings = _assumptions(facts, row.setting, typed=bool(row.tach_rpm))
     if row.command > DEAD_COMMAND:
         try:

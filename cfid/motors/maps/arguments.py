@@ -12,10 +12,11 @@ from cfid.motors.maps.data import of_file, of_run
 from cfid.motors.maps.evidence import Evidence, Stand, together
 from cfid.motors.maps.table_data import of_table
 from cfid.motors.vibration.data import Rotors
+from cfid.records.logs.kinds import kind_at
 from cfid.records.run import Run, refuse_contradiction, run_holding
 from cfid.records.run_notes import run_at
+from cfid.records.tables.schema import Foreign
 from cfid.records.tables.stand import read_stand_table, stand_file
-from cfid.records.tables.wrench import WrenchReading, holds_wrench
 from cfid.units import FULL_COMMAND
 
 _NOTHING = ConfigError(
@@ -53,7 +54,7 @@ def read_evidence(
 
     def of_runs(run: Run) -> list[Evidence]:
         try:
-            return [of_run(run, known, WrenchReading(), rotors=rotors)]
+            return [of_run(run, known, rotors=rotors)]
         except (DataError, FitError) as error:  # one part of a resumed staircase does not condemn the others
             faults.append(error)
             return []
@@ -66,14 +67,14 @@ def read_evidence(
             if (run := run_holding(Path(file))) is not None:
                 refuse_contradiction(word, {"command": at}, {"command": run.header.requested.get("steps")})
             here = known.where(workplace.facts)
-            parts.append(of_file(at, Path(file), here, WrenchReading(), method=method, rotors=rotors))
+            parts.append(of_file(at, Path(file), here, method=method, rotors=rotors))
         else:
             path = find_recording(word, workplace)
             if (imported := stand_file(path)) is not None:
                 parts.append(of_stand(imported))
             elif (run := run_at(path)) is not None:
                 parts += of_runs(run)
-            elif holds_wrench(path, WrenchReading()):
+            elif kind_at(path, Foreign()) == "wrench":
                 raise DataError(f"{path}: a load cell's file needs its command: write COMMAND={path}.")
             else:
                 parts.append(of_stand(path))

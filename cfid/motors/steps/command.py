@@ -48,7 +48,6 @@ def dynamics(
     from cfid.records.run import Run
     from cfid.records.run_notes import run_at
     from cfid.records.tables.stand import stand_file
-    from cfid.records.tables.wrench import WrenchReading
 
     workplace = open_workplace(rig)
     if not runs and table is None:
@@ -65,7 +64,7 @@ def dynamics(
     elif rotor is not None or cut != CutOptions():
         raise ConfigError(f"{path}: --rotor, --from and --to are for commands that never rest, not for steps.")
     else:
-        result = fit(of_run(found, WrenchReading()) if isinstance(found, Run) else of_table(found))
+        result = fit(of_run(found) if isinstance(found, Run) else of_table(found))
     result = replace(result, folder=workplace.figures)
     deliver(result, delivery, workplace.campaign, workplace.own_rig)
 

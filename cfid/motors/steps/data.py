@@ -14,10 +14,8 @@ from cfid.motors.steps.model import CommandStep, command_steps
 from cfid.motors.steps.sag import LoggedBattery
 from cfid.motors.vibration.data import quiet_channels
 from cfid.motors.vibration.ridge import speed_ridge
-from cfid.records.parameters import Source
-from cfid.records.run import Run
-from cfid.records.tables.stand import StandTable
-from cfid.records.tables.vehicle import (
+from cfid.recordings.read import read_recording
+from cfid.recordings.vehicle import (
     VEHICLE_LOG,
     Rows,
     holds,
@@ -25,7 +23,10 @@ from cfid.records.tables.vehicle import (
     read_rows,
     reported_speeds_rad_s,
 )
-from cfid.records.tables.wrench import WrenchReading, read_wrench
+from cfid.recordings.wrench import wrench_of
+from cfid.records.parameters import Source
+from cfid.records.run import Run
+from cfid.records.tables.stand import StandTable
 from cfid.units import MOTORS
 
 Array = npt.NDArray[np.float64]
@@ -96,7 +97,7 @@ def of_table(table: StandTable) -> SpeedRecord:
     return _once_each(record)
 
 
-def of_run(run: Run, reading: WrenchReading) -> SpeedRecord:
+def of_run(run: Run) -> SpeedRecord:
     """Return the speeds that the vehicle reported, else those in the load cell's vibration. Raises DataError."""
     log, commands = read_commands(run)
     command = commands.max(axis=1)
@@ -104,7 +105,7 @@ def of_run(run: Run, reading: WrenchReading) -> SpeedRecord:
     ran = [motor for motor in MOTORS if commands[:, motor - 1].any()]
     speeds = {} if rows is None else reported_speeds_rad_s(rows)
     if rows is None or not ran or not all(motor in speeds for motor in ran):
-        return _of_vibration(run, log, command, reading, rows)
+        return _of_vibration(run, log, command, rows)
     record = SpeedRecord(
         name=run.folder.name,
         path=run.folder,
@@ -133,8 +134,8 @@ def _once_each(record: SpeedRecord) -> SpeedRecord:
     )
 
 
-def _of_vibration(run: Run, commands: Rows, command: Array, reading: WrenchReading, rows: Rows | None) -> SpeedRecord:
-    record = read_wrench(run.folder, reading)
+def _of_vibration(run: Run, commands: Rows, command: Array, rows: Rows | None) -> SpeedRecord:
+    record = wrench_of(read_recording(run.folder))
     channels = quiet_channels(record)
     ridge = speed_ridge(time_s=record.time_s, wrench=channels, window_s=_BLUR_S, step_s=_STEP_S)
     sure = ridge.std_rad_per_s < _SURE * ridge.speed_rad_per_s  # and not NaN

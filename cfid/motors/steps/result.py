@@ -24,7 +24,6 @@ from cfid.records.result import Dependent, Figures, Result
 from cfid.records.run import Run
 from cfid.records.run_notes import run_at
 from cfid.records.tables.stand import StandTable, read_stand_table
-from cfid.records.tables.wrench import WrenchReading
 
 _SLOWEST_S = 1.0  # largest time constant of a rotor, as in `fit flight`
 _ROWS = "dynamics.time_constant_s"
@@ -105,7 +104,7 @@ def _record(recording: SpeedRecord | StandTable | Run | Path | str) -> SpeedReco
         return recording
     read = recording if isinstance(recording, StandTable | Run) else run_at(Path(recording))
     read = read or read_stand_table(Path(str(recording)))
-    return of_table(read) if isinstance(read, StandTable) else of_run(read, WrenchReading())
+    return of_table(read) if isinstance(read, StandTable) else of_run(read)
 
 
 def _steps(record: SpeedRecord) -> tuple[tuple[CommandStep, ...], tuple[Finding, ...]]:

@@ -65,11 +65,12 @@ def rotor(
     Example: [bold]cfid fit rotor 2026-11-21_083012_thrust[/bold]
     """
     from cfid.motors.vibration import fit
-    from cfid.records.tables.wrench import WrenchReading, read_wrench
+    from cfid.recordings.read import read_recording
+    from cfid.recordings.wrench import wrench_of
 
     expected = options.expected_rad_s
     workplace = open_workplace(rig)
-    record = read_wrench(find_recording(run, workplace), WrenchReading())
+    record = wrench_of(read_recording(find_recording(run, workplace)))
     result = fit(
         record,
         rotors=options.rotors,

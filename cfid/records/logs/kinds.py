@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
+from cfid.recordings.wrench import AXES
 from cfid.records.logs.any_kind import is_binary_log
 from cfid.records.tables.angle import SCHEMA as ANGLE_COLUMNS
 from cfid.records.tables.blocks import open_table
@@ -12,8 +13,6 @@ from cfid.records.tables.matlab import converted_series, is_matlab
 from cfid.records.tables.schema import TIME, Foreign
 from cfid.records.tables.stand_heads import heads_of, shows_stand
 from cfid.records.tables.times import TIME_COLUMN
-from cfid.records.tables.wrench import AXES
-from cfid.records.tables.wrench import SCHEMA as WRENCH_COLUMNS
 
 Kind = Literal["angle", "wrench", "flight", "stand"]
 
@@ -23,9 +22,8 @@ _FLOWN = re.compile(
 )
 _COLUMNS: dict[Kind, tuple[re.Pattern[str], ...]] = {  # any one column shows the kind
     "wrench": (
-        *(column.called for column in WRENCH_COLUMNS.columns if column.key in AXES),
         # With any unit, so that one that is not read is refused by name.
-        re.compile(rf"(?:{'|'.join(AXES)})\s*[\[(][^\[\]()]+[\])]", re.IGNORECASE),
+        re.compile(rf"(?:{'|'.join(AXES)})(?:_[a-z]+|\s*[\[(][^\[\]()]+[\])])?", re.IGNORECASE),
     ),
     "flight": (_FLOWN,),
     "angle": tuple(column.called for column in ANGLE_COLUMNS.columns if column.key != TIME),

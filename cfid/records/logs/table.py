@@ -14,6 +14,7 @@ import numpy as np
 
 from cfid.errors import DataError
 from cfid.large import usual_step
+from cfid.recordings.wrench import AXES
 from cfid.records.logs.crazyflie_names import (
     assumptions,
     crazyflie_channel,
@@ -35,7 +36,7 @@ from cfid.records.tables.schema import TIME, Foreign, TableSchema, refuse_clock
 from cfid.records.tables.stand_heads import heads_of, shows_stand
 from cfid.records.tables.table import CsvTable
 from cfid.records.tables.times import TIME_COLUMN, known_rows, line_notes, pauses, seconds_of, time_unit_of, times_of
-from cfid.records.tables.wrench import SCHEMA as WRENCH_COLUMNS
+from cfid.units import split_unit
 
 _SCHEMA = TableSchema(columns=(TIME_COLUMN,), words=("TIME",))
 _VARIABLE = re.compile(r"\w+\.\w+")  # of the firmware
@@ -192,7 +193,10 @@ def _suffixed(name: str) -> str:
     """Return the unit in the name of an angle, force or torque, as in `theta_rad`, or the name rpm; "" for none."""
     if name.lower() == "rpm":
         return "rpm"
-    for column in (*ANGLE_COLUMNS.columns, *WRENCH_COLUMNS.columns):
+    axis, of_axis = split_unit(name)
+    if axis.capitalize() in AXES:
+        return {"n": "N", "nm": "N m"}.get(of_axis.lower(), of_axis.lower())
+    for column in ANGLE_COLUMNS.columns:
         match = column.called.fullmatch(name)
         if match is not None and match.lastindex is not None:
             unit = unit_word(match[1]) or ""

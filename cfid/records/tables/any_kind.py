@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import Any, Literal, overload
 
 from cfid.errors import ConfigError
+from cfid.recordings.read import read_recording
+from cfid.recordings.recording import How
+from cfid.recordings.sines import CrossingRecord, PingRecord, read_crossings, read_pings
+from cfid.recordings.wrench import WrenchRecord, wrench_of
 from cfid.records.tables.angle import AngleRecord, Reading, read_angle
-from cfid.records.tables.crossings import CrossingRecord, read_crossings
-from cfid.records.tables.pings import PingRecord, read_pings
 from cfid.records.tables.stand import StandTable, read_stand_table
-from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
 
 _READERS: Mapping[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
     "angle": (
@@ -18,10 +19,10 @@ _READERS: Mapping[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
         lambda path, **settings: read_angle(path, Reading(**settings)),
     ),
     "wrench": (
-        tuple(field.name for field in fields(WrenchReading)),
-        lambda path, **settings: read_wrench(path, WrenchReading(**settings)),
+        tuple(field.name for field in fields(How)),
+        lambda path, **settings: wrench_of(read_recording(path, How(**settings)), How(**settings)),
     ),
-    "crossings": (("time_unit",), read_crossings),
+    "crossings": ((), read_crossings),
     "pings": ((), read_pings),
     "stand": (("gravity_mps2", "rate_hz", "skip_lines", "time_unit", "esc_us", "motors"), read_stand_table),
 }
@@ -41,8 +42,8 @@ def read_table(path: str | Path, *, kind: str, **settings: Any) -> Any:
     """Read a CSV file, or a run folder, of a kind: angles, forces and torques, crossings, pings, or a stand's table.
 
     `settings` state what a file does not: `time_unit` ("s", "ms", "us"), `rate_hz`, `skip_lines`, `columns` ("t,phi"
-    or a tuple); for angles `angle_unit` and `counts_per_turn`; for forces `units`, `counts_per_n`, `counts_per_nm`; for
-    a stand `gravity_mps2`, `esc_us` and `motors`.
+    or a tuple); for angles `angle_unit` and `counts_per_turn`; for forces `units` by column, `counts_per_n` and
+    `counts_per_nm`; for a stand `gravity_mps2`, `esc_us` and `motors`.
     Raises ConfigError for an unknown kind or setting, DataError with file, line and next step.
     """
     if kind not in _READERS:

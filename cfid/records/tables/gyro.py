@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import DataError
+from cfid.recordings.vehicle import VEHICLE_LOG, Rows, read_rows
 from cfid.records.run import DeviceRecord, Run
 from cfid.records.tables.stamps import stamped_times
 from cfid.records.tables.table import Array
-from cfid.records.tables.vehicle import VEHICLE_LOG, Rows, read_rows
 
 Marks = npt.NDArray[np.bool_]
 

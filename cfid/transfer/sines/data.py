@@ -12,15 +12,14 @@ from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, merged, note, of_recording
 from cfid.large import empty, parts
 from cfid.quantities.quantity import Range
+from cfid.recordings.read import read_recording
+from cfid.recordings.sines import CROSSINGS, CrossingRecord, IndexRow, read_crossings, read_index
+from cfid.recordings.wrench import WrenchRecord, wrench_of
 from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts
 from cfid.records.parameters import Source
 from cfid.records.plausibility import Given, implausible_inputs
 from cfid.records.run import Run, refuse_contradiction, run_holding
 from cfid.records.run_notes import losses, run_at
-from cfid.records.tables.crossings import CROSSINGS, CrossingRecord, read_crossings
-from cfid.records.tables.index import IndexRow, read_index
-from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
-from cfid.records.tables.wrench_faults import without_faults
 from cfid.transfer.sines.alignment import Array, Channel, RecordedSine, thrust_of
 from cfid.transfer.sines.checks import mount_findings, torque_moments
 from cfid.transfer.sines.plan import SAMPLE_S, Sine
@@ -80,7 +79,7 @@ def read_sines(
     """
     if index is None and not runs:
         raise ConfigError("no sine to read: name runs or an index.")
-    reader = _Reader(channel, arm_m, arm_std_m, yaw_deg, middle, WrenchReading(gain=facts.loadcell.gain))
+    reader = _Reader(channel, arm_m, arm_std_m, yaw_deg, middle, facts.loadcell.gain)
     if index is not None:
         listed = read_index(index, columns=_COLUMNS, optional=("series",))
         reader.sources.append(listed.source)
@@ -105,7 +104,7 @@ class _Reader:
     arm_std_m: float | None
     yaw_deg: float | None
     middle: float
-    reading: WrenchReading
+    gain: tuple[float, ...] | None  # of a load cell whose file is no run
     series: dict[str, list[RecordedSine]] = field(default_factory=dict)
     sources: list[Source] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
@@ -144,11 +143,14 @@ class _Reader:
         """Read the load cells' files in parallel: parsing them takes longer than everything after it."""
         new = list(dict.fromkeys(path for path in paths if path not in self._cells))
         with ThreadPoolExecutor(max_workers=2) as pool:
-            cells = list(pool.map(lambda path: read_once(without_faults(read_wrench(path, self.reading))), new))
+            cells = list(pool.map(self._cell, new))
         self._cells |= dict(zip(new, cells, strict=True))
         for cell in cells:
             self.findings += cell.findings
             self.sources.append(cell.source)
+
+    def _cell(self, path: Path) -> WrenchRecord:
+        return read_once(wrench_of(read_recording(path), gain=self.gain).without_outliers().with_stuck_named())
 
     def result(self) -> SineSet:
         """Return everything that was added."""

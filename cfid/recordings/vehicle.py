@@ -1,31 +1,27 @@
 """Read a run's commands, vehicle log and instrument readings as arrays.
 
-Times are in seconds since the Unix epoch, as in every file of a run; `begin_s` of another device's file relates them
+Times are in seconds since the Unix epoch, as in every file of a run; `begin_s` of another device's record relates them
 to a record that counts from its first sample.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from cfid.errors import DataError
-from cfid.findings import Finding, of_recording
-from cfid.records.files import check_regular
+from cfid.findings import Finding
+from cfid.recordings.recording import Array, Series
+from cfid.recordings.table import read_table
 from cfid.records.parameters import Source
 from cfid.records.run import Run
-from cfid.records.tables.blocks import open_table
-from cfid.records.tables.line_faults import REPAIR
-from cfid.records.tables.table import Array
-from cfid.records.tables.text import is_finite, short
-from cfid.records.tables.times import line_notes
 from cfid.units import MOTORS, RPM
 
 COMMANDS, READINGS, VEHICLE_LOG, SUPERVISOR = "commands", "readings", "crazyflie", "supervisor"
 TACHOMETER, SCALES = "tachometer", "scales"
 
-ENOUGH = 0.98  # of the time for which a step should be held: from there on it counts as held
+HELD_SHARE = 0.98  # of the time for which a step should be held: from there on it counts as held
 
 _LONGEST_LINE = 1 << 20  # bytes
 _WITHDRAWN = "withdrawn"
@@ -67,36 +63,53 @@ def _has_row(path: Path) -> bool:
 
 
 def read_rows(run: Run, device: str) -> Rows:
-    """Read a device's file. Raises DataError naming the file when it is missing, empty or not a table."""
+    """Read a device's file; the few rows that lack a number are left out, with a finding.
+
+    Raises DataError naming the file when it is missing, empty or not a table.
+    """
     path = run.device_file(device)
-    table = open_table(path)
-    values = table.numbers(table.names)
-    if not len(values):
-        raise DataError(f"{path}: has no rows.")
-    if table.names[0] != "t" or np.any(np.diff(values[:, 0]) < 0):
-        raise DataError(f"{path}: its first column is not an increasing time 't': it is not a device's file of a run.")
-    if device == READINGS and _WITHDRAWN in table.names:
-        values = _not_withdrawn(values, table.names.index(_WITHDRAWN))
-        if not len(values):
-            raise TakenBackError(f"{path}: every reading was taken back.")
-    columns = {name: column for name, column in zip(table.names, values.T, strict=True) if name not in _NO_VALUES}
-    return Rows(
-        source=Source(str(path), table.sha256),
-        time_s=values[:, 0],
+    try:
+        table = read_table(path, of_run=True)
+    except FileNotFoundError:
+        raise DataError(f"{path}: no such file.", code="no-file") from None
+    columns = tuple(replace(column, name=column.head) for column in table.columns)
+    series = Series(
+        name=device,
+        path=path,
         columns=columns,
-        findings=of_recording(f"{run.folder.resolve().name}/{path.name}", line_notes(table)),
+        rows=table.rows,
+        line_of_row=table.line_of_row,
+        findings=table.findings,
+    ).complete(table.heads)
+    values = {column.name: column.values for column in series.columns}
+    if table.heads[0] != "t" or np.any(np.diff(values["t"]) < 0):
+        raise DataError(
+            f"{path}: its first column is not an increasing time 't': it is not a device's file of a run.",
+            code="no-time",
+        )
+    if device == READINGS and _WITHDRAWN in values:
+        kept = _not_withdrawn(values[_WITHDRAWN])
+        if not kept:
+            raise TakenBackError(f"{path}: every reading was taken back.")
+        values = {name: column[kept] for name, column in values.items()}
+    place = f"{run.folder.resolve().name}/{path.name}"
+    return Rows(
+        source=table.source,
+        time_s=values["t"],
+        columns={name: column for name, column in values.items() if name not in _NO_VALUES},
+        findings=tuple(finding.at(place) for finding in series.findings),
     )
 
 
-def _not_withdrawn(values: Array, place: int) -> Array:
-    """Return the rows of readings without those that were taken back, and without the rows that take them back."""
+def _not_withdrawn(withdrawn: Array) -> list[int]:
+    """Return the rows (n,) of readings that were not taken back, without the rows that take others back."""
     kept: list[int] = []
-    for row, withdrawn in enumerate(values[:, place]):
-        if withdrawn and kept:
+    for row, takes_back in enumerate(withdrawn):
+        if takes_back and kept:
             kept.pop()
-        elif not withdrawn:
+        elif not takes_back:
             kept.append(row)
-    return np.asarray(values[kept])
+    return kept
 
 
 def read_commands(run: Run) -> tuple[Rows, Array]:
@@ -104,7 +117,7 @@ def read_commands(run: Run) -> tuple[Rows, Array]:
     rows = read_rows(run, COMMANDS)
     missing = [name for name in _MOTORS if name not in rows.columns]
     if missing:
-        raise DataError(f"{rows.source.path}: no column {', '.join(missing)}.")
+        raise DataError(f"{rows.source.path}: no column {', '.join(missing)}.", code="no-column")
     return rows, np.column_stack([rows.columns[name] for name in _MOTORS])
 
 
@@ -117,32 +130,16 @@ def shown_at_commands(run: Run, device: str, column: str) -> tuple[Rows, Array, 
     shown, (log, commands) = read_rows(run, device), read_commands(run)
     ends_s = np.append(log.time_s[1:], shown.time_s[-1])
     hold_s = run.header.requested.get("hold_s")
-    least_s = ENOUGH * hold_s if isinstance(hold_s, int | float) and run.header.state != "complete" else 0.0
-    found = []
-    for begin_s, end_s, command in zip(log.time_s, ends_s, commands.max(axis=1), strict=True):
-        inside = (shown.time_s > (begin_s + end_s) / 2) & (shown.time_s <= end_s)
-        if inside.any() and (command == 0 or end_s - begin_s >= least_s):
-            found.append((command, shown.columns[column][inside].mean()))
-    return shown, *np.reshape(found, (-1, 2)).T
+    least_s = HELD_SHARE * hold_s if isinstance(hold_s, int | float) and run.header.state != "complete" else 0.0
+    means = []
+    for step_s, end_s, command in zip(log.time_s, ends_s, commands.max(axis=1), strict=True):
+        inside = (shown.time_s > (step_s + end_s) / 2) & (shown.time_s <= end_s)
+        if inside.any() and (command == 0 or end_s - step_s >= least_s):
+            means.append((command, shown.columns[column][inside].mean()))
+    return shown, *np.reshape(means, (-1, 2)).T
 
 
 def reported_speeds_rad_s(rows: Rows) -> dict[int, Array]:
     """Return the speeds (n,) in rad/s that an RPM deck or brushless motors reported, by motor; empty without any."""
     named = {motor: (f"rpm.m{motor}", f"motor.m{motor}_rpm") for motor in MOTORS}
     return {motor: RPM * rows.columns[name] for motor, names in named.items() for name in names if name in rows.columns}
-
-
-def begin_s(path: Path) -> float:
-    """Return the time of the first row of a device's file. Raises DataError where there is none, or no number."""
-    try:
-        check_regular(path)
-        with path.open(encoding="utf-8", errors="replace") as file:
-            file.readline()
-            first = file.readline().partition(",")[0].strip()
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror}.") from None
-    if not first:
-        raise DataError(f"{path}: has no rows.")
-    if not is_finite(first):
-        raise DataError(f"{path}:2: the time is '{short(first)}', not a number. {REPAIR}")
-    return float(first)
