@@ -14,24 +14,32 @@ from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, finding, of_recording
 from cfid.recordings.outliers import Mask, outliers
-from cfid.recordings.recording import MISSING_SHARE, Array, Column, How, Recording, Series
+from cfid.recordings.recording import MISSING_SHARE, Array, How, Recording, Series
 from cfid.recordings.table import read_table
 from cfid.recordings.times import TIME, time_column
 from cfid.records.files import check_regular
 from cfid.records.parameters import Source
 from cfid.records.run_notes import losses, run_at
-from cfid.units import FULL_COMMAND, factor
+from cfid.units import FULL_COMMAND
 
 CROSSINGS, PINGS = "crossings", "pings"
 
-_COMMAND = re.compile(r"thrust_rec|command|cmd|pwm|thrust", re.IGNORECASE)
-_SAMPLE = re.compile(r"sample(?:[ _-]?(?:index|number))?", re.IGNORECASE)
-_CLOCK = re.compile(r"(?:vehicle|device|drone|crazyflie|cf)(?:[ _-]?(?:time|timestamp|clock))?", re.IGNORECASE)
-_RTT = re.compile(r"rtt|round[ _-]?trip(?:[ _-]?time)?|latency|ping", re.IGNORECASE)
+_COMMAND, _SAMPLE, _CLOCK, _RTT = "thrust_rec", "sample", "vehicle", "rtt"
+_CALLED = {
+    _COMMAND: re.compile(r"thrust_rec|command|cmd|pwm|thrust", re.IGNORECASE),
+    _SAMPLE: re.compile(r"sample(?:[ _-]?(?:index|number))?", re.IGNORECASE),
+    _CLOCK: re.compile(r"(?:vehicle|device|drone|crazyflie|cf)(?:[ _-]?(?:time|timestamp|clock))?", re.IGNORECASE),
+    _RTT: re.compile(r"rtt|round[ _-]?trip(?:[ _-]?time)?|latency|ping", re.IGNORECASE),
+}
+_USUAL_UNITS = {TIME: "s", _CLOCK: "us"}  # where a name has none
 _LONGEST_STEP_S = 60.0  # from one report or ping to the next, and by when an answer comes, if at all
 _STAMP_OFF_S = 1.0  # by which a wrong stamp of the vehicle's is off the others
-_PATHS = {f"{name}_{end}": name for name in ("loadcell", "crossings") for end in ("file", "csv")}
-_SPELT = {"periods": "l", "samples": "n", **_PATHS}
+_SPELT = {
+    "periods": "l",
+    "samples": "n",
+    **{f"{name}_{end}": name for name in ("loadcell", "crossings") for end in ("file", "csv")},
+}
+_DECIMAL_COMMA = re.compile(r"[+-]?(?:0?,\d+|\d+,(?:\d{1,2}|\d{4,}))")  # before three digits it may mark thousands
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,35 +83,24 @@ def read_crossings(path: Path) -> CrossingRecord:
     affects nothing else. Raises DataError with file, line and next step.
     """
     run = run_at(path)
-    series, source = _events(path if run is None else run.device_file(CROSSINGS), How(), of_run=run is not None)
-    if series.names[:2] == ("1", "2"):  # without a header, as in the thesis' files
-        columns = zip((TIME, "thrust_rec"), series.columns, strict=False)
-        series = replace(series, columns=tuple(replace(column, name=name) for name, column in columns))
-    command, sample, clock = (_called(series, names) for names in (_COMMAND, _SAMPLE, _CLOCK))
-    if command is None:
-        heads = ", ".join(one.head for one in series.columns)
-        raise DataError(
-            f"{series.path}: no column thrust_rec among {heads}, of the commands that the vehicle reported. Is it the "
-            "file of another device?",
-            code="no-column",
-        )
-    stamped = [] if sample is None or clock is None else [sample.name, clock.name]
-    series = series.complete([TIME, command.name, *stamped])
+    file = path if run is None else run.device_file(CROSSINGS)
+    series, source = _events(file, How(), (TIME, _COMMAND), (_SAMPLE, _CLOCK), of_run=run is not None)
+    stamped = {_SAMPLE, _CLOCK} <= set(series.names)
     if run is None:
-        values = np.column_stack([series.column(name).values for name in (TIME, command.name, *stamped)])
-        repeated = np.append(False, np.all(np.diff(values, axis=0) == 0, axis=1))
-        impossible = ~((values[:, 1] >= 0) & (values[:, 1] <= FULL_COMMAND))
+        command = series.column(_COMMAND).values
+        impossible = ~((command >= 0) & (command <= FULL_COMMAND))
         if np.mean(impossible) <= MISSING_SHARE:  # many are of another unit: the analysis compares them with a sine
-            series = _without(series, impossible, "crossing-impossible", values[:, 1])
-            repeated = repeated[~impossible]
-        series = _without(series, repeated, "crossing-repeated", series.column(command.name).values)
+            series = _without(series, impossible, "crossing-impossible", _COMMAND)
+        steps = [np.diff(column.values) for column in series.columns]
+        repeated = np.append(False, np.all([step == 0 for step in steps], axis=0))
+        series = _without(series, repeated, "crossing-repeated", _COMMAND)
     return CrossingRecord(
-        path=series.path,
+        path=file,
         source=source,
-        host_s=_seconds(series, TIME),
-        command=series.column(command.name).values,
-        sample=series.column(stamped[0]).values if stamped else None,
-        vehicle_us=_microseconds(series, stamped[1]) if stamped else None,
+        host_s=_times(series),
+        command=series.column(_COMMAND).values,
+        sample=series.column(_SAMPLE).values if stamped else None,
+        vehicle_us=_microseconds(series) if stamped else None,
         findings=series.findings,
     )
 
@@ -119,101 +116,91 @@ def read_pings(path: Path, how: How | None = None) -> PingRecord:
     The few rows of a table with an impossible round trip, or with a stamp of the vehicle's that is off the others, are
     left out. Raises DataError with file, line and next step, ConfigError for a column without a unit.
     """
-    run, how = run_at(path), how or How()
-    series, source = _events(path if run is None else run.device_file(PINGS), how, of_run=run is not None)
-    trip, clock = _called(series, _RTT), _called(series, _CLOCK)
-    if trip is None:
-        raise DataError(
-            f"{series.path}: no column of round trips (rtt_s, rtt_ms) among "
-            f"{', '.join(one.head for one in series.columns)}: name one by `columns` rtt=...",
-            code="no-column",
-        )
-    timed = TIME in series.names
-    series = series.complete([trip.name, *([TIME] if timed else []), *([] if clock is None else [clock.name])])
-    rows, rtt_s = series.rows, series.si(trip.name, "s")
+    run = run_at(path)
+    file = path if run is None else run.device_file(PINGS)
+    series, source = _events(file, how or How(), (_RTT,), (TIME, _CLOCK), of_run=run is not None)
+    timed, stamped = TIME in series.names, _CLOCK in series.names
+    notes = [] if run is None else losses(run, run.header.devices[PINGS], series.rows)
+    rtt_s = series.si(_RTT, "s")
     impossible = ~((rtt_s > 0) & (rtt_s < _LONGEST_STEP_S))
     if np.mean(impossible) > (MISSING_SHARE if run is None else 0):
         row = int(np.argmax(impossible))
         raise DataError(
             f"{series.line(row)}: a round trip of {rtt_s[row]:.6g} s: it takes more than zero seconds, and "
-            f"{_LONGEST_STEP_S:g} at most. Correct that line, or the unit of column '{trip.head}'.",
+            f"{_LONGEST_STEP_S:g} at most. Correct that line, or the unit of the column.",
             code="impossible-trip",
         )
-    series = _without(series, impossible, "ping-impossible", rtt_s)
-    if run is None and clock is not None and timed:
-        behind_s = 1e-6 * _microseconds(series, clock.name) - _seconds(series, TIME)
-        off = outliers(behind_s, _STAMP_OFF_S)
-        series = _without(series, off, "ping-stamp-off", series.column(clock.name).values)
-    notes = [] if run is None else losses(run, run.header.devices[PINGS], rows)
-    place = path.name if run is None else f"{path.resolve().name}/{series.path.name}"
+    series = _without(series, impossible, "ping-impossible", _RTT)
+    if run is None and stamped and timed:
+        off = outliers(1e-6 * _microseconds(series) - _times(series), _STAMP_OFF_S)
+        series = _without(series, off, "ping-stamp-off", _CLOCK)
     return PingRecord(
         path=path,
         source=source,
-        rtt_s=series.si(trip.name, "s"),
-        sent_s=_seconds(series, TIME) if timed else None,
-        vehicle_us=None if clock is None else _microseconds(series, clock.name),
+        rtt_s=series.si(_RTT, "s"),
+        sent_s=_times(series) if timed else None,
+        vehicle_us=_microseconds(series) if stamped else None,
         circumstances="" if run is None else run.header.label.note or "",
-        findings=(*of_recording(path.name, notes), *(one.at(place) for one in series.findings)),
+        findings=(*of_recording(path.name, notes), *series.findings),
     )
 
 
-def _events(path: Path, how: How, *, of_run: bool) -> tuple[Series, Source]:
-    """Return a table of events, whose times are the column `t` as they are written, and its source."""
+def _events(
+    path: Path, how: How, needed: Sequence[str], optional: Sequence[str], *, of_run: bool
+) -> tuple[Series, Source]:
+    """Return a table of events under the names of its columns here, without rows that lack a number, and its source.
+
+    Raises DataError for a column that is missing, or that several are called.
+    """
     how.refuse_unused(path, "columns", "units", "skip_lines", "decimal", "rows")
     try:
         table = read_table(path, how, of_run=of_run)
     except FileNotFoundError:
         raise DataError(f"{path}: no such file.", code="no-file") from None
     times = time_column(table, how)
-    columns = tuple(replace(one, name=TIME) if one is times else one for one in table.columns)
+    columns = []
+    for name in (*needed, *optional):
+        if table.layout.has_head:
+            called = _CALLED.get(name)
+            there = [one for one in table.columns if (one is times if called is None else called.fullmatch(one.name))]
+            there = there or [one for one in table.columns if called is not None and called.fullmatch(one.head)]
+        else:  # time and command, as in the thesis' files
+            there = list(table.columns[needed.index(name) :][:1]) if name in needed else []
+        if len(there) > 1 or (not there and name in needed):
+            what = "more than one" if there else "no"
+            raise DataError(
+                f"{path}: {what} column of {name} among {', '.join(table.heads)}. Is it the file of another device?",
+                code="no-column",
+            )
+        columns += [replace(one, name=name, unit=one.unit or _USUAL_UNITS.get(name, "")) for one in there]
     series = Series(
         name=path.stem,
         path=path,
-        columns=columns,
+        columns=tuple(columns),
         rows=table.rows,
         line_of_row=table.line_of_row,
         findings=table.findings,
     )
-    return series, table.source
+    return series.complete(series.names), table.source
 
 
-def _called(series: Series, names: re.Pattern[str]) -> Column | None:
-    """Return the column that is called so, None without one. Raises DataError for several."""
-    columns = [one for one in series.columns if names.fullmatch(one.name) or names.fullmatch(one.head)]
-    if len(columns) > 1:
-        raise DataError(
-            f"{series.path}: which of the columns {', '.join(one.head for one in columns)} is meant? Leave one.",
-            code="no-column",
-        )
-    return columns[0] if columns else None
-
-
-def _without(series: Series, wrong: Mask, code: str, shown: Array) -> Series:
-    """Return a series without the rows that are `wrong` (n,), with a finding that shows a value (n,) of the first."""
+def _without(series: Series, wrong: Mask, code: str, shown: str) -> Series:
+    """Return a series without the rows that are `wrong` (n,), with a finding that shows the first one's value."""
     if not wrong.any():
         return series
-    row = int(np.argmax(wrong))
-    left_out = finding(
-        code,
-        count=int(np.count_nonzero(wrong)),
-        rows=series.rows,
-        value=float(shown[row]),
-        line=series.line_number(row),
-    )
+    row, count = int(np.argmax(wrong)), int(np.count_nonzero(wrong))
+    value, line = float(series.column(shown).values[row]), series.line_number(row)
+    left_out = finding(code, count=count, rows=series.rows, value=value, line=line).at(series.path.name)
     kept = series.kept(~wrong)
-    return replace(kept, findings=(*kept.findings, left_out.at(series.path.name)))
+    return replace(kept, findings=(*kept.findings, left_out))
 
 
-def _seconds(series: Series, name: str) -> Array:
-    """Return times of events (n,) in s by the file's clock; a name without a unit means s.
+def _times(series: Series) -> Array:
+    """Return times of events (n,) in s by the file's clock.
 
     Raises DataError where they go back, and ConfigError where events would be more than a minute apart.
     """
-    column = series.column(name)
-    scale = factor(column.unit or "s", "s")
-    if scale is None:
-        raise DataError(f"{series.path}: column '{column.head}' is in '{column.unit}', which is no time.")
-    time_s = column.values * scale if scale >= 1 else column.values / round(1 / scale)
+    time_s = series.si(TIME, "s")
     steps = np.diff(time_s)
     if np.any(steps < 0):
         raise DataError(
@@ -221,22 +208,19 @@ def _seconds(series: Series, name: str) -> Array:
             "in one file?",
             code="time-goes-back",
         )
-    if not column.unit and len(steps) and float(np.median(steps)) > _LONGEST_STEP_S:
+    if len(steps) and float(np.median(steps)) > _LONGEST_STEP_S:
         raise ConfigError(
-            f"{series.path}: column '{column.head}' names no unit, and its rows would be {float(np.median(steps)):.4g} "
-            f"s apart: write its unit into its name, as in {column.head}_ms.",
+            f"{series.path}: the rows of column '{series.column(TIME).head}' would be {float(np.median(steps)):.4g} s "
+            "apart: write its unit into its name, as in t_ms.",
             code="no-unit",
         )
     return time_s
 
 
-def _microseconds(series: Series, name: str) -> Array:
-    """Return the vehicle's clock (n,) in microseconds, which a name without a unit means, too."""
-    column = series.column(name)
-    scale = factor(column.unit or "us", "s")
-    if scale is None:
-        raise DataError(f"{series.path}: column '{column.head}' is in '{column.unit}', which is no time.")
-    return column.values * round(scale / 1e-6, 3)
+def _microseconds(series: Series) -> Array:
+    """Return the vehicle's clock (n,) in microseconds."""
+    column = series.column(_CLOCK)
+    return column.values if column.unit == "us" else 1e6 * series.si(_CLOCK, "s")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -248,15 +232,10 @@ class IndexRow:
     fields: Mapping[str, str]
 
     def number(self, column: str) -> float:
-        """Return a finite number, whose comma is a decimal one unless it may mark thousands.
-
-        Raises DataError with file and line.
-        """
+        """Return a finite number, which may have a decimal comma. Raises DataError with file and line."""
         text = self.fields[column]
-        decimal = re.fullmatch(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?", text)
-        thousands = re.fullmatch(r"[+-]?[1-9]\d{0,2},\d{3}", text)
         try:
-            value = float(text.replace(",", ".") if decimal and not thousands else text)
+            value = float(text.replace(",", ".") if _DECIMAL_COMMA.fullmatch(text) else text)
         except ValueError:
             value = np.nan
         if not np.isfinite(value):

@@ -16,7 +16,7 @@ from pydantic import Field
 
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, finding, of_recording, texts
-from cfid.large import chosen_rows, empty, parts
+from cfid.large import chosen_rows, empty
 from cfid.recordings.outliers import Mask, outliers, stuck
 from cfid.recordings.recording import MISSING_SHARE, Array, How, Recording, Series
 from cfid.recordings.stamps import by_stamps
@@ -327,27 +327,26 @@ def _stated_in_run(run: Run, names: Mapping[str, str], facts: "_RunFacts") -> di
 
 def _possible(series: Series, names: Mapping[str, str], per_unit: Mapping[str, float], *, counted: bool) -> Series:
     """Return a series without the few rows that no load cell measures. Raises DataError where many are such."""
-    beyond, broken = np.zeros(series.rows, bool), np.zeros(series.rows, bool)
+    row, value, culprit = series.rows, 0.0, ""
+    wrong = np.zeros(series.rows, bool)
     for axis, name in names.items():
         values = series.column(name).values
-        for part in parts(series.rows):
-            beyond[part] |= ~(np.abs(values[part]) <= (_LARGEST_COUNT if counted else _LARGEST_N * per_unit[axis]))
-            broken[part] |= counted & (values[part] != np.rint(values[part]))
-    wrong = broken if broken.any() else beyond
-    if not wrong.any():
+        largest = _LARGEST_COUNT if counted else _LARGEST_N * per_unit[axis]
+        of_axis = ~(np.abs(values) <= largest) | (counted & (values != np.rint(values)))
+        if of_axis.any() and np.argmax(of_axis) < row:
+            row = int(np.argmax(of_axis))
+            value, culprit = float(values[row]), name
+        wrong |= of_axis
+    if not culprit:
         return series
-    row, count = int(np.argmax(wrong)), int(np.count_nonzero(wrong))
-    worst = max(names.values(), key=lambda name: abs(float(series.column(name).values[row])))
-    if broken.any():
-        worst = next(one for one in names.values() if (value := series.column(one).values[row]) != np.rint(value))
-    value = float(series.column(worst).values[row])
-    if broken.any() or count > MISSING_SHARE * series.rows:
+    count = int(np.count_nonzero(wrong))
+    if count > MISSING_SHARE * series.rows:
         what = (
-            f"no count, which is a whole number of 32 bits: give `unit` {worst}=N, or the unit that it has"
+            f"no count, which is a whole number of 32 bits: give `unit` {culprit}=N, or the unit that it has"
             if counted
-            else f"more than any load cell measures: are these counts? Then give `unit` {worst}=counts"
+            else f"more than any load cell measures: are these counts? Then give `unit` {culprit}=counts"
         )
-        raise DataError(f"{series.line(row)}: {value:.9g} in column '{worst}' is {what}.", code="impossible-force")
+        raise DataError(f"{series.line(row)}: {value:.9g} in column '{culprit}' is {what}.", code="impossible-force")
     left_out = finding("force-impossible", count=count, rows=series.rows, value=value, line=series.line_number(row))
     kept = series.kept(~wrong)
     return replace(kept, findings=(*kept.findings, left_out))

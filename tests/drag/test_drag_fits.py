@@ -402,7 +402,7 @@ def test_a_file_that_is_not_an_index_is_refused(tmp_path: Path, written: str, se
     ("written", "sentence"),
     [
         ("command,fx_n\n1,2\n", "no column angle_deg, vx_mps"),
-        (f"{TABLE}\n10000,0,0,0,3,nan,0,0,-0.01\n", "'nan' in column 'speed_sum_rad_s' is not a number"),
+        (f"{TABLE}\n10000,0,0,0,3,nan,0,0,-0.01\n", ":2: no number in column 'speed_sum_rad_s'"),
         (f"{TABLE}\n10000,0,0,0,3,-4000,0,0,-0.01\n", "row 1 of speed_sum_rad_s is -4000: no vehicle has that"),
         (f"{TABLE}\n10000,0,0,0,3,4000,0,0,-1e200\n", "row 1 of force_n is -1e+200: no vehicle has that"),
         (f"{TABLE}\n10000,0,0,0,0,4000,0,0,-0.01\n", "no row has both wind and turning rotors"),

@@ -240,7 +240,7 @@ def test_an_unknown_unit_in_brackets_is_a_question_also_beside_known_ones(tmp_pa
         (text_of(head=HEAD.replace("Tx", "Tx_counts").replace("Tz", "Tz_nm")), None, "mixed-units"),
         (text_of(COUNTS / 1e6, HEAD), How(units={"Fx": "V"}), "other-unit"),
         (text_of(COUNTS, IN_SI), None, "impossible-force"),
-        (spoilt(121, 3, "0.5"), COUNTED, "impossible-force"),
+        (text_of(COUNTS / 1e6), COUNTED, "impossible-force"),
         (text_of(COUNTS / 1e6, IN_SI), How(counts_per_n=1e6), "unused"),
         (text_of(COUNTS / 1e6, IN_SI), How(clock="84/85"), "unused"),
         (text_of(head="t,Fx,Fy,Fz,Tx,Ty,Fz_counts"), COUNTED, "no-column"),
@@ -256,8 +256,9 @@ def test_a_table_that_leaves_a_choice_or_cannot_be_is_refused(
 
 
 def test_numbers_that_are_no_counts_are_named_with_their_line(tmp_path: Path) -> None:
-    message = str(refusal(tmp_path, spoilt(121, 3, "0.5"), COUNTED))
-    assert "fts.csv:121: 0.5 in column 'Fz'" in message
+    values = COUNTS + np.where(np.arange(ROWS) < 119, 0, 0.5)[:, np.newaxis] * (0, 0, 1, 0, 0, 0)
+    message = str(refusal(tmp_path, text_of(values), COUNTED))
+    assert f"fts.csv:121: {values[119, 2]:.9g} in column 'Fz'" in message
     assert "`unit` Fz=N" in message
 
 
