@@ -95,7 +95,7 @@ FAULTS: dict[str, tuple[Spoil, int, tuple[str, ...]]] = {
     "crossings that are a load cell": (
         replaced("index.csv", "crossings_10.csv", "cell_0.csv"),
         4,
-        ("cell_0.csv: no column thrust_rec", "Is it the file of another device?"),
+        ("cell_0.csv: no column of thrust_rec", "Is it the file of another device?"),
     ),
     "a load cell that is crossings": (
         replaced("index.csv", "cell_0.csv,crossings_2.", "crossings_2.csv,crossings_2."),
