@@ -7,6 +7,7 @@ result = cfid.swing.fit(campaign.run("last swing"))
 from typing import TYPE_CHECKING
 
 from cfid.lazy import attached
+from cfid.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from cfid import drag, flight, friction, inertia, latency, loadcell, motors, swing, transfer
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
     from cfid.records.run import read_run
     from cfid.records.tables.any_kind import read_table
 
-__version__ = "0.2.0"
 __all__ = [
     "drag",
     "flight",

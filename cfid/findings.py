@@ -12,11 +12,6 @@ SEVERITIES: tuple[Severity, ...] = ("note", "warning", "rejection")
 
 # Of what readers find in recordings: the severity of each code, and its sentence with the values that it needs.
 CODES: dict[str, tuple[Severity, str]] = {
-    "device-restarted": (
-        "warning",
-        "the stamps start anew {times} (first: line {line}): the device was restarted. Times on both sides are joined "
-        "by when rows arrived.",
-    ),
     "crossing-impossible": (
         "warning",
         "{count} of {rows} reports whose command is not 0 to 65535 are left out (first: {value:g} in line {line}).",
@@ -26,6 +21,11 @@ CODES: dict[str, tuple[Severity, str]] = {
         "{count} of {rows} reports that repeat the one before are left out (first: {value:g} in line {line}).",
     ),
     "decimal-comma": ("note", "numbers are read with decimal commas."),
+    "device-restarted": (
+        "warning",
+        "the stamps start anew {times} (first: line {line}): the device was restarted. Times on both sides are joined "
+        "by when rows arrived.",
+    ),
     "force-hung": (
         "warning",
         "{count} of {rows} samples repeat the one before for long (first at {first_s:.4g} s): the load cell hung. "
@@ -71,9 +71,19 @@ CODES: dict[str, tuple[Severity, str]] = {
         "{count} of {rows} answers whose stamp is off the vehicle's clock are left out (first: {value:.9g} in line "
         "{line}).",
     ),
+    "recording-cut": ("warning", "the run was cut{or_grows}; the rows on disk are used."),
+    "recording-failed": ("warning", "the run failed ({reason}); the recorded rows are used."),
+    "recording-simulated": ("warning", "recorded on the simulated rig."),
+    "rows-changed": ("warning", "{recorded} recorded, but {file} has {rows}: the file was changed since."),
     "rows-without-number": (
         "warning",
         "{count} of {rows} rows lack a number of {names} and are left out (first: line {line}).",
+    ),
+    "samples-lost": ("warning", "{samples} lost while recording."),
+    "samples-lost-unknown": ("warning", "how many samples are missing is unknown."),
+    "samples-not-taken": (
+        "warning",
+        "{samples} never taken ({achieved}): the device or this computer was slow.",
     ),
     "stamps-in-ms": (
         "warning",
@@ -161,9 +171,9 @@ def finding(code: str, *quantities: str, **values: Any) -> Finding:
     return Finding(code=code, severity=severity, sentence=sentence.format(**values), quantities=quantities)
 
 
-def of_recording(name: str, notes: Iterable[str]) -> tuple[Finding, ...]:
-    """Return the notes of the reader of a recording as warnings."""
-    return tuple(warning("recording", text).at(name) for text in notes)
+def of_recording(name: str, notes: Iterable[str | Finding]) -> tuple[Finding, ...]:
+    """Return what the reader of a recording found, at its name; texts become warnings."""
+    return tuple((warning("recording", note) if isinstance(note, str) else note).at(name) for note in notes)
 
 
 def merged(findings: Iterable[Finding]) -> tuple[Finding, ...]:

@@ -53,6 +53,7 @@ UNITS: dict[str, dict[str, float]] = {
         "mn": 1e-3,
         **dict.fromkeys(("g", "gf", "gram", "grams"), _GRAM_FORCE_N),
         **dict.fromkeys(("kg", "kgf"), 1e3 * _GRAM_FORCE_N),
+        "mg": 1e-3 * _GRAM_FORCE_N,
         "lbf": _POUND_FORCE_N,
         "ozf": _POUND_FORCE_N / 16,
     },

@@ -8,7 +8,8 @@ import matplotlib as mpl
 mpl.use("Agg")
 from cfid.drawing.rig import load_cell_figure, mounts_figure
 from cfid.drawing.suspension import axis_figure, threads_figure
-from cfid.records.rig_file import RIG_FILE, load_rig, new_rig_text
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import load_rig, new_rig_text
 
 mpl.rcParams.update({"svg.hashsalt": "cfid", "svg.fonttype": "none"})  # equal drawings give equal files
 FOLDER = Path(__file__).parent / "how-to" / "figures"

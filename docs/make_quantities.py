@@ -5,8 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from cfid.quantities.plausible import judged_unit
-from cfid.quantities.quantity import Quantity, Shape
-from cfid.quantities.table import QUANTITIES
+from cfid.quantities.registry import QUANTITIES, Quantity, Shape
 
 PAGE = Path(__file__).parent / "reference" / "parameters.md"
 

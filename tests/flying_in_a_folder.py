@@ -15,8 +15,9 @@ from typing import Any
 
 from twisted.internet.threads import blockingCallFromThread
 
-from cfid.records.rig_file import RIG_FILE, load_rig, new_rig_text
-from cfid.records.run import RUNS_FOLDER, Run, read_run
+from cfid.records.files import RIG_FILE, RUNS_FOLDER
+from cfid.records.rig_file import load_rig, new_rig_text
+from cfid.records.run import Run, read_run
 from cfid.rig.loop import Loop
 from cfid.sim.faults import CrazyflieFaults, LoadCellFaults
 from cfid.sim.propulsion import STILL, Four

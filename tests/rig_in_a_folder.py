@@ -19,8 +19,9 @@ import numpy.typing as npt
 from twisted.internet.posixbase import PosixReactorBase
 from twisted.internet.threads import blockingCallFromThread
 
-from cfid.records.rig_file import RIG_FILE, new_rig_text
-from cfid.records.run import RUNS_FOLDER, Run, read_run
+from cfid.records.files import RIG_FILE, RUNS_FOLDER
+from cfid.records.rig_file import new_rig_text
+from cfid.records.run import Run, read_run
 from cfid.rig.loop import Loop
 from cfid.rig.sim_file import SIM_FILE
 from cfid.sim.e201 import E201Device, Reply

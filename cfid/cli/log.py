@@ -45,8 +45,7 @@ def encoder(
 
     Example: [bold]cfid log encoder --axis x --for 20[/bold]
     """
-    from cfid.records.devices import EncoderPort
-    from cfid.records.facts import RigFacts
+    from cfid.records.rig_file import EncoderPort, RigFacts
     from cfid.rig.log import Plan
     from cfid.rig.ready_sensors import ready_encoder
     from cfid.swing.during import Release

@@ -30,7 +30,7 @@ app = typer.Typer(
 
 
 def _print_version(wanted: bool) -> None:
-    from cfid import __version__
+    from cfid.version import __version__
 
     if wanted:
         echo(f"cfid {__version__}")

@@ -16,7 +16,7 @@ from cfid.console.vehicle import LinkOptions, Motor, Unasked, VehicleOptions, co
 from cfid.units import FULL_COMMAND, MOTORS
 
 if TYPE_CHECKING:
-    from cfid.records.devices import CrazyflieLink
+    from cfid.records.rig_file import CrazyflieLink
     from cfid.rig.log import Procedure
     from cfid.rig.ready_vehicle import ReadyVehicle
     from cfid.wire.app import AppPorts
@@ -147,7 +147,7 @@ def _found() -> str:
 def _setting(uri: str | None, campaign: Path | None) -> "CrazyflieLink":
     """Return the link to the vehicle, also without a campaign, a valid rig.toml or a current folder."""
     from cfid.errors import ConfigError
-    from cfid.records.devices import CrazyflieLink
+    from cfid.records.rig_file import CrazyflieLink
 
     try:
         found = rig_of(campaign, or_real=True)[1].crazyflie

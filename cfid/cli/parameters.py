@@ -12,7 +12,7 @@ from cfid.console.campaign import here
 from cfid.console.messages import echo, note
 
 if TYPE_CHECKING:
-    from cfid.quantities.platforms import Platform
+    from cfid.quantities.registry import Platform
     from cfid.records.campaign import Campaign
     from cfid.records.parameters import Section
 
@@ -95,7 +95,7 @@ def set_by_hand(
     Example: [bold]cfid set mass_kg 0.0280 --std 0.0001[/bold]
     """
     from cfid.errors import ConfigError
-    from cfid.quantities.lookup import unit_of
+    from cfid.quantities.registry import unit_of
 
     if name == _CUBIC:
         _store_cubic(here(campaign), _numbers(value, name), std)
@@ -129,7 +129,7 @@ def _numbers(words: str, name: str) -> list[float]:
 def _store_cubic(campaign: "Campaign", lowest_first: list[float], std: float | None) -> None:
     from cfid.errors import ConfigError
     from cfid.estimate.voltage_cubic import cubic_fault
-    from cfid.quantities.lookup import unit_of
+    from cfid.quantities.registry import unit_of
     from cfid.records.parameters import load_sections
     from cfid.records.values import find_parameter
 
@@ -173,10 +173,10 @@ def _into_parameters(
 ) -> str:
     from datetime import UTC, datetime
 
-    from cfid import __version__
     from cfid.errors import ConfigError
-    from cfid.quantities.lookup import UNITS, unit_of
+    from cfid.quantities.registry import UNITS, unit_of
     from cfid.records.parameters import Parameter, Section, change_section
+    from cfid.version import __version__
 
     known = unit or unit_of(name)
     if not known:

@@ -15,7 +15,7 @@ from cfid.console.options import positive
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
-    from cfid.records.devices import Devices
+    from cfid.records.rig_file import Devices
     from cfid.records.rig_file import Rig as RigFile
     from cfid.rig.check import DeviceAnswer
     from cfid.rig.loop import Ending, Loop
@@ -39,7 +39,7 @@ def check(
     Example: [bold]cfid rig check[/bold]
     """
     from cfid.console.recording import rig_of
-    from cfid.records.line_devices import LineDevice
+    from cfid.records.rig_file import LineDevice
     from cfid.rig.check_crazyflie import check_vehicle
     from cfid.rig.check_lines import check_lines
 
@@ -56,7 +56,7 @@ def check(
 
 def encoder_answers(devices: "Devices", rig: "RigFile") -> "list[DeviceAnswer]":
     """Return the answers of the encoder, whatever its kind."""
-    from cfid.records.line_devices import LineDevice
+    from cfid.records.rig_file import LineDevice
     from cfid.rig.check import check_encoder
     from cfid.rig.check_lines import check_lines
 
@@ -67,7 +67,7 @@ def encoder_answers(devices: "Devices", rig: "RigFile") -> "list[DeviceAnswer]":
 
 def loadcell_answers(devices: "Devices") -> "list[DeviceAnswer]":
     """Return the answers of the load cell, whatever its kind."""
-    from cfid.records.line_devices import LineDevice
+    from cfid.records.rig_file import LineDevice
     from cfid.rig.check import check_loadcell
     from cfid.rig.check_lines import check_lines
 

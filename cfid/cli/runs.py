@@ -1,6 +1,6 @@
 """`cfid runs`: list a campaign's runs, exclude them from fits, and write notes."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from textwrap import shorten
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,7 +10,8 @@ import typer
 from cfid.console.campaign import here
 from cfid.console.messages import echo, printable
 from cfid.console.messages import note as print_note
-from cfid.console.selection import LAST, is_glob, is_named, name_other_folders, readable_runs
+from cfid.console.selection import name_other_folders, note_left_out, readable_runs
+from cfid.records.choose import choose_one, is_glob, is_last, is_named, lasts
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 _LONGEST_REASON = 60  # characters in the table; `cfid show` prints the whole verdict
 
 CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")]
-RunWord = Annotated[str, typer.Argument(metavar="RUN", help="A run's name or folder, a glob, or last.")]
+RunWord = Annotated[str, typer.Argument(metavar="RUN", help="A run's name or folder, a glob, last, or 'last KIND'.")]
 
 
 def show_runs(
@@ -78,7 +79,7 @@ def note(
     """Add a note to runs, after their existing notes.
 
     A note of the form key=value is a lab book entry, which overrides that of rig.toml: operator, battery, propellers,
-    temperature_c or a key of your own; a key that resembles a known one is refused.
+    temperature_c or a key of your own.
 
     Example: [bold]cfid runs note last battery=B4[/bold]
     """
@@ -97,39 +98,44 @@ def _amend(
     for run in _meant(word, folder):
         if run.grows:
             raise ConfigError(f"{run.folder.name}: is still being recorded: wait until it has ended.")
+        if excluded == "" and not run.header.excluded:
+            print_note(f"{run.folder.name}: is not excluded.")
+            continue
         amend_run(run, excluded=excluded, note=note)
         echo(printable(f"{run.folder.name}: {message}"))
 
 
 def _meant(word: str, folder: Path | None) -> "list[Run]":
-    """Return the runs that a word names, in any state.
+    """Return the runs that a word names, for a name or a pattern in any state.
 
     Raises ConfigError when no run matches, and DataError for an unreadable run.
     """
     from cfid.errors import ConfigError, DataError
-    from cfid.records.run import RUN_FILE, list_runs, read_run
+    from cfid.records.files import RUN_FILE
+    from cfid.records.run import Run, list_runs, read_run
 
-    if (Path(word) / RUN_FILE).is_file():
-        return [read_run(Path(word))]
-    runs_folder = here(folder).runs_folder
+    runs_folder = Path() if (Path(word) / RUN_FILE).is_file() else here(folder).runs_folder
     if (runs_folder / word / RUN_FILE).is_file():
         return [read_run(runs_folder / word)]
-    newest = list_runs(runs_folder)[-1:] if word == LAST else []
-    if newest and isinstance(newest[0], DataError):
-        raise newest[0]
-    if word == LAST or is_glob(word):
+    if is_last(word) or is_glob(word):
         name_other_folders(runs_folder, [word])
-    readable = readable_runs(runs_folder)
-    found = readable[-1:] if word == LAST else [run for run in readable if is_named(run.folder, word)]
-    if not found:
-        raise ConfigError(f"{word}: no run of this campaign matches: `cfid runs` lists them.")
-    return found
+    if is_last(word):
+        runs = list_runs(runs_folder)
+        if runs and isinstance(runs[0], DataError):  # it may be the one that is meant
+            raise runs[0]
+        choice = choose_one(word, [run for run in runs if isinstance(run, Run)])
+        note_left_out(word, choice)
+        return choice.runs
+    if named := [run for run in readable_runs(runs_folder) if is_named(run.folder, word)]:
+        return named
+    raise ConfigError(f"{word}: no run of this campaign matches: `cfid runs` lists them.")
 
 
 def _print_runs(runs: "list[Run | DataError]", *, only: str, newest: int | None, json: bool) -> None:
     from cfid.errors import DataError
 
     every = [(_row(run), run) for run in runs if not isinstance(run, DataError)]
+    words = lasts([run for _, run in every])
     rows = [one for one in every if any(only in one[0][key] for key in ("run", "state", "note"))][-(newest or 0) :]
     broken = [str(run) for run in runs if isinstance(run, DataError)]
     if json:
@@ -152,17 +158,21 @@ def _print_runs(runs: "list[Run | DataError]", *, only: str, newest: int | None,
         table.add_column(heading, justify="left" if heading == "state" else "right", no_wrap=True)
     table.add_column("note", overflow="fold")
     for row, run in rows:
-        table.add_row(*_cells(row, run))
+        table.add_row(*_cells(row, run, words.get(run.folder.name, [])))
     print_table(table)
     for sentence in broken:
         print_note(sentence)
 
 
-def _cells(row: Mapping[str, Any], run: "Run") -> "list[Text]":
-    """Return the cells of a run; a complete but unusable run is called unusable, and long reasons are shortened."""
+def _cells(row: Mapping[str, Any], run: "Run", words: "Sequence[str]") -> "list[Text]":
+    """Return the cells of a run; a complete but unusable run is called unusable, and long reasons are shortened.
+
+    `words` are those that mean the run, such as `last`; they begin its note.
+    """
     from rich.text import Text
 
-    cells = (row["run"], run.outcome, row["rows"], row["lost"], _note(run, whole=False))
+    note = "; ".join(filter(None, [", ".join(words), _note(run, whole=False)]))
+    cells = (row["run"], run.outcome, row["rows"], row["lost"], note)
     return [Text(printable(str(cell))) for cell in cells]
 
 

@@ -1,6 +1,7 @@
 """Create a campaign folder, and find the campaign that a command works in."""
 
 from pathlib import Path
+from secrets import randbelow
 from typing import TYPE_CHECKING
 
 from cfid.errors import ConfigError
@@ -9,18 +10,20 @@ if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
 
 
-def make_campaign(folder: Path) -> Path:
-    """Create a campaign folder and return the path of its rig.toml.
+_SEEDS = 10**6
+
+
+def make_campaign(folder: Path, *, seed: int | None = None) -> Path:
+    """Create a campaign folder and return the path of its rig.toml, which keeps the `seed` of the plan's order.
 
     Raises ConfigError when the folder has a rig.toml already, or cannot be created.
     """
-    from cfid.records.files import write_new
-    from cfid.records.rig_file import RIG_FILE, new_rig_text
-    from cfid.records.run import RUNS_FOLDER
+    from cfid.records.files import RIG_FILE, RUNS_FOLDER, write_new
+    from cfid.records.rig_file import new_rig_text
 
     try:
         (folder / RUNS_FOLDER).mkdir(parents=True, exist_ok=True)
-        write_new(folder / RIG_FILE, new_rig_text().encode())
+        write_new(folder / RIG_FILE, new_rig_text(seed=randbelow(_SEEDS) if seed is None else seed).encode())
     except FileExistsError:
         raise ConfigError(f"{folder / RIG_FILE} exists already: nothing was changed.") from None
     except OSError as error:

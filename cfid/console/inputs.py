@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 from cfid.console.lists import NOT_GIVEN, Measured
 from cfid.console.options import RigOptions
-from cfid.console.selection import LAST, RUN_FILE, is_glob, is_named, name_other_folders
-from cfid.errors import ConfigError
-from cfid.records.facts import NONE_STATED, RigFacts
+from cfid.console.selection import name_other_folders, note_left_out, readable_runs
+from cfid.records.choose import LAST, Matches, choose_one, is_glob, is_last
+from cfid.records.rig_file import NONE_STATED, RigFacts
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
@@ -62,39 +62,43 @@ def open_workplace(options: RigOptions, *, gravity: Measured = NOT_GIVEN) -> Wor
 
 
 def split_label(word: str, workplace: Workplace) -> tuple[str, str]:
-    """Return LABEL and RUN of LABEL=RUN; the label is "" if there is none, as in the name of a file or run with `=`."""
+    """Return LABEL and RUN of LABEL=RUN or LABEL:last; the label is "" if there is none.
+
+    A file or run may have `=` in its own name.
+    """
     label, equals, run = word.partition("=")
     campaign = workplace.campaign
-    is_whole = Path(word).exists() or (campaign is not None and (campaign.runs_folder / word).is_dir())
-    return ("", word) if is_whole or not equals else (label, run)
+    if Path(word).exists() or (campaign is not None and (campaign.runs_folder / word).is_dir()):
+        return "", word
+    if not equals and word.endswith(f":{LAST}"):
+        return word.removesuffix(f":{LAST}"), LAST
+    return (label, run) if equals else ("", word)
 
 
-def find_recording(word: str, workplace: Workplace) -> Path:
+def find_recording(word: str, workplace: Workplace, suits: Matches = lambda _run: True) -> Path:
     """Return the path of a RUN, which is a path, or names a run of the campaign by its name, a glob or `last`.
 
-    Raises ConfigError when a glob matches no run or several, or when `last` finds no run.
+    `suits` describes the runs that the command takes. Raises ConfigError when a glob matches no run or several, or
+    when `last` finds no run.
     """
     path = Path(word)
     if workplace.campaign is None or path.exists():
         return path
     folder = workplace.campaign.runs_folder
-    if word != LAST and (folder / word).is_dir():
+    if (folder / word).is_dir():
         return folder / word  # also where its name looks like a pattern
-    if word != LAST and not is_glob(word):
+    if not is_last(word) and not is_glob(word):
         return path
     name_other_folders(folder, [word])
-    pattern = "*" if word == LAST else word
-    found = sorted(at.parent for at in folder.glob(f"*/{RUN_FILE}") if is_named(at.parent, pattern))
-    if not found or (word != LAST and len(found) > 1):
-        fault = "nothing is recorded yet" if word == LAST else f"{len(found) or 'no'} runs match, expected one"
-        raise ConfigError(f"{word}: {fault} ({folder}).")
-    return found[-1]
+    choice = choose_one(word, readable_runs(folder), suits=suits)
+    note_left_out(word, choice)
+    return choice.runs[0].folder
 
 
-def read_recording(word: str, workplace: Workplace) -> "AngleRecord":
-    """Read the encoder of a RUN: a file, a run folder, or the name of a run of the campaign."""
+def read_recording(word: str, workplace: Workplace, suits: Matches = lambda _run: True) -> "AngleRecord":
+    """Read the encoder of a RUN: a file, a run folder, or a run of the campaign, as `find_recording`."""
     from cfid.records.tables.angle import Reading, read_angle
 
-    path = find_recording(word, workplace)
+    path = find_recording(word, workplace, suits)
     of_rig = None if workplace.borrowed or path.is_dir() else workplace.rig.encoder.counts_per_turn
     return read_angle(path, Reading(rig_counts_per_turn=of_rig))

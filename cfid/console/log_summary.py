@@ -5,13 +5,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cfid import __version__
 from cfid.console.losses import counts_of
 from cfid.console.messages import echo, fitted, printable
 from cfid.console.verdicts import verdict_line
 from cfid.counted import counted
 from cfid.errors import CfidError
 from cfid.findings import rejection
+from cfid.version import __version__
 
 if TYPE_CHECKING:
     from cfid.records.run import Run

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cfid.console.views import View, curve_of, sampling, shown_columns
-from cfid.quantities.lookup import unit_of
+from cfid.quantities.registry import unit_of
 from cfid.records.parameters import Parameter
 
 if TYPE_CHECKING:

@@ -7,7 +7,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cfid import __version__
 from cfid.console.messages import echo, fitted, in_options, note, printable
 from cfid.console.options import Delivery
 from cfid.console.tables import print_parameters
@@ -15,6 +14,7 @@ from cfid.errors import ConfigError, RejectedError
 from cfid.findings import joined, texts
 from cfid.records.parameters import plain
 from cfid.records.result import Result
+from cfid.version import __version__
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.estimate.battery_endurance import Held
-from cfid.records.line_devices import EncoderLines, LineDevice, LineValue, LoadCellLines
+from cfid.records.rig_file import EncoderLines, LineDevice, LineValue, LoadCellLines
 from cfid.records.run import DeviceRecord
 from cfid.rig.check import DeviceAnswer, State
 from cfid.rig.sampling import Sampled

@@ -14,14 +14,14 @@ from cfid.console.live import LiveLine
 from cfid.console.log_summary import print_json, print_summary, stop_line, summary
 from cfid.console.messages import clock, echo, note
 from cfid.console.options import RigOptions, positive
-from cfid.console.selection import LAST
 from cfid.console.verdicts import Judge, judged
 from cfid.console.views import views_of
 from cfid.errors import CfidError, ConfigError, DataError
+from cfid.records.choose import LAST
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
-    from cfid.records.devices import Devices
+    from cfid.records.rig_file import Devices
     from cfid.records.run import Run
     from cfid.rig.device import Device
     from cfid.rig.log import Plan
@@ -176,7 +176,7 @@ def record(
 
 def attempt(plan: "Plan", devices: "Sequence[Device]", live: LiveLine) -> "tuple[Run | None, CfidError | None]":
     """Record a run; return the run, or None where run.toml does not state how it ended, and the error that ended it."""
-    from cfid.records.run import RUN_FILE
+    from cfid.records.files import RUN_FILE
     from cfid.rig.log import record_run
 
     folders: list[Path] = []

@@ -13,7 +13,7 @@ from cfid.console.recording import refuse_mixture
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
-    from cfid.records.devices import CrazyflieLink, Devices
+    from cfid.records.rig_file import CrazyflieLink, Devices
     from cfid.rig.ready_vehicle import ReadyVehicle
 
 VEHICLE = "Vehicle"

@@ -111,7 +111,7 @@ def _completing(run: "Run") -> str:
         return f"`cfid log {run.header.family} --resume {run.folder.name}` records what the series lacks."
     if "steps" not in run.header.requested:
         return ""
-    from cfid.records.steps import steps_left
+    from cfid.records.resumed import steps_left
 
     with contextlib.suppress(CfidError):  # unreadable rows are reported elsewhere
         if not any(steps_left(run)):  # --resume would refuse such a run

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from cfid.console.inputs import Workplace, find_recording, read_recording
 from cfid.errors import DataError
-from cfid.quantities.lookup import unit_of
+from cfid.quantities.registry import unit_of
 from cfid.records.parameters import Parameter, Source
 from cfid.wire.supervisor import VehicleState
 
@@ -68,13 +68,13 @@ def views_of(word: str, workplace: Workplace) -> tuple[list[View], tuple[str, ..
     from cfid.console.log_views import log_views, stand_view
     from cfid.recordings.read import read_recording as recording_at
     from cfid.recordings.wrench import LOADCELL, wrench_of
-    from cfid.records.run_notes import run_at
+    from cfid.records.run import run_at
     from cfid.records.tables.angle import ENCODER
     from cfid.records.tables.schema import Foreign
 
     path = find_recording(word, workplace)
     readers: dict[str, Callable[[], View]] = {
-        ENCODER: lambda: _angle_view(ENCODER, read_recording(word, workplace)),
+        ENCODER: lambda: _angle_view(ENCODER, read_recording(str(path), workplace)),
         LOADCELL: lambda: _wrench_view(LOADCELL, wrench_of(recording_at(path))),
     }
     run = run_at(path)
@@ -187,11 +187,12 @@ def _device_view(run: "Run", device: str) -> View:
     from cfid.drawing.device import groups
     from cfid.findings import texts
     from cfid.recordings.vehicle import SUPERVISOR, read_rows
-    from cfid.records.run_notes import losses
+    from cfid.records.run import losses
 
     rows = read_rows(run, device)
     since_s = rows.time_s - rows.time_s[0]
-    notes = (*losses(run, run.header.devices[device], len(rows.time_s)), *texts(rows.findings))
+    lost = losses(run, run.header.devices[device], len(rows.time_s))
+    notes = (*(found.sentence for found in lost), *texts(rows.findings))
     if device == SUPERVISOR:
         notes += (_states(since_s, rows.columns["state"]),)
     columns = shown_columns(rows.columns, len(rows.time_s))

@@ -37,7 +37,7 @@ def demo(
     from cfid.demo.fits import FITS, FITS_OVER_WIRES, HANDED_ON, print_comparison, run_all
 
     _check(folder, truth)
-    campaign = _new_campaign(folder)
+    campaign = _new_campaign(folder, seed)
     try:
         known = (_record_over_wires if wire else _record)(campaign, truth, seed)
         run_all(campaign, FITS_OVER_WIRES if wire else FITS, figures=figures)
@@ -76,8 +76,7 @@ def _record_over_wires(campaign: "Campaign", truth: Path | None, seed: int) -> d
 def _check(folder: Path, truth: Path | None) -> None:
     """Refuse an existing campaign or an invalid truth before anything is created. Raises ConfigError."""
     from cfid.errors import ConfigError
-    from cfid.records.rig_file import RIG_FILE
-    from cfid.records.run import RUNS_FOLDER
+    from cfid.records.files import RIG_FILE, RUNS_FOLDER
     from cfid.sim.truth_file import load_truth
 
     left = (folder / RIG_FILE, folder / "parameters.toml", folder / "fits", *(folder / RUNS_FOLDER).glob("*"))
@@ -89,11 +88,11 @@ def _check(folder: Path, truth: Path | None) -> None:
         load_truth(truth)
 
 
-def _new_campaign(folder: Path) -> "Campaign":
+def _new_campaign(folder: Path, seed: int) -> "Campaign":
     from cfid.console.campaign import make_campaign
     from cfid.records.campaign import find_campaign
 
-    make_campaign(folder)
+    make_campaign(folder, seed=seed)
     campaign = find_campaign(folder, start=folder)
     assert campaign is not None  # the folder was given
     return campaign

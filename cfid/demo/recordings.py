@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cfid import __version__
 from cfid.records.campaign import Campaign
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
 from cfid.sim.demo_runs import SimulatedRun
+from cfid.version import __version__
 
 
 def write_runs(campaign: Campaign, runs: Iterable[SimulatedRun]) -> list[Path]:

@@ -17,8 +17,8 @@ from cfid.estimate.common_causes import (
     linearity,
     tachometer_scales,
 )
-from cfid.records.facts import RigFacts
-from cfid.records.frames import rotation_about_z, turn_about_z
+from cfid.estimate.rotation import rotation_about_z, turn_about_z
+from cfid.records.rig_file import RigFacts
 
 Array = npt.NDArray[np.float64]
 

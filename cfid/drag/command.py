@@ -10,8 +10,9 @@ from cfid.console.flat import flat
 from cfid.console.inputs import Workplace, find_recording, open_workplace
 from cfid.console.options import Delivery, FlipFz, Markers, Method, RigOptions, YawDeg, finite
 from cfid.console.outcome import deliver
-from cfid.console.selection import chosen, labelled
+from cfid.console.selection import chosen
 from cfid.drag.wind.command import AzimuthRad, azimuth
+from cfid.records.choose import labelled
 
 _INPUT, _MODELS = "What was measured", "Models"
 

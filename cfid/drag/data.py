@@ -14,10 +14,8 @@ from cfid.errors import DataError, FitError
 from cfid.findings import Finding, merged, warning
 from cfid.motors.maps.checks import marker_findings
 from cfid.recordings.table import read_table
-from cfid.records.resumed import resumed_by
-from cfid.records.run import Run
-from cfid.records.run_notes import run_at
-from cfid.records.steps import steps_read_later
+from cfid.records.resumed import resumed_by, steps_read_later
+from cfid.records.run import Run, run_at
 from cfid.units import ROTORS
 
 TABLE_COLUMNS = (

@@ -8,8 +8,8 @@ import numpy.typing as npt
 from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.findings import Finding, note
-from cfid.records.facts import RigFacts
 from cfid.records.parameters import Source
+from cfid.records.rig_file import RigFacts
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]

@@ -21,13 +21,12 @@ from cfid.drag.thesis import Grouping, Normalised, group_rows, normalise
 from cfid.drag.wind.data import WindReading
 from cfid.estimate.common_causes import Effects, moved_by, with_common_causes
 from cfid.findings import Finding, note
-from cfid.quantities.lookup import unit_of
-from cfid.quantities.quantity import Range
+from cfid.quantities.registry import Range, unit_of
 from cfid.records.covariances import Covariance, covariance_between
-from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts, Tachometer, WindStand
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import Given, implausible_inputs
 from cfid.records.result import Dependent, Figures, Result
+from cfid.records.rig_file import NONE_STATED, LoadCellMount, RigFacts, Tachometer, WindStand
 from cfid.records.run import Run
 
 Array = npt.NDArray[np.float64]

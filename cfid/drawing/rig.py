@@ -10,7 +10,7 @@ from matplotlib.patches import Circle, Rectangle
 from matplotlib.text import Annotation
 
 from cfid.drawing.style import INK, MODEL, MUTED, SERIES, WINDOW, figure, styled
-from cfid.records.mounts import BodyFrame, Mount, Vector
+from cfid.records.rig_file import BodyFrame, Mount, Vector
 
 Point = tuple[float, float]
 

@@ -9,11 +9,10 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from cfid import __version__
 from cfid.drawing.style import styled
 from cfid.errors import ConfigError
-from cfid.records.files import check_regular, write_whole
-from cfid.records.kept import refuse_kept
+from cfid.records.files import check_regular, refuse_kept, write_whole
+from cfid.version import __version__
 
 PNG_DPI = 150
 

@@ -17,12 +17,11 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.findings import Finding, note
-from cfid.quantities.lookup import find
-from cfid.quantities.quantity import Shape
+from cfid.quantities.registry import Shape, find
 from cfid.records.covariances import Covariance, numbers_of, shaped_as
-from cfid.records.facts import LoadCellMount, RigFacts
 from cfid.records.parameters import Parameter, plain
 from cfid.records.result import Dependent, Result
+from cfid.records.rig_file import LoadCellMount, RigFacts
 
 Array = npt.NDArray[np.float64]
 

@@ -113,9 +113,8 @@ def _known(campaign: "Campaign") -> ExportInput:
     from cfid.export.exchange import covariance_blocks
     from cfid.export.refusals import marked
     from cfid.export.vehicle import collect
-    from cfid.records.files import read_toml
+    from cfid.records.files import RIG_FILE, read_toml
     from cfid.records.parameters import load_sections
-    from cfid.records.rig_file import RIG_FILE
     from cfid.records.run import Run, list_runs
     from cfid.records.stale import stale_in
 
@@ -136,8 +135,7 @@ def _known(campaign: "Campaign") -> ExportInput:
 
 def _write(text: str, out: str, *, force: bool) -> None:
     from cfid.errors import ConfigError
-    from cfid.records.files import write_whole
-    from cfid.records.kept import refuse_kept
+    from cfid.records.files import refuse_kept, write_whole
 
     if out == "-":
         echo(text, nl=False)
@@ -170,8 +168,8 @@ def _warn(target: "Target", vehicle: "ExportVehicle") -> None:
 
 
 def _print_list(vehicle: "ExportVehicle", *, json: bool) -> None:
-    from cfid import __version__
     from cfid.export.catalogue import TARGETS
+    from cfid.version import __version__
 
     rows = [_row(target, vehicle) for target in TARGETS.values()]
     if json:

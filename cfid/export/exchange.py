@@ -7,7 +7,6 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from cfid import __version__
 from cfid.errors import DataError
 from cfid.export.frame import turned_matrix, turned_spread
 from cfid.export.hover import (
@@ -24,6 +23,7 @@ from cfid.export.hover import (
 from cfid.export.target import EXCHANGE_FILE, Target, has
 from cfid.export.vehicle import SOURCES, ExportQuantity, ExportVehicle
 from cfid.records.parameters import Value, plain
+from cfid.version import __version__
 
 FORMAT = "cfid-vehicle-1"
 _DIRECTIONAL = ("inertia.", "drag.", "centre_of_mass_m")  # prefixes of keys with values in the body frame

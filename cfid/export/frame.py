@@ -6,7 +6,7 @@ rounds nothing.
 
 from collections.abc import Sequence
 
-from cfid.records.mounts import BodyFrame
+from cfid.records.rig_file import BodyFrame
 
 Vector = tuple[float, float, float]
 Matrix = tuple[Vector, Vector, Vector]

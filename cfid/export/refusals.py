@@ -6,8 +6,8 @@ from dataclasses import replace
 from cfid.errors import DataError
 from cfid.export.target import Target, taken
 from cfid.export.vehicle import SOURCES, ExportQuantity, ExportVehicle
-from cfid.quantities.platforms import Platform
 from cfid.quantities.plausible import centre_fault, implausible
+from cfid.quantities.registry import Platform
 from cfid.records.parameters import Section
 
 

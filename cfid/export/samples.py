@@ -7,13 +7,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from cfid import __version__
 from cfid.export import crazyflow, rotorpy
 from cfid.export.hover import value_of
 from cfid.export.target import Target, caveats, simulated, unaccepted
 from cfid.export.vehicle import ExportVehicle
 from cfid.export.wording import HASH, commented
 from cfid.records.parameters import Value
+from cfid.version import __version__
 
 ROTORPY, CRAZYFLOW = rotorpy.TARGET, crazyflow.TARGET
 FILES: Mapping[str, str] = {ROTORPY.name: "samples_rotorpy.py", CRAZYFLOW.name: "samples_crazyflow.json"}

@@ -237,8 +237,7 @@ def _tables(joint: "Joint", drawn: Drawn, seed: int, comments: list[str]) -> dic
 
 def _write(folder: Path, files: dict[str, bytes]) -> None:
     from cfid.errors import ConfigError
-    from cfid.records.files import write_whole
-    from cfid.records.kept import refuse_kept
+    from cfid.records.files import refuse_kept, write_whole
 
     try:
         for name in files:

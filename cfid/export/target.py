@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-from cfid import __version__
 from cfid.errors import DataError
 from cfid.export.frame import is_turned
 from cfid.export.hover import (
@@ -17,6 +16,7 @@ from cfid.export.hover import (
 from cfid.export.vehicle import SOURCES, ExportQuantity, ExportVehicle
 from cfid.export.wording import commented, shown
 from cfid.units import FULL_COMMAND, RPM
+from cfid.version import __version__
 
 EXCHANGE_FILE = "vehicle.json"
 _SIGNED = ("tf.delay_s",)  # negative where the force is earlier than its stamped input

@@ -6,11 +6,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from cfid.errors import ConfigError
-from cfid.quantities.lookup import registered, unit_of
-from cfid.quantities.platforms import Platform
-from cfid.records.mounts import BodyFrame
+from cfid.quantities.registry import Platform, registered, unit_of
 from cfid.records.parameters import Section, Value, plain
-from cfid.records.rig_file import Rig, thesis_rig
+from cfid.records.rig_file import BodyFrame, Rig, thesis_rig
 from cfid.records.stale import other_facts
 from cfid.records.values import find_parameter
 from cfid.units import FULL_COMMAND, MM, NEAR_FULL

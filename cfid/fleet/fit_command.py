@@ -87,8 +87,8 @@ def fleet_fit(
 
 def _keep(results: "Results", answers: "Iterator[tuple[str, Refitted | DataError]]", every: Sequence[str]) -> list[str]:
     """Store each answer as it arrives; return sentences on the campaigns that cannot be refitted."""
-    from cfid import __version__
     from cfid.errors import DataError
+    from cfid.version import __version__
 
     def done() -> int:
         return sum(one in results.done for one in every)  # the folder may hold other campaigns of earlier commands

@@ -14,11 +14,9 @@ from typing import Any
 from urllib.parse import unquote
 
 from cfid.console.messages import printable
-from cfid.console.selection import is_glob
 from cfid.errors import CfidError, ConfigError, DataError
-from cfid.records.files import check_regular
-from cfid.records.rig_file import RIG_FILE
-from cfid.records.run import RUN_FILE, RUNS_FOLDER
+from cfid.records.choose import is_glob
+from cfid.records.files import RIG_FILE, RUN_FILE, RUNS_FOLDER, check_regular
 
 _ADDRESS = re.compile(r"[A-Za-z][\w+.-]*://")
 _NAME = re.compile(r"[A-Za-z0-9_+-][A-Za-z0-9_.+ -]*")  # of a file that another computer lists: no path, not hidden

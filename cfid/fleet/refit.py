@@ -7,16 +7,16 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 
-from cfid import __version__
 from cfid.errors import CfidError, DataError
 from cfid.fleet.places import Place, at_hand
 from cfid.fleet.recipes import NO_CHANGES, again, options_of
 from cfid.records.campaign import Campaign, open_campaign
+from cfid.records.files import RIG_FILE, RUNS_FOLDER
 from cfid.records.fits import Fit, in_force, list_fits
 from cfid.records.parameters import Section, store_section
 from cfid.records.resumed import resumed_by
-from cfid.records.rig_file import RIG_FILE
-from cfid.records.run import RUNS_FOLDER, Run, read_run
+from cfid.records.run import Run, read_run
+from cfid.version import __version__
 
 _BY_HAND = "set"  # the section of values measured by hand, which no recording contains
 _FARTHEST = 1e9  # standard uncertainties: larger moves, as after an edit of a value or std, count as this

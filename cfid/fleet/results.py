@@ -15,14 +15,11 @@ from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 from typing import Any, BinaryIO
 
-from cfid import __version__
 from cfid.errors import ConfigError, DataError
 from cfid.fleet.places import is_address
 from cfid.fleet.refit import Refitted
-from cfid.records.campaign import FITS_FOLDER
-from cfid.records.files import check_regular, read_small, write_new
-from cfid.records.rig_file import RIG_FILE
-from cfid.records.run import RUN_FILE, RUNS_FOLDER
+from cfid.records.files import FITS_FOLDER, RIG_FILE, RUN_FILE, RUNS_FOLDER, check_regular, read_small, write_new
+from cfid.version import __version__
 
 MANIFEST = "manifest.jsonl"
 _HALF = ".half-"  # beginning of the name of an incomplete folder

@@ -14,9 +14,8 @@ from cfid.findings import Finding, warning
 from cfid.fleet.places import is_address
 from cfid.records import lab_book
 from cfid.records.campaign import find_campaign
-from cfid.records.files import sha256_of
+from cfid.records.files import RIG_FILE, sha256_of
 from cfid.records.parameters import Section, Source, load_sections
-from cfid.records.rig_file import RIG_FILE
 from cfid.records.run import Run, list_runs
 
 _LARGEST = 1e60  # of numbers that can be compared; an edited file may contain any number

@@ -19,8 +19,7 @@ from cfid.errors import ConfigError
 from cfid.fleet.comparison import ComparedNumber
 from cfid.fleet.summary import Summary
 from cfid.records import lab_book
-from cfid.records.files import write_new
-from cfid.records.kept import refuse_kept
+from cfid.records.files import refuse_kept, write_new
 
 SUFFIXES = (".csv", ".parquet", ".html")
 

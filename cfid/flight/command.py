@@ -10,6 +10,7 @@ from cfid.console.inputs import Workplace, find_recording, open_workplace
 from cfid.console.lists import Measured, measured
 from cfid.console.options import CutOptions, Delivery, RigOptions
 from cfid.console.outcome import deliver
+from cfid.records.choose import labelled
 
 if TYPE_CHECKING:
     from cfid.flight.values import Body
@@ -66,7 +67,7 @@ def flight(
     body = _body(
         workplace, measured(mass_kg, "--mass-kg"), measured(arm_mm, "--arm-mm"), measured(torque_m, "--torque-m")
     )
-    paths = [find_recording(word, workplace) for word in logs or []]
+    paths = [find_recording(word, workplace, labelled("flight")) for word in logs or []]
     flights = [read_flight(path, from_s=cut.from_s, to_s=cut.to_s, props_out=props_out) for path in paths]
     result = fit(flights, body=body)
     deliver(replace(result, folder=workplace.figures), delivery, workplace.campaign, workplace.own_rig)

@@ -21,7 +21,7 @@ from cfid.records.logs.log import FlightLog
 from cfid.records.logs.motor_numbers import NO_SQUARE
 from cfid.records.logs.run import log_of_run
 from cfid.records.logs.spin import OTHER_WAY
-from cfid.records.run_notes import run_at
+from cfid.records.run import run_at
 from cfid.records.tables.gyro import at_end_of_range
 from cfid.records.tables.schema import Foreign, refuse_for_run
 from cfid.units import DEAD_COMMAND, FULL_COMMAND, MOTORS, USUAL_GRAVITY_MPS2

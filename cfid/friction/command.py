@@ -11,7 +11,8 @@ from cfid.console.inputs import Workplace, find_recording, open_workplace, read_
 from cfid.console.lists import measured
 from cfid.console.options import CutOptions, Delivery, GravityMps2, Method, RigOptions
 from cfid.console.outcome import deliver
-from cfid.console.selection import chosen, labelled
+from cfid.console.selection import chosen
+from cfid.records.choose import labelled
 from cfid.units import MM
 
 if TYPE_CHECKING:
@@ -84,9 +85,9 @@ def _read_weights(words: Sequence[str], workplace: Workplace) -> "tuple[list[Ang
     for word in words:
         label, rest = split_label(word, workplace)
         weight = _weight(label) if label else {}
-        path = find_recording(rest, workplace)
+        path = find_recording(rest, workplace, labelled("drop"))
         try:
-            record = read_recording(rest, workplace)
+            record = read_recording(str(path), workplace)
         except DataError as error:  # one recording does not condemn the others
             if not path.exists():
                 raise

@@ -8,7 +8,7 @@ from cfid.findings import Finding, warning
 from cfid.friction.drops import Drop, measure_drop
 from cfid.friction.estimation import COULOMB, SETUP_INERTIA, VISCOUS, FrictionEstimate, fit_friction, thesis_friction
 from cfid.friction.repeated import read_once
-from cfid.quantities.quantity import Range
+from cfid.quantities.registry import Range
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import (
     Given,

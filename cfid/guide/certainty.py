@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from cfid.estimate.differences import Compared, number_of
 from cfid.guide.plan import Aim
 from cfid.records.parameters import Parameter, Section
+from cfid.records.rig_file import Rig
 from cfid.records.values import find_parameter
 
 _OWN = "noise and the inputs of its own fit"
@@ -22,6 +23,7 @@ class Certainty:
     own fit.
     """
 
+    key: str
     aim: Aim
     std: float | None
     bounded_by: str = ""
@@ -33,28 +35,29 @@ class Certainty:
         return 0.0 if self.std is None else self.std / self.aim.std
 
 
-def certainty_of(sections: Mapping[str, Section], aim: Aim) -> Certainty:
+def certainty_of(sections: Mapping[str, Section], key: str, aim: Aim, rig: Rig) -> Certainty:
     """Judge a quantity by the least certain of its numbers, relative to itself; small ones do not count."""
-    counting = find_parameter(sections, aim.key)
+    counting = find_parameter(sections, key)
     if counting is None or counting.rejected:
-        return Certainty(aim=aim, std=None)
-    numbers = list(_judged(counting.section, counting.parameter, aim))
+        return Certainty(key=key, aim=aim, std=None)
+    numbers = list(_judged(counting.section, counting.parameter, key, aim, rig))
     largest = max((abs(one.value) for one in numbers), default=0.0)
     ratios = [(one.std / abs(one.value), one) for one in numbers if abs(one.value) > _SMALL * largest]
     if not ratios or not all(math.isfinite(ratio) for ratio, _ in ratios):
-        return Certainty(aim=aim, std=None)
+        return Certainty(key=key, aim=aim, std=None)
     ratio, least_sure = max(ratios, key=lambda one: one[0])
-    return Certainty(aim=aim, std=ratio, bounded_by=_bounding(least_sure, aim, ratio), mostly=_mostly(least_sure))
+    bounded_by, mostly = _bounding(least_sure, aim, ratio), _mostly(least_sure)
+    return Certainty(key=key, aim=aim, std=ratio, bounded_by=bounded_by, mostly=mostly)
 
 
-def _judged(section: Section, parameter: Parameter, aim: Aim) -> Iterator[Compared]:
+def _judged(section: Section, parameter: Parameter, key: str, aim: Aim, rig: Rig) -> Iterator[Compared]:
     """Yield the numbers by which a quantity is judged, without those that have no standard uncertainty."""
-    numbers = list(parameter.numbers(aim.key))
+    numbers = list(parameter.numbers(key))
     if aim.weights is not None:
         if all(one.std is not None for one in numbers):
-            yield number_of(section, aim.key, aim.weights(len(numbers)))
+            yield number_of(section, key, aim.weights(len(numbers), rig))
         return
-    effects = {cause: moved[aim.key] for cause, moved in section.common.items() if aim.key in moved}
+    effects = {cause: moved[key] for cause, moved in section.common.items() if key in moved}
     for place, one in enumerate(numbers):
         if one.value is not None and one.std is not None:
             yield Compared(one.value, one.std, {cause: moved[place] for cause, moved in effects.items()})

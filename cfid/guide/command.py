@@ -15,8 +15,9 @@ from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
     from cfid.guide.plan import Assignment
-    from cfid.guide.status import Next, TaskStatus, Unusable
+    from cfid.guide.status import Status
     from cfid.records.campaign import Campaign
+    from cfid.records.rig_file import CampaignKind
 
 Kind = Annotated[
     Literal["full", "inertia", "motors", "afternoon"] | None,
@@ -34,13 +35,8 @@ def status(
 
     Example: [bold]cfid status --kind afternoon[/bold]
     """
-    from cfid.guide.status import beside, next_of, status_of, unusable_in
-
-    found = here(campaign)
-    _name_unreadable_runs(found)
-    statuses = status_of(found, kind=kind)
-    show = _print_json if json else _print
-    show(statuses, unusable_in(found, statuses), beside(found, statuses), next_of(statuses, kind=kind))
+    found = _status(here(campaign), kind)
+    (_print_json if json else _print)(found)
 
 
 def next_step(
@@ -54,18 +50,15 @@ def next_step(
 
     Example: [bold]cfid next[/bold]
     """
-    from cfid.guide.status import next_of, status_of
-
-    found = here(campaign)
-    _name_unreadable_runs(found)
-    step = next_of(status_of(found, kind=kind), kind=kind)
+    opened = here(campaign)
+    step = _status(opened, kind).next
     echo(fitted(printable(step.why)))
-    words = step.words if step.recording is None else _prepared(step.recording, found)
+    words = step.words if step.recording is None else _prepared(step.recording, opened)
     echo(f"next: cfid {shlex.join(words)}")
     if not yes and _typed("Start it? [Y/n]").lower() not in ("", "y", "yes"):
         note("nothing was started. Type `cfid next` again, or the command itself.")
         raise typer.Exit
-    _become(words, found)
+    _run_instead(words, opened)
 
 
 def _prepared(recording: "Assignment", campaign: "Campaign") -> tuple[str, ...]:
@@ -103,67 +96,69 @@ def _typed(question: str) -> str:
     return line.strip()
 
 
-def _name_unreadable_runs(campaign: "Campaign") -> None:
-    from cfid.errors import DataError
-    from cfid.records.run import list_runs
+def _status(campaign: "Campaign", kind: "CampaignKind | None") -> "Status":
+    """Return the state of a campaign; print a note on each run that cannot be read."""
+    from cfid.guide.status import status_of
 
-    for run in list_runs(campaign.runs_folder):
-        if isinstance(run, DataError):
-            note(f"{run} The run does not count.")
+    found = status_of(campaign, kind=kind)
+    for error in found.unreadable:
+        note(f"{error} The run does not count.")
+    return found
 
 
-def _become(words: tuple[str, ...], campaign: "Campaign") -> None:
+def _run_instead(words: tuple[str, ...], campaign: "Campaign") -> None:
     """Replace this program with the command, which then has the signals, the terminal and the exit code."""
     sys.stdout.flush()
     os.execv(sys.executable, cfid_command(*words, "--campaign", str(campaign.folder)))
 
 
-def _print(
-    statuses: "tuple[TaskStatus, ...]", unusable: "tuple[Unusable, ...]", others: tuple[str, ...], step: "Next"
-) -> None:
+def _print(found: "Status") -> None:
     from rich.box import SIMPLE
     from rich.table import Table
 
     from cfid.console.tables import print_table
     from cfid.guide.certainty import percent
-    from cfid.guide.status import remarks_of
 
     table = Table(box=SIMPLE, pad_edge=False)
     for heading in ("fit", "runs", "state", "how sure", "what for"):
         width = 5 if heading == "how sure" else None  # keeps "4.2 %" on one line
         table.add_column(heading, overflow="fold", min_width=width)
-    for one in statuses:
-        runs = f"{one.recorded} of {len(one.task.recordings)}"
-        sure = "\n".join(percent(found.std) for found in one.found)
-        table.add_row(one.task.section, runs, one.state, sure, "\n".join(found.aim.purpose for found in one.found))
+    for status in found.tasks:
+        runs = f"{status.recorded} of {len(status.task.recordings)}"
+        sure = "\n".join(percent(certainty.std) for certainty in status.found)
+        purposes = "\n".join(certainty.aim.purpose for certainty in status.found)
+        table.add_row(status.task.section, runs, status.state, sure, purposes)
     print_table(table)
-    for sentence in remarks_of(statuses, unusable, step):
+    for sentence in found.remarks:
         echo(fitted(printable(sentence), indent=6))
-    if others:
-        echo(fitted(printable(f"beside the plan: {', '.join(others)}: `cfid parameters` shows them."), indent=6))
-    echo(fitted(f"next: {printable(step.command)}\n      {printable(step.why)}", indent=6))
+    if found.beside:
+        echo(fitted(printable(f"beside the plan: {', '.join(found.beside)}: `cfid parameters` shows them."), indent=6))
+    echo(fitted(f"next: {printable(found.next.command)}\n      {printable(found.next.why)}", indent=6))
 
 
-def _print_json(
-    statuses: "tuple[TaskStatus, ...]", unusable: "tuple[Unusable, ...]", others: tuple[str, ...], step: "Next"
-) -> None:
+def _print_json(found: "Status") -> None:
     import json
 
-    rows = [
-        {
-            "fit": one.task.section,
-            "runs": one.recorded,
-            "runs_planned": len(one.task.recordings),
-            "state": one.state,
-            "reason": one.reason,
-            "quantities": [
-                {"key": found.aim.key, "relative_std": found.std, "wanted_relative_std": found.aim.std}
-                for found in one.found
-            ],
-        }
-        for one in statuses
-    ]
-    following = {"command": list(step.words), "why": step.why}
-    again = [{"run": one.run, "reason": one.reason, "command": list(one.again.words)} for one in unusable]
-    content = {"command": "status", "tasks": rows, "not_usable": again, "beside": list(others), "next": following}
+    content = {
+        "command": "status",
+        "tasks": [
+            {
+                "fit": status.task.section,
+                "runs": status.recorded,
+                "runs_planned": len(status.task.recordings),
+                "state": status.state,
+                "reason": status.reason,
+                "quantities": [
+                    {"key": one.key, "relative_std": one.std, "wanted_relative_std": one.aim.std}
+                    for one in status.found
+                ],
+            }
+            for status in found.tasks
+        ],
+        "not_usable": [
+            {"run": one.run, "reason": one.reason, "command": list(one.again.words)} for one in found.unusable
+        ],
+        "beside": list(found.beside),
+        "next": {"command": list(found.next.words), "why": found.next.why},
+    }
     echo(json.dumps(content, indent=2))

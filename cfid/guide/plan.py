@@ -3,13 +3,29 @@
 import random
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 
 from cfid.records.rig_file import CampaignKind, Rig
-from cfid.records.run import Label
+from cfid.records.run import Label, RunHeader
 from cfid.wire.app import MIDDLE
 
 Words = tuple[str, ...]
+
+KINDS: Mapping[CampaignKind, tuple[str, ...]] = {
+    "full": ("inertia", "friction", "thrust", "torque", "speed", "latency", "tf", "drag"),
+    "inertia": ("inertia", "friction"),
+    "motors": ("thrust", "torque", "speed", "latency", "tf"),
+    "afternoon": ("inertia", "thrust", "torque"),
+}
+FITS: Mapping[str, Words] = {
+    "inertia": ("fit", "inertia"),
+    "friction": ("fit", "friction"),
+    "thrust": ("fit", "thrust"),
+    "torque": ("fit", "torque"),
+    "speed": ("fit", "speed"),
+    "latency": ("tf", "latency"),
+    "tf": ("tf", "identify"),
+    "drag": ("fit", "drag"),
+}
 
 _WEIGHTS_G = (20, 30, 40)
 _WINDS = 6
@@ -18,25 +34,49 @@ _ABOVE_IDLE: Words = ("--from", "8000", "--motor", "1,2,3,4")  # for a Brushless
 
 @dataclass(frozen=True, kw_only=True)
 class Aim:
-    """A quantity, and the relative standard uncertainty that its purpose requires.
+    """The relative standard uncertainty that the purpose of a quantity requires.
 
-    A polynomial is judged where it is used: by the sum of its numbers times `weights`, a function of their count. Its
-    coefficients alone do not show how certain its values are.
+    A polynomial is judged where it is used: by the sum of its numbers times `weights`, a function of their count and of
+    the rig. Its coefficients alone do not show how certain its values are.
     """
 
-    key: str
     std: float
     purpose: str
-    weights: Callable[[int], Sequence[float]] | None = None
+    weights: Callable[[int, Rig], Sequence[float]] | None = None
+
+
+def slope_at_hover(count: int, rig: Rig) -> list[float]:
+    """Return weights by which the coefficients of a thrust polynomial, highest power first, sum to its hover slope."""
+    thrust_n = rig.vehicle.mass_kg * rig.site.gravity_mps2 / 4
+    return [power * thrust_n ** max(power - 1, 0) for power in reversed(range(count))]
+
+
+def at_middle(count: int, _rig: Rig) -> list[float]:
+    """Return weights by which coefficients of a command polynomial, highest power first, give its value at MIDDLE."""
+    return [MIDDLE**power for power in reversed(range(count))]
+
+
+AIMS: Mapping[str, Mapping[str, Aim]] = {
+    "inertia": {"inertia.matrix_kg_m2": Aim(std=0.03, purpose="a rate controller's gains: 3 %")},
+    "friction": {"friction.viscous_nms_per_rad": Aim(std=0.2, purpose="how swings decay: 20 %")},
+    "thrust": {
+        "motor.max_thrust_n": Aim(std=0.03, purpose="the limit of a mixer: 3 %"),
+        "motor.hover_mass_kg": Aim(std=0.02, purpose="the command that hovers: 2 %"),
+    },
+    "torque": {"motor.torque_poly": Aim(std=0.05, purpose="yaw in a simulator, in hover: 5 %", weights=slope_at_hover)},
+    "speed": {"motor.speed_poly": Aim(std=0.02, purpose="rotors in a simulator: 2 %", weights=at_middle)},
+    "latency": {"latency.rtt_mean_s": Aim(std=0.05, purpose="a delay in the loop: 5 %")},
+    "tf": {"tf.time_constant_s": Aim(std=0.05, purpose="an attitude controller's bandwidth: 5 %")},
+    "drag": {"drag.simple_kg_per_rad": Aim(std=0.2, purpose="a simulator at 3 m/s: 20 %")},
+}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Assignment:
     """A run to record: the words of the command, what to do at the rig first, and the label that identifies the run.
 
-    `questions` are asked first, and the answers replace words in braces. `kind` may be the beginning of a run's kind.
-    A recording that `repeats` another one shows the drift between the two, and no fit needs it. `completes` is the name
-    of a run that ended early, whose rest this recording is.
+    `questions` are asked first, and the answers replace words in braces. A recording that `repeats` another one shows
+    the drift between the two, and no fit needs it.
     """
 
     words: Words
@@ -45,7 +85,6 @@ class Assignment:
     label: Label = field(default_factory=Label)
     questions: Mapping[str, str] | None = None
     repeats: bool = False
-    completes: str = ""
 
     @property
     def command(self) -> str:
@@ -53,10 +92,10 @@ class Assignment:
         blanks = {name: name.upper().replace("_", "-") for name in self.questions or {}}
         return f"cfid {' '.join(word.format(**blanks) for word in self.words)}"
 
-    def is_of(self, kind: str, label: Label) -> bool:
-        """Return whether a run of a kind with a label is this recording or a repetition of it."""
-        same = (self.label.axis, self.label.weight_g) == (label.axis, label.weight_g)
-        return kind.partition("_")[0] == self.kind and same and is_vehicle(label)
+    def is_of(self, header: RunHeader) -> bool:
+        """Return whether a run is this recording or a repetition of it."""
+        same = (self.label.axis, self.label.weight_g) == (header.label.axis, header.label.weight_g)
+        return header.family == self.kind and same and is_vehicle(header.label)
 
 
 def is_vehicle(label: Label) -> bool:
@@ -66,62 +105,54 @@ def is_vehicle(label: Label) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """One fit: its section of parameters.toml, the runs that it uses, its command and what it should find."""
+    """One fit: its section of parameters.toml, the runs that it uses, its command and the quantities to find."""
 
     section: str
     recordings: tuple[Assignment, ...]
     fit: Words
-    aims: tuple[Aim, ...]
+    aims: tuple[str, ...]
 
 
 def tasks(
-    rig: Rig, *, kind: CampaignKind | None = None, order: str = "", swung: Sequence[str] = (), by_gyro: bool = False
+    rig: Rig, *, kind: CampaignKind | None = None, swung: Sequence[str] = (), by_gyro: bool = False
 ) -> tuple[Task, ...]:
     """Return a campaign's tasks; `kind` replaces that of rig.toml.
 
     The vehicle's gyro records swings on threads, which have no encoder, and all swings if it already recorded some
-    (`by_gyro`).
-
-    The mounts already `swung` come first, in their order, then the others in a random order with the seed `order`, so
-    that no drift over the day looks like a difference between axes. The first mount is swung once more at the end, and
-    any difference is then a drift.
+    (`by_gyro`). The mounts already `swung` come first, in their order, then the others in a random order, whose seed is
+    in rig.toml, so that no drift over the day looks like a difference between axes. The first mount is swung once more
+    at the end, and any difference is then a drift.
     """
-    every = {
-        "inertia": _inertia(rig, _mounts(rig, order, swung), by_gyro=by_gyro),
-        "friction": _friction(rig),
-        "thrust": _thrust(rig),
-        "torque": _torque(rig),
-        "speed": _speed(rig),
-        "latency": _latency(),
-        "tf": _transfer(),
-        "drag": _drag(),
-    }
-    sections: Mapping[CampaignKind, Sequence[str]] = {
-        "full": tuple(every),
-        "inertia": ("inertia", "friction"),
-        "motors": ("thrust", "torque", "speed", "latency", "tf"),
-        "afternoon": ("inertia", "thrust", "torque"),
-    }
-    return tuple(every[name] for name in sections[kind or rig.campaign.kind] if every[name].recordings)
-
-
-def _mounts(rig: Rig, order: str, swung: Sequence[str]) -> list[str]:
-    left = sorted(rig.mounts)
-    random.Random(order).shuffle(left)
-    first = [mount for mount in dict.fromkeys(swung) if mount in rig.mounts]
-    return [*first, *(mount for mount in left if mount not in first)]
-
-
-def _inertia(rig: Rig, mounts: Sequence[str], *, by_gyro: bool) -> Task:
-    swings = tuple(
-        _swing(mount, rig, by_gyro=by_gyro, repeats=place == len(mounts))
-        for place, mount in enumerate((*mounts, *mounts[:1]))
+    mounts = sorted(rig.mounts)
+    random.Random(rig.campaign.seed).shuffle(mounts)
+    mounts = list(dict.fromkeys((*(mount for mount in swung if mount in rig.mounts), *mounts)))
+    brushless = rig.vehicle.platform == "cf21bl"
+    forces = Assignment(
+        words=("log", "thrust", *(_ABOVE_IDLE if brushless else ())),
+        reminder="Fasten the vehicle on the load cell, propellers on, a full battery in.",
+        kind="thrust",
     )
-    aim = Aim(key="inertia.matrix_kg_m2", std=0.03, purpose="a rate controller's gains: 3 %")
-    return Task(section="inertia", recordings=swings, fit=("fit", "inertia"), aims=(aim,))
+    recordings: Mapping[str, tuple[Assignment, ...]] = {
+        "inertia": (
+            *(_swing(mount, rig, by_gyro=by_gyro) for mount in mounts),
+            *(_swing(mount, rig, by_gyro=by_gyro, repeats=True) for mount in mounts[:1]),
+        ),
+        "friction": tuple(map(_drop, _WEIGHTS_G)) if rig.friction is not None else (),
+        "thrust": (forces,),
+        "torque": () if brushless else (forces,),  # the torques of its four rotors cancel
+        "speed": (_SPEED_OF_BRUSHLESS if brushless else _SPEED,),
+        "latency": (_PINGS,),
+        "tf": (_SINES,),
+        "drag": (_STILL, *[_WINDY] * _WINDS),
+    }
+    return tuple(
+        Task(section=name, recordings=recordings[name], fit=FITS[name], aims=tuple(AIMS[name]))
+        for name in KINDS[kind or rig.campaign.kind]
+        if recordings[name]
+    )
 
 
-def _swing(mount: str, rig: Rig, *, by_gyro: bool, repeats: bool) -> Assignment:
+def _swing(mount: str, rig: Rig, *, by_gyro: bool, repeats: bool = False) -> Assignment:
     words: Words = ("log", "encoder", "--axis", mount, "--for", "20")
     reminder = f"Hang the vehicle on mount {mount}, let it rest, and start; then lift it and let go within 5 s."
     if rig.mounts[mount].threads is not None:
@@ -136,97 +167,43 @@ def _swing(mount: str, rig: Rig, *, by_gyro: bool, repeats: bool) -> Assignment:
     return Assignment(words=words, reminder=reminder, kind="swing", label=Label(axis=mount), repeats=repeats)
 
 
-def _friction(rig: Rig) -> Task:
-    drops = tuple(
-        Assignment(
-            words=("log", "encoder", "--weight", str(grams), "--for", "20"),
-            reminder=f"Wind the line around the axis in one layer, hang {grams} g on it, and start; then let it go.",
-            kind="drop",
-            label=Label(weight_g=grams),
-        )
-        for grams in _WEIGHTS_G
+def _drop(grams: int) -> Assignment:
+    return Assignment(
+        words=("log", "encoder", "--weight", str(grams), "--for", "20"),
+        reminder=f"Wind the line around the axis in one layer, hang {grams} g on it, and start; then let it go.",
+        kind="drop",
+        label=Label(weight_g=grams),
     )
-    aim = Aim(key="friction.viscous_nms_per_rad", std=0.2, purpose="how swings decay: 20 %")
-    recordings = drops if rig.friction is not None else ()
-    return Task(section="friction", recordings=recordings, fit=("fit", "friction"), aims=(aim,))
 
 
-def _thrust(rig: Rig) -> Task:
-    aims = (
-        Aim(key="motor.max_thrust_n", std=0.03, purpose="the limit of a mixer: 3 %"),
-        Aim(key="motor.hover_mass_kg", std=0.02, purpose="the command that hovers: 2 %"),
-    )
-    return Task(section="thrust", recordings=(_forces(rig),), fit=("fit", "thrust"), aims=aims)
-
-
-def _torque(rig: Rig) -> Task:
-    weights = partial(slope_at_hover, rig=rig)
-    aim = Aim(key="motor.torque_poly", std=0.05, purpose="yaw in a simulator, in hover: 5 %", weights=weights)
-    recordings = () if _is_brushless(rig) else (_forces(rig),)  # the torques of its four rotors cancel
-    return Task(section="torque", recordings=recordings, fit=("fit", "torque"), aims=(aim,))
-
-
-def slope_at_hover(count: int, rig: Rig) -> list[float]:
-    """Return weights by which the coefficients of a thrust polynomial, highest power first, sum to its hover slope."""
-    thrust_n = rig.vehicle.mass_kg * rig.site.gravity_mps2 / 4
-    return [power * thrust_n ** max(power - 1, 0) for power in reversed(range(count))]
-
-
-def _speed(rig: Rig) -> Task:
-    aim = Aim(key="motor.speed_poly", std=0.02, purpose="rotors in a simulator: 2 %", weights=at_middle)
-    words: Words = ("log", "speed")
-    reminder = "Point the tachometer at rotor 1, with its strips on, a full battery in."
-    if _is_brushless(rig):
-        words = (*words, "--tachometer", "brushless", *_ABOVE_IDLE)
-        reminder = "Fasten the vehicle, propellers on, a full battery in."
-    staircase = Assignment(words=words, reminder=reminder, kind="speed")
-    return Task(section="speed", recordings=(staircase,), fit=("fit", "speed"), aims=(aim,))
-
-
-def at_middle(count: int) -> list[float]:
-    """Return weights by which coefficients of a command polynomial, highest power first, give its value at MIDDLE."""
-    return [MIDDLE**power for power in reversed(range(count))]
-
-
-def _forces(rig: Rig) -> Assignment:
-    reminder = "Fasten the vehicle on the load cell, propellers on, a full battery in."
-    words = ("log", "thrust", *(_ABOVE_IDLE if _is_brushless(rig) else ()))
-    return Assignment(words=words, reminder=reminder, kind="thrust")
-
-
-def _is_brushless(rig: Rig) -> bool:
-    return rig.vehicle.platform == "cf21bl"
-
-
-def _latency() -> Task:
-    reminder = "Switch the vehicle on; no motor turns."
-    pings = Assignment(words=("log", "ping"), reminder=reminder, kind="ping")
-    aim = Aim(key="latency.rtt_mean_s", std=0.05, purpose="a delay in the loop: 5 %")
-    return Task(section="latency", recordings=(pings,), fit=("tf", "latency"), aims=(aim,))
-
-
-def _transfer() -> Task:
-    reminder = "Fasten the vehicle on the load cell, the propellers on, a full battery in."
-    sines = Assignment(words=("log", "sine"), reminder=reminder, kind="sine")
-    aim = Aim(key="tf.time_constant_s", std=0.05, purpose="an attitude controller's bandwidth: 5 %")
-    return Task(section="tf", recordings=(sines,), fit=("tf", "identify"), aims=(aim,))
-
-
-def _drag() -> Task:
-    still = Assignment(
-        words=("log", "wind", "--wind", "0,0"),
-        reminder="Fasten the vehicle on the load cell as it will stand in the wind; no wind blows.",
-        kind="wind",
-    )
-    windy = Assignment(
-        words=("log", "wind", "--angle", "{angle}", "--fan-voltage", "{volts}", "--wind", "{wind}"),
-        reminder="Set the wind generator to another angle or voltage, and measure the wind at the vehicle.",
-        kind="wind",
-        questions={
-            "angle": "Angle of the generator to the vertical, in degrees",
-            "volts": "Voltage at its fan",
-            "wind": "Lowest and highest wind in m/s, as 2.0,3.7",
-        },
-    )
-    aim = Aim(key="drag.simple_kg_per_rad", std=0.2, purpose="a simulator at 3 m/s: 20 %")
-    return Task(section="drag", recordings=(still, *[windy] * _WINDS), fit=("fit", "drag"), aims=(aim,))
+_SPEED = Assignment(
+    words=("log", "speed"),
+    reminder="Point the tachometer at rotor 1, with its strips on, a full battery in.",
+    kind="speed",
+)
+_SPEED_OF_BRUSHLESS = Assignment(
+    words=("log", "speed", "--tachometer", "brushless", *_ABOVE_IDLE),
+    reminder="Fasten the vehicle, propellers on, a full battery in.",
+    kind="speed",
+)
+_PINGS = Assignment(words=("log", "ping"), reminder="Switch the vehicle on; no motor turns.", kind="ping")
+_SINES = Assignment(
+    words=("log", "sine"),
+    reminder="Fasten the vehicle on the load cell, the propellers on, a full battery in.",
+    kind="sine",
+)
+_STILL = Assignment(
+    words=("log", "wind", "--wind", "0,0"),
+    reminder="Fasten the vehicle on the load cell as it will stand in the wind; no wind blows.",
+    kind="wind",
+)
+_WINDY = Assignment(
+    words=("log", "wind", "--angle", "{angle}", "--fan-voltage", "{volts}", "--wind", "{wind}"),
+    reminder="Set the wind generator to another angle or voltage, and measure the wind at the vehicle.",
+    kind="wind",
+    questions={
+        "angle": "Angle of the generator to the vertical, in degrees",
+        "volts": "Voltage at its fan",
+        "wind": "Lowest and highest wind in m/s, as 2.0,3.7",
+    },
+)

@@ -21,7 +21,8 @@ from cfid.console.options import (
     WindowOptions,
 )
 from cfid.console.outcome import deliver
-from cfid.console.selection import chosen, labelled
+from cfid.console.selection import chosen
+from cfid.records.choose import labelled
 
 if TYPE_CHECKING:
     from cfid.records.result import Result
@@ -111,9 +112,10 @@ def _fit_swings(
     from cfid.swing import arguments, data
 
     wanted = "swings of the test body" if body == "testbody" else "swings of the vehicle"
-    words = chosen(runs, workplace.campaign, suits=labelled("swing", body, data.FIXTURE), wanted=wanted)
+    suits = labelled("swing", body, data.FIXTURE)
+    words = chosen(runs, workplace.campaign, suits=suits, wanted=wanted)
     found = fit(
-        arguments.read_swings(words, workplace),
+        arguments.read_swings(words, workplace, suits),
         rig=None if workplace.borrowed else workplace.rig,
         peaks=arguments.parse_peaks(window.peaks),
         smallest_peak_rad=math.radians(window.min_angle_deg or 1.0),

@@ -6,10 +6,10 @@ from typing import Any
 
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding
-from cfid.records.mounts import Mount
 from cfid.records.parameters import Source
 from cfid.records.plausibility import taken_as_exact
 from cfid.records.result import Dependent
+from cfid.records.rig_file import Mount
 from cfid.records.tables.angle import AngleRecord, Recording, angle_record
 from cfid.swing.axis_inertias import MountedSwing
 from cfid.swing.data import FIXTURE, KnownInertia, check_peaks, peaks_on, threads_of

@@ -17,11 +17,10 @@ from cfid.inertia.redundancy import distance_findings, redundancy_findings, susp
 from cfid.inertia.sensitivities import moved_by_inputs
 from cfid.quantities.values import PRODUCTS
 from cfid.records.covariances import Covariance, covariance_between
-from cfid.records.mounts import BodyFrame
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import implausible_gravity, implausible_inputs, implausible_quantities, platform_of
 from cfid.records.result import Dependent, Figures, Result
-from cfid.records.rig_file import Rig
+from cfid.records.rig_file import BodyFrame, Rig
 from cfid.records.tables.angle import AngleRecord
 from cfid.swing.axis_inertias import AxisInertias, SwungBody
 from cfid.swing.data import FIXTURE, check_mounts, rests_on, rig_or_thesis, surroundings, turned_about, vehicle

@@ -10,7 +10,7 @@ from typing import Literal
 from cfid.errors import ConfigError
 from cfid.interchange.recording import Recording
 from cfid.interchange.writers import write_csv, write_mat, write_mcap, write_parquet
-from cfid.records.kept import refuse_kept
+from cfid.records.files import refuse_kept
 from cfid.records.logs.log import Series
 
 Format = Literal["csv", "parquet", "mat", "mcap"]

@@ -10,7 +10,6 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 
-from cfid import __version__
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.interchange.columns import changes, chosen_columns, finite_columns, known_rows
@@ -38,6 +37,7 @@ from cfid.records.tables.stand_names import with_named
 from cfid.records.tables.table import CsvTable
 from cfid.records.tables.times import TIME_COLUMN
 from cfid.units import MOTORS
+from cfid.version import __version__
 
 Mask = npt.NDArray[np.bool_]
 

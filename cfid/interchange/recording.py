@@ -5,11 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cfid.counted import counted
+from cfid.records.files import RUN_FILE
 from cfid.records.logs.any_kind import read_log
 from cfid.records.logs.log import Series
 from cfid.records.logs.run import log_of_run
 from cfid.records.logs.spin import kept_texts
-from cfid.records.run import RUN_FILE, Run, read_run
+from cfid.records.run import Run, read_run
 from cfid.records.tables.schema import Foreign, refuse_for_run
 
 

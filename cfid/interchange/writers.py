@@ -16,12 +16,12 @@ import numpy as np
 from pandas import DataFrame
 from scipy.io import savemat
 
-from cfid import __version__
 from cfid.errors import DataError
 from cfid.interchange.recording import Recording
 from cfid.records.extras import optional_library
 from cfid.records.logs.crazyflie_names import stated_unit
 from cfid.records.logs.log import Array, Series
+from cfid.version import __version__
 
 TIME = "t"
 

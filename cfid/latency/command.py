@@ -11,11 +11,12 @@ from cfid.console.labels import Note
 from cfid.console.options import Delivery, RigOptions, positive
 from cfid.console.outcome import deliver
 from cfid.console.recording import DryRun, KeepOptions, rehearse, rig_of
-from cfid.console.selection import chosen, labelled
+from cfid.console.selection import chosen
 from cfid.console.vehicle import LinkOptions, Unasked
 from cfid.counted import counted
 from cfid.errors import FitError
 from cfid.lazy import later
+from cfid.records.choose import labelled
 
 if TYPE_CHECKING:
     from cfid.records.run import Run

@@ -8,7 +8,7 @@ from cfid.console.live import LiveLine
 from cfid.console.recording import Found, KeepOptions, Rig, record
 from cfid.console.vehicle import LinkOptions, reach
 from cfid.console.verdicts import Judge
-from cfid.records.facts import RigFacts
+from cfid.records.rig_file import RigFacts
 from cfid.records.run import Label
 from cfid.rig.log import Plan
 from cfid.rig.pings import Pings

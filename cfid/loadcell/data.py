@@ -16,10 +16,9 @@ from cfid.loadcell.model import applied_wrench, place_error
 from cfid.motors.data import channels_of
 from cfid.recordings.read import read_recording
 from cfid.recordings.wrench import AXES, wrench_of
-from cfid.records.facts import RigFacts
 from cfid.records.parameters import Source
-from cfid.records.run import Pull, Run, read_run
-from cfid.records.run_notes import run_at
+from cfid.records.rig_file import RigFacts
+from cfid.records.run import Pull, Run, read_run, run_at
 from cfid.units import MM
 
 Array = npt.NDArray[np.float64]

@@ -5,9 +5,8 @@ from pathlib import Path
 
 from cfid.errors import ConfigError
 from cfid.motors.plan import StaircasePlan
-from cfid.records.resumed import recorded_after
+from cfid.records.resumed import recorded_after, steps_lacking, steps_left
 from cfid.records.run import read_run
-from cfid.records.steps import steps_lacking, steps_left
 
 
 def missing(folder: Path, *, kind: str) -> StaircasePlan:

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cfid.quantities.platforms import Platform
-from cfid.quantities.plausible import out_of_range, range_of
-from cfid.quantities.quantity import Range
+from cfid.quantities.plausible import out_of_range
+from cfid.quantities.registry import Platform, Range, range_of
 from cfid.units import RPM, USUAL_GRAVITY_MPS2
 
 _SLOWER, _FASTER = 2.0, 5.0  # than in proportion to the command: more than starts, dead zones and batteries cause

@@ -4,14 +4,12 @@ A value outside its range is most likely in another unit: the message suggests w
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from cfid.quantities.lookup import find
-from cfid.quantities.platforms import RANGES, Platform
-from cfid.quantities.quantity import Quantity, Range
-from cfid.quantities.values import PRODUCTS, coefficient_units, evaluate, is_matrix
+from cfid.quantities.registry import Platform, Quantity, Range, find, platform_range
+from cfid.quantities.values import PRODUCTS, coefficient_units, evaluate, is_matrix, leaves
 from cfid.units import RPM, USUAL_GRAVITY_MPS2
 
 _OTHER_UNITS: Mapping[str, Mapping[float, str]] = {
@@ -49,30 +47,17 @@ def implausible(key: str, value: Any, *, std: Any = None, platform: Platform = "
     if platform == "other" and key != "gravity_mps2":
         return _body_fault(key, value) if key == _INERTIA else ""
     unit = judged_unit(quantity)
-    for found in (quantity.plausible, _narrowed(RANGES.get(platform, {}).get(key), quantity, value, std)):
-        if found is None:
-            continue
-        where = (
-            " in its slope" if found.of == "slope" else "" if found.at is None else f" at {found.at:g} {quantity.over}"
-        )
+    narrow = platform_range(key, platform)
+    if narrow is not None and not quantity.over:  # a polynomial's range stays as it is
+        margin = 2 * max(leaves(std), default=0.0)
+        narrow = replace(narrow, least=narrow.least - margin, largest=narrow.largest + margin)
+    for found in filter(None, (quantity.plausible, narrow)):
+        at = "" if found.at is None else f" at {found.at:g} {quantity.over}"
+        where = " in its slope" if found.of == "slope" else at
         for number in _judged(quantity, found, value):
             if fault := out_of_range(f"{key} is implausible{where}", number, found, unit):
                 return fault
     return _body_fault(key, value) or _product_fault(key, value, std) if key == _INERTIA else ""
-
-
-def range_of(key: str, platform: Platform) -> Range | None:
-    """Return the plausible range of a number for a vehicle of a platform, None for a key without a range."""
-    quantity = find(key)
-    return RANGES.get(platform, {}).get(key, quantity.plausible if quantity else None)
-
-
-def _narrowed(found: Range | None, quantity: Quantity, value: Any, std: Any) -> Range | None:
-    """Return a platform's range, widened by two standard uncertainties, a list's largest; a polynomial's stays."""
-    if found is None or quantity.over:
-        return found
-    margin = 2 * max(_leaves(std), default=0.0)
-    return replace(found, least=found.least - margin, largest=found.largest + margin)
 
 
 def out_of_range(claim: str, number: float, expected: Range, unit: str) -> str:
@@ -112,7 +97,7 @@ def centre_fault(centre_m: Sequence[float], arm_m: float) -> str:
 def _judged(quantity: Quantity, found: Range, value: Any) -> list[float]:
     if found.of == "diagonal" and is_matrix(value):
         value = [row[i] for i, row in enumerate(value)]
-    judged = list(_leaves(value))
+    judged = list(leaves(value))
     if found.of == "slope":
         return judged[-2:-1]
     if found.of == "size":
@@ -123,37 +108,35 @@ def _judged(quantity: Quantity, found: Range, value: Any) -> list[float]:
     return judged
 
 
-def _leaves(value: Any) -> Iterator[float]:
-    if isinstance(value, list):
-        for part in value:
-            yield from _leaves(part)
-    elif isinstance(value, int | float) and not math.isnan(value):
-        yield value
-
-
-def _body_fault(key: str, matrix: Sequence[Sequence[float]]) -> str:
-    """Return why no body has an inertia matrix (3, 3), "" where one can.
+def _body_fault(key: str, value: Any) -> str:
+    """Return why no body has an inertia matrix (3, 3), "" where one can, or where a number is unknown.
 
     Its second moments must be positive definite [WKS].
     """
-    trace = sum(matrix[i][i] for i in range(3))
-    if any(abs(matrix[i][j] - matrix[j][i]) > _ROUNDING * trace for i, j in PRODUCTS):
-        return f"{key} is not that of a body: it is not symmetric."
-    (a, b, c), (_, d, e), (_, _, f) = ([(i == j) * trace / 2 - matrix[i][j] for j in range(3)] for i in range(3))
-    if min(a, a * d - b * b, a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)) > 0:
+    import numpy as np  # slow to load, and commands that judge no matrix do without
+
+    matrix = np.array(value if is_matrix(value) else math.nan, dtype=np.float64)
+    if not np.all(np.isfinite(matrix)):
         return ""
-    diagonal = ", ".join(f"{matrix[i][i]:.3g}" for i in range(3))
+    trace = np.trace(matrix)
+    if np.max(np.abs(matrix - matrix.T)) > _ROUNDING * trace:
+        return f"{key} is not that of a body: it is not symmetric."
+    if np.linalg.eigvalsh(np.eye(3) * trace / 2 - matrix).min() > 0:
+        return ""
+    diagonal = ", ".join(f"{moment:.3g}" for moment in np.diag(matrix))
     return (
         f"{key} is not that of a body (diagonal {diagonal} kg m^2): each principal moment must be below the sum of the "
         "other two."
     )
 
 
-def _product_fault(key: str, matrix: Sequence[Sequence[float]], std: Any) -> str:
+def _product_fault(key: str, matrix: Any, std: Any) -> str:
     """Return why a product of inertia is too large for a quadrocopter, beyond two standard uncertainties; else ""."""
+    if any(number is None for row in matrix for number in row):
+        return ""
     for i, j in PRODUCTS:
         moments = math.sqrt(matrix[i][i] * matrix[j][j])
-        margin = 2 * std[i][j] if is_matrix(std) else 0.0
+        margin = 2 * (std[i][j] or 0.0) if is_matrix(std) else 0.0
         if abs(matrix[i][j]) > _PRODUCT * moments + margin:
             return (
                 f"{key} is implausible, {'xyz'[i]}{'xyz'[j]} = {matrix[i][j]:.3g} kg m^2, "

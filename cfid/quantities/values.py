@@ -3,12 +3,12 @@
 Values are numbers, nested lists of them, or lists of rows (mappings); an unknown number is None or nan.
 """
 
+import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, TypeGuard
 
-from cfid.quantities.lookup import find, registered
-from cfid.quantities.quantity import Quantity, Shape
+from cfid.quantities.registry import Quantity, Shape, find, registered
 
 ENTRIES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}  # of a symmetric matrix
 PRODUCTS = (ENTRIES["xy"], ENTRIES["xz"], ENTRIES["yz"])  # places off the diagonal of a symmetric matrix, each once
@@ -38,6 +38,15 @@ def numbers(key: str, value: Any, std: Any) -> Iterator[Number]:
     """
     if not is_rows(value):
         yield from _numbers(key, "", value, std)
+
+
+def leaves(value: Any) -> Iterator[float]:
+    """Yield the known numbers of nested lists."""
+    if isinstance(value, list):
+        for part in value:
+            yield from leaves(part)
+    elif isinstance(value, int | float) and not math.isnan(value):
+        yield value
 
 
 def is_rows(value: Any) -> TypeGuard[Sequence[Mapping[str, Any]]]:

@@ -10,10 +10,9 @@ from cfid.recordings.recording import Facts, How, Recording, Series
 from cfid.recordings.table import read_table
 from cfid.recordings.times import TIME, series_of
 from cfid.recordings.wrench import AXES, described_above
-from cfid.records.files import check_regular, sha256_of
+from cfid.records.files import RUN_FILE, check_regular, sha256_of
 from cfid.records.parameters import Source
-from cfid.records.run import RUN_FILE, DeviceRecord, Run
-from cfid.records.run_notes import run_at
+from cfid.records.run import DeviceRecord, Run, run_at
 
 
 def read_recording(path: Path | str, how: How | None = None) -> Recording:

@@ -19,7 +19,7 @@ from cfid.recordings.table import read_table
 from cfid.recordings.times import TIME, time_column
 from cfid.records.files import check_regular
 from cfid.records.parameters import Source
-from cfid.records.run_notes import losses, run_at
+from cfid.records.run import losses, run_at
 from cfid.units import FULL_COMMAND
 
 CROSSINGS, PINGS = "crossings", "pings"

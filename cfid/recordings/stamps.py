@@ -9,7 +9,7 @@ from cfid.counted import counted
 from cfid.findings import Finding, finding
 from cfid.recordings.outliers import outliers
 from cfid.recordings.recording import Array, Rows, Series
-from cfid.records.line_devices import STAMP
+from cfid.records.rig_file import STAMP
 
 _PARTS, _FEWEST_OF_A_PART = 12, 8  # of a recording, each with one quickest arrival
 _FEWEST_PARTS = 4

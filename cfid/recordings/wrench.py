@@ -21,9 +21,9 @@ from cfid.recordings.outliers import Mask, outliers, stuck
 from cfid.recordings.recording import MISSING_SHARE, Array, How, Recording, Series
 from cfid.recordings.stamps import by_stamps
 from cfid.recordings.table import Table
+from cfid.records.files import RUN_FILE
 from cfid.records.parameters import Source
-from cfid.records.run import RUN_FILE, Label, Run
-from cfid.records.run_notes import Facts, facts_of, gaps, losses
+from cfid.records.run import Facts, Label, Run, facts_of, gaps, losses
 from cfid.units import factor
 from cfid.wire.rdt_status import Family, family_of, read_status
 

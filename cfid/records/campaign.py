@@ -3,32 +3,28 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ConfigDict
 
-from cfid import __version__
 from cfid.counted import counted
 from cfid.errors import ConfigError, RejectedError
 from cfid.findings import joined, texts
-from cfid.records.files import sha256_of
+from cfid.records.choose import choose_one
+from cfid.records.files import FITS_FOLDER, PARAMETERS_FILE, RIG_FILE, RUN_FILE, RUNS_FOLDER, sha256_of
 from cfid.records.fits import Fit, keep_fit
 from cfid.records.parameters import Section, Source, load_sections, plain, runs_of, store_section
 from cfid.records.plausibility import judged
 from cfid.records.result import Result
-from cfid.records.rig_file import RIG_FILE, Rig, load_rig, stated
-from cfid.records.run import RUN_FILE, RUNS_FOLDER, Run, list_runs
-from cfid.records.run_notes import run_at
+from cfid.records.rig_file import Rig, load_rig, stated
+from cfid.records.run import Run, list_runs, run_at
 from cfid.records.stale import stale_in
 from cfid.records.values import lost_by
+from cfid.version import __version__
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-
-FITS_FOLDER, PARAMETERS_FILE = "fits", "parameters.toml"
-LAST = "last"
 
 
 class Campaign(BaseModel):
@@ -67,18 +63,9 @@ class Campaign(BaseModel):
     def run(self, name: str) -> Run:
         """Return a run by its name, by a pattern that matches one name, or by `last` or `last KIND`.
 
-        `last` considers complete runs that are not excluded. Raises ConfigError when no run matches, or several do.
+        `last` is the newest usable run. Raises ConfigError when no run matches, or several do.
         """
-        word, _, kind = name.partition(" ")
-        if word == LAST:
-            named = self.runs(kind=kind or None)[-1:]
-        else:
-            every = self.runs(complete=False)
-            named = [run for run in every if run.folder.name == name]  # a name may look like a pattern
-            named = named or [run for run in every if fnmatchcase(run.folder.name, name)]
-        if len(named) != 1:
-            raise ConfigError(f"{name}: {len(named) or 'no'} runs match, expected one ({self.runs_folder}).")
-        return named[0]
+        return choose_one(name, self.runs(complete=False)).runs[0]
 
     def sections(self) -> dict[str, Section]:
         """Return the sections of parameters.toml by fit. Raises DataError when the file is invalid."""

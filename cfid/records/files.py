@@ -1,4 +1,4 @@
-"""Write files atomically, and read TOML files with a sentence for every fault."""
+"""The files of a campaign: names, atomic writes, locks, and TOML with a sentence for every fault."""
 
 import contextlib
 import errno
@@ -15,11 +15,14 @@ from typing import Any
 import tomli_w
 from pydantic import ValidationError
 
-from cfid.errors import CfidError, DataError
+from cfid.errors import CfidError, ConfigError, DataError
+
+RIG_FILE, PARAMETERS_FILE = "rig.toml", "parameters.toml"
+RUNS_FOLDER, RUN_FILE = "runs", "run.toml"
+FITS_FOLDER = "fits"
 
 _BEGINNING = 50  # characters of a name, at most four bytes each: a file's name has at most 255 bytes
 _LARGEST = 1 << 26  # bytes
-_DEEPEST = 100  # tables and lists inside each other
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -100,6 +103,22 @@ def read_small(path: Path) -> bytes:
     if len(content) > _LARGEST:
         raise OSError(errno.EFBIG, f"more than {_LARGEST >> 20} MB, where a small file is expected")
     return content
+
+
+def refuse_kept(path: Path) -> None:
+    """Raise ConfigError for a file in a fits folder, or an existing rig.toml, parameters.toml or file of a run.
+
+    These cannot be made again. Links are followed, as they are when a file is written. Raises OSError where one cannot
+    be followed.
+    """
+    target, named = resolved(path), Path(os.path.normpath(path.absolute()))
+    folders = {folder for place in (target, named) for folder in place.parents}
+    of_fits = any(folder.name == FITS_FOLDER and (folder.parent / RIG_FILE).exists() for folder in folders)
+    of_run = target.name in (RIG_FILE, PARAMETERS_FILE) or (target.parent / RUN_FILE).exists()
+    if target.exists() and (of_fits or of_run):
+        raise ConfigError(f"{path}: nothing replaces what a campaign keeps of its runs and fits. Name another file.")
+    if of_fits:
+        raise ConfigError(f"{path}: that folder takes the campaign's fits alone. Name another.")
 
 
 def lies_in(folder: Path, path: Path) -> bool:
@@ -198,9 +217,7 @@ def read_toml(path: Path, error: type[CfidError]) -> dict[str, Any]:
     Raises FileNotFoundError when it is missing, which callers treat differently, and `error` for any other fault.
     """
     try:
-        content = tomllib.loads(read_small(path).decode("utf-8-sig"))
-        _check_depth(content, _DEEPEST)
-        return content
+        return tomllib.loads(read_small(path).decode("utf-8-sig"))
     except FileNotFoundError:
         raise
     except OSError as fault:
@@ -211,15 +228,6 @@ def read_toml(path: Path, error: type[CfidError]) -> dict[str, Any]:
         raise error(f"{path}: invalid TOML: nested too deeply.") from None
     except ValueError as fault:  # TOMLDecodeError, and numbers that are too long for Python
         raise error(f"{path}: invalid TOML: {fault}. Correct it there.") from None
-
-
-def _check_depth(content: Any, left: int) -> None:
-    """Raise RecursionError for tables and lists nested deeper than any of cfid's; they could not be written again."""
-    if not left:
-        raise RecursionError
-    for part in content.values() if isinstance(content, dict) else content:
-        if isinstance(part, dict | list):
-            _check_depth(part, left - 1)
 
 
 def first_fault(error: ValidationError, content: Mapping[str, Any]) -> str:

@@ -3,18 +3,12 @@
 import re
 from collections import Counter
 from collections.abc import Sequence
-from difflib import get_close_matches
 
 from cfid.counted import counted
 from cfid.errors import ConfigError
-from cfid.records.facts import LabBook
 from cfid.records.run import Run, RunHeader
 
-_KNOWN = tuple(LabBook.model_fields)
-_COLDEST_C, _WARMEST_C = -90.0, 60.0  # of air on Earth
-_SHORTEST = 4  # letters that a key needs to count as the beginning of a known one
-_ENTRY = re.compile(r"\s*([a-z][a-z_0-9]*)\s*=\s*(\S.*?)\s*", re.IGNORECASE)
-_WITHOUT_VALUE = re.compile(r"\s*([a-z][a-z_0-9]*)\s*=\s*", re.IGNORECASE)
+_KEY = re.compile(r"\s*[a-z][a-z_0-9]*\s*", re.IGNORECASE)
 
 
 def entries(header: RunHeader) -> dict[str, str]:
@@ -22,30 +16,21 @@ def entries(header: RunHeader) -> dict[str, str]:
 
     A note may have several, separated by semicolons: `battery=B3; operator=Kim`. The last one for a key counts.
     """
-    stated = {key: f"{value:g}" if isinstance(value, float) else str(value) for key, value in _stated(header).items()}
+    book = header.rig.lab_book.model_dump(exclude_none=True)
+    stated = {key: f"{value:g}" if isinstance(value, float) else str(value) for key, value in book.items()}
     return stated | dict(_entries(header.label.note or ""))
 
 
 def check(note: str) -> None:
-    """Raise ConfigError for a key or value without the other, an impossible air temperature or a misspelt key."""
+    """Raise ConfigError for a key or a value without the other."""
     for part in note.split(";"):
-        if empty := _WITHOUT_VALUE.fullmatch(part):
-            raise ConfigError(
-                f"{empty[1]}=: has no value: write {empty[1]}=VALUE. An empty text in place of the whole note removes "
-                "all notes of a run."
-            )
-        if part.lstrip().startswith("="):
+        key, equals, value = part.partition("=")
+        if equals and not key.strip():
             raise ConfigError(f"{part.strip()}: has no key: write KEY=VALUE, as in battery=B3.")
-    for key, value in _entries(note):
-        if key == "temperature_c" and not _is_temperature(value):
+        if _KEY.fullmatch(key) and equals and not value.strip():
             raise ConfigError(
-                f"temperature_c={value}: should be a number of degrees Celsius from {_COLDEST_C:g} to {_WARMEST_C:g}, "
-                "as in temperature_c=22.5."
-            )
-        if key not in _KNOWN and (meant := _meant(key)):
-            raise ConfigError(
-                f"{key}={value}: do you mean {meant}? The lab book knows {', '.join(_KNOWN)}; a key of your own should "
-                "be less like these."
+                f"{key.strip()}=: has no value: write {key.strip()}=VALUE. An empty text in place of the whole note "
+                "removes all notes of a run."
             )
 
 
@@ -67,22 +52,9 @@ def lines(book: dict[str, dict[str, int]]) -> list[str]:
 
 
 def _entries(note: str) -> list[tuple[str, str]]:
-    found = [_ENTRY.fullmatch(part) for part in note.split(";")]
-    return [(entry[1].lower(), entry[2]) for entry in found if entry]
-
-
-def _meant(key: str) -> str:
-    """Return the known key that a key resembles or is the beginning of, "" for none."""
-    begun = [known for known in _KNOWN if len(key) >= _SHORTEST and known.startswith(key)]
-    return next(iter(begun or get_close_matches(key, _KNOWN, n=1)), "")
-
-
-def _is_temperature(value: str) -> bool:
-    try:
-        return _COLDEST_C <= float(value) <= _WARMEST_C
-    except ValueError:
-        return False
-
-
-def _stated(header: RunHeader) -> dict[str, object]:
-    return header.rig.lab_book.model_dump(exclude_none=True)
+    parts = [part.partition("=") for part in note.split(";")]
+    return [
+        (key.strip().lower(), value.strip())
+        for key, equals, value in parts
+        if equals and _KEY.fullmatch(key) and value.strip()
+    ]

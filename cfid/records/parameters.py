@@ -15,11 +15,10 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from cfid.errors import ConfigError, DataError
-from cfid.quantities.lookup import find
+from cfid.quantities.registry import find
 from cfid.quantities.values import Number, numbers, shape_error
 from cfid.records.covariances import Covariance, common_fault, covariance_fault
-from cfid.records.files import check_format, first_fault, locked_folder, read_toml, toml_bytes, write_toml
-from cfid.records.run import RUNS_FOLDER
+from cfid.records.files import RUNS_FOLDER, check_format, first_fault, locked_folder, read_toml, toml_bytes, write_toml
 
 FORMAT = 2  # format 1 had no format number, covariances, common causes or rejections
 _FORMAT_KEY = "format"

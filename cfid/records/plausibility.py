@@ -5,9 +5,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from cfid.findings import Finding, note, rejection
-from cfid.quantities.platforms import Platform
 from cfid.quantities.plausible import implausible, out_of_range
-from cfid.quantities.quantity import Range
+from cfid.quantities.registry import Platform, Range
 from cfid.records.parameters import Parameter, plain
 from cfid.records.result import Result
 from cfid.records.rig_file import Rig

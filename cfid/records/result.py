@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from cfid.findings import Finding, merged
 from cfid.findings import rejected as rejected_among
-from cfid.quantities.lookup import find, unit_of
+from cfid.quantities.registry import find, unit_of
 from cfid.quantities.values import is_rows
 from cfid.records.covariances import Covariance
 from cfid.records.parameters import Parameter, Source

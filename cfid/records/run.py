@@ -1,31 +1,50 @@
 """A run folder: one recording, its run.toml and one plain CSV file per device.
 
 run.toml has `state = "recording"` until the run is closed; a run found in that state was cut, and its rows on disk are
-read with a note. `tables` interprets the columns, and `run_writer` writes a run.
+read with a note. A campaign's runs are ordered by the `number` in their run.toml, which no clock that was set back
+turns around.
 """
 
+import contextlib
+import re
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
-from pydantic import AliasChoices, AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import (
+    AliasChoices,
+    AwareDatetime,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
 
+from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
-from cfid.records.facts import NONE_STATED, RigFacts
-from cfid.records.files import check_format, first_fault, is_held, locked_folder, read_toml, write_toml
+from cfid.findings import Finding, finding
+from cfid.records.files import (
+    RUN_FILE,
+    check_format,
+    first_fault,
+    is_held,
+    locked_folder,
+    read_small,
+    read_toml,
+    write_toml,
+)
+from cfid.records.rig_file import NONE_STATED, RigFacts
 
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
-RUNS_FOLDER = "runs"  # in a campaign
-RUN_FILE = "run.toml"
 RECORDER_FILE = ".recording"  # held by the process that records the run
 FORMAT = 1
 UNKNOWN = "unknown"  # in run.toml: how many samples were lost
 
+_NUMBER = re.compile(rb"^number = (\d{1,9})\r?$", re.MULTILINE)  # before the tables of run.toml
 _NOTABLE_SKIPS = 0.01  # of the samples requested
 _QUIET_S = 2.0  # a file that changed within this time counts as growing
 State = Literal["recording", "complete", "interrupted", "failed"]
@@ -90,15 +109,43 @@ class DeviceRecord(_Section):
         return f"{100 * share:.0f} %" if self.rate_hz is None else f"{share * self.rate_hz:.0f} of {self.rate_hz:g} Hz"
 
 
+Clock = Literal["computer", "true", "84/85", "unknown"]
+
+
 class Origin(_Section):
-    """The recording of another program that a run was imported from, and how it was read."""
+    """The recording of another program that a run was imported from, and how it was read.
+
+    `clock` is the rate of the clock of its times, `unknown` where that may be 84/85 of real time. With `props_out`, the
+    rotors turn the other way than a Crazyflie's. `motors` is the number of motors that ran. None means not stated.
+    `times`, `assumed` and `notes` are sentences for people.
+    """
 
     file: str
     sha256: str
     program: str
-    clock: str = ""
+    clock: Clock | None = None
+    props_out: bool | None = None
+    motors: _Count | None = None
+    times: str = ""
     assumed: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_version_0_2(cls, content: Any) -> Any:
+        """Turn the sentences in which version 0.2 stated clock and rotors into typed facts."""
+        if not isinstance(content, dict):
+            return content
+        text, assumed = content.get("clock"), content.get("assumed")
+        facts = dict(content)
+        if isinstance(text, str) and text not in get_args(Clock):
+            rates = {"whether they run at 84/85": "unknown", "not corrected": "true", "85/84": "84/85"}
+            facts["clock"] = next((rate for part, rate in rates.items() if part in text), None)
+            facts["times"] = text
+        if isinstance(assumed, list | tuple) and "props_out" not in content:
+            other_way = [one for one in assumed if str(one).startswith("rotors turn the other way than a Crazyflie's")]
+            facts["props_out"] = True if other_way else None
+        return facts
 
 
 class Verdict(_Section):
@@ -113,6 +160,7 @@ class RunHeader(_Section):
 
     format: int = FORMAT
     kind: str
+    number: Annotated[int, Field(strict=True, ge=1)] | None = None  # counts a campaign's runs; version 0.2 had none
     started: AwareDatetime
     state: State
     reason: str = ""
@@ -130,6 +178,7 @@ class RunHeader(_Section):
     def stated_sha256(self) -> str:
         """A checksum of what a fit may take from run.toml: all but verdict, exclusion, notes, and how the run ended."""
         beside: dict[str, bool | set[str]] = {
+            "number": True,
             "verdict": True,
             "excluded": True,
             "state": True,
@@ -177,20 +226,16 @@ class Run:
         return "not usable" if unusable else state
 
     @property
+    def place(self) -> tuple[int, float, str]:
+        """The place among a campaign's runs: by number; those without one come before, by start and name."""
+        return self.header.number or 0, self.header.started.timestamp(), self.folder.name
+
+    @property
     def usable(self) -> bool:
         """Whether fits that select their own runs take this one: complete, not excluded, not judged unusable."""
         header = self.header
         fit = header.verdict is None or header.verdict.usable
         return header.state == "complete" and not header.excluded and fit
-
-    def frame(self, device: str) -> "DataFrame":
-        """Return a device's rows in SI units over `t`, in seconds from the first row of the run.
-
-        Raises DataError when the run has no such device, or its file is invalid.
-        """
-        from cfid.records.tables.frames import frame  # not above: the readers of tables import this module
-
-        return frame(self, device)
 
     def device_file(self, device: str) -> Path:
         """Return the path of a device's CSV file.
@@ -219,6 +264,18 @@ def read_run(folder: Path) -> Run:
     except ValidationError as error:
         raise DataError(f"{path}: {first_fault(error, content)}") from None
     return Run(folder=folder, header=header)
+
+
+def run_at(path: Path) -> Run | None:
+    """Return the run in a folder, or None where the path is not a folder.
+
+    Raises DataError when it cannot be read.
+    """
+    try:
+        is_run = path.is_dir()
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror}.") from None
+    return read_run(path) if is_run else None
 
 
 def run_holding(path: Path) -> Run | None:
@@ -279,14 +336,28 @@ def with_note(header: RunHeader, note: str | None) -> RunHeader:
 
 
 def list_runs(runs_folder: Path) -> list[Run | DataError]:
-    """Return all runs of a campaign in the order of their names; an unreadable one as its error."""
-    found: list[Run | DataError] = []
+    """Return the errors of a campaign's unreadable runs, then its runs, oldest first."""
+    runs: list[Run] = []
+    errors: list[Run | DataError] = []
     for path in sorted(runs_folder.glob(f"*/{RUN_FILE}")):
         try:
-            found.append(read_run(path.parent))
+            runs.append(read_run(path.parent))
         except DataError as error:
-            found.append(error)
-    return found
+            errors.append(error)
+    return errors + sorted(runs, key=lambda run: run.place)
+
+
+def number_of(folder: Path) -> int:
+    """Return a run's number as far as its run.toml can be read, 0 for none."""
+    with contextlib.suppress(OSError):
+        found = _NUMBER.search(read_small(folder / RUN_FILE))
+        return 0 if found is None else int(found[1])
+    return 0
+
+
+def next_number(runs_folder: Path) -> int:
+    """Return one more than the largest number of a run there; the caller has locked the folder."""
+    return 1 + max((number_of(path.parent) for path in runs_folder.glob(f"*/{RUN_FILE}")), default=0)
 
 
 def is_written(folder: Path) -> bool:
@@ -314,3 +385,77 @@ def write_header(folder: Path, header: RunHeader) -> None:
     if header.rig.stated:
         content["rig"] = header.rig.stated
     write_toml(folder / RUN_FILE, content)
+
+
+class Gap(BaseModel):
+    """A span of Unix time in which a device delivered nothing, and why.
+
+    `lost` is how many rows are missing by the device's own clock, None where the clock does not show it. With 0, no row
+    is missing: all came late.
+    """
+
+    model_config = ConfigDict(frozen=True, allow_inf_nan=False)
+
+    from_s: float
+    to_s: float
+    reason: str
+    lost: int | None = None
+
+
+class Facts(BaseModel):
+    """The further keys in run.toml of a device that samples by itself."""
+
+    model_config = ConfigDict(frozen=True)
+
+    gaps: tuple[Gap, ...] = ()
+
+
+Kind = TypeVar("Kind", bound=Facts)
+
+
+def file_name(path: Path, *, own: bool) -> str:
+    """Return a file's name, preceded by the name of its run where it belongs to one."""
+    return f"{path.resolve().parent.name}/{path.name}" if own else path.name
+
+
+def losses(run: Run, record: DeviceRecord, rows: int) -> list[Finding]:
+    """Return findings on a device's recording: cut or failed, samples lost or not taken, rows changed, simulated."""
+    header = run.header
+    findings = []
+    if run.cut:
+        findings.append(finding("recording-cut", or_grows=", or is still being recorded" if run.grows else ""))
+    if header.state == "failed":
+        findings.append(finding("recording-failed", reason=header.reason or "no reason given"))
+    if record.lost:
+        findings.append(finding("samples-lost", samples=counted(record.lost, "sample was", "samples were")))
+    if record.lost is None and not run.cut and header.origin is None:
+        findings.append(finding("samples-lost-unknown"))
+    if record.achieved:
+        samples = counted(record.skipped or 0, "sample was", "samples were")
+        findings.append(finding("samples-not-taken", samples=samples, achieved=record.achieved))
+    if record.rows is not None and record.rows != rows:
+        recorded = counted(record.rows, "row was", "rows were")
+        findings.append(finding("rows-changed", recorded=recorded, file=record.file, rows=rows))
+    if header.simulated:
+        findings.append(finding("recording-simulated"))
+    return findings
+
+
+def facts_of(run: Run, device: str, kind: type[Kind]) -> Kind:
+    """Return the further keys in run.toml of one of its devices. Raises DataError when they are invalid."""
+    extra = run.header.devices[device].model_extra or {}
+    try:
+        return kind.model_validate(extra)
+    except ValidationError as error:
+        fault = first_fault(error, extra)
+        raise DataError(f"{run.folder / RUN_FILE}: devices.{device}.{fault}") from None
+
+
+def gaps(facts: Facts) -> list[str]:
+    """Return a note on spans without samples, if there are any."""
+    empty = [gap for gap in facts.gaps if gap.lost != 0]
+    if not empty:
+        return []
+    reasons = ", ".join(dict.fromkeys(gap.reason for gap in empty))
+    total_s = sum(gap.to_s - gap.from_s for gap in empty)
+    return [f"no samples for {total_s:.1f} s in {counted(len(empty), 'gap')}: {reasons}."]

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from cfid.errors import DataError
-from cfid.records.files import sha256_of
+from cfid.records.files import RIG_FILE, RUN_FILE, RUNS_FOLDER, sha256_of
 from cfid.records.parameters import Section, Source, runs_of
-from cfid.records.rig_file import RIG_FILE, Rig, stated
-from cfid.records.run import RUN_FILE, RUNS_FOLDER, Run
+from cfid.records.rig_file import Rig, stated
+from cfid.records.run import Run
 
 Stale = Callable[[Section], tuple[str, ...]]
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from cfid.quantities.lookup import is_of_the_run
+from cfid.quantities.registry import is_of_the_run
 from cfid.records.parameters import Parameter, Section
 
 _CLEARLY = 2.0  # a standard uncertainty that grew by more than this factor is clearly larger

@@ -12,8 +12,7 @@ import numpy as np
 
 from cfid.estimate.differences import Compared, Difference, difference, number_of
 from cfid.findings import Finding, warning
-from cfid.quantities.lookup import unit_of
-from cfid.quantities.plausible import range_of
+from cfid.quantities.registry import range_of, unit_of
 from cfid.quantities.values import is_number
 from cfid.records.fits import Fit
 from cfid.records.parameters import Section, plain

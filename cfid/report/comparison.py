@@ -3,11 +3,11 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from cfid.quantities.lookup import registered, unit_of
+from cfid.quantities.registry import registered, unit_of
 from cfid.quantities.values import coefficient_units, evaluate
 from cfid.records.covariances import shaped_as
-from cfid.records.mounts import BodyFrame
 from cfid.records.parameters import plain
+from cfid.records.rig_file import BodyFrame
 from cfid.records.values import FoundParameter
 from cfid.report import published
 from cfid.report.known import Known, axis_of, turned

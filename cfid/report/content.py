@@ -5,10 +5,9 @@ from dataclasses import asdict, dataclass
 from datetime import datetime
 from typing import Any, TypeVar
 
-from cfid import __version__
 from cfid.counted import counted
 from cfid.errors import DataError
-from cfid.guide.status import next_of, remarks_of, status_of, unusable_in
+from cfid.guide.status import status_of
 from cfid.records.campaign import Campaign
 from cfid.records.fits import Fit, in_force, list_fits
 from cfid.records.lab_book import lines, summary
@@ -26,6 +25,7 @@ from cfid.report.measurements import measurements_of
 from cfid.report.repeats import RepeatedFit, repeated_fits
 from cfid.report.sheet import SheetGroup, sheet_of
 from cfid.report.summary import FirstScreen, summary_of
+from cfid.version import __version__
 
 FORMAT = 1  # version of the JSON object
 
@@ -112,14 +112,12 @@ def gather(campaign: Campaign, *, now: datetime, kind: CampaignKind | None = Non
     held = in_force(fits, known.sections)
     measured = measurements_of(fits, held)
     commands = {name: fit.command for name, fit in held.items()}
-    stale, statuses = stale_in(campaign.folder, runs, campaign.rig), status_of(campaign, kind=kind)
-    step = next_of(statuses, kind=kind)
-    remarks = remarks_of(statuses, unusable_in(campaign, statuses), step)
+    stale, status = stale_in(campaign.folder, runs, campaign.rig), status_of(campaign, kind=kind)
     experiments = experiments_of(measured, fits, held, stale, campaign.folder)
     return Report(
         about=_about(campaign, runs, fits, now),
-        summary=summary_of(known, experiments, statuses, step, remarks),
-        sheet=sheet_of(known, commands, stale, wanted=[one.task.section for one in statuses]),
+        summary=summary_of(known, experiments, status.tasks, status.next, status.remarks),
+        sheet=sheet_of(known, commands, stale, wanted=[one.task.section for one in status.tasks]),
         experiments=experiments,
         repeats=repeated_fits(measured),
         agreements=(*agreements_of(known, held), *flown_agreements(known)),

@@ -6,7 +6,7 @@ from datetime import datetime
 from pathlib import Path
 
 from cfid.findings import Finding, begun, rejection, texts
-from cfid.quantities.table import EXPERIMENTS
+from cfid.quantities.registry import EXPERIMENTS
 from cfid.records.files import lies_in
 from cfid.records.fits import Fit
 from cfid.records.parameters import Source

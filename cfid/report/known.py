@@ -3,9 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from cfid.records.mounts import BodyFrame
 from cfid.records.parameters import Section
-from cfid.records.rig_file import Rig
+from cfid.records.rig_file import BodyFrame, Rig
 from cfid.records.values import FoundParameter, find_parameter
 
 

@@ -6,7 +6,7 @@ without turning its frame: in the thesis x is the pitch axis and y the roll axis
 
 from typing import NamedTuple
 
-from cfid.records.mounts import BodyFrame
+from cfid.records.rig_file import BodyFrame
 from cfid.transfer.model import EQ_3_15, EQ_3_16, Dynamics
 from cfid.units import RPM
 

@@ -9,12 +9,10 @@ from datetime import datetime
 from pathlib import PurePath
 from typing import NamedTuple
 
-from cfid.quantities.lookup import registered
-from cfid.quantities.quantity import Quantity, Shape
-from cfid.quantities.table import EXPERIMENTS
+from cfid.quantities.registry import EXPERIMENTS, Quantity, Shape, registered
 from cfid.quantities.values import Number, coefficient_units
+from cfid.records.files import RUNS_FOLDER
 from cfid.records.parameters import Section
-from cfid.records.run import RUNS_FOLDER
 from cfid.records.stale import Stale
 from cfid.report.known import Known
 

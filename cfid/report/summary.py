@@ -8,21 +8,22 @@ from typing import NamedTuple
 from cfid.console.tables import value_and_deviation
 from cfid.counted import counted
 from cfid.estimate.differences import number_of
+from cfid.findings import CODES
 from cfid.guide.certainty import percent
 from cfid.guide.plan import at_middle, slope_at_hover
 from cfid.guide.status import Next, TaskStatus
-from cfid.quantities.lookup import find
+from cfid.quantities.registry import find
 from cfid.records.covariances import numbers_of
 from cfid.records.parameters import plain
 from cfid.records.rig_file import Rig
-from cfid.records.run_notes import SIMULATED, is_loss
 from cfid.report.experiments import Experiment
 from cfid.report.known import Known
 from cfid.report.sheet import BARELY
 from cfid.wire.app import MIDDLE
 
 _MOST_FINDINGS = 5
-_RECORDING = "recording"  # the code of findings about runs
+_RECORDINGS = frozenset({"recording", *CODES})  # codes of findings about runs
+_LOSSES = ("samples-lost", "samples-not-taken")
 _STALE = "stale"  # the code of findings about a fit that is no longer current
 _MILLIONTH = "10⁻⁶ "
 _DRAG = f"{_MILLIONTH}kg/rad"
@@ -78,7 +79,7 @@ _MAIN = (
     _Main("Viscous friction of the axis", "friction.viscous_nms_per_rad", _only(0), 1e6, "10⁻⁶ N m s/rad"),
     _Main("Largest thrust of one motor", "motor.max_thrust_n", _only(0), 1e3, "mN"),
     _Main("Mass that hovers at most", "motor.hover_mass_kg", _only(0), 1e3, "g"),
-    _Main(f"Rotor speed at command {MIDDLE:.0f}", "motor.speed_poly", lambda count, _: at_middle(count), 1.0, "rad/s"),
+    _Main(f"Rotor speed at command {MIDDLE:.0f}", "motor.speed_poly", at_middle, 1.0, "rad/s"),
     _Main("Torque over thrust of a rotor, in hover", "motor.torque_poly", slope_at_hover, 1e3, "mN m/N"),
     _Main("Time constant of motor and rotor", "tf.time_constant_s", _only(0), 1e3, "ms"),
     _Main("Round trip to the vehicle", "latency.rtt_mean_s", _only(0), 1e3, "ms"),
@@ -148,7 +149,7 @@ def _weakest(statuses: Sequence[TaskStatus]) -> str:
         return ""
     enough = "enough for" if worst.short_by <= 1 else "too little for"
     reason = f" (mostly by the {worst.mostly})" if worst.mostly else ""
-    return f"{_title(worst.aim.key)} is known to {percent(worst.std)}{reason}, {enough} {worst.aim.purpose}."
+    return f"{_title(worst.key)} is known to {percent(worst.std)}{reason}, {enough} {worst.aim.purpose}."
 
 
 def _title(key: str) -> str:
@@ -182,11 +183,11 @@ def _findings(experiments: Sequence[Experiment]) -> Iterator[str]:
         about: dict[str, list[str]] = {}
         for one in experiments:
             for finding in one.findings:
-                if finding.severity != severity or (finding.code == _RECORDING) is not recordings:
+                if finding.severity != severity or (finding.code in _RECORDINGS) is not recordings:
                     continue
-                if recordings and one.accepted and is_loss(finding.sentence):
+                if one.accepted and finding.code in _LOSSES:
                     bearable.setdefault(one.title, set()).update(finding.where)
-                elif not finding.sentence.endswith(SIMULATED):
+                elif finding.code != "recording-simulated":
                     about.setdefault(finding.sentence, []).append(one.title)
         yield from (f"{', '.join(dict.fromkeys(titles))}: {sentence}" for sentence, titles in about.items())
     if bearable:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from cfid.quantities.lookup import find
+from cfid.quantities.registry import find
 from cfid.quantities.values import ENTRIES, is_matrix, is_rows
 from cfid.records.parameters import Parameter, plain
 

@@ -7,7 +7,7 @@ import threading
 import time
 
 from cfid.errors import DeviceError
-from cfid.records.devices import LoadCellBox
+from cfid.records.rig_file import LoadCellBox
 from cfid.wire import netft, rdt
 
 _TIME_OUT_S = 3.0  # without a byte

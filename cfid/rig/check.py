@@ -8,7 +8,7 @@ import numpy as np
 
 from cfid.counted import counted
 from cfid.errors import DeviceError
-from cfid.records.devices import EncoderPort, LoadCellBox
+from cfid.records.rig_file import EncoderPort, LoadCellBox
 from cfid.rig import box as loadcell_box
 from cfid.rig.e201_port import find_encoder, lock_name, ports_to_ask, word_bits
 from cfid.rig.lock import DeviceLock, holder_of

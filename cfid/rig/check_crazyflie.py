@@ -1,8 +1,8 @@
 """Checks the vehicle's identity, firmware, state and battery; no motor turns."""
 
 from cfid.errors import DeviceError
-from cfid.quantities.platforms import Platform
-from cfid.records.devices import CrazyflieLink
+from cfid.quantities.registry import Platform
+from cfid.records.rig_file import CrazyflieLink
 from cfid.rig.cflib_drivers import find_vehicle
 from cfid.rig.check import DeviceAnswer
 from cfid.rig.crazyflie import Link

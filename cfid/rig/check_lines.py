@@ -9,7 +9,7 @@ import serial
 
 from cfid.counted import counted
 from cfid.errors import DeviceError
-from cfid.records.line_devices import LineDevice, LineValue
+from cfid.records.rig_file import LineDevice, LineValue
 from cfid.rig.check import DeviceAnswer
 from cfid.rig.e201_port import PORT_ERRORS, lock_name, why_not_open
 from cfid.rig.lock import DeviceLock, holder_of

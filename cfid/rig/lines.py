@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from cfid.counted import counted
 from cfid.errors import DeviceError
-from cfid.records.line_devices import LineDevice
+from cfid.records.rig_file import LineDevice
 from cfid.rig.clock import HostClock
 from cfid.rig.e201_stamps import Stamps
 from cfid.rig.line_clock import UNLIKE, Arrivals, DeviceClock, Line

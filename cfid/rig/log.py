@@ -9,9 +9,8 @@ from typing import Any
 
 from twisted.internet.defer import Deferred
 
-from cfid import __version__
 from cfid.errors import DeviceError
-from cfid.records.facts import NONE_STATED, RigFacts
+from cfid.records.rig_file import NONE_STATED, RigFacts
 from cfid.records.run import Label, Run
 from cfid.records.run_writer import RunWriter, create_run
 from cfid.rig.clock import HostClock
@@ -22,6 +21,7 @@ from cfid.rig.loop import Ending, Loop, run_until_done, until_over
 from cfid.rig.motor_commands import MotorCommands
 from cfid.rig.noticing import Notice, Noticing
 from cfid.rig.recorder import BLOCK_S, Instrument, Recorder, Say, Sink, sleep
+from cfid.version import __version__
 
 Procedure = Callable[[Mapping[str, Any], Loop], Coroutine[Any, Any, None]]  # of the run's instruments by name
 

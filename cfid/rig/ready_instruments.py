@@ -2,7 +2,7 @@
 
 from contextlib import ExitStack
 
-from cfid.records.line_devices import LineDevice
+from cfid.records.rig_file import LineDevice
 from cfid.records.run import DeviceRecord
 from cfid.rig.clock import HostClock
 from cfid.rig.device import Device, Open

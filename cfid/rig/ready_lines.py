@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 from cfid.errors import ConfigError, DeviceError
-from cfid.records.line_devices import EncoderLines, LineDevice
+from cfid.records.rig_file import EncoderLines, LineDevice
 from cfid.records.run import DeviceRecord
 from cfid.rig.clock import HostClock
 from cfid.rig.e201_port import lock_name, why_not_open

@@ -4,8 +4,7 @@ from contextlib import ExitStack
 from typing import Any
 
 from cfid.errors import ConfigError
-from cfid.records.devices import EncoderPort, LoadCellBox
-from cfid.records.line_devices import EncoderLines, LoadCellLines
+from cfid.records.rig_file import EncoderLines, EncoderPort, LoadCellBox, LoadCellLines
 from cfid.records.run import DeviceRecord
 from cfid.rig import box as loadcell_box
 from cfid.rig.clock import HostClock

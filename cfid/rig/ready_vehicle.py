@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from cfid.errors import DeviceError
-from cfid.records.devices import CrazyflieLink
+from cfid.records.rig_file import CrazyflieLink
 from cfid.records.run import DeviceRecord
 from cfid.rig.app_motors import AppMotors
 from cfid.rig.cflib_drivers import find_vehicle

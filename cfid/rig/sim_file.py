@@ -9,9 +9,8 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from cfid.errors import ConfigError
-from cfid.records.devices import Devices
 from cfid.records.files import first_fault, read_toml, write_toml
-from cfid.records.rig_file import Rig
+from cfid.records.rig_file import Devices, Rig
 
 SIM_FILE = "rig.sim.toml"
 

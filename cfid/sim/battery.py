@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from cfid.records.facts import Number, Positive, Spread
+from cfid.records.rig_file import Number, Positive, Spread
 from cfid.sim.rotors import NOMINAL_V
 
 _SECONDS_AN_HOUR = 3600

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from cfid.records.facts import Number, Spread
+from cfid.records.rig_file import Number, Spread
 
 Platform = Literal["cf2", "cf21bl"]
 

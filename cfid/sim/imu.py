@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from cfid.records.facts import Positive, Spread
-from cfid.records.mounts import Vector
+from cfid.records.rig_file import Positive, Spread, Vector
 from cfid.sim.stepping import Array
 
 _WORD = 1 << 15  # steps to either side of zero

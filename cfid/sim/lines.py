@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 
-from cfid.records.line_devices import LineDevice, LineValue
+from cfid.records.rig_file import LineDevice, LineValue
 from cfid.sim.e201 import Reply
 from cfid.wire.lines import checksum
 

@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict
 
-from cfid.records.facts import Number, Positive, Spread
+from cfid.records.rig_file import Number, Positive, Spread
 from cfid.sim.stepping import Array
 from cfid.sim.wander import Wander
 

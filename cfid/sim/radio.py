@@ -7,7 +7,7 @@ from typing import Annotated, NamedTuple, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from cfid.records.facts import Number, Positive, Spread
+from cfid.records.rig_file import Number, Positive, Spread
 from cfid.sim.wander import Wander
 
 FLOOR_WANDER_S = 60.0

@@ -11,9 +11,7 @@ from twisted.internet.posixbase import PosixReactorBase
 
 from cfid.errors import ConfigError
 from cfid.recordings.wrench import AXES
-from cfid.records.devices import Devices
-from cfid.records.line_devices import EncoderLines, LoadCellLines
-from cfid.records.rig_file import Rig
+from cfid.records.rig_file import Devices, EncoderLines, LoadCellLines, Rig
 from cfid.sim.app_core import load_core
 from cfid.sim.axis import DROPS, Axis, dropping, resting, swinging
 from cfid.sim.crazyflie import Crazyflie

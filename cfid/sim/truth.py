@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import ConfigError
-from cfid.records.mounts import Mount
-from cfid.records.rig_file import Cuboid, Rig
+from cfid.records.rig_file import Cuboid, Mount, Rig
 from cfid.sim.stepping import Array
 from cfid.units import MM
 

@@ -8,10 +8,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, field_validator, model_validator
 
 from cfid.errors import ConfigError
-from cfid.records.facts import Number, Positive, Spread
 from cfid.records.files import first_fault, read_toml
-from cfid.records.mounts import Vector
-from cfid.records.rig_file import Rig
+from cfid.records.rig_file import Number, Positive, Rig, Spread, Vector
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.crazyflie_truth import CrazyflieTruth, Platform
 from cfid.sim.imu import ImuTruth

@@ -5,8 +5,7 @@ import math
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from cfid.records.facts import Number, Spread
-from cfid.records.mounts import Vector
+from cfid.records.rig_file import Number, Spread, Vector
 from cfid.sim.stepping import Array
 
 

@@ -14,8 +14,7 @@ import numpy.typing as npt
 
 from cfid.errors import ConfigError
 from cfid.estimate.propagation import Input
-from cfid.records.mounts import Mount, ThreadPair, Vector
-from cfid.records.rig_file import Cuboid, Fixture, TestBody
+from cfid.records.rig_file import Cuboid, Fixture, Mount, TestBody, ThreadPair, Vector
 from cfid.units import MM
 
 Array = npt.NDArray[np.float64]

@@ -20,6 +20,7 @@ from cfid.console.options import (
     WindowOptions,
 )
 from cfid.console.outcome import deliver
+from cfid.records.choose import labelled
 
 
 @flat
@@ -52,7 +53,7 @@ def swing(
     workplace = open_workplace(rig, gravity=gravity)
     mass, distance = measured(mass_kg, "--mass-kg"), measured(distance_m, "--distance-m")
     found = result.fit(
-        read_recording(run, workplace),
+        read_recording(run, workplace, labelled("swing")),
         axis=axis,
         rig=None if workplace.borrowed else workplace.rig,
         mass_kg=mass.value,

@@ -11,8 +11,7 @@ import numpy.typing as npt
 from cfid.errors import ConfigError, DataError, check_positive
 from cfid.findings import Finding, note, rejection
 from cfid.records.campaign import find_campaign
-from cfid.records.mounts import Mount
-from cfid.records.rig_file import Rig, TestBody, thesis_rig
+from cfid.records.rig_file import Mount, Rig, TestBody, thesis_rig
 from cfid.records.tables.angle import AngleRecord
 from cfid.records.tables.gyro import ALIGNMENT_STD_RAD, SCALE_STD
 from cfid.swing.axis_inertias import MountedSwing, Surroundings, SwungBody, swung_test_body

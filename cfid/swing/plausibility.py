@@ -4,9 +4,7 @@ import math
 from collections.abc import Iterable, Iterator
 
 from cfid.findings import Finding, rejection
-from cfid.quantities.platforms import Platform
-from cfid.quantities.plausible import range_of
-from cfid.quantities.quantity import Range
+from cfid.quantities.registry import Platform, Range, range_of
 from cfid.records.plausibility import Given
 from cfid.swing.axis_inertias import SwungBody
 

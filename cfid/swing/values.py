@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from cfid.estimate.propagation import contributions
 from cfid.findings import Finding, note
-from cfid.quantities.platforms import Platform
+from cfid.quantities.registry import Platform
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import implausible_inputs
 from cfid.records.rig_file import Rig

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from cfid.counted import counted
 from cfid.errors import DataError, FitError
 from cfid.findings import joined, texts
-from cfid.records.line_devices import STAMP
+from cfid.records.rig_file import STAMP
 from cfid.records.run import Run
 from cfid.records.tables.angle import angle_record
 from cfid.swing.collocation import NO_THREADS

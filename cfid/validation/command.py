@@ -10,6 +10,7 @@ from cfid.console.flat import flat
 from cfid.console.inputs import find_recording, open_workplace
 from cfid.console.options import CutOptions, Delivery, RigOptions
 from cfid.console.outcome import deliver
+from cfid.records.choose import labelled
 
 if TYPE_CHECKING:
     from cfid.validation.measured import Measured
@@ -51,7 +52,7 @@ def validate(
     from cfid.validation.sets import NoVoltageError, published_set, sets_of
 
     workplace = open_workplace(rig)
-    path = find_recording(log, workplace)
+    path = find_recording(log, workplace, labelled("flight"))
     flown = with_own_sag(read_flight(path, from_s=cut.from_s, to_s=cut.to_s, props_out=props_out))
     in_volts = flown.flight.in_volts
     used = [] if workplace.campaign is None else [measured_in(workplace.campaign)]

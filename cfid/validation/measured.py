@@ -8,11 +8,12 @@ from pathlib import Path
 from cfid.errors import CfidError, DataError
 from cfid.flight.channels import same_flight
 from cfid.records.campaign import Campaign
+from cfid.records.files import RIG_FILE
 from cfid.records.logs.any_kind import read_log
 from cfid.records.logs.log import FlightLog
 from cfid.records.logs.run import log_of_run
 from cfid.records.parameters import Parameter, Section, load_sections
-from cfid.records.rig_file import RIG_FILE, Rig, load_rig
+from cfid.records.rig_file import Rig, load_rig
 from cfid.records.run import run_holding
 from cfid.records.values import find_parameter
 

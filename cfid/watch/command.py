@@ -29,7 +29,8 @@ def watch(
     """
     from cfid.errors import ConfigError
     from cfid.records.campaign import Campaign, find_campaign, find_folder
-    from cfid.records.rig_file import RIG_FILE, thesis_rig
+    from cfid.records.files import RIG_FILE
+    from cfid.records.rig_file import thesis_rig
 
     try:
         found = find_campaign(campaign)

@@ -4,7 +4,8 @@ from functools import lru_cache
 from pathlib import Path
 
 from cfid.errors import DataError
-from cfid.records.run import RUN_FILE, RunHeader, read_run
+from cfid.records.files import RUN_FILE
+from cfid.records.run import RunHeader, read_run
 from cfid.rig.address import resolved
 from cfid.rig.lock import vehicles_locked
 

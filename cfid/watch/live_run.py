@@ -13,7 +13,8 @@ from cfid.errors import DataError
 from cfid.motors.plan import StaircasePlan
 from cfid.recordings.vehicle import READINGS, SUPERVISOR, VEHICLE_LOG
 from cfid.recordings.wrench import LOADCELL
-from cfid.records.run import RUN_FILE, DeviceRecord, Run, RunHeader, is_written, read_run
+from cfid.records.files import RUN_FILE
+from cfid.records.run import DeviceRecord, Run, RunHeader, is_written, number_of, read_run
 from cfid.rig.log_block import BATTERY
 from cfid.transfer.sines.plan import SAMPLE_S
 from cfid.watch.driven import vehicles_of, vehicles_recorded
@@ -232,7 +233,8 @@ def planned_s(run: Run) -> float | None:
 
 def newest_run(runs_folder: Path) -> Path | None:
     """Return the run being recorded, else the last one; None where there is none."""
-    found = sorted((path.parent for path in runs_folder.glob(f"*/{RUN_FILE}")), reverse=True)
+    folders = (path.parent for path in runs_folder.glob(f"*/{RUN_FILE}"))
+    found = sorted(folders, key=lambda folder: (number_of(folder), folder.name), reverse=True)
     return next((folder for folder in found if _grows(folder)), found[0] if found else None)
 
 

@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 from cfid.console.processes import cfid_command
 from cfid.errors import ConfigError
-from cfid.records.rig_file import RIG_FILE, load_rig
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import load_rig
 from cfid.rig.address import resolved
 from cfid.rig.lock import vehicles_locked
 from cfid.rig.motors import MAY_BE_RUNNING

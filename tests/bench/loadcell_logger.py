@@ -20,8 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cfid.records.devices import Devices
-from cfid.records.rig_file import load_rig, new_rig_text
+from cfid.records.rig_file import Devices, load_rig, new_rig_text
 from cfid.rig.loop import Ending, Loop, run_until_done
 from cfid.rig.sim_file import SIM_FILE, published
 from cfid.sim.faults import SOUND_LOADCELL

@@ -15,7 +15,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import new_rig_text
 from cfid.rig.sim_file import SIM_FILE
 from tests.priority import ahead_of_others
 from tests.rig_in_a_folder import wait_until

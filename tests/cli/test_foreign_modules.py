@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import new_rig_text
 from tests.places import ROOT
 from tests.rig_in_a_folder import wait_until
 

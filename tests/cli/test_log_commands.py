@@ -16,7 +16,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import new_rig_text
 from cfid.records.run import Run
 from tests.rig_in_a_folder import Command, Lab, lab_in
 
@@ -53,8 +54,6 @@ def test_a_command_of_the_rig_needs_a_campaign(cfid: Cfid, words: tuple[str, ...
         ("encoder --axis x --weight 50", "--axis is for a swing and --weight for a dropping weight: give one of them."),
         ("encoder --weight 0", "--weight 0: has to be above zero, a number alone or with its standard uncertainty"),
         ("loadcell --pull z --weight 5 --at-mm 1,2:3", "--at-mm 1,2:3: should be three numbers, as in 46,0,0, or with"),
-        ("loadcell --note baterry=B4", "baterry=B4: do you mean battery?"),
-        ("speed --note temperature_c=warm", "temperature_c=warm: should be a number of degrees Celsius"),
         ("encoder --for 0", "--for 0: has to be above zero."),
         ("loadcell --for=-1", "--for -1: has to be above zero."),
         ("loadcell --for nan", "--for nan: has to be above zero."),

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import new_rig_text
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
 

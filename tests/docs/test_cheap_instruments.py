@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cfid.records.devices import Devices
+from cfid.records.rig_file import Devices
 from tests.places import ROOT
 
 TEXT = (ROOT / "docs" / "how-to" / "cheap-instruments.md").read_text(encoding="utf-8")

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from cfid.inertia.directions import matrix_rows
-from cfid.records.rig_file import RIG_FILE, Rig, load_rig
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import Rig, load_rig
 from cfid.rig.sim_file import SIM_FILE
 from cfid.sim.truth_file import INERTIA_KG_M2
 from tests.places import ROOT

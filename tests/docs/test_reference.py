@@ -9,10 +9,8 @@ from typing import Any, get_args
 from pydantic import BaseModel
 
 from cfid.errors import CfidError
-from cfid.quantities.table import QUANTITIES
-from cfid.records.line_devices import LineDevice
-from cfid.records.mounts import Mount
-from cfid.records.rig_file import Rig
+from cfid.quantities.registry import QUANTITIES
+from cfid.records.rig_file import LineDevice, Mount, Rig
 from tests.places import ROOT
 
 REFERENCE = ROOT / "docs" / "reference"

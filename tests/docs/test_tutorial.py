@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cfid.quantities.lookup import find, unit_of
 from cfid.quantities.plausible import implausible
+from cfid.quantities.registry import find, unit_of
 from cfid.records.parameters import load_sections
 from tests.places import ROOT
 from tests.priority import ahead_of_others

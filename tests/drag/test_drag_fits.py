@@ -21,9 +21,9 @@ from cfid.drag.model import COMPLEX, CROSS, SIMPLE, DragModel
 from cfid.drag.thesis import Grouping
 from cfid.drag.wind.data import WindReading
 from cfid.errors import DataError, FitError
-from cfid.records.facts import RigFacts, WindStand
+from cfid.records.files import RIG_FILE
 from cfid.records.result import Result
-from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.rig_file import RigFacts, WindStand, new_rig_text
 from cfid.sim.rotors import RotorTruth
 from tests.drag.test_drag_campaigns import COMPLEX_AIR, EQ_4_9, EQ_4_11, NAMES, SIMPLE_AIR, WORLDS, exact, measured
 from tests.drag.wind_in_a_folder import (

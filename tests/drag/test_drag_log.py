@@ -16,7 +16,8 @@ import pytest
 from cfid.drag.wind.command import SweepOptions, WindOptions
 from cfid.errors import ConfigError
 from cfid.motors.missing_steps import missing
-from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import new_rig_text
 from cfid.records.run import list_runs, read_run
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.wind import WindTruth

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cfid.records.run import RUNS_FOLDER
+from cfid.records.files import RUNS_FOLDER
 from cfid.sim.rotors import RotorTruth
 from cfid.sim.wind import WindTruth
 from tests.flying_in_a_folder import Pilot, bench_in

@@ -14,8 +14,8 @@ from cfid import drag
 from cfid.drag.experiments import DragExperiments
 from cfid.drag.wind.plan import WindSetting, recorded
 from cfid.errors import DataError, FitError
-from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts, Tachometer, WindStand
-from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import NONE_STATED, LoadCellMount, RigFacts, Tachometer, WindStand, new_rig_text
 from cfid.records.run import DeviceRecord, Label, Run, read_run, write_header
 from cfid.records.run_writer import create_run
 from cfid.sim.battery import BatteryTruth

@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
 from cfid.drawing.rig import load_cell_figure, mounts_figure
-from cfid.records.mounts import BodyFrame, Mount
-from cfid.records.rig_file import load_rig, new_rig_text
+from cfid.records.rig_file import BodyFrame, Mount, load_rig, new_rig_text
 
 Array = npt.NDArray[np.float64]
 AHEAD = BodyFrame()

@@ -17,9 +17,9 @@ from cfid.motors.maps import fit_speed, fit_thrust, fit_torque
 from cfid.motors.maps.evidence import Evidence
 from cfid.motors.points import MotorPoints
 from cfid.records.covariances import covariance_between
-from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts, Scales, Tachometer, WindStand
 from cfid.records.parameters import Parameter, Section
 from cfid.records.result import Result
+from cfid.records.rig_file import NONE_STATED, LoadCellMount, RigFacts, Scales, Tachometer, WindStand
 
 Array = npt.NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import pytest
 
 from cfid.export.frame import is_turned, turned_matrix, turned_spread
 from cfid.export.hover import drag_kg_per_rad, inertia_kg_m2, inertia_std_kg_m2, rotor_places_m
-from cfid.records.mounts import BodyFrame
+from cfid.records.rig_file import BodyFrame
 from tests.export.thesis_vehicle import INERTIA_KG_M2, INERTIA_STD_KG_M2, vehicle
 
 THESIS = BodyFrame(forward="y", left="-x", up="z")

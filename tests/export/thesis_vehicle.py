@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from cfid.export.vehicle import ExportVehicle, collect
-from cfid.quantities.lookup import unit_of
+from cfid.quantities.registry import unit_of
 from cfid.records.parameters import Parameter, Section, Source
 from cfid.records.rig_file import thesis_rig
 

@@ -24,9 +24,9 @@ from cfid.fleet.places import campaigns as campaigns_of
 from cfid.fleet.refit import Refitted, refit
 from cfid.fleet.results import results_in
 from cfid.records.campaign import open_campaign
-from cfid.records.files import sha256_of
+from cfid.records.files import RIG_FILE, sha256_of
 from cfid.records.parameters import Section, load_sections, plain
-from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.rig_file import new_rig_text
 from tests.campaigns import LONGEST_S, Cfid, Once, in_this_process
 from tests.motors.stand_in_a_folder import climbed, write_run
 from tests.motors.test_resumed_scales import two_parts

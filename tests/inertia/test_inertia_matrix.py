@@ -10,8 +10,7 @@ from cfid.errors import FitError
 from cfid.inertia.consistency import is_consistent, nearest_consistent
 from cfid.inertia.directions import icosahedron_axes, matrix_rows, off_diagonal_gain
 from cfid.inertia.estimation import fit_inertia
-from cfid.records.mounts import Mount
-from cfid.records.rig_file import Fixture, thesis_rig
+from cfid.records.rig_file import Fixture, Mount, thesis_rig
 from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody, axis_inertia
 from cfid.units import MM
 

@@ -19,7 +19,7 @@ from cfid.findings import Finding
 from cfid.inertia.estimation import InertiaFit, fit_inertia
 from cfid.inertia.redundancy import redundancy_findings, suspects
 from cfid.quantities.plausible import implausible
-from cfid.records.mounts import Mount
+from cfid.records.rig_file import Mount
 from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
 from tests.coverage_rows import reaches_93_percent
 

@@ -5,9 +5,8 @@ import pytest
 
 import cfid.inertia
 from cfid.errors import ConfigError
-from cfid.records.mounts import Mount, ThreadPair
 from cfid.records.result import Result
-from cfid.records.rig_file import thesis_rig
+from cfid.records.rig_file import Mount, ThreadPair, thesis_rig
 from cfid.swing.data import KnownInertia
 
 RIG = thesis_rig()

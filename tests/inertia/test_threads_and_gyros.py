@@ -10,9 +10,8 @@ import pytest
 
 from cfid.errors import ConfigError
 from cfid.inertia.estimation import fit_inertia
-from cfid.records.mounts import Mount, ThreadPair
 from cfid.records.parameters import Source
-from cfid.records.rig_file import Fixture, Rig, load_rig, new_rig_text
+from cfid.records.rig_file import Fixture, Mount, Rig, ThreadPair, load_rig, new_rig_text
 from cfid.records.run import Label
 from cfid.records.tables.angle import AngleRecord
 from cfid.records.tables.gyro import Rates

@@ -14,8 +14,9 @@ from cfid.guide.plan import tasks
 from cfid.latency.estimation import round_trips
 from cfid.recordings.recording import How
 from cfid.recordings.sines import read_pings
+from cfid.records.files import RIG_FILE
 from cfid.records.parameters import load_sections
-from cfid.records.rig_file import RIG_FILE, load_rig, new_rig_text
+from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
 from cfid.sim.radio import Direction, RadioTruth

@@ -16,8 +16,7 @@ from cfid.loadcell import fit
 from cfid.loadcell.result import rig_keys
 from cfid.recordings.read import read_recording
 from cfid.recordings.wrench import wrench_of
-from cfid.records.facts import LoadCellMount, RigFacts, Scales
-from cfid.records.rig_file import change_rig, load_rig, new_rig_text
+from cfid.records.rig_file import LoadCellMount, RigFacts, Scales, change_rig, load_rig, new_rig_text
 from cfid.records.run import DeviceRecord, Label, Run, read_run
 from cfid.records.run_writer import create_run
 from tests.campaigns import Cfid

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cfid.records.facts import NONE_STATED, RigFacts
+from cfid.records.rig_file import NONE_STATED, RigFacts
 from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
 from cfid.sim.battery import BatteryTruth

@@ -41,11 +41,5 @@ def test_steps_of_force_are_not_late_by_the_delay_of_the_first_row(run: Run) -> 
     assert reduce_run(wrench_of(read_recording(run.folder))).began_s == pytest.approx(BEGIN_S, abs=2e-3)
 
 
-def test_a_frame_shows_forces_when_they_were_taken(run: Run, record: StandRecord) -> None:
-    time_s = run.frame("loadcell")["t"] - run.frame("commands")["t"][1]
-
-    np.testing.assert_allclose(time_s, record.time_s - record.command_time_s[1], atol=2e-3)
-
-
 def test_speeds_from_vibration_are_not_late_by_the_delay_of_the_first_row(run: Run, record: StandRecord) -> None:
     np.testing.assert_allclose(of_run(run).command_time_s, record.command_time_s, atol=2e-3)

@@ -12,7 +12,8 @@ from cfid.errors import DataError, FitError
 from cfid.estimate.two_levels import other_level
 from cfid.motors import maps
 from cfid.motors.maps.verdict import of_forces
-from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import new_rig_text
 from cfid.records.run import Run, read_run
 from cfid.sim.rotors import RotorTruth
 from tests.few_axes import with_axes

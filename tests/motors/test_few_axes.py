@@ -12,7 +12,8 @@ from cfid.drag.wind.data import AS_THEY_ARE, reduce_run
 from cfid.errors import CfidError, DataError, FitError
 from cfid.motors import maps, vibration
 from cfid.motors.maps.verdict import of_forces
-from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import new_rig_text
 from cfid.records.run import Run, write_header
 from cfid.sim.rotors import RotorTruth
 from tests.few_axes import with_axes

@@ -16,9 +16,9 @@ from cfid.estimate.voltage_cubic import cubic_fault
 from cfid.motors import maps
 from cfid.motors.maps.arguments import read_evidence
 from cfid.motors.maps.evidence import Stand
-from cfid.records.facts import LoadCellMount, RigFacts, Tachometer
+from cfid.records.files import RIG_FILE
 from cfid.records.parameters import load_sections
-from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.rig_file import LoadCellMount, RigFacts, Tachometer, new_rig_text
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
 from cfid.sim.battery import BatteryTruth

@@ -6,9 +6,11 @@ from typing import Any
 
 import pytest
 
-from cfid.console.selection import chosen, labelled
+from cfid.console.selection import chosen
 from cfid.records.campaign import Campaign
-from cfid.records.rig_file import RIG_FILE, load_rig, new_rig_text
+from cfid.records.choose import labelled
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.records.run import DeviceRecord, Label, amend_run, read_run
 from cfid.records.run_writer import create_run
 

@@ -11,8 +11,8 @@ from cfid.errors import DataError, FitError
 from cfid.motors.maps import fit_speed, fit_thrust, fit_torque
 from cfid.motors.maps.verdict import of_forces, of_readings
 from cfid.motors.typed import expected_of
-from cfid.records.facts import RigFacts, Tachometer
-from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import RigFacts, Tachometer, new_rig_text
 from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
 from tests.motors.stand_in_a_folder import BEGIN_S, climbed, write_run

@@ -26,8 +26,9 @@ from scipy.stats import binomtest
 from cfid.console.campaign import make_campaign
 from cfid.errors import CfidError
 from cfid.records.campaign import find_campaign
+from cfid.records.files import RIG_FILE
 from cfid.records.result import Result
-from cfid.records.rig_file import RIG_FILE, change_rig
+from cfid.records.rig_file import change_rig
 from cfid.sim.demo import DEMO_TRUTH
 from cfid.sim.imperfections import draw, imperfection
 from cfid.sim.truth_file import SimTruth, as_mounted

@@ -16,13 +16,14 @@ from scipy.io import savemat
 
 from cfid.drag.wind.index import read_wind_index
 from cfid.errors import CfidError, DataError
-from cfid.records.campaign import FITS_FOLDER, open_campaign
+from cfid.records.campaign import open_campaign
+from cfid.records.files import FITS_FOLDER, RIG_FILE, RUN_FILE
 from cfid.records.fits import keep_fit, list_fits
 from cfid.records.logs.any_kind import read_log
 from cfid.records.logs.log import FlightLog
 from cfid.records.parameters import Section, load_sections, store_section
-from cfid.records.rig_file import RIG_FILE, load_rig, new_rig_text
-from cfid.records.run import RUN_FILE, read_run
+from cfid.records.rig_file import load_rig, new_rig_text
+from cfid.records.run import read_run
 from cfid.records.tables.any_kind import read_table
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import Foreign
@@ -130,8 +131,7 @@ def _angle(path: Path) -> Any:
 
 def _run_frame(path: Path) -> Any:
     (path.parent / "encoder.csv").write_bytes(ANGLE)
-    run = read_run(path.parent)
-    return run.frame("encoder")
+    return read_table(read_run(path.parent).folder, kind="angle")
 
 
 def _page() -> bytes:

@@ -1,16 +1,9 @@
 """The registry of quantities has one row per key, which gives the unit, the shape and the order of a value."""
 
-import ast
-import re
-from collections.abc import Iterator
-
 import pytest
 
-from cfid.quantities.lookup import find, registered, unit_of
-from cfid.quantities.quantity import Shape
-from cfid.quantities.table import EXPERIMENTS, QUANTITIES
+from cfid.quantities.registry import EXPERIMENTS, QUANTITIES, Shape, find, registered, unit_of
 from cfid.quantities.values import coefficient_units, evaluate, numbers, shape_error
-from tests.places import ROOT
 
 SYMMETRIC = [[1.0, 4.0, 5.0], [4.0, 2.0, 6.0], [5.0, 6.0, 3.0]]
 
@@ -121,52 +114,3 @@ def test_a_polynomial_knows_its_order() -> None:
     assert coefficient_units("motor.torque_poly", 4) == ["N m/N^3", "m/N", "m", "N m"]
     assert coefficient_units("tf.numerator", 2) == ["N", "N"]
     assert all(one.of and one.over for one in QUANTITIES if one.shape is Shape.POLYNOMIAL)
-
-
-def test_every_key_and_unit_that_a_result_writes_is_the_registrys() -> None:
-    written = list(_written())
-
-    assert len(written) > 20  # only keys with a written unit; the others take theirs from the registry
-    for key, unit, file in written:
-        rows = [one for one in QUANTITIES if re.fullmatch(key, re.sub(r"\[|\]", "", re.sub(r"<\w+>", "x", one.key)))]
-        assert rows, f"{file}: {key}"
-        assert unit is None or unit in {one.unit for one in rows}, f"{file}: {key}: {unit}"
-
-
-def _written() -> Iterator[tuple[str, str | None, str]]:
-    """Yield a pattern for each key that the code gives to a parameter, its unit if it is a literal, and the file."""
-    prefix = re.compile(r"(swing|friction|inertia|testbody|motor|rotor|dynamics|tf|latency|loadcell|drag|wind)\\\.")
-    for path in sorted((ROOT / "cfid").rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            for key, value in _pairs(node):
-                if prefix.match(text := _text(key)) and _is_parameter(value):
-                    yield text, _unit(value), path.name
-
-
-def _pairs(node: ast.AST) -> Iterator[tuple[ast.expr, ast.expr]]:
-    if isinstance(node, ast.Dict):
-        yield from ((key, value) for key, value in zip(node.keys, node.values, strict=True) if key)
-    elif isinstance(node, ast.DictComp):
-        yield node.key, node.value
-    elif isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Subscript):
-        yield node.targets[0].slice, node.value
-
-
-def _text(node: ast.expr) -> str:
-    parts = node.values if isinstance(node, ast.JoinedStr) else [node]
-    return "".join(re.escape(str(part.value)) if isinstance(part, ast.Constant) else ".*" for part in parts)
-
-
-def _is_parameter(node: ast.expr) -> bool:
-    if isinstance(node, ast.Dict):
-        return any(isinstance(key, ast.Constant) and key.value == "unit" for key in node.keys)
-    return isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Parameter"
-
-
-def _unit(node: ast.expr) -> str | None:
-    if isinstance(node, ast.Dict):
-        keys = [key.value if isinstance(key, ast.Constant) else None for key in node.keys]
-        found = node.values[keys.index("unit")]
-    else:
-        found = next((word.value for word in node.keywords if word.arg == "unit"), node)  # type: ignore[attr-defined]
-    return str(found.value) if isinstance(found, ast.Constant) else None

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from cfid.errors import ConfigError
-from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts, Tachometer, WindStand
-from cfid.records.frames import turn_about_z
-from cfid.records.rig_file import load_rig, new_rig_text
+from cfid.estimate.rotation import turn_about_z
+from cfid.records.rig_file import NONE_STATED, LoadCellMount, RigFacts, Tachometer, WindStand, load_rig, new_rig_text
 from cfid.records.run import DeviceRecord, Label, amend_run, read_run
 from cfid.records.run_writer import create_run
 
@@ -52,15 +51,6 @@ def test_the_preset_states_both_mounts_of_the_thesis(tmp_path: Path) -> None:
     assert (facts.loadcell.yaw_deg, facts.yaw_in_wind_deg) == (-45.0, 45.0)
     assert facts.wind.azimuth_deg == pytest.approx(math.degrees(0.4967), abs=0.005)
     assert (facts.loadcell.arm_mm, facts.loadcell.flip_fz, facts.tachometer.markers) == (46.0, False, 2)
-
-
-def test_a_rig_toml_of_version_0_1_states_none(tmp_path: Path) -> None:
-    assert facts_of(tmp_path, "") == NONE_STATED
-    assert NONE_STATED.yaw_in_wind_deg is None
-
-
-def test_a_vehicle_that_stays_on_the_cell_has_one_yaw(tmp_path: Path) -> None:
-    assert facts_of(tmp_path, "[loadcell]\nyaw_deg = 30\n").yaw_in_wind_deg == 30
 
 
 @pytest.mark.parametrize(

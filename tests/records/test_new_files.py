@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import new_rig_text
 
 TOO_SMALL = 10  # largest size of a file in bytes, as on a disk that is nearly full
 

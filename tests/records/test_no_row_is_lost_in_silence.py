@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cfid.records.run import RUN_FILE
+from cfid.records.files import RUN_FILE
 from tests.campaigns import Cfid
 from tests.motors.stand_in_a_folder import climbed, write_run
 

@@ -9,10 +9,11 @@ from cfid.errors import FitError
 from cfid.findings import rejection
 from cfid.quantities.plausible import implausible
 from cfid.records.campaign import Campaign
+from cfid.records.files import RIG_FILE
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import judged
 from cfid.records.result import Result
-from cfid.records.rig_file import RIG_FILE, Rig, load_rig, new_rig_text, thesis_rig
+from cfid.records.rig_file import Rig, load_rig, new_rig_text, thesis_rig
 
 
 def of(platform: str) -> Rig:

@@ -13,7 +13,7 @@ from cfid.flight.data import read_flight
 from cfid.interchange.recording import recording_at
 from cfid.recordings.read import read_recording
 from cfid.recordings.wrench import wrench_of
-from cfid.records.run import DeviceRecord, Label, read_run
+from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
 from cfid.records.tables.angle import Reading, read_angle
 from cfid.records.tables.schema import Foreign
@@ -76,36 +76,6 @@ def test_a_bare_file_of_a_rate_that_no_unit_explains_is_asked_about(tmp_path: Pa
     folder = encoder(tmp_path, rate_hz=1e-6)
     with pytest.raises(DataError, match=r"read in s, the time column has 1e\+06 s between samples"):
         read_angle(folder / "encoder.csv", Reading(angle_unit="rad"))
-
-
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        (None, "no such file"),
-        (b"t,phi\n", "no row"),
-        (b"t,phi\nnan,1\n0.1,2\n", "2: no number in t"),
-        (b"t,phi\n\xff,1\n0.1,2\n", "2: no number in t"),
-    ],
-)
-def test_a_frame_of_a_run_whose_file_has_no_first_time_is_refused(
-    tmp_path: Path, content: bytes | None, said: str
-) -> None:
-    folder = encoder(tmp_path)
-    (folder / "encoder.csv").unlink()
-    if content is not None:
-        (folder / "encoder.csv").write_bytes(content)
-
-    with pytest.raises(DataError, match=rf"encoder.csv.*{said}"):
-        read_run(folder).frame("encoder")
-
-
-def test_a_frame_of_a_run_that_recorded_nothing_is_refused(tmp_path: Path) -> None:
-    folder = encoder(tmp_path)
-    text = (folder / "run.toml").read_text()
-    (folder / "run.toml").write_text(text.replace("rows = 40", "rows = 0"))
-
-    with pytest.raises(DataError, match="none of its devices has rows"):
-        read_run(folder).frame("encoder")
 
 
 def test_what_other_programs_files_need_is_named_as_not_used_by_a_run(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.records.line_devices import STAMP
+from cfid.records.rig_file import STAMP
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
 from cfid.records.tables.angle import AngleRecord, Reading, read_angle

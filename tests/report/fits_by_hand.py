@@ -7,9 +7,10 @@ from typing import Any
 
 from cfid.findings import rejection, warning
 from cfid.records.campaign import Campaign, find_campaign
+from cfid.records.files import RIG_FILE
 from cfid.records.fits import Fit, keep_fit
 from cfid.records.parameters import Parameter, Section, Source, store_section
-from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.rig_file import new_rig_text
 from cfid.report.content import Report, gather
 
 NOON = datetime(2026, 11, 21, 12, tzinfo=UTC)

@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 
 from cfid.records.campaign import Campaign, find_campaign
-from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import new_rig_text
 from cfid.report.formats.numbers import with_power
 from cfid.report.formats.render import Format, rendered
 from tests.report.fits_by_hand import APPENDIX_A, new_campaign, put, put_appendix_a, report_of

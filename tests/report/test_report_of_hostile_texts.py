@@ -11,7 +11,8 @@ import pytest
 from markdown_it import MarkdownIt
 
 from cfid.records.campaign import Campaign, find_campaign
-from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import new_rig_text
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
 from cfid.report.formats.render import Format, rendered

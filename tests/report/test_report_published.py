@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from cfid.records.campaign import Campaign, find_campaign
-from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import new_rig_text
 from cfid.report.comparison import PublishedComparison
 from cfid.report.formats.grids import comparison_grid, comparison_notes, sources_of
 from tests.report.fits_by_hand import APPENDIX_A, THESIS_MATRIX, new_campaign, number, put, put_appendix_a, report_of

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cfid.findings import note, rejection, warning
+from cfid.findings import finding, note, rejection, warning
 from cfid.guide.certainty import Certainty, percent
 from cfid.guide.plan import Aim, Task
 from cfid.guide.status import TaskStatus, next_of
@@ -33,7 +33,7 @@ def section(**parameters: Parameter) -> Section:
 def summary(*sections: Section, experiments: tuple[Experiment, ...] = (), stds: tuple[float, ...] = ()) -> FirstScreen:
     known = Known(thesis_rig(), {str(i): one for i, one in enumerate(sections)})
     found = tuple(
-        Certainty(aim=Aim(key=f"number {i}", std=0.03, purpose="a purpose: 3 %"), std=std) for i, std in enumerate(stds)
+        Certainty(key=f"number {i}", aim=Aim(std=0.03, purpose="a purpose: 3 %"), std=std) for i, std in enumerate(stds)
     )
     task = Task(section="thrust", recordings=(), fit=("fit", "thrust"), aims=())
     status = TaskStatus(task=task, lacking=(), state="not fitted", reason="recorded.", found=found)
@@ -122,7 +122,7 @@ def test_rejections_come_before_warnings_each_sentence_once_and_notes_stay_below
     rejected = replace(
         EXPERIMENT, title="Torque", findings=(rejection("c", "it is noise.", "x"), warning("a", "it wanders."))
     )
-    simulated = replace(EXPERIMENT, findings=(warning("recording", "a run: recorded on the simulated rig."),))
+    simulated = replace(EXPERIMENT, findings=(finding("recording-simulated").at("a run"),))
 
     assert summary(experiments=(warned, rejected, simulated)).findings == (
         "Torque: it is noise.",
@@ -174,7 +174,7 @@ def test_a_report_in_which_everything_is_found_does_not_advise_a_report() -> Non
 
 
 def test_the_weakest_number_has_the_largest_part_of_its_uncertainty() -> None:
-    found = Certainty(aim=Aim(key="drag.simple_kg_per_rad", std=0.2, purpose="a simulator"), std=0.03, mostly="gain")
+    found = Certainty(key="drag.simple_kg_per_rad", aim=Aim(std=0.2, purpose="a simulator"), std=0.03, mostly="gain")
     task = Task(section="drag", recordings=(), fit=("fit", "drag"), aims=())
     status = TaskStatus(task=task, lacking=(), state="accepted", reason="", found=(found,))
 
@@ -185,13 +185,13 @@ def test_the_weakest_number_has_the_largest_part_of_its_uncertainty() -> None:
 
 def test_losses_of_accepted_fits_are_one_sentence_and_the_last() -> None:
     lost = [
-        warning("recording", f"{n} samples were never taken (99 %): it was slow.").at(f"run {n}") for n in range(2, 8)
+        finding("samples-not-taken", samples=f"{n} samples were", achieved="99 %").at(f"run {n}") for n in range(2, 8)
     ]
-    lossy = replace(EXPERIMENT, findings=(*lost, warning("recording", "the run was cut.").at("run 1")))
+    lossy = replace(EXPERIMENT, findings=(*lost, finding("recording-cut", or_grows="").at("run 1")))
     refused = replace(EXPERIMENT, title="Torque", accepted=False, findings=(lost[0],))
 
     assert summary(experiments=(lossy, refused)).findings == (
-        "Thrust: the run was cut.",
+        "Thrust: the run was cut; the rows on disk are used.",
         f"Torque: {lost[0].sentence}",
         "Thrust: 6 recordings lost samples or missed some; the fits are accepted nevertheless.",
     )

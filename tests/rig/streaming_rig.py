@@ -24,8 +24,8 @@ from twisted.internet.threads import blockingCallFromThread
 from cfid.recordings.read import read_recording
 from cfid.recordings.wrench import wrench_of
 from cfid.records.campaign import find_campaign
-from cfid.records.devices import Devices
-from cfid.records.rig_file import RIG_FILE, load_rig, new_rig_text
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import Devices, load_rig, new_rig_text
 from cfid.records.run import Label, Run, read_run
 from cfid.records.tables.angle import Reading, read_angle
 from cfid.rig.e201_port import lock_name

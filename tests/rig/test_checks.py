@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cfid.records.devices import LoadCellBox
+from cfid.records.rig_file import LoadCellBox
 from cfid.rig.check import DeviceAnswer, check_loadcell, judge_buffer
 from cfid.rig.rdt_port import RECEIVE_BUFFER_BYTES, enlarge
 from tests.rig.streaming_rig import ServedRig, served_rig

@@ -18,8 +18,8 @@ import pytest
 
 from cfid.console.recording import rig_of
 from cfid.errors import ConfigError, DeviceError
-from cfid.records.devices import Devices, EncoderPort
-from cfid.records.rig_file import RIG_FILE, Rig, load_rig, new_rig_text
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import Devices, EncoderPort, Rig, load_rig, new_rig_text
 from cfid.rig.holder import Holder
 from cfid.rig.lock import DeviceLock, find_holder, holder_of, vehicles_held, vehicles_locked
 from cfid.rig.sim_file import SIM_FILE, devices_in, published
@@ -366,7 +366,7 @@ SIMULATED = Devices(encoder=EncoderPort(port="/dev/pts/99"))
 SERVE = """
 import sys
 from pathlib import Path
-from cfid.records.devices import Devices, EncoderPort
+from cfid.records.rig_file import Devices, EncoderPort
 from cfid.rig.sim_file import published
 with published(Path(sys.argv[1]), Devices(encoder=EncoderPort(port="/dev/pts/98")), seed=1):
     print("held", flush=True)

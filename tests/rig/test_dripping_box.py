@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from cfid.errors import DeviceError
-from cfid.records.devices import LoadCellBox
+from cfid.records.rig_file import LoadCellBox
 from cfid.rig.box import read_settings
 
 

@@ -18,11 +18,9 @@ from cfid.console.log_summary import devices_of
 from cfid.errors import ConfigError, DeviceError
 from cfid.recordings.read import read_recording
 from cfid.recordings.wrench import wrench_of
-from cfid.records.devices import Devices
-from cfid.records.line_devices import EncoderLines, LineValue, LoadCellLines
-from cfid.records.rig_file import RIG_FILE, new_rig_text
-from cfid.records.run import Label, Run
-from cfid.records.run_notes import Facts, facts_of, gaps
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import EncoderLines, LineValue, LoadCellLines, new_rig_text
+from cfid.records.run import Facts, Label, Run, facts_of, gaps
 from cfid.records.tables.angle import Reading, read_angle
 from cfid.rig.check_lines import check_lines
 from cfid.rig.device import Device
@@ -722,19 +720,6 @@ def test_check_shows_lines_that_do_not_match_without_their_control_characters(bo
     assert "?[2JFz=" in answer
     assert answer.isprintable()
     assert "pattern" in advice
-
-
-def test_check_names_the_tables_that_have_the_same_port(board: Board) -> None:
-    own = {"kind": "lines", "port": str(board.path), "rate_hz": 80, "values": [{"name": "rpm"}], "markers": 1}
-    cell = CELL.model_copy(update={"port": str(board.path)})
-    devices = Devices.model_validate({"loadcell": cell, "tachometer": own})
-
-    assert isinstance(devices.loadcell, LoadCellLines)
-    shared, alone = (
-        checked(board, lambda n: b"rpm %d\r\n" % n, device=one)["lines"] for one in (devices.loadcell, CELL)
-    )
-    assert "devices.tachometer has the same port" in shared[2]
-    assert "same port" not in alone[2]
 
 
 def test_check_of_a_silent_port_says_so(board: Board) -> None:

@@ -15,7 +15,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import new_rig_text
 from tests.rig_in_a_folder import Lab, Said, lab_in
 
 RATE_HZ = 200

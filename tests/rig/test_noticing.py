@@ -12,7 +12,7 @@ import numpy.typing as npt
 import pytest
 
 from cfid.motors.during import Steps
-from cfid.records.line_devices import EncoderLines, LineValue
+from cfid.records.rig_file import EncoderLines, LineValue
 from cfid.swing.during import Release
 from cfid.transfer.sines.during import Felt
 from tests.flying_in_a_folder import Bench, bench_in

@@ -12,7 +12,8 @@ import numpy.typing as npt
 import pytest
 
 from cfid.console.preflight import of_encoder
-from cfid.records.run import RUNS_FOLDER, DeviceRecord
+from cfid.records.files import RUNS_FOLDER
+from cfid.records.run import DeviceRecord
 from cfid.rig.check import DeviceAnswer
 from cfid.rig.sampling import Sampled
 from tests.flying_in_a_folder import Bench, bench_in

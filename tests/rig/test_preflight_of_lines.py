@@ -10,8 +10,8 @@ import pytest
 
 from cfid.console.preflight import judged
 from cfid.estimate.battery_endurance import Held
-from cfid.records.line_devices import EncoderLines, LineValue, LoadCellLines
-from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import EncoderLines, LineValue, LoadCellLines, new_rig_text
 from cfid.rig.check import DeviceAnswer
 from cfid.rig.ready_lines import record_of
 from cfid.rig.sampling import Sampled

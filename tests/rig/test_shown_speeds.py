@@ -108,21 +108,16 @@ def test_speeds_of_a_tachometer_that_the_fit_rejects_are_of_no_use_at_once(
     assert reason in fitted.stderr
 
 
-@pytest.mark.parametrize("shared", [True, False])
-def test_no_motor_starts_before_a_line_of_the_tachometer_matches(tmp_path: Path, shared: bool) -> None:
-    """Its port is that of another board, which a second table of rig.toml may also name."""
+def test_no_motor_starts_before_a_line_of_the_tachometer_matches(tmp_path: Path) -> None:
     with bench_in(tmp_path) as bench, sending(bench, "tachometer", lambda motors: "28187500,83943") as link:
         with (bench.folder / "rig.toml").open("a") as file:
             file.write(DEVICE.format(name="tachometer", port=link, value="rpm") + "markers = 1\n")
-            if shared:
-                file.write(DEVICE.format(name="scales", port=link, value="grams"))
         pilot = bench.start("log", "speed", "--tachometer", "lines", *STAIRCASE)
         assert pilot.end() == 3, pilot.err
 
     run, said = bench.run(), " ".join(pilot.err.split())
     assert not pd.read_csv(run.device_file("commands"))[["m1", "m2", "m3", "m4"]].to_numpy().any()
     assert "compare baud, pattern and values of devices.tachometer in rig.toml with what it sends" in said
-    assert ("devices.scales has the same port" in said) == shared
 
 
 def test_a_first_line_that_comes_late_delays_the_staircase_and_costs_no_step(tmp_path: Path) -> None:

@@ -23,7 +23,8 @@ import pandas as pd
 import pytest
 
 from cfid.recordings.vehicle import read_rows
-from cfid.records.rig_file import RIG_FILE, load_rig
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import load_rig
 from cfid.records.run import list_runs, read_run
 from cfid.rig.crazyflie import Link
 from cfid.sim.crazyflie_tables import parameters

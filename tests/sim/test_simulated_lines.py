@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from cfid.records.line_devices import EncoderLines, LineDevice, LineValue, LoadCellLines
+from cfid.records.rig_file import EncoderLines, LineDevice, LineValue, LoadCellLines
 from cfid.sim.e201_faults import FaultyE201
 from cfid.sim.faults import EncoderFaults
 from cfid.sim.lines import LineSender

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cfid.records.facts import LoadCellMount, Tachometer, WindStand
-from cfid.records.rig_file import Rig, load_rig, new_rig_text
+from cfid.records.rig_file import LoadCellMount, Rig, Tachometer, WindStand, load_rig, new_rig_text
 from cfid.sim.rotors import RotorTruth, SimulatedRotors
 from cfid.sim.truth_file import USUAL_TRUTH, SimTruth, as_mounted
 

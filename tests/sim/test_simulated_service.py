@@ -13,8 +13,7 @@ import serial
 from twisted.internet.posixbase import PosixReactorBase
 
 from cfid.errors import ConfigError
-from cfid.records.line_devices import LineValue, LoadCellLines
-from cfid.records.rig_file import thesis_rig
+from cfid.records.rig_file import LineValue, LoadCellLines, thesis_rig
 from cfid.sim.service import SimulatedRig
 from cfid.sim.truth_file import USUAL_TRUTH, SimTruth, load_truth
 from cfid.wire.e201 import PositionReader

@@ -316,7 +316,7 @@ def test_the_last_run_of_a_campaign_without_any_is_refused(cfid: Cfid, tmp_path:
     ended = cfid("show", "last", "--campaign", tmp_path / "mine")
 
     assert ended.returncode == 2
-    assert "last: nothing is recorded yet" in ended.stderr
+    assert "last: there is no usable run" in ended.stderr
 
 
 @pytest.mark.parametrize("glob", ["/somewhere/*", "**x"])

@@ -9,8 +9,9 @@ import pytest
 
 import cfid.swing
 from cfid.errors import ConfigError
+from cfid.records.files import RIG_FILE
 from cfid.records.parameters import Source
-from cfid.records.rig_file import RIG_FILE, new_rig_text, thesis_rig
+from cfid.records.rig_file import new_rig_text, thesis_rig
 from cfid.records.run import Label
 from cfid.records.tables.angle import AngleRecord, labelled
 from tests.drawn import swing_record

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from cfid.cli.main import main
-from cfid.records.facts import LoadCellMount, RigFacts
+from cfid.records.rig_file import LoadCellMount, RigFacts
 from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
 from cfid.sim.loadcell import LoadCellTruth

@@ -6,7 +6,8 @@ import pytest
 
 import cfid
 from cfid.errors import DataError
-from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import new_rig_text
 from cfid.transfer.result import fit
 from cfid.transfer.sines.data import read_sines
 from cfid.transfer.sines.verdict import verdict

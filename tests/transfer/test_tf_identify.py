@@ -10,9 +10,9 @@ import pandas as pd
 import pytest
 
 from cfid.cli.main import main
-from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts
+from cfid.records.files import RIG_FILE
 from cfid.records.parameters import Parameter, Section, load_sections, store_section
-from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.rig_file import NONE_STATED, LoadCellMount, RigFacts, new_rig_text
 from cfid.sim.sine_bench import Bench, LinearTruth, SimulatedSine
 from tests.campaigns import sentences
 from tests.transfer.sines_in_a_folder import (

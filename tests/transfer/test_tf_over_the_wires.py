@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from cfid.records.run import RUNS_FOLDER
+from cfid.records.files import RUNS_FOLDER
 from cfid.sim.rotors import RotorTruth
 from tests.flying_in_a_folder import Bench, bench_in
 

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cfid.records.files import RIG_FILE
 from cfid.records.parameters import load_sections
-from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.rig_file import new_rig_text
 from cfid.records.run import amend_run, read_run
 from cfid.sim.radio import RadioTruth
 from cfid.sim.sine_bench import SimulatedSine

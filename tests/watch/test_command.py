@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import new_rig_text
 from tests.processes import started
 from tests.rig_in_a_folder import wait_until
 

@@ -18,6 +18,7 @@ from cfid.drag.wind.mean_forces import MeanForce, mean_force, mean_force_thesis,
 from cfid.drag.wind.plan import KIND, WindSetting, setting_of
 from cfid.drag.wind.reduction import WindForce
 from cfid.errors import CfidError, DataError, FitError
+from cfid.estimate.rotation import turn_about_z
 from cfid.estimate.staircase_points import Point
 from cfid.findings import Finding, joined, note, texts, warning
 from cfid.motors import data as motors
@@ -26,11 +27,9 @@ from cfid.motors.vibration.data import Rotors, VibrationRecord
 from cfid.recordings.read import read_recording
 from cfid.recordings.vehicle import COMMANDS, READINGS, Rows, TakenBackError, holds, read_rows
 from cfid.recordings.wrench import WrenchRecord, wrench_of
-from cfid.records.facts import NONE_STATED, RigFacts, WindStand
-from cfid.records.frames import turn_about_z
 from cfid.records.parameters import Source
-from cfid.records.run import refuse_contradiction, run_holding
-from cfid.records.run_notes import run_at
+from cfid.records.rig_file import NONE_STATED, RigFacts, WindStand
+from cfid.records.run import refuse_contradiction, run_at, run_holding
 from cfid.units import DEAD_COMMAND
 
 _ESTIMATED_S = 3.0  # of a window: long enough to find a speed to a thousandth

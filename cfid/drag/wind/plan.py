@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 from cfid.errors import DataError
 from cfid.records.campaign import Campaign
+from cfid.records.resumed import held_steps, steps_left
 from cfid.records.run import Run, list_runs
-from cfid.records.steps import held_steps, steps_left
 
 KIND = "wind"
 HIGHEST_DEG = 180.0  # of the wind generator to the vertical: directly below

@@ -5,16 +5,16 @@ from dataclasses import replace
 from pathlib import Path
 
 from cfid.console.inputs import Workplace, find_recording, split_label
-from cfid.console.selection import chosen, labelled
+from cfid.console.selection import chosen
 from cfid.errors import ConfigError, DataError, FitError
 from cfid.findings import joined, warning
 from cfid.motors.maps.data import of_file, of_run
 from cfid.motors.maps.evidence import Evidence, Stand, together
 from cfid.motors.maps.table_data import of_table
 from cfid.motors.vibration.data import Rotors
+from cfid.records.choose import labelled
 from cfid.records.logs.kinds import kind_at
-from cfid.records.run import Run, refuse_contradiction, run_holding
-from cfid.records.run_notes import run_at
+from cfid.records.run import Run, refuse_contradiction, run_at, run_holding
 from cfid.records.tables.schema import Foreign
 from cfid.records.tables.stand import read_stand_table, stand_file
 from cfid.units import FULL_COMMAND
@@ -69,7 +69,7 @@ def read_evidence(
             here = known.where(workplace.facts)
             parts.append(of_file(at, Path(file), here, method=method, rotors=rotors))
         else:
-            path = find_recording(word, workplace)
+            path = find_recording(word, workplace, labelled(kind))
             if (imported := stand_file(path)) is not None:
                 parts.append(of_stand(imported))
             elif (run := run_at(path)) is not None:

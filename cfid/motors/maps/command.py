@@ -20,6 +20,7 @@ from cfid.console.options import (
 from cfid.console.outcome import deliver
 from cfid.errors import ConfigError
 from cfid.motors.vibration.command import RotorOptions
+from cfid.records.choose import labelled
 
 if TYPE_CHECKING:
     from cfid.motors.maps.estimation import Order
@@ -129,7 +130,7 @@ def thrust(
         order=fit.chosen(2),
         robust=fit.robust,
         stand=replace(stand.known(), facts=workplace.rig.facts),
-        scales=[find_recording(str(one), workplace) for one in verify or ()],
+        scales=[find_recording(str(one), workplace, labelled("scales")) for one in verify or ()],
         method=method,
     )
     _deliver(result, workplace, delivery)

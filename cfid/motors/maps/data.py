@@ -43,8 +43,7 @@ from cfid.recordings.vehicle import (
 )
 from cfid.recordings.wrench import LOADCELL, WrenchRecord, wrench_of
 from cfid.records.resumed import with_completed
-from cfid.records.run import Run, refuse_contradiction
-from cfid.records.run_notes import run_at
+from cfid.records.run import Run, refuse_contradiction, run_at
 from cfid.records.tables.stand import StandTable, read_stand_table, stand_file
 from cfid.units import MOTORS
 

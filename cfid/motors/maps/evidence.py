@@ -11,8 +11,8 @@ from cfid.estimate.common_causes import Cause
 from cfid.estimate.staircase_points import Point, Staircase
 from cfid.findings import Finding, note
 from cfid.motors.points import MotorPoints, joined
-from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts, Tachometer
 from cfid.records.parameters import Source
+from cfid.records.rig_file import NONE_STATED, LoadCellMount, RigFacts, Tachometer
 
 Array = npt.NDArray[np.float64]
 

@@ -28,10 +28,10 @@ from cfid.motors.maps.voltage import KEY, VoltageComparison, compare_thrust
 from cfid.motors.maps.weighing import verified
 from cfid.motors.vibration.data import Rotors
 from cfid.records.covariances import Covariance
-from cfid.records.facts import RigFacts
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import implausible_gravity
 from cfid.records.result import Dependent, Figures, Result
+from cfid.records.rig_file import RigFacts
 from cfid.units import ROTORS, USUAL_GRAVITY_MPS2
 
 _POWERS = {

@@ -15,7 +15,7 @@ from cfid.large import chosen_rows, side_by_side
 from cfid.motors.maps.evidence import Evidence, Reduced, Stand, line_of, speed_findings, staircase_findings
 from cfid.motors.points import MotorPoints, joined, per_motor
 from cfid.motors.stand_points import points_of, reduce_speeds
-from cfid.records.facts import NONE_STATED, RigFacts
+from cfid.records.rig_file import NONE_STATED, RigFacts
 from cfid.records.tables.stand import StandTable
 from cfid.records.tables.stand_commands import USUAL_ESC_US
 from cfid.units import DEAD_COMMAND, FULL_COMMAND

@@ -15,7 +15,7 @@ from cfid.motors.maps.weighing import weighing_of
 from cfid.motors.plan import FEWEST_COMMANDS, StaircasePlan
 from cfid.motors.points import Array
 from cfid.motors.typed import Expected, expected_of
-from cfid.quantities.plausible import range_of
+from cfid.quantities.registry import range_of
 from cfid.recordings.read import read_recording
 from cfid.recordings.vehicle import (
     READINGS,

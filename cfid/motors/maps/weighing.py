@@ -15,10 +15,9 @@ from cfid.motors.maps.evidence import Stand
 from cfid.motors.maps.scales import ScalesCheck, scales_findings, scales_thrust_n, verify_thrust
 from cfid.motors.points import Array
 from cfid.recordings.vehicle import READINGS, SCALES, TakenBackError, holds, read_rows, shown_at_commands
-from cfid.records.facts import RigFacts
 from cfid.records.resumed import with_completed
-from cfid.records.run import Run
-from cfid.records.run_notes import run_at
+from cfid.records.rig_file import RigFacts
+from cfid.records.run import Run, run_at
 from cfid.records.tables.stand import read_stand_table
 from cfid.units import DEAD_COMMAND
 

@@ -45,8 +45,7 @@ def dynamics(
     from cfid.motors.lag.data import RotorLog
     from cfid.motors.steps import fit
     from cfid.motors.steps.data import of_run, of_table
-    from cfid.records.run import Run
-    from cfid.records.run_notes import run_at
+    from cfid.records.run import Run, run_at
     from cfid.records.tables.stand import stand_file
 
     workplace = open_workplace(rig)
@@ -54,7 +53,7 @@ def dynamics(
         raise ConfigError("nothing to fit: give a RUN with steps, a flight log, or a thrust stand's CSV file.")
     if len(runs or []) + (table is not None) > 1:
         raise ConfigError("several runs have several clocks: give one at a time.")
-    path = table or find_recording((runs or [])[0], workplace)
+    path = table or find_recording((runs or [])[0], workplace, lambda one: one.header.kind in ("thrust", "flight"))
     stand = table or stand_file(path)
     run = None if stand is not None else run_at(path)
     found = _recorded(stand or path, run, is_table=stand is not None)

@@ -21,8 +21,7 @@ from cfid.motors.steps.rotor_model import RotorModel, fit_rotor_model
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Figures, Result
-from cfid.records.run import Run
-from cfid.records.run_notes import run_at
+from cfid.records.run import Run, run_at
 from cfid.records.tables.stand import StandTable, read_stand_table
 
 _SLOWEST_S = 1.0  # largest time constant of a rotor, as in `fit flight`

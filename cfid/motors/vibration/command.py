@@ -66,11 +66,12 @@ def rotor(
     """
     from cfid.motors.vibration import fit
     from cfid.recordings.read import read_recording
-    from cfid.recordings.wrench import wrench_of
+    from cfid.recordings.wrench import LOADCELL, wrench_of
 
     expected = options.expected_rad_s
     workplace = open_workplace(rig)
-    record = wrench_of(read_recording(find_recording(run, workplace)))
+    path = find_recording(run, workplace, lambda one: LOADCELL in one.header.devices)
+    record = wrench_of(read_recording(path))
     result = fit(
         record,
         rotors=options.rotors,

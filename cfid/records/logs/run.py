@@ -5,13 +5,12 @@ from functools import partial
 from pathlib import Path
 
 from cfid.errors import DataError
-from cfid.records.files import sha256_of
+from cfid.records.files import RUN_FILE, sha256_of
 from cfid.records.logs.crazyflie_names import assumptions, crazyflie_channel, stated_channel
 from cfid.records.logs.log import Array, FlightLog, Series
 from cfid.records.logs.spin import of_rotors
 from cfid.records.parameters import Source
-from cfid.records.run import RUN_FILE, Run
-from cfid.records.run_notes import losses
+from cfid.records.run import Run, losses
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import TIME
 from cfid.records.tables.times import line_notes
@@ -31,7 +30,8 @@ def log_of_run(run: Run) -> FlightLog:
             notes.append(f"{device} is left out: {fault}")
             continue
         series.append(one)
-        notes += [f"{device}: {note}" for note in (*losses(run, record, one.rows), *lines)]
+        lost = [found.sentence for found in losses(run, record, one.rows)]
+        notes += [f"{device}: {note}" for note in (*lost, *lines)]
     if not series:
         raise DataError(f"{run.folder}: nothing to read. {' '.join(notes)}")
     origin = run.header.origin

@@ -15,10 +15,10 @@ import numpy as np
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, note, of_recording, rejection, texts
 from cfid.large import usual_step
-from cfid.records.line_devices import STAMP
+from cfid.records.files import RUN_FILE
 from cfid.records.parameters import Source
-from cfid.records.run import RUN_FILE, Label, Run
-from cfid.records.run_notes import Facts, facts_of, file_name, gaps, losses, run_at
+from cfid.records.rig_file import STAMP
+from cfid.records.run import Facts, Label, Run, facts_of, file_name, gaps, losses, run_at
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.column_units import column_name, unit_of
 from cfid.records.tables.counts import CountsPerTurn, continuous_angle, is_angle
@@ -139,7 +139,7 @@ def _of_gyro(run: Run, device: str) -> AngleRecord:
     x, y, z = found.rates.axis
     axis = note("gyro-axis", f"the gyro turned about ({x:+.3f}, {y:+.3f}, {z:+.3f}) of the body frame.").at(name)
     origin = run.header.origin
-    clock = (_CLOCK_UNDECIDED.at(name),) if origin is not None and _UNDECIDED in origin.clock else ()
+    clock = (_CLOCK_UNDECIDED.at(name),) if origin is not None and origin.clock == "unknown" else ()
     return AngleRecord(
         path=Path(found.rows.source.path),
         source=found.rows.source,

@@ -13,10 +13,10 @@ import numpy as np
 from cfid.counted import counted
 from cfid.findings import Finding, note, of_recording
 from cfid.large import stored
-from cfid.quantities.plausible import range_of
+from cfid.quantities.registry import range_of
+from cfid.records.files import RUN_FILE
 from cfid.records.parameters import Source
-from cfid.records.run import RUN_FILE
-from cfid.records.run_notes import run_at
+from cfid.records.run import run_at
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.column_units import spelt
 from cfid.records.tables.schema import Foreign, TimeUnit, refuse_clock

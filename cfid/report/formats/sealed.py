@@ -8,10 +8,9 @@ import hashlib
 import re
 from pathlib import Path
 
-from cfid import __version__
 from cfid.errors import ConfigError
-from cfid.records.files import check_regular, write_whole
-from cfid.records.kept import refuse_kept
+from cfid.records.files import check_regular, refuse_kept, write_whole
+from cfid.version import __version__
 
 _LARGEST = 1 << 28  # bytes; no report is as large as this
 _ZEROS = "0" * 64

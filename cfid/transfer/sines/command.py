@@ -196,9 +196,9 @@ def sine(
 
     Example: [bold]cfid log sine --periods 1,2,4,8,16,32 --samples 4000 --amplitude 20000 --motor 1[/bold]
     """
-    from cfid import __version__
     from cfid.transfer.sines.plan import above_cutoff, missing_sines
     from cfid.transfer.sines.record import record_sines
+    from cfid.version import __version__
 
     before_s = positive(options.before, "--before", most=_MOST_BEFORE_S)
     if resume.word is None:

@@ -11,15 +11,14 @@ from cfid.console.facts import assumed
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, merged, note, of_recording
 from cfid.large import empty, parts
-from cfid.quantities.quantity import Range
+from cfid.quantities.registry import Range
 from cfid.recordings.read import read_recording
 from cfid.recordings.sines import CROSSINGS, CrossingRecord, IndexRow, read_crossings, read_index
 from cfid.recordings.wrench import WrenchRecord, wrench_of
-from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts
 from cfid.records.parameters import Source
 from cfid.records.plausibility import Given, implausible_inputs
-from cfid.records.run import Run, refuse_contradiction, run_holding
-from cfid.records.run_notes import losses, run_at
+from cfid.records.rig_file import NONE_STATED, LoadCellMount, RigFacts
+from cfid.records.run import Run, losses, refuse_contradiction, run_at, run_holding
 from cfid.transfer.sines.alignment import Array, Channel, RecordedSine, thrust_of
 from cfid.transfer.sines.checks import mount_findings, torque_moments
 from cfid.transfer.sines.plan import SAMPLE_S, Sine

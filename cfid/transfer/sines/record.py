@@ -17,8 +17,7 @@ from cfid.console.verdicts import Judge, judged
 from cfid.errors import CfidError
 from cfid.estimate.battery_endurance import Held
 from cfid.records.campaign import Campaign
-from cfid.records.devices import LoadCellBox
-from cfid.records.line_devices import LoadCellLines
+from cfid.records.rig_file import LoadCellBox, LoadCellLines
 from cfid.records.run import Label, Run
 from cfid.rig.crossings import Crossings
 from cfid.rig.device import Device

@@ -1,13 +1,104 @@
 """The registry of all quantities that cfid estimates, uses or prints, by experiment, in the order of the thesis.
 
 Plausible ranges cover quadrocopters from 10 g to 1 kg: a Crazyflie 2.0 has 0.028 kg, 0.046 m and 0.15 N per motor.
+Those of well-known vehicles are narrower.
 """
 
-from dataclasses import replace
-from typing import Any, Final
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from functools import cache
+from typing import Any, Final, Literal
 
-from cfid.quantities.quantity import FitKind, Quantity, Range, Shape
 from cfid.units import FULL_COMMAND
+
+Platform = Literal["crazyflie", "cf2", "cf21", "cf21bl", "other"]
+"""`crazyflie`: any quadrocopter of its kind; `other`: any body, judged by physics alone."""
+
+
+class Shape(StrEnum):
+    """The shape of a value, as messages print it."""
+
+    NUMBER = "a number"
+    LIST = "a list of numbers"
+    NUMBER_OR_LIST = "a number or a list of numbers"
+    POLYNOMIAL = "a list of coefficients"
+    MATRIX = "a matrix of 3 times 3 numbers"
+    ROWS = "a list of rows"
+
+
+@dataclass(frozen=True)
+class Range:
+    """The least and the largest plausible size, ends included, and why.
+
+    `of` names the part of a value that is checked: "" each number, "size" each number without its sign, "diagonal" the
+    diagonal of a matrix, "slope" the slope of a polynomial at zero. With `at`, a polynomial's value there is checked.
+    """
+
+    least: float
+    largest: float
+    reason: str
+    of: str = ""
+    at: float | None = None
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A quantity under its public key; in a key, `<axis>` stands for any name, and `[...]` is optional.
+
+    `unit` is that of --json and parameters.toml. A polynomial gives a value with the unit `of` from one with the unit
+    `over`; its highest power comes first unless `lowest_first` is set. `count` is how many numbers a list has, where
+    that is known, and `places` are their names. `columns` are the columns of rows that must be numbers, `measured`
+    those that a rejection removes. `section` is the quantity's section of parameters.toml, `given_by` the way to
+    measure it. `of_the_run` marks a property of a run, not of the vehicle.
+    """
+
+    key: str
+    unit: str
+    symbol: str
+    title: str
+    shape: Shape = Shape.NUMBER
+    plausible: Range | None = None
+    count: int | None = None
+    places: tuple[str, ...] = ()
+    columns: tuple[str, ...] = ()
+    measured: tuple[str, ...] = ()
+    of: str = ""
+    over: str = ""
+    lowest_first: bool = False
+    of_the_run: bool = False
+    section: str = ""
+    given_by: str = ""
+
+
+@dataclass(frozen=True)
+class FitKind:
+    """A kind of fit: its title, and how to record and fit it where no quantity states that."""
+
+    title: str
+    measured_by: str = ""
+
+
+UNITS = {  # by the ending of a name
+    "kg_m2": "kg m^2",
+    "rad_per_s": "rad/s",
+    "mps2": "m/s^2",
+    "mps": "m/s",
+    "nm": "N m",
+    "kg": "kg",
+    "mm": "mm",
+    "rad": "rad",
+    "deg": "deg",
+    "ohm": "ohm",
+    "hz": "Hz",
+    "m": "m",
+    "s": "s",
+    "n": "N",
+    "v": "V",
+    "a": "A",
+}
+
 
 EXPERIMENTS = {
     "swing": FitKind("Swing"),
@@ -302,3 +393,79 @@ QUANTITIES = (
     *_SWING, *_FRICTION, *_MATRICES, *_LOADCELL, *_MAPS, *_ROTORS, *_TRANSFER, *_LATENCY, *_FLIGHTS, *_DRAGS, *_STATED,
     *_SHOWN,
 )  # fmt: skip
+
+_TORQUE = Range(0.003, 0.012, "published ones have 0.0052 to 0.0074", "slope")
+_BRUSHED: Mapping[str, Range] = {
+    "mass_kg": Range(0.019, 0.06, "27 g bare, and up to 15 g of decks are advised"),
+    "arm_m": Range(0.03, 0.07, "0.046, and longer motor mounts"),
+    "rotor_radius_m": Range(0.018, 0.03, "propellers of 45 to 51 mm"),
+    "motor.thrust_poly": Range(0.07, 0.3, "published motors give 0.13 to 0.2 N", at=FULL_COMMAND),
+    "motor.max_thrust_n": Range(0.07, 0.3, "published motors give 0.13 to 0.2 N"),
+    "motor.torque_poly": _TORQUE,
+    "motor.thrust_per_speed_squared_n_s2": Range(1e-8, 5e-8, "published propellers have 1.8e-8 to 2.9e-8"),
+    "tf.static_gain_n": Range(8e-7, 8e-6, "the slope of published thrust maps is 1e-6 to 4e-6", "size"),
+    "drag.simple_kg_per_rad": Range(-1.5e-6, -6.5e-7, "the thesis found -9.2e-7 sideways and -1.03e-6 along z"),
+}
+_BRUSHLESS: Mapping[str, Range] = {
+    "mass_kg": Range(0.025, 0.1, "37 g with its battery"),
+    "arm_m": Range(0.035, 0.08, "0.05"),
+    "rotor_radius_m": Range(0.02, 0.04, "propellers of 55 mm"),
+    "motor.thrust_poly": Range(0.1, 0.5, "published motors give 0.2 to 0.25 N", at=FULL_COMMAND),
+    "motor.max_thrust_n": Range(0.1, 0.5, "published motors give 0.2 to 0.25 N"),
+    "motor.torque_poly": _TORQUE,
+}
+_RANGES: Mapping[str, Mapping[str, Range]] = {"cf2": _BRUSHED, "cf21": _BRUSHED, "cf21bl": _BRUSHLESS}
+
+
+@cache
+def find(key: str) -> Quantity | None:
+    """Return the quantity of a key, None for a key outside the registry, such as a name stored by hand."""
+    return _BY_KEY.get(key) or next((found for pattern, found in _PATTERNS if pattern.fullmatch(key)), None)
+
+
+def registered(key: str) -> Quantity:
+    """Return the quantity of a key. Raises KeyError for a key outside the registry, which is a bug."""
+    found = find(key)
+    if found is None:
+        raise KeyError(key)
+    return found
+
+
+def unit_of(key: str) -> str:
+    """Return the unit of a key from the registry, else from the ending of its name; "" without either."""
+    found = find(key)
+    return found.unit if found is not None and found.unit else _at_the_end_of(key)
+
+
+def range_of(key: str, platform: Platform) -> Range | None:
+    """Return the plausible range of a number for a vehicle of a platform, None for a key without a range."""
+    found = find(key)
+    return platform_range(key, platform) or (found.plausible if found else None)
+
+
+def platform_range(key: str, platform: Platform) -> Range | None:
+    """Return the range of a well-known vehicle, narrower than the registry's; None where there is none."""
+    return _RANGES.get(platform, {}).get(key)
+
+
+def is_of_the_run(key: str) -> bool:
+    """Return whether a key is a property of the run, not of the vehicle, such as the release of a swing."""
+    found = find(key)
+    return found is not None and found.of_the_run
+
+
+def _at_the_end_of(name: str) -> str:
+    """Return the unit that a name's ending states, "" without one or for part of a unit, as in `_m_per_s`."""
+    suffix = next((suffix for suffix in UNITS if name.endswith(f"_{suffix}")), "")
+    before = name.removesuffix(f"_{suffix}").rpartition("_")[-1]
+    return "" if not suffix or before in {"per", *UNITS} else UNITS[suffix]
+
+
+def _pattern(key: str) -> re.Pattern[str]:
+    """Return the pattern of a key, where `<name>` is any name and `[...]` is optional."""
+    words = re.split(r"<\w+>", key)
+    return re.compile(".+".join(re.escape(word) for word in words).replace(r"\[", "(?:").replace(r"\]", ")?"))
+
+
+_BY_KEY = {quantity.key: quantity for quantity in QUANTITIES}
+_PATTERNS = [(_pattern(quantity.key), quantity) for quantity in QUANTITIES if "<" in quantity.key]
