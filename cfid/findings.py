@@ -41,7 +41,10 @@ CODES: dict[str, tuple[Severity, str]] = {
         "{count} of {rows} samples lie off those around them, or far beyond all others, and are left out (first at "
         "{first_s:.4g} s).",
     ),
-    "force-scale-assumed": ("warning", "counts are read as {counts:.0f} a unit: state {names} where it is another."),
+    "force-scale-assumed": (
+        "warning",
+        "counts are read as {counts:.0f} a unit: state `counts_per_n` and `counts_per_nm` where it is another.",
+    ),
     "force-status": (
         "warning",
         "{count} of {rows} samples have a status that is not 0 (first: line {line}): {meaning}.",

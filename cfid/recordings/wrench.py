@@ -23,7 +23,7 @@ from cfid.recordings.stamps import by_stamps
 from cfid.recordings.table import Table
 from cfid.records.files import RUN_FILE
 from cfid.records.parameters import Source
-from cfid.records.run import Facts, Label, Run, facts_of, gaps, losses
+from cfid.records.run import Facts, Label, facts_of, gaps, losses
 from cfid.units import factor
 from cfid.wire.rdt_status import Family, family_of, read_status
 
@@ -36,8 +36,8 @@ USUAL_COUNTS = 1e6  # per N and per N m: the thesis' box, and the manufacturer's
 _COUNTS = ("counts", "count")
 _IN_UNKNOWN_UNIT = re.compile(rf"(?:{'|'.join(AXES)})\s*[\[(].*", re.IGNORECASE)
 _STATUS = "status"
-_THESIS_FAMILY: Family = "netft"  # of a file that does not state its box
-_SI = {"F": "N", "T": "N m"}
+_THESIS: Family = "netft"  # of a file that does not state its box
+_SI, _SCALES = {"F": "N", "T": "N m"}, {"F": "counts_per_n", "T": "counts_per_nm"}
 _LARGEST_COUNT, _LARGEST_N = 2.0**31, 1e5  # a word of 32 bits, and more than 40 kN, where the largest load cells end
 _FEWEST_ROWS = 16
 _USED = ("columns", "units", "rate_hz", "skip_lines", "decimal", "rows", "sort_times")
@@ -150,10 +150,13 @@ def wrench_of(recording: Recording, how: How | None = None, *, gain: tuple[float
     """
     run, how = recording.run, how or How()
     if run is None:
-        series, family = _series_with_axes(recording), _THESIS_FAMILY
+        series, about, place, family = _series_with_axes(recording), recording.findings, recording.path.name, _THESIS
         names = {axis: name for axis in AXES if (name := _name_of(series, axis)) is not None}
-        per_unit, counted, about = _units_of(series, names, how)
-        about, place = (*recording.findings, *(one.at(recording.path.name) for one in about)), recording.path.name
+        scales = {"F": how.counts_per_n, "T": how.counts_per_nm}
+        per_unit, counted = _per_unit(series, names, scales)
+        how.refuse_unused(series.path, *_USED, *(("counts_per_n", "counts_per_nm") if counted else ()))
+        if counted and None in [scales[axis[0]] for axis in names]:
+            about = (*about, finding("force-scale-assumed", counts=USUAL_COUNTS).at(place))
     else:
         how.refuse_unused(recording.path)
         file, device = run.device_file(LOADCELL), run.header.devices[LOADCELL]
@@ -163,11 +166,12 @@ def wrench_of(recording: Recording, how: How | None = None, *, gain: tuple[float
         names = {axis: series.column(axis).name for axis in AXES if axis in device.columns}
         if not names:
             raise DataError(f"{file}: none of its columns is {', '.join(AXES)}.", code="no-column")
-        per_unit, counted, gain = (
-            _stated_in_run(run, names, facts),
-            facts.units == "counts",
-            run.header.rig.loadcell.gain,
-        )
+        scales = {"F": facts.counts_per_n, "T": facts.counts_per_nm}
+        per_unit, counted = _per_unit(series, names, scales)
+        missing = [_SCALES[axis[0]] for axis in names if counted and scales[axis[0]] is None]
+        if missing:
+            raise DataError(f"{run.folder / RUN_FILE}: devices.{LOADCELL}.{missing[0]} is missing: write it there.")
+        gain = run.header.rig.loadcell.gain
         about = of_recording(recording.name, [*losses(run, device, series.rows), *gaps(facts)])
         place, family = f"{recording.name}/{file.name}", family_of(str(facts.settings.get("product")))
     if series.time_s is None:
@@ -270,59 +274,43 @@ def _name_of(series: Series, called: str) -> str | None:
     return columns[0].name if columns else None
 
 
-def _units_of(series: Series, names: Mapping[str, str], how: How) -> tuple[dict[str, float], bool, tuple[Finding, ...]]:
-    """Return how many of its unit each axis' N or N m is, whether these are counts, and a finding on assumed scales.
+def _per_unit(
+    series: Series, names: Mapping[str, str], scales: Mapping[str, float | None]
+) -> tuple[dict[str, float], bool]:
+    """Return how many of its unit each axis' N or N m is, and whether these are counts, of `scales` by kind of axis.
 
-    The unit of an axis is also that of the others of its kind that state none.
+    The unit of an axis is also that of the others of its kind that state none. Raises ConfigError where none states
+    one, DataError for counts beside other units, and for units of another kind.
     """
     columns = {axis: series.column(name) for axis, name in names.items()}
     counted = {column.unit.lower() in _COUNTS for column in columns.values() if column.unit}
     if len(counted) > 1:
         raise DataError(f"{series.path}: some axes are in counts and some not: correct the header.", code="mixed-units")
     if counted == {True}:
-        how.refuse_unused(series.path, *_USED, "counts_per_n", "counts_per_nm")
-        scales = {"F": ("counts_per_n", how.counts_per_n), "T": ("counts_per_nm", how.counts_per_nm)}
-        for option, value in scales.values():
+        for kind, value in scales.items():
             if value is not None and not 0 < value < np.inf:
-                raise ConfigError(f"`{option}` {value:g}: has to be above zero.")
-        assumed = [f"`{scales[kind][0]}`" for kind in sorted({axis[0] for axis in names}) if scales[kind][1] is None]
-        per_unit = {axis: scales[axis[0]][1] or USUAL_COUNTS for axis in names}
-        usual = finding("force-scale-assumed", names=" and ".join(assumed), counts=USUAL_COUNTS)
-        return per_unit, True, (usual,) if assumed else ()
-    how.refuse_unused(series.path, *_USED)
+                raise ConfigError(f"`{_SCALES[kind]}` {value:g}: has to be above zero.")
+        return {axis: scales[axis[0]] or USUAL_COUNTS for axis in names}, True
     per_unit = {}
     for axis, column in columns.items():
-        kind, si = axis[0], _SI[axis[0]]
-        unit = column.unit or next((one.unit for other, one in columns.items() if other[0] == kind and one.unit), "")
+        name, si = column.name, _SI[axis[0]]
+        unit = column.unit or next((one.unit for other, one in columns.items() if other[0] == axis[0] and one.unit), "")
         if not unit:
+            short = si.replace(" ", "")
             raise ConfigError(
-                f"{series.path}: column '{column.head or column.name}' names no unit: give `unit` {column.name}="
-                f"{si.replace(' ', '')} or {column.name}=counts, or write it into its name, as in {column.name}_"
-                f"{si.replace(' ', '').lower()}.",
+                f"{series.path}: column '{column.head or name}' names no unit: give `unit` {name}={short} or "
+                f"{name}=counts, or write it into its name, as in {name}_{short.lower()}.",
                 code="no-unit",
             )
         scale = factor(unit, si)
         if scale is None:
             raise DataError(
-                f"{series.path}: column '{column.head or column.name}' is in '{unit}', which is no unit of "
-                f"{'force' if kind == 'F' else 'torque'}. Where the name is wrong, give `unit` {column.name}=...",
+                f"{series.path}: column '{column.head or name}' is in '{unit}', which is no unit of "
+                f"{'force' if axis[0] == 'F' else 'torque'}. Where the name is wrong, give `unit` {name}=...",
                 code="other-unit",
             )
         per_unit[axis] = 1.0 / scale
-    return per_unit, False, ()
-
-
-def _stated_in_run(run: Run, names: Mapping[str, str], facts: "_RunFacts") -> dict[str, float]:
-    """Return how many of its unit each axis' N or N m is in a run. Raises DataError where run.toml lacks a scale."""
-    if facts.units == "n,nm":
-        return dict.fromkeys(names, 1.0)
-    per_unit = {}
-    for axis in names:
-        key, value = ("counts_per_n", facts.counts_per_n) if axis[0] == "F" else ("counts_per_nm", facts.counts_per_nm)
-        if value is None:
-            raise DataError(f"{run.folder / RUN_FILE}: devices.{LOADCELL}.{key} is missing: write it there.")
-        per_unit[axis] = value
-    return per_unit
+    return per_unit, False
 
 
 def _possible(series: Series, names: Mapping[str, str], per_unit: Mapping[str, float], *, counted: bool) -> Series:
