@@ -448,7 +448,7 @@ def test_without_a_word_the_campaigns_complete_staircases_are_taken(cfid: Cfid, 
     assert json.loads(taken.stdout)["parameters"]["motor.thrust_poly"] == named["motor.thrust_poly"]
     none = cfid("fit", "speed", "--campaign", str(campaign))
     assert none.returncode == 2
-    assert "no complete runs of cfid log speed: record one, or name runs." in none.stderr
+    assert "no complete runs of cfid log speed in" in none.stderr
 
 
 def test_a_stands_record_over_time_has_its_figure(cfid: Cfid, campaign: Path, tmp_path: Path) -> None:

@@ -142,7 +142,7 @@ def test_a_run_cut_at_any_byte_gives_its_first_rows_with_a_finding(tmp_path: Pat
     folder = recorded(tmp_path)
     file, whole = folder / "loadcell.csv", of_run(folder)
     content = file.read_bytes()
-    for length in range(len(content) - 60, len(content)):
+    for length in range(len(content) - 40, len(content), 3):
         file.write_bytes(content[:length])
         record = of_run(folder)
         rows = len(record.time_s)
@@ -370,5 +370,6 @@ def test_a_unit_or_scale_of_atis_demo_that_is_not_known_is_a_question_that_an_op
 ) -> None:
     text = described(*stated, 1000 * np.arange(1, 7))
     assert f"give `{option}`." in str(refusal(tmp_path, text))
+    assert isinstance(refusal(tmp_path, text, How(counts_per_n=1000)), ConfigError)
     record = read(tmp_path, text, How(counts_per_n=1000, counts_per_nm=1000))
     np.testing.assert_allclose(record.force_n.mean(axis=0), [1, 2, 3], atol=1e-3)
