@@ -178,6 +178,13 @@ def test_a_clock_that_was_set_back_changes_neither_the_order_of_mounts_nor_what_
     assert (left.state, step.words) == ("stale", ("fit", "inertia"))
 
 
+def test_a_fit_that_left_out_a_run_is_not_stale(folder: Path) -> None:
+    axes = swung(folder)
+    fitted(folder, found=BEGAN + timedelta(hours=1))
+    swing(folder, axes[0], minute=59)  # before the fit, which did not use it
+    assert standing(folder)[0].state == "accepted"
+
+
 def test_status_reads_each_run_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     swung(folder)
     for minute in range(200, 210):
