@@ -69,8 +69,8 @@ def _choice(word: str, runs: "Iterable[Run]", campaign: "Campaign", wanted: str)
     choice = choose(word, runs)
     if not choice.runs:
         unfit = f" ({without(choice.left_out)})" if choice.left_out else ""
-        matching = "" if word == "*" or is_last(word) else f"{word}: "
-        raise ConfigError(f"{matching}no complete {wanted} in {campaign.runs_folder}{unfit}: record one, or name runs.")
+        place = campaign.runs_folder if word == "*" or is_last(word) else word
+        raise ConfigError(f"{place}: no complete {wanted}{unfit}: record one, or name runs.")
     return choice
 
 
