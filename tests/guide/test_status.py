@@ -16,6 +16,7 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
+from cfid.console.campaign import make_campaign
 from cfid.errors import CfidError, ConfigError
 from cfid.findings import rejection
 from cfid.guide.plan import Words, tasks
@@ -40,10 +41,9 @@ Kind = Literal["thrust", "speed"]
 
 
 @pytest.fixture
-def folder(cfid: Cfid, tmp_path: Path) -> Path:
+def folder(tmp_path: Path) -> Path:
     """Return a new campaign's folder."""
-    assert cfid("new", "lab").returncode == 0
-    return tmp_path / "lab"
+    return make_campaign(tmp_path / "lab", seed=1).parent
 
 
 def swing(folder: Path, axis: str, *, minute: int, by: str = "encoder", body: str | None = None) -> Path:
