@@ -11,9 +11,9 @@ from cfid.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from cfid import drag, flight, friction, inertia, latency, loadcell, motors, swing, transfer
+    from cfid.recordings.read import read_recording
     from cfid.records.campaign import open_campaign
     from cfid.records.run import read_run
-    from cfid.records.tables.any_kind import read_table
 
 __all__ = [
     "drag",
@@ -24,8 +24,8 @@ __all__ = [
     "loadcell",
     "motors",
     "open_campaign",
+    "read_recording",
     "read_run",
-    "read_table",
     "swing",
     "transfer",
 ]
@@ -35,7 +35,7 @@ __getattr__, __dir__ = attached(
     {
         **dict.fromkeys(__all__, ""),
         "open_campaign": "records.campaign",
+        "read_recording": "recordings.read",
         "read_run": "records.run",
-        "read_table": "records.tables.any_kind",
     },
 )

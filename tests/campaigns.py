@@ -23,6 +23,7 @@ from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.sim.demo_runs import SimulatedRun
 from cfid.sim.demo_swings import record_chapter_2
 from cfid.sim.truth_file import INERTIA_KG_M2, USUAL_TRUTH
+from cfid.wire.rls import STEPS_PER_TURN, decode_words
 from tests.processes import started
 from tests.transfer.sines_in_a_folder import Here
 
@@ -122,7 +123,7 @@ def recordings(once: Once, rig_file: Path) -> list[SimulatedRun]:
 
 @pytest.fixture(scope="session")
 def files(once: Once, rig_file: Path, recordings: list[SimulatedRun]) -> Path:
-    """A folder with the rig's geometry.toml and one CSV of times and counts for every recording."""
+    """A folder with the rig's geometry.toml and one CSV of times and degrees for every recording."""
 
     def make(folder: Path) -> None:
         shutil.copy(rig_file, folder)
@@ -139,8 +140,10 @@ def name(run: SimulatedRun, number: int) -> str:
 
 
 def write(path: Path, run: SimulatedRun) -> None:
-    rows = np.column_stack(run.devices["encoder"].values)
-    np.savetxt(path, rows, fmt=("%.6f", "%d"), delimiter=",", header="t,phi", comments="")
+    time_s, words = run.devices["encoder"].values[:2]
+    degrees = 360 / STEPS_PER_TURN * decode_words(np.asarray(words, np.int64)).position
+    rows = np.column_stack([time_s, degrees])
+    np.savetxt(path, rows, fmt=("%.6f", "%.7f"), delimiter=",", header="t,phi_deg", comments="")
 
 
 @pytest.fixture

@@ -5,3 +5,4 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 DATA = Path(os.environ.get("CFID_DATA", ROOT.parent / "shared" / "data"))
+INPUTS = Path(os.environ.get("CFID_INPUTS", ROOT.parent / "shared" / "repro" / "inputs"))

@@ -12,6 +12,13 @@ import typer
 from cfid.cli.groups import LazyGroup
 from cfid.console.messages import echo, fault, note
 
+# The options that describe a foreign file; fits, which take runs, have none of them.
+_OF_IMPORT = (
+    "columns", "unit", "rate_hz", "skip_lines", "decimal", "rows", "sort_times", "clock",
+    "counts_per_turn", "counts_per_n", "counts_per_nm", "esc_us", "dshot", "log",
+    "time_unit", "angle_unit", "units",
+)  # fmt: skip
+
 app = typer.Typer(
     cls=LazyGroup,
     name="",
@@ -49,6 +56,15 @@ def _as_sentence(message: Warning | str, category: type[Warning], *_place: objec
         note(f"a library that cfid uses warns: {text}.")
 
 
+def _import_first(words: Sequence[str], text: str) -> str:
+    """Return the next step where a command other than import asks for an option that describes a foreign file."""
+    asked = any(f"`{setting}`" in text for setting in _OF_IMPORT)
+    fits = bool(words) and words[0] in ("fit", "tf", "show", "validate", "convert")
+    return " These options are those of `cfid import FILE`: it makes a run, and every fit takes runs." * (
+        asked and fits
+    )
+
+
 def _drop_output() -> None:
     """Drop printed text that cannot be written; Python would try again to write it at exit."""
     for stream in (sys.stdout, sys.stderr):
@@ -74,7 +90,9 @@ def main(words: Sequence[str] | None = None) -> None:
             app(words, prog_name="cfid")
         except CfidError as error:
             with suppress(OSError):
-                fault(str(error))
+                for text in getattr(error, "__notes__", ()):
+                    note(text)
+                fault(f"{error}{_import_first(sys.argv[1:] if words is None else words, str(error))}")
             if isinstance(error, DataError | FitError) and not isinstance(error, RejectedError):
                 from cfid.guide.refused import remember_refusal
 

@@ -7,7 +7,7 @@ import typer
 from cfid.console.flat import flat
 from cfid.console.inputs import open_workplace
 from cfid.console.messages import echo
-from cfid.console.options import Delivery, EscUs, LoadCellOptions, LogClock, ReadingOptions, RigOptions, pulses_us
+from cfid.console.options import Delivery, RigOptions
 from cfid.console.outcome import deliver
 from cfid.console.views import View, views_of
 from cfid.records.result import Result
@@ -28,10 +28,6 @@ def show_run(
         str, typer.Argument(metavar="RUN", help="A run folder, a run's name, or a file from another program.")
     ],
     rig: RigOptions,
-    reading: ReadingOptions,
-    loadcell: LoadCellOptions,
-    esc_us: EscUs = None,
-    clock: LogClock = None,
     delivery: Delivery,
     terminal: Annotated[bool, typer.Option("--terminal", help="Draw in the terminal instead of in a file.")] = False,
 ) -> None:
@@ -43,7 +39,7 @@ def show_run(
 
     if terminal and delivery.json:
         raise ConfigError("--terminal and --json both write to the terminal: give one of them.")
-    views, faults = views_of(run, open_workplace(rig), reading, loadcell, esc_us=pulses_us(esc_us), clock=clock)
+    views, faults = views_of(run, open_workplace(rig))
     if terminal:
         for view in views:
             _plot_in_terminal(view)

@@ -23,11 +23,11 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
         "Write a campaign's results to one file: main numbers, parameter sheet, and every experiment with its figures.",
     ),
     "import": (
-        "cfid.interchange.command:import_file",
+        "cfid.cli.recordings:import_file",
         "Make a run from another program's recording. The file stays as it is, and no existing run is changed.",
     ),
     "convert": (
-        "cfid.interchange.command:convert",
+        "cfid.cli.recordings:convert",
         "Write a recording in another format: every row and column, in its original units.",
     ),
     "validate": (

@@ -1,6 +1,6 @@
 """Find the recordings that a command's arguments name, and the rig that recorded them."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,9 +11,10 @@ from cfid.records.choose import LAST, Matches, choose_one, is_glob, is_last
 from cfid.records.rig_file import NONE_STATED, RigFacts
 
 if TYPE_CHECKING:
+    from cfid.recordings.angle import AxisRecord, CountsPerTurn
+    from cfid.recordings.recording import Recording
     from cfid.records.campaign import Campaign
     from cfid.records.rig_file import Rig
-    from cfid.records.tables.angle import AngleRecord, Reading
 
 
 @dataclass(frozen=True)
@@ -95,13 +96,15 @@ def find_recording(word: str, workplace: Workplace, suits: Matches = lambda _run
     return choice.runs[0].folder
 
 
-def read_recording(
-    word: str, reading: "Reading", workplace: Workplace, suits: Matches = lambda _run: True
-) -> "AngleRecord":
-    """Read the encoder of a RUN: a file, a run folder, or a run of the campaign, as `find_recording`."""
-    from cfid.records.tables.angle import read_angle
+def read_recording(word: str, workplace: Workplace, suits: Matches = lambda _run: True) -> "AxisRecord":
+    """Read the angle, or the periods, of a RUN: a file, a run folder, or a run of the campaign, as `find_recording`."""
+    from cfid.recordings import read
+    from cfid.recordings.periods import axis_record
 
-    path = find_recording(word, workplace, suits)
-    if path.is_file() and not workplace.borrowed:
-        reading = replace(reading, rig_counts_per_turn=workplace.rig.encoder.counts_per_turn)
-    return read_angle(path, reading)
+    recording = read.read_recording(find_recording(word, workplace, suits))
+    return axis_record(recording, rig_counts_per_turn=counts_of_rig(recording, workplace))
+
+
+def counts_of_rig(recording: "Recording", workplace: Workplace) -> "CountsPerTurn | None":
+    """Return the rig's counts per turn for a file, which may not state any; None for a run, which states its own."""
+    return None if workplace.borrowed or recording.run is not None else workplace.rig.encoder.counts_per_turn

@@ -54,8 +54,10 @@ class LabelOptions:
         """The kind of a run that records the encoder with this label."""
         return "swing" if self.axis else "drop" if self.weight else "encoder"
 
-    def label(self, campaign: "Campaign") -> "Label":
+    def label(self, campaign: "Campaign | None") -> "Label":
         """Return the label, checked against rig.toml, so that a misspelt mount is found before the recording starts.
+
+        Without a campaign, no mount is known that it could be checked against.
 
         Raises ConfigError.
         """
@@ -66,9 +68,11 @@ class LabelOptions:
         if self.axis and self.weight:
             raise ConfigError("--axis is for a swing and --weight for a dropping weight: give one of them.")
         weight = measured(self.weight, "--weight")
-        rig = campaign.rig
-        mounts = rig.testbody.mounts if body == "testbody" and rig.testbody is not None else rig.mounts
-        if self.axis and body != "fixture" and self.axis not in mounts:
+        rig = None if campaign is None else campaign.rig
+        mounts = {} if rig is None else rig.mounts
+        if rig is not None and body == "testbody" and rig.testbody is not None:
+            mounts = rig.testbody.mounts
+        if self.axis and rig is not None and body != "fixture" and self.axis not in mounts:
             known = ", ".join(mounts) or "none"
             raise ConfigError(f"--axis {self.axis}: rig.toml has no such mount of the {body}; it has {known}.")
         return Label(axis=self.axis, weight_g=weight.value, weight_std_g=weight.std, body=body, note=self.note)

@@ -3,16 +3,10 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
-if TYPE_CHECKING:
-    from cfid.records.tables.angle import Reading
-    from cfid.records.tables.schema import Foreign
-    from cfid.records.tables.wrench import WrenchReading
-
-_FILE = "Files that something else wrote"
 _OUTPUT = "Output"
 _RIG = "Vehicle and rig"
 
@@ -59,22 +53,6 @@ FlipFz = Annotated[
         rich_help_panel="What was measured",
     ),
 ]
-EscUs = Annotated[
-    str | None,
-    typer.Option(
-        metavar="FROM,TO",
-        help="Pulse widths of a motor controller, in microseconds, at commands 0 and 65535; default: 1000,2000.",
-        rich_help_panel="What was measured",
-    ),
-]
-LogClock = Annotated[
-    Literal["true", "84/85"] | None,
-    typer.Option(
-        help="Clock rate of a Crazyflie's uSD-card log (default: inferred from its rows), or of a table made from one "
-        "(default: true).",
-        rich_help_panel=_FILE,
-    ),
-]
 Swings = Annotated[
     list[str] | None,
     typer.Argument(
@@ -82,125 +60,6 @@ Swings = Annotated[
         help="Swings, or known axis inertias; default: the campaign's complete, labelled swings.",
     ),
 ]
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReadingOptions:
-    """How to read a file whose header does not state its format."""
-
-    time_unit: Annotated[
-        Literal["s", "ms", "us"] | None,
-        typer.Option(help="Unit of the time column; default: the suffix of its name, else s.", rich_help_panel=_FILE),
-    ] = None
-    angle_unit: Annotated[
-        Literal["counts", "rad", "deg"] | None,
-        typer.Option(
-            help="Unit of the angle column; default: the suffix of its name; whole numbers are counts.",
-            rich_help_panel=_FILE,
-        ),
-    ] = None
-    counts_per_turn: Annotated[
-        str | None,
-        typer.Option(metavar="N|rls-13bit-in-22", help="Encoder counts per turn.", rich_help_panel=_FILE),
-    ] = None
-    rate_hz: Annotated[
-        float | None, typer.Option(help="Sampling rate in Hz of a file without times.", rich_help_panel=_FILE)
-    ] = None
-    skip_lines: Annotated[
-        int, typer.Option(min=0, help="Lines to skip at the top of the file.", rich_help_panel=_FILE)
-    ] = 0
-    columns: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME,NAME,...",
-            help="Names or numbers of the columns: time and angle, or time, Fx, Fy, Fz, Tx, Ty and Tz; for a thrust "
-            "stand NAME=COLUMN, such as thrust_n=3, or COLUMN=WORD to select the rows with that word.",
-            rich_help_panel=_FILE,
-        ),
-    ] = None
-
-    def reading(self) -> "Reading":
-        """Return the options in the form that the readers take."""
-        from cfid.records.tables import angle as recording
-
-        if self.rate_hz is not None:
-            positive(self.rate_hz, "--rate-hz")
-        scale = self.counts_per_turn
-        return recording.Reading(
-            time_unit=self.time_unit,
-            angle_unit=self.angle_unit,
-            counts_per_turn=None if scale is None else recording.counts_per_turn(scale),
-            rate_hz=self.rate_hz,
-            skip_lines=self.skip_lines,
-            columns=self.column_names,
-        )
-
-    def foreign(self, clock: Literal["true", "84/85"] | None = None) -> "Foreign":
-        """Return how to read a log or a table of motors. Raises ConfigError for options that only an angle has."""
-        from cfid.records.tables.schema import Foreign
-
-        self.refuse_angles()
-        return Foreign(
-            time_unit=self.time_unit,
-            rate_hz=self.rate_hz,
-            skip_lines=self.skip_lines,
-            columns=self.column_names,
-            clock=clock,
-        )
-
-    def refuse_angles(self) -> None:
-        """Raise ConfigError if an option was given that only an angle has."""
-        from cfid.errors import ConfigError
-
-        if self.angle_unit is not None or self.counts_per_turn is not None:
-            raise ConfigError("`angle_unit` and `counts_per_turn` are for a file with an angle: none is read here.")
-
-    @property
-    def column_names(self) -> tuple[str, ...]:
-        """The names of the columns, empty where they were not given."""
-        return () if self.columns is None else tuple(name.strip() for name in self.columns.split(","))
-
-
-@dataclass(frozen=True, kw_only=True)
-class LoadCellOptions:
-    """Units and scales of a file's forces and torques."""
-
-    counts_per_n: Annotated[
-        float | None,
-        typer.Option(help="Counts per newton; default: the run's or the file's, else 1e6.", rich_help_panel=_FILE),
-    ] = None
-    counts_per_nm: Annotated[
-        float | None,
-        typer.Option(
-            help="Counts per newton metre; default: the run's or the file's, else 1e6.", rich_help_panel=_FILE
-        ),
-    ] = None
-    units: Annotated[
-        Literal["counts", "n,nm"] | None,
-        typer.Option(
-            help="Units of forces and torques; default: the suffixes of the column names, else counts.",
-            rich_help_panel=_FILE,
-        ),
-    ] = None
-
-    def reading(self, file: ReadingOptions, *, or_angles: bool = False) -> "WrenchReading":
-        """Return these options, with those of every file, in the form that the load cell's reader takes.
-
-        Raises ConfigError for options that only an angle has, unless `or_angles` allows an angle instead.
-        """
-        from cfid.records.tables.wrench import WrenchReading
-
-        if not or_angles:
-            file.refuse_angles()
-        return WrenchReading(
-            time_unit=file.time_unit,
-            units=self.units,
-            counts_per_n=self.counts_per_n,
-            counts_per_nm=self.counts_per_nm,
-            rate_hz=file.rate_hz,
-            skip_lines=file.skip_lines,
-            columns=file.column_names,
-        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -310,13 +169,3 @@ def finite(value: float, option: str) -> float:
     if not abs(value) < float("inf"):
         raise ConfigError(f"{option} {value:g}: has to be a number.")
     return value
-
-
-def pulses_us(text: str | None) -> tuple[float, float] | None:
-    """Parse --esc-us. Raises ConfigError for anything but two ascending pulse widths above zero."""
-    from cfid.console.lists import span
-
-    if text is None:
-        return None
-    low, high = span(text, "--esc-us", unit="microseconds", example="1000,2000")
-    return positive(low, "--esc-us"), high

@@ -11,7 +11,7 @@ from cfid.console.messages import echo, fitted, in_options, note, printable
 from cfid.console.options import Delivery
 from cfid.console.tables import print_parameters
 from cfid.errors import ConfigError, RejectedError
-from cfid.findings import joined, texts
+from cfid.findings import texts
 from cfid.records.parameters import plain
 from cfid.records.result import Result
 from cfid.version import __version__
@@ -56,18 +56,28 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
         notes = (*texts(result.findings, "note", "warning"), *(f"rejected: {text}" for text in rejections))
         _print(given, drawn, notes)
     if not kept:
-        if campaign is not None:
-            with suppress(ConfigError):  # raised for a read-only folder
-                campaign.remember_rejected(result)
-        still = " parameters.toml is unchanged." if campaign is not None else ""
-        reasons = joined(texts(result.findings, "rejection"))
-        raise RejectedError(f"rejected: {reasons}{still} Use --force to get the numbers anyway.")
+        raise _refusal(result, campaign)
     if staying is not None and not result.accepted:
         raise staying
     if staying is not None:
         note(str(staying))
     if undrawn is not None:
         raise ConfigError(f"{undrawn} Nothing is kept of this fit.") if campaign is not None else undrawn
+
+
+def _refusal(result: Result, campaign: "Campaign | None") -> RejectedError:
+    """Remember a rejected result in the campaign, print all its rejections but the first, and return that as an error.
+
+    Each reason has a line of its own.
+    """
+    if campaign is not None:
+        with suppress(ConfigError):  # raised for a read-only folder
+            campaign.remember_rejected(result)
+    reason, *others = texts(result.findings, "rejection")
+    for text in others:
+        note(f"rejected: {text}")
+    still = " parameters.toml is unchanged." if campaign is not None else ""
+    return RejectedError(f"rejected: {reason}{still} Use --force to get the numbers anyway.")
 
 
 def _with_names(result: Result, runs_folder: Path) -> Result:

@@ -13,7 +13,7 @@ from cfid.console.inputs import open_workplace
 from cfid.console.live import LiveLine
 from cfid.console.log_summary import print_json, print_summary, stop_line, summary
 from cfid.console.messages import clock, echo, note
-from cfid.console.options import LoadCellOptions, ReadingOptions, RigOptions, positive
+from cfid.console.options import RigOptions, positive
 from cfid.console.verdicts import Judge, judged
 from cfid.console.views import views_of
 from cfid.errors import CfidError, ConfigError, DataError
@@ -224,7 +224,7 @@ def _figures(run: "Run", options: KeepOptions) -> list[str]:
 
     try:
         workplace = open_workplace(RigOptions(campaign=run.folder.parent.parent))
-        views, _ = views_of(str(run.folder), workplace, ReadingOptions(), LoadCellOptions())
+        views, _ = views_of(str(run.folder), workplace)
         paths = [path for view in views for path in save_figure(view.draw(), run.folder / f"{view.device}_recording")]
     except (CfidError, OSError) as error:
         note(f"no figure: {error}")

@@ -57,7 +57,7 @@ def chosen(
 
 def _whole_runs(campaign: "Campaign", searches: Sequence[str], suits: Matches) -> "list[Run]":
     """Return the runs that suit, without those that a later run completes."""
-    from cfid.records.resumed import resumed_by
+    from cfid.recordings.resumed import resumed_by
 
     runs = readable_runs(campaign.runs_folder)
     name_other_folders(campaign.runs_folder, searches)
@@ -69,8 +69,8 @@ def _choice(word: str, runs: "Iterable[Run]", campaign: "Campaign", wanted: str)
     choice = choose(word, runs)
     if not choice.runs:
         unfit = f" ({without(choice.left_out)})" if choice.left_out else ""
-        matching = "" if word == "*" or is_last(word) else f"{word}: "
-        raise ConfigError(f"{matching}no complete {wanted} in {campaign.runs_folder}{unfit}: record one, or name runs.")
+        place = campaign.runs_folder if word == "*" or is_last(word) else word
+        raise ConfigError(f"{place}: no complete {wanted}{unfit}: record one, or name runs.")
     return choice
 
 
@@ -84,7 +84,7 @@ def note_left_out(word: str, choice: Choice) -> None:
 
 def _whole(words: Iterable[str], campaign: "Campaign | None") -> list[str]:
     """Return the words, with the interrupted runs that a run completes inserted before this run."""
-    from cfid.records.resumed import with_completed
+    from cfid.recordings.resumed import with_completed
     from cfid.records.run import read_run
 
     names: dict[str, None] = {}

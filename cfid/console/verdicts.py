@@ -97,7 +97,7 @@ def verdict_line(run: "Run") -> str:
 
 def _again(run: "Run") -> str:
     """Return what to do about an unusable run; if the run completes others, the fault may be in those."""
-    from cfid.records.resumed import resumed_by
+    from cfid.recordings.resumed import resumed_by
 
     if not (before := resumed_by(run)):
         return "Record it again."
@@ -111,7 +111,7 @@ def _completing(run: "Run") -> str:
         return f"`cfid log {run.header.family} --resume {run.folder.name}` records what the series lacks."
     if "steps" not in run.header.requested:
         return ""
-    from cfid.records.resumed import steps_left
+    from cfid.recordings.resumed import steps_left
 
     with contextlib.suppress(CfidError):  # unreadable rows are reported elsewhere
         if not any(steps_left(run)):  # --resume would refuse such a run

@@ -1,15 +1,14 @@
-"""The view of each device in a recording, for `cfid show`: numbers, a curve for the terminal, and a figure."""
+"""The view of each series in a recording, for `cfid show`: numbers, a curve for the terminal, and a figure."""
 
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from cfid.console.inputs import Workplace, find_recording, read_recording
-from cfid.console.options import LoadCellOptions, ReadingOptions
-from cfid.errors import ConfigError, DataError
+from cfid.console.inputs import Workplace, counts_of_rig, find_recording
+from cfid.errors import DataError
 from cfid.quantities.registry import unit_of
 from cfid.records.parameters import Parameter, Source
 from cfid.wire.supervisor import VehicleState
@@ -17,14 +16,13 @@ from cfid.wire.supervisor import VehicleState
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from cfid.records.logs.kinds import Kind
-    from cfid.records.run import Run
-    from cfid.records.tables.angle import AngleRecord
-    from cfid.records.tables.schema import Foreign
-    from cfid.records.tables.table import Array
-    from cfid.records.tables.wrench import WrenchRecord
+    from cfid.recordings.angle import AngleRecord
+    from cfid.recordings.recording import Array, Column, Recording, Series
+    from cfid.recordings.wrench import WrenchRecord
 
 _CURVE_POINTS = 400  # more than the dots across a terminal
+_MOST_FIGURES = 8  # of a log with one series per topic: a hundred figures would take minutes
+_DRAWN_ROWS = 20_000  # more than the dots across a page
 
 
 class Curve(NamedTuple):
@@ -60,67 +58,38 @@ class View:
         return f"{self.figure or self.path.stem}_recording"
 
 
-def views_of(
-    word: str,
-    workplace: Workplace,
-    file: ReadingOptions,
-    loadcell: LoadCellOptions,
-    *,
-    esc_us: tuple[float, float] | None = None,
-    clock: Literal["true", "84/85"] | None = None,
-) -> tuple[list[View], tuple[str, ...]]:
+def views_of(word: str, workplace: Workplace) -> tuple[list[View], tuple[str, ...]]:
     """Read a RUN; return a view of every readable device in it, and why the others could not be read.
 
     A file outside a run is identified by its columns. Raises DataError when nothing can be read, and ConfigError for a
-    setting that belongs to another kind of file.
+    file that needs an option of `cfid import`.
     """
-    from cfid.console.log_views import log_views, stand_view
-    from cfid.records.run import run_at
-    from cfid.records.tables.angle import ENCODER
-    from cfid.records.tables.wrench import LOADCELL, holds_wrench, read_wrench
+    from cfid.recordings.angle import ENCODER, angle_of
+    from cfid.recordings.read import kind_of, read_recording
+    from cfid.recordings.wrench import LOADCELL, wrench_of
 
-    path, forces = find_recording(word, workplace), loadcell.reading(file, or_angles=True)
+    recording = read_recording(find_recording(word, workplace))
+    of_rig = counts_of_rig(recording, workplace)
+    if recording.run is None:
+        series = list(recording.series.values())
+        kind = kind_of(series[0].columns) if len(series) == 1 else "flight"
+        if kind == "angle":
+            return [_angle_view(ENCODER, angle_of(recording, rig_counts_per_turn=of_rig))], ()
+        if kind == "wrench":
+            return [_wrench_view(LOADCELL, wrench_of(recording))], ()
+        return ([_stand_view(recording)] if kind == "stand" else _log_views(recording)), ()
     readers: dict[str, Callable[[], View]] = {
-        ENCODER: lambda: _angle_view(ENCODER, read_recording(str(path), file.reading(), workplace)),
-        LOADCELL: lambda: _wrench_view(LOADCELL, read_wrench(path, forces)),
+        ENCODER: lambda: _angle_view(ENCODER, angle_of(recording, rig_counts_per_turn=of_rig)),
+        LOADCELL: lambda: _wrench_view(LOADCELL, wrench_of(recording)),
     }
-    run = run_at(path)
-    kind = None if run is not None else _kind_of(path, forces)
-    if esc_us is not None and kind != "stand":
-        raise ConfigError(f"{path}: `esc_us` is for a thrust stand's table.")
-    if clock is not None and kind != "flight":
-        raise ConfigError(f"{path}: `clock` is for logs of a Crazyflie's uSD card and tables made of them.")
-    if run is None:
-        if kind == "flight":
-            return log_views(path, replace(forces, clock=clock)), ()
-        if kind == "stand":
-            return [stand_view(path, forces, esc_us)], ()
-        return [readers[LOADCELL if holds_wrench(path, forces) else ENCODER]()], ()
-    order = sorted(run.header.devices, key=lambda device: [*readers, device].index(device))
-    wanted = [_reader_of(run, device, readers) for device in order]
-    return _readable(wanted or [readers[ENCODER]])
-
-
-def _kind_of(path: Path, reading: "Foreign") -> "Kind | None":
-    """Return the kind of a file outside a run, None for no file; a file with only a known time column is a log."""
-    from cfid.records.logs.kinds import has_times, kind_at
-
-    kind = kind_at(path, reading) if path.is_file() else None
-    return "flight" if kind is None and path.is_file() and has_times(path, reading) else kind
-
-
-def _reader_of(run: "Run", device: str, readers: Mapping[str, Callable[[], View]]) -> Callable[[], View]:
-    return readers.get(device) or (lambda: _device_view(run, device))
-
-
-def _readable(readers: list[Callable[[], View]]) -> tuple[list[View], tuple[str, ...]]:
-    """Read every device that can be read; a fault in one does not hide the others."""
+    order = sorted(recording.run.header.devices, key=lambda device: [*readers, device].index(device))
     views: list[View] = []
     faults: list[DataError] = []
-    for read in readers:
+    for device in order or [ENCODER]:
         try:
-            views.append(read())
-        except DataError as fault:
+            read = readers.get(device)
+            views.append(_device_view(recording, device) if read is None else read())
+        except DataError as fault:  # a fault in one does not hide the others
             faults.append(fault)
     if not views:
         raise faults[0]
@@ -142,17 +111,18 @@ def _angle_view(device: str, record: "AngleRecord") -> View:
         name=record.name,
         path=record.path,
         source=record.source,
-        notes=record.notes,
+        notes=texts(record.findings, "warning", "rejection"),
         lines=texts(record.findings, "note"),
-        parameters=sampling(record.time_s)
+        parameters=_sampling(record.time_s)
         | {"range_rad": Parameter(value=float(np.ptp(record.angle_rad)), unit="rad")},
-        curve=curve_of(record.time_s, record.angle_rad, "angle, degrees", factor=math.degrees(1.0)),
+        curve=_curve(record.time_s, record.angle_rad, "angle, degrees", factor=math.degrees(1.0)),
         draw=draw,
     )
 
 
 def _wrench_view(device: str, record: "WrenchRecord") -> View:
     from cfid.estimate.blocks import block_means
+    from cfid.findings import texts
 
     def draw() -> "Figure":
         from cfid.drawing.wrench import wrench_figure
@@ -167,8 +137,9 @@ def _wrench_view(device: str, record: "WrenchRecord") -> View:
         name=record.name,
         path=record.path,
         source=record.source,
-        notes=record.notes,
-        parameters=sampling(record.time_s) | _means(record),
+        notes=texts(record.findings, "warning", "rejection"),
+        lines=texts(record.findings, "note"),
+        parameters=_sampling(record.time_s) | _means(record),
         curve=Curve(*means, f"{record.main_axis}, {'N' if record.main_axis.startswith('F') else 'N m'}"),
         draw=draw,
     )
@@ -176,7 +147,7 @@ def _wrench_view(device: str, record: "WrenchRecord") -> View:
 
 def _means(record: "WrenchRecord") -> dict[str, Parameter]:
     """Return means and scatter of forces and torques: as vectors, or axis by axis for a load cell with fewer axes."""
-    from cfid.records.tables.wrench import AXES
+    from cfid.recordings.wrench import AXES
 
     if record.axes == AXES:
         return {
@@ -193,40 +164,120 @@ def _means(record: "WrenchRecord") -> dict[str, Parameter]:
     return found
 
 
-def _device_view(run: "Run", device: str) -> View:
-
-    from cfid.drawing.device import groups
+def _device_view(recording: "Recording", device: str) -> View:
     from cfid.findings import texts
-    from cfid.records.run import losses
-    from cfid.records.tables.vehicle import SUPERVISOR, read_rows
+    from cfid.recordings.vehicle import SUPERVISOR
 
-    rows = read_rows(run, device)
-    since_s = rows.time_s - rows.time_s[0]
-    lost = losses(run, run.header.devices[device], len(rows.time_s))
-    notes = (*(found.sentence for found in lost), *texts(rows.findings))
-    if device == SUPERVISOR:
-        notes += (_states(since_s, rows.columns["state"]),)
-    columns = shown_columns(rows.columns, len(rows.time_s))
-    first = groups(list(columns))[0][0]
+    series = recording.series.get(device)
+    if series is None:
+        raise DataError(f"{recording.path}: {device} has no rows.")
+    time_s = series.time_s
+    notes = texts(series.findings)
+    if device == SUPERVISOR and time_s is not None:
+        notes += (_states(time_s, series.column("state").values),)
+    means = {
+        f"mean.{column.name}": Parameter(
+            value=float(column.values.mean()), unit=unit_of(f"recording.mean.{column.name}")
+        )
+        for column in series.columns
+        if device != SUPERVISOR  # a word of bits has no mean
+    }
+    view = _series_view(series, title=f"{recording.name}, {device}", notes=notes)
+    return replace(view, name=recording.name, parameters=_sampling_of(series) | means)
+
+
+def _log_views(recording: "Recording") -> list[View]:
+    """Return a view of every series of a log."""
+    from cfid.findings import texts
+    from cfid.recordings.read import description
+
+    several = list(recording.series.values())
+    most = sorted(several, key=lambda one: (not any(column.unit for column in one.columns), -one.rows))[:_MOST_FIGURES]
+    views = []
+    for series in several:
+        title = f"{recording.path.name}, {series.name}"
+        stem = recording.path.stem
+        view = replace(
+            _series_view(series, title=title, notes=()),
+            path=recording.path,
+            figure=stem if len(several) == 1 else f"{stem}_{series.name}",
+            source=recording.source,
+            parameters=_sampling_of(series) | {f"range.{one.name}": _range_of(one) for one in series.columns},
+            drawn=series in most,
+        )
+        views.append(view)
+    notes = texts(recording.findings, "warning", "rejection")
+    if len(most) < len(views):
+        names = ", ".join(series.name for series in most)
+        notes += (
+            f"figures of {len(most)} of {len(views)} series, those of known units with most rows: {names}. --json has "
+            "the ranges of all, `cfid convert` their numbers.",
+        )
+    lines = (description(recording), *texts(recording.findings, "note"))
+    return [replace(views[0], lines=lines, notes=notes), *views[1:]]
+
+
+def _stand_view(recording: "Recording") -> View:
+    """Return the view of a thrust stand's table in SI units."""
+    import numpy as np
+
+    from cfid.findings import texts
+    from cfid.recordings.recording import Column
+    from cfid.recordings.stand import stand_of
+
+    table = stand_of(recording)
+    values = {"cmd": table.command, "thrust_n": table.thrust_n, "torque_nm": table.torque_nm, "vbat_v": table.vbat_v}
+    values |= {"grams": table.grams}
+    if table.speeds_rad_s is not None:
+        count = table.speeds_rad_s.shape[1]
+        names = [f"speed_{at + 1}_rad_per_s" for at in range(count)] if count > 1 else ["speed_rad_per_s"]
+        values |= dict(zip(names, table.speeds_rad_s.T, strict=True))
+    columns = tuple(
+        Column(name=name, unit=unit_of(name) or "1", values=one)
+        for name, one in values.items()
+        if one is not None and not np.isnan(one).all()
+    )
+    series = replace(
+        next(iter(recording.series.values())), columns=columns, rows=len(table.command), time_s=table.time_s
+    )
+    view = _series_view(series, title=recording.path.name, notes=())
+    return replace(
+        view,
+        device="stand",
+        name=recording.path.name,
+        path=recording.path,
+        source=table.source,
+        lines=texts(table.findings, "note"),
+        notes=texts(table.findings, "warning", "rejection"),
+        parameters=_sampling_of(series) | {f"range.{one.name}": _range_of(one) for one in columns},
+    )
+
+
+def _series_view(series: "Series", *, title: str, notes: tuple[str, ...]) -> View:
+    """Return a view of any series: its columns over time, or for settled points over the rows."""
+    import numpy as np
+
+    step = -(-series.rows // _DRAWN_ROWS)
+    along = np.arange(float(series.rows)) if series.time_s is None else series.time_s
+    # Events without variables are only times: a running count shows them.
+    columns = {one.name: one.values for one in series.columns} or {"events": np.arange(1.0, series.rows + 1)}
+    first = next((one.name for one in series.columns if one.unit), next(iter(columns)))
 
     def draw() -> "Figure":
         from cfid.drawing.device import device_figure
 
-        return device_figure(rows.time_s, columns, title=f"{run.folder.name}, {device}", notes=notes)
+        drawn = {name: values[::step] for name, values in columns.items()}
+        axis = "row" if series.time_s is None else "time (s)"
+        return device_figure(along[::step], drawn, title=title, notes=notes, along=axis)
 
     return View(
-        device=device,
-        name=run.folder.name,
-        path=run.device_file(device),
-        source=rows.source,
+        device=series.name,
+        name=title,
+        path=series.path,
+        source=series.source or Source(str(series.path), ""),
         notes=notes,
-        parameters=sampling(since_s)
-        | {
-            f"mean.{name}": Parameter(value=float(column.mean()), unit=unit_of(f"recording.mean.{name}"))
-            for name, column in rows.columns.items()
-            if device != SUPERVISOR  # a word of bits has no mean
-        },
-        curve=curve_of(since_s, columns[first], first),
+        parameters={},
+        curve=_curve(along, columns[first], first),
         draw=draw,
     )
 
@@ -238,14 +289,7 @@ def _states(since_s: "Array", words: "Array") -> str:
     return "vehicle: " + ", ".join(f"{name} at {time_s:.1f} s" for time_s, name in changes)
 
 
-def shown_columns(columns: "Mapping[str, Array]", rows: int) -> "Mapping[str, Array]":
-    """Return the columns (rows,) to draw; for events without variables, which are only times, a running count."""
-    import numpy as np
-
-    return columns or {"events": np.arange(1.0, rows + 1)}
-
-
-def curve_of(time_s: "Array", value: "Array", name: str, *, factor: float = 1.0) -> Curve:
+def _curve(time_s: "Array", value: "Array", name: str, *, factor: float = 1.0) -> Curve:
     """Return some of the values (n,) at times (n,), multiplied by a factor."""
     import numpy as np
 
@@ -253,7 +297,25 @@ def curve_of(time_s: "Array", value: "Array", name: str, *, factor: float = 1.0)
     return Curve(time_s[chosen], factor * value[chosen], name)
 
 
-def sampling(time_s: "Array") -> dict[str, Parameter]:
+def _range_of(column: "Column") -> Parameter:
+    """Return the lowest and the highest number of a column, in its SI unit where its unit is known."""
+    import numpy as np
+
+    from cfid.recordings.crazyflie import si_unit
+
+    known = column.values[np.isfinite(column.values)]
+    unit, factor = si_unit(column)
+    both = [factor * float(known.min()), factor * float(known.max())] if len(known) else [np.nan, np.nan]
+    return Parameter(value=both, unit=unit)
+
+
+def _sampling_of(series: "Series") -> dict[str, Parameter]:
+    if series.time_s is None:
+        return {"samples": Parameter(value=series.rows, unit="1")}
+    return _sampling(series.time_s)
+
+
+def _sampling(time_s: "Array") -> dict[str, Parameter]:
     """Return the number of samples at times (n,) since the first, their duration and their intervals."""
     import numpy as np
 

@@ -8,17 +8,7 @@ import typer
 
 from cfid.console.flat import flat
 from cfid.console.inputs import Workplace, find_recording, open_workplace
-from cfid.console.options import (
-    Delivery,
-    FlipFz,
-    LoadCellOptions,
-    Markers,
-    Method,
-    ReadingOptions,
-    RigOptions,
-    YawDeg,
-    finite,
-)
+from cfid.console.options import Delivery, FlipFz, Markers, Method, RigOptions, YawDeg, finite
 from cfid.console.outcome import deliver
 from cfid.console.selection import chosen
 from cfid.drag.wind.command import AzimuthRad, azimuth
@@ -41,7 +31,7 @@ class WindInputs:
         typer.Option(
             help="CSV file with one row per run: command, angle_deg, wind_min_mps, wind_max_mps, tach_rpm, loadcell; "
             "optionally azimuth_deg, from_s, to_s; paths are relative to the file; rows with wind 0 are "
-            "references.",
+            "references; a load cell is a file whose columns name their unit (Fz_n, Fz_counts) or a run.",
             rich_help_panel=_INPUT,
         ),
     ] = None
@@ -103,8 +93,6 @@ def drag(
     wind: WindInputs,
     models: ModelOptions,
     rig: RigOptions,
-    reading: ReadingOptions,
-    scale: LoadCellOptions,
     delivery: Delivery,
     method: Method = "default",
 ) -> None:
@@ -119,7 +107,6 @@ def drag(
     result = fit(
         read_forces(wind.table) if wind.table is not None else paths,
         index=wind.index,
-        wrench=scale.reading(reading),
         azimuth_deg=azimuth(wind.azimuth_deg, wind.azimuth_rad),
         yaw_deg=None if wind.yaw_deg is None else finite(wind.yaw_deg, "--yaw-deg"),
         markers=wind.markers,

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from cfid.drag.experiments import DragExperiments, experiments_from_table
 from cfid.drag.wind.data import AS_THEY_ARE, ReducedRecording, WindReading, reduce_index, reduce_run
 from cfid.drag.wind.index import read_wind_index
@@ -11,17 +13,14 @@ from cfid.drag.wind.reduction import reduce_forces
 from cfid.errors import DataError, FitError
 from cfid.findings import Finding, merged, warning
 from cfid.motors.maps.checks import marker_findings
-from cfid.records.parameters import Source
-from cfid.records.resumed import resumed_by, steps_read_later
+from cfid.recordings.resumed import resumed_by, steps_read_later
+from cfid.recordings.table import read_table
 from cfid.records.run import Run, run_at
-from cfid.records.tables.blocks import open_table
-from cfid.records.tables.schema import Column, TableSchema
 from cfid.units import ROTORS
 
 TABLE_COLUMNS = (
     "command", "angle_deg", "vx_mps", "vy_mps", "vz_mps", "speed_sum_rad_s", "fx_n", "fy_n", "fz_n",
 )  # fmt: skip
-FORCES = TableSchema(columns=tuple(Column.named(name) for name in TABLE_COLUMNS))
 
 
 def read_runs(
@@ -73,8 +72,23 @@ def read_index(path: Path, *, how: WindReading = AS_THEY_ARE) -> DragExperiments
 
 def read_forces(path: Path) -> DragExperiments:
     """Read a CSV file of reduced forces. Raises DataError with the file, and the line of an invalid number."""
-    table = open_table(path, typed=True)
-    values = table.numbers(list(FORCES.places(table).values()))
+    try:
+        table = read_table(path)
+    except FileNotFoundError:
+        raise DataError(f"{path}: no such file.", code="no-file") from None
+    missing = [name for name in TABLE_COLUMNS if name not in table.heads]
+    if missing:
+        heads = ", ".join(table.heads)
+        raise DataError(
+            f"{path}: no column {', '.join(missing)} among {heads}: its header should be {','.join(TABLE_COLUMNS)}.",
+            code="no-column",
+        )
+    columns = [next(one for one in table.columns if one.head == name) for name in TABLE_COLUMNS]
+    values = np.column_stack([column.values for column in columns])
+    rows, places = np.nonzero(~np.isfinite(values))
+    if len(rows):
+        where = f"{path}:{table.line_of_row(int(rows[0]))}"
+        raise DataError(f"{where}: no number in column '{TABLE_COLUMNS[places[0]]}'.", code="no-number")
     try:
         experiments = experiments_from_table(
             command=values[:, 0],
@@ -88,7 +102,7 @@ def read_forces(path: Path) -> DragExperiments:
     speed = experiments.speed_sum_rad_s / ROTORS
     markers = marker_findings(experiments.command, speed, quantities=("drag.*",), single=False)
     findings = tuple(one.at(path.name) for one in (*experiments.findings, *markers))
-    return replace(experiments, findings=findings, sources=(Source(str(path), table.sha256),))
+    return replace(experiments, findings=findings, sources=(table.source,))
 
 
 def _check_once(parts: Sequence[ReducedRecording]) -> None:

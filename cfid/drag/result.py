@@ -18,7 +18,7 @@ from cfid.drag.estimation import DragFit, Uncertain
 from cfid.drag.experiments import DragExperiments
 from cfid.drag.model import CROSS_MENDED
 from cfid.drag.thesis import Grouping, Normalised, group_rows, normalise
-from cfid.drag.wind.data import AS_THEY_ARE, WindReading
+from cfid.drag.wind.data import WindReading
 from cfid.estimate.common_causes import Effects, moved_by, with_common_causes
 from cfid.findings import Finding, note
 from cfid.quantities.registry import Range, unit_of
@@ -28,7 +28,6 @@ from cfid.records.plausibility import Given, implausible_inputs
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import NONE_STATED, LoadCellMount, RigFacts, Tachometer, WindStand
 from cfid.records.run import Run
-from cfid.records.tables.wrench import WrenchReading
 
 Array = npt.NDArray[np.float64]
 
@@ -46,7 +45,6 @@ def fit(
     measured: DragExperiments | Sequence[Run | Path | str],
     *,
     index: Path | None = None,
-    wrench: WrenchReading = AS_THEY_ARE.wrench,
     azimuth_deg: float | None = None,
     yaw_deg: float | None = None,
     markers: int | None = None,
@@ -62,8 +60,8 @@ def fit(
 
     `measured` are runs of `cfid log wind`, together with the recordings that an `index` lists, or experiments from
     `read_forces`. Azimuth of the wind generator, yaw and sign of the load cell and the tachometer's markers replace
-    those that a run states; recordings of an index have the facts of `rig`. `wrench` states how to read files that do
-    not describe themselves. See `fit_models` for the models and methods, `group_rows` for `grouping`.
+    those that a run states; recordings of an index have the facts of `rig`. See `fit_models` for the models and
+    methods, `group_rows` for `grouping`.
 
     Raises ConfigError for intercepts with a parasitic term, DataError for what cannot be read, and FitError when not
     even the simple model is determined.
@@ -76,7 +74,7 @@ def fit(
             tachometer=Tachometer(markers=markers),
             wind=WindStand(azimuth_deg=azimuth_deg, yaw_deg=yaw_deg),
         )
-        experiments = read_runs(measured, index=index, how=WindReading(wrench, method, given, rig))
+        experiments = read_runs(measured, index=index, how=WindReading(method, given, rig))
     again = partial(fit_each, method=method, mended=mended, intercepts=intercepts, parasitic=parasitic)
     found = fit_models(experiments, method=method, mended=mended, intercepts=intercepts, parasitic=parasitic)
     quantities = drag_quantities(found, grouping)

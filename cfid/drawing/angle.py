@@ -10,7 +10,7 @@ from cfid.drawing.intervals import GAP, draw_intervals
 from cfid.drawing.style import ALERT, INK, MUTED, RECORDED, draw_line, figure, name_panel, styled, thinned, words
 from cfid.estimate.signals import GRID_S, resample
 from cfid.large import differences, longest_step, parts, some_steps, usual_step
-from cfid.records.tables.angle import AngleRecord
+from cfid.recordings.angle import AngleRecord
 
 Array = npt.NDArray[np.float64]
 

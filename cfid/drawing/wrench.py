@@ -15,7 +15,7 @@ from cfid.drawing.style import ALERT, MUTED, RECORDED, SERIES, draw_line, figure
 from cfid.estimate.blocks import block_means
 from cfid.estimate.signals import resample
 from cfid.large import PART_ROWS, differences, longest_step, usual_step
-from cfid.records.tables.wrench import AXES, WrenchRecord
+from cfid.recordings.wrench import AXES, WrenchRecord
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]

@@ -10,11 +10,11 @@ from pathlib import Path, PurePath
 from cfid.errors import CfidError, DataError
 from cfid.fleet.places import Place, at_hand
 from cfid.fleet.recipes import NO_CHANGES, again, options_of
+from cfid.recordings.resumed import resumed_by
 from cfid.records.campaign import Campaign, open_campaign
 from cfid.records.files import RIG_FILE, RUNS_FOLDER
 from cfid.records.fits import Fit, in_force, list_fits
 from cfid.records.parameters import Section, store_section
-from cfid.records.resumed import resumed_by
 from cfid.records.run import Run, read_run
 from cfid.version import __version__
 

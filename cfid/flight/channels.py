@@ -13,10 +13,10 @@ from scipy.interpolate import CubicSpline
 from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.flight.rows import ROW_S, STEP_S
-from cfid.records.logs.crazyflie_names import first_of, refuse_unread
-from cfid.records.logs.limits import other_scale
-from cfid.records.logs.log import FlightLog
-from cfid.records.tables import supply
+from cfid.recordings import supply
+from cfid.recordings.crazyflie import Timed, channel, first_of, si_values, times_in
+from cfid.recordings.limits import other_scale
+from cfid.recordings.recording import Recording, Series
 from cfid.units import FULL_COMMAND, MOTORS
 
 Array = npt.NDArray[np.float64]
@@ -45,13 +45,12 @@ _FORCES: tuple[_Sensor, ...] = (
     (("accelerometer_m_s2[0]", "accelerometer_m_s2[1]", "accelerometer_m_s2[2]"), _DOWN, None),
     (("accSmooth[0]", "accSmooth[1]", "accSmooth[2]"), _UP, None),
 )
-_COUNTED = ("gyroADC[0]", "gyroADC[1]", "gyroADC[2]", *_UNFILTERED, "accSmooth[0]", "accSmooth[1]", "accSmooth[2]")
 _OF_PX4 = ("xyz[0]", "xyz[1]", "xyz[2]")  # of many of its topics
 _VELOCITY, _QUATERNION = ("vx", "vy", "vz"), ("qw", "qx", "qy", "qz")  # of motion capture, in the world's axes
 _TELLING = 100  # rows of commands that suffice to recognize a flight
 
 
-def command_names(log: FlightLog) -> list[str]:
+def command_names(log: Recording) -> list[str]:
     """Return the channel names of the commands of motors 1 to 4. Raises DataError where one is missing."""
     names = [first_of(log, _COMMANDS, motor) for motor in MOTORS]
     missing = [f"motor.m{motor}" for motor, name in zip(MOTORS, names, strict=True) if name is None]
@@ -60,16 +59,16 @@ def command_names(log: FlightLog) -> list[str]:
     return [name for name in names if name is not None]
 
 
-def _without_commands(log: FlightLog, missing: Sequence[str]) -> str:
+def _without_commands(log: Recording, missing: Sequence[str]) -> str:
     """Return which motors' commands a log lacks, and what to do about it."""
     needed = "a flight's thrust is that of all four motors"
-    if "ULog of PX4" in log.program:
+    if "ULog of PX4" in log.facts.program:
         return (
             f"no topic actuator_motors, and {needed}: PX4 has it from 1.13 on. Log it with the high rate of "
             "SDLOG_PROFILE."
         )
-    if "blackbox log of" in log.program:
-        outputs = [name for one in log.series for name in one.names if _OUTPUT.fullmatch(name)]
+    if "blackbox log of" in log.facts.program:
+        outputs = [name for one in log.series.values() for name in one.names if _OUTPUT.fullmatch(name)]
         if len(set(outputs)) == len(MOTORS):
             return (
                 f"no header motorOutput with the range of {outputs[0]} to {outputs[-1]}, and {needed}: what an output "
@@ -79,16 +78,16 @@ def _without_commands(log: FlightLog, missing: Sequence[str]) -> str:
     return f"no {', '.join(missing)}: {needed}. Give the columns of a table these names."
 
 
-def moving_others(log: FlightLog) -> list[str]:
+def moving_others(log: Recording) -> list[str]:
     """Return the names of motors beyond m1 to m4, in the same series, that run at any time in the log."""
-    series = log.series_of(command_names(log)[0])
-    further = [channel.name for channel in series.channels if _FURTHER.fullmatch(channel.variable)]
-    return [name for name in further if np.any(np.nan_to_num(series.values(name)))]
+    series = log.holding(command_names(log)[0])
+    further = [column for column in series.columns if _FURTHER.fullmatch(column.name)]
+    return [column.name for column in further if np.any(np.nan_to_num(column.values))]
 
 
-def commands_of(log: FlightLog) -> list[tuple[Array, Array]]:
+def commands_of(log: Recording) -> list[Timed]:
     """Return the times (n,) and commands (n,), 0 to 65535, of each motor. Raises DataError for other units."""
-    found = [log.channel(name) for name in command_names(log)]
+    found = [channel(log, name) for name in command_names(log)]
     most = max(float(np.nanmax(command, initial=0.0)) for _, command in found)
     if (scale := other_scale(most)) is not None:
         raise DataError(
@@ -98,7 +97,7 @@ def commands_of(log: FlightLog) -> list[tuple[Array, Array]]:
     return found
 
 
-def same_flight(one: FlightLog, other: FlightLog) -> bool:
+def same_flight(one: Recording, other: Recording) -> bool:
     """Return whether two logs of any kind record the same flight, by their commands.
 
     Rows of four 16-bit numbers do not repeat by chance in another flight.
@@ -108,7 +107,7 @@ def same_flight(one: FlightLog, other: FlightLog) -> bool:
     return fewest >= _TELLING and len(sets[0] & sets[1]) > fewest / 2
 
 
-def _command_rows(log: FlightLog) -> set[bytes]:
+def _command_rows(log: Recording) -> set[bytes]:
     """Return the distinct rows of commands, as whole numbers, in which the four commands are not all equal."""
     commands = commands_of(log)
     if len({len(command) for _, command in commands}) > 1:
@@ -118,51 +117,51 @@ def _command_rows(log: FlightLog) -> set[bytes]:
     return {row.tobytes() for row in rows.astype(np.int64)}
 
 
-def rates_of(log: FlightLog) -> tuple[tuple[Array, Array], float | None]:
+def rates_of(log: Recording) -> tuple[tuple[Array, Array], float | None]:
     """Return times (n,) and rates (n, 3) in rad/s, and the cut-off of their filter in Hz, None where unknown."""
-    return _sensor(log, _RATES, "vehicle_angular_velocity", "rates")
+    return _sensor(log, _RATES, "vehicle_angular_velocity", "rates", "rad/s")
 
 
-def unit_of_rates(log: FlightLog) -> str:
+def unit_of_rates(log: Recording) -> str:
     """Return the unit in which the log's rates are read, "" where there are none."""
-    there = {channel.variable: channel for series in log.series for channel in series.channels}
-    return next((there[names[0]].own_unit for names, _, _ in _RATES if set(names) <= set(there)), "")
+    there = {column.name: column for series in log.series.values() for column in series.columns}
+    return next((there[names[0]].unit for names, _, _ in _RATES if set(names) <= set(there)), "")
 
 
-def forces_of(log: FlightLog) -> tuple[tuple[Array, Array], float | None]:
+def forces_of(log: Recording) -> tuple[tuple[Array, Array], float | None]:
     """Return times (n,) and specific forces (n, 3) in m/s^2, and their filter's cut-off as in `rates_of`."""
-    return _sensor(log, _FORCES, "vehicle_acceleration", "accelerations")
+    return _sensor(log, _FORCES, "vehicle_acceleration", "accelerations", "m/s^2")
 
 
 def _sensor(
-    log: FlightLog, kinds: Sequence[_Sensor], topic: str, what: str
+    log: Recording, kinds: Sequence[_Sensor], topic: str, what: str, unit: str
 ) -> tuple[tuple[Array, Array], float | None]:
     """Return a sensor's times (n,) and values (n, 3) along the vehicle's axes, and the cut-off of its filter in Hz."""
     for names, signs, low_pass_hz in (*kinds, (_OF_PX4, _DOWN, None)):
-        for series in log.series:
-            if set(names) <= set(series.variables) and (names is not _OF_PX4 or series.name == topic):
-                for name in names:
-                    channel = series.channels[series.place_of(name)]
-                    refuse_unread(log, channel)
-                    if name in _COUNTED and not channel.own_unit:
-                        raise DataError(
-                            f"{log.path}: what a count of '{name}' is stands in the blackbox file alone: take that, or "
-                            "a run or a MATLAB file that `cfid import` or `cfid convert` made of it."
-                        )
-                values = np.column_stack([sign * series.values(name) for name, sign in zip(names, signs, strict=True)])
+        for series in _from_that_of_commands(log):
+            if set(names) <= set(series.names) and (names is not _OF_PX4 or series.name == topic):
+                values = np.column_stack(
+                    [sign * series.si(name, unit) for name, sign in zip(names, signs, strict=True)]
+                )
                 known = np.isfinite(values).all(axis=1)
                 if np.count_nonzero(known) > 1:
-                    return (series.time_s[known], values[known]), low_pass_hz
+                    return (times_in(log, series)[known], values[known]), low_pass_hz
     raise DataError(f"{log.path}: no {what} along three axes (as {', '.join(kinds[0][0])}).")
 
 
-def motion(log: FlightLog, at_s: Array) -> tuple[Array | None, Array | None]:
+def _from_that_of_commands(log: Recording) -> list[Series]:
+    """Return a recording's series, first that of the commands: others may be of another flight."""
+    commanded = log.holding(command_names(log)[0])
+    return [commanded, *(series for series in log.series.values() if series is not commanded)]
+
+
+def motion(log: Recording, at_s: Array) -> tuple[Array | None, Array | None]:
     """Return velocity (m, 3) in the world's axes and attitude (m, 4) of motion capture, None where there is none."""
-    for series in log.series:
+    for series in log.series.values():
         if {*_VELOCITY, *_QUATERNION} <= set(series.names):
-            time_s = series.time_s
-            velocity = np.column_stack([np.interp(at_s, time_s, series.values(name)) for name in _VELOCITY])
-            attitude = np.column_stack([series.values(name) for name in _QUATERNION])
+            time_s = times_in(log, series)
+            velocity = np.column_stack([np.interp(at_s, time_s, si_values(series.column(name))) for name in _VELOCITY])
+            attitude = np.column_stack([series.column(name).values for name in _QUATERNION])
             flips = np.cumprod(np.where(np.sum(attitude[1:] * attitude[:-1], axis=1) < 0, -1.0, 1.0))
             attitude[1:] *= flips[:, np.newaxis]
             attitude = np.column_stack([np.interp(at_s, time_s, column) for column in attitude.T])
@@ -170,7 +169,7 @@ def motion(log: FlightLog, at_s: Array) -> tuple[Array | None, Array | None]:
     return None, None
 
 
-def volts_of(log: FlightLog) -> tuple[tuple[Array, Array] | None, tuple[str, ...]]:
+def volts_of(log: Recording) -> tuple[tuple[Array, Array] | None, tuple[str, ...]]:
     """Return times and the battery's voltage (n,), None where it is not known, and sentences on what is not used.
 
     Single values that no battery has, or that are far from the others, are left out.
@@ -178,7 +177,7 @@ def volts_of(log: FlightLog) -> tuple[tuple[Array, Array] | None, tuple[str, ...
     name = first_of(log, _VOLTS)
     if name is None:
         return None, _may_be_volts(log)
-    time_s, volts = log.channel(name)
+    time_s, volts = channel(log, name)
     there = np.isfinite(volts)
     wrong = supply.impossible(volts)
     if not there.any():
@@ -196,9 +195,9 @@ def volts_of(log: FlightLog) -> tuple[tuple[Array, Array] | None, tuple[str, ...
     return (time_s[known], volts[known]), (text,) if wrong.any() else ()
 
 
-def _may_be_volts(log: FlightLog) -> tuple[str, ...]:
+def _may_be_volts(log: Recording) -> tuple[str, ...]:
     """Return a sentence on a column of a table that may be the voltage although it has another name."""
-    names = [channel.name for series in log.series for channel in series.channels]
+    names = [column.name for series in log.series.values() for column in series.columns]
     may_be = next((name for name in names if _LIKE_VOLTS.fullmatch(name)), None)
     return () if may_be is None else (f"column '{may_be}' is not used: if it is the voltage, call it pm.vbat.",)
 

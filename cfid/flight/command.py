@@ -8,7 +8,7 @@ import typer
 from cfid.console.flat import flat
 from cfid.console.inputs import Workplace, find_recording, open_workplace
 from cfid.console.lists import Measured, measured
-from cfid.console.options import CutOptions, Delivery, LogClock, ReadingOptions, RigOptions
+from cfid.console.options import CutOptions, Delivery, RigOptions
 from cfid.console.outcome import deliver
 from cfid.records.choose import labelled
 
@@ -52,10 +52,8 @@ def flight(
             rich_help_panel=_BODY,
         ),
     ] = False,
-    clock: LogClock = None,
     cut: CutOptions,
     rig: RigOptions,
-    reading: ReadingOptions,
     delivery: Delivery,
 ) -> None:
     """Fit thrust, lag, moments of inertia and drag to flight logs, as far as the flights excite them.
@@ -69,10 +67,9 @@ def flight(
     body = _body(
         workplace, measured(mass_kg, "--mass-kg"), measured(arm_mm, "--arm-mm"), measured(torque_m, "--torque-m")
     )
-    foreign = reading.foreign(clock)
     paths = [find_recording(word, workplace, labelled("flight")) for word in logs or []]
-    window = {"from_s": cut.from_s, "to_s": cut.to_s}
-    result = fit([read_flight(path, foreign, **window, props_out=props_out) for path in paths], body=body)
+    flights = [read_flight(path, from_s=cut.from_s, to_s=cut.to_s, props_out=props_out) for path in paths]
+    result = fit(flights, body=body)
     deliver(replace(result, folder=workplace.figures), delivery, workplace.campaign, workplace.own_rig)
 
 

@@ -8,22 +8,17 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import DataError, FitError
-from cfid.findings import Finding, note, of_recording, rejection, warning
+from cfid.findings import Finding, finding, rejection, warning
 from cfid.flight.airborne import in_air, late, without_touches
 from cfid.flight.channels import at_rows, held, motion, moving_others, volts_of
 from cfid.flight.gyro_unit import refuse_other_unit
 from cfid.flight.repeated import ACCELEROMETER, GYRO, commands_held_s, held_findings, repeated_findings
 from cfid.flight.rows import AXES, ROW_S, ROW_STEPS, STEP_S, Flight, segments, turned_back
 from cfid.flight.sensed import SLOWEST_S, Sensed, sensed_in
-from cfid.records.logs.any_kind import NO_OPTIONS, read_log
-from cfid.records.logs.flights import longest_flight
-from cfid.records.logs.log import FlightLog
-from cfid.records.logs.motor_numbers import NO_SQUARE
-from cfid.records.logs.run import log_of_run
-from cfid.records.logs.spin import OTHER_WAY
-from cfid.records.run import run_at
-from cfid.records.tables.gyro import at_end_of_range
-from cfid.records.tables.schema import Foreign, refuse_for_run
+from cfid.recordings.crazyflie import findings_in
+from cfid.recordings.gyro import at_end_of_range
+from cfid.recordings.read import read_recording
+from cfid.recordings.recording import Recording
 from cfid.units import DEAD_COMMAND, FULL_COMMAND, MOTORS, USUAL_GRAVITY_MPS2
 
 Array = npt.NDArray[np.float64]
@@ -46,7 +41,7 @@ class FlownLog:
     accelerometer.
     """
 
-    log: FlightLog
+    log: Recording
     flight: Flight
     by_command: Flight
     findings: tuple[Finding, ...]
@@ -66,7 +61,6 @@ class FlownLog:
 
 def read_flight(
     path: Path,
-    reading: Foreign = NO_OPTIONS,
     *,
     from_s: float | None = None,
     to_s: float | None = None,
@@ -77,22 +71,17 @@ def read_flight(
     With `props_out`, rotors turn the other way than a Crazyflie's, whether the log states it or not.
 
     Raises DataError for a log that lacks commands of all motors, rates or accelerations, or is sampled too slowly,
-    FitError for one of a vehicle with other than four motors, and ConfigError if a `reading` is given for a run.
+    FitError for one of a vehicle with other than four motors.
     """
-    run = run_at(path)
-    if run is None:
-        return flight_of(read_log(path, reading), from_s=from_s, to_s=to_s, props_out=props_out)
-    refuse_for_run(path, reading)
-    return flight_of(log_of_run(run), from_s=from_s, to_s=to_s, props_out=props_out)
+    return flight_of(read_recording(path), from_s=from_s, to_s=to_s, props_out=props_out)
 
 
 def flight_of(
-    log: FlightLog, *, from_s: float | None = None, to_s: float | None = None, props_out: bool = False
+    whole: Recording, *, from_s: float | None = None, to_s: float | None = None, props_out: bool = False
 ) -> FlownLog:
     """Extract the flight from a log that has been read, as in `read_flight`."""
-    whole = longest_flight(log)
-    if props_out and not _other_way(whole):
-        whole = replace(whole, assumed=(*whole.assumed, f"{OTHER_WAY}, as `props_out` states"))
+    if props_out:
+        whole = replace(whole, facts=replace(whole.facts, props_out=True))
     _refuse_other_motors(whole)
     sensed = sensed_in(whole, from_s or 0.0, np.inf if to_s is None else to_s)
     voltmeter, faults = volts_of(sensed.log)
@@ -107,9 +96,10 @@ def flight_of(
         voltmeter=voltmeter,
         apart_s=sensed.apart_s,
         findings=(
-            *of_recording(name, [text for text in whole.notes if not text.startswith(NO_SQUARE)]),
-            *(note("recording", f"assumed: {text}.").at(name) for text in whole.assumed),
-            *(warning("recording", text).at(name) for text in (*sensed.notes, *faults, *gaps)),
+            *findings_in(whole),
+            *_of_facts(whole),
+            *(one.at(name) for one in sensed.findings),
+            *(warning("recording", text).at(name) for text in (*faults, *gaps)),
             *(one.at(name) for one in repeated_findings(sensed.readings)),
             *(one.at(name) for one in held_findings(by_command.held_s)),
             *(one.at(name) for one in found),
@@ -156,13 +146,19 @@ def _by_command(sensed: Sensed) -> tuple[Flight, tuple[str, ...], tuple[Finding,
         held_s=commands_held_s(sensed.commands, sensed.readings),
         velocity=velocity,
         attitude=attitude,
-        props_out=_other_way(sensed.log),
+        props_out=sensed.log.facts.props_out is True,
     )
     return flight, gaps, (*touches, *clipped)
 
 
-def _other_way(log: FlightLog) -> bool:
-    return any(text.startswith(OTHER_WAY) for text in log.assumed)
+def _of_facts(log: Recording) -> tuple[Finding, ...]:
+    """Return findings on what a log, or an option, states of its rotors and of its clock."""
+    found = []
+    if log.facts.props_out:
+        found.append(finding("flight-props-out"))
+    if log.facts.clock == "unknown":
+        found.append(finding("gyro-clock-undecided", "flight.inertia_kg_m2.*", "flight.*_s", "flight.drag*"))
+    return tuple(one.at(log.path.name) for one in found)
 
 
 def _in_volts(flight: Flight, time_s: Array, volts: Array) -> Flight:
@@ -213,7 +209,7 @@ def _beyond(time_s: Array, rates: Array, row_s: Array, driven: Mask) -> tuple[Ma
     return beyond, [warning("flight-gyro-clipped", text, "flight.inertia_kg_m2.*")]
 
 
-def _refuse_other_motors(log: FlightLog) -> None:
+def _refuse_other_motors(log: Recording) -> None:
     if others := moving_others(log):
         raise FitError(
             f"{log.path}: there are commands of {', '.join(others)} besides those of the motors m1 to m4, "

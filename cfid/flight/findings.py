@@ -20,7 +20,6 @@ from cfid.flight.moving import moving_findings
 from cfid.flight.rows import ROW_S, Flight
 from cfid.flight.turning import turning_findings
 from cfid.flight.values import DELAY, MOMENTS, SINGLE, TIMES, Body, lever_m, thrust_key, times_of
-from cfid.records.logs.crazyflie_names import BY_NAMES
 from cfid.records.parameters import Parameter, plain
 
 _LEAST_SPEED_MPS = 0.3  # root mean square along an axis
@@ -169,7 +168,7 @@ def _delay_findings(found: FlightFit, concerned: Sequence[str]) -> list[Finding]
 def _moment_findings(found: FlightFit, body: Body, flown: FlownLog) -> list[Finding]:
     """Judge moments by the torques' effect about each axis; `flown` is the first flight."""
     result = _wrong_ways(found, props_out=flown.flight.props_out)
-    question = " Is the gyro in rad/s?" if BY_NAMES in flown.log.assumed else ""
+    question = " Is the gyro in rad/s?" if any(one.code == "log-units-by-names" for one in flown.findings) else ""
     within, lost_s = "", flown.in_air_s - flown.driven_s
     if lost_s > LOOSE * flown.in_air_s:
         within = f", so that no motor reaches idle or full command ({lost_s:.0f} s at and after these are left out)"

@@ -11,7 +11,8 @@ from cfid.flight.channels import unit_of_rates
 from cfid.flight.equations import TURNS
 from cfid.flight.estimation import FlightFit
 from cfid.flight.rows import LEVER
-from cfid.records.logs.log import FlightLog
+from cfid.recordings.crazyflie import si_unit, si_values, times_in
+from cfid.recordings.recording import Recording
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -37,7 +38,7 @@ _ATTITUDES = (
 _QUATERNIONS = (("qw", "qx", "qy", "qz"), tuple(f"stateEstimate.q{part}" for part in "wxyz"))
 
 
-def refuse_other_unit(log: FlightLog, time_s: Array, rates: Array, running: Mask) -> None:
+def refuse_other_unit(log: Recording, time_s: Array, rates: Array, running: Mask) -> None:
     """Raise DataError for rates (n, 3) in rad/s whose unit is wrong, judged by the log's attitude or by their size.
 
     `running` (n,) are the rows with running motors.
@@ -83,15 +84,15 @@ def unlike_arm(found: FlightFit, arm_m: float, read: str) -> str | None:
     )
 
 
-def _attitudes(log: FlightLog) -> Iterator[tuple[tuple[str, ...], Array, Array]]:
+def _attitudes(log: Recording) -> Iterator[tuple[tuple[str, ...], Array, Array]]:
     """Yield the names, times (n,) and angles (n, 2) about roll and pitch of each attitude of a log."""
-    for series in log.series:
+    for series in log.series.values():
         for names in (*_ATTITUDES, *_QUATERNIONS):
-            there = {channel.variable: channel.unit for channel in series.channels}
+            there = {column.name: si_unit(column)[0] for column in series.columns}
             if not all(there.get(name) == ("rad" if len(names) == 2 else "1") for name in names):
                 continue
-            values = np.column_stack([series.values(name) for name in names])
-            time_s, known = series.time_s, np.isfinite(values).all(axis=1)
+            values = np.column_stack([si_values(series.column(name)) for name in names])
+            time_s, known = times_in(log, series), np.isfinite(values).all(axis=1)
             values, time_s = values[known], time_s[known]
             if len(names) == 4:
                 w, x, y, z = values.T

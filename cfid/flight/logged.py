@@ -7,8 +7,7 @@ import numpy as np
 from cfid.findings import Finding, rejection, warning
 from cfid.flight.data import FlownLog
 from cfid.flight.values import MOMENTS, TIMES
-from cfid.records.logs.motor_numbers import NO_SQUARE
-from cfid.units import USUAL_GRAVITY_MPS2
+from cfid.units import MOTORS, USUAL_GRAVITY_MPS2
 
 _CLOSE_S = 0.005  # between commands: farther apart, the autopilot's commands in between are unknown
 _SEEN_S = 0.012  # between rows of a sensor, for quantities that depend on how fast it responds
@@ -41,14 +40,13 @@ def spacing_findings(flown: FlownLog) -> list[Finding]:
 
 def square_findings(flown: FlownLog) -> list[Finding]:
     """Reject roll and pitch moments where the log does not place the rotors on a square."""
-    text = "Moments about roll and pitch are fitted only for four rotors at the corners of a square."
-    return [
-        rejection("flight-rotors-off-square", f"{stated} {text}", MOMENTS["roll"], MOMENTS["pitch"]).at(
-            flown.log.path.name
-        )
-        for stated in flown.log.notes
-        if stated.startswith(NO_SQUARE)
-    ]
+    facts = flown.log.facts
+    others = facts.motors not in (None, len(MOTORS))
+    if facts.square is not False and not others:
+        return []
+    there = f"there are {facts.motors} motors" if others else "the rotors do not stand on a square"
+    text = f"{there}: moments about roll and pitch are fitted only for four rotors at the corners of a square."
+    return [rejection("flight-rotors-off-square", text, MOMENTS["roll"], MOMENTS["pitch"]).at(flown.log.path.name)]
 
 
 def weight_findings(flown: FlownLog) -> list[Finding]:

@@ -25,6 +25,7 @@ from cfid.flight.values import (
     quantities_of,
     rescaled_thrust,
 )
+from cfid.recordings.read import description
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Figures, Result
 
@@ -131,7 +132,7 @@ def _lines(
     low, high = found.drive_range
     unit = " V" if found.in_volts else ""
     return [
-        *(one.log.understood for one in flights),
+        *(description(one.log) for one in flights),
         *(
             f"{one.flight.name}: {one.in_air_s:.1f} s in the air, {one.driven_s:.1f} s of it with every motor within "
             "its range"

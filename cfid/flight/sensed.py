@@ -1,7 +1,7 @@
 """Read a flight's commands, rates and specific forces between two times from a log, with each reading once."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -9,14 +9,14 @@ import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError
 from cfid.estimate.held_readings import Readings
+from cfid.findings import Finding
 from cfid.flight.airborne import EDGE_S
 from cfid.flight.channels import command_names, commands_of, forces_of, rates_of
 from cfid.flight.repeated import ACCELEROMETER, GYRO, commands_apart_s, first_rows
 from cfid.flight.rows import ROW_S, ROW_STEPS, STEP_S
-from cfid.records.logs.hung import without_hung
-from cfid.records.logs.limits import COMMANDS, FORCES, RATES, Limits
-from cfid.records.logs.log import FlightLog
-from cfid.records.logs.repeated_times import refuse_repeated_times
+from cfid.recordings.crazyflie import between, channel
+from cfid.recordings.limits import COMMANDS, FORCES, RATES, Limits, refuse_repeated_times, without_hung
+from cfid.recordings.recording import Recording
 
 Array = npt.NDArray[np.float64]
 Timed = tuple[Array, Array]
@@ -33,11 +33,11 @@ class Sensed:
     """Times (k,) and values of four motors' commands (k,), rates (k, 3) and specific forces (k, 3), readings once each.
 
     All have rows from `begin_s` to `end_s`; `first_s` is the time of the log's first command. `log` also contains the
-    rows before and after, for its other channels. `low_pass_hz` are the filters of forces and rates, and `notes` state
-    which rows were left out.
+    rows before and after, for its other channels. `low_pass_hz` are the filters of forces and rates, and `findings`
+    state which rows were left out.
     """
 
-    log: FlightLog
+    log: Recording
     commands: tuple[Timed, ...]
     rates: Timed
     forces: Timed
@@ -46,7 +46,7 @@ class Sensed:
     first_s: float
     begin_s: float
     end_s: float
-    notes: tuple[str, ...]
+    findings: tuple[Finding, ...]
 
     @property
     def times_s(self) -> tuple[Array, ...]:
@@ -82,19 +82,18 @@ class Sensed:
         return int((self.end_s - self.begin_s) / ROW_S)
 
 
-def sensed_in(log: FlightLog, from_s: float, to_s: float) -> Sensed:
+def sensed_in(log: Recording, from_s: float, to_s: float) -> Sensed:
     """Return what a log's instruments show between two times since its first row of a command.
 
     Raises DataError for a log that lacks commands of all motors, rates or accelerations, or is sampled too slowly, and
     ConfigError where too much or too little lies between these times.
     """
-    first = log.channel(command_names(log)[0])[0]
+    first = channel(log, command_names(log)[0])[0]
     refuse_repeated_times(log.path, first)
     _check_spacing(first, log)
     from_s, to_s = _window(first, log.path, from_s, to_s)
-    around = from_s - _AROUND_S, to_s + _AROUND_S
-    log = replace(log, series=tuple(one.between(*around) for one in log.series))
-    spoilt: list[str] = []
+    log = between(log, from_s - _AROUND_S, to_s + _AROUND_S)
+    spoilt: list[Finding] = []
     commands = tuple(
         _possible(*_numbers(*one, name, log.path), COMMANDS, name, spoilt)
         for name, one in zip(command_names(log), commands_of(log), strict=True)
@@ -122,7 +121,7 @@ def sensed_in(log: FlightLog, from_s: float, to_s: float) -> Sensed:
         first_s=float(first[0]),
         begin_s=begin,
         end_s=end,
-        notes=(*spoilt, *hung),
+        findings=(*spoilt, *hung),
     )
 
 
@@ -138,14 +137,14 @@ def _numbers(time_s: Array, values: Array, what: str, path: Path) -> tuple[Array
     return time_s[known], values[known]
 
 
-def _possible(time_s: Array, values: Array, limits: Limits, what: str, notes: list[str]) -> tuple[Array, Array]:
-    """Return times (n,) and values (n,) or (n, 3) without a few impossible rows, which are then reported in `notes`."""
+def _possible(time_s: Array, values: Array, limits: Limits, what: str, findings: list[Finding]) -> tuple[Array, Array]:
+    """Return times (n,) and values (n,) or (n, 3) without a few impossible rows, which are then in `findings`."""
     outside = limits.outside(values)
     rows, known = (np.atleast_2d(mask.T) for mask in (outside, np.isfinite(values)))
     wrong, count = rows.any(axis=0), int(np.count_nonzero(rows.any(axis=0)))
     if not limits.few(count, int(np.count_nonzero(known.all(axis=0)))):
         return time_s, values
-    notes.append(limits.left_out(what, count, float(values[outside][0])))
+    findings.append(limits.left_out(what, count, float(values[outside][0])))
     return time_s[~wrong], values[~wrong]
 
 
@@ -154,11 +153,11 @@ def _apart_s(time_s: Array) -> float:
     return float(np.median(np.diff(time_s)))
 
 
-def _check_spacing(time_s: Array, log: FlightLog, what: str = "rows") -> None:
+def _check_spacing(time_s: Array, log: Recording, what: str = "rows") -> None:
     """Raise DataError for rows, or `what` they show, at times (n,) too far apart to follow rates."""
     if len(time_s) < 2 or (apart_s := _apart_s(time_s)) <= SLOWEST_S:
         return
-    other = f" Here {log.clock}: if they are in a smaller unit, give `time_unit`." if apart_s >= _OTHER_UNIT_S else ""
+    other = " If times are in a smaller unit, import the table with `unit`." if apart_s >= _OTHER_UNIT_S else ""
     raise DataError(
         f"{log.path}: {what} {1e3 * apart_s:.0f} ms apart (limit {1e3 * SLOWEST_S:.0f} ms): log motors, gyro and "
         f"accelerometer every 10 ms at least (PX4: the high rate of SDLOG_PROFILE).{other}"

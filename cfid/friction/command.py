@@ -9,7 +9,7 @@ import typer
 from cfid.console.flat import flat
 from cfid.console.inputs import Workplace, find_recording, open_workplace, read_recording, split_label
 from cfid.console.lists import measured
-from cfid.console.options import CutOptions, Delivery, GravityMps2, Method, ReadingOptions, RigOptions
+from cfid.console.options import CutOptions, Delivery, GravityMps2, Method, RigOptions
 from cfid.console.outcome import deliver
 from cfid.console.selection import chosen
 from cfid.records.choose import labelled
@@ -17,7 +17,7 @@ from cfid.units import MM
 
 if TYPE_CHECKING:
     from cfid.findings import Finding
-    from cfid.records.tables.angle import AngleRecord
+    from cfid.recordings.angle import AngleRecord
 
 
 @flat
@@ -32,7 +32,6 @@ def friction(
     ] = None,
     cut: CutOptions,
     rig: RigOptions,
-    reading: ReadingOptions,
     delivery: Delivery,
     radius_mm: Annotated[
         str | None,
@@ -56,7 +55,7 @@ def friction(
     workplace = open_workplace(rig, gravity=gravity)
     words = chosen(runs, workplace.campaign, suits=labelled("drop"), wanted="dropped weights")
     radius = measured(radius_mm, "--radius-mm")
-    records, left_out = _read_weights(words, reading, workplace)
+    records, left_out = _read_weights(words, workplace)
     found = result.fit(
         records,
         rig=None if workplace.borrowed else workplace.rig,
@@ -72,16 +71,14 @@ def friction(
     deliver(found, delivery, workplace.campaign, workplace.own_rig)
 
 
-def _read_weights(
-    words: Sequence[str], reading: ReadingOptions, workplace: Workplace
-) -> "tuple[list[AngleRecord], list[Finding]]":
+def _read_weights(words: Sequence[str], workplace: Workplace) -> "tuple[list[AngleRecord], list[Finding]]":
     """Read GRAMS=FILE, or a RUN whose label has its weight; return warnings on files and runs that cannot be read.
 
     Raises ConfigError for an invalid weight, DataError for a file that does not exist, and where none can be read.
     """
     from cfid.errors import DataError
     from cfid.findings import warning
-    from cfid.records.tables import angle
+    from cfid.recordings import angle
 
     found, left_out = [], []
     first: DataError | None = None
@@ -90,7 +87,7 @@ def _read_weights(
         weight = _weight(label) if label else {}
         path = find_recording(rest, workplace, labelled("drop"))
         try:
-            record = read_recording(str(path), reading.reading(), workplace)
+            record = angle.angle_record(read_recording(str(path), workplace))
         except DataError as error:  # one recording does not condemn the others
             if not path.exists():
                 raise

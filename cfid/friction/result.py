@@ -9,6 +9,8 @@ from cfid.friction.drops import Drop, measure_drop
 from cfid.friction.estimation import COULOMB, SETUP_INERTIA, VISCOUS, FrictionEstimate, fit_friction, thesis_friction
 from cfid.friction.repeated import read_once
 from cfid.quantities.registry import Range
+from cfid.recordings.angle import AngleRecord, AngleSource, angle_record
+from cfid.recordings.gyro import SCALE_STD
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import (
     Given,
@@ -19,8 +21,6 @@ from cfid.records.plausibility import (
 )
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig
-from cfid.records.tables.angle import AngleRecord, Recording, angle_record
-from cfid.records.tables.gyro import SCALE_STD
 from cfid.swing.data import rig_or_thesis
 from cfid.units import MM
 
@@ -29,7 +29,7 @@ _WEIGHT_G = Range(1, 1000, "what a fishing line carries and an axis turns agains
 
 
 def fit(
-    drops: Sequence[Recording],
+    drops: Sequence[AngleSource],
     *,
     rig: Rig | None = None,
     radius_m: float | None = None,

@@ -4,6 +4,7 @@ import shlex
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from functools import cached_property
 from typing import Literal
 
@@ -254,7 +255,7 @@ def _missing_sines(run: Run, runs: Sequence[Run], *, excluded: bool) -> list[Sin
 
 def _steps_left(run: Run) -> bool:
     """Return whether an interrupted run lacks steps of a staircase above zero."""
-    from cfid.records.resumed import steps_left
+    from cfid.recordings.resumed import steps_left
 
     with suppress(KeyError, TypeError, ValueError, DataError):  # it is no staircase, or cannot be read
         return any(steps_left(run))
@@ -278,14 +279,15 @@ def _unusable(statuses: Iterable[TaskStatus], runs: Sequence[Run]) -> tuple[Unus
 
 
 def _newer(section: Section, runs: Sequence[Run]) -> int:
-    """Return how many runs were recorded after those of a fit; runs without a number, after the fit was found."""
+    """Return how many runs were recorded after a fit; where the clock was set back, after the last run that it used."""
     used = set(runs_of(section.sources))
     last = max((run.header.number or 0 for run in runs if run.folder.name in used), default=0)
-    return sum(
-        run.folder.name not in used
-        and (run.header.started > section.found if run.header.number is None else run.header.number > last)
-        for run in runs
-    )
+    newer, latest = 0, datetime.min.replace(tzinfo=UTC)
+    for run in runs:
+        after = (run.header.number or 0) > last if run.header.started < latest else run.header.started > section.found
+        newer += after and run.folder.name not in used
+        latest = max(latest, run.header.started)
+    return newer
 
 
 def _holds(refused: Section, section: Section | None, runs: Sequence[Run], stale: Stale) -> bool:

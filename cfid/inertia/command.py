@@ -16,7 +16,6 @@ from cfid.console.options import (
     GravityMps2,
     MassKg,
     Method,
-    ReadingOptions,
     RigOptions,
     Swings,
     WindowOptions,
@@ -35,7 +34,6 @@ def inertia(
     runs: Swings = None,
     window: WindowOptions,
     rig: RigOptions,
-    reading: ReadingOptions,
     delivery: Delivery,
     propose: Annotated[bool, typer.Option("--propose", help="Propose axes and distances for the next swings.")] = False,
     plan: Annotated[
@@ -50,7 +48,7 @@ def inertia(
     AXIS is a mount in rig.toml; fixture=FILE is a swing of the empty fixture, whose effect is subtracted;
     x=3.12e-05:4e-08 is an axis inertia already known, with its standard uncertainty.
 
-    Example: [bold]cfid fit inertia x=x.csv y=y.csv z=z.csv xy=xy.csv xz=xz.csv yz=yz.csv --time-unit us[/bold]
+    Example: [bold]cfid fit inertia x=x.csv y=y.csv z=z.csv xy=xy.csv xz=xz.csv yz=yz.csv[/bold]
     """
     from cfid.inertia import result
 
@@ -66,7 +64,7 @@ def inertia(
         method=method,
         propose=propose or plan,
     )
-    _fit_swings(fit, runs, body="crazyflie", window=window, reading=reading, workplace=workplace, delivery=delivery)
+    _fit_swings(fit, runs, body="crazyflie", window=window, workplace=workplace, delivery=delivery)
 
 
 @flat
@@ -75,7 +73,6 @@ def testbody(
     runs: Swings = None,
     window: WindowOptions,
     rig: RigOptions,
-    reading: ReadingOptions,
     delivery: Delivery,
     mass_kg: MassKg = None,
     gravity_mps2: GravityMps2 = None,
@@ -85,7 +82,7 @@ def testbody(
 
     AXIS is a mount in \[testbody.mounts]; cuboids and mass come from \[testbody] in rig.toml.
 
-    Example: [bold]cfid fit testbody x=tb_x.csv z=tb_z.csv --time-unit us[/bold]
+    Example: [bold]cfid fit testbody x=tb_x.csv z=tb_z.csv[/bold]
     """
     from cfid.inertia import testbody_result
 
@@ -100,7 +97,7 @@ def testbody(
         gravity_std_mps2=gravity.std,
         method=method,
     )
-    _fit_swings(fit, runs, body="testbody", window=window, reading=reading, workplace=workplace, delivery=delivery)
+    _fit_swings(fit, runs, body="testbody", window=window, workplace=workplace, delivery=delivery)
 
 
 def _fit_swings(
@@ -109,7 +106,6 @@ def _fit_swings(
     *,
     body: str,
     window: WindowOptions,
-    reading: ReadingOptions,
     workplace: Workplace,
     delivery: Delivery,
 ) -> None:
@@ -119,7 +115,7 @@ def _fit_swings(
     suits = labelled("swing", body, data.FIXTURE)
     words = chosen(runs, workplace.campaign, suits=suits, wanted=wanted)
     found = fit(
-        arguments.read_swings(words, reading.reading(), workplace, suits),
+        arguments.read_swings(words, workplace, suits),
         rig=None if workplace.borrowed else workplace.rig,
         peaks=arguments.parse_peaks(window.peaks),
         smallest_peak_rad=math.radians(window.min_angle_deg or 1.0),

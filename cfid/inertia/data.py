@@ -6,16 +6,17 @@ from typing import Any
 
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding
+from cfid.recordings.angle import AngleSource, AxisRecord
+from cfid.recordings.periods import axis_record
 from cfid.records.parameters import Source
 from cfid.records.plausibility import taken_as_exact
 from cfid.records.result import Dependent
 from cfid.records.rig_file import Mount
-from cfid.records.tables.angle import AngleRecord, Recording, angle_record
 from cfid.swing.axis_inertias import MountedSwing
 from cfid.swing.data import FIXTURE, KnownInertia, check_peaks, peaks_on, threads_of
 from cfid.swing.result import FREQUENCY, Method, estimate
 
-Swing = Recording | KnownInertia
+Swing = AngleSource | KnownInertia
 Peaks = int | Mapping[str, int] | None
 
 
@@ -28,7 +29,7 @@ class MeasuredSwings:
     merits: tuple[dict[str, Any], ...]
     lines: tuple[str | Dependent, ...]
     found: tuple[tuple[str, Finding], ...]
-    records: tuple[AngleRecord, ...]
+    records: tuple[AxisRecord, ...]
 
     @property
     def sources(self) -> tuple[Source, ...]:
@@ -51,15 +52,15 @@ class MeasuredSwings:
         )
 
 
-def records_of(swings: Sequence[Swing]) -> list[AngleRecord | KnownInertia]:
+def records_of(swings: Sequence[Swing]) -> list[AxisRecord | KnownInertia]:
     """Read the swings that are not read yet. Raises ConfigError when none is given."""
     if not swings:
         raise ConfigError("no swing is given: name at least one run or file.")
-    return [swing if isinstance(swing, KnownInertia) else angle_record(swing) for swing in swings]
+    return [swing if isinstance(swing, KnownInertia) else axis_record(swing) for swing in swings]
 
 
 def measure(
-    swings: Sequence[AngleRecord | KnownInertia],
+    swings: Sequence[AxisRecord | KnownInertia],
     *,
     body: str,
     mounts: Mapping[str, Mount],
@@ -103,11 +104,11 @@ def measure(
         merits=tuple(merits),
         lines=tuple(lines),
         found=tuple(found),
-        records=tuple(swing for swing in swings if isinstance(swing, AngleRecord)),
+        records=tuple(swing for swing in swings if isinstance(swing, AxisRecord)),
     )
 
 
-def _mount_of(record: AngleRecord, body: str) -> str:
+def _mount_of(record: AxisRecord, body: str) -> str:
     """Return the mount that a recording's label names; one labelled as the fixture belongs to it, whatever its axis."""
     label = record.label
     if label.body == FIXTURE:
@@ -120,6 +121,8 @@ def _mount_of(record: AngleRecord, body: str) -> str:
 
 
 def _about(figures: Mapping[str, Any]) -> str:
+    if "period_s" in figures:
+        return f"{figures['periods']} periods of {figures['period_s']:.6g} s"
     peaks = f"{figures['peaks_used']} peaks"
     if "distortion" not in figures:
         return f"{peaks}, damped cosine"

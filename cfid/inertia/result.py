@@ -16,12 +16,12 @@ from cfid.inertia.estimation import MATRIX, InertiaFit, MeasuredAxes, fit_inerti
 from cfid.inertia.redundancy import distance_findings, redundancy_findings, suspects
 from cfid.inertia.sensitivities import moved_by_inputs
 from cfid.quantities.values import PRODUCTS
+from cfid.recordings.angle import AxisRecord
 from cfid.records.covariances import Covariance, covariance_between
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import implausible_gravity, implausible_inputs, implausible_quantities, platform_of
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import BodyFrame, Rig
-from cfid.records.tables.angle import AngleRecord
 from cfid.swing.axis_inertias import AxisInertias, SwungBody
 from cfid.swing.data import FIXTURE, check_mounts, rests_on, rig_or_thesis, surroundings, turned_about, vehicle
 from cfid.swing.plausibility import given_numbers, moment_fault
@@ -58,7 +58,7 @@ def fit(
     a swing that follows no pendulum.
     """
     given = records_of(swings)
-    rig, notes = rig_or_thesis([swing for swing in given if isinstance(swing, AngleRecord)], rig)
+    rig, notes = rig_or_thesis([swing for swing in given if isinstance(swing, AxisRecord)], rig)
     body = vehicle(rig, mass_kg, mass_std_kg)
     measured = measure(
         given,

@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 from cfid.findings import Finding, rejection, warning
 from cfid.inertia.comparison import BodyComparison, compare
 from cfid.inertia.data import Peaks, Swing, measure, records_of
+from cfid.recordings.angle import AxisRecord
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import implausible_gravity
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig
-from cfid.records.tables.angle import AngleRecord
 from cfid.swing.axis_inertias import AxisInertias, swung_test_body
 from cfid.swing.data import FIXTURE, check_mounts, drawn_body, rests_on, rig_or_thesis, surroundings
 from cfid.swing.release import SMALLEST_PEAK_RAD
@@ -39,7 +39,7 @@ def fit_testbody(
     Arguments and errors are those of `cfid.inertia.fit`; mounts and drawing are the rig's `testbody`.
     """
     given = records_of(swings)
-    rig, notes = rig_or_thesis([swing for swing in given if isinstance(swing, AngleRecord)], rig)
+    rig, notes = rig_or_thesis([swing for swing in given if isinstance(swing, AxisRecord)], rig)
     body = drawn_body(rig, mass_kg, mass_std_kg)
     measured = measure(
         given,

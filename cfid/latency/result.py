@@ -11,10 +11,10 @@ from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, note, rejection, warning
 from cfid.latency.clocks import ClockLine, clock_line, unwrapped_s
 from cfid.latency.estimation import FEW_EFFECTIVE, RoundTrips, round_trips
+from cfid.recordings.sines import PingRecord, read_pings
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Result
 from cfid.records.run import Run
-from cfid.records.tables.pings import PingRecord, read_pings
 
 Array = npt.NDArray[np.float64]
 

@@ -1,8 +1,8 @@
 """Judges pings as soon as they are recorded."""
 
 from cfid.latency.result import fit
+from cfid.recordings.sines import PINGS
 from cfid.records.run import Run
-from cfid.records.tables.pings import PINGS
 
 
 def verdict(run: Run) -> str:

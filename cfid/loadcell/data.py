@@ -14,10 +14,11 @@ from cfid.findings import Finding
 from cfid.loadcell.estimation import Loads
 from cfid.loadcell.model import applied_wrench, place_error
 from cfid.motors.data import channels_of
+from cfid.recordings.read import read_recording
+from cfid.recordings.wrench import AXES, wrench_of
 from cfid.records.parameters import Source
 from cfid.records.rig_file import RigFacts
 from cfid.records.run import Pull, Run, read_run, run_at
-from cfid.records.tables.wrench import AXES, WrenchReading, read_wrench
 from cfid.units import MM
 
 Array = npt.NDArray[np.float64]
@@ -60,7 +61,7 @@ def read_load(run: Run | Path | str) -> LoadedRun:
         raise DataError(
             f"{run.folder}: does not state along which of its axes gravity points: record it with `pull`, as in -z."
         )
-    record = read_wrench(run.folder, WrenchReading())
+    record = wrench_of(read_recording(run.folder))
     gain = np.array(run.header.rig.loadcell.gain or np.ones(6))  # of an earlier calibration
     channels = channels_of(record, flip_fz=bool(run.header.rig.loadcell.flip_fz))
     wrench = np.nan_to_num(channels.T * gain[:, np.newaxis])

@@ -265,8 +265,8 @@ def _tachometer_of(resume: ResumeOptions, campaign: "Campaign") -> Tachometer:
 
 def _scales_of(resume: ResumeOptions, campaign: "Campaign") -> Mapping[str, Any]:
     """Return what the run.toml of the run to resume states about scales at a port; empty where it had none."""
+    from cfid.recordings.vehicle import SCALES
     from cfid.records.run import read_run
-    from cfid.records.tables.vehicle import SCALES
 
     if resume.word is None:
         return {}

@@ -13,18 +13,17 @@ from cfid.estimate.staircase import mean_in_windows, reduce_staircase
 from cfid.estimate.staircase_points import Point, Staircase
 from cfid.findings import Finding, warning
 from cfid.large import empty
-from cfid.records.parameters import Source
-from cfid.records.run import Run, read_run
-from cfid.records.tables.vehicle import (
+from cfid.recordings.vehicle import (
     COMMANDS,
     VEHICLE_LOG,
-    begin_s,
     holds,
     read_commands,
     read_rows,
     reported_speeds_rad_s,
 )
-from cfid.records.tables.wrench import AXES, LOADCELL, WrenchRecord
+from cfid.recordings.wrench import AXES, WrenchRecord
+from cfid.records.parameters import Source
+from cfid.records.run import Run, read_run
 
 Array = npt.NDArray[np.float64]
 
@@ -125,7 +124,7 @@ def reduce_run(record: WrenchRecord, *, flip_fz: bool = False) -> RunStaircase:
     run, began_s, sources = run_of(record), math.nan, [record.source]
     command_time_s, commands = None, None
     if run is not None and holds(run, COMMANDS):
-        began_s = begin_s(run.device_file(LOADCELL))
+        began_s = math.nan if record.begin_s is None else record.begin_s  # by the cell's own clock, where it has one
         rows, commands = read_commands(run)
         command_time_s = rows.time_s - began_s
         sources.append(rows.source)

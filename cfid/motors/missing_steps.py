@@ -5,7 +5,7 @@ from pathlib import Path
 
 from cfid.errors import ConfigError
 from cfid.motors.plan import StaircasePlan
-from cfid.records.resumed import recorded_after, steps_lacking, steps_left
+from cfid.recordings.resumed import recorded_after, steps_lacking, steps_left
 from cfid.records.run import read_run
 
 

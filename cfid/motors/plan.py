@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cfid.estimate.battery_endurance import Held
-from cfid.records.resumed import RESUMES
+from cfid.recordings.resumed import RESUMES
 from cfid.records.run import Run
 
 FEWEST_COMMANDS = {"thrust": 3, "speed": 2}  # above the dead zone: as many as the map of each kind has coefficients

@@ -33,8 +33,13 @@ _ROUNDING = 1e-9  # relative to a matrix's trace
 _PRODUCT = 0.15
 
 
-def implausible(key: str, value: Any, *, std: Any = None, platform: Platform = "crazyflie") -> str:
+def implausible(
+    key: str, value: Any, *, std: Any = None, platform: Platform = "crazyflie", measured_to: float | None = None
+) -> str:
     """Return a sentence on why a quantity's value is implausible, with a guess of its unit; "" for a plausible value.
+
+    A polynomial over the command is too large where it is so at `measured_to`, the largest command that was measured:
+    what it extrapolates to condemns no measurement.
 
     An inertia matrix must also be that of a possible body, and its products must be small: a quadrocopter's axes are
     nearly its principal axes. For the platform `other`, only gravity and whether a body can have the inertia matrix are
@@ -51,7 +56,11 @@ def implausible(key: str, value: Any, *, std: Any = None, platform: Platform = "
     if narrow is not None and not quantity.over:  # a polynomial's range stays as it is
         margin = 2 * max(leaves(std), default=0.0)
         narrow = replace(narrow, least=narrow.least - margin, largest=narrow.largest + margin)
-    for found in filter(None, (quantity.plausible, narrow)):
+    for expected in filter(None, (quantity.plausible, narrow)):
+        found = expected
+        if found.at is not None and measured_to is not None:
+            too_large = max(_judged(quantity, found, value), default=0.0) > found.largest
+            found = replace(found, at=min(found.at, measured_to)) if too_large else found
         at = "" if found.at is None else f" at {found.at:g} {quantity.over}"
         where = " in its slope" if found.of == "slope" else at
         for number in _judged(quantity, found, value):

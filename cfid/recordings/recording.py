@@ -1,5 +1,6 @@
 """What a recording of any origin is: series of columns with units over time, typed facts, and findings."""
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -21,7 +22,15 @@ Rows = npt.NDArray[np.intp]
 Kind = Literal["angle", "wrench", "stand", "flight", "ping", "period"]
 Clock = Literal["computer", "true", "84/85", "unknown"]
 
+_ANGLES = re.compile(
+    r"(?:phi|angle|theta|alpha|winkel|auslenkung|[φϕθϑα]|pos|position|enc|encoder(?:[ _]angle)?)_?\d?", re.IGNORECASE
+)
 MISSING_SHARE = 0.1  # of a recording's rows that may lack a number
+
+
+def is_angle(name: str) -> bool:
+    """Return whether a column is called an angle, also as the last part of a dotted name."""
+    return bool(_ANGLES.fullmatch(name.rpartition(".")[2]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,13 +91,14 @@ class Series:
     """Columns (n,) that were sampled together, at times (n,) in s since the first row.
 
     `time_s` is None for a table without times, `begin_s` the first row's time by the file's clock, None without one.
-    `line_of_row` gives the line of the file, counted from 1, of a row counted from 0.
+    `line_of_row` gives the line of the file, counted from 1, of a row counted from 0; `source` has the file's checksum.
     """
 
     name: str
     path: Path
     columns: tuple[Column, ...]
     rows: int
+    source: Source | None = None
     time_s: Array | None = None
     begin_s: float | None = None
     line_of_row: Callable[[int], int] | None = None
@@ -102,6 +112,10 @@ class Series:
     def line(self, row: int) -> str:
         """Return the path, with the line of a row where the file has lines, to begin a message."""
         return f"{self.path}:{self.line_of_row(row)}" if self.line_of_row is not None else f"{self.path}"
+
+    def line_number(self, row: int) -> int:
+        """Return the line of the file of a row, or the number of the row, counted from 1."""
+        return row + 1 if self.line_of_row is None else self.line_of_row(row)
 
     def column(self, name: str) -> Column:
         """Return a column by its name, or by its head in the file. Raises DataError that names the columns."""
@@ -152,8 +166,9 @@ class Series:
                 "Correct the column, or name another by `columns`.",
                 code="no-number",
             )
-        line = row + 1 if self.line_of_row is None else self.line_of_row(row)
-        left_out = finding("rows-without-number", count=count, rows=self.rows, names=", ".join(names), line=line)
+        left_out = finding(
+            "rows-without-number", count=count, rows=self.rows, names=", ".join(names), line=self.line_number(row)
+        )
         kept = self.kept(~lacking)
         return replace(kept, findings=(*kept.findings, left_out.at(self.path.name)))
 
@@ -181,7 +196,8 @@ class Facts:
 
     `begin_s` is the Unix time of its first row. `clock` tells whether times are those of this computer, or of a
     Crazyflie at its true rate, at 84/85 of it, or unknown which. `props_out` is whether rotors turn the other way than
-    a Crazyflie's, `motors` how many motors thrust and torque are of.
+    a Crazyflie's, `square` whether they stand at the corners of a square, `motors` how many motors thrust and torque
+    are of.
     """
 
     program: str = ""
@@ -189,6 +205,7 @@ class Facts:
     begin_s: float | None = None
     clock: Clock | None = None
     props_out: bool | None = None
+    square: bool | None = None
     motors: int | None = None
     simulated: bool = False
 

@@ -112,7 +112,7 @@ class Table:
     def line_of_row(self, row: int) -> int:
         """Return the line of the file, counted from 1, of a row, counted from 0. The file is read again for it."""
         at = -1
-        with self.path.open(encoding="utf-8-sig", errors="replace", newline="\n") as file:
+        with self.path.open(encoding="utf-8-sig", errors="replace", newline=None) as file:
             for number, line in enumerate(file, start=1):
                 if number > self.layout.lines_above and self.layout.is_row(line):
                     fields = self.layout.fields(line)
@@ -122,30 +122,35 @@ class Table:
         return self.layout.lines_above + 1 + row  # the file was changed
 
 
-def read_table(path: Path, how: How | None = None) -> Table:
+def read_table(path: Path, how: How | None = None, *, of_run: bool = False) -> Table:
     """Read a table between commas, semicolons, tabs or spaces.
+
+    In a file `of_run`, which cfid writes in whole lines, a last line without an end was cut.
 
     Raises DataError for a file that is no table, or in which more than one line in a hundred is damaged; ConfigError
     for options that contradict it.
     """
     how = how or How()
-    check_regular(path)
     try:
+        check_regular(path)
         with path.open("rb") as file:
-            return _read(path, file, how)
+            return _read(path, file, how, of_run=of_run)
+    except FileNotFoundError:
+        raise DataError(f"{path}: no such file.", code="no-file") from None
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}.", code="unreadable") from None
 
 
-def _read(path: Path, file: IO[bytes], how: How) -> Table:
+def _read(path: Path, file: IO[bytes], how: How, *, of_run: bool) -> Table:
     start = file.read(_HEAD_BYTES)
     kind = next((what for begin, what in _OTHER_FILES.items() if start.removeprefix(_BOM).startswith(begin)), None)
     if kind is not None or b"\0" in start:
-        raise DataError(f"{path}: this is {kind or 'no text: name a table, or a log that `cfid import --help` lists.'}")
-    layout = layout_of(path, start, how)
+        raise DataError(f"{path}: this is {kind or 'no text: name a table, or a log that `cfid import` reads.'}")
+    old_ends = not of_run and start.count(b"\r") > start.count(b"\n")  # as spreadsheets on a Mac write them
+    layout = layout_of(path, start.replace(b"\r", b"\n") if old_ends else start, how)
     selected = tuple((_place(path, layout.heads, name), word) for name, word in how.rows)
     file.seek(0)
-    lines = _Lines(file, layout, selected)
+    lines = _Lines(file, layout, selected, old_ends=old_ends, of_run=of_run)
     count = len(layout.heads)
     values = as_columns(lines.blocks(), count, most_rows=1 + lines.size // count)
     rows = len(values[0])
@@ -173,8 +178,16 @@ def _read(path: Path, file: IO[bytes], how: How) -> Table:
 class _Lines:
     """The numbers of a file, block by block, its checksum, and how many lines were left out, and why."""
 
-    def __init__(self, file: IO[bytes], layout: Layout, selected: Sequence[tuple[int, str]]) -> None:
-        self.file, self.layout, self.selected = file, layout, selected
+    def __init__(
+        self,
+        file: IO[bytes],
+        layout: Layout,
+        selected: Sequence[tuple[int, str]],
+        *,
+        old_ends: bool = False,
+        of_run: bool = False,
+    ) -> None:
+        self.file, self.layout, self.selected, self.old_ends, self.of_run = file, layout, selected, old_ends, of_run
         self.size = os.fstat(file.fileno()).st_size  # what a growing file has after it is not read
         self.sha256 = hashlib.sha256()
         self.left_out, self.first_left_out, self.fault = 0, 0, ""
@@ -187,7 +200,7 @@ class _Lines:
         while content := self.file.read(min(BLOCK_BYTES, left)):
             left -= len(content)
             self.sha256.update(content)
-            content = rest + content
+            content = rest + (content.replace(b"\r", b"\n") if self.old_ends else content)
             end = content.rfind(b"\n") + 1
             block, rest = content[:end], content[end:]
             if len(rest) > _LONGEST_LINE:
@@ -200,7 +213,8 @@ class _Lines:
             begin += len(block)
         if rest.strip() and not above:
             text = _decoded(rest)
-            self.unended = len(self.layout.fields(text)) == len(self.layout.heads) and self.layout.is_row(text)
+            is_whole = len(self.layout.fields(text)) == len(self.layout.heads) and self.layout.is_row(text)
+            self.unended = is_whole and not self.of_run
             self.cut = not self.unended
             if self.unended:
                 yield self._parsed(rest)[0]
@@ -222,7 +236,7 @@ class _Lines:
         for number, content in enumerate(block.split(b"\n")[:-1], start=1):
             text = _decoded(content)
             if self.layout.is_row(text):
-                rows.append(content.rstrip(b"\r" + (self.layout.separator or " ").encode()))
+                rows.append(content.rstrip(b" \r" + (self.layout.separator or " ").encode()))
             elif text.strip() and not text.lstrip().startswith(_COMMENT):
                 if not self.left_out:
                     self.first_left_out, self.fault = self._lines_before(begin) + number, self._fault(text)
@@ -287,7 +301,7 @@ def _columns(table: Table, values: Sequence[Array], how: How) -> tuple[Column, .
     columns = []
     for place, head in enumerate(table.heads):
         name, unit = split_unit(head)
-        name = names.get(place, name)
+        name = names.get(place, f"{name} ({place + 1})" if name in named else name)
         columns.append(Column(name=name, unit=unit, values=values[place], head=head))
     return with_units(table.path, columns, how)
 

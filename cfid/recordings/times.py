@@ -66,6 +66,7 @@ def series_of(table: Table, how: How, *, name: str = "", sort: bool = False, tim
         columns=table.columns,
         rows=table.rows,
         line_of_row=table.line_of_row,
+        source=table.source,
         findings=table.findings,
     )
     if how.rate_hz is not None:
@@ -133,13 +134,12 @@ def gaps_in(series: Series, time_s: Array) -> list[Finding]:
     if not gaps:
         return []
     row, longest_s = max(gaps, key=lambda gap: gap[1])
-    line = row + 1 if series.line_of_row is None else series.line_of_row(row)
     return [
         finding(
             "time-gaps",
             gaps=counted(len(gaps), "gap"),
             longest_s=longest_s,
-            line=line,
+            line=series.line_number(row),
             at_s=float(time_s[row]),
             usual_ms=1e3 * usual_s,
         )

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from math import isfinite
 from typing import NamedTuple
 
 from cfid.findings import Finding, note, rejection
@@ -27,6 +28,7 @@ _ALIKE = {  # quantities that rest on the same force, arm, wind or line through 
     "drag.simple_kg_per_rad": ("drag.*",),
     "latency.clock_skew": ("latency.clock_offset_s",),
 }  # fmt: skip
+_OF_COMMAND = ("motor.thrust_poly", "motor.speed_poly")  # polynomials that are extrapolated to the full command
 _SAYS_NOTHING = "-not-excited"  # ends codes of quantities that a recording does not show at all
 _BACKWARDS = ("flight-rotors-turn-back", "flight-wrong-way")  # codes of a wrong sign, for any platform
 _OTHERWISE = 'For another kind of body write platform = "other" under [vehicle] in rig.toml (`cfid new` makes one).'
@@ -67,10 +69,17 @@ def _implausible(quantities: Mapping[str, Parameter], platform: Platform) -> tup
     advice = f" {_OTHERWISE}" if platform != "other" else ""
     found: list[Finding] = []
     for key, one in quantities.items():
-        fault = implausible(key, plain(one.value), std=plain(one.std), platform=platform)
+        measured_to = _measured_to(quantities) if key in _OF_COMMAND else None
+        fault = implausible(key, plain(one.value), std=plain(one.std), platform=platform, measured_to=measured_to)
         if fault and not any(finding.concerns(key) for finding in found):
             found.append(rejection("implausible", f"{fault}{advice}", key, *_ALIKE.get(key, ())))
     return tuple(found)
+
+
+def _measured_to(quantities: Mapping[str, Parameter]) -> float | None:
+    """Return the largest command at which a motor was measured, None where no table states it."""
+    rows = quantities["motor.table"].value if "motor.table" in quantities else ()
+    return max((row["cmd"] for row in rows if isfinite(row["cmd"])), default=None)
 
 
 def implausible_inputs(given: Iterable[Given], rig: Rig | None, *resting: str) -> tuple[Finding, ...]:

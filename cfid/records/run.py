@@ -116,7 +116,8 @@ class Origin(_Section):
     """The recording of another program that a run was imported from, and how it was read.
 
     `clock` is the rate of the clock of its times, `unknown` where that may be 84/85 of real time. With `props_out`, the
-    rotors turn the other way than a Crazyflie's. `motors` is the number of motors that ran. None means not stated.
+    rotors turn the other way than a Crazyflie's; `square` is whether they stand at the corners of a square, and
+    `motors` the number of motors that ran. None means not stated.
     `times`, `assumed` and `notes` are sentences for people.
     """
 
@@ -125,6 +126,7 @@ class Origin(_Section):
     program: str
     clock: Clock | None = None
     props_out: bool | None = None
+    square: bool | None = None
     motors: _Count | None = None
     times: str = ""
     assumed: tuple[str, ...] = ()
@@ -145,6 +147,10 @@ class Origin(_Section):
         if isinstance(assumed, list | tuple) and "props_out" not in content:
             other_way = [one for one in assumed if str(one).startswith("rotors turn the other way than a Crazyflie's")]
             facts["props_out"] = True if other_way else None
+        notes = content.get("notes")
+        if isinstance(notes, list | tuple) and "square" not in content:
+            off = [note for note in notes if str(note).startswith("the rotors do not stand on a square")]
+            facts["square"] = False if off else None
         return facts
 
 

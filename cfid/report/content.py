@@ -8,11 +8,11 @@ from typing import Any, TypeVar
 from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.guide.status import status_of
+from cfid.recordings.resumed import completing
 from cfid.records.campaign import Campaign
 from cfid.records.fits import Fit, in_force, list_fits
 from cfid.records.lab_book import lines, summary
 from cfid.records.parameters import load_sections, plain
-from cfid.records.resumed import completing
 from cfid.records.rig_file import CampaignKind
 from cfid.records.run import Run, list_runs
 from cfid.records.stale import stale_in

@@ -10,8 +10,8 @@ from twisted.internet.defer import Deferred, gatherResults
 from twisted.internet.posixbase import PosixReactorBase
 
 from cfid.errors import ConfigError
+from cfid.recordings.wrench import AXES
 from cfid.records.rig_file import Devices, EncoderLines, LoadCellLines, Rig
-from cfid.records.tables.wrench import AXES
 from cfid.sim.app_core import load_core
 from cfid.sim.axis import DROPS, Axis, dropping, resting, swinging
 from cfid.sim.crazyflie import Crazyflie

@@ -4,28 +4,26 @@ from collections.abc import Sequence
 
 from cfid.console.inputs import Workplace, read_recording, split_label
 from cfid.errors import ConfigError
+from cfid.recordings.angle import AxisRecord, labelled
 from cfid.records.choose import Matches
-from cfid.records.tables.angle import AngleRecord, Reading, labelled
 from cfid.swing.data import FIXTURE, KnownInertia
 
 
-def read_swings(
-    words: Sequence[str], reading: Reading, workplace: Workplace, suits: Matches
-) -> list[AngleRecord | KnownInertia]:
+def read_swings(words: Sequence[str], workplace: Workplace, suits: Matches) -> list[AxisRecord | KnownInertia]:
     """Read AXIS=FILE, AXIS=NUMBER, AXIS=NUMBER:STD, fixture=FILE, or a RUN whose label has the axis.
 
     `suits` describes the runs among which `last` is.
 
     Raises ConfigError for numbers that are not an inertia.
     """
-    return [_swing(word, reading, workplace, suits) for word in words]
+    return [_swing(word, workplace, suits) for word in words]
 
 
-def _swing(word: str, reading: Reading, workplace: Workplace, suits: Matches) -> AngleRecord | KnownInertia:
+def _swing(word: str, workplace: Workplace, suits: Matches) -> AxisRecord | KnownInertia:
     label, rest = split_label(word, workplace)
     if label and (known := _known_inertia(label, rest)):
         return known
-    record = read_recording(rest, reading, workplace, suits)
+    record = read_recording(rest, workplace, suits)
     if label == FIXTURE:
         return labelled(record, body=FIXTURE)
     return labelled(record, axis=label) if label else record

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from cfid.estimate.blocks import block_means
 from cfid.findings import Finding, note, rejection, warning
-from cfid.records.tables.gyro import SCALE_STD
+from cfid.recordings.gyro import SCALE_STD
 from cfid.swing.free_swing import FreeSwing
 from cfid.swing.model import OutputError, motion_in_readings
 from cfid.swing.uncertainty import CABLE_STD, DISC_STD_RAD

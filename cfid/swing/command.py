@@ -16,7 +16,6 @@ from cfid.console.options import (
     GravityMps2,
     MassKg,
     Method,
-    ReadingOptions,
     RigOptions,
     WindowOptions,
 )
@@ -31,7 +30,6 @@ def swing(
     window: WindowOptions,
     cut: CutOptions,
     rig: RigOptions,
-    reading: ReadingOptions,
     delivery: Delivery,
     axis: Annotated[
         str | None, typer.Option(help="Mount about which the body swung; default: the run's label.")
@@ -47,7 +45,7 @@ def swing(
 
     Without mass and distance (from options, or from a mount in rig.toml), the fit gives only the natural frequency.
 
-    Example: [bold]cfid fit swing x.csv --time-unit us --mass-kg 0.028 --distance-m 0.022855[/bold]
+    Example: [bold]cfid fit swing x.csv --mass-kg 0.028 --distance-m 0.022855[/bold]
     """
     from cfid.swing import arguments, result
 
@@ -55,7 +53,7 @@ def swing(
     workplace = open_workplace(rig, gravity=gravity)
     mass, distance = measured(mass_kg, "--mass-kg"), measured(distance_m, "--distance-m")
     found = result.fit(
-        read_recording(run, reading.reading(), workplace, labelled("swing")),
+        read_recording(run, workplace, labelled("swing")),
         axis=axis,
         rig=None if workplace.borrowed else workplace.rig,
         mass_kg=mass.value,

@@ -10,10 +10,10 @@ import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError, check_positive
 from cfid.findings import Finding, note, rejection
+from cfid.recordings.angle import AngleRecord, AxisRecord
+from cfid.recordings.gyro import ALIGNMENT_STD_RAD, SCALE_STD
 from cfid.records.campaign import find_campaign
 from cfid.records.rig_file import Mount, Rig, TestBody, thesis_rig
-from cfid.records.tables.angle import AngleRecord
-from cfid.records.tables.gyro import ALIGNMENT_STD_RAD, SCALE_STD
 from cfid.swing.axis_inertias import MountedSwing, Surroundings, SwungBody, swung_test_body
 from cfid.swing.collocation import NO_THREADS, Threads
 from cfid.swing.free_swing import FreeSwing, find_swing
@@ -48,7 +48,7 @@ class KnownInertia:
             raise ConfigError(f"{self.mount} {self.std_kg_m2:g}: a standard uncertainty is a number of zero or more.")
 
 
-def rig_around(records: Iterable[AngleRecord], rig: Rig | None) -> Rig | None:
+def rig_around(records: Iterable[AxisRecord], rig: Rig | None) -> Rig | None:
     """Return the rig if it is given, else that of the campaign that contains the recordings, if any."""
     if rig is not None:
         return rig
@@ -56,7 +56,7 @@ def rig_around(records: Iterable[AngleRecord], rig: Rig | None) -> Rig | None:
     return next((campaign.rig for campaign in campaigns if campaign is not None), None)
 
 
-def rig_or_thesis(records: Iterable[AngleRecord], rig: Rig | None) -> tuple[Rig, tuple[Finding, ...]]:
+def rig_or_thesis(records: Iterable[AxisRecord], rig: Rig | None) -> tuple[Rig, tuple[Finding, ...]]:
     """Return the rig that `rig_around` finds, else that of the thesis with a note."""
     found = rig_around(records, rig)
     if found is not None:
@@ -107,7 +107,7 @@ def threads_of(mount: Mount | None, gravity_mps2: float) -> Threads:
     return Threads(product / height**2, product / (gravity_mps2 * height))
 
 
-def turned_about(body: SwungBody, records: Iterable[AngleRecord]) -> tuple[SwungBody, tuple[tuple[str, Finding], ...]]:
+def turned_about(body: SwungBody, records: Iterable[AxisRecord]) -> tuple[SwungBody, tuple[tuple[str, Finding], ...]]:
     """Return a body with each mount's direction as a gyro showed it, and a finding for each such mount.
 
     The direction in rig.toml is weighted by its uncertainty, and not used if it has none. If the gyro contradicts it,

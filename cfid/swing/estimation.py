@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from cfid.errors import FitError
 from cfid.estimate.signals import GRID_S
-from cfid.findings import Finding, joined, texts
+from cfid.findings import Finding, explained, texts
 from cfid.swing.checks import FitQuality, findings_of, hand_finding, judge
 from cfid.swing.collocation import Coefficients
 from cfid.swing.free_swing import FreeSwing
@@ -139,7 +139,7 @@ def _damped(
         values = np.where(free, values, 0.0)
     if not fit.converged or fit.coefficients.natural_frequency_squared_s2 <= 0:
         text = "no damped pendulum follows this record: is it a free swing? Look at it with `cfid show`."
-        raise FitError(joined([text, *texts(swing.findings, "warning")]))
+        raise explained(FitError(text), swing.findings)
     return fit
 
 

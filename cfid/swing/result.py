@@ -9,13 +9,14 @@ from typing import Any, Literal
 import numpy as np
 
 from cfid.counted import counted
-from cfid.errors import FitError
+from cfid.errors import ConfigError, FitError
 from cfid.findings import Finding, rejection, warning
+from cfid.recordings.angle import AngleRecord, AngleSource, AxisRecord, labelled
+from cfid.recordings.periods import PeriodRecord, axis_record
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import implausible_gravity, implausible_quantities, platform_of, taken_as_exact
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig, thesis_rig
-from cfid.records.tables.angle import AngleRecord, Recording, angle_record, labelled
 from cfid.swing.collocation import NO_THREADS, Coefficients, Threads
 from cfid.swing.data import (
     body_of_swing,
@@ -30,6 +31,7 @@ from cfid.swing.data import (
 )
 from cfid.swing.estimation import SwingFit, fit_swing
 from cfid.swing.free_swing import FreeSwing
+from cfid.swing.periods import timed_frequency
 from cfid.swing.release import SMALLEST_PEAK_RAD
 from cfid.swing.thesis import DampedCosine, fit_damped_cosine, fit_flexible, log_decrement
 from cfid.swing.values import INERTIA, InertiaAbout, findings_about, inertia_about
@@ -45,7 +47,7 @@ _THESIS_BIAS = (
 
 
 def fit(
-    recording: Recording,
+    recording: AngleSource,
     *,
     axis: str | None = None,
     rig: Rig | None = None,
@@ -63,6 +65,8 @@ def fit(
 ) -> Result:
     """Fit a free swing: natural frequency and damping, and the axis inertia where mass and distance are known.
 
+    A record of timed periods gives the natural frequency, and no damping.
+
     Mass and distance are given as numbers, or those of the mount `axis` of the rig are used: the given rig, or that of
     the campaign that contains the recording. `axis` is the recording's label by default. The window ends at peak
     `peaks`, with the release as the first, or at the last peak of at least `smallest_peak_rad`; `from_s` and `to_s`,
@@ -71,7 +75,7 @@ def fit(
     Raises ConfigError for arguments that contradict each other, DataError for a recording without a swing, and FitError
     when no pendulum follows it.
     """
-    record = angle_record(recording)
+    record = axis_record(recording)
     if axis is not None:
         record = labelled(record, axis=axis)
     axis = record.label.axis
@@ -88,7 +92,7 @@ def fit(
     inertia = (
         None if body is None or swung is None else inertia_about(found.coefficients, found.std, swung, body[1], around)
     )
-    quantities = _quantities(swing, found, inertia)
+    quantities = _quantities(found, inertia)
     platform = "crazyflie" if record.label.body in _OTHER_BODY else platform_of(rig)
     return Result(
         command="fit swing",
@@ -109,7 +113,7 @@ def fit(
         sources=(record.source,),
         rests_on=rests_on([axis or ""], body=record.label.body),
         lines=(
-            _window_line(swing),
+            *(() if swing is None else (_window_line(swing),)),
             found.line,
             *check_lines,
             *(() if inertia is None else (Dependent(inertia.budget, INERTIA),)),
@@ -120,25 +124,33 @@ def fit(
 
 @dataclass(frozen=True, kw_only=True)
 class SwingEstimate:
-    """One swing, fitted by either method; damping is per inertia. `fitted` is the method's own result."""
+    """One swing, fitted by either method; damping is per inertia. `fitted` is the method's own result.
 
-    swing: FreeSwing
-    fitted: SwingFit | DampedCosine
+    Of timed periods, `swing` and `fitted` are None, and there is no damping.
+    """
+
     coefficients: Coefficients
     std: Coefficients
-    start: tuple[float, float]
-    start_std: tuple[float | None, ...]
     merits: Mapping[str, Any]
     findings: tuple[Finding, ...]
     line: str
+    swing: FreeSwing | None = None
+    fitted: SwingFit | DampedCosine | None = None
+    start: tuple[float, float] = (0.0, 0.0)
+    start_std: tuple[float | None, ...] = (None, None)
 
 
-def estimate(record: AngleRecord, threads: Threads, *, method: Method, **window: Any) -> SwingEstimate:
+def estimate(record: AxisRecord, threads: Threads, *, method: Method, **window: Any) -> SwingEstimate:
     """Find the free swing in a recording and fit it: the way from a swing to a frequency for every command.
 
     `threads` carry the body; `window` are arguments of `find_swing`. Raises DataError for a recording without a swing
-    and FitError when no pendulum follows it, both naming the file.
+    and FitError when no pendulum follows it, both naming the file; ConfigError for a window or a method of timed
+    periods.
     """
+    if isinstance(record, PeriodRecord):
+        return _by_periods(record, threads, method=method, **window)
+    if not isinstance(record, AngleRecord):
+        raise TypeError(record)
     swing = swing_in(record, threads, **window)
     try:
         return _by_thesis(swing) if method == "thesis" else _by_default(swing)
@@ -189,6 +201,33 @@ def _by_thesis(swing: FreeSwing) -> SwingEstimate:
     )
 
 
+def _by_periods(
+    record: PeriodRecord,
+    threads: Threads,
+    *,
+    method: Method,
+    peaks: int | None = None,
+    smallest_peak_rad: float = SMALLEST_PEAK_RAD,
+    from_s: float | None = None,
+    to_s: float | None = None,
+) -> SwingEstimate:
+    cut = {"peaks": peaks, "from_s": from_s, "to_s": to_s}
+    given = [name for name, value in cut.items() if value is not None]
+    given += ["min_angle_deg"] * (smallest_peak_rad != SMALLEST_PEAK_RAD) + ["method"] * (method == "thesis")
+    if given:
+        raise ConfigError(f"{record.path}: {', '.join(f'`{name}`' for name in given)}: not for timed periods.")
+    timed = timed_frequency(record, threads)
+    periods = int(record.periods.sum())
+    return SwingEstimate(
+        coefficients=Coefficients(timed.natural_frequency_squared_s2, 0.0),
+        std=Coefficients(timed.std_s2, 0.0),
+        merits={"accepted": True, "periods": periods, "period_s": timed.period_s},
+        findings=timed.findings,
+        line=f"{counted(periods, 'period')} in {counted(len(record.duration_s), 'row')}: {timed.period_s:.6g} s for "
+        "small swings",
+    )
+
+
 def _rejections_of(swing: FreeSwing) -> tuple[Finding, ...]:
     """Return why no pendulum describes a record, for a method without checks of its own."""
     try:
@@ -197,7 +236,9 @@ def _rejections_of(swing: FreeSwing) -> tuple[Finding, ...]:
         return (rejection("swing-no-pendulum", str(error), "swing.*"),)
 
 
-def _drawings(record: AngleRecord, found: SwingEstimate) -> Figures:
+def _drawings(record: AxisRecord, found: SwingEstimate) -> Figures:
+    if found.swing is None or found.fitted is None:
+        return {}
     from cfid.swing.figures import swing_figure, thesis_swing_figure
 
     name, swing, fitted = f"{record.path.stem}_swing", found.swing, found.fitted
@@ -223,6 +264,8 @@ def _imperfections(fitted: SwingFit) -> dict[str, tuple[float, float]]:
 def _checks(found: SwingEstimate) -> tuple[dict[str, Dependent], tuple[Dependent, ...]]:
     """Return the results of the thesis' other methods, as figures and as lines."""
     swing = found.swing
+    if swing is None:
+        return {}, ()
     if not isinstance(found.fitted, SwingFit):
         nonlinear = fit_flexible(swing).frequencies
         line = (
@@ -253,10 +296,13 @@ def _checks(found: SwingEstimate) -> tuple[dict[str, Dependent], tuple[Dependent
     )
 
 
-def _quantities(swing: FreeSwing, found: SwingEstimate, inertia: InertiaAbout | None) -> dict[str, Parameter]:
-    values, std = found.coefficients, found.std
+def _quantities(found: SwingEstimate, inertia: InertiaAbout | None) -> dict[str, Parameter]:
+    values, std, swing = found.coefficients, found.std, found.swing
+    frequency = Parameter(value=values.natural_frequency_squared_s2, std=std.natural_frequency_squared_s2)
+    if swing is None:
+        return {FREQUENCY: frequency, **({} if inertia is None else {INERTIA: inertia.quantities[INERTIA]})}
     return {
-        FREQUENCY: Parameter(value=values.natural_frequency_squared_s2, std=std.natural_frequency_squared_s2),
+        FREQUENCY: frequency,
         **({} if inertia is None else inertia.quantities),
         "swing.start_angle_rad": Parameter(value=found.start[0], std=found.start_std[0]),
         "swing.start_speed_rad_per_s": Parameter(value=found.start[1], std=found.start_std[1]),

@@ -8,9 +8,9 @@ import numpy.typing as npt
 from cfid.counted import counted
 from cfid.errors import DataError, FitError
 from cfid.findings import joined, texts
-from cfid.records.rig_file import STAMP
+from cfid.recordings.angle import angle_record
+from cfid.recordings.stamps import CLOCK_CODES
 from cfid.records.run import Run
-from cfid.records.tables.angle import angle_record
 from cfid.swing.collocation import NO_THREADS
 from cfid.swing.data import rig_around, threads_of
 from cfid.swing.result import estimate
@@ -31,8 +31,10 @@ def verdict(run: Run) -> str:
     fitted = estimate(record, threads, method="default")
     swing = fitted.swing
     if not fitted.merits["accepted"]:
-        of_clock = [text for text in texts(record.findings, "warning") if STAMP in text]
-        raise FitError(joined([*texts(fitted.findings, "rejection"), *of_clock]))
+        of_clock = (one for one in record.findings if one.code in CLOCK_CODES)
+        raise FitError(joined([*texts(fitted.findings, "rejection"), *texts(of_clock, "warning")]))
+    if swing is None:
+        raise DataError(f"{record.path}: holds no angle over time.")
     degrees = math.degrees(float(np.max(np.abs(swing.peak_angle_rad))))
     frequency, std = fitted.coefficients.natural_frequency_squared_s2, fitted.std.natural_frequency_squared_s2
     line = (

@@ -10,14 +10,13 @@ import typer
 from cfid.console.flat import flat
 from cfid.console.inputs import Workplace, find_recording, open_workplace
 from cfid.console.lists import comma_list, measured
-from cfid.console.options import Delivery, LoadCellOptions, Method, ReadingOptions, RigOptions, YawDeg, finite
+from cfid.console.options import Delivery, Method, RigOptions, YawDeg, finite
 from cfid.console.outcome import deliver
 from cfid.console.selection import chosen
 from cfid.errors import ConfigError, DataError
 from cfid.units import FULL_COMMAND, MM
 
 if TYPE_CHECKING:
-    from cfid.records.tables.wrench import WrenchReading
     from cfid.transfer.sines.data import SineSet
     from cfid.transfer.thesis import ThesisSettings
     from cfid.transfer.verification_result import Function
@@ -39,7 +38,7 @@ class SineInputs:
         Path | None,
         typer.Option(
             help="CSV file with one row per run: l,n,amplitude,motor,loadcell,crossings[,series]; paths are relative "
-            "to the file.",
+            "to the file; a load cell is a file whose columns name their unit (Fz_n, Fz_counts) or a run.",
             rich_help_panel=_INPUT,
         ),
     ] = None
@@ -72,9 +71,7 @@ class SineInputs:
         ),
     ] = 30000.0
 
-    def read(
-        self, words: Sequence[str] | None, reading: "WrenchReading", workplace: Workplace, *, excluded: bool = False
-    ) -> "SineSet":
+    def read(self, words: Sequence[str] | None, workplace: Workplace, *, excluded: bool = False) -> "SineSet":
         """Read the index and the RUNs, with a glob also those `excluded`; without either, all complete sines.
 
         Raises ConfigError and DataError.
@@ -91,7 +88,6 @@ class SineInputs:
             yaw_deg=None if self.yaw_deg is None else finite(self.yaw_deg, "--yaw-deg"),
             facts=workplace.facts,
             middle=self.offset,
-            reading=reading,
         )
 
     def _chosen(self, words: Sequence[str] | None, workplace: Workplace, excluded: bool) -> list[str]:
@@ -199,8 +195,6 @@ def identify(
     fit: FitOptions,
     thesis: ThesisOptions,
     rig: RigOptions,
-    reading: ReadingOptions,
-    scale: LoadCellOptions,
     delivery: Delivery,
     compare: Compare = None,
     method: Method = "default",
@@ -214,7 +208,7 @@ def identify(
     from cfid import transfer
 
     workplace = open_workplace(rig)
-    sines = inputs.read(runs, scale.reading(reading), workplace)
+    sines = inputs.read(runs, workplace)
     result = transfer.fit(
         sines,
         sign=inputs.sign,
@@ -250,8 +244,6 @@ def verify(
     function: FunctionOptions,
     settle_s: Annotated[float, typer.Option(min=0, help="Seconds to leave out at the start of each run.")] = 1.0,
     rig: RigOptions,
-    reading: ReadingOptions,
-    scale: LoadCellOptions,
     delivery: Delivery,
 ) -> None:
     """Simulate the campaign's transfer function, or one given by its coefficients, against runs left out of the fit.
@@ -264,7 +256,7 @@ def verify(
     known = _function(function, workplace)
     if not runs and inputs.index is None:
         raise ConfigError("nothing to verify with: give a RUN that was left out of the fit, or --index FILE.")
-    sines = inputs.read(runs, scale.reading(reading), workplace, excluded=True)
+    sines = inputs.read(runs, workplace, excluded=True)
     result = transfer.verify(sines, known, sign=inputs.sign, settle_s=settle_s)
     deliver(replace(result, folder=workplace.figures), delivery, workplace.campaign, workplace.own_rig)
 

@@ -8,7 +8,7 @@ import typer
 
 from cfid.console.flat import flat
 from cfid.console.inputs import find_recording, open_workplace
-from cfid.console.options import CutOptions, Delivery, LogClock, ReadingOptions, RigOptions
+from cfid.console.options import CutOptions, Delivery, RigOptions
 from cfid.console.outcome import deliver
 from cfid.records.choose import labelled
 
@@ -36,10 +36,8 @@ def validate(
             help="Rotors turn opposite to a Crazyflie's: the front right one clockwise, seen from above.",
         ),
     ] = False,
-    clock: LogClock = None,
     cut: CutOptions,
     rig: RigOptions,
-    reading: ReadingOptions,
     delivery: Delivery,
 ) -> None:
     """Compare how well parameter sets predict a flight that none of them was fitted to.
@@ -54,9 +52,8 @@ def validate(
     from cfid.validation.sets import NoVoltageError, published_set, sets_of
 
     workplace = open_workplace(rig)
-    foreign = reading.foreign(clock)
     path = find_recording(log, workplace, labelled("flight"))
-    flown = with_own_sag(read_flight(path, foreign, from_s=cut.from_s, to_s=cut.to_s, props_out=props_out))
+    flown = with_own_sag(read_flight(path, from_s=cut.from_s, to_s=cut.to_s, props_out=props_out))
     in_volts = flown.flight.in_volts
     used = [] if workplace.campaign is None else [measured_in(workplace.campaign)]
     sets, published, faults = [], [], []

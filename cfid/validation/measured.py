@@ -7,11 +7,10 @@ from pathlib import Path
 
 from cfid.errors import CfidError, DataError
 from cfid.flight.channels import same_flight
+from cfid.recordings.read import read_recording
+from cfid.recordings.recording import Recording
 from cfid.records.campaign import Campaign
 from cfid.records.files import RIG_FILE
-from cfid.records.logs.any_kind import read_log
-from cfid.records.logs.log import FlightLog
-from cfid.records.logs.run import log_of_run
 from cfid.records.parameters import Parameter, Section, load_sections
 from cfid.records.rig_file import Rig, load_rig
 from cfid.records.run import run_holding
@@ -45,18 +44,18 @@ class Measured:
         reasons = (one.rejected[key] for one in self.sections.values() if key in one.rejected)
         raise KeyError(f"{key} was rejected: {reason}" if (reason := next(reasons, "")) else f"{key} is not there.")
 
-    def fitted_to(self, log: FlightLog) -> bool:
+    def fitted_to(self, log: Recording) -> bool:
         """Return whether any parameter comes from a log: from this file, or from the same flight in another file."""
         hashes = {source.sha256 for one in self.sections.values() for source in one.sources}
         return log.source.sha256 in hashes or any(same_flight(log, one) for one in self._flights())
 
-    def _flights(self) -> Iterator[FlightLog]:
+    def _flights(self) -> Iterator[Recording]:
         """Yield the logs of flights whose files still exist at their paths."""
         for source in (source for name, one in self.sections.items() if name == "flight" for source in one.sources):
             path = self.folder / source.path
             with suppress(CfidError):
                 run = run_holding(path)
-                yield read_log(path) if run is None else log_of_run(run)
+                yield read_recording(path if run is None else run.folder)
 
 
 def measured_in(campaign: Campaign) -> Measured:

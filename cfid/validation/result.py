@@ -17,6 +17,7 @@ from cfid.flight.equations import DELAYS
 from cfid.flight.estimation import fit_alone
 from cfid.flight.findings import contradictions
 from cfid.flight.rows import LEVER, ROW_S
+from cfid.recordings.read import description
 from cfid.records.result import Figures, Result
 from cfid.units import USUAL_GRAVITY_MPS2
 from cfid.validation.measured import Measured
@@ -118,7 +119,7 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Me
         },
         sources=(flown.log.source,),
         lines=(
-            flown.log.understood,
+            description(flown.log),
             *map(_described, sets),
             *_lines(table, flown, at, judged),
             _assumed(telling, captured=captured, delay_s=delay_s),

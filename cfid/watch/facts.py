@@ -5,7 +5,7 @@ from html import escape
 
 from cfid.console.messages import clock
 from cfid.counted import counted
-from cfid.records.logs.log import printable
+from cfid.recordings.crazyflie import printable
 from cfid.watch.live_run import DeviceProgress, LiveRun
 
 _CATCHING_UP = 0.05  # fraction of the files not yet read, above which the page reports it

@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from cfid.errors import DataError
 from cfid.motors.plan import StaircasePlan
+from cfid.recordings.vehicle import READINGS, SUPERVISOR, VEHICLE_LOG
+from cfid.recordings.wrench import LOADCELL
 from cfid.records.files import RUN_FILE
 from cfid.records.run import DeviceRecord, Run, RunHeader, is_written, number_of, read_run
-from cfid.records.tables.vehicle import READINGS, SUPERVISOR, VEHICLE_LOG
-from cfid.records.tables.wrench import LOADCELL
 from cfid.rig.log_block import BATTERY
 from cfid.transfer.sines.plan import SAMPLE_S
 from cfid.watch.driven import vehicles_of, vehicles_recorded

@@ -7,11 +7,11 @@ from itertools import groupby
 import numpy as np
 import numpy.typing as npt
 
+from cfid.recordings.angle import ENCODER
+from cfid.recordings.sines import CROSSINGS
+from cfid.recordings.vehicle import COMMANDS, READINGS, SUPERVISOR, VEHICLE_LOG
+from cfid.recordings.wrench import AXES, LOADCELL, USUAL_COUNTS
 from cfid.records.run import DeviceRecord
-from cfid.records.tables.angle import ENCODER
-from cfid.records.tables.crossings import CROSSINGS
-from cfid.records.tables.vehicle import COMMANDS, READINGS, SUPERVISOR, VEHICLE_LOG
-from cfid.records.tables.wrench import AXES, LOADCELL, USUAL_COUNTS
 from cfid.watch.extremes import Extremes
 from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
 

@@ -14,9 +14,9 @@ from typing import BinaryIO
 
 import numpy as np
 
+from cfid.recordings.wrench import AXES, LOADCELL
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
-from cfid.records.tables.wrench import AXES, LOADCELL
 from cfid.watch.live_run import LiveRun
 from cfid.watch.plots import BINS
 

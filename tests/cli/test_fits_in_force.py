@@ -112,11 +112,15 @@ def test_a_rejected_fit_replaces_no_accepted_one_even_by_force(cfid: Cfid, tmp_p
     angle = np.concatenate([np.zeros(400), np.linspace(0, 0.7, 300), np.full(300, 0.7), swing.y[0]])
     rows = np.column_stack([0.002 * np.arange(len(angle)), np.round(angle / (2 * np.pi) * 8192)])
     np.savetxt(lab / "swing.csv", rows, fmt=("%.3f", "%d"), delimiter=",", header="t,phi", comments="")
-    words = ("fit", "swing", "swing.csv", "--axis", "x", "--no-figures", "--json", "--counts-per-turn")
-    assert cfid(*words, 8192, folder=lab).returncode == 0
+    for counts in (8192, 4096):
+        made = cfid("import", "swing.csv", "--axis", "x", "--counts-per-turn", counts, folder=lab)
+        assert made.returncode == 0, made.stderr
+    right, halved = sorted((lab / "runs").iterdir())
+    words = ("fit", "swing", "--no-figures", "--json")
+    assert cfid(*words, right, folder=lab).returncode == 0
     before = (lab / "parameters.toml").read_bytes()
 
-    ended = cfid(*words, 4096, "--force", folder=lab)
+    ended = cfid(*words, halved, "--force", folder=lab)
     shown = json.loads(ended.stdout)
     assert (ended.returncode, shown["accepted"], shown["in_force"]) == (5, False, False)
     assert (lab / "parameters.toml").read_bytes() == before

@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 
 from cfid.console.messages import fault, in_options
-from cfid.errors import DataError
-from cfid.records.tables.any_kind import read_table
+from cfid.errors import ConfigError
+from cfid.recordings.angle import angle_of
+from cfid.recordings.read import read_recording
+from cfid.recordings.recording import How
 from tests.places import ROOT
 
 COMMANDS = ROOT / "docs" / "reference" / "commands.md"
@@ -75,8 +77,8 @@ def test_the_command_line_shows_options_for_settings(text: str, shown: str, caps
 
 def test_in_python_a_message_names_a_setting_that_its_function_takes(tmp_path: Path) -> None:
     path = tmp_path / "swing.csv"
-    path.write_text("when,where_rad\n" + "".join(f"{k / 100},{k / 50}\n" for k in range(100)))
+    path.write_text("when,phi_rad\n" + "".join(f"{k / 100},{k / 50}\n" for k in range(100)))
 
-    with pytest.raises(DataError, match="give `columns` TIME,ANGLE"):
-        read_table(path, kind="angle")
-    assert len(read_table(path, kind="angle", columns="when,where_rad").time_s) == 100
+    with pytest.raises(ConfigError, match="in `columns` t=1"):
+        angle_of(read_recording(path))
+    assert len(angle_of(read_recording(path, How(columns=("t=when",)))).time_s) == 100

@@ -56,7 +56,7 @@ def recorded(
     for wind in (STILL, *winds):
         for command in commands:
             time_s, counts = record(tunnel, wind, command=command, rng=rng, duration_s=DURATION_S, rate_hz=RATE_HZ)
-            table = pd.DataFrame(counts, columns=["Fx", "Fy", "Fz", "Tx", "Ty", "Tz"])
+            table = pd.DataFrame(counts, columns=[f"{axis}_counts" for axis in ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")])
             table.insert(0, "t", np.round(BEGIN_S + time_s, 6))
             table.to_csv(folder / name_of(command, wind), index=False)
             found.rows.append(_row(command, wind))

@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from cfid.drawing.angle import recording_figure
 from cfid.drawing.device import device_figure
 from cfid.findings import of_recording
+from cfid.recordings.angle import AngleRecord
 from cfid.records.parameters import Source
 from cfid.records.run import Label
-from cfid.records.tables.angle import AngleRecord
 
 Look = Callable[[Figure], Any]
 Array = npt.NDArray[np.float64]

@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from cfid.drawing.save import save_figure
 from cfid.drawing.wrench import gaps_of, lines_of, spectrum_of, wrench_figure
 from cfid.findings import of_recording
+from cfid.recordings.wrench import WrenchRecord
 from cfid.records.parameters import Source
 from cfid.records.run import Label
-from cfid.records.tables.wrench import WrenchRecord
 
 Look = Callable[[Figure], Any]
 Array = npt.NDArray[np.float64]

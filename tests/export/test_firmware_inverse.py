@@ -18,9 +18,9 @@ from cfid.export.firmware import TARGET
 from cfid.export.possible import impossible
 from cfid.export.target import text_of
 from cfid.motors.maps.voltage import compare_thrust
+from cfid.recordings.stand import read_stand, stand_of
 from cfid.records.covariances import numbers_of
 from cfid.records.parameters import load_sections
-from cfid.records.tables.stand import read_stand_table
 from tests.export.thesis_vehicle import vehicle, with_value
 from tests.places import DATA
 
@@ -159,7 +159,7 @@ def test_a_header_of_recorded_stock_motors_flies(inverse: Inverse) -> None:
     """The map takes all rows of the recording, since the steady steps that a fit takes are too few for a cubic."""
     if not STOCK.exists():
         pytest.skip("the recordings of stock motors are not here")
-    table = read_stand_table(STOCK)
+    table = stand_of(read_stand(STOCK))
     assert table.thrust_n is not None
     assert table.vbat_v is not None
     found = compare_thrust(command=table.command, vbat_v=table.vbat_v, thrust_n=table.thrust_n)

@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import butter
 
-from cfid.records.logs.log import Channel, FlightLog, in_memory
-from cfid.records.parameters import Source
+from cfid.recordings.recording import Recording
 from cfid.sim.app_core import compiled
+from tests.recordings.made import made_log, made_series
 
 Array = npt.NDArray[np.float64]
 
@@ -84,7 +84,7 @@ def fly(
     accelerometer_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
     accelerometer_hz: float = ACCELEROMETER_HZ,
     climbs_with_roll: bool = False,
-) -> list[FlightLog]:
+) -> list[Recording]:
     """Return a log of each vehicle at 500 Hz; with `hover`, the vehicles fly hardly any manoeuvres.
 
     `size` and `noise` are shares of the usual manoeuvres and noise. `load_sag` is the share of its voltage that the
@@ -178,22 +178,13 @@ def _quaternion(turn: Array) -> Array:
     return np.stack([w, x / (4 * w), y / (4 * w), z / (4 * w)], axis=-1)
 
 
-def _log(rows: Array, *, number: int) -> FlightLog:
+def _log(rows: Array, *, number: int) -> Recording:
     """Return rows (steps, 17), or (steps, 18) with the voltage, as a log."""
-    channels = [Channel(f"motor.m{motor}", "1") for motor in (1, 2, 3, 4)]
-    channels += [Channel(f"gyro.{axis}", "rad/s") for axis in "xyz"] + [
-        Channel(f"acc.{axis}", "m/s^2") for axis in "xyz"
-    ]
-    channels += [Channel(name, "m/s") for name in ("vx", "vy", "vz")] + [Channel(f"q{part}", "1") for part in "wxyz"]
-    channels += [Channel("pm.vbat", "V")] * (rows.shape[1] - len(channels))
+    columns = [(f"motor.m{motor}", "1") for motor in (1, 2, 3, 4)]
+    columns += [*((f"gyro.{axis}", "rad/s") for axis in "xyz"), *((f"acc.{axis}", "m/s^2") for axis in "xyz")]
+    columns += [*((name, "m/s") for name in ("vx", "vy", "vz")), *((f"q{part}", "1") for part in "wxyz")]
+    columns += [("pm.vbat", "V")] * (rows.shape[1] - len(columns))
     values = rows.copy()
     values[:, :4] *= 65535
-    time_s = np.asarray(STEP * np.arange(len(rows)), dtype=np.float64)
-    path = Path(f"flight{number}.csv")
-    return FlightLog(
-        path=path,
-        source=Source(str(path), f"{number:064x}"),
-        program="simulated flight",
-        clock="times are in s",
-        series=(in_memory("log", time_s, channels, list(values.T)),),
-    )
+    series = made_series("log", np.asarray(STEP * np.arange(len(rows)), dtype=np.float64), columns, list(values.T))
+    return made_log(series, path=Path(f"flight{number}.csv"), number=number)

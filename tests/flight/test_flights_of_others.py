@@ -22,8 +22,10 @@ from cfid.flight.result import fit
 from cfid.flight.rows import Flight
 from cfid.flight.turning import turning_findings
 from cfid.flight.values import Body
-from cfid.records.logs.any_kind import read_log
+from cfid.recordings.crazyflie import channel
+from cfid.recordings.read import read_recording
 from tests.places import DATA
+from tests.recordings.made import only, with_series
 
 Array = npt.NDArray[np.float64]
 
@@ -175,11 +177,11 @@ def test_accelerations_in_another_unit_or_downwards_are_refused_with_what_they_l
     factors: dict[str, float], said: str
 ) -> None:
     name, from_s, to_s = LOG10
-    log = read_log(FLIGHTS / name)
-    (series,) = log.series
-    channels = tuple(replace(one, scale=one.scale * factors.get(one.name, 1.0)) for one in series.channels)
+    log = read_recording(FLIGHTS / name)
+    series = only(log)
+    columns = tuple(replace(one, values=one.values * factors.get(one.name, 1.0)) for one in series.columns)
     with pytest.raises(DataError, match=said):
-        flight_of(replace(log, series=(replace(series, channels=channels),)), from_s=from_s, to_s=to_s)
+        flight_of(with_series(log, replace(series, columns=columns)), from_s=from_s, to_s=to_s)
 
 
 @pytest.mark.parametrize(
@@ -357,12 +359,12 @@ def test_a_scale_of_two_or_a_tilted_accelerometer_is_a_warning() -> None:
 
 
 def test_a_flight_as_two_formats_is_one(tmp_path: Path) -> None:
-    log = read_log(FLIGHTS / LOG15[0])
+    log = read_recording(FLIGHTS / LOG15[0])
     copy = tmp_path / "copy.csv"
-    (series,) = log.series
+    series = only(log)
     keys = ["motor.m1", "motor.m2", "motor.m3", "motor.m4", "acc.x", "acc.y", "acc.z", "gyro.x", "gyro.y", "gyro.z"]
     units = [*[1.0] * 4, *[9.81] * 3, *[np.pi / 180] * 3]
-    columns = {key: series.values(key) / unit for key, unit in zip(keys, units, strict=True)}
+    columns = {key: channel(log, key).value / unit for key, unit in zip(keys, units, strict=True)}
     pd.DataFrame({"t_s": series.time_s, **columns}).to_csv(copy, index=False)
     with pytest.raises(DataError, match=r"the same flight as eschmann_log15\.usd"):
         fit([read(*LOG15), read_flight(copy, from_s=LOG15[1], to_s=LOG15[2])], body=ARM)
@@ -370,10 +372,10 @@ def test_a_flight_as_two_formats_is_one(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("scale", "unit"), [(1 / 65535, "shares of one"), (100 / 65535, "per cent")])
 def test_commands_in_another_unit_are_refused_with_what_they_look_like(scale: float, unit: str) -> None:
-    log = read_log(FLIGHTS / LOG10[0])
-    (series,) = log.series
-    channels = tuple(
-        replace(one, scale=one.scale * scale) if one.name.startswith("motor.") else one for one in series.channels
+    log = read_recording(FLIGHTS / LOG10[0])
+    series = only(log)
+    columns = tuple(
+        replace(one, values=one.values * scale) if one.name.startswith("motor.") else one for one in series.columns
     )
     with pytest.raises(DataError, match=unit):
-        flight_of(replace(log, series=(replace(series, channels=channels),)))
+        flight_of(with_series(log, replace(series, columns=columns)))

@@ -17,10 +17,10 @@ from cfid.errors import ConfigError
 from cfid.findings import Finding
 from cfid.friction.drops import Drop, measure_drop
 from cfid.friction.estimation import COULOMB, VISCOUS, fit_friction
+from cfid.recordings.angle import AngleRecord, labelled
 from cfid.records.parameters import Source
 from cfid.records.rig_file import FrictionRig, thesis_rig
 from cfid.records.run import Label
-from cfid.records.tables.angle import AngleRecord, labelled
 
 Array = npt.NDArray[np.float64]
 

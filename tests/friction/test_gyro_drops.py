@@ -7,11 +7,11 @@ import numpy.typing as npt
 import pytest
 
 from cfid.friction.result import fit
+from cfid.recordings.angle import AngleRecord
+from cfid.recordings.gyro import Rates, integrated
 from cfid.records.parameters import Source
 from cfid.records.rig_file import thesis_rig
 from cfid.records.run import Label
-from cfid.records.tables.angle import AngleRecord
-from cfid.records.tables.gyro import Rates, integrated
 from cfid.sim.plants import DroppingWeight, drop
 
 Array = npt.NDArray[np.float64]

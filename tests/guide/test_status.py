@@ -16,6 +16,7 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
+from cfid.console.campaign import make_campaign
 from cfid.errors import CfidError, ConfigError
 from cfid.findings import rejection
 from cfid.guide.plan import Words, tasks
@@ -40,10 +41,9 @@ Kind = Literal["thrust", "speed"]
 
 
 @pytest.fixture
-def folder(cfid: Cfid, tmp_path: Path) -> Path:
+def folder(tmp_path: Path) -> Path:
     """Return a new campaign's folder."""
-    assert cfid("new", "lab").returncode == 0
-    return tmp_path / "lab"
+    return make_campaign(tmp_path / "lab", seed=1).parent
 
 
 def swing(folder: Path, axis: str, *, minute: int, by: str = "encoder", body: str | None = None) -> Path:
@@ -176,6 +176,13 @@ def test_a_clock_that_was_set_back_changes_neither_the_order_of_mounts_nor_what_
     swing(folder, drawn[5], minute=-1000)
     left, step = standing(folder)
     assert (left.state, step.words) == ("stale", ("fit", "inertia"))
+
+
+def test_a_fit_that_left_out_a_run_is_not_stale(folder: Path) -> None:
+    axes = swung(folder)
+    fitted(folder, found=BEGAN + timedelta(hours=1))
+    swing(folder, axes[0], minute=59)  # before the fit, which did not use it
+    assert standing(folder)[0].state == "accepted"
 
 
 def test_status_reads_each_run_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

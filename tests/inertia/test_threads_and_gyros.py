@@ -10,11 +10,11 @@ import pytest
 
 from cfid.errors import ConfigError
 from cfid.inertia.estimation import fit_inertia
+from cfid.recordings.angle import AngleRecord
+from cfid.recordings.gyro import Rates
 from cfid.records.parameters import Source
 from cfid.records.rig_file import Fixture, Mount, Rig, ThreadPair, load_rig, new_rig_text
 from cfid.records.run import Label
-from cfid.records.tables.angle import AngleRecord
-from cfid.records.tables.gyro import Rates
 from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
 from cfid.swing.data import threads_of, turned_about
 

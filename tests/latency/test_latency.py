@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -11,12 +12,13 @@ from cfid import latency
 from cfid.errors import ConfigError, DataError, FitError
 from cfid.guide.plan import tasks
 from cfid.latency.estimation import round_trips
+from cfid.recordings.recording import How
+from cfid.recordings.sines import read_pings
 from cfid.records.files import RIG_FILE
 from cfid.records.parameters import load_sections
 from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
-from cfid.records.tables.pings import read_pings
 from cfid.sim.radio import Direction, RadioTruth
 from tests.campaigns import Cfid
 
@@ -192,16 +194,18 @@ def test_the_command_keeps_what_it_found_in_the_campaign(cfid: Cfid, tmp_path: P
 
 
 @pytest.mark.parametrize(
-    ("head", "row"),
+    ("head", "row", "units"),
     [
-        ("rtt_s,t,vehicle_us", "{0:.6f},{1:.3f},{2:.0f}"),
-        ("Time (ms);RTT (ms);vehicle time (ms)", "{3:.1f};{4:.3f};{5:.3f}"),
-        ("time;round trip;vehicle", "{3:.1f};{4:.3f};{2:.0f}"),
-        ("timestamp,latency [us],vehicle_us", "{1:.4f},{6:.0f},{2:.0f}"),
+        ("rtt_s,t,vehicle_us", "{0:.6f},{1:.3f},{2:.0f}", {}),
+        ("Time (ms);RTT (ms);vehicle time (ms)", "{3:.1f};{4:.3f};{5:.3f}", {}),
+        ("time;round trip;vehicle", "{3:.1f};{4:.3f};{2:.0f}", {"time": "ms", "round trip": "ms"}),
+        ("timestamp,latency [us],vehicle_us", "{1:.4f},{6:.0f},{2:.0f}", {}),
     ],
 )
-@pytest.mark.parametrize("comma", [False, True])
-def test_pings_of_others_are_read_by_their_names_and_units(tmp_path: Path, head: str, row: str, comma: bool) -> None:
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_pings_of_others_are_read_by_their_names_and_units(
+    tmp_path: Path, head: str, row: str, units: dict[str, str], decimal: Literal[".", ","]
+) -> None:
     rtt_s, sent_s = 0.004 + 1e-4 * np.arange(50), 100 + 0.1 * np.arange(50)
     device_us = 1e6 * sent_s - 5e6
     rows = [
@@ -210,18 +214,29 @@ def test_pings_of_others_are_read_by_their_names_and_units(tmp_path: Path, head:
     ]
     text = "\n".join([head, *rows, ""])
     path = tmp_path / "pings.csv"
-    path.write_text(text.replace(",", ";").replace(".", ",") if comma else text)
-    found = read_pings(path)
+    path.write_text(text.replace(",", ";").replace(".", ",") if decimal == "," else text)
+    found = read_pings(path, How(units=units, decimal=decimal))
     np.testing.assert_allclose(found.rtt_s, rtt_s, rtol=1e-9)
     assert found.sent_s is not None
     assert found.vehicle_us is not None
     np.testing.assert_allclose(found.sent_s, sent_s)
     np.testing.assert_allclose(found.vehicle_us, device_us)
-    assert any("is read in ms, by its size" in one.text for one in found.findings) == ("round trip" in head)
 
 
-@pytest.mark.parametrize("fault", ["nan", "", "lost", "1e300", "-50"])
-def test_single_round_trips_that_cannot_be_are_left_out_and_named(tmp_path: Path, fault: str) -> None:
+def test_a_round_trip_whose_unit_nothing_states_is_asked_about(cfid: Cfid, tmp_path: Path) -> None:
+    (tmp_path / "rtt.csv").write_text("t,rtt\n0,50\n0.1,51\n0.2,52\n")
+    ended = cfid("tf", "latency", "rtt.csv")
+
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert "--unit rtt=s" in ended.stderr
+    assert read_pings(tmp_path / "rtt.csv", How(units={"rtt": "ms"})).rtt_s == pytest.approx([0.05, 0.051, 0.052])
+
+
+@pytest.mark.parametrize(
+    ("fault", "code"),
+    [*((fault, "rows-without-number") for fault in ("nan", "", "lost")), ("1e300", "ping-impossible")],
+)
+def test_single_round_trips_that_cannot_be_are_left_out_and_named(tmp_path: Path, fault: str, code: str) -> None:
     rtt_ms = [50.0 + place % 7 for place in range(100)]
     rows = [f"{place / 10:.1f},{value}" for place, value in enumerate(rtt_ms)]
     rows[40] = f"4.0,{fault}"
@@ -230,8 +245,9 @@ def test_single_round_trips_that_cannot_be_are_left_out_and_named(tmp_path: Path
     found = read_pings(path)
 
     np.testing.assert_allclose(found.rtt_s, np.delete(rtt_ms, 40) / 1e3)
-    assert any("1 of 100 rows" in one.text or "1 row of 100" in one.text for one in found.findings)
-    assert any("line 42" in one.text for one in found.findings)
+    (finding,) = found.findings
+    assert finding.code == code
+    assert "line 42" in finding.text
 
 
 def foreign_pings(path: Path, *, begin_s: float, stamps: dict[int, float] | None = None) -> Path:
@@ -265,14 +281,14 @@ def test_a_single_wrong_stamp_of_the_vehicle_is_left_out_and_named(tmp_path: Pat
     assert first.std is not None
     assert second.value == pytest.approx(first.value, abs=0.5 * first.std)
     assert second.std == pytest.approx(first.std, rel=0.2)
-    assert any("1 row of 400 with a value that is off the vehicle's clock" in one.text for one in found.findings)
+    assert "ping-stamp-off" in {one.code for one in found.findings}
 
 
 @pytest.mark.parametrize(
     ("text", "code", "message"),
     [
-        ("t,delay\n1,2\n2,3\n", 4, "no column of round trips (rtt_s, rtt_ms) among t, delay"),
-        ("rtt_s\n0.05\n-0.05\n", 4, "rtt.csv:3: a round trip takes more than zero seconds."),
+        ("t,delay\n1,2\n2,3\n", 4, "no column of rtt among t, delay"),
+        ("rtt_s\n0.05\n-0.05\n", 4, "rtt.csv:3: a round trip of -0.05 s"),
         ("rtt_s\n0.05\n", 5, "at least two are needed"),
     ],
 )

@@ -14,10 +14,11 @@ from cfid.errors import ConfigError, DataError, FitError
 from cfid.findings import texts
 from cfid.loadcell import fit
 from cfid.loadcell.result import rig_keys
+from cfid.recordings.read import read_recording
+from cfid.recordings.wrench import wrench_of
 from cfid.records.rig_file import LoadCellMount, RigFacts, Scales, change_rig, load_rig, new_rig_text
 from cfid.records.run import DeviceRecord, Label, Run, read_run
 from cfid.records.run_writer import create_run
-from cfid.records.tables.wrench import WrenchReading, read_wrench
 from tests.campaigns import Cfid
 from tests.few_axes import with_axes
 
@@ -103,9 +104,7 @@ def record(
             cfid_version="0",
             facts=facts or RigFacts(scales=Scales(linearity_std=0.001)),
         ) as writer:
-            rows = [f"{1.7e9 + i / RATE_HZ:.6f},{','.join(map(str, row))}" for i, row in enumerate(counts.tolist())]
-            path = writer.folder / "loadcell.csv"
-            path.write_text("\n".join(["t,Fx,Fy,Fz,Tx,Ty,Tz", *rows]) + "\n")
+            writer.append("loadcell", (1.7e9 + np.arange(len(counts)) / RATE_HZ, *counts.T))
         runs.append(read_run(writer.folder))
     return runs
 
@@ -275,7 +274,7 @@ def test_what_is_stored_changes_rig_toml_and_later_runs_are_divided_by_it(tmp_pa
     later = record(
         tmp_path / "later", Cell(matrix), [("-z", 0.0, ARMS_MM[0]), ("-z", 50.0, ARMS_MM[0])], facts=after.facts
     )
-    empty, loaded = (read_wrench(run.folder, WrenchReading()).force_n[:, 2].mean() for run in later)
+    empty, loaded = (wrench_of(read_recording(run.folder)).force_n[:, 2].mean() for run in later)
     assert loaded - empty == pytest.approx(-0.05 * GRAVITY, rel=0.004)
     assert (
         tomllib.loads((later[0].folder / "run.toml").read_text())["rig"]["loadcell"]["gain"][2]

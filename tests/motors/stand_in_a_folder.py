@@ -87,10 +87,10 @@ def write_run(
 
 
 def write_thesis_file(path: Path, record: StandRecord) -> Path:
-    """Write a record in the form of the thesis' logger: t and six columns of counts."""
+    """Write a record in the form of the thesis' logger: t and six columns of counts, which the first names."""
     counts = np.rint(record.wrench * 1e6).astype(np.int64)
     rows = [
         f"{t:.6f},{','.join(map(str, row))}" for t, row in zip(BEGIN_S + record.time_s, counts.tolist(), strict=True)
     ]
-    path.write_text("\n".join(["t,Fx,Fy,Fz,Tx,Ty,Tz", *rows]) + "\n")
+    path.write_text("\n".join(["t,Fx_counts,Fy,Fz,Tx,Ty,Tz", *rows]) + "\n")
     return path

@@ -16,8 +16,8 @@ from cfid.motors.lag import fit
 from cfid.motors.lag.data import RotorLog, of_stand, rotor_log
 from cfid.motors.lag.estimation import LagFit, fit_lag, joined
 from cfid.motors.lag.model import InputLag, LogSegment, Signal
+from cfid.recordings.stand import read_stand, stand_of
 from cfid.records.result import Result
-from cfid.records.tables.stand import read_stand_table
 from tests.campaigns import Cfid
 from tests.logs.usd_bytes import Event, bytes_of, written
 from tests.motors.rotor_logs import following
@@ -123,29 +123,17 @@ def test_a_few_voltages_and_speeds_that_are_missing_are_left_out_and_named(tmp_p
 
 
 @pytest.mark.parametrize(
-    ("place", "value", "said"),
+    ("place", "value"),
     [
-        (0, 1e300, "motor.m1: 1 value that cannot be, the first 1e+300 (limits 0 and 65535), left out."),
-        (0, 1e6, "motor.m1: 1 value that cannot be, the first 1e+06 (limits 0 and 65535), left out."),
-        (0, -5.0, "motor.m1: 1 value that cannot be, the first -5 (limits 0 and 65535), left out."),
-        (1, 1e300, "rpm.m1: 1 value that cannot be, the first 1.047e+299 rad/s (limits -20000 and 20000 rad/s)"),
-        pytest.param(
-            0,
-            1e12,
-            "motor.m1: 1 value that cannot be, the first 1e+12 (limits 0 and 65535), left out.",
-            marks=pytest.mark.slow,
-        ),
-        pytest.param(
-            1,
-            1e100,
-            "rpm.m1: 1 value that cannot be, the first 1.047e+99 rad/s (limits -20000 and 20000 rad/s)",
-            marks=pytest.mark.slow,
-        ),
+        (0, 1e300),
+        (0, 1e6),
+        (0, -5.0),
+        (1, 1e300),
+        pytest.param(0, 1e12, marks=pytest.mark.slow),
+        pytest.param(1, 1e100, marks=pytest.mark.slow),
     ],
 )
-def test_one_command_or_speed_that_cannot_be_is_left_out_and_named(
-    tmp_path: Path, place: int, value: float, said: str
-) -> None:
+def test_one_command_or_speed_that_cannot_be_is_left_out_and_named(tmp_path: Path, place: int, value: float) -> None:
     _, command, speed = flown(1, 7, rotors=1, noise=3.0, red=0.0)
     columns = np.array([65535 * command[0, 0], NEXT * speed[0]])
     columns[place, columns.shape[1] // 2] = value
@@ -155,7 +143,7 @@ def test_one_command_or_speed_that_cannot_be_is_left_out_and_named(
     result = fit(read(path))
 
     assert result.accepted
-    assert any(said in one.text for one in result.findings)
+    assert "log-values-left-out" in [one.code for one in result.findings]
     assert seconds(result, "dynamics.rising") == pytest.approx(RISING_S, rel=0.01)
     assert seconds(result, "dynamics.falling") == pytest.approx(FALLING_S, rel=0.01)
     assert "motor.speed_poly" in result.without_rejected().quantities
@@ -330,8 +318,8 @@ def test_a_record_that_is_too_short_or_shows_nothing_is_an_error(tmp_path: Path,
 def test_commands_that_were_recorded_too_slowly_are_named(tmp_path: Path, step_s: float) -> None:
     table = tmp_path / "stand.csv"
     rows = (f"{step_s * at:.3f},{20000 + 500 * (at % 7)},{9000 + 100 * (at % 7)}\n" for at in range(300))
-    table.write_text("t,cmd,rpm\n" + "".join(rows))
-    log = of_stand(read_stand_table(table))
+    table.write_text("t_s,cmd,rpm\n" + "".join(rows))
+    log = of_stand(stand_of(read_stand(table)))
     assert log is not None
     with pytest.raises(DataError, match=rf"recorded every {step_s:.2g} s, and not within 0.1 s"):
         fit(log)
@@ -586,7 +574,7 @@ def test_the_command_recognises_a_log_and_a_table_of_a_stand(tmp_path: Path, fou
     assert json.loads(of_run.stdout)["parameters"]["dynamics.rising"]["value"] == pytest.approx(rising, rel=1e-3)
 
     stand = tmp_path / "stand.csv"
-    stand.write_text("pwm,rpm_mean\n" + "10000,5000\n" * 300)
+    stand.write_text("t_s,pwm,rpm_mean\n" + "".join(f"{at / 100},10000,5000\n" for at in range(300)))
     refused = cfid("fit", "dynamics", stand, "--rotor", "1")
     assert refused.returncode == 2
     assert "are for commands that never rest" in refused.stderr
@@ -597,7 +585,7 @@ def test_a_fault_of_a_flight_table_s_time_is_not_taken_for_one_of_a_stand_s_colu
     table = tmp_path / "flight.csv"
     rows = "".join(f"{1000 + 10 * at % 300},30000,12000\n" for at in range(60))
     table.write_text("Timestamp,motor.m1,rpm.m1\n" + rows)
-    with pytest.raises(DataError, match=r"flight.csv:32: time goes back from 1290 to 1000 ms"):
+    with pytest.raises(DataError, match=r"flight.csv:32: time goes back from 1290 to 1000"):
         rotor_log(table)
 
 
@@ -622,7 +610,7 @@ def test_where_whitening_and_drift_move_a_lag_beyond_noise_that_counts_in_its_un
             "Voltage (V)": 16 * (1 - 0.06 * (speed[at] / 1500) ** 2) + rng.normal(0, 0.01, len(at)),
         }
         pd.DataFrame(columns).to_csv(path, index=False)
-        found = of_stand(read_stand_table(path))
+        found = of_stand(stand_of(read_stand(path)))
         assert found is not None
         result = fit(found)
         for key, tau_s in (("dynamics.rising", 0.1), ("dynamics.falling", 0.15)):

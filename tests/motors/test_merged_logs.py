@@ -44,16 +44,6 @@ def test_speeds_in_rows_of_their_own_give_the_lag(tmp_path: Path, late_ms: int) 
     assert f"the command is known every {1000 / RATE_HZ:.0f} ms" in " ".join(one.text for one in result.findings)
 
 
-@pytest.mark.parametrize("names", [("cf1", "cf2"), (1, 2)])
-def test_vehicles_that_take_turns_in_a_log_are_named_with_the_column_that_tells_them_apart(
-    tmp_path: Path, names: tuple[object, object]
-) -> None:
-    both = [logged(seed).assign(id=name) for seed, name in zip((7, 8), names, strict=True)]
-    said = rf"1000 of the first 2000 rows repeat the time .*'id' tells them apart \({names[0]}, {names[1]}\)"
-    with pytest.raises(DataError, match=said):
-        fitted(tmp_path, pd.concat(both).sort_values(["Timestamp", "id"]))
-
-
 def test_commands_that_repeat_their_times_are_refused_as_that(tmp_path: Path) -> None:
     both = pd.concat([logged(7), logged(8)]).sort_values("Timestamp", kind="stable")
     with pytest.raises(DataError, match="2500 of 5000 rows of commands repeat the time of the one before"):

@@ -42,22 +42,16 @@ def assert_one_motors(cfid: Cfid, path: Path, *options: object) -> None:
     assert largest == pytest.approx(2.2e-11 * 65535**2 + 6e-7 * 65535, rel=1e-3)
 
 
-@pytest.mark.parametrize("thrust", ["thrust[N]", "thrust[g]", "weight[g]"])
-@pytest.mark.parametrize("torque", ["torque_z[N]", "torque_nm", "Torque (N.m)", "Torque [mNm]"])
-def test_the_table_of_bitcraze_s_stand_is_of_four_motors_in_every_column(
-    cfid: Cfid, tmp_path: Path, thrust: str, torque: str
-) -> None:
-    scale = 1e3 if "mN" in torque else 1
-    assert_one_motors(cfid, table(tmp_path, thrust, torque, motors=4, rotors=4, arm=scale))
+@pytest.mark.parametrize("torque", ["torque_z[N]", "torque_nm"])
+def test_the_table_of_bitcraze_s_stand_gives_one_motor_s_maps(cfid: Cfid, tmp_path: Path, torque: str) -> None:
+    assert_one_motors(cfid, table(tmp_path, "thrust[N]", torque, motors=4, rotors=4))
 
 
-@pytest.mark.parametrize("head", ["Thrust [N]", "Thrust (N)", "thrust_n", "Thrust [g]", "Thrust (g)", "weight[g]"])
-@pytest.mark.parametrize("motors", [None, 1, 2, 4])
-def test_the_brackets_of_a_unit_decide_no_number_of_motors(
-    cfid: Cfid, tmp_path: Path, head: str, motors: int | None
-) -> None:
-    path = table(tmp_path, head, "Torque [Nm]", motors=motors or 1, rotors=0, pwm="cmd")
-    assert_one_motors(cfid, path, *(() if motors is None else ("--motors", motors)))
+def test_thrust_and_torque_without_a_command_give_the_slope_between_them(cfid: Cfid, tmp_path: Path) -> None:
+    path = tmp_path / "pairs.csv"
+    rows = "".join(f"{thrust:.9g},{ARM_M * thrust:.9g}\n" for thrust in THRUST_N)
+    path.write_text(f"thrust_n,torque_nm\n{rows}")
+    assert fitted(cfid, "torque", path)["motor.torque_poly"]["value"][0] == pytest.approx(ARM_M, rel=1e-6)
 
 
 def test_the_speeds_of_other_rotors_are_a_question_for_thrust_and_for_torque(cfid: Cfid, tmp_path: Path) -> None:

@@ -11,9 +11,9 @@ import pytest
 from cfid.errors import DataError, FitError
 from cfid.motors.maps import fit_speed, fit_thrust
 from cfid.motors.maps.verdict import of_forces, of_readings
+from cfid.recordings.vehicle import shown_at_commands
 from cfid.records.run import DeviceRecord, Label, Run, amend_run, read_run, write_header
 from cfid.records.run_writer import create_run
-from cfid.records.tables.vehicle import shown_at_commands
 from tests.motors.stand_in_a_folder import BEGIN_S, climbed, write_run
 
 COMMANDS = (0, 20000, 30000, 40000, 50000)

@@ -13,8 +13,8 @@ from cfid.console.verdicts import judged, verdict_line
 from cfid.errors import FitError
 from cfid.motors.maps.verdict import of_readings
 from cfid.motors.missing_steps import missing
+from cfid.recordings.resumed import steps_left
 from cfid.records.files import RIG_FILE
-from cfid.records.resumed import steps_left
 from cfid.records.rig_file import new_rig_text
 from cfid.records.run import DeviceRecord, Label, Run, Verdict, amend_run, read_run, write_header
 from cfid.records.run_writer import create_run

@@ -9,24 +9,25 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from scipy.io import savemat
 
 from cfid.drag.wind.index import read_wind_index
 from cfid.errors import CfidError, DataError
+from cfid.recordings.angle import angle_of
+from cfid.recordings.read import read_recording
+from cfid.recordings.recording import How, Kind, Recording
+from cfid.recordings.sines import read_crossings, read_pings
+from cfid.recordings.stand import stand_of
+from cfid.recordings.wrench import wrench_of
 from cfid.records.campaign import open_campaign
 from cfid.records.files import FITS_FOLDER, RIG_FILE, RUN_FILE
 from cfid.records.fits import keep_fit, list_fits
-from cfid.records.logs.any_kind import read_log
-from cfid.records.logs.log import FlightLog
 from cfid.records.parameters import Section, load_sections, store_section
 from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.records.run import read_run
-from cfid.records.tables.any_kind import read_table
-from cfid.records.tables.blocks import open_table
-from cfid.records.tables.schema import Foreign
 from cfid.report.content import gather
 from cfid.report.formats.render import rendered
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
@@ -36,7 +37,6 @@ from cfid.wire import app, crtp, e201, netft, rdt, scales, supervisor, ut372
 from tests.logs.autopilot_bytes import blackbox, ulog
 from tests.logs.usd_bytes import single
 from tests.records.test_fits import FIT
-from tests.records.test_thrust_stand_files import text_of
 from tests.report.fits_by_hand import NOON
 
 
@@ -71,16 +71,11 @@ def _lines(head: str, *columns: Iterable[Any]) -> bytes:
 
 
 ANGLE = _lines("t,phi", TIME_S, ANGLES)
-WRENCH = _lines("t,Fx,Fy,Fz,Tx,Ty,Tz", TIME_S, *(ANGLES + axis for axis in range(6)))
+WRENCH = _lines("t,Fx [N],Fy [N],Fz [N],Tx [Nm],Ty [Nm],Tz [Nm]", TIME_S, *(ANGLES + axis for axis in range(6)))
 CROSSINGS = _lines("t,thrust_rec,sample,vehicle_us", TIME_S, 100 * (1 + np.arange(ROWS)), range(ROWS), range(ROWS))
 PINGS = _lines("t,rtt_s,vehicle_us", TIME_S, 0.01 + TIME_S / 100, range(0, 10000 * ROWS, 10000))
 SEMICOLONS = ANGLE.replace(b",", b";").replace(b".", b",").replace(b"\n", b"\r\n")
-MONITOR = b"".join(b"12:03:45.%03d -> " % at + line + b"\n" for at, line in enumerate(ANGLE.splitlines()))
-OF_R = b'"t","phi"\n' + b"".join(b'"%d",%f,%d\n' % row for row in zip(range(1, ROWS + 1), TIME_S, ANGLES, strict=True))
-LABVIEW = (
-    b"***End_of_Header***\nX_Dimension\tTime\nDelta_X\t0,01\n***End_of_Header***\nX_Value\tAngle\tComment\n"
-    + b"".join(b"\t%d\n" % angle for angle in ANGLES)
-)
+STAND = _lines("Time (s),ESC signal (us),Thrust (gf),Voltage (V)", TIME_S, 1000 + ANGLES % 900, ANGLES, TIME_S + 12)
 INDEX = (
     b"command,angle_deg,wind_min_mps,wind_max_mps,tach_rpm,loadcell,from_s,to_s\n"
     b"30000,0,2.4,2.6,14000,a.csv,1,9\n30000,45,2.4,2.6,,b.csv,,\n"
@@ -89,7 +84,7 @@ INDEX = (
 
 def _matlab() -> bytes:
     file = io.BytesIO()
-    savemat(file, {"t": TIME_S[:, None], "phi": ANGLES[:, None] / 1000.0})
+    savemat(file, {"t": TIME_S[:, None], "phi": ANGLES[:, None].astype(float)})
     return file.getvalue()
 
 
@@ -125,13 +120,21 @@ errors = 0
 """
 
 
-def _angle(path: Path) -> Any:
-    return read_table(path, kind="angle", angle_unit="rad" if path.suffix == ".mat" else None, counts_per_turn=4096)
+ANGLE_COUNTS = How(units={"phi": "counts"}, counts_per_turn=4096.0)
+
+
+def _read(path: Path, kind: Kind | None = None, how: How | None = None) -> Recording:
+    return read_recording(path, how, kind=kind)
+
+
+def _angle(path: Path, decimal: Literal[".", ","] = ".") -> Any:
+    how = replace(ANGLE_COUNTS, decimal=decimal)
+    return angle_of(read_recording(path, how, kind="angle"), how)
 
 
 def _run_frame(path: Path) -> Any:
     (path.parent / "encoder.csv").write_bytes(ANGLE)
-    return read_table(read_run(path.parent).folder, kind="angle")
+    return angle_of(read_recording(read_run(path.parent).folder))
 
 
 def _page() -> bytes:
@@ -150,24 +153,25 @@ def _other_numbers(content: bytes, found: Any) -> str:
     rectangular = plain and {len(row) for row in plain} == {2} and lines[0] == "t,phi" and not lines[-1]
     if not rectangular or any(sign in content.decode("ascii").lower() for sign in spelt) or b"\0" in content:
         return ""
-    return "" if np.array_equal(np.array(plain), found) else f"read as {found!r}"
+    shown, begin_s = np.array(plain), found.begin_s or 0.0
+    read = np.column_stack([found.frame()["t"] + begin_s, found.column("phi").values])
+    return "" if np.allclose(read, shown, rtol=1e-12, atol=1e-12) else f"read as {read!r}"
 
 
 def _with_checksum(content: bytes) -> bytes:
     return content[:-4] + struct.pack("<I", zlib.crc32(content[:-4]))
 
 
-def _unnoticed(content: bytes, log: FlightLog) -> str:
+def _unnoticed(content: bytes, log: Recording) -> str:
     """Return a sentence if a log with a wrong checksum was read without a note, else ""."""
     whole = len(content) > 4 and content == _with_checksum(content)
-    return "" if whole or log.notes else "its checksum is wrong, and no note says so"
+    return "" if whole or log.findings else "its checksum is wrong, and no finding says so"
 
 
-def _all_values(log: FlightLog) -> FlightLog:
-    for series in log.series:
-        for block in series.blocks():
-            _ = block
-    return log
+def _all_values(recording: Recording) -> Recording:
+    for series in recording.series.values():
+        _ = series.frame()
+    return recording
 
 
 def _sections(path: Path) -> dict[str, Section]:
@@ -238,29 +242,33 @@ PARAMETERS = _written(lambda folder: store_section(folder / "parameters.toml", "
 
 READERS = (
     Reader(
-        name="table", contents=(ANGLE,), read=lambda path: open_table(path).numbers(("t", "phi")), fault=_other_numbers
+        name="table",
+        contents=(ANGLE,),
+        read=lambda path: read_recording(path, ANGLE_COUNTS, kind="angle").series["recording"],
+        fault=_other_numbers,
     ),
-    Reader(name="angle", contents=(ANGLE, SEMICOLONS, MONITOR, LABVIEW, OF_R), read=_angle),
+    Reader(name="angle", contents=(ANGLE,), read=_angle),
+    Reader(name="angle, decimal commas", contents=(SEMICOLONS,), read=lambda path: _angle(path, ",")),
     Reader(name="MATLAB", contents=(_matlab(),), read=_angle, file="swing.mat"),
-    Reader(name="wrench", contents=(WRENCH,), read=lambda path: read_table(path, kind="wrench")),
-    Reader(name="crossings", contents=(CROSSINGS,), read=lambda path: read_table(path, kind="crossings")),
-    Reader(name="pings", contents=(PINGS,), read=lambda path: read_table(path, kind="pings")),
-    Reader(name="stand", contents=(text_of().encode(),), read=lambda path: read_table(path, kind="stand")),
-    Reader(name="table log", contents=(ANGLE, WRENCH), read=lambda path: _all_values(read_log(path))),
+    Reader(name="wrench", contents=(WRENCH,), read=lambda path: wrench_of(_read(path, "wrench"))),
+    Reader(name="crossings", contents=(CROSSINGS,), read=read_crossings),
+    Reader(name="pings", contents=(PINGS,), read=read_pings),
+    Reader(name="stand", contents=(STAND,), read=lambda path: stand_of(_read(path, "stand"))),
+    Reader(name="any table", contents=(ANGLE, WRENCH, STAND), read=lambda path: _all_values(_read(path))),
     Reader(
         name="uSD-card log",
         contents=(single(40),),
-        read=lambda path: _all_values(read_log(path, Foreign(clock="true"))),
+        read=lambda path: _all_values(_read(path, how=How(clock="true"))),
         fault=_unnoticed,
     ),
     Reader(
         name="uSD-card log, checksum right",
         contents=(single(40),),
-        read=lambda path: _all_values(read_log(path, Foreign(clock="true"))),
+        read=lambda path: _all_values(_read(path, how=How(clock="true"))),
         repaired=_with_checksum,
     ),
-    Reader(name="ULog", contents=(ulog(), ulog(geometry="FR RL FL RR")), read=lambda path: _all_values(read_log(path))),
-    Reader(name="blackbox", contents=(blackbox(),), read=lambda path: _all_values(read_log(path))),
+    Reader(name="ULog", contents=(ulog(), ulog(geometry="FR RL FL RR")), read=lambda path: _all_values(_read(path))),
+    Reader(name="blackbox", contents=(blackbox(),), read=lambda path: _all_values(_read(path))),
     Reader(name="wind index", contents=(INDEX,), read=read_wind_index),
     Reader(name="run.toml", contents=(RUN,), read=_run_frame, file=RUN_FILE),
     Reader(name="rig.toml", contents=(new_rig_text().encode(),), read=load_rig, file="rig.toml"),

@@ -34,6 +34,8 @@ def codes(table: Table) -> list[str]:
     [
         "t_s,phi_deg\n0,1\n1,2\n",
         "t_s;phi_deg\r\n0;1\r\n1;2\r\n",
+        "t_s,phi_deg,\r0,1\r1,2\r\n",
+        "t_s,phi_deg\n0,1,,\n1,2,, \n# a comment, after more fields\n",
         "\ufefft_s\tphi_deg\n0\t1\n1\t2\n",
         "# measured by hand\n# t_s phi_deg\n0  1\n1  2\n",
         "A report\nof 2 lines\nt_s,phi_deg,\n0,1,\n1,2,\n",
@@ -111,6 +113,12 @@ def test_a_column_that_is_filled_late_keeps_its_numbers_in_a_large_file(written:
 def test_another_kind_of_file_is_refused_with_a_sentence(written: Written, content: bytes) -> None:
     with pytest.raises(CfidError):
         read_table(written(content))
+
+
+def test_a_missing_file_is_refused_with_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(DataError) as caught:
+        read_table(tmp_path / "none.csv")
+    assert caught.value.code == "no-file"
 
 
 TIMES = [("t_ms", 10.0), ("time [us]", 1e4), ("timestamp (ns)", 1e7), ("millis", 10.0), ("t", 0.01), ("t_s", 0.125)]

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cfid.recordings.angle import angle_record
 from cfid.records.parameters import load_sections
 from cfid.records.run import Run, read_run
-from cfid.records.tables.angle import Reading, read_angle
 
 pytestmark = pytest.mark.usefixtures("in_time")
 
@@ -82,7 +82,7 @@ def wait_for(path: Path, *, size: int) -> None:
 
 
 def check_rows(run: Run, count: int) -> None:
-    record = read_angle(run.folder, Reading())
+    record = angle_record(run.folder)
     assert len(record.time_s) == count
     assert record.angle_rad == pytest.approx(STEP_RAD * np.arange(count), abs=1e-9)
     assert record.time_s == pytest.approx(1e-3 * np.arange(count), abs=1e-6)
@@ -102,7 +102,7 @@ def test_a_run_killed_while_recording_is_cut_and_every_whole_row_is_read(tmp_pat
     assert run.header.devices["encoder"].rows is None
     content = (folder / "encoder.csv").read_bytes()
     check_rows(run, content.count(b"\n") - 1)
-    notes = read_angle(folder, Reading()).notes
+    notes = angle_record(folder).notes
     assert "the run was cut" in notes[0]
     assert any("the last line was cut" in note for note in notes) == (not content.endswith(b"\n"))
 
@@ -158,7 +158,7 @@ print(writer.folder)
     assert content.endswith(b"\n")
     assert size - 30 < len(content) <= size
     check_rows(run, rows)
-    assert "the run failed (" in read_angle(run.folder, Reading()).notes[0]
+    assert "the run failed (" in angle_record(run.folder).notes[0]
     assert sorted(path.name for path in run.folder.iterdir()) == ["encoder.csv", "run.toml"]
 
 
@@ -297,18 +297,18 @@ import fcntl, os, tomli_w  # before another user, who may not see this Python, i
 from cfid.records.campaign import find_campaign
 from cfid.records.rig_file import load_rig
 from cfid.records.parameters import load_sections
-from cfid.records.tables.angle import Reading, read_angle
+from cfid.recordings.angle import angle_record
 from cfid.records.run import read_run
-from cfid.records.tables.blocks import open_table
+from cfid.recordings.table import read_table
 
 if os.geteuid() == 0:
     os.setgroups([])
     os.setuid(65534)
 for act in (
-    lambda: open_table(place / "file"),
-    lambda: read_angle(place / "file", Reading()),
-    lambda: read_angle(place / "locked" / "file", Reading()),
-    lambda: read_angle(place / "locked", Reading()),
+    lambda: read_table(place / "file"),
+    lambda: angle_record(place / "file"),
+    lambda: angle_record(place / "locked" / "file"),
+    lambda: angle_record(place / "locked"),
     lambda: read_run(place / "locked"),
     lambda: load_rig(place / "file"),
     lambda: load_sections(place / "locked" / "parameters.toml"),

@@ -4,12 +4,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import cfid
 from cfid.errors import ConfigError, FitError
 from cfid.findings import Finding, rejection, warning
+from cfid.recordings.importing import import_recording
+from cfid.recordings.recording import How
 from cfid.records.fits import Fit, list_fits
 from cfid.records.parameters import Parameter, Source
 from cfid.records.result import Result
@@ -109,14 +110,20 @@ def test_a_finding_that_names_nothing_rejects_the_whole_result() -> None:
     assert not found.without_rejected().quantities
 
 
-def test_a_table_is_read_by_its_kind(files: Path) -> None:
-    record = cfid.read_table(files / "x.csv", kind="angle", time_unit="s", angle_unit="counts", counts_per_turn=2**22)
+def test_a_recording_has_a_frame_for_each_device(bodies: Path) -> None:
+    run = cfid.open_campaign(bodies).run("last swing")
+    recording = cfid.read_recording(run.folder)
 
-    assert record.time_s[0] == 0
-    assert np.ptp(record.angle_rad) > 0.1
+    frame = recording.series["encoder"].frame()
+    assert list(frame.columns[:2]) == ["t", "phi"]
+    assert frame["t"].iloc[0] == 0
+    assert recording.series["encoder"].column("phi").unit == "counts"
+    assert recording.facts.label == run.header.label
 
 
-@pytest.mark.parametrize(("kind", "settings"), [("angels", {}), ("angle", {"units": "n"}), ("pings", {"rate_hz": 1})])
-def test_a_kind_or_setting_that_there_is_not_is_refused(files: Path, kind: str, settings: dict[str, object]) -> None:
-    with pytest.raises(ConfigError, match=r"the (kinds|settings) are"):
-        cfid.read_table(files / "x.csv", kind=kind, **settings)  # type: ignore[call-overload]
+def test_a_setting_that_there_is_not_is_refused(files: Path) -> None:
+    how = How(units={"phi": "counts"}, clock="true")
+    recording = cfid.read_recording(files / "x.csv", how)
+    with pytest.raises(ConfigError) as refused:
+        import_recording(recording, how)
+    assert refused.value.code == "unused"

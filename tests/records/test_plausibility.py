@@ -50,6 +50,17 @@ def test_a_known_vehicle_has_narrow_ranges_that_an_uncertain_number_may_leave() 
     assert not implausible("mass_kg", 0.5)
 
 
+@pytest.mark.parametrize(("largest", "kept"), [(52428.0, True), (65535.0, False)])
+def test_a_map_is_judged_by_the_thrust_at_the_largest_command_that_was_measured(largest: float, *, kept: bool) -> None:
+    """A motor of 8.2 N at 80 % of the command: that its map reaches 12.8 N at full command rejects no measurement."""
+    table = Parameter(value=[{"cmd": 0.0}, {"cmd": largest}])
+    quantities = {"motor.thrust_poly": Parameter(value=[2.93e-9, 3.03e-6, 0.0]), "motor.table": table}
+    found = judged(Result(command="fit thrust", method="default", quantities=quantities), None)
+    assert ("motor.thrust_poly" not in found.rejected) is kept
+    assert implausible("motor.thrust_poly", [2e-12, 0, 0], measured_to=20000)  # too small is so at full command
+    assert implausible("motor.max_thrust_n", 12.8, measured_to=52428)
+
+
 def test_a_moment_of_the_wrong_sign_whose_cause_is_named_is_not_rejected_as_that_of_another_body() -> None:
     key = "flight.inertia_kg_m2.yaw"
     backwards = rejection("flight-rotors-turn-back", "its rotors turn the other way.", key)

@@ -24,11 +24,11 @@ from cfid.inertia.data import Swing
 from cfid.motors import lag, steps
 from cfid.motors.maps.result import fit_thrust
 from cfid.motors.steps.data import SpeedRecord
+from cfid.recordings.angle import AngleRecord, labelled
 from cfid.records.parameters import Source, plain
 from cfid.records.result import Dependent, Result
 from cfid.records.rig_file import thesis_rig
 from cfid.records.run import Label
-from cfid.records.tables.angle import AngleRecord, labelled
 from cfid.transfer.verification_result import Function
 from tests.drag.test_drag_campaigns import COMPLEX_AIR, measured
 from tests.drawn import swing_record

@@ -8,14 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cfid.errors import ConfigError, DataError
-from cfid.flight.data import read_flight
-from cfid.interchange.recording import recording_at
+from cfid.errors import DataError
+from cfid.recordings.angle import angle_record
+from cfid.recordings.read import read_recording
+from cfid.recordings.wrench import wrench_of
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
-from cfid.records.tables.angle import Reading, read_angle
-from cfid.records.tables.schema import Foreign
-from cfid.records.tables.wrench import WrenchReading, read_wrench
 
 EPOCH_S = 1_763_712_345.0
 
@@ -51,43 +49,21 @@ def test_spans_in_which_an_encoder_gave_nothing_are_said(tmp_path: Path) -> None
     gaps = [{"from_s": EPOCH_S + i, "to_s": EPOCH_S + i + 0.5, "reason": reason} for i, reason in enumerate(reasons)]
     folder = encoder(tmp_path, gaps=gaps)
 
-    notes = read_angle(folder, Reading()).notes
+    notes = angle_record(folder).notes
 
     assert f"{folder.name}: no samples for 1.5 s in 3 gaps: no position came, unplugged." in notes
 
 
 def test_an_encoders_gap_that_makes_no_sense_is_refused_by_key(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"run.toml: devices.encoder.gaps.0.to_s is missing"):
-        read_angle(encoder(tmp_path, gaps=[{"from_s": 1.0}]), Reading())
+        angle_record(encoder(tmp_path, gaps=[{"from_s": 1.0}]))
 
 
 @pytest.mark.parametrize("rate_hz", [0.5, 7, 1000, 100_000])
 def test_a_run_of_any_rate_is_in_seconds(tmp_path: Path, rate_hz: float) -> None:
-    angle = read_angle(encoder(tmp_path / "a", rate_hz=rate_hz), Reading())
-    wrench = read_wrench(loadcell(tmp_path / "b", rate_hz=rate_hz), WrenchReading())
+    angle = angle_record(encoder(tmp_path / "a", rate_hz=rate_hz))
+    wrench = wrench_of(read_recording(loadcell(tmp_path / "b", rate_hz=rate_hz)))
 
     assert angle.time_s[-1] == pytest.approx(39 / rate_hz, abs=1e-6)
     assert wrench.time_s[-1] == pytest.approx(39 / rate_hz, abs=1e-6)
     assert angle.notes == wrench.notes == ()
-
-
-def test_a_bare_file_of_a_rate_that_no_unit_explains_is_asked_about(tmp_path: Path) -> None:
-    folder = encoder(tmp_path, rate_hz=1e-6)
-    with pytest.raises(DataError, match=r"read in s, the time column has 1e\+06 s between samples"):
-        read_angle(folder / "encoder.csv", Reading(angle_unit="rad"))
-
-
-def test_what_other_programs_files_need_is_named_as_not_used_by_a_run(tmp_path: Path) -> None:
-    folder = encoder(tmp_path)
-    record = read_angle(folder, Reading(rate_hz=1.0, skip_lines=2, counts_per_turn=8192.0))
-    assert record.time_s[-1] == pytest.approx(0.39)
-    assert any("`rate_hz`, `skip_lines`: not used" in note for note in record.notes)
-    with pytest.raises(ConfigError, match="`rate_hz`: not used, the times and columns of a run are"):
-        recording_at(folder, Foreign(rate_hz=1.0))
-    with pytest.raises(ConfigError, match="`rate_hz`: not used"):
-        read_flight(folder, Foreign(rate_hz=1.0))
-
-
-def test_what_other_programs_files_need_is_named_as_not_used_by_a_load_cell_s_run(tmp_path: Path) -> None:
-    record = read_wrench(loadcell(tmp_path, rate_hz=100), WrenchReading(rate_hz=1.0, counts_per_n=1e6))
-    assert any("`rate_hz`: not used" in note for note in record.notes)

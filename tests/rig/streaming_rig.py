@@ -21,12 +21,13 @@ import numpy as np
 import pandas as pd
 from twisted.internet.threads import blockingCallFromThread
 
+from cfid.recordings.angle import angle_record
+from cfid.recordings.read import read_recording
+from cfid.recordings.wrench import wrench_of
 from cfid.records.campaign import find_campaign
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import Devices, load_rig, new_rig_text
 from cfid.records.run import Label, Run, read_run
-from cfid.records.tables.angle import Reading, read_angle
-from cfid.records.tables.wrench import WrenchReading, read_wrench
 from cfid.rig.e201_port import lock_name
 from cfid.rig.lock import holder_of
 from cfid.rig.log import Plan, record_run
@@ -194,7 +195,7 @@ def check_cut_run(folder: Path) -> dict[str, pd.DataFrame]:
     run = read_run(folder)
     assert run.cut
     rows = check_rows(folder)
-    for record in (read_angle(folder, Reading()), read_wrench(folder, WrenchReading())):
+    for record in (angle_record(folder), wrench_of(read_recording(folder))):
         assert any("the run was cut" in note for note in record.notes)
         assert len(record.time_s) > 0
     return rows

@@ -8,8 +8,7 @@ import pandas as pd
 import pytest
 
 from cfid.errors import DeviceError
-from cfid.records.run import Run
-from cfid.records.tables.angle import Reading, read_angle
+from cfid.records.run import Run, losses
 from cfid.rig.recorder import Block
 from cfid.sim.faults import EncoderFaults
 from cfid.wire.rls import STEPS_PER_TURN, decode_words
@@ -242,7 +241,8 @@ def test_places_of_the_grid_that_were_skipped_are_counted(session: Session) -> N
     assert skipped == pytest.approx(20 * (100 - 40), rel=0.01)  # an answer takes 25 ms on the test's clock
     assert len(rows_of(run, "encoder")) + skipped == pytest.approx(20 * 100, abs=3)
     assert run.header.devices["encoder"].achieved == "40 of 100 Hz"
-    assert f"{skipped} samples were never taken" in " ".join(read_angle(run.folder, Reading()).notes)
+    notes = losses(run, run.header.devices["encoder"], len(rows_of(run, "encoder")))
+    assert f"{skipped} samples were never taken" in " ".join(notes)
 
 
 def test_a_delay_of_a_few_milliseconds_is_made_up_for_at_1_khz(session: Session) -> None:

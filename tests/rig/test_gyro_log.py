@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from cfid.errors import DeviceError
+from cfid.recordings.angle import angle_record
+from cfid.recordings.vehicle import read_rows
 from cfid.records.rig_file import load_rig
-from cfid.records.tables.angle import Reading, read_angle
-from cfid.records.tables.vehicle import read_rows
 from cfid.rig.log_rate import fastest_period_ms, shortest
 from cfid.rig.ready_vehicle import INERTIAL, connect_vehicle
 from tests.flying_in_a_folder import bench_in
@@ -23,7 +23,7 @@ def test_a_vehicle_in_the_swing_is_recorded_and_gives_its_axis_and_its_motors_ne
         motors = [motors for _, motors in bench.history if any(motors)]
         run = bench.run()
     rows = read_rows(run, "crazyflie")
-    found = read_angle(run.folder, Reading())
+    found = angle_record(run.folder)
     told = json.loads(ended.out)
 
     assert motors == []

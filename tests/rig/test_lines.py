@@ -16,11 +16,12 @@ import pytest
 
 from cfid.console.log_summary import devices_of
 from cfid.errors import ConfigError, DeviceError
+from cfid.recordings.angle import angle_record
+from cfid.recordings.read import read_recording
+from cfid.recordings.wrench import wrench_of
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import EncoderLines, LineValue, LoadCellLines, new_rig_text
 from cfid.records.run import Facts, Label, Run, facts_of, gaps
-from cfid.records.tables.angle import Reading, read_angle
-from cfid.records.tables.wrench import WrenchReading, read_wrench
 from cfid.rig.check_lines import check_lines
 from cfid.rig.device import Device
 from cfid.rig.encoder import Receiver
@@ -595,7 +596,7 @@ def test_half_lines_junk_and_bursts_over_a_port_leave_only_whole_lines(tmp_path:
     assert run.header.devices["loadcell"].lost == 2
     assert dict(facts(run)["lines"])["values"][1] == {"name": "Fz", "unit": "g", "scale": 0.5}
     assert facts(run)["units"] == "n,nm"
-    cell = read_wrench(run.folder, WrenchReading())
+    cell = wrench_of(read_recording(run.folder))
     assert cell.axes == ("Fz",)
     assert cell.force_n[:, 2] == pytest.approx(rows["Fz"].to_numpy())
     assert np.isnan(cell.torque_nm).all()
@@ -768,8 +769,8 @@ def test_a_simulated_rig_serves_both_and_commands_record_them(tmp_path: Path) ->
     assert [one["asked"] for one in checks["loadcell"]] == ["port", "lines", "Fz"]
     assert angle.code == force.code == 0, angle.err + force.err
     of_angle, of_force = sorted((tmp_path / "runs").iterdir(), key=lambda folder: "loadcell" in folder.name)
-    assert len(read_angle(of_angle, Reading()).time_s) > 200
-    assert read_wrench(of_force, WrenchReading()).force_n[:, 2].mean() == pytest.approx(1.4, abs=0.1)
+    assert len(angle_record(of_angle).time_s) > 200
+    assert wrench_of(read_recording(of_force)).force_n[:, 2].mean() == pytest.approx(1.4, abs=0.1)
 
 
 @pytest.mark.usefixtures("in_time")

@@ -22,10 +22,10 @@ import numpy.typing as npt
 import pandas as pd
 import pytest
 
+from cfid.recordings.vehicle import read_rows
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import load_rig
 from cfid.records.run import list_runs, read_run
-from cfid.records.tables.vehicle import read_rows
 from cfid.rig.crazyflie import Link
 from cfid.sim.crazyflie_tables import parameters
 from cfid.sim.supervisor_states import SupervisorState

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from cfid.recordings.angle import AngleRecord
 from cfid.records.parameters import Source
 from cfid.records.run import Label
-from cfid.records.tables.angle import AngleRecord
 from cfid.swing.data import swing_in
 from cfid.swing.estimation import SwingFit, fit_swing
 

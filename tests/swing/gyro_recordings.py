@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from cfid.records.tables.gyro import SCALE_STD, about_one_axis, integrated
+from cfid.recordings.gyro import SCALE_STD, about_one_axis, integrated
 from cfid.sim.imu import Hanging, Imu, ImuTruth
 from cfid.sim.plants import Motion
 from cfid.swing.collocation import NO_THREADS, Threads

@@ -9,9 +9,9 @@ import numpy.typing as npt
 import pytest
 
 from cfid.errors import DataError
+from cfid.recordings.angle import AngleRecord
 from cfid.records.parameters import Source
 from cfid.records.run import Label
-from cfid.records.tables.angle import AngleRecord
 from cfid.sim.plants import HandRelease, Motion, Pendulum, swing
 from cfid.swing.data import swing_in
 from cfid.swing.free_swing import FreeSwing, find_swing

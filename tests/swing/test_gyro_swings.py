@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from cfid.errors import DataError
-from cfid.records.tables.gyro import about_one_axis, integrated
+from cfid.recordings.gyro import about_one_axis, integrated
 from cfid.sim.imu import ImuTruth
 from cfid.sim.plants import Motion, Pendulum, swing
 from cfid.sim.rig import draw_release

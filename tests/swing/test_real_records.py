@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from cfid.records.tables.angle import AngleRecord, Reading, read_angle
+from cfid.recordings.angle import AngleRecord, angle_of, angle_record
+from cfid.recordings.read import read_recording
+from cfid.recordings.recording import How
 from cfid.swing.estimation import fit_swing
 from cfid.swing.free_swing import FreeSwing, find_swing
 from cfid.swing.thesis import fit_damped_cosine
@@ -17,7 +19,7 @@ needs_bad = pytest.mark.skipif(not BAD.exists(), reason="the public record of a 
 
 
 def sound_swing(**window: float | int) -> FreeSwing:
-    record: AngleRecord = read_angle(SOUND, Reading())
+    record: AngleRecord = angle_record(SOUND)
     return find_swing(record.time_s, record.angle_rad, **window)  # type: ignore[arg-type]
 
 
@@ -52,7 +54,7 @@ def test_a_damped_cosine_on_the_sound_rig_is_a_quarter_too_low() -> None:
 @needs_bad
 @pytest.mark.parametrize("from_s", [None, 1.0, 2.0])
 def test_the_bad_rig_is_rejected_whichever_window_is_chosen(from_s: float | None) -> None:
-    record = read_angle(BAD, Reading(skip_lines=2, rate_hz=1000, angle_unit="deg"))
+    record = angle_of(read_recording(BAD, How(skip_lines=2, rate_hz=1000, units={"1": "deg"})))
     fit = fit_swing(find_swing(record.time_s, record.angle_rad, from_s=from_s))
 
     assert not fit.accepted

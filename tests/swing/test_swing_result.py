@@ -9,11 +9,11 @@ import pytest
 
 import cfid.swing
 from cfid.errors import ConfigError
+from cfid.recordings.angle import AngleRecord, labelled
 from cfid.records.files import RIG_FILE
 from cfid.records.parameters import Source
 from cfid.records.rig_file import new_rig_text, thesis_rig
 from cfid.records.run import Label
-from cfid.records.tables.angle import AngleRecord, labelled
 from tests.drawn import swing_record
 
 # The pendulum of tests.drawn: W, and damping per inertia.

@@ -13,17 +13,16 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pytest
-from scipy.interpolate import CubicSpline
 from scipy.stats import beta
 
 import cfid.swing
 from cfid.errors import ConfigError, FitError
+from cfid.recordings.angle import AngleRecord, labelled
 from cfid.records.parameters import Source
 from cfid.records.result import Result
 from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
-from cfid.records.tables.angle import AngleRecord, Reading, labelled, read_angle
 from cfid.sim.app_core import compiled
 from cfid.swing.estimation import SwingFit, fit_swing
 from cfid.swing.free_swing import find_swing
@@ -216,39 +215,6 @@ def one_fine_swing() -> tuple[Array, Array, float]:
     trials = Trials(np.random.default_rng(3), 1)
     time_s, angle = trials.swung(9.0, FINE_STEP_S)
     return time_s, angle[:, 0], float(trials.frequency_squared_s2[0])
-
-
-@pytest.mark.parametrize(
-    ("per_turn", "beside"),
-    [
-        (1024, ""),
-        (1024, "rest and a row a second"),
-        (1024, "lost edges"),
-        pytest.param(4096, "", marks=pytest.mark.slow),
-    ],
-)
-def test_rows_that_are_written_where_the_count_changes_are_read_as_the_edges_of_the_encoder(
-    tmp_path: Path, per_turn: int, beside: str
-) -> None:
-    time_s, angle, frequency = one_fine_swing()
-    fine_s = np.linspace(0, time_s[-1], round(time_s[-1] / 1e-5))
-    count = np.floor(CubicSpline(time_s, angle)(fine_s) / (2 * math.pi) * per_turn + 0.3)
-    rows = np.flatnonzero(np.diff(count)) + 1
-    if beside == "lost edges":
-        rows = np.delete(rows, np.random.default_rng(1).choice(len(rows), len(rows) // 100, replace=False))
-    elif beside:
-        rows = np.union1d(rows, np.arange(0, len(fine_s), round(len(fine_s) / time_s[-1])))
-    path = tmp_path / "edges.csv"
-    path.write_text("\n".join(["t_us,enc_counts", *(f"{1e6 * fine_s[i]:.0f},{count[i]:.0f}" for i in rows), ""]))
-    record = read_angle(path, Reading(counts_per_turn=float(per_turn)))
-    fit = fit_swing(find_swing(record.time_s, record.angle_rad))
-    error = fit.coefficients.natural_frequency_squared_s2 - frequency
-    polled = fit_swing(find_swing(time_s, angle)).coefficients.natural_frequency_squared_s2 - frequency
-
-    assert "rows are changes of the count by one" in " ".join(record.notes)
-    assert not any(".." in one for one in record.notes)
-    assert abs(error) < 3 * fit.std.natural_frequency_squared_s2
-    assert abs(error - polled) < 2e-6 * frequency  # half a count that depends on direction made it 2e-5 to 1e-4
 
 
 def score(result: Result, truth: float) -> float:

@@ -96,7 +96,8 @@ def write_index(
 
 def write_cell(path: Path, runs: Sequence[SimulatedSine]) -> None:
     rows = np.vstack([np.column_stack([run.time_s, run.counts]) for run in runs])
-    frame = pd.DataFrame(rows, columns=CELL).astype(dict.fromkeys(CELL[1:], np.int64))
+    axes = [f"{axis}_counts" for axis in CELL[1:]]
+    frame = pd.DataFrame(rows, columns=["t", *axes]).astype(dict.fromkeys(axes, np.int64))
     frame.to_csv(path, index=False, float_format="%.6f")
 
 

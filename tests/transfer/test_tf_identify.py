@@ -149,14 +149,6 @@ def test_the_sign_that_is_given_is_kept_and_a_gain_below_zero_is_reported(
     assert not any("negative" in text for text in sentences(up))
 
 
-def test_units_of_the_load_cell_are_those_of_the_options(tf: Here, tmp_path: Path, first: list[SimulatedSine]) -> None:
-    index = write_index(tmp_path, {"": first})
-    halved = found(tf, "--index", index, "--counts-per-n", 2e6, "--counts-per-nm", 2e6, "--arm-mm", 23)
-
-    assert halved["parameters"]["tf.static_gain_n"]["value"] == pytest.approx(GAIN_N, rel=0.01)
-    assert not any("counts are read as" in warning for warning in sentences(halved))
-
-
 def test_runs_of_cfid_are_found_by_no_word_at_all_and_kept_in_the_campaign(
     tf: Here, tmp_path: Path, first: list[SimulatedSine]
 ) -> None:

@@ -16,9 +16,10 @@ from cfid.flight.battery import with_own_sag
 from cfid.flight.data import FlownLog, flight_of, read_flight
 from cfid.flight.model import ThrustLag
 from cfid.flight.rows import LEVER
+from cfid.recordings.crazyflie import si_values
+from cfid.recordings.read import read_recording
+from cfid.recordings.recording import Recording, Series
 from cfid.records.campaign import open_campaign
-from cfid.records.logs.any_kind import read_log
-from cfid.records.logs.log import FlightLog, Series, in_memory
 from cfid.records.parameters import Parameter, Section, Source
 from cfid.validation.measured import Measured, measured_file, measured_in
 from cfid.validation.result import SetError, compared, validate
@@ -27,6 +28,8 @@ from cfid.validation.sets import PUBLISHED, published_set, sets_of
 from tests.campaigns import Cfid
 from tests.flight.flying import GYRO_DELAY_S, LATE_STEPS, STEP, Fleet, fleet, fly
 from tests.places import DATA
+from tests.recordings.made import only, with_rows, with_series
+from tests.recordings.made import table_of as rows_in
 from tests.report.fits_by_hand import new_campaign, put
 
 FLIGHTS = DATA / "flights"
@@ -108,10 +111,10 @@ def test_a_set_differs_from_itself_by_nothing(flown: tuple[ParameterSet, FlownLo
 def test_rows_beyond_the_range_of_a_gyro_are_no_truth(flown: tuple[ParameterSet, FlownLog]) -> None:
     """Earlier, a clipped gyro significantly preferred moments that were 5 % wrong."""
     true, flight = flown
-    (series,) = flight.log.series
-    rows = np.concatenate(list(series.blocks()))
+    series = only(flight.log)
+    rows = rows_in(series)
     rows[:, 5:8] = np.clip(rows[:, 5:8], -5.0, 5.0)
-    clipped = flight_of(replace(flight.log, series=(replace(series, blocks=lambda: iter([rows])),)))
+    clipped = flight_of(with_rows(flight.log, rows))
     at = starts(clipped.by_command)
     assert clipped.flight.beyond is not None
     assert len(at) < len(starts(flight.by_command))
@@ -123,23 +126,23 @@ def test_rows_beyond_the_range_of_a_gyro_are_no_truth(flown: tuple[ParameterSet,
 
 
 @pytest.fixture(scope="module")
-def sagging() -> tuple[ParameterSet, FlightLog, FlightLog]:
+def sagging() -> tuple[ParameterSet, Recording, Recording]:
     """The true set in volts, a flight with the whole battery voltage, and the same with a voltage smoothed by 0.1 s."""
     rng = np.random.default_rng(11)
     vehicles = fleet(1, rng)
     (log,) = fly(vehicles, rng, seconds=24.0, wind=0.1, load_sag=0.08, with_volts=True)
-    (series,) = log.series
-    rows = np.concatenate(list(series.blocks()))
+    series = only(log)
+    rows = rows_in(series)
     share = 1 - np.exp(-STEP / 0.1)
     rows[:, -1] = rows[0, -1] + lfilter([share], [1, share - 1], rows[:, -1] - rows[0, -1])
-    smoothed = replace(log, series=(replace(series, blocks=lambda: iter([rows])),))
+    smoothed = with_rows(log, rows)
     true = truth(vehicles)
     of_volts = tuple(one / 4.0**power for power, one in enumerate(true.thrust_n))
     return replace(true, thrust_n=of_volts, in_volts=True), log, smoothed
 
 
 def test_a_smoothed_voltage_judges_sets_as_the_whole_one_does(
-    sagging: tuple[ParameterSet, FlightLog, FlightLog],
+    sagging: tuple[ParameterSet, Recording, Recording],
 ) -> None:
     """Earlier, such a voltage was used without the sag that a fit adds, and preferred a thrust slope 8 % too small."""
     true, *logs = sagging
@@ -162,9 +165,9 @@ def test_a_smoothed_voltage_judges_sets_as_the_whole_one_does(
 
 
 def test_a_smoothed_voltage_is_named_where_sets_are_compared(
-    sagging: tuple[ParameterSet, FlightLog, FlightLog], cfid: Cfid, tmp_path: Path
+    sagging: tuple[ParameterSet, Recording, Recording], cfid: Cfid, tmp_path: Path
 ) -> None:
-    (series,) = sagging[2].series
+    series = only(sagging[2])
     write_table(series, [*series.names[:10], "pm.vbat"], tmp_path / "flight.csv")
     found = cfid("validate", "flight.csv", "--with", "firmware", "--no-figures")
     assert "the battery's voltage is smoothed by" in " ".join(found.stderr.split())
@@ -190,8 +193,8 @@ def fitted_to(sha256: str, path: str = "gone.csv", folder: Path = Path()) -> Mea
 
 @pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the public flights are not here (CFID_DATA)")
 def test_a_flight_that_was_fitted_to_is_refused_in_another_format_too(tmp_path: Path) -> None:
-    log = read_log(FLIGHTS / "eschmann_log10.usd")
-    (series,) = log.series
+    log = read_recording(FLIGHTS / "eschmann_log10.usd")
+    series = only(log)
     names = [
         *(f"motor.m{motor}" for motor in (1, 2, 3, 4)),
         *(f"{one}.{axis}" for one in ("acc", "gyro") for axis in "xyz"),
@@ -204,7 +207,7 @@ def test_a_flight_that_was_fitted_to_is_refused_in_another_format_too(tmp_path: 
 
 def write_table(series: Series, names: Sequence[str], path: Path) -> None:
     """Write channels of a log as a table in the firmware's units."""
-    frame = pd.DataFrame({"t_s": series.time_s} | {name: series.values(name) for name in names})
+    frame = pd.DataFrame({"t_s": series.time_s} | {name: si_values(series.column(name)) for name in names})
     frame.loc[:, [f"acc.{axis}" for axis in "xyz"]] /= 9.81
     frame.loc[:, [f"gyro.{axis}" for axis in "xyz"]] *= 180 / np.pi
     frame.to_csv(path, index=False)
@@ -235,7 +238,7 @@ def test_a_set_without_the_logs_delay_is_judged_by_its_moments_and_lags(cfid: Cf
     rng = np.random.default_rng(seed)
     vehicles = fleet(1, rng)
     true, flight = truth(vehicles), flight_of(fly(vehicles, rng, seconds=24.0, wind=0.1)[0])
-    (series,) = flight.log.series
+    series = only(flight.log)
     write_table(series, series.names[:10], tmp_path / "flight.csv")
     assert true.lag is not None
     body = {
@@ -328,7 +331,7 @@ def test_published_sets_carry_a_crazyflie_and_others_are_refused() -> None:
 def test_a_published_set_that_needs_a_voltage_is_left_out_and_named_where_others_need_none(
     flown: tuple[ParameterSet, FlownLog], cfid: Cfid, tmp_path: Path
 ) -> None:
-    (series,) = flown[1].log.series
+    series = only(flown[1].log)
     write_table(series, series.names[:10], tmp_path / "flight.csv")
     found = cfid("validate", "flight.csv", "--with", "firmware", "--with", "thesis", "--no-figures")
     assert found.returncode == 0, found.stderr
@@ -520,11 +523,11 @@ def test_a_gyro_read_in_degrees_that_is_in_radians_is_named_by_the_arms_of_the_s
     rng = np.random.default_rng(11)
     vehicles = fleet(1, rng)
     (log,) = fly(vehicles, rng, seconds=24.0, wind=0.1)
-    (series,) = log.series
+    series = only(log)
     kept = [place for place, name in enumerate(series.names) if name[0] not in "qv"]
-    channels = [series.channels[place] for place in kept]
-    changed = [replace(one, own_unit="deg/s") if "gyro" in one.name else one for one in channels]
-    wrong = in_memory("log", series.time_s, changed, [series.column(1 + place) for place in kept])
-    result = validate(flight_of(replace(log, series=(wrong,))), [truth(vehicles)], used=())
+    columns = [series.columns[place] for place in kept]
+    changed = tuple(replace(one, unit="deg/s") if "gyro" in one.name else one for one in columns)
+    wrong = with_series(log, replace(series, columns=changed))
+    result = validate(flight_of(wrong), [truth(vehicles)], used=())
     assert not result.accepted
     assert "is it in rad/s, not in deg/s?" in " ".join(one.text for one in result.findings)

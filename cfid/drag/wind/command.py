@@ -219,8 +219,8 @@ def _requested(options: WindOptions, sweep: SweepOptions, resume: Path | None) -
 
 def _tachometer_of(resume: Path | None) -> str:
     """Return whether readings were typed in the run to resume; `typed` for a new run."""
+    from cfid.recordings.vehicle import READINGS
     from cfid.records.run import read_run
-    from cfid.records.tables.vehicle import READINGS
 
     return "typed" if resume is None or READINGS in read_run(resume).header.devices else "none"
 

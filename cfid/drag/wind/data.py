@@ -24,12 +24,12 @@ from cfid.findings import Finding, joined, note, texts, warning
 from cfid.motors import data as motors
 from cfid.motors.points import rotor_speed_rad_s
 from cfid.motors.vibration.data import Rotors, VibrationRecord
+from cfid.recordings.read import read_recording
+from cfid.recordings.vehicle import COMMANDS, READINGS, Rows, TakenBackError, holds, read_rows
+from cfid.recordings.wrench import WrenchRecord, wrench_of
 from cfid.records.parameters import Source
 from cfid.records.rig_file import NONE_STATED, RigFacts, WindStand
 from cfid.records.run import refuse_contradiction, run_at, run_holding
-from cfid.records.tables.vehicle import COMMANDS, READINGS, Rows, TakenBackError, holds, read_rows
-from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
-from cfid.records.tables.wrench_faults import without_faults, without_stuck
 from cfid.units import DEAD_COMMAND
 
 _ESTIMATED_S = 3.0  # of a window: long enough to find a speed to a thousandth
@@ -44,18 +44,17 @@ _AT_ONCE = 2  # files: one is averaged while another is read or parsed
 
 @dataclass(frozen=True)
 class WindReading:
-    """How to read and average recordings.
+    """How to average recordings.
 
     Facts of the rig that are `given` replace those that a run states; an index has those of `rig`.
     """
 
-    wrench: WrenchReading
     method: Literal["default", "thesis"] = "default"
     given: RigFacts = NONE_STATED
     rig: RigFacts = NONE_STATED
 
 
-AS_THEY_ARE = WindReading(WrenchReading())
+AS_THEY_ARE = WindReading()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +86,7 @@ def reduce_run(path: Path, how: WindReading, *, read_later: frozenset[int] = fro
     run = run_at(path)
     if run is None:
         raise DataError(f"{path}: not a run folder; other recordings are listed in an index file.")
-    setting, record = setting_of(run), read_wrench(path, how.wrench)
+    setting, record = setting_of(run), wrench_of(read_recording(path))
     record.require("Fx", "Fy", "Fz", purpose="drag")
     facts = how.given.over(run.header.rig)
     if not holds(run, COMMANDS):
@@ -133,9 +132,9 @@ def _reduce_row(row: IndexedRun, how: WindReading) -> ReducedRecording:
     """Reduce a recording; forces at standing rotors are not needed."""
     _refuse_other_wind(row)
     facts = how.given.over(how.rig)
-    read = read_wrench(row.loadcell, replace(how.wrench, gain=facts.loadcell.gain))
-    moving = without_stuck(read)
-    record = without_faults(moving)
+    read = wrench_of(read_recording(row.loadcell), gain=facts.loadcell.gain)
+    moving = read.without_stuck()
+    record = moving.without_outliers()
     findings = _assumptions(facts, row.setting, typed=bool(row.tach_rpm))
     if row.command > DEAD_COMMAND:
         try:

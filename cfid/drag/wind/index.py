@@ -8,8 +8,8 @@ from typing import NamedTuple
 from cfid.drag.wind.plan import WindSetting
 from cfid.errors import DataError
 from cfid.findings import Finding
+from cfid.recordings.sines import IndexRow, read_index
 from cfid.records.parameters import Source
-from cfid.records.tables.index import IndexRow, read_index
 from cfid.units import FULL_COMMAND
 
 COLUMNS = ("command", "angle_deg", "wind_min_mps", "wind_max_mps", "tach_rpm", "loadcell")

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from cfid.errors import DataError
+from cfid.recordings.resumed import held_steps, steps_left
 from cfid.records.campaign import Campaign
-from cfid.records.resumed import held_steps, steps_left
 from cfid.records.run import Run, list_runs
 
 KIND = "wind"

@@ -13,21 +13,16 @@ import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError
 from cfid.estimate.held_readings import Readings, once_each
-from cfid.findings import Finding, note, of_recording, rejection
+from cfid.findings import Finding, finding, of_recording, rejection
 from cfid.motors.lag.model import Signal
 from cfid.motors.lag.part import BREAK_S, LogPart
 from cfid.motors.lag.survey import part_s, possible, survey
-from cfid.records.logs.any_kind import NO_OPTIONS, is_binary_log, read_log
-from cfid.records.logs.crazyflie_names import first_of
-from cfid.records.logs.flights import longest_flight
-from cfid.records.logs.kinds import is_flown
-from cfid.records.logs.limits import COMMANDS, FORCES, SPEEDS, Limits
-from cfid.records.logs.log import Channel, FlightLog, in_memory
-from cfid.records.logs.repeated_times import refuse_repeated_times
-from cfid.records.logs.windows import windows
-from cfid.records.tables.blocks import open_table
-from cfid.records.tables.schema import Foreign
-from cfid.records.tables.stand import StandTable
+from cfid.recordings.crazyflie import findings_in, first_of, is_flown, windows
+from cfid.recordings.limits import COMMANDS, FORCES, SPEEDS, Limits, refuse_repeated_times
+from cfid.recordings.read import is_binary_log, read_recording
+from cfid.recordings.recording import Column, Facts, Recording, Series
+from cfid.recordings.stand import StandTable
+from cfid.recordings.table import read_table
 from cfid.units import MOTORS
 
 Array = npt.NDArray[np.float64]
@@ -56,7 +51,7 @@ class RotorLog:
     `wrong_volts_s` (k,) since `begin_s`.
     """
 
-    log: FlightLog
+    log: Recording
     name: str
     commands: Mapping[int, str]
     speeds: Mapping[int, str]
@@ -154,20 +149,13 @@ class RotorLog:
         )
 
 
-def rotor_log(path: Path, reading: Foreign = NO_OPTIONS) -> RotorLog | None:
+def rotor_log(path: Path) -> RotorLog | None:
     """Read a vehicle's log; return None for a table without the firmware's commands. Raises DataError as its reader."""
-    try:
-        log = read_log(path, reading)
-    except DataError:
-        if path.is_file() and not is_binary_log(path) and not _is_of_flight(path, reading):
-            return None  # a thrust stand's table need not have times
-        raise
-    return of_log(log) if is_binary_log(path) or _of_motors(log, _COMMANDS) else None
-
-
-def _is_of_flight(path: Path, reading: Foreign) -> bool:
-    """Return whether a table has variables of a vehicle's firmware. Raises DataError for a file that is no table."""
-    return any(map(is_flown, open_table(path, skip_lines=reading.skip_lines, sha256="").names))
+    is_table = not is_binary_log(path)
+    if is_table and not any(map(is_flown, read_table(path).heads)):
+        return None  # a thrust stand's table need not have times
+    log = read_recording(path)
+    return None if is_table and not _of_motors(log, _COMMANDS) else of_log(log)
 
 
 def of_stand(table: StandTable) -> RotorLog | None:
@@ -183,25 +171,26 @@ def of_stand(table: StandTable) -> RotorLog | None:
     several = table.speeds == "rotors"
     each = speeds.T if several else [table.square_mean_speed_rad_s]
     motors = range(1, 1 + len(each))
-    channels = [Channel(f"motor.m{motor}", "1") for motor in motors]
-    channels += [Channel(f"rpm.m{motor}", "rad/s") for motor in motors]
-    values = [*(table.command for _ in motors), *(np.asarray(one) for one in each)]
+    columns = [Column(name=f"motor.m{motor}", unit="1", values=table.command[known]) for motor in motors]
+    columns += [
+        Column(name=f"rpm.m{motor}", unit="rad/s", values=np.asarray(speed)[known])
+        for motor, speed in zip(motors, each, strict=True)
+    ]
     if table.vbat_v is not None and np.isfinite(table.vbat_v).any():
-        channels, values = [*channels, Channel("pm.vbat", "V")], [*values, table.vbat_v]
-    rows = [value[known] for value in values]
-    log = FlightLog(
+        columns.append(Column(name="pm.vbat", unit="V", values=table.vbat_v[known]))
+    rows = int(np.count_nonzero(known))
+    series = Series(name="stand", path=table.path, columns=tuple(columns), rows=rows, time_s=time_s[known], begin_s=0.0)
+    log = Recording(
         path=table.path,
         source=table.source,
-        program="table of a thrust stand",
-        clock="times are the stand's",
-        series=(in_memory("stand", time_s[known], channels, rows),),
+        series={"stand": series},
+        facts=Facts(program="table of a thrust stand"),
     )
     return replace(of_log(log), findings=(*table.findings, _ONE_RATE))
 
 
-def of_log(log: FlightLog) -> RotorLog:
+def of_log(log: Recording) -> RotorLog:
     """Find commands, speeds, voltage and acceleration in a log. Raises DataError without commands."""
-    log = longest_flight(log)
     commands = _of_motors(log, _COMMANDS)
     if not commands:
         raise DataError(
@@ -216,7 +205,8 @@ def of_log(log: FlightLog) -> RotorLog:
         limits[acceleration] = FORCES
     seen = survey(log, commands, speeds, volts, limits)
     limits = {name: limits[name] for name, (wrong, known, _) in seen.outside.items() if limits[name].few(wrong, known)}
-    faults = [one.left_out(name, seen.outside[name].wrong, seen.outside[name].first) for name, one in limits.items()]
+    outside = [one.left_out(name, seen.outside[name].wrong, seen.outside[name].first) for name, one in limits.items()]
+    faults: list[str] = []
     for motor, counts in seen.speeds.items():
         if counts.zero:
             faults.append(
@@ -242,10 +232,16 @@ def of_log(log: FlightLog) -> RotorLog:
         window=(0.0, np.nextafter(seen.end_s - seen.begin_s, np.inf)),
         wrong_volts_s=seen.volts.wrong_s - seen.begin_s,
         findings=(
-            *of_recording(log.path.name, (*log.notes, *faults)),
-            *(note("recording", f"assumed: {text}.").at(log.path.name) for text in log.assumed),
+            *findings_in(log),
+            *(one.at(log.path.name) for one in outside),
+            *of_recording(log.path.name, faults),
+            *((finding("gyro-clock-undecided", "dynamics.*").at(log.path.name),) if _undecided(log) else ()),
         ),
     )
+
+
+def _undecided(log: Recording) -> bool:
+    return log.facts.clock == "unknown"
 
 
 def _once_each(measured: Signal) -> tuple[Signal, Readings]:
@@ -265,6 +261,6 @@ def _known(speed: Array) -> Array:
     return np.where(speed > 0, speed, np.nan)
 
 
-def _of_motors(log: FlightLog, patterns: tuple[str, ...]) -> dict[int, str]:
+def _of_motors(log: Recording, patterns: tuple[str, ...]) -> dict[int, str]:
     found = {motor: first_of(log, patterns, motor) for motor in MOTORS}
     return {motor: name for motor, name in found.items() if name is not None}

@@ -33,6 +33,7 @@ from cfid.motors.lag.values import (
     speed_map_findings,
 )
 from cfid.motors.repeated import repeated_finding
+from cfid.recordings.read import description
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Figures, Result
 
@@ -103,7 +104,7 @@ def fit(record: RotorLog) -> Result:
         ),
         sources=(record.log.source,),
         lines=(
-            *filter(None, [record.log.understood]),
+            *filter(None, [description(record.log)]),
             *(Dependent(_line(name, one), _ROWS) for name, one in fits.items()),
         ),
         drawings=drawings,

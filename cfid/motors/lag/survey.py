@@ -8,19 +8,20 @@ import numpy.typing as npt
 
 from cfid.large import joined
 from cfid.motors.lag.model import Signal
-from cfid.records.logs.limits import Limits
-from cfid.records.logs.log import FlightLog
-from cfid.records.logs.windows import windows
-from cfid.records.tables import supply
+from cfid.recordings import supply
+from cfid.recordings.crazyflie import times_in, windows
+from cfid.recordings.limits import Limits
+from cfid.recordings.recording import Recording
 
 Array = npt.NDArray[np.float64]
 
 _PART_S, _PART_ROWS = 300.0, 330_000  # a flight is one part, or two
+_HEAD_ROWS = 1 << 16  # that show how far rows are apart
 
 
-def part_s(log: FlightLog, names: Sequence[str]) -> float:
+def part_s(log: Recording, names: Sequence[str]) -> float:
     """Return how long the parts are in which some channels of a log are read: as many rows as fit into the memory."""
-    heads = [next(series.blocks())[:, 0] for series in {log.series_of(name): None for name in names}]
+    heads = [times_in(log, log.holding(name))[:_HEAD_ROWS] for name in names]
     apart_s = [float(np.median(np.diff(time_s))) for time_s in heads if len(time_s) > 1]
     return min([_PART_S, *(_PART_ROWS * step_s for step_s in apart_s if step_s > 0)])
 
@@ -81,7 +82,7 @@ class Surveyed(NamedTuple):
 
 
 def survey(
-    log: FlightLog,
+    log: Recording,
     commands: Mapping[int, str],
     speeds: Mapping[int, str],
     volts: str | None,
@@ -92,7 +93,7 @@ def survey(
     `limits` are those of commands, speeds and other channels, by name.
     """
     names = [*limits, *(() if volts is None else (volts,))]
-    begin_s = min(float(next(log.series_of(name).blocks())[0, 0]) for name in commands.values())
+    begin_s = min(float(times_in(log, log.holding(name))[0]) for name in commands.values())
     end_s = begin_s
     counts = {motor: np.zeros(len(Counts._fields), np.intp) for motor in speeds}
     outside = dict.fromkeys(limits, Outside())

@@ -10,8 +10,8 @@ from cfid.findings import Finding, note, rejection
 from cfid.motors.lag.estimation import LagFit
 from cfid.motors.lag.model import Supply
 from cfid.motors.lag.search import SUPPLY_STD
+from cfid.recordings.limits import other_scale
 from cfid.records.covariances import Covariance, covariance_between
-from cfid.records.logs.limits import other_scale
 from cfid.records.parameters import Parameter
 from cfid.units import FULL_COMMAND
 

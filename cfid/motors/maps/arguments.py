@@ -5,19 +5,18 @@ from dataclasses import replace
 from pathlib import Path
 
 from cfid.console.inputs import Workplace, find_recording, split_label
-from cfid.console.options import LoadCellOptions, ReadingOptions
 from cfid.console.selection import chosen
 from cfid.errors import ConfigError, DataError, FitError
-from cfid.findings import joined, warning
+from cfid.findings import explained, warning
 from cfid.motors.maps.data import of_file, of_run
 from cfid.motors.maps.evidence import Evidence, Stand, together
 from cfid.motors.maps.table_data import of_table
 from cfid.motors.vibration.data import Rotors
-from cfid.records.choose import labelled
+from cfid.recordings.read import kind_at
+from cfid.recordings.recording import How
+from cfid.recordings.stand import STAND, holds_stand, read_stand, stand_of
+from cfid.records.choose import Matches, labelled
 from cfid.records.run import Run, refuse_contradiction, run_at, run_holding
-from cfid.records.tables.schema import refuse_for_run
-from cfid.records.tables.stand import read_stand_as, stand_file
-from cfid.records.tables.wrench import holds_wrench
 from cfid.units import FULL_COMMAND
 
 _NOTHING = ConfigError(
@@ -27,8 +26,6 @@ _NOTHING = ConfigError(
 
 def read_evidence(
     words: Sequence[str],
-    reading: ReadingOptions,
-    scale: LoadCellOptions,
     workplace: Workplace,
     *,
     known: Stand,
@@ -36,7 +33,6 @@ def read_evidence(
     kind: str,
     method: str,
     rotors: Rotors | None = None,
-    esc_us: tuple[float, float] | None = None,
 ) -> Evidence:
     """Read COMMAND=FILE arguments, runs and tables, and put all their points together.
 
@@ -45,27 +41,20 @@ def read_evidence(
 
     Raises ConfigError when there is nothing to read, DataError and FitError that name the file.
     """
-
-    foreign = reading.foreign()
-    runs: list[Path] = []
     faults: list[DataError | FitError] = []
-    stands: list[Path] = []
-    files: list[str] = []
 
     def of_stand(path: Path) -> Evidence:
-        if scale != LoadCellOptions() or known.window_s is not None or known.flip_fz is not None:
+        if known.window_s is not None or known.flip_fz is not None:
             raise ConfigError(
-                "`units`, `counts_per_n`, `counts_per_nm`, `window` and `flip_fz` are for a load cell's recording, and "
-                f"{path} is a thrust stand's table."
+                f"`window` and `flip_fz` are for a load cell's recording, and {path} is a thrust stand's table."
             )
-        stands.append(path)
-        gravity = workplace.rig.site.gravity_mps2
-        read = read_stand_as(path, foreign, gravity_mps2=gravity, esc_us=esc_us, motors=known.motors)
+        how = How(motors=known.motors)
+        read = stand_of(read_stand(path, how), how, gravity_mps2=workplace.rig.site.gravity_mps2)
         return of_table(read, known, workplace.facts)
 
     def of_runs(run: Run) -> list[Evidence]:
         try:
-            return [of_run(run, known, scale.reading(reading), rotors=rotors)]
+            return [of_run(run, known, rotors=rotors)]
         except (DataError, FitError) as error:  # one part of a resumed staircase does not condemn the others
             faults.append(error)
             return []
@@ -77,28 +66,22 @@ def read_evidence(
             at = _command(command, word)
             if (run := run_holding(Path(file))) is not None:
                 refuse_contradiction(word, {"command": at}, {"command": run.header.requested.get("steps")})
-            files.append(file)
             here = known.where(workplace.facts)
-            parts.append(of_file(at, Path(file), here, scale.reading(reading), method=method, rotors=rotors))
+            parts.append(of_file(at, Path(file), here, method=method, rotors=rotors))
         else:
-            path = find_recording(word, workplace, labelled(kind))
-            if (imported := stand_file(path)) is not None:
-                parts.append(of_stand(imported))
+            path = find_recording(word, workplace, _of_kinds(kind, STAND))
+            if holds_stand(path):
+                parts.append(of_stand(path))
             elif (run := run_at(path)) is not None:
-                runs.append(path)
                 parts += of_runs(run)
-            elif holds_wrench(path, scale.reading(reading)):
+            elif kind_at(path) == "wrench":
                 raise DataError(f"{path}: a load cell's file needs its command: write COMMAND={path}.")
             else:
                 parts.append(of_stand(path))
     if not parts:
         raise next(iter(faults), _NOTHING)
-    if runs and not (stands or files):
-        refuse_for_run(runs[0], foreign)
-    if esc_us is not None and not stands:
-        raise ConfigError("`esc_us` is for a thrust stand's table, and none is given.")
     if not any(len(part.points.command) for part in parts):
-        raise FitError(joined(["no step settles.", *(part.findings[-1].text for part in parts if part.findings)]))
+        raise explained(FitError("no step settles."), [part.findings[-1] for part in parts if part.findings])
     left_out = tuple(warning("run-left-out", f"{error} It is left out.") for error in faults)
     found = together(parts)
     return replace(found, findings=(*left_out, *found.findings))
@@ -107,7 +90,12 @@ def read_evidence(
 def _meant(words: Sequence[str], tables: Sequence[Evidence], workplace: Workplace, kind: str) -> Sequence[str]:
     if workplace.campaign is None or (tables and not words):
         return words
-    return chosen(words, workplace.campaign, suits=labelled(kind), wanted=f"runs of cfid log {kind}")
+    suits = _of_kinds(kind, STAND) if words else labelled(kind)  # a stand is taken where it is named
+    return chosen(words, workplace.campaign, suits=suits, wanted=f"runs of cfid log {kind}")
+
+
+def _of_kinds(*kinds: str) -> Matches:
+    return lambda run: run.header.kind in kinds
 
 
 def _command(text: str, word: str) -> int:

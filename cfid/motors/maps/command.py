@@ -11,15 +11,11 @@ from cfid.console.inputs import Workplace, find_recording, open_workplace
 from cfid.console.lists import measured, span
 from cfid.console.options import (
     Delivery,
-    EscUs,
     FlipFz,
     GravityMps2,
-    LoadCellOptions,
     Markers,
     Method,
-    ReadingOptions,
     RigOptions,
-    pulses_us,
 )
 from cfid.console.outcome import deliver
 from cfid.errors import ConfigError
@@ -62,7 +58,6 @@ class StandOptions:
         typer.Option(metavar="FROM,TO", help="Time window to use in every file, in seconds.", rich_help_panel=_INPUT),
     ] = None
     flip_fz: FlipFz = None
-    esc_us: EscUs = None
 
     def known(self) -> "Stand":
         """Return the facts in the form that fits take. Raises ConfigError for an invalid window."""
@@ -70,11 +65,6 @@ class StandOptions:
 
         window_s = None if self.window is None else span(self.window, "--window", unit="seconds", example="4,8")
         return Stand(motors=self.motors, markers=self.markers, window_s=window_s, flip_fz=self.flip_fz)
-
-    @property
-    def pulses_us(self) -> tuple[float, float] | None:
-        """The pulse widths of commands 0 and 65535. Raises ConfigError for an invalid range."""
-        return pulses_us(self.esc_us)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,8 +104,6 @@ def thrust(
         ),
     ] = None,
     rig: RigOptions,
-    reading: ReadingOptions,
-    scale: LoadCellOptions,
     delivery: Delivery,
     gravity_mps2: GravityMps2 = None,
     method: Method = "default",
@@ -132,14 +120,11 @@ def thrust(
     result = fit_thrust(
         read_evidence(
             runs or [],
-            reading,
-            scale,
             workplace,
             known=stand.known(),
             table=stand.table,
             kind="thrust",
             method=method,
-            esc_us=stand.pulses_us,
         ),
         gravity_mps2=workplace.rig.site.gravity_mps2,
         order=fit.chosen(2),
@@ -159,8 +144,6 @@ def speed(
     fit: MapOptions,
     vibration: RotorOptions,
     rig: RigOptions,
-    reading: ReadingOptions,
-    scale: LoadCellOptions,
     delivery: Delivery,
     method: Method = "default",
 ) -> None:
@@ -178,15 +161,12 @@ def speed(
     result = fit_speed(
         read_evidence(
             runs or [],
-            reading,
-            scale,
             workplace,
             known=stand.known(),
             table=stand.table,
             kind="speed",
             method=method,
             rotors=rotors,
-            esc_us=stand.pulses_us,
         ),
         order=fit.chosen(1),
         robust=fit.robust,
@@ -202,8 +182,6 @@ def torque(
     stand: StandOptions,
     fit: MapOptions,
     rig: RigOptions,
-    reading: ReadingOptions,
-    scale: LoadCellOptions,
     delivery: Delivery,
     method: Method = "default",
 ) -> None:
@@ -217,14 +195,11 @@ def torque(
     workplace = open_workplace(rig)
     found = read_evidence(
         runs or [],
-        reading,
-        scale,
         workplace,
         known=stand.known(),
         table=stand.table,
         kind="thrust",
         method=method,
-        esc_us=stand.pulses_us,
     )
     _deliver(fit_torque(found, order=fit.chosen(1), robust=fit.robust, method=method), workplace, delivery)
 

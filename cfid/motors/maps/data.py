@@ -28,10 +28,11 @@ from cfid.motors.maps.warm_up import warm_up
 from cfid.motors.points import MotorPoints, per_motor, rotor_speed_rad_s
 from cfid.motors.stand_points import points_of, reduce_speeds
 from cfid.motors.vibration.data import Rotors, speeds_from_vibration
-from cfid.records.resumed import with_completed
-from cfid.records.run import Run, refuse_contradiction, run_at
-from cfid.records.tables.stand import StandTable, read_stand_table, stand_file
-from cfid.records.tables.vehicle import (
+from cfid.recordings.read import read_recording
+from cfid.recordings.recording import How
+from cfid.recordings.resumed import with_completed
+from cfid.recordings.stand import StandTable, holds_stand, read_stand, stand_of
+from cfid.recordings.vehicle import (
     READINGS,
     SCALES,
     TACHOMETER,
@@ -43,7 +44,8 @@ from cfid.records.tables.vehicle import (
     reported_speeds_rad_s,
     shown_at_commands,
 )
-from cfid.records.tables.wrench import LOADCELL, WrenchReading, WrenchRecord, read_wrench
+from cfid.recordings.wrench import LOADCELL, WrenchRecord, wrench_of
+from cfid.records.run import Run, refuse_contradiction, run_at
 from cfid.units import MOTORS
 
 Array = npt.NDArray[np.float64]
@@ -62,24 +64,19 @@ def evidence_of(points: Points, stand: Stand | None = None, rotors: Rotors | Non
 def _evidence_in(one: One, stand: Stand, rotors: Rotors | None) -> Evidence:
     if isinstance(one, Evidence):
         return one
-    path = None if isinstance(one, StandTable) else one.folder if isinstance(one, Run) else Path(one)
-    stand_path = None if path is None else stand_file(path)
-    if stand_path is not None:
-        read: StandTable | Run = read_stand_table(stand_path, motors=stand.motors)
-    elif isinstance(one, StandTable | Run):
-        read = one
-    else:
-        read = run_at(Path(one)) or read_stand_table(Path(one), motors=stand.motors)
-    return (
-        of_table(read, stand) if isinstance(read, StandTable) else of_run(read, stand, WrenchReading(), rotors=rotors)
-    )
+    if isinstance(one, StandTable):
+        return of_table(one, stand)
+    path = one.folder if isinstance(one, Run) else Path(one)
+    run = run_at(path)
+    if run is not None and not holds_stand(path):
+        return of_run(run, stand, rotors=rotors)
+    how = How(motors=stand.motors)
+    return of_table(stand_of(read_stand(path, how), how), stand)
 
 
-def of_file(
-    command: int, path: Path, stand: Stand, reading: WrenchReading, *, method: str, rotors: Rotors | None = None
-) -> Evidence:
+def of_file(command: int, path: Path, stand: Stand, *, method: str, rotors: Rotors | None = None) -> Evidence:
     """Reduce a load cell's file of one command between two pauses, as the thesis recorded them."""
-    record = read_wrench(path, replace(reading, gain=stand.facts.loadcell.gain))
+    record = wrench_of(read_recording(path), gain=stand.facts.loadcell.gain)
     if command == 0:  # motors at rest give no thrust, whatever the cell's bias is
         zero = np.zeros(1)
         return _plain(record, MotorPoints(command=zero, thrust_n=zero, torque_nm=zero))
@@ -119,13 +116,13 @@ def _plain(record: WrenchRecord, points: MotorPoints, *findings: Finding) -> Evi
     )
 
 
-def of_run(run: Run, stand: Stand, reading: WrenchReading, *, rotors: Rotors | None = None) -> Evidence:
+def of_run(run: Run, stand: Stand, *, rotors: Rotors | None = None) -> Evidence:
     """Return what a run measured of a motor: a staircase on the load cell, typed readings, or speeds it reported."""
     ran = run.header.requested.get("motors")
     refuse_contradiction(run.folder.name, {"`motors`": stand.motors}, {"`motors`": ran and len(ran)})
     stand = stand.where(run.header.rig)
     if holds(run, LOADCELL):
-        return of_staircase(read_wrench(run.folder, reading), stand, rotors)
+        return of_staircase(wrench_of(read_recording(run.folder)), stand, rotors)
     if holds(run, READINGS) and "rpm" in _typed(run):
         return _of_readings(run, stand)
     if holds(run, TACHOMETER):
@@ -150,7 +147,7 @@ def of_completed(run: Run) -> dict[str, Evidence]:
     found: dict[str, Evidence] = {}
     for part in with_completed(run)[:-1]:
         with suppress(DataError, FitError):
-            found[part.folder.resolve().name] = of_run(part, Stand(), WrenchReading())
+            found[part.folder.resolve().name] = of_run(part, Stand())
     return {name: evidence for name, evidence in found.items() if len(evidence.points.command)}
 
 

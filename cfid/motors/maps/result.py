@@ -17,7 +17,7 @@ from cfid.estimate.common_causes import (
     torque_scales,
     with_common_causes,
 )
-from cfid.findings import Finding, joined, rejection, texts
+from cfid.findings import Finding, explained, rejection
 from cfid.motors.maps import estimation, values
 from cfid.motors.maps.data import Points, evidence_of
 from cfid.motors.maps.estimation import GIVEN_BY, OVER_SPEED, Method, MotorMap, Order, SpeedThrustMap
@@ -208,7 +208,7 @@ def _with_findings(found: Evidence) -> Iterator[None]:
     try:
         yield
     except FitError as error:
-        raise FitError(joined([str(error), *texts(found.findings, "warning")])) from None
+        raise explained(error, found.findings) from None
 
 
 def _by_voltage(found: Evidence, *, max_thrust_n: float | None) -> tuple[VoltageComparison | None, Sequence[Finding]]:

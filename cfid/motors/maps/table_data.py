@@ -15,9 +15,8 @@ from cfid.large import chosen_rows, side_by_side
 from cfid.motors.maps.evidence import Evidence, Reduced, Stand, line_of, speed_findings, staircase_findings
 from cfid.motors.points import MotorPoints, joined, per_motor
 from cfid.motors.stand_points import points_of, reduce_speeds
+from cfid.recordings.stand import USUAL_ESC_US, StandTable
 from cfid.records.rig_file import NONE_STATED, RigFacts
-from cfid.records.tables.stand import StandTable
-from cfid.records.tables.stand_commands import USUAL_ESC_US
 from cfid.units import DEAD_COMMAND, FULL_COMMAND
 
 Array = npt.NDArray[np.float64]
@@ -48,8 +47,8 @@ def _ask_motors(table: StandTable, motors: int | None) -> None:
     if table.thrust_n is None and table.torque_nm is None:
         return
     quantity = "torque" if table.thrust_n is None else "thrust"
-    column = next(names[0] for key, names in table.columns.items() if key.startswith(quantity))
-    named, usual = f"{table.path}: '{column}'", table.motors or 1
+    head = next(table.columns[name] for name in ("thrust_n", "weight_g", "torque_nm") if name in table.columns)
+    named, usual = f"{table.path}: '{head}'", table.motors or 1
     if motors is None and table.rotors not in (None, usual):
         rotors = counted(table.rotors, "rotor")
         raise ConfigError(
@@ -149,7 +148,7 @@ def _of_record(table: StandTable, stand: Stand) -> Evidence:
 
 def _longer_rest(table: StandTable) -> str:
     """Return a sentence for a table whose range of pulse widths was assumed, and that has no motor at rest."""
-    if not any("`esc_us`" in finding.text for finding in table.findings) or not np.nanmin(table.command) > 0:
+    if not any(finding.code == "esc-range-assumed" for finding in table.findings) or not np.nanmin(table.command) > 0:
         return ""
     low, high = USUAL_ESC_US
     least_us = low + np.nanmin(table.command) / FULL_COMMAND * (high - low)

@@ -16,11 +16,8 @@ from cfid.motors.plan import FEWEST_COMMANDS, StaircasePlan
 from cfid.motors.points import Array
 from cfid.motors.typed import Expected, expected_of
 from cfid.quantities.registry import range_of
-from cfid.records.campaign import find_campaign
-from cfid.records.plausibility import Given, implausible_inputs, judged, platform_of
-from cfid.records.rig_file import Rig
-from cfid.records.run import Run
-from cfid.records.tables.vehicle import (
+from cfid.recordings.read import read_recording
+from cfid.recordings.vehicle import (
     READINGS,
     SCALES,
     TACHOMETER,
@@ -30,7 +27,11 @@ from cfid.records.tables.vehicle import (
     reported_speeds_rad_s,
     shown_at_commands,
 )
-from cfid.records.tables.wrench import AXES, LOADCELL, WrenchReading, read_wrench
+from cfid.recordings.wrench import AXES, LOADCELL, wrench_of
+from cfid.records.campaign import find_campaign
+from cfid.records.plausibility import Given, implausible_inputs, judged, platform_of
+from cfid.records.rig_file import Rig
+from cfid.records.run import Run
 from cfid.units import DEAD_COMMAND, USUAL_GRAVITY_MPS2
 
 _SHARE = 0.5  # of the steps that must be there
@@ -50,7 +51,7 @@ def of_forces(run: Run) -> str:
     steady, or where the platform's motors cannot have such a thrust.
     """
     steps = sum(command > 0 for command in StaircasePlan.of_run(run).steps)  # a step at 0 is the tare
-    record = read_wrench(run.folder, WrenchReading())
+    record = wrench_of(read_recording(run.folder))
     evidence = of_staircase(record, Stand().where(run.header.rig))
     axis, reduced = record.main_axis, evidence.reduced[0].staircase
     points = reduced.steady()

@@ -14,11 +14,11 @@ from cfid.motors.maps.estimation import MotorMap
 from cfid.motors.maps.evidence import Stand
 from cfid.motors.maps.scales import ScalesCheck, scales_findings, scales_thrust_n, verify_thrust
 from cfid.motors.points import Array
-from cfid.records.resumed import with_completed
+from cfid.recordings.resumed import with_completed
+from cfid.recordings.stand import holds_stand, read_stand, stand_of
+from cfid.recordings.vehicle import READINGS, SCALES, TakenBackError, holds, read_rows, shown_at_commands
 from cfid.records.rig_file import RigFacts
 from cfid.records.run import Run, run_at
-from cfid.records.tables.stand import read_stand_table
-from cfid.records.tables.vehicle import READINGS, SCALES, TakenBackError, holds, read_rows, shown_at_commands
 from cfid.units import DEAD_COMMAND
 
 
@@ -47,9 +47,9 @@ class Weighing:
 def read_scales(path: Path, stand: Stand) -> Weighing:
     """Read a run of scales with the runs that it completes, or a table. Raises DataError."""
     run = run_at(path)
-    if run is not None:
+    if run is not None and not holds_stand(path):
         return weighing_of(run)
-    table = read_stand_table(path)
+    table = stand_of(read_stand(path))
     if table.grams is None:
         raise DataError(f"{path}: no column 'grams': the scales' display at each cmd.")
     return Weighing(command=table.command, grams=table.grams, motors=stand.motors or 1, facts=stand.facts)

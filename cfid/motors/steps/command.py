@@ -11,20 +11,17 @@ from cfid.console.inputs import find_recording, open_workplace
 from cfid.console.options import (
     CutOptions,
     Delivery,
-    EscUs,
-    LoadCellOptions,
-    LogClock,
-    ReadingOptions,
     RigOptions,
-    pulses_us,
 )
 from cfid.console.outcome import deliver
 
 if TYPE_CHECKING:
     from cfid.motors.lag.data import RotorLog
+    from cfid.recordings.stand import StandTable
     from cfid.records.run import Run
-    from cfid.records.tables.schema import Foreign
-    from cfid.records.tables.stand import StandTable
+
+
+_KINDS = ("thrust", "stand", "flight")
 
 
 @flat
@@ -37,13 +34,9 @@ def dynamics(
         ),
     ] = None,
     table: Annotated[Path | None, typer.Option(help="A thrust stand's CSV file with speeds over time.")] = None,
-    esc_us: EscUs = None,
-    clock: LogClock = None,
     rotor: Annotated[int | None, typer.Option(min=1, max=4, help="Fit only this rotor of a log.")] = None,
     cut: CutOptions,
     rig: RigOptions,
-    reading: ReadingOptions,
-    scale: LoadCellOptions,
     delivery: Delivery,
 ) -> None:
     """Fit how rotors follow commands: a lag to each step and one rotor model, or one lag to a flight log.
@@ -55,56 +48,38 @@ def dynamics(
     from cfid.motors.lag.data import RotorLog
     from cfid.motors.steps import fit
     from cfid.motors.steps.data import of_run, of_table
+    from cfid.recordings.stand import holds_stand
     from cfid.records.run import Run, run_at
-    from cfid.records.tables.stand import stand_file
 
     workplace = open_workplace(rig)
     if not runs and table is None:
         raise ConfigError("nothing to fit: give a RUN with steps, a flight log, or a thrust stand's CSV file.")
     if len(runs or []) + (table is not None) > 1:
         raise ConfigError("several runs have several clocks: give one at a time.")
-    path = table or find_recording((runs or [])[0], workplace, lambda one: one.header.kind in ("thrust", "flight"))
-    stand = table or stand_file(path)
-    run = None if stand is not None else run_at(path)
-    foreign = reading.foreign(clock)
-    found = _recorded(stand or path, run, foreign, is_table=stand is not None, esc_us=pulses_us(esc_us))
-    if not isinstance(found, Run) and scale != LoadCellOptions():
-        raise ConfigError(f"{path}: --units, --counts-per-n and --counts-per-nm are for a load cell's recording.")
+    path = table or find_recording((runs or [])[0], workplace, lambda run: run.header.kind in _KINDS)
+    is_table = table is not None or holds_stand(path)
+    found = _recorded(path, None if is_table else run_at(path), is_table=is_table)
     if isinstance(found, RotorLog):
         log = found if rotor is None else found.only(rotor)
         result = lag.fit(log.between(cut.from_s, cut.to_s))
     elif rotor is not None or cut != CutOptions():
         raise ConfigError(f"{path}: --rotor, --from and --to are for commands that never rest, not for steps.")
     else:
-        result = fit(of_run(found, scale.reading(reading)) if isinstance(found, Run) else of_table(found))
+        result = fit(of_run(found) if isinstance(found, Run) else of_table(found))
     result = replace(result, folder=workplace.figures)
     deliver(result, delivery, workplace.campaign, workplace.own_rig)
 
 
-def _recorded(
-    path: Path, run: "Run | None", foreign: "Foreign", *, is_table: bool, esc_us: tuple[float, float] | None
-) -> "RotorLog | StandTable | Run":
+def _recorded(path: Path, run: "Run | None", *, is_table: bool) -> "RotorLog | StandTable | Run":
     """Return commands that never rest as a log, and steps as they were recorded: as a run, or as a stand's table."""
     from cfid.motors.lag.data import of_log, of_stand, rotor_log
-    from cfid.records.logs.run import log_of_run
-    from cfid.records.tables.schema import refuse_for_run
-    from cfid.records.tables.stand import read_stand_as
+    from cfid.recordings.read import of_run as recording_of_run
+    from cfid.recordings.stand import read_stand, stand_of
 
     if run is not None:
-        refuse_for_run(path, foreign)
-        _refuse_pulses(path, esc_us)
-        return of_log(log_of_run(run)) if run.header.kind == "flight" else run
-    log = None if is_table else rotor_log(path, foreign)
+        return of_log(recording_of_run(run)) if run.header.kind == "flight" else run
+    log = None if is_table else rotor_log(path)
     if log is not None:
-        _refuse_pulses(path, esc_us)
         return log
-    stand = read_stand_as(path, foreign, esc_us=esc_us)
+    stand = stand_of(read_stand(path))
     return of_stand(stand) or stand
-
-
-def _refuse_pulses(path: Path, esc_us: tuple[float, float] | None) -> None:
-    """Raise ConfigError for pulse widths that come with a recording whose commands are not pulse widths."""
-    from cfid.errors import ConfigError
-
-    if esc_us is not None:
-        raise ConfigError(f"{path}: `esc_us` is for a thrust stand's table.")

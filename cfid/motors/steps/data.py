@@ -14,19 +14,12 @@ from cfid.motors.steps.model import CommandStep, command_steps
 from cfid.motors.steps.sag import LoggedBattery
 from cfid.motors.vibration.data import quiet_channels
 from cfid.motors.vibration.ridge import speed_ridge
+from cfid.recordings.read import read_recording
+from cfid.recordings.stand import StandTable
+from cfid.recordings.vehicle import VEHICLE_LOG, Rows, holds, read_commands, read_rows, reported_speeds_rad_s
+from cfid.recordings.wrench import wrench_of
 from cfid.records.parameters import Source
 from cfid.records.run import Run
-from cfid.records.tables.stand import StandTable
-from cfid.records.tables.vehicle import (
-    VEHICLE_LOG,
-    Rows,
-    begin_s,
-    holds,
-    read_commands,
-    read_rows,
-    reported_speeds_rad_s,
-)
-from cfid.records.tables.wrench import LOADCELL, WrenchReading, read_wrench
 from cfid.units import MOTORS
 
 Array = npt.NDArray[np.float64]
@@ -97,7 +90,7 @@ def of_table(table: StandTable) -> SpeedRecord:
     return _once_each(record)
 
 
-def of_run(run: Run, reading: WrenchReading) -> SpeedRecord:
+def of_run(run: Run) -> SpeedRecord:
     """Return the speeds that the vehicle reported, else those in the load cell's vibration. Raises DataError."""
     log, commands = read_commands(run)
     command = commands.max(axis=1)
@@ -105,7 +98,7 @@ def of_run(run: Run, reading: WrenchReading) -> SpeedRecord:
     ran = [motor for motor in MOTORS if commands[:, motor - 1].any()]
     speeds = {} if rows is None else reported_speeds_rad_s(rows)
     if rows is None or not ran or not all(motor in speeds for motor in ran):
-        return _of_vibration(run, log, command, reading, rows)
+        return _of_vibration(run, log, command, rows)
     record = SpeedRecord(
         name=run.folder.name,
         path=run.folder,
@@ -134,12 +127,12 @@ def _once_each(record: SpeedRecord) -> SpeedRecord:
     )
 
 
-def _of_vibration(run: Run, commands: Rows, command: Array, reading: WrenchReading, rows: Rows | None) -> SpeedRecord:
-    record = read_wrench(run.folder, reading)
+def _of_vibration(run: Run, commands: Rows, command: Array, rows: Rows | None) -> SpeedRecord:
+    record = wrench_of(read_recording(run.folder))
     channels = quiet_channels(record)
     ridge = speed_ridge(time_s=record.time_s, wrench=channels, window_s=_BLUR_S, step_s=_STEP_S)
     sure = ridge.std_rad_per_s < _SURE * ridge.speed_rad_per_s  # and not NaN
-    clock_s = begin_s(run.device_file(LOADCELL))
+    clock_s = record.begin_s or 0.0
     text = "this vehicle reports no speed: it is estimated from the load cell's vibration, absent at standstill."
     return SpeedRecord(
         name=run.folder.name,

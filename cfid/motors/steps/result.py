@@ -18,12 +18,11 @@ from cfid.motors.steps.data import SpeedRecord, of_run, of_table
 from cfid.motors.steps.estimation import StepFit, fit_steps
 from cfid.motors.steps.model import CommandStep, followed
 from cfid.motors.steps.rotor_model import RotorModel, fit_rotor_model
+from cfid.recordings.stand import StandTable, read_stand, stand_of
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.run import Run, run_at
-from cfid.records.tables.stand import StandTable, read_stand_table
-from cfid.records.tables.wrench import WrenchReading
 
 _SLOWEST_S = 1.0  # largest time constant of a rotor, as in `fit flight`
 _ROWS = "dynamics.time_constant_s"
@@ -103,8 +102,8 @@ def _record(recording: SpeedRecord | StandTable | Run | Path | str) -> SpeedReco
     if isinstance(recording, SpeedRecord):
         return recording
     read = recording if isinstance(recording, StandTable | Run) else run_at(Path(recording))
-    read = read or read_stand_table(Path(str(recording)))
-    return of_table(read) if isinstance(read, StandTable) else of_run(read, WrenchReading())
+    read = read or stand_of(read_stand(Path(str(recording))))
+    return of_table(read) if isinstance(read, StandTable) else of_run(read)
 
 
 def _steps(record: SpeedRecord) -> tuple[tuple[CommandStep, ...], tuple[Finding, ...]]:

@@ -8,7 +8,7 @@ import typer
 from cfid.console.flat import flat
 from cfid.console.inputs import find_recording, open_workplace
 from cfid.console.lists import span
-from cfid.console.options import CutOptions, Delivery, LoadCellOptions, ReadingOptions, RigOptions, positive
+from cfid.console.options import CutOptions, Delivery, RigOptions, positive
 from cfid.console.outcome import deliver
 
 if TYPE_CHECKING:
@@ -58,8 +58,6 @@ def rotor(
     options: RotorOptions,
     cut: CutOptions,
     rig: RigOptions,
-    reading: ReadingOptions,
-    scale: LoadCellOptions,
     delivery: Delivery,
 ) -> None:
     """Estimate rotor speeds from the load cell's vibration, in each steady window or between --from and --to.
@@ -67,13 +65,13 @@ def rotor(
     Example: [bold]cfid fit rotor 2026-11-21_083012_thrust[/bold]
     """
     from cfid.motors.vibration import fit
-    from cfid.records.tables.wrench import LOADCELL, read_wrench
+    from cfid.recordings.read import read_recording
+    from cfid.recordings.wrench import LOADCELL, wrench_of
 
     expected = options.expected_rad_s
     workplace = open_workplace(rig)
-    record = read_wrench(
-        find_recording(run, workplace, lambda one: LOADCELL in one.header.devices), scale.reading(reading)
-    )
+    path = find_recording(run, workplace, lambda one: LOADCELL in one.header.devices)
+    record = wrench_of(read_recording(path))
     result = fit(
         record,
         rotors=options.rotors,

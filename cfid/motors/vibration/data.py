@@ -14,7 +14,7 @@ from cfid.estimate.windows import LAGS
 from cfid.findings import Finding, joined, note, texts, warning
 from cfid.motors.data import channels_of
 from cfid.motors.vibration.estimation import RotorSpeed, rotor_speed
-from cfid.records.tables.wrench import AXES, WrenchRecord
+from cfid.recordings.wrench import AXES, WrenchRecord
 
 Array = npt.NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from cfid.drawing.style import MODEL, RECORDED, draw_line, figure, name_panel, styled
 from cfid.motors.vibration.spectrum import spectrum
-from cfid.records.tables.wrench import WrenchRecord
+from cfid.recordings.wrench import WrenchRecord
 
 Array = npt.NDArray[np.float64]
 

@@ -13,10 +13,11 @@ from cfid.findings import Finding, rejection, warning
 from cfid.motors.data import RunStaircase, reduce_run
 from cfid.motors.vibration.data import Rotors, VibrationRecord
 from cfid.motors.vibration.estimation import KEY, RotorSpeed
+from cfid.recordings.read import read_recording
+from cfid.recordings.wrench import WrenchRecord, wrench_of
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.run import Run
-from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
 
 _APART = 0.02  # share of the reported speed from which vibration contradicts it
 
@@ -101,7 +102,7 @@ def fit(
 def _record(recording: WrenchRecord | Run | Path | str) -> WrenchRecord:
     if isinstance(recording, WrenchRecord):
         return recording
-    return read_wrench(recording.folder if isinstance(recording, Run) else Path(recording), WrenchReading())
+    return wrench_of(read_recording(recording.folder if isinstance(recording, Run) else recording))
 
 
 def _between(record: WrenchRecord, vibration: VibrationRecord, from_s: float | None, to_s: float | None) -> RotorWindow:

@@ -2,24 +2,23 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from cfid.console.facts import assumed
 from cfid.errors import ConfigError, DataError
-from cfid.findings import Finding, merged, note, of_recording
+from cfid.findings import Finding, merged, note
 from cfid.large import empty, parts
 from cfid.quantities.registry import Range
+from cfid.recordings.read import read_recording
+from cfid.recordings.sines import CROSSINGS, CrossingRecord, IndexRow, read_crossings, read_index
+from cfid.recordings.wrench import WrenchRecord, wrench_of
 from cfid.records.parameters import Source
 from cfid.records.plausibility import Given, implausible_inputs
 from cfid.records.rig_file import NONE_STATED, LoadCellMount, RigFacts
 from cfid.records.run import Run, losses, refuse_contradiction, run_at, run_holding
-from cfid.records.tables.crossings import CROSSINGS, CrossingRecord, read_crossings
-from cfid.records.tables.index import IndexRow, read_index
-from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
-from cfid.records.tables.wrench_faults import without_faults
 from cfid.transfer.sines.alignment import Array, Channel, RecordedSine, thrust_of
 from cfid.transfer.sines.checks import mount_findings, torque_moments
 from cfid.transfer.sines.plan import SAMPLE_S, Sine
@@ -70,18 +69,16 @@ def read_sines(
     yaw_deg: float | None = None,
     facts: RigFacts = NONE_STATED,
     middle: float = MIDDLE,
-    reading: WrenchReading | None = None,
 ) -> SineSet:
     """Return runs of `cfid log sine` and the runs of an index, a CSV file with one row per run, as thrust of one motor.
 
-    `arm_m`, `arm_std_m` and `yaw_deg` of the load cell override those that a run states; `facts` apply to files, as do
-    `middle`, B of eq. 3.6, and `reading`. Paths of an index are relative to it. Raises ConfigError when there is
-    nothing to read, and DataError with the name of a file that cannot be read or that is given twice.
+    `arm_m`, `arm_std_m` and `yaw_deg` of the load cell override those that a run states; `facts` apply to files, and so
+    does `middle`, B of eq. 3.6. Paths of an index are relative to it. Raises ConfigError when there is nothing to read,
+    and DataError with the name of a file that cannot be read or that is given twice.
     """
     if index is None and not runs:
         raise ConfigError("no sine to read: name runs or an index.")
-    cells = replace(reading or WrenchReading(), gain=facts.loadcell.gain)
-    reader = _Reader(channel, arm_m, arm_std_m, yaw_deg, middle, cells)
+    reader = _Reader(channel, arm_m, arm_std_m, yaw_deg, middle, facts.loadcell.gain)
     if index is not None:
         listed = read_index(index, columns=_COLUMNS, optional=("series",))
         reader.sources.append(listed.source)
@@ -106,7 +103,7 @@ class _Reader:
     arm_std_m: float | None
     yaw_deg: float | None
     middle: float
-    reading: WrenchReading
+    gain: tuple[float, ...] | None  # of a load cell whose file is no run
     series: dict[str, list[RecordedSine]] = field(default_factory=dict)
     sources: list[Source] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
@@ -119,7 +116,7 @@ class _Reader:
     def add_row(self, row: IndexRow, facts: RigFacts) -> None:
         """Add the run in a row of an index."""
         samples = row.whole("n", 1, _MOST_SAMPLES)
-        crossings = read_crossings(row.file("crossings"), time_unit=self.reading.time_unit)
+        crossings = read_crossings(row.file("crossings"))
         sine = Sine(
             periods=row.whole("l", 0, samples // 2),
             samples=samples,
@@ -138,18 +135,21 @@ class _Reader:
         """Add a run of `cfid log sine`."""
         crossings = read_crossings(run.folder)
         lost = losses(run, run.header.devices[CROSSINGS], len(crossings.host_s))
-        self.findings += of_recording(run.folder.name, lost)
+        self.findings += [one.at(run.folder.name) for one in lost]
         self._add(f"l = {sine.periods} ({run.folder.name})", sine, crossings, run.folder, run.header.rig)
 
     def read_cells(self, paths: Iterable[Path]) -> None:
         """Read the load cells' files in parallel: parsing them takes longer than everything after it."""
         new = list(dict.fromkeys(path for path in paths if path not in self._cells))
         with ThreadPoolExecutor(max_workers=2) as pool:
-            cells = list(pool.map(lambda path: read_once(without_faults(read_wrench(path, self.reading))), new))
+            cells = list(pool.map(self._cell, new))
         self._cells |= dict(zip(new, cells, strict=True))
         for cell in cells:
             self.findings += cell.findings
             self.sources.append(cell.source)
+
+    def _cell(self, path: Path) -> WrenchRecord:
+        return read_once(wrench_of(read_recording(path), gain=self.gain).without_outliers().with_stuck_named())
 
     def result(self) -> SineSet:
         """Return everything that was added."""

@@ -1,11 +1,9 @@
 """Take each reading of a load cell once where readings come less often than rows, and report that."""
 
-from dataclasses import replace
-
 from cfid.estimate.held_readings import first_rows, rows_a_reading
 from cfid.findings import warning
-from cfid.large import chosen_rows, usual_step
-from cfid.records.tables.wrench import WrenchRecord
+from cfid.large import usual_step
+from cfid.recordings.wrench import WrenchRecord
 
 _LOOKED_AT = 100_000  # the number of samples that are examined
 
@@ -19,17 +17,9 @@ def read_once(record: WrenchRecord) -> WrenchRecord:
     rows = rows_a_reading(values[:_LOOKED_AT])
     if rows == 1:
         return record
-    first = first_rows(values, rows=rows)
     rate_hz = 1 / usual_step(record.time_s)
     text = (
         f"each reading of the load cell is repeated in about {rows} rows: {rate_hz:.3g} rows a second show "
         f"{rate_hz / rows:.3g} readings. The first row of each counts, which may be up to {1e3 / rate_hz:.3g} ms late."
     )
-    return replace(
-        record,
-        time_s=chosen_rows(record.time_s, first),
-        force_n=chosen_rows(record.force_n, first),
-        torque_nm=chosen_rows(record.torque_nm, first),
-        status=None if record.status is None else record.status[first],
-        findings=(*record.findings, warning("sine-forces-repeated", text, "tf.*").at(record.name)),
-    )
+    return record.kept(first_rows(values, rows=rows), warning("sine-forces-repeated", text, "tf.*"))

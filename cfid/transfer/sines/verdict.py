@@ -1,8 +1,8 @@
 """Judge a sine as soon as it is recorded: whether its reports arrived, and whether the load cell measures it."""
 
 from cfid.errors import FitError
+from cfid.recordings.wrench import LOADCELL
 from cfid.records.run import Run
-from cfid.records.tables.wrench import LOADCELL
 from cfid.transfer.sines.alignment import align
 from cfid.transfer.sines.data import read_sines
 from cfid.transfer.sines.during import CLEAR, SineSums, not_felt

@@ -1,1 +1,0 @@
-"""Read recordings that other programs made: each kind of file becomes named channels in SI units."""

@@ -1,0 +1,91 @@
+"""An index and crossings from other sources: names, units in brackets, and decimal commas."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cfid.errors import CfidError, DataError
+from cfid.recordings.sines import read_crossings, read_index
+
+COLUMNS = ("command", "angle_deg", "wind_min_mps", "loadcell")
+
+
+def written(folder: Path, text: str) -> Path:
+    (folder / "table.csv").write_text(text, encoding="utf-8")
+    return folder / "table.csv"
+
+
+def test_names_of_an_index_may_be_spelt_otherwise(tmp_path: Path) -> None:
+    path = written(tmp_path, "Command;Angle [°];wind min (m/s);LoadCell file\n20000;-12,5;0,75;a, b.csv\n")
+    (row,) = read_index(path, columns=COLUMNS).rows
+    assert [row.number(name) for name in COLUMNS[:3]] == [20000, -12.5, 0.75]
+    assert row.file("loadcell") == tmp_path / "a, b.csv"
+
+    (sine,) = read_index(written(tmp_path, "periods,Samples\n4,4000\n"), columns=("l", "n")).rows
+    assert (sine.whole("l", 0, 9), sine.whole("n", 0, 9999)) == (4, 4000)
+
+
+@pytest.mark.parametrize("field", ["20,000", "1,200", "1,2,3", "5,a", "nan", ""])
+def test_a_comma_that_may_be_of_thousands_is_never_a_decimal_one(tmp_path: Path, field: str) -> None:
+    (row,) = read_index(written(tmp_path, f"l;n\n{field};1\n"), columns=("l", "n")).rows
+    with pytest.raises(DataError, match=rf"table\.csv:2: '{field}' in column 'l' is not a number"):
+        row.number("l")
+
+
+@pytest.mark.parametrize("text", ["l,periods\n1,2\n", "l\n", "", "n\n1\n", "l,n\n1\n"])
+def test_an_index_without_its_columns_or_its_rows_is_refused(tmp_path: Path, text: str) -> None:
+    with pytest.raises(DataError, match=r"table\.csv"):
+        read_index(written(tmp_path, text), columns=("l",), optional=("n",))
+
+
+def test_columns_that_an_index_does_not_need_are_named(tmp_path: Path) -> None:
+    (finding,) = read_index(written(tmp_path, "l,colour\n1,red\n"), columns=("l",)).findings
+    assert finding.code == "index-unused"
+    assert "colour" in finding.text
+
+
+@pytest.mark.parametrize(
+    ("head", "row"),
+    [
+        ("t,thrust_rec,sample,vehicle_us", "{0},{1},{2},{3:.0f}"),
+        ("Time (ms);Command;sample index;vehicle_ms", "{4};{1};{2};{5}"),
+        ("timestamp_us pwm sample_number device_time_us", "{3:.0f} {1} {2} {3:.0f}"),
+    ],
+)
+def test_crossings_of_others_are_read_by_their_names_and_units(tmp_path: Path, head: str, row: str) -> None:
+    time_s, command, sample = 10 + 0.25 * np.arange(9), 30000 + np.arange(9), 125 * np.arange(9)
+    rows = [row.format(t, c, n, 1e6 * t, 1e3 * t, 1e3 * t) for t, c, n in zip(time_s, command, sample, strict=True)]
+    found = read_crossings(written(tmp_path, "\n".join([head, *rows, ""])))
+    np.testing.assert_allclose(found.host_s, time_s)
+    np.testing.assert_array_equal(found.command, command)
+    np.testing.assert_array_equal(found.sample, sample)
+    assert found.vehicle_us is not None
+    np.testing.assert_allclose(found.vehicle_us, 1e6 * time_s)
+
+
+@pytest.mark.parametrize("head", ["t,command\n", ""])
+@pytest.mark.parametrize(
+    ("row", "code", "line"),
+    [
+        ("11.0,30004\n11.0,30004\n", "crossing-repeated", 7),
+        ("10.9,1e300\n11.0,30004\n", "crossing-impossible", 6),
+        ("10.9,\n11.0,30004\n", "rows-without-number", 6),
+    ],
+)
+def test_a_report_that_stands_twice_or_that_no_vehicle_makes_is_left_out_and_named(
+    tmp_path: Path, head: str, row: str, code: str, line: int
+) -> None:
+    rows = "".join(f"{10 + 0.25 * at},{30000 + at}\n" for at in range(9))
+    found = read_crossings(written(tmp_path, head + rows.replace("11.0,30004\n", row)))
+    np.testing.assert_array_equal(found.command, 30000 + np.arange(9))
+    (finding,) = found.findings
+    assert finding.code == code
+    assert f"line {line - (not head)}" in finding.text
+
+
+def test_crossings_whose_time_goes_back_or_has_another_unit_are_refused(tmp_path: Path) -> None:
+    for text, code in (("1,1\n0,2\n3,3\n", "time-goes-back"), ("0,1\n250000,2\n500000,3\n", "no-unit")):
+        with pytest.raises(CfidError) as caught:
+            read_crossings(written(tmp_path, f"t,command\n{text}"))
+        assert caught.value.code == code
