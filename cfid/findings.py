@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from typing import Any, Literal, TypeVar
 
-Error = TypeVar("Error", bound=Exception)
 Severity = Literal["note", "warning", "rejection"]
+Error = TypeVar("Error", bound=Exception)
 
 SEVERITIES: tuple[Severity, ...] = ("note", "warning", "rejection")
 
@@ -15,8 +15,8 @@ SEVERITIES: tuple[Severity, ...] = ("note", "warning", "rejection")
 CODES: dict[str, tuple[Severity, str]] = {
     "angle-jumps": (
         "warning",
-        "the angle jumps by more than a quarter of a turn in {count} of {rows} samples (first: line {line}); whole "
-        "turns may be miscounted from there on.",
+        "the angle jumps by more than a quarter of a turn in {count} of {rows} samples (first: line "
+        "{line}); whole turns may be miscounted from there on.",
     ),
     "angle-outliers": (
         "warning",
@@ -44,14 +44,14 @@ CODES: dict[str, tuple[Severity, str]] = {
     "decimal-comma": ("note", "numbers are read with decimal commas."),
     "device-restarted": (
         "warning",
-        "the stamps start anew {times} (first: line {line}): the device was restarted. Times on both sides are joined "
-        "by when rows arrived.",
+        "the stamps start anew {times} (first: line {line}): the device was restarted. Times on both "
+        "sides are joined by when rows arrived.",
     ),
     "esc-range-assumed": ("warning", "pulse widths are read as `esc_us` {low:g},{high:g}, commands 0 to {full}."),
     "file-read": (
         "note",
-        "{rows} rows {step_ms:.4g} ms apart, angle from column '{column}', from {low_deg:.1f} to {high_deg:.1f} "
-        "degrees.",
+        "{rows} rows {step_ms:.4g} ms apart, angle from column '{column}', from {low_deg:.1f} to "
+        "{high_deg:.1f} degrees.",
     ),
     "flight-props-out": (
         "note",
@@ -59,18 +59,18 @@ CODES: dict[str, tuple[Severity, str]] = {
     ),
     "force-hung": (
         "warning",
-        "{count} of {rows} samples repeat the one before for long (first at {first_s:.4g} s): the load cell hung. "
-        "Record the sines of that time again.",
+        "{count} of {rows} samples repeat the one before for long (first at {first_s:.4g} s): the load "
+        "cell hung. Record the sines of that time again.",
     ),
     "force-impossible": (
         "warning",
-        "{count} of {rows} rows with a value that no load cell measures are left out (first: {value:.9g} in line "
-        "{line}).",
+        "{count} of {rows} rows with a value that no load cell measures are left out (first: {value:.9g} "
+        "in line {line}).",
     ),
     "force-outliers": (
         "warning",
-        "{count} of {rows} samples lie off those around them, or far beyond all others, and are left out (first at "
-        "{first_s:.4g} s).",
+        "{count} of {rows} samples lie off those around them, or far beyond all others, and are left out "
+        "(first at {first_s:.4g} s).",
     ),
     "force-scale-assumed": (
         "warning",
@@ -82,15 +82,15 @@ CODES: dict[str, tuple[Severity, str]] = {
     ),
     "force-stuck": (
         "warning",
-        "{axis} repeats one value in {count} of {rows} samples (first at {first_s:.4g} s), which are left out: the "
-        "load cell's wire, or its reading, failed.",
+        "{axis} repeats one value in {count} of {rows} samples (first at {first_s:.4g} s), which are "
+        "left out: the load cell's wire, or its reading, failed.",
     ),
     "forces-described": ("note", "above its columns the file states {lines}."),
     "gyro-axis": ("note", "the gyro turned about ({x:+.3f}, {y:+.3f}, {z:+.3f}) of the body frame."),
     "gyro-clock-undecided": (
         "rejection",
-        "nothing shows whether the log's microseconds run at 84/85 of real time, which would make an inertia 2.4 % "
-        "wrong. Import it again with `clock` 84/85 or true.",
+        "nothing shows whether the log's microseconds run at 84/85 of real time, which would make an "
+        "inertia 2.4 % wrong. Import it again with `clock` 84/85 or true.",
     ),
     "index-unused": ("warning", "not used: column {names}; it may have {known}."),
     "last-line-cut": ("warning", "the last line was cut (it has no end) and is left out."),
@@ -109,8 +109,9 @@ CODES: dict[str, tuple[Severity, str]] = {
     "log-clock": ("note", "the vehicle's microseconds are read at {clock} of their rate: {why}."),
     "log-clock-unknown": (
         "warning",
-        "the log does not show whether its microseconds are true or run at 84/85 of real time, as on a Crazyflie 2.x "
-        "with firmware up to 2026.08: they are read as true. Import it with `clock` true or 84/85.",
+        "the log does not show whether its microseconds are true or run at 84/85 of real time, as on a "
+        "Crazyflie 2.x with firmware up to 2026.08: they are read as true. Import it with `clock` true "
+        "or 84/85.",
     ),
     "log-commands": ("note", "commands are {first} to {last}, as far as the log shows them."),
     "log-cut": ("warning", "the log was cut: it ends within a record, and what followed is missing."),
@@ -132,13 +133,13 @@ CODES: dict[str, tuple[Severity, str]] = {
     "log-parts-damaged": ("warning", "parts of the file are damaged, and left out."),
     "log-sensor-hung": (
         "warning",
-        "{name}: {count} of {rows} rows left out in which it repeats one value while the vehicle moves (the first "
-        "{at_s:.4g} s after its begin): it hung, or was not read.",
+        "{name}: {count} of {rows} rows left out in which it repeats one value while the vehicle moves "
+        "(the first {at_s:.4g} s after its begin): it hung, or was not read.",
     ),
     "log-time-back": (
         "warning",
-        "{event}: time goes back, or a stamp is damaged, at record {row} of {rows}: reading stops there, at byte "
-        "{end}. Was the clock set, or are two recordings in one file?",
+        "{event}: time goes back, or a stamp is damaged, at record {row} of {rows}: reading stops there, "
+        "at byte {end}. Was the clock set, or are two recordings in one file?",
     ),
     "log-times-left-out": (
         "warning",
@@ -147,8 +148,8 @@ CODES: dict[str, tuple[Severity, str]] = {
     "log-units-by-names": ("note", "columns with the firmware's names and no unit are read in the firmware's units."),
     "log-values-left-out": (
         "warning",
-        "{name}: {count} values that cannot be, the first {first:.4g}{unit} (limits {least:g} and {most:g}{unit}), are "
-        "left out.",
+        "{name}: {count} values that cannot be, the first {first:.4g}{unit} (limits {least:g} and "
+        "{most:g}{unit}), are left out.",
     ),
     "ping-impossible": (
         "warning",
@@ -156,32 +157,23 @@ CODES: dict[str, tuple[Severity, str]] = {
     ),
     "ping-stamp-off": (
         "warning",
-        "{count} of {rows} answers whose stamp is off the vehicle's clock are left out (first: {value:.9g} in line "
-        "{line}).",
+        "{count} of {rows} answers whose stamp is off the vehicle's clock are left out (first: "
+        "{value:.9g} in line {line}).",
     ),
-    "rate-assumed": (
-        "warning",
-        "a record over time without a time column: {rate_hz:g} Hz is assumed (`rate_hz`).",
-    ),
+    "rate-assumed": ("warning", "a record over time without a time column: {rate_hz:g} Hz is assumed (`rate_hz`)."),
     "recording-cut": ("warning", "the run was cut{or_grows}; the rows on disk are used."),
     "recording-failed": ("warning", "the run failed ({reason}); the recorded rows are used."),
     "recording-simulated": ("warning", "recorded on the simulated rig."),
     "rows-changed": ("warning", "{recorded} recorded, but {file} has {rows}: the file was changed since."),
     "rows-settled": ("warning", "rows are {step_s:.2g} s apart: each is taken as a settled point."),
-    "rows-without-command": (
-        "warning",
-        "{count} of {rows} rows without a command are left out (first: line {line}).",
-    ),
+    "rows-without-command": ("warning", "{count} of {rows} rows without a command are left out (first: line {line})."),
     "rows-without-number": (
         "warning",
         "{count} of {rows} rows lack a number of {names} and are left out (first: line {line}).",
     ),
     "samples-lost": ("warning", "{samples} lost while recording."),
     "samples-lost-unknown": ("warning", "how many samples are missing is unknown."),
-    "samples-not-taken": (
-        "warning",
-        "{samples} never taken ({achieved}): the device or this computer was slow.",
-    ),
+    "samples-not-taken": ("warning", "{samples} never taken ({achieved}): the device or this computer was slow."),
     "series-left-out": ("warning", "left out: {fault}"),
     "sign-turned": ("warning", "'{name}' falls as the motor is driven harder: its sign is changed."),
     "speed-chosen": ("warning", "the speed is '{name}', not 0 in {rows} rows; '{other}' is not used."),
@@ -195,24 +187,26 @@ CODES: dict[str, tuple[Severity, str]] = {
     ),
     "speeds-disagree": (
         "warning",
-        "'{first}' is {ratio:.3g} times '{second}': '{name}' is taken. The electrical one is right where the stand's "
-        "program knew the motor's poles; `columns` names it.",
+        "'{first}' is {ratio:.3g} times '{second}': '{name}' is taken. The electrical one is right where "
+        "the stand's program knew the motor's poles; `columns` names it.",
     ),
     "speeds-zero": ("warning", "'{first}' and '{second}' are 0 throughout: no speed is used."),
     "stamps-in-ms": (
         "warning",
-        "the column of stamps is no clock in microseconds, it went {device_s:.4g} s in {here_s:.4g} s: it counts "
-        "milliseconds, name it device_ms in rig.toml. Times are those of arrival, which a busy computer makes late.",
+        "the column of stamps is no clock in microseconds, it went {device_s:.4g} s in {here_s:.4g} s: "
+        "it counts milliseconds, name it device_ms in rig.toml. Times are those of arrival, which a busy "
+        "computer makes late.",
     ),
     "stamps-no-clock": (
         "warning",
-        "the column of stamps is no steady clock in microseconds, it went {device_s:.4g} s in {here_s:.4g} s: it "
-        "jumps, or counts another unit. Times are those of arrival, which a busy computer makes late.",
+        "the column of stamps is no steady clock in microseconds, it went {device_s:.4g} s in "
+        "{here_s:.4g} s: it jumps, or counts another unit. Times are those of arrival, which a busy "
+        "computer makes late.",
     ),
     "stamps-wrong": (
         "warning",
-        "{count} of {rows} rows whose stamp is off that of the rows around are left out (first: line {line}): did the "
-        "line lose a letter? Send a checksum with it.",
+        "{count} of {rows} rows whose stamp is off that of the rows around are left out (first: line "
+        "{line}): did the line lose a letter? Send a checksum with it.",
     ),
     "stand-of-motors": (
         "warning",
@@ -220,8 +214,8 @@ CODES: dict[str, tuple[Severity, str]] = {
     ),
     "time-gaps": (
         "warning",
-        "{gaps} without rows, the longest of {longest_s:.4g} s after line {line} ({at_s:.4g} s); rows are usually "
-        "{usual_ms:.3g} ms apart.",
+        "{gaps} without rows, the longest of {longest_s:.4g} s after line {line} ({at_s:.4g} s); rows "
+        "are usually {usual_ms:.3g} ms apart.",
     ),
     "time-repeats": ("warning", "{count} of {rows} rows repeat the time of the previous one."),
     "time-replaced": ("note", "the times in '{name}' are not used: rows are {rate_hz:g} Hz apart by `rate_hz`."),
@@ -231,10 +225,7 @@ CODES: dict[str, tuple[Severity, str]] = {
         "left out: {values} of '{name}' that cannot be (first: {first:g} in line {line}).",
     ),
     "values-missing": ("warning", "'{name}' is no number in {count} of {rows} rows (first: line {line})."),
-    "values-off": (
-        "warning",
-        "left out: {values} of '{name}' off those around (first: {first:g} in line {line}).",
-    ),
+    "values-off": ("warning", "left out: {values} of '{name}' off those around (first: {first:g} in line {line})."),
     "values-stuck": (
         "warning",
         "left out: {values} of '{name}' that repeat one while the command changes (first: {first:g} in line {line}).",
@@ -303,9 +294,16 @@ def finding(code: str, *quantities: str, **values: Any) -> Finding:
     return Finding(code=code, severity=severity, sentence=sentence.format(**values), quantities=quantities)
 
 
-def of_recording(name: str, notes: Iterable[str]) -> tuple[Finding, ...]:
-    """Return the notes of the reader of a recording as warnings."""
-    return tuple(warning("recording", text).at(name) for text in notes)
+def of_recording(name: str, notes: Iterable[str | Finding]) -> tuple[Finding, ...]:
+    """Return what the reader of a recording found, at its name; texts become warnings."""
+    return tuple((warning("recording", note) if isinstance(note, str) else note).at(name) for note in notes)
+
+
+def explained(error: Error, findings: Iterable[Finding]) -> Error:
+    """Return an error with its possible causes as notes: the warnings and rejections among findings."""
+    for text in texts(findings, "warning", "rejection"):
+        error.add_note(text)
+    return error
 
 
 def merged(findings: Iterable[Finding]) -> tuple[Finding, ...]:
@@ -319,13 +317,6 @@ def merged(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 def texts(findings: Iterable[Finding], *severities: Severity) -> tuple[str, ...]:
     """Return the texts of the findings with the given severities, each once."""
     return tuple(dict.fromkeys(finding.text for finding in merged(findings) if finding.severity in severities))
-
-
-def explained(error: Error, findings: Iterable[Finding]) -> Error:
-    """Return an error with its possible causes as notes: the warnings and rejections among findings."""
-    for text in texts(findings, "warning", "rejection"):
-        error.add_note(text)
-    return error
 
 
 def begun(text: str) -> str:

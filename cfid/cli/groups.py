@@ -48,7 +48,7 @@ def _imported(path: str, rest: Sequence[str] = ()) -> Any:
     module, _, function = where.partition(":")
     command = getattr(import_module(module), function)
     if path.partition(" ")[0] in _OF_FILES:
-        command = _patient(command)
+        command = _patient(path, command)
     alone = typer.Typer(add_completion=False)
     alone.command(path.rpartition(" ")[2])(command)
     found = get_command(alone)
@@ -61,10 +61,14 @@ def _imported(path: str, rest: Sequence[str] = ()) -> Any:
     return get_group(own)
 
 
-def _patient(command: Callable[..., None]) -> Callable[..., None]:
+def _patient(path: str, command: Callable[..., None]) -> Callable[..., None]:
+    """Return a command that shows that it works, and that remembers a fit without a result."""
+
     @functools.wraps(command)
-    def called(*arguments: Any, **options: Any) -> None:
-        with patience():
-            command(*arguments, **options)
+    def called(**options: Any) -> None:
+        from cfid.guide.refused import remembered
+
+        with patience(), remembered(path, command, options):
+            command(**options)
 
     return called

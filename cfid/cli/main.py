@@ -12,12 +12,11 @@ import typer
 from cfid.cli.groups import LazyGroup
 from cfid.console.messages import echo, fault, note
 
-# The options that describe a foreign file; fits, which take runs, have none of them.
-_OF_IMPORT = (
-    "columns", "unit", "rate_hz", "skip_lines", "decimal", "rows", "sort_times", "clock",
-    "counts_per_turn", "counts_per_n", "counts_per_nm", "esc_us", "dshot", "log",
-    "time_unit", "angle_unit", "units",
-)  # fmt: skip
+# Codes of errors that ask for an option which describes a foreign file; fits, which take runs, have none of them.
+_ASK_FOR_OPTIONS = frozenset(
+    {"no-counts-per-turn", "no-kind", "no-rows", "no-time", "no-unit", "several-columns", "time-goes-back"}
+)
+_TAKE_RUNS = ("fit", "tf", "show", "validate", "convert")
 
 app = typer.Typer(
     cls=LazyGroup,
@@ -56,15 +55,6 @@ def _as_sentence(message: Warning | str, category: type[Warning], *_place: objec
         note(f"a library that cfid uses warns: {text}.")
 
 
-def _import_first(words: Sequence[str], text: str) -> str:
-    """Return the next step where a command other than import asks for an option that describes a foreign file."""
-    asked = any(f"`{setting}`" in text for setting in _OF_IMPORT)
-    fits = bool(words) and words[0] in ("fit", "tf", "show", "validate", "convert")
-    return " These options are those of `cfid import FILE`: it makes a run, and every fit takes runs." * (
-        asked and fits
-    )
-
-
 def _drop_output() -> None:
     """Drop printed text that cannot be written; Python would try again to write it at exit."""
     for stream in (sys.stdout, sys.stderr):
@@ -80,7 +70,7 @@ def main(words: Sequence[str] | None = None) -> None:
 
     Expected errors print a sentence and set the exit code; warnings of libraries print a sentence.
     """
-    from cfid.errors import CfidError, DataError, FitError, RejectedError
+    from cfid.errors import CfidError
 
     # With these small matrices, threads of the linear algebra would wait for each other longer than they compute.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -92,11 +82,12 @@ def main(words: Sequence[str] | None = None) -> None:
             with suppress(OSError):
                 for text in getattr(error, "__notes__", ()):
                     note(text)
-                fault(f"{error}{_import_first(sys.argv[1:] if words is None else words, str(error))}")
-            if isinstance(error, DataError | FitError) and not isinstance(error, RejectedError):
-                from cfid.guide.refused import remember_refusal
-
-                remember_refusal(sys.argv[1:] if words is None else words, error)
+                asks = (
+                    error.code in _ASK_FOR_OPTIONS
+                    and [*(sys.argv[1:] if words is None else words), ""][0] in _TAKE_RUNS
+                )
+                first = " These are options of `cfid import FILE`: it makes a run, and every fit takes runs."
+                fault(f"{error}{first if asks else ''}")
             sys.exit(error.exit_code)
         except OSError as error:  # an error without a file name is of stdout or stderr
             what = "the output cannot be written" if error.filename is None else str(error.filename)

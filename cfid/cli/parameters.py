@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cfid.console.campaign import here
+from cfid.console.campaign import here, write_parameters
 from cfid.console.messages import echo, note
 
 if TYPE_CHECKING:
     from cfid.quantities.registry import Platform
     from cfid.records.campaign import Campaign
     from cfid.records.parameters import Section
-
-BY_HAND = "set"  # the section of parameters.toml for values measured by hand
+    from cfid.records.values import Values
 
 CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")]
 
@@ -35,16 +34,26 @@ def list_parameters(
         list[str] | None,
         typer.Argument(metavar="NAME ...", help="List only parameters whose names contain one of these."),
     ] = None,
+    why: Annotated[
+        str | None,
+        typer.Option(metavar="KEY", help="List the kept fits that have this parameter, and why each is taken or not."),
+    ] = None,
     campaign: CampaignFolder = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """List the campaign's parameters, each with its standard uncertainty, unit and origin.
 
+    Of all kept fits of a parameter, the most certain of those that are accepted and current counts.
+
     Example: [bold]cfid parameters inertia.matrix motor.max_thrust_n[/bold]
     """
-    from cfid.records.parameters import load_sections
-
-    sections = load_sections(here(campaign).parameters_file)
+    found = here(campaign)
+    values = found.values()
+    if why is not None:
+        _print_candidates(values, why, json=json)
+        return
+    write_parameters(found)
+    sections = values.sections()
     (_print_json if json else _print_tables)(_named(sections, names) if names else sections)
 
 
@@ -53,16 +62,14 @@ def _named(sections: "Mapping[str, Section]", names: Sequence[str]) -> "dict[str
 
     Prints a note on each name that matches no parameter. Raises ConfigError where none of the names matches any.
     """
-    from dataclasses import replace
-
-    from cfid.console.messages import note
     from cfid.errors import ConfigError
+    from cfid.records.values import part_of
 
     def has(key: str, name: str) -> bool:
         return name.casefold() in key.casefold()
 
     kept = {
-        section: {key: value for key, value in own.parameters.items() if any(has(key, name) for name in names)}
+        section: [key for key in own.parameters if any(has(key, name) for name in names)]
         for section, own in sections.items()
     }
     if not any(kept.values()):
@@ -70,13 +77,54 @@ def _named(sections: "Mapping[str, Section]", names: Sequence[str]) -> "dict[str
     for name in names:
         if not any(has(key, name) for own in kept.values() for key in own):
             note(f"{name}: no parameter has this in its name; `cfid parameters` lists all.")
-    return {section: replace(sections[section], parameters=own) for section, own in kept.items() if own}
+    return {section: part_of(sections[section], keys) for section, keys in kept.items() if keys}
+
+
+def _print_candidates(values: "Values", key: str, *, json: bool) -> None:
+    """Print the kept fits that have or rejected a parameter. Raises ConfigError where there are none."""
+    from cfid.errors import ConfigError
+    from cfid.records.parameters import Parameter
+
+    candidates = values.candidates(key)
+    if not candidates:
+        raise ConfigError(f"{key}: no kept fit has it; `cfid parameters` lists the campaign's parameters.")
+    parameters = [each.fit.section.parameters.get(key, Parameter(value=None)) for each in candidates]
+    if json:
+        import json as encoder
+
+        rows = [
+            {
+                "fit": each.fit.stem, "taken": each.taken, "why": each.why, "std_over_aim": each.over_aim,
+                "accepted": key not in each.fit.section.rejected, "found": each.fit.section.found.isoformat(),
+                "recordings": sorted(each.fit.recordings), **parameter.as_json(),
+            }
+            for each, parameter in zip(candidates, parameters, strict=True)
+        ]  # fmt: skip
+        echo(encoder.dumps({"command": "parameters", "key": key, "candidates": rows}, indent=2, allow_nan=False))
+        return
+    from rich.box import SIMPLE
+    from rich.table import Column, Table
+
+    from cfid.console.tables import print_table, value_and_deviation
+
+    table = Table(
+        Column("fit", overflow="fold"), "value", "std", "over aim", "taken", "why", box=SIMPLE, pad_edge=False
+    )
+    for each, parameter in zip(candidates, parameters, strict=True):
+        texts = [value_and_deviation(number.value, number.std) for number in parameter.numbers(key)]
+        value, std = ("\n".join(column) for column in zip(*texts, strict=True)) if texts else ("-", "-")
+        over_aim = "-" if each.over_aim is None else f"{each.over_aim:.2g}"
+        table.add_row(each.fit.stem, value, std, over_aim, "yes" if each.taken else "no", each.why)
+    print_table(table)
 
 
 def set_by_hand(
     name: Annotated[
         str,
-        typer.Argument(metavar="NAME", help="Name of the parameter, with its unit at the end, like mass_kg or arm_m."),
+        typer.Argument(
+            metavar="NAME",
+            help="Name of the parameter, with its unit at the end, like mass_kg or arm_m, or one that a fit gives.",
+        ),
     ],
     value: Annotated[
         str,
@@ -130,12 +178,10 @@ def _store_cubic(campaign: "Campaign", lowest_first: list[float], std: float | N
     from cfid.errors import ConfigError
     from cfid.estimate.voltage_cubic import cubic_fault
     from cfid.quantities.registry import unit_of
-    from cfid.records.parameters import load_sections
-    from cfid.records.values import find_parameter
 
     if std is not None:
         raise ConfigError(f"{_CUBIC}: --std is one number, but a cubic has four: `cfid fit thrust` gives them.")
-    most = find_parameter(load_sections(campaign.parameters_file), _MOST)
+    most = campaign.values().find(_MOST)
     most_n = None if most is None else most.parameter.value
     if fault := cubic_fault(lowest_first, max_thrust_n=most_n):
         raise ConfigError(f"{fault} Nothing was changed.")
@@ -148,8 +194,11 @@ def _check(name: str, value: float, std: float | None, *, platform: "Platform") 
 
     from cfid.errors import ConfigError
     from cfid.quantities.plausible import implausible
+    from cfid.quantities.registry import Shape, find
 
-    if not _NAME.fullmatch(name):
+    row = find(name)
+    is_single = row is not None and row.shape is Shape.NUMBER and not row.of_the_run
+    if not _NAME.fullmatch(name) and not is_single:
         raise ConfigError(f"'{name}': a name has small letters, digits and single underscores, like arm_m.")
     if not math.isfinite(value) or (std is not None and not math.isfinite(std)):
         raise ConfigError(f"{name}: a value and its standard uncertainty must be finite numbers.")
@@ -171,30 +220,17 @@ def _into_rig(campaign: "Campaign", name: str, value: float, std: float | None) 
 def _into_parameters(
     campaign: "Campaign", name: str, value: float | list[float], std: float | None, *, unit: str
 ) -> str:
-    from datetime import UTC, datetime
-
     from cfid.errors import ConfigError
     from cfid.quantities.registry import UNITS, unit_of
-    from cfid.records.parameters import Parameter, Section, change_section
-    from cfid.version import __version__
+    from cfid.records.parameters import Parameter
 
     known = unit or unit_of(name)
     if not known:
         units = ", ".join(UNITS)
         raise ConfigError(f"'{name}': its unit is unknown: end the name with one ({units}), or give --unit.")
-
-    def with_it(before: Section | None) -> Section:
-        return Section(
-            method="by hand",
-            found=datetime.now(UTC).replace(microsecond=0),
-            cfid_version=__version__,
-            accepted=True,
-            sources=(),
-            parameters={**(before.parameters if before else {}), name: Parameter(value=value, std=std, unit=known)},
-        )
-
-    change_section(campaign.parameters_file, BY_HAND, with_it)
-    return f"{campaign.parameters_file}, section {BY_HAND}."
+    write_parameters(campaign)
+    path = campaign.keep_by_hand(name, Parameter(value=value, std=std, unit=known))
+    return f"{path}. It counts before all fits."
 
 
 def _print_json(sections: "dict[str, Section]") -> None:

@@ -50,10 +50,11 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
         "cfid.cli.parameters:set_by_hand",
         "Store a value measured by hand. Values that belong in rig.toml, such as the mass, are changed there.",
     ),
-    "upgrade": (
-        "cfid.cli.upgrade:upgrade_campaign",
-        "Rewrite a campaign's parameters.toml and fits in this version's formats; the old files stay in "
-        "before-upgrade.",
+    "fits": ("cfid.cli.fits:show_fits", "List the campaign's kept fits: which count, and why the others do not."),
+    "fits drop": ("cfid.cli.fits:drop", "Withdraw fits, so that the next best count. Nothing is deleted."),
+    "fits repeat": (
+        "cfid.cli.fits:repeat",
+        "Repeat a kept fit from its runs and options, and state whether the numbers are the same. Nothing is kept.",
     ),
     "fleet": (
         "cfid.fleet.command:fleet",

@@ -39,3 +39,17 @@ def here(folder: Path | None) -> "Campaign":
     from cfid.records.campaign import open_campaign
 
     return open_campaign(folder)
+
+
+def write_parameters(campaign: "Campaign") -> None:
+    """Write parameters.toml from the fits, with a note on what it was; in a folder that is read-only, it stays."""
+    from contextlib import suppress
+
+    from cfid.console.messages import note
+
+    with suppress(ConfigError):
+        if was := campaign.write_parameters():
+            note(
+                f"{campaign.parameters_file.name} {was}: it is written anew from the fits, and no command reads it. "
+                "`cfid set` stores a number."
+            )

@@ -32,13 +32,7 @@ def flat(command: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(command)
     def called(**options: Any) -> None:
-        given = {
-            name: _stated(options[name])
-            for name, one in options_that_count(called).items()
-            if options.get(name, one.default) != one.default
-        }
-        if labels := [word for word in _words(called, options) if "=" in word]:
-            given["labels"] = labels
+        given = given_options(called, options)
         for name, bundle in bundles.items():
             if not isinstance(options.get(name), bundle):  # an option may share the name of its dataclass
                 own = {key: options.pop(key, default) for key, (_, default) in kinds[name].items()}
@@ -51,6 +45,17 @@ def flat(command: Callable[..., None]) -> Callable[..., None]:
     return called
 
 
+def given_options(command: Callable[..., None], options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return those options of a call that its numbers depend on and that differ from their defaults."""
+    given = {
+        name: _stated(options[name])
+        for name, one in options_that_count(command).items()
+        if options.get(name, one.default) != one.default
+    }
+    labels = [word for word in given_words(command, options) if "=" in word]
+    return given | ({"labels": labels} if labels else {})
+
+
 def options_that_count(command: Callable[..., None]) -> dict[str, inspect.Parameter]:
     """Return those options of a command, by name, that its numbers depend on."""
     parameters = inspect.signature(command).parameters
@@ -58,7 +63,7 @@ def options_that_count(command: Callable[..., None]) -> dict[str, inspect.Parame
     return {name: one for name, one in options.items() if name not in _BESIDE_THE_NUMBERS}
 
 
-def _words(command: Callable[..., None], options: Mapping[str, Any]) -> list[str]:
+def given_words(command: Callable[..., None], options: Mapping[str, Any]) -> list[str]:
     """Return the words given as a command's list of runs, such as AXIS=RUN."""
     parameters = inspect.signature(command).parameters
     given = [options.get(name) for name, one in parameters.items() if not _is(OptionInfo, one.annotation)]

@@ -7,11 +7,13 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cfid.console.campaign import write_parameters
 from cfid.console.messages import echo, fitted, in_options, note, printable
 from cfid.console.options import Delivery
 from cfid.console.tables import print_parameters
 from cfid.errors import ConfigError, RejectedError
 from cfid.findings import texts
+from cfid.quantities.registry import is_of_the_run
 from cfid.records.parameters import plain
 from cfid.records.result import Result
 from cfid.version import __version__
@@ -24,9 +26,9 @@ if TYPE_CHECKING:
 def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig: "Rig | None" = None) -> None:
     """Draw, keep and print a result; with --force also rejected quantities and those impossible for the `rig`.
 
-    Raises RejectedError when a quantity that the command determines was rejected and --force is not set;
-    parameters.toml is then unchanged. Raises it also where one that was forced replaces no stored fit. Raises
-    ConfigError where no figure can be written; the result is then printed, but not kept.
+    Raises RejectedError when a quantity that the command determines was rejected and --force is not set; the fit is
+    then kept without numbers. Raises ConfigError where no figure can be written; the result is then printed, but not
+    kept.
     """
     if delivery.take is not None:
         delivery.take(result)
@@ -42,13 +44,12 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
     except ConfigError as error:  # a full disk must not lose the computed numbers
         drawn, undrawn = (), error
     kept = result.accepted or delivery.force
-    in_force, staying = False, None
-    if campaign is not None and given.quantities and kept and undrawn is None:
-        try:
-            campaign.keep(result, figures=drawn, force=delivery.force, options=delivery.given)
-            in_force = True
-        except RejectedError as error:  # the stored fit stays in force
-            staying = error
+    in_force, remark = False, ""
+    if campaign is not None and undrawn is None and (given.quantities or not kept):
+        write_parameters(campaign)
+        with suppress(RejectedError):  # of a rejected fit, which is kept without numbers
+            path = campaign.keep(result, figures=drawn, force=delivery.force, options=delivery.given)
+            in_force, remark = _standing(campaign, path.stem)
     if delivery.json:
         echo(_as_json(given, accepted=result.accepted, in_force=in_force))
     else:
@@ -57,26 +58,33 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
         _print(given, drawn, notes)
     if not kept:
         raise _refusal(result, campaign)
-    if staying is not None and not result.accepted:
-        raise staying
-    if staying is not None:
-        note(str(staying))
+    if remark:
+        note(remark)
     if undrawn is not None:
         raise ConfigError(f"{undrawn} Nothing is kept of this fit.") if campaign is not None else undrawn
 
 
-def _refusal(result: Result, campaign: "Campaign | None") -> RejectedError:
-    """Remember a rejected result in the campaign, print all its rejections but the first, and return that as an error.
+def _standing(campaign: "Campaign", stem: str) -> tuple[bool, str]:
+    """Return whether any value of the campaign comes from a kept fit, and a sentence if some of its values do not."""
+    values = campaign.values()
+    fit = next(fit for fit in values.fits if fit.stem == stem)
+    taken = {quantity.key for quantity in values if quantity.fit is fit}
+    others = [key for key in fit.section.parameters if key not in taken and not is_of_the_run(key)]
+    if not others:
+        return bool(taken), ""
+    reason = next((each.why for each in values.candidates(others[0]) if each.fit is fit), "")
+    what = others[0] if len(others) == 1 else f"{others[0]} and {len(others) - 1} more"
+    return bool(
+        taken
+    ), f"kept as {stem}, but {what} of the campaign stays as it was: {reason}. `cfid fits` lists all fits."
 
-    Each reason has a line of its own.
-    """
-    if campaign is not None:
-        with suppress(ConfigError):  # raised for a read-only folder
-            campaign.remember_rejected(result)
+
+def _refusal(result: Result, campaign: "Campaign | None") -> RejectedError:
+    """Print all rejections of a result but the first, each on a line of its own, and return that one as an error."""
     reason, *others = texts(result.findings, "rejection")
     for text in others:
         note(f"rejected: {text}")
-    still = " parameters.toml is unchanged." if campaign is not None else ""
+    still = " The campaign's values are unchanged." if campaign is not None else ""
     return RejectedError(f"rejected: {reason}{still} Use --force to get the numbers anyway.")
 
 

@@ -2,7 +2,7 @@
 
 import math
 import subprocess
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 
@@ -14,8 +14,8 @@ from cfid.console.processes import cfid_command
 from cfid.console.tables import value_and_deviation
 from cfid.errors import FitError
 from cfid.records.campaign import Campaign
-from cfid.records.parameters import Section, load_sections
 from cfid.records.run import Run, list_runs
+from cfid.records.values import Values
 from cfid.units import COVERAGE_95
 
 _AT_ONCE = 2  # fits at a time: one for each processor of a small computer
@@ -119,7 +119,7 @@ def print_comparison(campaign: Campaign, truth: Mapping[str, float]) -> None:
     table.add_column("parameter", overflow="fold")
     for heading in ("truth", "estimate", "std", "in 95 %"):
         table.add_column(heading, justify="right", no_wrap=True)
-    rows = list(compared(load_sections(campaign.parameters_file).values(), truth))
+    rows = list(compared(campaign.values(), truth))
     for name, true, value, std in rows:
         table.add_row(
             name, f"{true:.5g}", *value_and_deviation(value, std), "yes" if covers(true, value, std) else "no"
@@ -132,15 +132,12 @@ def print_comparison(campaign: Campaign, truth: Mapping[str, float]) -> None:
     )
 
 
-def compared(
-    sections: Iterable[Section], truth: Mapping[str, float]
-) -> Iterator[tuple[str, float, float, float | None]]:
+def compared(values: Values, truth: Mapping[str, float]) -> Iterator[tuple[str, float, float, float | None]]:
     """Return name, true value, estimate and standard uncertainty of every number whose true value is known."""
     found = {
         number.name: (number.value, number.std)
-        for section in sections
-        for key, parameter in section.parameters.items()
-        for number in parameter.numbers(key)
+        for value in values
+        for number in value.parameter.numbers(value.key)
         if number.value is not None
     }
     for name, true in truth.items():

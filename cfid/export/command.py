@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from cfid.export.target import Target
     from cfid.export.vehicle import ExportVehicle
     from cfid.records.campaign import Campaign
-    from cfid.records.parameters import Section
+    from cfid.records.values import Values
 
 LIST, SAMPLES = "list", "samples"
 FOLDER = "exports"  # in a campaign's folder
@@ -89,9 +89,9 @@ def export(
 
 
 class ExportInput(NamedTuple):
-    """The sections of a campaign's parameters.toml, and the vehicle to export."""
+    """A campaign's values, and the vehicle to export."""
 
-    sections: "dict[str, Section]"
+    values: "Values"
     vehicle: "ExportVehicle"
 
 
@@ -100,7 +100,7 @@ def refuse(target: "Target", known: ExportInput, *, force: bool) -> None:
     from cfid.errors import DataError
     from cfid.export.refusals import objections, refuse_rejected
 
-    refuse_rejected(target, known.vehicle, known.sections)
+    refuse_rejected(target, known.vehicle, known.values)
     against = objections(target, known.vehicle)
     if against and not force:
         raise DataError(
@@ -109,28 +109,12 @@ def refuse(target: "Target", known: ExportInput, *, force: bool) -> None:
 
 
 def _known(campaign: "Campaign") -> ExportInput:
-    from cfid.errors import DataError
-    from cfid.export.exchange import covariance_blocks
     from cfid.export.refusals import marked
     from cfid.export.vehicle import collect
-    from cfid.records.files import RIG_FILE, read_toml
-    from cfid.records.parameters import load_sections
-    from cfid.records.run import Run, list_runs
-    from cfid.records.stale import stale_in
 
-    runs = [run for run in list_runs(campaign.runs_folder) if isinstance(run, Run)]
-    simulated = {run.folder.name for run in runs if run.header.simulated}
-    sections = load_sections(campaign.parameters_file)
-    content = read_toml(campaign.parameters_file, DataError) if sections else {}
-    vehicle = collect(
-        campaign.rig,
-        sections,
-        rig_file=RIG_FILE,
-        simulated=simulated,
-        stale=stale_in(campaign.folder, runs, campaign.rig),
-        covariance=covariance_blocks(content),
-    )
-    return ExportInput(sections, marked(vehicle))
+    simulated = {run.folder.name for run in campaign.runs(complete=False) if run.header.simulated}
+    values = campaign.values()
+    return ExportInput(values, marked(collect(campaign.rig, values, simulated=simulated)))
 
 
 def _write(text: str, out: str, *, force: bool) -> None:

@@ -27,7 +27,6 @@ from cfid.version import __version__
 
 FORMAT = "cfid-vehicle-1"
 _DIRECTIONAL = ("inertia.", "drag.", "centre_of_mass_m")  # prefixes of keys with values in the body frame
-_DEPENDENCES = ("covariance", "common")
 _TENSORS = ("inertia.matrix_kg_m2", "drag.simple_kg_per_rad", "drag.cross_coupling_kg_per_rad")
 
 
@@ -55,16 +54,6 @@ def write(vehicle: ExportVehicle) -> str:
         "at_hovering": _at_hovering(vehicle),
     }
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
-
-
-def covariance_blocks(content: Mapping[str, Any]) -> dict[str, Value]:
-    """Return the unchanged covariances and common causes of a parameters.toml, by section."""
-    blocks = {
-        name: {key: plain(table[key]) for key in _DEPENDENCES if key in table}
-        for name, table in content.items()
-        if isinstance(table, Mapping)
-    }
-    return {name: block for name, block in blocks.items() if block}
 
 
 def _all(vehicle: ExportVehicle) -> list[ExportQuantity]:

@@ -46,7 +46,7 @@ class Joint:
         sizes, directions = np.linalg.eigh(self.covariance / np.outer(unit, unit))
         if sizes[0] < -_NEGATIVE * max(sizes[-1], 1.0):
             raise DataError(
-                "parameters.toml: covariance: its matrices and common causes contradict each other, no numbers can "
+                "the covariances and common causes of these fits contradict each other, no numbers can "
                 "covary so: fit again."
             )
         factor = directions * np.sqrt(np.maximum(sizes, 0.0))
@@ -107,7 +107,7 @@ def _variances(section: Section, key: str) -> Array:
     with np.errstate(over="ignore"):
         found = _std(section, key) ** 2
     if not np.isfinite(found).all():
-        raise DataError(f"parameters.toml: the std of {key} is too large to be one: its square is no number.")
+        raise DataError(f"the std of {key} is too large to be one: its square is no number.")
     return found
 
 
@@ -116,7 +116,7 @@ def _refuse_contradiction(section: Section, key: str, variances: Array) -> None:
     std = _std(section, key)
     if section.parameters[key].std is not None and not np.allclose(np.sqrt(variances), std, rtol=_DIFFERENT, atol=0):
         raise DataError(
-            f"parameters.toml: the std of {key} and the diagonal of its covariance contradict each other. Expected the "
+            f"the std of {key} and the diagonal of its covariance contradict each other. Expected the "
             "square root of the diagonal: fit again."
         )
 

@@ -1,6 +1,6 @@
 """Find the quantities that are exported only with --force: those rejected, outdated or implausible."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 
 from cfid.errors import DataError
@@ -8,16 +8,15 @@ from cfid.export.target import Target, taken
 from cfid.export.vehicle import SOURCES, ExportQuantity, ExportVehicle
 from cfid.quantities.plausible import centre_fault, implausible
 from cfid.quantities.registry import Platform
-from cfid.records.parameters import Section
+from cfid.records.values import Values
 
 
-def refuse_rejected(target: Target, vehicle: ExportVehicle, sections: Mapping[str, Section]) -> None:
+def refuse_rejected(target: Target, vehicle: ExportVehicle, values: Values) -> None:
     """Raise DataError if a fit rejected a quantity that a target can express, and no other source gives it."""
     names = {name for need in (*target.needs, *target.uses) for name in need.replace("+", "|").split("|")}
-    lost = {key for name in names if name not in vehicle for key in SOURCES[name].keys}
-    for section in sections.values():
-        for key in sorted(lost & section.rejected.keys() - section.parameters.keys()):
-            raise DataError(f"{target.name}: nothing was written, since {key} was rejected: {section.rejected[key]}")
+    for key in sorted(key for name in names if name not in vehicle for key in SOURCES[name].keys):
+        if values.find(key) is None and (reason := values.rejected(key)):
+            raise DataError(f"{target.name}: nothing was written, since {key} was rejected: {reason}")
 
 
 def objections(target: Target, vehicle: ExportVehicle) -> tuple[str, ...]:

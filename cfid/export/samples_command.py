@@ -163,7 +163,6 @@ def _everything(known: "ExportInput") -> "Target":
 
 def _joint(known: "ExportInput") -> "Joint":
     from cfid.export.joint import joint_of
-    from cfid.records.values import find_parameter
 
     vehicle = known.vehicle
     fits: dict[str, tuple[Section, list[str]]] = {
@@ -174,9 +173,9 @@ def _joint(known: "ExportInput") -> "Joint":
     for quantity in vehicle.quantities.values():
         if quantity.key in fits or quantity.key == "motor.command_of_thrust":  # the latter follows from the map
             continue
-        found = find_parameter(known.sections, quantity.key)
-        if found is not None:
-            fits.setdefault(found.name, (found.section, []))[1].append(quantity.key)
+        value = known.values.find(quantity.key)
+        if value is not None:
+            fits.setdefault(f"{value.fit.name} {value.fit.stem}", (value.section, []))[1].append(quantity.key)
     return joint_of(list(fits.values()))
 
 

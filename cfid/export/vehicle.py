@@ -1,7 +1,7 @@
 """Collect a campaign's quantities once for all exports, without turning or converting them."""
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -10,16 +10,15 @@ from cfid.quantities.registry import Platform, registered, unit_of
 from cfid.records.parameters import Section, Value, plain
 from cfid.records.rig_file import BodyFrame, Rig, thesis_rig
 from cfid.records.stale import other_facts
-from cfid.records.values import find_parameter
+from cfid.records.values import Quantity, Values
 from cfid.units import FULL_COMMAND, MM, NEAR_FULL
 
-Stale = Callable[[Section], Sequence[str]]
 _AT_FULL_COMMAND = ("motor.max_thrust_n", "motor.speed_poly")
 
 
 @dataclass(frozen=True)
 class ExportSource:
-    """The keys that a quantity may have in parameters.toml; the first key found is used."""
+    """The keys that a quantity may have; the first key found is used."""
 
     keys: tuple[str, ...]
 
@@ -83,9 +82,9 @@ class ExportVehicle:
 
     `gravity` and `centre` come from rig.toml, as does the mass, and the arm unless it was set by hand. `centre` is the
     centre of mass (3,) in m from the vehicle's middle, at the height of the table that the vehicle stands on. `others`
-    contains the quantities that no target uses. `further` contains, by section, values whose key was taken from another
-    section. `covariance` contains, by section, the covariances and common causes of parameters.toml. `platform`
-    determines what is plausible.
+    contains the quantities that no target uses. `further` contains, by kind of fit, values of the fit in force whose
+    key was taken from another fit. `covariance` contains, by kind of fit, the covariances and common causes of the
+    values. `platform` determines what is plausible.
     """
 
     name: str
@@ -117,19 +116,10 @@ class ExportVehicle:
         return list(self.centre.value)
 
 
-def collect(
-    rig: Rig,
-    sections: Mapping[str, Section],
-    *,
-    rig_file: str = "rig.toml",
-    simulated: Collection[str] = (),
-    stale: Stale = lambda _: (),
-    covariance: Mapping[str, Value] | None = None,
-) -> ExportVehicle:
-    """Collect what the exports need from a campaign's rig and the sections of its parameters.toml.
+def collect(rig: Rig, values: Values, *, rig_file: str = "rig.toml", simulated: Collection[str] = ()) -> ExportVehicle:
+    """Collect what the exports need from a campaign's rig and its values.
 
-    `simulated` contains the names of the runs that were recorded on a simulated rig. `stale` returns the reasons why a
-    section is no longer current. `covariance` is that of `ExportVehicle`.
+    `simulated` contains the names of the runs that were recorded on a simulated rig.
 
     Raises ConfigError when the rig does not state which body axis points forward, since nothing could be turned then.
     """
@@ -138,26 +128,21 @@ def collect(
             f"{rig_file}: vehicle.body_frame is missing: state which body axis points forward, left and up "
             '(the thesis: forward = "y", left = "-x", up = "z"); an export without it could be turned wrongly.'
         )
-    unlike: dict[str, str] = {name: other_facts(section, rig) for name, section in sections.items()}
-
-    def quantity_of(key: str, name: str) -> ExportQuantity:
-        found = _quantity(key, name, sections[name], simulated, stale)
-        return replace(found, caveat=" ".join(filter(None, [found.caveat, unlike[name]])))
-
-    counting = {
-        key: found
-        for section in sections.values()
-        for key in section.parameters
-        if (found := find_parameter(sections, key)) is not None
-    }
-    known = [key for key, found in counting.items() if _known(plain(found.parameter.value))]
+    unlike: dict[str, str] = {name: other_facts(fit.section, rig) for name, fit in values.in_force.items()}
+    counting = {value.key: found for value in values if (found := values.find(value.key)) is not None}
+    every = {key: _quantity(value, rig, simulated) for key, value in counting.items()}
+    known = [key for key, quantity in every.items() if _known(quantity.value)]
     # of several keys the last one that is put in stays: the first one of its source
     keys = {name: key for name, source in SOURCES.items() for key in reversed(source.keys) if key in known}
-    quantities = {name: quantity_of(key, counting[key].name) for name, key in keys.items()}
-    others = [quantity_of(key, found.name) for key, found in counting.items() if key not in keys.values()]
+    quantities = {name: every[key] for name, key in keys.items()}
+    others = [quantity for key, quantity in every.items() if key not in keys.values()]
     further = {
-        name: [quantity_of(key, name) for key in section.parameters if counting[key].name != name]
-        for name, section in sections.items()
+        name: [
+            _quantity(Quantity(key=key, fit=fit, rejection=fit.section.rejected.get(key, "")), rig, simulated)
+            for key in fit.section.parameters
+            if key not in counting or counting[key].fit is not fit
+        ]
+        for name, fit in values.in_force.items()
     }
     quantities["mass"] = _weighed(rig, rig_file)  # the mass is only in rig.toml
     if "arm" not in quantities and rig.loadcell.arm_mm is not None:
@@ -172,7 +157,7 @@ def collect(
         quantities=quantities,
         others=others,
         further={name: found for name, found in further.items() if found},
-        covariance=covariance or {},
+        covariance={name: block for name, section in values.sections().items() if (block := _dependences(section))},
         platform=rig.vehicle.platform,
     )
 
@@ -226,22 +211,28 @@ def _centre(rig: Rig, rig_file: str) -> ExportQuantity:
     )
 
 
-def _quantity(key: str, name: str, section: Section, simulated: Collection[str], stale: Stale) -> ExportQuantity:
-    parameter, commands = section.parameters[key], _commands(section)
+def _dependences(section: Section) -> dict[str, Value]:
+    """Return the covariances and common causes of a section, as far as there are any."""
+    blocks = [{"of": list(block.of), "matrix": plain(block.matrix)} for block in section.covariance]
+    return ({"covariance": blocks} if blocks else {}) | ({"common": plain(section.common)} if section.common else {})
+
+
+def _quantity(value: Quantity, rig: Rig, simulated: Collection[str]) -> ExportQuantity:
+    key, section, parameter = value.key, value.section, value.parameter
+    commands = _commands(section)
     recordings = dict.fromkeys(source.run or Path(source.path).name for source in section.sources)
     runs = ", ".join(recordings)
     caveat = _extrapolated(commands) if key in _AT_FULL_COMMAND else ""
-    outdated = tuple(stale(section))
-    parts = [f"section {name}", f"method {section.method}", f"{section.found:%Y-%m-%d %H:%M} UTC"]
+    parts = [f"section {value.fit.name}", f"method {section.method}", f"{section.found:%Y-%m-%d %H:%M} UTC"]
     return ExportQuantity(
         key=key,
         value=plain(parameter.value),
         std=plain(parameter.std),
         unit=parameter.unit,
         origin="; ".join([*parts, f"cfid {section.cfid_version}", *([f"from {runs}"] if runs else [])]),
-        rejection=section.rejected.get(key, ""),
-        outdated=outdated,
-        caveat=" ".join([*([caveat] if caveat else []), *outdated]),
+        rejection=value.rejection,
+        outdated=value.outdated,
+        caveat=" ".join(filter(None, [caveat, *value.outdated, other_facts(section, rig)])),
         commands=commands,
         simulated=any(run in simulated for run in recordings),
     )

@@ -107,7 +107,7 @@ def at_hand(campaign: str) -> Iterator[Place]:
                 if not (folder / RUNS_FOLDER / name / RUN_FILE).exists():
                     raise DataError(f"{campaign}/{RUNS_FOLDER}/{name}: not a run: it has no {RUN_FILE}.")
 
-        bring("", [RIG_FILE, "parameters.toml"])
+        bring("", [RIG_FILE])
         bring("fits")
         yield Place(folder=folder, address=campaign, bring_run=bring_run)
 

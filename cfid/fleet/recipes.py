@@ -78,8 +78,9 @@ def options_of(kept: Fit, changes: Mapping[str, str] = NO_CHANGES) -> dict[str, 
     if known:
         raise DataError(f"axis inertias of {', '.join(known)} were given as numbers: fit it by hand.")
     taken = options_that_count(_command_of(kept))
-    found = dict(_shown_by(kept) if kept.options is None else kept.options)
-    found |= {name: value for name, value in changes.items() if name in taken}
+    if kept.options is None:
+        raise DataError("was made in Python, and its options are not kept: fit it by hand.")
+    found = dict(kept.options) | {name: value for name, value in changes.items() if name in taken}
     return {name: _checked(name, value, taken) for name, value in found.items()}
 
 
@@ -111,28 +112,7 @@ def _command_of(kept: Fit) -> Command:
     return command
 
 
-def _shown_by(kept: Fit) -> dict[str, Any]:
-    """Return the options that can be inferred from an older file: method, order of a map, shape, terms of drag."""
-    keys, method = " ".join(kept.section.parameters), kept.section.method
-    found: dict[str, Any] = {} if method == "default" else {"method": method}
-    poly = kept.section.parameters.get(f"motor.{kept.name}_poly")
-    if poly is not None:
-        found["order"] = str(len(poly.value) - 1)
-    if kept.command == "tf identify" and method != "thesis":
-        found |= {name: kept.quality[name] for name in ("shape", "form") if isinstance(kept.quality.get(name), str)}
-    if kept.command == "fit drag":
-        terms = {
-            "mended": kept.quality.get("kappa_4_times") == "|v_xy|",
-            "intercepts": "drag.intercepts_n." in keys,
-            "parasitic": "drag.parasitic_kg_per_m." in keys,
-        }
-        found |= {name: True for name, has in terms.items() if has}
-    return found
-
-
 def _checked(name: str, value: Any, taken: Mapping[str, inspect.Parameter]) -> Any:
-    if name == "verify" and isinstance(value, str):  # older fits took a single run of scales
-        value = [value]
     try:
         return TypeAdapter(list[str] if name == LABELS else taken[name].annotation).validate_python(value)
     except (KeyError, ValidationError):

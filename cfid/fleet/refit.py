@@ -13,12 +13,11 @@ from cfid.fleet.recipes import NO_CHANGES, again, options_of
 from cfid.recordings.resumed import resumed_by
 from cfid.records.campaign import Campaign, open_campaign
 from cfid.records.files import RIG_FILE, RUNS_FOLDER
-from cfid.records.fits import Fit, in_force, list_fits
-from cfid.records.parameters import Section, store_section
+from cfid.records.fits import BY_HAND, Fit, keep_fit, list_fits
+from cfid.records.parameters import Parameter, Section
 from cfid.records.run import Run, read_run
 from cfid.version import __version__
 
-_BY_HAND = "set"  # the section of values measured by hand, which no recording contains
 _FARTHEST = 1e9  # standard uncertainties: larger moves, as after an edit of a value or std, count as this
 _RUN_NAME = re.compile(r"[A-Za-z0-9_+-][A-Za-z0-9_.+-]*")
 
@@ -53,7 +52,7 @@ class Refitted:
 
 
 def refit(campaign: str, changes: Mapping[str, str] = NO_CHANGES) -> Refitted:
-    """Repeat the fits in force of a campaign, in the original order, without changing the campaign.
+    """Repeat the fits that a campaign's values come from, in the original order, without changing the campaign.
 
     `changes` replaces options of the fits. Raises no CfidError, since one faulty campaign must not stop the others.
     """
@@ -74,24 +73,20 @@ def _repeat_all(place: Place, folder: Path, changes: Mapping[str, str]) -> Itera
     own = open_campaign(place.folder)
     (folder / RIG_FILE).write_bytes((place.folder / RIG_FILE).read_bytes())
     made = open_campaign(folder)
-    if (by_hand := own.sections().get(_BY_HAND)) is not None:
-        store_section(made.parameters_file, _BY_HAND, by_hand)
-    found = list_fits(own.fits_folder)
-    unreadable = [fit for fit in found if not isinstance(fit, Fit)]
-    held = in_force(_readable(found), own.sections())
-    if not found:
+    listed, values = list_fits(own.fits_folder), own.values()
+    unreadable = [fit for fit in listed if not isinstance(fit, Fit)]
+    fits = sorted({*values.by_fit, *values.in_force.values()}, key=lambda fit: fit.order)
+    for fit in (fit for fit in fits if fit.name == BY_HAND):
+        keep_fit(made.fits_folder, fit)
+    if not listed:
         raise DataError(f"{place.named(str(own.fits_folder))}: holds no fit that could be repeated.")
     for fault in unreadable:
         yield Refit(name="", fault=place.named(str(fault)))
-    for fit in sorted(held.values(), key=lambda fit: fit.section.found):
+    for fit in (fit for fit in fits if fit.name != BY_HAND):
         try:
             yield _repeat(fit, own, made, place, changes)
         except CfidError as error:
             yield Refit(name=fit.name, fault=place.named(str(error)))
-
-
-def _readable(found: Iterable[Fit | DataError]) -> list[Fit]:
-    return [fit for fit in found if isinstance(fit, Fit)]
 
 
 def _repeat(fit: Fit, own: Campaign, made: Campaign, place: Place, changes: Mapping[str, str]) -> Refit:
@@ -106,7 +101,7 @@ def _repeat(fit: Fit, own: Campaign, made: Campaign, place: Place, changes: Mapp
         notes += (f"changed since it was fitted: {', '.join(changed)}.",)
     sources = tuple(replace(source, path=place.named(source.path)) for source in result.sources)
     made.keep(replace(result, sources=sources), force=options.get("force", False), options=options)
-    moves = _moves(fit.section, made.sections()[result.section_name])
+    moves = moves_of(fit.section, made.fits()[-1].section.parameters)
     if beyond := [name for move, name in moves if move == _FARTHEST]:
         notes += (f"moved by {_FARTHEST:g} of the kept std or more: {', '.join(beyond)}.",)
     moved, most = max(moves, default=(None, ""))
@@ -149,9 +144,9 @@ def _scales(named: Path, own: Campaign, place: Place) -> Path:
     return own.runs_folder / named
 
 
-def _moves(kept: Section, made: Section) -> list[tuple[float, str]]:
+def moves_of(kept: Section, made: Mapping[str, Parameter]) -> list[tuple[float, str]]:
     """Return the change of each number, in standard uncertainties of the kept number up to a limit, and its name."""
-    new = {one.name: one.value for key, found in made.parameters.items() for one in found.numbers(key)}
+    new = {one.name: one.value for key, found in made.items() for one in found.numbers(key)}
     return [
         (min(abs(value - one.value) / one.std, _FARTHEST), one.name)
         for key, found in kept.parameters.items()

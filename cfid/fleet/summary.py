@@ -15,8 +15,9 @@ from cfid.fleet.places import is_address
 from cfid.records import lab_book
 from cfid.records.campaign import find_campaign
 from cfid.records.files import RIG_FILE, sha256_of
-from cfid.records.parameters import Section, Source, load_sections
+from cfid.records.parameters import Section, Source
 from cfid.records.run import Run, list_runs
+from cfid.records.values import Quantity
 
 _LARGEST = 1e60  # of numbers that can be compared; an edited file may contain any number
 START_IN_NAME = "%Y-%m-%d_%H%M%S"  # the start of a run, in its name
@@ -58,7 +59,6 @@ def summarise(place: str) -> Summary | CfidError:
         campaign = find_campaign(folder, start=folder)
         if campaign is None:
             raise ConfigError(f"{folder}: not a campaign: it has no {RIG_FILE}.")
-        sections = load_sections(campaign.parameters_file)
     except CfidError as error:
         return error
     listed = list_runs(campaign.runs_folder)
@@ -67,8 +67,14 @@ def summarise(place: str) -> Summary | CfidError:
         warning("run-unreadable", f"{run} It does not count.") for run in listed if isinstance(run, DataError)
     ]
     complete = sum(run.header.state == "complete" for run in runs)
-    sources = {source for section in sections.values() for source in section.sources}
-    known = [one for name, section in sections.items() for one in _numbers(name, section, _recorded(section, runs))]
+    values = campaign.values()
+    sources = {source for fit in values.by_fit for source in fit.section.sources}
+    known = [
+        number
+        for fit, quantities in values.by_fit.items()
+        for quantity in quantities
+        for number in _numbers(quantity, _recorded(fit.section, runs))
+    ]
     return Summary(
         folder=folder,
         name=folder.name,
@@ -116,16 +122,13 @@ def _start_in(name: str) -> datetime | None:
         return None
 
 
-def _numbers(section_name: str, section: Section, recorded: datetime) -> list[KnownValue]:
-    """Return a section's numbers; in sections such as `swing x`, which share names, each name ends with (x)."""
-    which = section_name.partition(" ")[2]
-    own = f" ({which})" if which else ""
+def _numbers(quantity: Quantity, recorded: datetime) -> list[KnownValue]:
+    """Return a quantity's numbers; of fits such as `swing x`, which share names, each name ends with (x)."""
+    which = quantity.fit.name.partition(" ")[2]
+    own, parameter = f" ({which})" if which else "", quantity.parameter
     return [
-        KnownValue(
-            one.name + own, float(one.value), _float(one.std), parameter.unit, recorded, key not in section.rejected
-        )
-        for key, parameter in section.parameters.items()
-        for one in parameter.numbers(key)
+        KnownValue(one.name + own, float(one.value), _float(one.std), parameter.unit, recorded, quantity.accepted)
+        for one in parameter.numbers(quantity.key)
         if one.value is not None
     ]
 

@@ -1,12 +1,11 @@
 """What each kind of campaign records and fits, in order, and how certain its results should be."""
 
 import random
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from cfid.records.rig_file import CampaignKind, Rig
 from cfid.records.run import Label, RunHeader
-from cfid.wire.app import MIDDLE
 
 Words = tuple[str, ...]
 
@@ -32,42 +31,15 @@ _WINDS = 6
 _ABOVE_IDLE: Words = ("--from", "8000", "--motor", "1,2,3,4")  # for a Brushless: unused rotors idle at 7000, and pull
 
 
-@dataclass(frozen=True, kw_only=True)
-class Aim:
-    """The relative standard uncertainty that the purpose of a quantity requires.
-
-    A polynomial is judged where it is used: by the sum of its numbers times `weights`, a function of their count and of
-    the rig. Its coefficients alone do not show how certain its values are.
-    """
-
-    std: float
-    purpose: str
-    weights: Callable[[int, Rig], Sequence[float]] | None = None
-
-
-def slope_at_hover(count: int, rig: Rig) -> list[float]:
-    """Return weights by which the coefficients of a thrust polynomial, highest power first, sum to its hover slope."""
-    thrust_n = rig.vehicle.mass_kg * rig.site.gravity_mps2 / 4
-    return [power * thrust_n ** max(power - 1, 0) for power in reversed(range(count))]
-
-
-def at_middle(count: int, _rig: Rig) -> list[float]:
-    """Return weights by which coefficients of a command polynomial, highest power first, give its value at MIDDLE."""
-    return [MIDDLE**power for power in reversed(range(count))]
-
-
-AIMS: Mapping[str, Mapping[str, Aim]] = {
-    "inertia": {"inertia.matrix_kg_m2": Aim(std=0.03, purpose="a rate controller's gains: 3 %")},
-    "friction": {"friction.viscous_nms_per_rad": Aim(std=0.2, purpose="how swings decay: 20 %")},
-    "thrust": {
-        "motor.max_thrust_n": Aim(std=0.03, purpose="the limit of a mixer: 3 %"),
-        "motor.hover_mass_kg": Aim(std=0.02, purpose="the command that hovers: 2 %"),
-    },
-    "torque": {"motor.torque_poly": Aim(std=0.05, purpose="yaw in a simulator, in hover: 5 %", weights=slope_at_hover)},
-    "speed": {"motor.speed_poly": Aim(std=0.02, purpose="rotors in a simulator: 2 %", weights=at_middle)},
-    "latency": {"latency.rtt_mean_s": Aim(std=0.05, purpose="a delay in the loop: 5 %")},
-    "tf": {"tf.time_constant_s": Aim(std=0.05, purpose="an attitude controller's bandwidth: 5 %")},
-    "drag": {"drag.simple_kg_per_rad": Aim(std=0.2, purpose="a simulator at 3 m/s: 20 %")},
+AIMS: Mapping[str, tuple[str, ...]] = {
+    "inertia": ("inertia.matrix_kg_m2",),
+    "friction": ("friction.viscous_nms_per_rad",),
+    "thrust": ("motor.max_thrust_n", "motor.hover_mass_kg"),
+    "torque": ("motor.torque_poly",),
+    "speed": ("motor.speed_poly",),
+    "latency": ("latency.rtt_mean_s",),
+    "tf": ("tf.time_constant_s",),
+    "drag": ("drag.simple_kg_per_rad",),
 }
 
 
@@ -105,7 +77,7 @@ def is_vehicle(label: Label) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """One fit: its section of parameters.toml, the runs that it uses, its command and the quantities to find."""
+    """One fit: its section, the runs that it uses, its command and the keys of the quantities that it should find."""
 
     section: str
     recordings: tuple[Assignment, ...]
@@ -146,7 +118,7 @@ def tasks(
         "drag": (_STILL, *[_WINDY] * _WINDS),
     }
     return tuple(
-        Task(section=name, recordings=recordings[name], fit=FITS[name], aims=tuple(AIMS[name]))
+        Task(section=name, recordings=recordings[name], fit=FITS[name], aims=AIMS[name])
         for name in KINDS[kind or rig.campaign.kind]
         if recordings[name]
     )

@@ -11,12 +11,12 @@ from typing import Literal
 from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.guide.certainty import Certainty, certainty_of, percent
-from cfid.guide.plan import AIMS, Assignment, Task, Words, is_vehicle, tasks
+from cfid.guide.plan import Assignment, Task, Words, is_vehicle, tasks
 from cfid.records.campaign import Campaign
-from cfid.records.parameters import Section, runs_of
+from cfid.records.fits import Fit
 from cfid.records.rig_file import CampaignKind
 from cfid.records.run import Run, list_runs
-from cfid.records.stale import Stale, stale_in
+from cfid.records.values import Values
 from cfid.transfer.sines.plan import Sine, SineSweep, missing_sines
 
 State = Literal["missing", "not fitted", "stale", "rejected", "accepted"]
@@ -108,14 +108,10 @@ class Status:
 
 
 def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> Status:
-    """Return the state of a campaign, for which each run.toml is read once.
-
-    Raises DataError when parameters.toml is invalid.
-    """
+    """Return the state of a campaign, for which each run.toml and each fit is read once."""
     listed = list_runs(campaign.runs_folder)
     runs = [run for run in listed if isinstance(run, Run)]
-    sections, refused = campaign.sections(), campaign.rejected_sections()
-    stale = stale_in(campaign.folder, runs, campaign.rig)
+    values = campaign.values(runs)
     swings = [run for run in runs if run.header.kind == "swing" and not run.header.excluded]
     by_gyro = ["encoder" not in run.header.devices for run in swings if run.usable]
     planned = tasks(
@@ -125,17 +121,14 @@ def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> Status
         by_gyro=bool(by_gyro) and by_gyro[-1],
     )
     statuses = tuple(
-        replace(
-            _status(task, runs, sections.get(task.section), refused.get(task.section), stale),
-            found=tuple(certainty_of(sections, key, AIMS[task.section][key], campaign.rig) for key in task.aims),
-        )
+        replace(_status(task, runs, values), found=tuple(certainty_of(values, key) for key in task.aims))
         for task in planned
     )
     names = {status.task.section for status in statuses}
     return Status(
         tasks=statuses,
         unusable=_unusable(statuses, runs),
-        beside=tuple(name for name in sections if name not in names),
+        beside=tuple(dict.fromkeys(fit.name for fit in values.by_fit if fit.name not in names)),
         unreadable=tuple(str(error) for error in listed if not isinstance(error, Run)),
         kind=kind,
     )
@@ -172,10 +165,11 @@ def next_of(statuses: Sequence[TaskStatus], *, kind: CampaignKind | None = None)
     )
 
 
-def _status(
-    task: Task, runs: Sequence[Run], section: Section | None, refused: Section | None, stale: Stale
-) -> TaskStatus:
-    """Judge a task by the campaign's runs, its stored fit, and its last fit that was rejected completely."""
+def _status(task: Task, runs: Sequence[Run], values: Values) -> TaskStatus:
+    """Judge a task by the campaign's runs, its fit in force, and its last fit if that was rejected completely."""
+    fit = values.in_force.get(task.section)
+    section = None if fit is None else fit.section
+    last = next((fit for fit in reversed(values.fits) if fit.name == task.section), None)
     own = [run for run in runs if any(_is_made_by(recording, run) for recording in task.recordings)]
     lacking = _lacking(task.recordings, runs)
     short_of_runs = any(not recording.repeats for recording in lacking)
@@ -185,15 +179,15 @@ def _status(
     reason = ""
     if rejected:
         state, reason = "rejected", rejected[0]
-    elif section is not None and (reasons := stale(section)):
+    elif fit is not None and (reasons := values.outdated(fit)):
         state, reason = "missing" if short_of_runs else "stale", reasons[0]  # without these runs, a fit may always fail
     elif short_of_runs or (section is None and lacking):
         state, reason = "missing", _being_recorded(own)
-    elif refused is not None and _holds(refused, section, usable, stale):
-        state, reason = "rejected", next(iter(refused.rejected.values()))
-    elif section is None:
+    elif last is not None and _holds(last, usable, values):
+        state, reason = "rejected", next(iter(last.section.rejected.values()))
+    elif fit is None:
         state, reason = "not fitted", "recorded, not fitted yet."
-    elif newer := _newer(section, usable):
+    elif newer := _newer(fit, usable, values):
         state, reason = "stale", f"{counted(newer, 'run was', 'runs were')} recorded after the fit."
     elif lacking:
         reason = f"`{lacking[0].command}` once more would show what drifted since the first."
@@ -278,20 +272,24 @@ def _unusable(statuses: Iterable[TaskStatus], runs: Sequence[Run]) -> tuple[Unus
     return tuple(unusable.values())
 
 
-def _newer(section: Section, runs: Sequence[Run]) -> int:
-    """Return how many runs were recorded after a fit; where the clock was set back, after the last run that it used."""
-    used = set(runs_of(section.sources))
-    last = max((run.header.number or 0 for run in runs if run.folder.name in used), default=0)
+def _newer(fit: Fit, runs: Sequence[Run], values: Values) -> int:
+    """Return how many runs that no kept fit of its kind used were recorded after a fit.
+
+    Where the clock was set back, these are the runs after the last one that the fit used.
+    """
+    used = {name for other in values.fits if other.name == fit.name for name in other.recordings}
+    last = max((run.header.number or 0 for run in runs if run.folder.name in fit.recordings), default=0)
     newer, latest = 0, datetime.min.replace(tzinfo=UTC)
     for run in runs:
-        after = (run.header.number or 0) > last if run.header.started < latest else run.header.started > section.found
+        set_back = run.header.started < latest
+        after = (run.header.number or 0) > last if set_back else run.header.started > fit.section.found
         newer += after and run.folder.name not in used
         latest = max(latest, run.header.started)
     return newer
 
 
-def _holds(refused: Section, section: Section | None, runs: Sequence[Run], stale: Stale) -> bool:
-    """Return whether a rejected fit is current: it used all runs as they are now, and no fit was accepted later."""
-    latest = section is None or section.found < refused.found
-    used_all = set(runs_of(refused.sources)) >= {run.folder.name for run in runs}
-    return latest and used_all and bool(refused.rejected) and not stale(refused)
+def _holds(last: Fit, runs: Sequence[Run], values: Values) -> bool:
+    """Return whether the last fit of a kind was rejected as a whole, and used all runs as they are now."""
+    used_all = last.recordings >= {run.folder.name for run in runs}
+    rejected = not last.section.accepted and not last.section.parameters and bool(last.section.rejected)
+    return rejected and used_all and not values.outdated(last)

@@ -12,6 +12,7 @@ from functools import cache
 from typing import Any, Final, Literal
 
 from cfid.units import FULL_COMMAND
+from cfid.wire.app import MIDDLE
 
 Platform = Literal["crazyflie", "cf2", "cf21", "cf21bl", "other"]
 """`crazyflie`: any quadrocopter of its kind; `other`: any body, judged by physics alone."""
@@ -44,6 +45,19 @@ class Range:
 
 
 @dataclass(frozen=True)
+class Aim:
+    """The relative standard uncertainty that a quantity's purpose requires, and the purpose.
+
+    A polynomial is judged where it is used: by its value `at` a place or by its `slope_in_hover`.
+    """
+
+    std: float
+    purpose: str
+    at: float | None = None
+    slope_in_hover: bool = False
+
+
+@dataclass(frozen=True)
 class Quantity:
     """A quantity under its public key; in a key, `<axis>` stands for any name, and `[...]` is optional.
 
@@ -51,7 +65,8 @@ class Quantity:
     `over`; its highest power comes first unless `lowest_first` is set. `count` is how many numbers a list has, where
     that is known, and `places` are their names. `columns` are the columns of rows that must be numbers, `measured`
     those that a rejection removes. `section` is the quantity's section of parameters.toml, `given_by` the way to
-    measure it. `of_the_run` marks a property of a run, not of the vehicle.
+    measure it. `of_the_run` marks a property of a run, not of the vehicle. A campaign takes quantities with the same
+    word in `joint` from one fit, since they are parts of one result; by default, these are the quantities of a section.
     """
 
     key: str
@@ -70,14 +85,20 @@ class Quantity:
     of_the_run: bool = False
     section: str = ""
     given_by: str = ""
+    joint: str = ""
+    aim: Aim | None = None
 
 
 @dataclass(frozen=True)
 class FitKind:
-    """A kind of fit: its title, and how to record and fit it where no quantity states that."""
+    """A kind of fit: its title, how to record and fit it where no quantity states that, and its method's revision.
+
+    The revision grows when the method finds other numbers in the same recordings: earlier fits then no longer count.
+    """
 
     title: str
     measured_by: str = ""
+    revision: int = 1
 
 
 UNITS = {  # by the ending of a name
@@ -138,7 +159,9 @@ _AXES: Final[dict[str, Any]] = {"count": 3, "places": ("x", "y", "z")}
 
 
 def _given(section: str, given_by: str, *rows: Quantity) -> tuple[Quantity, ...]:
-    return tuple(replace(row, section=section, given_by=row.given_by or given_by) for row in rows)
+    return tuple(
+        replace(row, section=section, given_by=row.given_by or given_by, joint=row.joint or section) for row in rows
+    )
 
 
 _SWING = _given(
@@ -161,7 +184,7 @@ _SWING = _given(
 _FRICTION = _given(
     "friction", "`cfid fit friction`",
     Quantity("friction.viscous_nms_per_rad", "N m s/rad", "c", "viscous friction of the axis, all weights together",
-             plausible=_VISCOUS),
+             plausible=_VISCOUS, aim=Aim(0.2, "how swings decay: 20 %")),
     Quantity("friction.coulomb_nm", "N m", "M_c", "Coulomb friction of the axis", plausible=_COULOMB),
     Quantity("friction.setup_inertia_kg_m2", "kg m^2", "I_s", "inertia of what turns, without the weight",
              plausible=Range(1e-9, 1e-3, "an axle of grams")),
@@ -171,7 +194,8 @@ _FRICTION = _given(
 _MATRICES = _given(
     "inertia", "`cfid fit inertia`",
     Quantity("inertia.matrix_kg_m2", "kg m^2", "I", "inertia matrix about the centre of mass, body frame",
-             Shape.MATRIX, Range(5e-7, 2e-2, "10 g to 1 kg; its second moments are positive definite", "diagonal")),
+             Shape.MATRIX, Range(5e-7, 2e-2, "10 g to 1 kg; its second moments are positive definite", "diagonal"),
+             aim=Aim(0.03, "a rate controller's gains: 3 %")),
     Quantity("inertia.axis_kg_m2.<axis>", "kg m^2", "I_a", "inertia about the mounting axis", plausible=_INERTIA),
     Quantity("inertia.centre_kg_m2.<axis>", "kg m^2", "I_G", "inertia about the parallel axis through the centre of "
              "mass", plausible=Range(5e-7, 2e-2, "as the matrix' diagonal")),
@@ -206,27 +230,33 @@ _MAPS = _given(
     Quantity("motor.command_of_thrust", "as named", "", "command of a thrust: rising root of a cmd^2 + b cmd + c = "
              "thrust, with its range", Shape.ROWS, columns=("thrust_min_n",)),
     Quantity("motor.max_thrust_n", "N", "f_max", "thrust of one motor at full command",
-             plausible=Range(0.01, 10, "10 g that hovers to 1 kg that climbs")),
+             plausible=Range(0.01, 10, "10 g that hovers to 1 kg that climbs"),
+             aim=Aim(0.03, "the limit of a mixer: 3 %")),
     Quantity("motor.hover_mass_kg", "kg", "m_hover", "mass that four motors hold at full command",
-             plausible=Range(0.004, 4.1, "four times the largest thrust over g")),
+             plausible=Range(0.004, 4.1, "four times the largest thrust over g"),
+             aim=Aim(0.02, "the command that hovers: 2 %")),
     Quantity("motor.thrust_voltage_poly", "N(V)", "v", "motor voltage to thrust, one motor", Shape.POLYNOMIAL,
              Range(0.005, 10, "a Crazyflie has 0.1 N", at=3.0), of="N", over="V", lowest_first=True,
-             given_by="`cfid fit thrust` of runs with the battery's voltage"),
+             given_by="`cfid fit thrust` of runs with the battery's voltage", joint="thrust over voltage"),
     Quantity("motor.thrust_per_speed_squared_n_s2", "N s^2/rad^2", "k", "thrust over rotor speed squared",
-             plausible=Range(1e-9, 1e-5, "propellers of 45 mm have 2e-8"), given_by=_OF_SPEEDS),
+             plausible=Range(1e-9, 1e-5, "propellers of 45 mm have 2e-8"), given_by=_OF_SPEEDS,
+             joint="thrust over speed"),
     Quantity("motor.thrust_speed_poly", "N(rad/s)", "s", "rotor speed to thrust, full quadratic", Shape.POLYNOMIAL,
-             Range(0.001, 40, "k of 1e-9 to 1e-5", at=2000.0), count=3, of="N", over="rad/s", given_by=_OF_SPEEDS),
+             Range(0.001, 40, "k of 1e-9 to 1e-5", at=2000.0), count=3, of="N", over="rad/s", given_by=_OF_SPEEDS,
+             joint="thrust over speed"),
     Quantity("motor.table", "as named", "", "what was measured at each command", Shape.ROWS, columns=("cmd",),
-             given_by="`cfid fit thrust`, `cfid fit speed` or `cfid fit torque`"),
+             given_by="`cfid fit thrust`, `cfid fit speed` or `cfid fit torque`", of_the_run=True),
 ) + _given(
     "speed", "`cfid fit speed`",
     Quantity("motor.speed_poly", "rad/s(cmd)", "b", "input command to rotor speed", Shape.POLYNOMIAL,
              Range(300, 10000, "the thesis found 3050", at=FULL_COMMAND), of="rad/s", over="cmd",
-             given_by="`cfid fit speed`, or `cfid fit dynamics` of a flight log"),
+             given_by="`cfid fit speed`, or `cfid fit dynamics` of a flight log",
+             aim=Aim(0.02, "rotors in a simulator: 2 %", at=MIDDLE)),
 ) + _given(
     "torque", "`cfid fit torque`",
     Quantity("motor.torque_poly", "Nm(N)", "c", "thrust to torque, one motor", Shape.POLYNOMIAL,
-             Range(1e-3, 0.1, "published ones have 0.005 to 0.034", "slope"), of="N m", over="N"),
+             Range(1e-3, 0.1, "published ones have 0.005 to 0.034", "slope"), of="N m", over="N",
+             aim=Aim(0.05, "yaw in a simulator, in hover: 5 %", slope_in_hover=True)),
 )  # fmt: skip
 
 _ROTORS = _given(
@@ -234,7 +264,7 @@ _ROTORS = _given(
     Quantity("rotor.speed_rad_s", "rad/s", "ω", "rotor speed from vibration, a number a window", Shape.NUMBER_OR_LIST,
              Range(200, 5000, "slower ones stand, faster ones no propeller survives"), of_the_run=True),
     Quantity("rotor.windows", "as named", "", "windows: speed estimated in each", Shape.ROWS,
-             measured=("speed_rad_s", "std_rad_s")),
+             measured=("speed_rad_s", "std_rad_s"), of_the_run=True),
 ) + _given(
     "dynamics", "`cfid fit dynamics`",
     Quantity("dynamics.rising", "1/s, 1/rad", "k_r", "rotor model, spinning up: linear and quadratic", Shape.LIST,
@@ -257,7 +287,8 @@ def _transfer(key: str, symbol: str, of: str) -> tuple[Quantity, ...]:
                  of="N", over="z^-1", lowest_first=True),
         Quantity(f"{key}.denominator", "1", f"d{symbol}", f"denominator{of}, with its leading 1", Shape.POLYNOMIAL,
                  of="1", over="z^-1", lowest_first=True),
-        Quantity(f"{key}.time_constant_s", "s", f"τ{symbol}", f"time constant{of}", plausible=_LAG),
+        Quantity(f"{key}.time_constant_s", "s", f"τ{symbol}", f"time constant{of}", plausible=_LAG,
+                 aim=None if of else Aim(0.05, "an attitude controller's bandwidth: 5 %")),
         Quantity(f"{key}.static_gain_n", "N", f"K{symbol}", f"static gain{of}, per unit of the command",
                  plausible=Range(1e-8, 1e-3, "the thesis found 2.4e-6, the slope of its thrust map", "size")),
         Quantity(f"{key}.delay_s", "s", f"δ{symbol}", f"delay{of} of the force behind its stamped command",
@@ -290,7 +321,8 @@ _TRANSFER = _given(
 
 _LATENCY = _given(
     "latency", "`cfid log ping` or `cfid tf latency`",
-    Quantity("latency.rtt_mean_s", "s", "t_r", "mean round trip", plausible=_ROUND_TRIP),
+    Quantity("latency.rtt_mean_s", "s", "t_r", "mean round trip", plausible=_ROUND_TRIP,
+             aim=Aim(0.05, "a delay in the loop: 5 %")),
     Quantity("latency.rtt_std_s", "s", "σ_r", "how far single round trips scatter",
              plausible=Range(0, 1, "as the round trip")),
     Quantity("latency.rtt_min_s", "s", "t_min", "least round trip", plausible=_ROUND_TRIP),
@@ -306,7 +338,8 @@ _TERMS = (
 )  # fmt: skip
 _DRAGS = _given(
     "drag", "`cfid fit drag`",
-    Quantity("drag.simple_kg_per_rad", "kg/rad", "K", "simple model", Shape.LIST, _DRAG, count=3),
+    Quantity("drag.simple_kg_per_rad", "kg/rad", "K", "simple model", Shape.LIST, _DRAG, count=3,
+             aim=Aim(0.2, "a simulator at 3 m/s: 20 %")),
     Quantity("drag.cross_coupling_kg_per_rad", "kg/rad", "K", "cross-coupling model", Shape.MATRIX, _CROSS_DRAG),
     *(Quantity(f"drag.complex.k{i}", unit, f"K{i}", f"complex model: times {what}", Shape.LIST, count=3)
       for i, (unit, what) in enumerate(_TERMS, 1)),

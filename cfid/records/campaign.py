@@ -8,19 +8,30 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ConfigDict
 
-from cfid.counted import counted
 from cfid.errors import ConfigError, RejectedError
 from cfid.findings import joined, texts
+from cfid.quantities.registry import EXPERIMENTS
 from cfid.records.choose import choose_one
-from cfid.records.files import FITS_FOLDER, PARAMETERS_FILE, RIG_FILE, RUN_FILE, RUNS_FOLDER, sha256_of
-from cfid.records.fits import Fit, keep_fit
-from cfid.records.parameters import Section, Source, load_sections, plain, runs_of, store_section
+from cfid.records.files import (
+    FITS_FOLDER,
+    PARAMETERS_FILE,
+    RIG_FILE,
+    RUN_FILE,
+    RUNS_FOLDER,
+    locked_folder,
+    read_small,
+    sha256_of,
+    write_whole,
+)
+from cfid.records.fits import BY_HAND, Fit, is_withdrawn, keep_fit, list_fits, path_of
+from cfid.records.parameters import Parameter, Section, Source, plain, runs_of
+from cfid.records.parameters_file import is_as_written, text_of
 from cfid.records.plausibility import judged
 from cfid.records.result import Result
 from cfid.records.rig_file import Rig, load_rig, stated
 from cfid.records.run import Run, list_runs, run_at
 from cfid.records.stale import stale_in
-from cfid.records.values import lost_by
+from cfid.records.values import Values
 from cfid.version import __version__
 
 if TYPE_CHECKING:
@@ -67,24 +78,32 @@ class Campaign(BaseModel):
         """
         return choose_one(name, self.runs(complete=False)).runs[0]
 
-    def sections(self) -> dict[str, Section]:
-        """Return the sections of parameters.toml by fit. Raises DataError when the file is invalid."""
-        return load_sections(self.parameters_file)
+    def fits(self) -> tuple[Fit, ...]:
+        """Return the kept fits in their order, without those that were withdrawn and those that cannot be read."""
+        fits = [fit for fit in list_fits(self.fits_folder) if isinstance(fit, Fit)]
+        return tuple(fit for fit in fits if not is_withdrawn(self.fits_folder, fit))
+
+    def values(self, runs: Sequence[Run] | None = None) -> Values:
+        """Return the campaign's values: of all kept fits of a quantity the accepted, current and most certain one.
+
+        `runs` are all readable runs of the campaign, if they have been read already.
+        """
+        runs = self.runs(complete=False) if runs is None else runs
+        return Values(self.fits(), self.rig, stale_in(self.folder, runs, self.rig))
 
     def quantities(self) -> "DataFrame":
-        """Return a row for every estimated number: quantity, value, std, unit, section, accepted, found.
-
-        Raises DataError when parameters.toml is invalid.
-        """
+        """Return a row for every number of the campaign: quantity, value, std, unit, section, accepted, found, fit."""
         from pandas import DataFrame  # a command that opens a campaign must not wait for this import
 
         rows = [
-            (one.name, one.value, one.std, parameter.unit, name, key not in section.rejected, section.found)
-            for name, section in self.sections().items()
-            for key, parameter in section.parameters.items()
-            for one in parameter.numbers(key)
-        ]
-        return DataFrame(rows, columns=["quantity", "value", "std", "unit", "section", "accepted", "found"])
+            (
+                number.name, number.value, number.std, quantity.parameter.unit, quantity.fit.name, quantity.accepted,
+                quantity.section.found, quantity.fit.stem,
+            )
+            for quantity in self.values()
+            for number in quantity.parameter.numbers(quantity.key)
+        ]  # fmt: skip
+        return DataFrame(rows, columns=["quantity", "value", "std", "unit", "section", "accepted", "found", "fit"])
 
     def keep(
         self,
@@ -94,56 +113,39 @@ class Campaign(BaseModel):
         force: bool = False,
         options: Mapping[str, Any] | None = None,
     ) -> Path:
-        """Keep a result in parameters.toml and fits/, and return the path of its file in fits/.
+        """Keep a result in fits/, and return the path of its file there; `values` decides whether it counts.
 
         Rejected quantities, and those that the rig's platform cannot have, are kept only with `force`, and are marked.
         `options` are the command's options that differ from their defaults; a fit made in Python has none. Raises
-        RejectedError when a quantity that the analysis is for was rejected and `force` is not set; also where the
-        result is kept in fits/ alone, since a stored fit that is accepted and current stays in force: beside a rejected
-        result, and, without `force`, beside one that lacks some of its numbers or is clearly less certain. Raises
-        ConfigError when a file cannot be written, DataError when run.toml of a run cannot be read.
+        RejectedError when a quantity that the analysis is for was rejected and `force` is not set: the fit is then kept
+        without numbers. Raises ConfigError when a file cannot be written, DataError when run.toml of a run cannot be
+        read.
         """
         result = judged(result, self.rig)
         if not (result.accepted or force):
-            raise RejectedError(
-                f"rejected: {joined(texts(result.findings, 'rejection'))} {self.parameters_file} is unchanged."
-            )
-        given = result if force else result.without_rejected()
-        section = self._section_of(given, result)
+            self._keep(replace(result, quantities={}, covariances=(), common={}), result, (), options)
+            raise RejectedError(f"rejected: {joined(texts(result.findings, 'rejection'))} Its numbers are not kept.")
+        fit = self._keep(result if force else result.without_rejected(), result, figures, options)
+        self.write_parameters()
+        return path_of(self.fits_folder, fit)
+
+    def _keep(self, given: Result, result: Result, figures: Sequence[Path], options: Mapping[str, Any] | None) -> Fit:
+        """Keep a result; `given` is the part of it whose numbers are kept."""
+        kind = EXPERIMENTS.get(given.section_name.partition(" ")[0])
         fit = Fit(
             name=given.section_name,
             command=given.command,
-            section=section,
+            section=self._section_of(given, result),
             quality=plain(given.quality),
             options=options,
             findings=given.findings,
             lines=given.summary(),
             figures=tuple(self._path_in(str(path)) for path in figures),
+            revision=1 if kind is None else kind.revision,
         )
-        stored = self.sections().get(fit.name)
-        lost = "" if stored is None or (force and section.accepted) else lost_by(section, stored)
-        if stored is None or not lost or stale_in(self.folder, self.runs(complete=False), self.rig)(stored):
-            store_section(self.parameters_file, fit.name, section)
-            return keep_fit(self.fits_folder, fit)
-        path = self._path_in(str(keep_fit(self.fits_folder, fit)))
-        if not section.accepted:
-            self.remember_rejected(result)
-        instead = "`force` puts it in force" if section.accepted else "exclude a run of the stored one to replace it"
-        raise RejectedError(
-            f"{fit.name}: the stored fit ({stored.found:%Y-%m-%d %H:%M:%S} UTC, "
-            f"{counted(len(stored.sources), 'file')}) stays in force, since this one {lost}. It is kept in {path}: "
-            f"{instead}."
-        )
+        return keep_fit(self.fits_folder, fit)
 
-    def remember_rejected(self, result: Result) -> None:
-        """Keep why a fit was rejected as a whole, without its numbers, so that it is not suggested as the next step.
-
-        Raises ConfigError when the file cannot be written.
-        """
-        section = self._section_of(replace(result, quantities={}, covariances=(), common={}), result)
-        self._remember(result.section_name, section)
-
-    def remember_refused(self, section: str, reason: str) -> None:
+    def keep_refused(self, section: str, command: str, reason: str) -> None:
         """Keep why a fit of all usable runs gave no result; the reason holds until one of these runs changes.
 
         Raises DataError or ConfigError when a run cannot be read or the file cannot be written.
@@ -158,22 +160,43 @@ class Campaign(BaseModel):
             parameters={},
             rejected={section: reason},
         )
-        self._remember(section, refused)
+        keep_fit(self.fits_folder, Fit(name=section, command=command, section=refused, quality={}))
 
-    def _remember(self, name: str, section: Section) -> None:
+    def keep_by_hand(self, key: str, parameter: Parameter) -> Path:
+        """Keep a value that was measured by hand, and return the path of its file. Raises ConfigError."""
+        section = Section(
+            method="by hand",
+            found=datetime.now(UTC).replace(microsecond=0),
+            cfid_version=__version__,
+            accepted=True,
+            sources=(),
+            parameters={key: parameter},
+        )
+        fit = keep_fit(self.fits_folder, Fit(name=BY_HAND, command="set", section=section, quality={}))
+        self.write_parameters()
+        return path_of(self.fits_folder, fit)
+
+    def write_parameters(self) -> str:
+        """Write parameters.toml from the values where it differs; return what had happened to the file, "" for nothing.
+
+        A file of an earlier version, which held the numbers itself, is kept beside it. Raises ConfigError.
+        """
+        path = self.parameters_file
         try:
-            self.fits_folder.mkdir(exist_ok=True)
+            with locked_folder(self.folder):
+                simulated = {run.folder.name for run in self.runs(complete=False) if run.header.simulated}
+                own_name = self.folder.resolve().name
+                text = text_of(self.values(), name=own_name, version=__version__, simulated=simulated)
+                before = read_small(path) if path.exists() else b""
+                was = "" if before == b"" or is_as_written(before.decode("utf-8", "replace")) else "was cut or edited"
+                if was and not before.startswith(b"#"):
+                    kept = path.rename(path.with_suffix(f".{sha256_of(path)[:8]}.toml"))
+                    was = f"is of an earlier version, and kept as {kept.name}"
+                if before != text.encode():
+                    write_whole(path, text.encode())
         except OSError as error:
-            raise ConfigError(f"{self.fits_folder}: cannot be made: {error.strerror}.") from None
-        store_section(self._rejected_file, name, section)
-
-    def rejected_sections(self) -> dict[str, Section]:
-        """Return, by fit, the last section rejected as a whole, without numbers. Raises DataError if it is invalid."""
-        return load_sections(self._rejected_file)
-
-    @property
-    def _rejected_file(self) -> Path:
-        return self.fits_folder / "rejected.toml"
+            raise ConfigError(f"{path}: cannot be written: {error.strerror}.") from None
+        return was
 
     def _section_of(self, given: Result, result: Result) -> Section:
         """Return the section that stores a result; `given` is the part of the result that is kept."""

@@ -152,10 +152,10 @@ def toml_bytes(content: Mapping[str, Any]) -> bytes:
     return tomli_w.dumps(content).encode("utf-8", "replace")
 
 
-def check_format(path: Path, found: Any, *, newest: int) -> None:
-    """Raise DataError for a format that is not a whole number from 1 to the newest that this version of cfid reads."""
-    if not isinstance(found, int) or isinstance(found, bool) or found < 1:
-        raise DataError(f"{path}: format: should be a whole number from 1 to {newest}.")
+def check_format(path: Path, found: Any, *, newest: int, oldest: int = 1) -> None:
+    """Raise DataError for a format that is not a whole number from the oldest to the newest that this cfid reads."""
+    if not isinstance(found, int) or isinstance(found, bool) or found < oldest:
+        raise DataError(f"{path}: format: should be a whole number from {oldest} to {newest}.")
     if found > newest:
         raise DataError(
             f"{path}: has format {found}, written by a newer cfid; this one reads formats up to {newest}. Update cfid."

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 Figures = Mapping[str, "Figure"]
 
+_GONE = object()  # in place of what a rejection took
+
 
 class Dependent:
     """A figure of merit or a line that shows the numbers of quantities; it is removed where one of them is rejected.
@@ -38,10 +40,10 @@ class Dependent:
 class Result:
     """The result of one analysis, the same type for every experiment.
 
-    `command` is the command that gives the result, `section` its section of parameters.toml. `quantities` has every
+    `command` is the command that gives the result, `section` the name of its fit. `quantities` has every
     quantity, rejected ones included; `wanted` are the keys that the analysis is for, or patterns of them; empty means
     all. `merits` has the fit's figures of merit, which `quality` returns. `covariances` and `common` are as in a
-    section of parameters.toml. `rests_on` names what the analysis takes from rig.toml, such as "vehicle.mass_kg" or
+    section of a fit. `rests_on` names what the analysis takes from rig.toml, such as "vehicle.mass_kg" or
     "mounts.x", in addition to what recordings themselves state. `facts` are numbers that recordings state and that the
     quantities depend on, under rig.toml's keys; rig.toml should state the same. `suspects` are the mounts, or runs,
     that a rejection names as wrong. `lines` are further lines for the terminal, which `summary` returns. `drawings`
@@ -73,7 +75,7 @@ class Result:
 
     @property
     def section_name(self) -> str:
-        """The section of parameters.toml that stores the result."""
+        """The name of the fit that keeps the result."""
         return self.section or self.command.removeprefix("fit ")
 
     @property
@@ -90,12 +92,12 @@ class Result:
 
     def summary(self) -> tuple[str, ...]:
         """Return the lines for the terminal besides the table of quantities."""
-        return tuple(_plain(self.lines))
+        return tuple(_shown(self.lines))
 
     @property
     def quality(self) -> Mapping[str, Any]:
         """The figures of merit of the fit, by name."""
-        return dict(_plain(self.merits))
+        return dict(_shown(self.merits))
 
     def figures(self) -> Figures:
         """Draw the figures, by file name."""
@@ -115,8 +117,8 @@ class Result:
         return replace(
             self,
             quantities={key: _accepted_rows(key, one) for key, one in self.quantities.items() if key not in gone},
-            merits=_without(self.merits, rejections),
-            lines=_without(self.lines, rejections),
+            merits=_shown(self.merits, rejections),
+            lines=_shown(self.lines, rejections),
             covariances=tuple(one for one in self.covariances if not gone & set(one.of)),
             common={cause: effects for cause, effects in common.items() if effects},
         )
@@ -132,26 +134,14 @@ def _accepted_rows(key: str, quantity: Parameter) -> Parameter:
     return replace(quantity, value=rows)
 
 
-def _without(content: Any, rejections: Sequence[Finding]) -> Any:
-    """Return nested content without what depends on rejected quantities."""
-
-    def kept(one: Any) -> list[Any]:
-        if isinstance(one, Dependent) and one.is_lost(rejections):
-            return [] if one.instead is None else [one.instead]
-        return [_without(one, rejections)]
-
-    return _each(content, kept)
-
-
-def _plain(content: Any) -> Any:
-    """Return nested content with each `Dependent` replaced by its value."""
-    return _each(content, lambda one: [one.value if isinstance(one, Dependent) else _plain(one)])
-
-
-def _each(content: Any, replaced: Callable[[Any], list[Any]]) -> Any:
-    """Return a mapping or list with each member replaced by what `replaced` returns for it, anything else unchanged."""
+def _shown(content: Any, rejections: Sequence[Finding] = ()) -> Any:
+    """Return nested content where each `Dependent` is replaced by its value, or removed where a rejection takes it."""
     if isinstance(content, Mapping):
-        return {key: new for key, one in content.items() for new in replaced(one)}
+        return {key: shown for key, part in content.items() if (shown := _shown(part, rejections)) is not _GONE}
     if type(content) in (list, tuple):
-        return type(content)(new for one in content for new in replaced(one))
-    return content
+        return type(content)(shown for part in content if (shown := _shown(part, rejections)) is not _GONE)
+    if not isinstance(content, Dependent):
+        return content
+    if content.is_lost(rejections):
+        return _GONE if content.instead is None else _shown(content.instead, rejections)
+    return content.value

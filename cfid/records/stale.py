@@ -14,8 +14,6 @@ from cfid.records.run import Run
 
 Stale = Callable[[Section], tuple[str, ...]]
 
-_OF_RIG = ("inertia", "testbody", "friction", "thrust", "flight")  # sections of fits that take facts of rig.toml
-
 
 def stale_in(folder: Path, runs: Sequence[Run], rig: Rig) -> Stale:
     """Return a function that gives, as sentences, why a section of a campaign is no longer current.
@@ -27,9 +25,11 @@ def stale_in(folder: Path, runs: Sequence[Run], rig: Rig) -> Stale:
 
     @cache
     def has_changed(source: Source) -> bool:
+        path = folder / source.path
         try:
-            return sha256_of(folder / source.path) != source.sha256
-        except DataError:
+            state = path.stat()
+            return _hash_of(path, state.st_size, state.st_mtime_ns, state.st_ino) != source.sha256
+        except (DataError, OSError, ValueError):
             return False
 
     def reasons(section: Section) -> tuple[str, ...]:
@@ -47,6 +47,12 @@ def stale_in(folder: Path, runs: Sequence[Run], rig: Rig) -> Stale:
     return reasons
 
 
+@cache
+def _hash_of(path: Path, *state: int) -> str:
+    """Return the hash of a file, which is read again only in another state."""
+    return sha256_of(path)
+
+
 def other_facts(section: Section, rig: Rig) -> str:
     """Return a sentence on the facts of a fit that rig.toml now states differently, "" where it states the same.
 
@@ -62,14 +68,6 @@ def other_facts(section: Section, rig: Rig) -> str:
         f"fitted with {differing}. Recordings keep what {RIG_FILE} stated when they were made: if that was wrong, fit "
         f"again with {options}."
     )
-
-
-def is_blind(name: str, section: Section) -> bool:
-    """Return whether a section lacks the facts of rig.toml that its fit took, as sections of early versions do.
-
-    Whether rig.toml has changed since such a fit cannot be known.
-    """
-    return name in _OF_RIG and not section.rig
 
 
 def _change(was: Any, now: Any) -> str:

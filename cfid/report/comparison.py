@@ -8,9 +8,9 @@ from cfid.quantities.values import coefficient_units, evaluate
 from cfid.records.covariances import shaped_as
 from cfid.records.parameters import plain
 from cfid.records.rig_file import BodyFrame
-from cfid.records.values import FoundParameter
+from cfid.records.values import Quantity, Values
 from cfid.report import published
-from cfid.report.known import Known, axis_of, turned
+from cfid.report.axes import axis_of, turned
 from cfid.report.published import Published, PublishedInertia
 from cfid.units import FULL_COMMAND, ROTORS
 
@@ -44,10 +44,10 @@ class PublishedComparison:
     others: tuple[ComparisonRow, ...]
 
 
-Values = tuple[float | None, ...]
+Numbers = tuple[float | None, ...]
 
 
-def comparisons(known: Known) -> tuple[PublishedComparison, ...]:
+def comparisons(known: Values) -> tuple[PublishedComparison, ...]:
     """Return comparisons of all published quantities; a quantity that the campaign lacks has only published rows."""
     return (
         _mass(known),
@@ -62,17 +62,17 @@ def comparisons(known: Known) -> tuple[PublishedComparison, ...]:
     )
 
 
-def _mass(known: Known) -> PublishedComparison:
+def _mass(known: Values) -> PublishedComparison:
     vehicle = known.rig.vehicle
     own = (vehicle.mass_kg,), (vehicle.mass_std_kg,)
     return _compared(known, "Mass", published.MASS_KG, *own, columns=("mass",), unit=unit_of("mass_kg"))
 
 
-def _inertia(known: Known) -> PublishedComparison:
+def _inertia(known: Values) -> PublishedComparison:
     found = known.find(_INERTIA)
     frame = known.rig.vehicle.body_frame
-    values: Values = ()
-    std: Values = ()
+    values: Numbers = ()
+    std: Numbers = ()
     if found is not None:
         values = tuple(turned(found.parameter.value, frame).values())
         # Turning an entry may change its sign, which a standard uncertainty does not have.
@@ -104,7 +104,7 @@ def _turned_line(one: PublishedInertia) -> ComparisonRow:
     )
 
 
-def _over_command(known: Known, title: str, key: str, others: tuple[Published, ...]) -> PublishedComparison:
+def _over_command(known: Values, title: str, key: str, others: tuple[Published, ...]) -> PublishedComparison:
     found = known.find(key)
     return _compared(
         known,
@@ -118,7 +118,7 @@ def _over_command(known: Known, title: str, key: str, others: tuple[Published, .
     )
 
 
-def _polynomial(found: FoundParameter | None, key: str, at: Sequence[float], column: str) -> Values:
+def _polynomial(found: Quantity | None, key: str, at: Sequence[float], column: str) -> Numbers:
     """Return a polynomial's values, None outside the range of its section's table."""
     if found is None:
         return ()
@@ -128,7 +128,7 @@ def _polynomial(found: FoundParameter | None, key: str, at: Sequence[float], col
     return tuple(evaluate(key, found.parameter.value, x) if low <= x <= high else None for x in at)
 
 
-def _thrust_at_speed(known: Known) -> PublishedComparison:
+def _thrust_at_speed(known: Values) -> PublishedComparison:
     key = "motor.thrust_speed_poly"
     found = known.find(key)
     return _compared(
@@ -143,7 +143,7 @@ def _thrust_at_speed(known: Known) -> PublishedComparison:
     )
 
 
-def _thrust_at_voltage(known: Known) -> PublishedComparison:
+def _thrust_at_voltage(known: Values) -> PublishedComparison:
     key = "motor.thrust_voltage_poly"
     found = known.find(key)
     return _compared(
@@ -159,11 +159,11 @@ def _thrust_at_voltage(known: Known) -> PublishedComparison:
     )
 
 
-def _torque(known: Known) -> PublishedComparison:
+def _torque(known: Values) -> PublishedComparison:
     key = "motor.torque_poly"
     found = known.find(key)
-    values: Values = ()
-    std: Values = ()
+    values: Numbers = ()
+    std: Numbers = ()
     if found is not None and len(found.parameter.value) == 2:
         values, std = (found.parameter.value[0],), (found.parameter.std[0],) if found.parameter.std else ()
     return _compared(
@@ -179,7 +179,7 @@ def _torque(known: Known) -> PublishedComparison:
     )
 
 
-def _dynamics(known: Known) -> Iterator[PublishedComparison]:
+def _dynamics(known: Values) -> Iterator[PublishedComparison]:
     rows = (
         ("Time constant of motor and rotor", "tf.time_constant_s", "time constant"),
         ("Static gain of the transfer function", "tf.static_gain_n", "static gain"),
@@ -188,11 +188,11 @@ def _dynamics(known: Known) -> Iterator[PublishedComparison]:
         others = tuple(one._replace(values=one.values[place : place + 1]) for one in published.DYNAMICS)
         others = tuple(one for one in others if one.values[0] is not None)
         found = known.find(key)
-        own: tuple[Values, Values] = ((), ()) if found is None else ((found.parameter.value,), (found.parameter.std,))
+        own: tuple[Numbers, Numbers] = ((), ()) if found is None else ((found.parameter.value,), (found.parameter.std,))
         yield _compared(known, title, others, *own, by=(found,), columns=(column,), unit=unit_of(key))
 
 
-def _drag(known: Known) -> tuple[PublishedComparison, PublishedComparison]:
+def _drag(known: Values) -> tuple[PublishedComparison, PublishedComparison]:
     key = "drag.simple_kg_per_rad"
     found = known.find(key)
     frame = known.rig.vehicle.body_frame
@@ -227,7 +227,7 @@ def _drag(known: Known) -> tuple[PublishedComparison, PublishedComparison]:
     )
 
 
-def _hover_speed_sum_rad_s(known: Known) -> float | None:
+def _hover_speed_sum_rad_s(known: Values) -> float | None:
     """Return the sum of the four rotors' speeds in hover, None where a map is missing or does not reach hover."""
     thrust, speed = known.find("motor.thrust_poly"), known.find("motor.speed_poly")
     if thrust is None or speed is None:
@@ -242,13 +242,13 @@ def _hover_speed_sum_rad_s(known: Known) -> float | None:
 
 
 def _compared(
-    known: Known,
+    known: Values,
     title: str,
     others: tuple[Published, ...],
-    values: Values = (),
-    std: Values = (),
+    values: Numbers = (),
+    std: Numbers = (),
     *,
-    by: Sequence[FoundParameter | None] = (),
+    by: Sequence[Quantity | None] = (),
     columns: tuple[str, ...],
     unit: str,
     about: str = "",
@@ -258,7 +258,7 @@ def _compared(
     return PublishedComparison(title, about, columns, unit, _yours(known, values, by) if values else None, std, lines)
 
 
-def _yours(known: Known, values: Values, by: Sequence[FoundParameter | None], frame: str = "") -> ComparisonRow:
-    rejected = dict.fromkeys(found.name for found in by if found is not None and found.rejected)
+def _yours(known: Values, values: Numbers, by: Sequence[Quantity | None], frame: str = "") -> ComparisonRow:
+    rejected = dict.fromkeys(found.fit.name for found in by if found is not None and not found.accepted)
     note = f"REJECTED by its fit, and kept nevertheless ({', '.join(rejected)})" if rejected else ""
     return ComparisonRow("this campaign", known.rig.vehicle.name, values, frame, "", note)

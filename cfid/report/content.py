@@ -10,17 +10,15 @@ from cfid.errors import DataError
 from cfid.guide.status import status_of
 from cfid.recordings.resumed import completing
 from cfid.records.campaign import Campaign
-from cfid.records.fits import Fit, in_force, list_fits
+from cfid.records.fits import BY_HAND, Fit, list_fits
 from cfid.records.lab_book import lines, summary
-from cfid.records.parameters import load_sections, plain
+from cfid.records.parameters import plain
 from cfid.records.rig_file import CampaignKind
 from cfid.records.run import Run, list_runs
-from cfid.records.stale import stale_in
 from cfid.report.agreement import Agreement, agreements_of
 from cfid.report.comparison import PublishedComparison, comparisons, frame_text
 from cfid.report.experiments import Experiment, experiments_of
 from cfid.report.flown import flown_agreements
-from cfid.report.known import Known
 from cfid.report.measurements import measurements_of
 from cfid.report.repeats import RepeatedFit, repeated_fits
 from cfid.report.sheet import SheetGroup, sheet_of
@@ -103,21 +101,19 @@ def gather(campaign: Campaign, *, now: datetime, kind: CampaignKind | None = Non
     """Read a campaign's parameters, fits and runs, and return the report.
 
     `kind` replaces the kind of campaign in rig.toml, which determines what the campaign should find; other missing
-    quantities are not named. Raises DataError when parameters.toml is invalid; the report names unreadable fits and
-    runs.
+    quantities are not named. The report names unreadable fits and runs.
     """
     runs, broken_runs = _readable(list_runs(campaign.runs_folder))
-    fits, broken_fits = _readable(list_fits(campaign.fits_folder))
-    known = Known(campaign.rig, load_sections(campaign.parameters_file))
-    held = in_force(fits, known.sections)
+    _, broken_fits = _readable(list_fits(campaign.fits_folder))
+    known, status = campaign.values(), status_of(campaign, kind=kind)
+    fits = [fit for fit in known.fits if fit.section.parameters and fit.name != BY_HAND]
+    held = known.in_force
     measured = measurements_of(fits, held)
-    commands = {name: fit.command for name, fit in held.items()}
-    stale, status = stale_in(campaign.folder, runs, campaign.rig), status_of(campaign, kind=kind)
-    experiments = experiments_of(measured, fits, held, stale, campaign.folder)
+    experiments = experiments_of(measured, fits, known, campaign.folder)
     return Report(
         about=_about(campaign, runs, fits, now),
         summary=summary_of(known, experiments, status.tasks, status.next, status.remarks),
-        sheet=sheet_of(known, commands, stale, wanted=[one.task.section for one in status.tasks]),
+        sheet=sheet_of(known, wanted=[one.task.section for one in status.tasks]),
         experiments=experiments,
         repeats=repeated_fits(measured),
         agreements=(*agreements_of(known, held), *flown_agreements(known)),

@@ -10,7 +10,7 @@ from cfid.quantities.registry import EXPERIMENTS
 from cfid.records.files import lies_in
 from cfid.records.fits import Fit
 from cfid.records.parameters import Source
-from cfid.records.stale import Stale
+from cfid.records.values import Values
 from cfid.report.measurements import Measurement
 from cfid.report.sheet import Row
 from cfid.report.tables import ReportTable, parameter_tables, quality_tables
@@ -58,20 +58,19 @@ class Experiment:
 def experiments_of(
     measured: Mapping[str, Sequence[Measurement]],
     fits: Iterable[Fit],
-    held: Mapping[str, Fit],
-    stale: Stale,
+    values: Values,
     folder: Path,
 ) -> tuple[Experiment, ...]:
-    """Return all measurements in the order of the thesis' chapters, of each kind that of `held` first, then the latest.
+    """Return all measurements in the order of the thesis' chapters, of each kind that in force first, then the latest.
 
     Figures outside `folder`, the campaign's, are left out with a note.
     """
     drawn_by = {figure: fit for fit in fits for figure in fit.figures}  # a later fit replaces an earlier one's figures
-    kinds = sorted(measured, key=_place)
+    kinds, held = sorted(measured, key=_place), values.in_force
     return tuple(
-        _experiment(one, drawn_by, stale(one.fit.section), folder, held[kind])
+        _experiment(one, drawn_by, values.outdated(one.fit), folder, held[kind])
         for kind in kinds
-        for one in sorted(measured[kind], key=lambda one: (one.fit is held[one.fit.name], one.fit.section.found))[::-1]
+        for one in sorted(measured[kind], key=lambda one: (one.fit is held[one.fit.name], one.fit.order))[::-1]
     )
 
 
@@ -91,7 +90,7 @@ def _experiment(
     measurement: Measurement, drawn_by: Mapping[str, Fit], stale: tuple[str, ...], folder: Path, held: Fit
 ) -> Experiment:
     fit = measurement.fit
-    other = "earlier" if fit.section.found < held.section.found else "not in force"
+    other = "earlier" if fit.order < held.order else "not in force"
     title = title_of(fit.name) + ("" if fit is held else f", {other}: {fit.section.found:%Y-%m-%d %H:%M}")
     own = [figure for figure in fit.figures if drawn_by.get(figure) is fit]
     inside = [figure for figure in own if lies_in(folder, folder / figure)]

@@ -3,7 +3,7 @@
 A missing quantity is listed with the command that determines it.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import PurePath
@@ -12,9 +12,9 @@ from typing import NamedTuple
 from cfid.quantities.registry import EXPERIMENTS, Quantity, Shape, registered
 from cfid.quantities.values import Number, coefficient_units
 from cfid.records.files import RUNS_FOLDER
-from cfid.records.parameters import Section
-from cfid.records.stale import Stale
-from cfid.report.known import Known
+from cfid.records.fits import BY_HAND
+from cfid.records.values import Quantity as Value
+from cfid.records.values import Values
 
 BARELY = 2.0  # standard uncertainties from zero; a nearer value is consistent with zero
 
@@ -98,17 +98,11 @@ class _Wanted(NamedTuple):
     title: str = ""
 
 
-def sheet_of(
-    known: Known, commands: Mapping[str, str], stale: Stale, *, wanted: Collection[str]
-) -> tuple[SheetGroup, ...]:
-    """Return the sheet; `commands` contains the command of each section's last fit.
-
-    `stale` returns the reasons why a section is no longer current. Missing quantities are listed only for the `wanted`
-    sections, which the campaign should find.
-    """
+def sheet_of(known: Values, *, wanted: Collection[str]) -> tuple[SheetGroup, ...]:
+    """Return the sheet; missing quantities are listed only for the `wanted` sections, those of the campaign's kind."""
     groups = {
         title: tuple(
-            _quantity(known, one, commands, stale)
+            _quantity(known, one)
             for one in group
             if registered(one.keys[0]).section in wanted or any(known.find(key) for key in one.keys)
         )
@@ -119,7 +113,7 @@ def sheet_of(
     return (*(SheetGroup(title, quantities) for title, quantities in shown.items()), *_by_hand(known))
 
 
-def _mass(known: Known) -> SheetEntry:
+def _mass(known: Values) -> SheetEntry:
     vehicle = known.rig.vehicle
     origin = ValueOrigin("as rig.toml states", None, 0, 0, None, ())
     mass = registered("mass_kg")  # the report's JSON has another key for the mass
@@ -127,63 +121,58 @@ def _mass(known: Known) -> SheetEntry:
     return SheetEntry(("vehicle.mass_kg",), "Mass", "", rows, origin, "")
 
 
-def _quantity(known: Known, wanted: _Wanted, commands: Mapping[str, str], stale: Stale) -> SheetEntry:
+def _quantity(known: Values, wanted: _Wanted) -> SheetEntry:
     """Return an entry from those of its quantities that are known; all come from one fit."""
     first = registered(wanted.keys[0])
     title = wanted.title or first.title[0].upper() + first.title[1:]
     found = [(registered(key), one) for key in wanted.keys if (one := known.find(key)) is not None]
     rows = tuple(row for quantity, one in found for row in _rows(quantity, list(one.parameter.numbers(quantity.key))))
     if not rows:
-        missing = _why_missing(known, first.section, commands)
+        missing = _why_missing(known, first.section)
         return SheetEntry(wanted.keys, title, wanted.equation, (), None, missing)
-    _, given = found[0]
-    origin = origin_of(given.name, given.section, [one.key for one, _ in found], commands, stale)
+    origin = origin_of([value for _, value in found])
     lacking = [key for key in wanted.keys if key not in [quantity.key for quantity, _ in found]]
     missing = f"not found: {', '.join(lacking)}" if lacking else ""
     return SheetEntry(wanted.keys, title, wanted.equation, rows, origin, missing)
 
 
-def _why_missing(known: Known, section: str, commands: Mapping[str, str]) -> str:
-    if section not in known.sections:
+def _why_missing(known: Values, section: str) -> str:
+    fit = known.in_force.get(section)
+    if fit is None:
         return f"not measured yet: {EXPERIMENTS[section].measured_by}"
-    command = commands.get(section, f"fit {section}")
-    return f"the last `cfid {command}` did not find it: see its experiment"
+    return f"the last `cfid {fit.command}` did not find it: see its experiment"
 
 
-def origin_of(
-    name: str, section: Section, keys: Sequence[str], commands: Mapping[str, str], stale: Stale
-) -> ValueOrigin:
-    """Return the origin of quantities of a section of parameters.toml."""
-    command = commands.get(name, f"fit {name}")
+def origin_of(values: Sequence[Value]) -> ValueOrigin:
+    """Return the origin of values that come from one fit."""
+    section = values[0].section
     method = "" if section.method == "default" else f", method {section.method}"
     paths = [PurePath(source.path) for source in section.sources]
     in_runs = [path for path in paths if path.parts[:1] == (RUNS_FOLDER,)]
     return ValueOrigin(
-        how=f"cfid {command}{method}",
+        how=f"cfid {values[0].fit.command}{method}",
         found=section.found,
         recordings=len({path.parent for path in in_runs}),  # a run has a file for each device
         files=len(set(paths)) - len(set(in_runs)),
-        accepted=not any(key in section.rejected for key in keys),
-        findings=(*dict.fromkeys(section.rejected[key] for key in keys if key in section.rejected), *stale(section)),
+        accepted=all(value.accepted for value in values),
+        findings=(*dict.fromkeys(value.rejection for value in values if value.rejection), *values[0].outdated),
     )
 
 
-def _by_hand(known: Known) -> tuple[SheetGroup, ...]:
-    section = known.sections.get("set")
-    if section is None:
-        return ()
-    origin = ValueOrigin("cfid set, by hand", section.found, 0, 0, None, ())
-    return (
-        SheetGroup(
-            "Measured by hand",
-            tuple(
-                SheetEntry(
-                    (key,), key, "", tuple(Row(key, n.value, n.std, one.unit) for n in one.numbers(key)), origin, ""
-                )
-                for key, one in section.parameters.items()
-            ),
-        ),
-    )
+def _by_hand(known: Values) -> tuple[SheetGroup, ...]:
+    entries = [
+        SheetEntry(
+            (value.key,),
+            value.key,
+            "",
+            tuple(Row(value.key, n.value, n.std, value.parameter.unit) for n in value.parameter.numbers(value.key)),
+            ValueOrigin("cfid set, by hand", value.section.found, 0, 0, None, ()),
+            "",
+        )
+        for value in known
+        if value.fit.name == BY_HAND
+    ]
+    return (SheetGroup("Measured by hand", tuple(entries)),) if entries else ()
 
 
 def _rows(quantity: Quantity, found: list[Number]) -> list[Row]:

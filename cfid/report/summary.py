@@ -7,17 +7,15 @@ from typing import NamedTuple
 
 from cfid.console.tables import value_and_deviation
 from cfid.counted import counted
-from cfid.estimate.differences import number_of
 from cfid.findings import CODES
 from cfid.guide.certainty import percent
-from cfid.guide.plan import at_middle, slope_at_hover
 from cfid.guide.status import Next, TaskStatus
 from cfid.quantities.registry import find
 from cfid.records.covariances import numbers_of
 from cfid.records.parameters import plain
 from cfid.records.rig_file import Rig
+from cfid.records.values import Values, judging_weights
 from cfid.report.experiments import Experiment
-from cfid.report.known import Known
 from cfid.report.sheet import BARELY
 from cfid.wire.app import MIDDLE
 
@@ -72,6 +70,11 @@ def _only(place: int) -> Weights:
     return lambda count, _: [float(number == place) for number in range(count)]
 
 
+def _where_it_is_used(key: str) -> Weights:
+    """Return the weights by which a polynomial is judged."""
+    return lambda count, rig: judging_weights(key, count, rig) or [0.0] * count
+
+
 _MAIN = (
     _Main("Inertia about x", "inertia.matrix_kg_m2", _only(0), 1e6, "10⁻⁶ kg m²"),
     _Main("Inertia about y", "inertia.matrix_kg_m2", _only(1), 1e6, "10⁻⁶ kg m²"),
@@ -79,8 +82,16 @@ _MAIN = (
     _Main("Viscous friction of the axis", "friction.viscous_nms_per_rad", _only(0), 1e6, "10⁻⁶ N m s/rad"),
     _Main("Largest thrust of one motor", "motor.max_thrust_n", _only(0), 1e3, "mN"),
     _Main("Mass that hovers at most", "motor.hover_mass_kg", _only(0), 1e3, "g"),
-    _Main(f"Rotor speed at command {MIDDLE:.0f}", "motor.speed_poly", at_middle, 1.0, "rad/s"),
-    _Main("Torque over thrust of a rotor, in hover", "motor.torque_poly", slope_at_hover, 1e3, "mN m/N"),
+    _Main(
+        f"Rotor speed at command {MIDDLE:.0f}", "motor.speed_poly", _where_it_is_used("motor.speed_poly"), 1.0, "rad/s"
+    ),
+    _Main(
+        "Torque over thrust of a rotor, in hover",
+        "motor.torque_poly",
+        _where_it_is_used("motor.torque_poly"),
+        1e3,
+        "mN m/N",
+    ),
     _Main("Time constant of motor and rotor", "tf.time_constant_s", _only(0), 1e3, "ms"),
     _Main("Round trip to the vehicle", "latency.rtt_mean_s", _only(0), 1e3, "ms"),
     *(
@@ -91,7 +102,7 @@ _MAIN = (
 
 
 def summary_of(
-    known: Known,
+    known: Values,
     experiments: Sequence[Experiment],
     statuses: Sequence[TaskStatus],
     step: Next,
@@ -112,7 +123,7 @@ def summary_of(
     )
 
 
-def _numbers(known: Known) -> Iterator[MainNumber]:
+def _numbers(known: Values) -> Iterator[MainNumber]:
     vehicle = known.rig.vehicle
     yield _main("Mass", vehicle.mass_kg, vehicle.mass_std_kg or None, 1e3, "g")
     arm = known.rig.loadcell
@@ -122,13 +133,13 @@ def _numbers(known: Known) -> Iterator[MainNumber]:
         found = known.find(one.key)
         if found is None:
             continue
-        if found.rejected:
+        if not found.accepted:
             yield MainNumber(one.title, "rejected", "")
             continue
         count = len(numbers_of(one.key, plain(found.parameter.value)))
-        number = number_of(found.section, one.key, one.weights(count, known.rig))
-        if math.isfinite(number.value):
-            yield _main(one.title, number.value, number.std or None, one.scale, one.unit)
+        number = found.number(one.weights(count, known.rig))
+        if math.isfinite(number.nominal_value):
+            yield _main(one.title, number.nominal_value, number.std_dev or None, one.scale, one.unit)
 
 
 def _main(title: str, value: float, std: float | None, scale: float, unit: str) -> MainNumber:

@@ -226,11 +226,9 @@ def identify(
 
 def _thrust_poly(workplace: Workplace) -> list[float] | None:
     """Return the campaign's thrust over command, if it has been fitted."""
-    from cfid.records.values import find_parameter
-
     if workplace.campaign is None:
         return None
-    found = find_parameter(workplace.campaign.sections(), "motor.thrust_poly")
+    found = workplace.campaign.values().find("motor.thrust_poly")
     return None if found is None else list(found.parameter.value)
 
 
@@ -277,16 +275,14 @@ def _function(options: FunctionOptions, workplace: Workplace) -> "Function":
 
 
 def _of_campaign(options: FunctionOptions, workplace: Workplace) -> "Function":
-    from cfid.records.parameters import load_sections
     from cfid.transfer.verification_result import Function
 
     if workplace.campaign is None:
         raise ConfigError("no campaign here that has a transfer function: give --numerator, --denominator, --delay-s.")
-    path = workplace.campaign.parameters_file
-    section = load_sections(path).get("tf")
-    if section is None:
-        raise ConfigError(f"{path}: has no transfer function yet: run `cfid tf identify`, or give --numerator ...")
+    found = workplace.campaign.values().find("tf.time_constant_s") or workplace.campaign.values().find("tf.numerator")
+    if found is None:
+        raise ConfigError("this campaign has no transfer function yet: run `cfid tf identify`, or give --numerator ...")
     try:
-        return Function.of_quantities(section.parameters, section.sources, delay_s=options.delay_s)
+        return Function.of_quantities(found.section.parameters, found.section.sources, delay_s=options.delay_s)
     except DataError as error:
-        raise DataError(f"{path}: section tf: {error}") from None
+        raise DataError(f"{found.fit.stem}: {error}") from None

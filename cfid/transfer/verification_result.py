@@ -62,7 +62,7 @@ class Function:
         try:
             equation = _equation(numerator.value, denominator.value)
             delay_s = None if delay_s is None else _delay(delay_s)
-            average_s = _delay(average.value)
+            average_s = _delay(math.nan if average.value is None else average.value)
         except ConfigError as error:
             raise DataError(f"{error} Identify the transfer function again.") from None
         if delay_s is not None:

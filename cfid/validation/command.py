@@ -80,7 +80,7 @@ def validate(
 
 
 def _measured(word: str) -> "Measured | None":
-    """Return the parameters in a campaign's folder or in a file; None if the word is not a path."""
+    """Return the values of a campaign's folder or of a kept fit's file; None if the word is not a path."""
     from cfid.records.campaign import open_campaign
     from cfid.validation.measured import measured_file, measured_in
 

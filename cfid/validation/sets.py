@@ -11,7 +11,7 @@ from cfid.flight.model import ThrustLag
 from cfid.flight.rows import AXES
 from cfid.records.rig_file import Rig
 from cfid.report import published
-from cfid.report.known import turned
+from cfid.report.axes import turned
 from cfid.units import FULL_COMMAND, MM, RPM
 from cfid.validation.measured import Measured
 from cfid.validation.rollout import ParameterSet
@@ -73,7 +73,7 @@ def published_set(name: str, *, in_volts: bool) -> ParameterSet:
 
 def _of_rig(at: Measured, name: str, in_volts: bool) -> ParameterSet:
     if at.rig is None:
-        raise KeyError("no rig.toml with mass and arm is beside the file.")
+        raise KeyError("no rig.toml with mass and arm belongs to the fit.")
     matrix = turned(at["inertia.matrix_kg_m2"].value, at.rig.vehicle.body_frame)
     lag_s = at["tf.time_constant_s"].value
     thrust_n, in_volts = _thrust(at, "motor", in_volts)

@@ -32,9 +32,10 @@ from cfid.console.campaign import make_campaign
 from cfid.demo.recordings import write_runs
 from cfid.fleet.refit import refit
 from cfid.records.campaign import open_campaign
-from cfid.records.parameters import load_sections, plain
+from cfid.records.parameters import plain
 from cfid.sim.demo_swings import record_chapter_2
 from cfid.sim.truth_file import USUAL_TRUTH
+from tests.kept import sections_at
 
 CAMPAIGNS = int(os.environ.get("BENCH_CAMPAIGNS", "200"))
 SEEDS = int(os.environ.get("BENCH_SEEDS", "4"))
@@ -113,7 +114,7 @@ def numbers(folder: Path) -> dict[str, Any]:
         f"{each.name} {name} {key}": (plain(one.value), plain(one.std))
         for each in sorted(folder.iterdir())
         if each.is_dir()
-        for name, section in load_sections(each / "parameters.toml").items()
+        for name, section in sections_at(each).items()
         for key, one in section.parameters.items()
     }
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from cfid import __version__
 from cfid.cli.table import COMMANDS
+from cfid.version import __version__
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 

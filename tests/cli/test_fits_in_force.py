@@ -3,17 +3,18 @@
 import json
 import tomllib
 from dataclasses import replace
-from datetime import timedelta
 from pathlib import Path
 from typing import Any
+from unittest.mock import ANY
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from cfid.records.parameters import load_sections, store_section
+from cfid.records.parameters import Section
 from tests.campaigns import Cfid
 from tests.export.thesis_vehicle import sections
+from tests.kept import keep, sections_at
 
 MANY, FEW = range(4000, 65536, 4000), (20000, 40000, 60000)
 LARGEST_N = 2.4e-11 * 65535**2 + 6e-7 * 65535
@@ -39,9 +40,8 @@ def lab(cfid: Cfid, tmp_path: Path) -> Path:
     return tmp_path / "lab"
 
 
-def thrust(lab: Path) -> dict[str, Any]:
-    found: dict[str, Any] = tomllib.loads((lab / "parameters.toml").read_text())["thrust"]
-    return found
+def thrust(lab: Path) -> Section:
+    return sections_at(lab)["thrust"]
 
 
 def fits(lab: Path) -> list[dict[str, Any]]:
@@ -55,41 +55,98 @@ def test_a_fit_of_fewer_points_is_kept_beside_the_better_one_which_stays_in_forc
 
     assert (ended.returncode, shown["accepted"], shown["in_force"]) == (0, True, False)
     assert (lab / "parameters.toml").read_bytes() == before
-    assert thrust(lab)["parameters"]["motor.max_thrust_n"]["value"] == pytest.approx(LARGEST_N, rel=0.01)
+    assert thrust(lab).parameters["motor.max_thrust_n"].value == pytest.approx(LARGEST_N, rel=0.01)
     kept = fits(lab)
     assert len(kept) == 2
     assert kept[-1]["section"]["sources"][0]["path"].endswith("few.csv")
     assert kept[-1]["section"]["parameters"]["motor.thrust_poly"] == shown["parameters"]["motor.thrust_poly"]
 
 
-def test_force_puts_the_poorer_fit_in_force(cfid: Cfid, lab: Path) -> None:
-    ended = cfid("fit", "thrust", "few.csv", "--no-figures", "--json", "--force", folder=lab)
+def test_a_poorer_fit_ends_with_one_note_that_names_both(cfid: Cfid, lab: Path) -> None:
+    ended = cfid("fit", "thrust", "few.csv", "--no-figures", "--force", folder=lab)
+    said = " ".join(ended.stderr.split())
 
-    assert (ended.returncode, json.loads(ended.stdout)["in_force"]) == (0, True)
-    assert thrust(lab)["sources"][0]["path"].endswith("few.csv")
+    assert ended.returncode == 0
+    assert said.count("note: kept as 0002_thrust") == 1
+    assert "0001_thrust is more certain" in said
+
+
+def test_why_lists_the_candidates_of_a_key(cfid: Cfid, lab: Path) -> None:
+    cfid("fit", "thrust", "few.csv", "--no-figures", folder=lab)
+    rows = json.loads(cfid("parameters", "--why", "motor.thrust_poly", "--json", folder=lab).stdout)["candidates"]
+
+    assert [(row["fit"], row["taken"], row["unit"]) for row in rows] == [
+        ("0001_thrust", True, "N(cmd)"), ("0002_thrust", False, "N(cmd)"),
+    ]  # fmt: skip
+    assert rows[0]["std_over_aim"] < 1
+    assert rows[1]["why"].startswith("0001_thrust is more certain")
+    assert "0001_thrust" in cfid("parameters", "--why", "motor.thrust_poly", folder=lab).stdout
+    assert cfid("parameters", "--why", "nothing", folder=lab).returncode == 2
+
+
+def test_a_dropped_fit_brings_the_next_best_back_and_stays_in_its_folder(cfid: Cfid, lab: Path) -> None:
+    cfid("fit", "thrust", "few.csv", "--no-figures", folder=lab)
+    dropped = cfid("fits", "drop", "0001_thrust", folder=lab)
+
+    assert (dropped.returncode, "now come from 0002_thrust" in " ".join(dropped.stdout.split())) == (0, True)
+    assert thrust(lab).sources[0].path.endswith("few.csv")
+    assert (lab / "fits" / "0001_thrust.json").exists()
+    listed = json.loads(cfid("fits", "--json", folder=lab).stdout)["fits"]
+    assert [(row["fit"], row["state"]) for row in listed] == [("0001_thrust", "withdrawn"), ("0002_thrust", ANY)]
+    assert "withdrawn" in cfid("fits", folder=lab).stdout
+    assert cfid("fits", "drop", "1", folder=lab).returncode == 2
+
+
+def test_a_fit_of_runs_is_repeated_with_the_same_numbers_and_one_of_files_is_refused(
+    cfid: Cfid, bodies: Path, lab: Path
+) -> None:
+    assert cfid("fit", "friction", "--no-figures", folder=bodies).returncode == 0
+    (stem,) = (path.stem for path in (bodies / "fits").glob("*_friction.json"))
+    repeated = cfid("fits", "repeat", stem, folder=bodies)
+
+    assert (repeated.returncode, repeated.stdout.startswith(f"{stem}: the same ")) == (0, True)
+    assert cfid("fits", "repeat", "1", folder=lab).returncode == 4
+    path = bodies / "fits" / f"{stem}.json"
+    content = json.loads(path.read_text())
+    content["section"]["parameters"]["friction.coulomb_nm"]["value"] *= 1.01
+    path.write_text(json.dumps(content))
+    assert "friction.coulomb_nm: " in cfid("fits", "repeat", stem, folder=bodies).stdout
+
+
+def test_a_value_set_by_hand_counts_before_a_fit(cfid: Cfid, lab: Path) -> None:
+    assert cfid("set", "motor.max_thrust_n", "0.15", folder=lab).returncode == 0
+    sections = json.loads(cfid("parameters", "--json", folder=lab).stdout)["sections"]
+
+    assert sections["set"]["parameters"]["motor.max_thrust_n"]["value"] == 0.15
+    assert "motor.max_thrust_n" not in sections["thrust"]["parameters"]
+    (row,) = (line for line in (lab / "parameters.toml").read_text().splitlines() if "motor.max_thrust_n" in line)
+    assert tomllib.loads(row)["motor.max_thrust_n"] == {"value": 0.15, "unit": "N", "from": "0002_set"}
+
+
+def test_an_edited_parameters_file_is_written_anew_with_a_note(cfid: Cfid, lab: Path) -> None:
+    path = lab / "parameters.toml"
+    before = path.read_text()
+    path.write_text(before[: len(before) // 2])
+    shown = cfid("parameters", folder=lab)
+
+    assert "was cut or edited" in " ".join(shown.stderr.split())
+    assert path.read_text() == before
 
 
 def test_a_fit_of_the_same_and_more_recordings_replaces_whatever_it_finds(cfid: Cfid, lab: Path) -> None:
     stand(lab / "noisy.csv", MANY, seed=3, noise_n=2e-3)
-    certain = thrust(lab)["parameters"]["motor.max_thrust_n"]["std"]
+    certain = thrust(lab).parameters["motor.max_thrust_n"].std
     ended = cfid("fit", "thrust", "many.csv", "noisy.csv", "--no-figures", "--json", folder=lab)
 
     assert (ended.returncode, json.loads(ended.stdout)["in_force"]) == (0, True)
-    assert thrust(lab)["parameters"]["motor.max_thrust_n"]["std"] > 3 * certain
-
-
-def test_a_fit_as_good_as_the_stored_one_replaces_it(cfid: Cfid, lab: Path) -> None:
-    stand(lab / "again.csv", MANY, seed=4)
-
-    assert cfid("fit", "thrust", "again.csv", "--no-figures", folder=lab).returncode == 0
-    assert thrust(lab)["sources"][0]["path"].endswith("again.csv")
+    assert thrust(lab).parameters["motor.max_thrust_n"].std > 3 * certain
 
 
 def test_a_fit_of_recordings_that_changed_since_gives_way_to_any_other(cfid: Cfid, lab: Path) -> None:
     stand(lab / "many.csv", MANY, seed=5)
 
     assert cfid("fit", "thrust", "few.csv", "--no-figures", folder=lab).returncode == 0
-    assert thrust(lab)["sources"][0]["path"].endswith("few.csv")
+    assert thrust(lab).sources[0].path.endswith("few.csv")
 
 
 def test_a_fit_gives_way_once_one_of_its_runs_is_excluded(cfid: Cfid, bodies: Path) -> None:
@@ -122,7 +179,7 @@ def test_a_rejected_fit_replaces_no_accepted_one_even_by_force(cfid: Cfid, tmp_p
 
     ended = cfid(*words, halved, "--force", folder=lab)
     shown = json.loads(ended.stdout)
-    assert (ended.returncode, shown["accepted"], shown["in_force"]) == (5, False, False)
+    assert (ended.returncode, shown["accepted"], shown["in_force"]) == (0, False, False)
     assert (lab / "parameters.toml").read_bytes() == before
     assert len(fits(lab)) == 2
 
@@ -142,16 +199,16 @@ def test_reports_exports_and_status_take_the_accepted_value_where_a_later_sectio
 ) -> None:
     assert cfid("new", "lab").returncode == 0
     lab = tmp_path / "lab"
-    path = lab / "parameters.toml"
     for name, section in sections().items():
-        store_section(path, name, section)
-    dynamics, value = load_sections(path)["dynamics"], load_sections(path)["speed"].parameters[SPEED]
+        keep(lab, name, section)
+    dynamics, value = sections()["dynamics"], sections()["speed"].parameters[SPEED]
     doubled = {**dynamics.parameters, SPEED: replace(value, value=[2 * one for one in value.value])}
-    later = dynamics.found + timedelta(days=1)
-    store_section(path, "dynamics", replace(dynamics, parameters=doubled, rejected={SPEED: "twice."}, found=later))
+    keep(lab, "dynamics", replace(dynamics, parameters=doubled, rejected={SPEED: "twice."}))
 
     ended = cfid("export", "webots", "--out", "-", folder=lab)
     assert (ended.returncode, "REJECTED" in ended.stdout) == (0, False)
+    targets = json.loads(cfid("export", "list", "--json", folder=lab).stdout)["targets"]
+    assert not any(row["rejected"] for row in targets)
     vehicle = json.loads(cfid("export", "json", "--out", "-", folder=lab).stdout)
     assert vehicle["quantities"][SPEED]["value"] == value.value
     assert cfid("report", "--out", "report.json", folder=lab).returncode == 0

@@ -17,10 +17,10 @@ from cfid.console.selection import chosen
 from cfid.errors import ConfigError
 from cfid.records.campaign import Campaign, find_campaign
 from cfid.records.choose import labelled
-from cfid.records.parameters import load_sections
 from cfid.records.run import DeviceRecord, Label, Run, read_run
 from cfid.records.run_writer import create_run
 from tests.campaigns import Cfid
+from tests.kept import sections_at
 
 DROPS = labelled("drop")
 STARTED = datetime(2026, 11, 21, 8, 30, tzinfo=UTC)
@@ -318,7 +318,7 @@ def test_a_rig_file_that_is_a_link_stays_one_and_keeps_its_permissions(cfid: Cfi
 def test_what_no_fit_finds_stands_in_a_section_of_its_own(cfid: Cfid, campaign: Campaign) -> None:
     cfid("set", "arm_m", "0.046", "--std", "0.0005")
     cfid("set", "thing", "3", "--unit", "1")
-    section = load_sections(campaign.parameters_file)["set"]
+    section = sections_at(campaign.folder)["set"]
 
     assert section.method == "by hand"
     assert section.parameters["arm_m"].as_json() == {"value": 0.046, "std": 0.0005, "unit": "m"}
@@ -355,7 +355,7 @@ def test_what_two_hands_note_at_once_is_both_kept(campaign: Campaign) -> None:
         for job in [pool.submit(set_by_hand, f"thing{i}_m", "1.0", campaign=campaign.folder) for i in range(12)]:
             job.result()
 
-    assert len(load_sections(campaign.parameters_file)["set"].parameters) == 12
+    assert len(sections_at(campaign.folder)["set"].parameters) == 12
 
 
 def test_a_campaign_that_knows_nothing_says_what_to_do(cfid: Cfid, campaign: Campaign) -> None:

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cfid.export.exchange import covariance_blocks
 from cfid.export.vehicle import collect
 from cfid.records.rig_file import thesis_rig
 from tests.consumers.plant import DRAG_KG_PER_RAD, INERTIA, PLACES, measured
 from tests.export.reading import export
 from tests.export.thesis_vehicle import section, sections, vehicle
+from tests.kept import values_of
 
 SCHEMA = json.loads(files("cfid.export").joinpath("vehicle.schema.json").read_text())
 
@@ -47,9 +47,7 @@ def test_a_vehicle_that_was_measured_in_part_fits_the_schema(without: str) -> No
 
 def test_covariances_are_handed_on_as_they_are() -> None:
     blocks = {"covariance": [{"of": ["a", "b"], "matrix": [[1.0, 0.5], [0.5, 2.0]]}], "common": {"arm_m": {"a": [0.1]}}}
-    content = {"format": 2, "thrust": {"method": "m", "parameters": {}, **blocks}, "speed": {"method": "m"}}
-
-    known = replace(measured(), covariance=covariance_blocks(content))
+    known = replace(measured(), covariance={"thrust": blocks})
     assert judged(export("json", known))["covariance"] == {"thrust": blocks}
 
 
@@ -57,7 +55,7 @@ def test_both_fits_of_a_key_fit_the_schema() -> None:
     known = sections()
     known["speed"] = replace(known["speed"], parameters={**known["speed"].parameters, **known["thrust"].parameters})
 
-    assert set(judged(export("json", collect(thesis_rig(), known)))["further"]) == {"speed"}
+    assert set(judged(export("json", collect(thesis_rig(), values_of(known))))["further"]) == {"speed"}
 
 
 @pytest.mark.parametrize(
@@ -86,5 +84,5 @@ def test_tables_with_words_and_truths_fit_the_schema() -> None:
     row = {"series": "motor1", "cmd": 20000, "std_n": None, "accepted": True}
     known = {**sections(), "rows": section({"tf.frequency_response": [row]})}
 
-    found = judged(export("json", collect(thesis_rig(), known)))["quantities"]
+    found = judged(export("json", collect(thesis_rig(), values_of(known))))["quantities"]
     assert found["tf.frequency_response"]["value"] == [row]

@@ -16,10 +16,10 @@ from cfid.demo.fits import FITS, compared, covers, runs_by_kind
 from cfid.demo.recordings import write_runs
 from cfid.records.campaign import find_campaign
 from cfid.records.fits import Fit, list_fits
-from cfid.records.parameters import load_sections
 from cfid.sim.demo import demo_truth, simulate_demo
 from tests.campaigns import Cfid, in_this_process
 from tests.fleet.test_refit import numbers as found_numbers
+from tests.kept import sections_at
 from tests.report.chromium import BROWSER, look_at
 
 SECTIONS = {
@@ -54,7 +54,7 @@ def numbers(folder: Path, seed: int) -> list[tuple[str, float, float, float | No
     campaign = find_campaign(folder, start=folder)
     assert campaign is not None
     truth, _ = simulate_demo(campaign.rig, demo_truth(seed), seed=seed)
-    return list(compared(load_sections(campaign.parameters_file).values(), truth))
+    return list(compared(campaign.values(), truth))
 
 
 def fitted_here(folder: Path, seed: int) -> list[tuple[str, float, float, float | None]]:
@@ -67,7 +67,7 @@ def fitted_here(folder: Path, seed: int) -> list[tuple[str, float, float, float 
     for words in FITS:
         said = in_this_process([*words.format(**runs_by_kind(campaign)).split(), "--no-figures"], folder)
         assert said.returncode == 0, said.stderr
-    return list(compared(load_sections(campaign.parameters_file).values(), truth))
+    return list(compared(campaign.values(), truth))
 
 
 @pytest.mark.slow  # the tutorial, which also runs as a test, starts with a demo too
@@ -145,7 +145,7 @@ def test_a_fleet_repeats_every_fit_with_its_options_to_the_last_bit(cfid: Cfid, 
     ended = cfid("fleet", "fit", tmp_path / "demo", "--out", tmp_path / "again", "--jobs", 1)
 
     assert ended.returncode == 0, ended.stderr
-    kept, made = (load_sections(tmp_path / one / "parameters.toml") for one in ("demo", "again/demo"))
+    kept, made = (sections_at(tmp_path / one) for one in ("demo", "again/demo"))
     assert set(kept) >= SECTIONS
     assert found_numbers(made) == found_numbers(kept)
 

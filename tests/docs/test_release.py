@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from cfid import __version__
 from cfid.rig.sim_file import SIM_FILE
+from cfid.version import __version__
 from tests.places import ROOT
 from tests.priority import ahead_of_others
 

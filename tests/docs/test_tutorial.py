@@ -12,7 +12,7 @@ import pytest
 
 from cfid.quantities.plausible import implausible
 from cfid.quantities.registry import find, unit_of
-from cfid.records.parameters import load_sections
+from tests.kept import sections_at, values_at
 from tests.places import ROOT
 from tests.priority import ahead_of_others
 from tests.processes import cfid_in_a_shell
@@ -117,8 +117,8 @@ def test_every_line_that_the_tutorial_shows_is_printed_in_its_order(outputs: lis
 
 @pytest.mark.usefixtures("outputs")
 def test_all_that_the_tutorials_fits_find_is_as_the_registry_has_it(folder: Path) -> None:
-    files = list(folder.rglob("parameters.toml"))
-    found = [pair for file in files for section in load_sections(file).values() for pair in section.parameters.items()]
+    campaigns = {path.parent for path in folder.rglob("rig.toml")}
+    found = [(value.key, value.parameter) for each in campaigns for value in values_at(each)]
 
     assert len(found) > 40
     for key, parameter in found:
@@ -136,7 +136,7 @@ def test_the_page_for_notebooks_runs_on_the_tutorials_campaign(folder: Path, mon
     for block in blocks:
         exec(block.replace('"cfid-demo"', f'"{campaign.name}"'), names)
 
-    kept = load_sections(campaign / "parameters.toml")["inertia"].parameters["inertia.matrix_kg_m2"]
+    kept = sections_at(campaign)["inertia"].parameters["inertia.matrix_kg_m2"]
     assert len(blocks) > 5
     assert names["result"].accepted
     assert np.all(np.array(kept.value) == names["matrix"].value)

@@ -11,7 +11,6 @@ import pytest
 from cfid.drag import fit as fit_drag
 from cfid.drag.experiments import DragExperiments
 from cfid.estimate.common_causes import Cause, arm_scales, power_law, with_common_causes
-from cfid.estimate.differences import Compared, difference, number_of
 from cfid.export.joint import joint_of
 from cfid.motors.maps import fit_speed, fit_thrust, fit_torque
 from cfid.motors.maps.evidence import Evidence
@@ -20,6 +19,7 @@ from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter, Section
 from cfid.records.result import Result
 from cfid.records.rig_file import NONE_STATED, LoadCellMount, RigFacts, Scales, Tachometer, WindStand
+from cfid.records.uncertain import OWN_FIT, in_std, measured, number_of, parts_of
 
 Array = npt.NDArray[np.float64]
 
@@ -203,10 +203,10 @@ def test_two_thrusts_on_one_cell_differ_by_their_noise_alone_whatever_its_gain()
         number_of(section_of(fit_thrust(evidence(np.random.default_rng(seed), {"Fz": 0.02}), gravity_mps2=9.81)), key)
         for seed, key in ((1, "motor.max_thrust_n"), (2, "motor.max_thrust_n"))
     )
-    apart = difference(first, second)
+    apart = first - second
 
-    assert apart.std < 0.3 * first.std
-    assert abs(apart.in_std) < 3
+    assert apart.std_dev < 0.3 * first.std_dev
+    assert abs(in_std(apart)) < 3
 
 
 def test_the_slope_of_a_polynomial_is_compared_with_its_covariance() -> None:
@@ -228,12 +228,12 @@ def test_the_slope_of_a_polynomial_is_compared_with_its_covariance() -> None:
     )
     found = number_of(section, "motor.torque_poly", [3.0, 1.0])
 
-    assert found.value == 7.0
-    assert found.std == pytest.approx(math.sqrt((36 - 6 + 1) * 1e-4))
-    assert number_of(section, "a") == Compared(1.0, 0.1, {"scale": 0.08})
-    assert difference(number_of(section, "a"), Compared(0.8, 0.1, {"scale": 0.06})).std == pytest.approx(
-        math.sqrt(0.02 - 2 * 0.0048)
-    )
+    assert found.nominal_value == 7.0
+    assert found.std_dev == pytest.approx(math.sqrt((36 - 6 + 1) * 1e-4))
+    other = number_of(section, "a")
+    assert (other.nominal_value, other.std_dev) == (1.0, pytest.approx(0.1))
+    assert parts_of(other) == pytest.approx({"scale": 0.08, OWN_FIT: 0.06})
+    assert (other - measured(0.8, 0.1, {"scale": 0.06})).std_dev == pytest.approx(math.sqrt(0.02 - 2 * 0.0048))
     with pytest.raises(ValueError, match="2 numbers"):
         number_of(section, "motor.torque_poly")
 

@@ -12,13 +12,16 @@ from cfid.records.parameters import Parameter
 from cfid.records.rig_file import thesis_rig
 from tests.export.reading import export
 from tests.export.thesis_vehicle import INERTIA_KG_M2, sections
+from tests.kept import values_of
 
 
 def test_what_rig_toml_states_has_its_uncertainty_and_its_axes() -> None:
     rig = thesis_rig()
     own = rig.vehicle.model_copy(update={"centre_of_mass_mm": (1.0, -2.0, 17.4), "centre_of_mass_std_mm": (0.5,) * 3})
     site = rig.site.model_copy(update={"gravity_mps2": 9.812, "gravity_std_mps2": 0.002})
-    found = json.loads(export("json", collect(rig.model_copy(update={"vehicle": own, "site": site}), sections())))
+    found = json.loads(
+        export("json", collect(rig.model_copy(update={"vehicle": own, "site": site}), values_of(sections())))
+    )
 
     centre, gravity = (found["quantities"][key] for key in ("centre_of_mass_m", "gravity_mps2"))
     assert (gravity["value"], gravity["std"]) == (9.812, 0.002)
@@ -31,7 +34,7 @@ def test_both_fits_of_a_key_are_there() -> None:
     known = sections()
     for name, row in rows.items():
         known[name] = replace(known[name], parameters={**known[name].parameters, "motor.table": Parameter(value=row)})
-    found = json.loads(export("json", collect(thesis_rig(), known)))
+    found = json.loads(export("json", collect(thesis_rig(), values_of(known))))
 
     assert found["quantities"]["motor.table"]["value"] == rows["torque"]
     assert found["further"] == {"thrust": {"motor.table": found["further"]["thrust"]["motor.table"]}}

@@ -12,11 +12,13 @@ from pathlib import Path
 import pytest
 
 from cfid.export.catalogue import TARGETS
-from cfid.records.parameters import store_section
+from cfid.records.campaign import open_campaign
+from cfid.records.covariances import Covariance
 from cfid.records.rig_file import new_rig_text
 from cfid.records.run import DeviceRecord, Label, amend_run
 from cfid.records.run_writer import create_run
 from tests.export.thesis_vehicle import section, sections
+from tests.kept import keep, keep_instead
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -26,7 +28,8 @@ def campaign(tmp_path: Path) -> Path:
     """A campaign with the thesis' numbers, in the folder where `cfid` runs."""
     (tmp_path / "rig.toml").write_text(new_rig_text())
     for name, found in sections().items():
-        store_section(tmp_path / "parameters.toml", name, found)
+        keep(tmp_path, name, found)
+    open_campaign(tmp_path).write_parameters()
     return tmp_path
 
 
@@ -83,7 +86,7 @@ def test_what_is_missing_is_a_sentence_with_the_fit_and_no_file(cfid: Cfid, tmp_
 
 def test_what_was_rejected_is_exported_by_force_alone_and_marked(cfid: Cfid, campaign: Path) -> None:
     found = sections()["inertia"].parameters
-    store_section(campaign / "parameters.toml", "inertia", section(found, rejected="too little."))
+    keep_instead(campaign, "inertia", section(found, rejected="too little."))
     refused = cfid("export", "crazyswarm2", "--out", "-")
     assert (refused.returncode, refused.stdout) == (4, "")
     assert "inertia.matrix_kg_m2 was rejected: too little. Use --force to write it" in " ".join(refused.stderr.split())
@@ -125,11 +128,9 @@ def test_outside_a_campaign_there_is_nothing_to_export(cfid: Cfid) -> None:
     assert cfid("export", "list").returncode == 2
 
 
-def test_the_json_has_what_parameters_toml_says_of_numbers_that_depend_on_each_other(
-    cfid: Cfid, campaign: Path
-) -> None:
-    path = campaign / "parameters.toml"
-    path.write_text(path.read_text() + '\n[[thrust.covariance]]\nof = ["motor.max_thrust_n"]\nmatrix = [[1.44e-6]]\n')
+def test_the_json_has_the_covariances_of_numbers_that_depend_on_each_other(cfid: Cfid, campaign: Path) -> None:
+    block = Covariance(("motor.max_thrust_n",), ((1.44e-6,),))
+    keep_instead(campaign, "thrust", replace(sections()["thrust"], covariance=(block,)))
     found = json.loads(cfid("export", "json", "--out", "-").stdout)
 
     assert found["covariance"] == {"thrust": {"covariance": [{"of": ["motor.max_thrust_n"], "matrix": [[1.44e-6]]}]}}
@@ -187,7 +188,7 @@ def test_numbers_of_a_simulated_or_excluded_run_are_said_to_be_so(cfid: Cfid, ca
     )
     amend_run(writer.close("complete"), excluded="the cable touched")
     found = section(sections()["inertia"].parameters, run=writer.folder.name)
-    store_section(campaign / "parameters.toml", "inertia", found)
+    keep_instead(campaign, "inertia", found)
     refused = cfid("export", "crazyswarm2", "--out", "-")
     assert (refused.returncode, refused.stdout) == (4, "")
     assert "inertia.matrix_kg_m2 is outdated. Fitted to runs that are now excluded" in " ".join(refused.stderr.split())
@@ -260,7 +261,7 @@ def test_a_unit_that_contradicts_the_name_or_a_gravity_of_another_unit_is_not_no
 @pytest.mark.parametrize("target", ["mujoco", "rotorpy", "firmware"])
 def test_a_body_that_cannot_be_is_exported_by_force_alone_and_marked(cfid: Cfid, campaign: Path, target: str) -> None:
     impossible = [[16.6e-6, 0.0, 0.0], [0.0, 16.7e-6, 0.0], [0.0, 0.0, 9e-5]]
-    store_section(campaign / "parameters.toml", "inertia", section({"inertia.matrix_kg_m2": impossible}))
+    keep_instead(campaign, "inertia", section({"inertia.matrix_kg_m2": impossible}))
     refused = cfid("export", target, "--out", "-")
     assert (refused.returncode, refused.stdout) == (4, "")
     assert "inertia.matrix_kg_m2 is not that of a body" in " ".join(refused.stderr.split())
@@ -279,7 +280,7 @@ def test_an_inertia_of_zeros_is_refused(cfid: Cfid, campaign: Path, target: str,
     rig = campaign / "rig.toml"
     rig.write_text(rig.read_text().replace('platform = "cf2"', f'platform = "{platform}"'))
     zeros = [[0.0] * 3] * 3
-    store_section(campaign / "parameters.toml", "inertia", section({"inertia.matrix_kg_m2": zeros}))
+    keep_instead(campaign, "inertia", section({"inertia.matrix_kg_m2": zeros}))
     refused = cfid("export", target)
     assert (refused.returncode, refused.stdout) == (4, "")
     assert "inertia.matrix_kg_m2 is" in " ".join(refused.stderr.split())
@@ -291,9 +292,7 @@ def test_a_voltage_cubic_that_was_rejected_makes_no_header_and_says_why(cfid: Cf
     whole = sections()["thrust"]
     cubic = "motor.thrust_voltage_poly"
     kept = {key: parameter for key, parameter in whole.parameters.items() if key != cubic}
-    store_section(
-        campaign / "parameters.toml", "thrust", replace(whole, parameters=kept, rejected={cubic: "It folds."})
-    )
+    keep_instead(campaign, "thrust", replace(whole, parameters=kept, rejected={cubic: "It folds."}))
     for words in ((), ("--force",)):
         ended = cfid("export", "firmware", "--out", "-", *words)
         assert (ended.returncode, ended.stdout) == (4, "")
@@ -305,7 +304,7 @@ def test_force_makes_no_header_of_a_voltage_cubic_that_would_stop_the_motors(cfi
     whole, cubic = sections()["thrust"], "motor.thrust_voltage_poly"
     kept = replace(whole.parameters[cubic], value=[0.0036, 0.0072, 0.0113, -0.00034])
     forced = replace(whole, parameters={**whole.parameters, cubic: kept}, rejected={cubic: "It folds."})
-    store_section(campaign / "parameters.toml", "thrust", forced)
+    keep_instead(campaign, "thrust", forced)
     for words in ((), ("--force",)):
         ended = cfid("export", "firmware", "--out", "-", *words)
         assert (ended.returncode, ended.stdout) == (4, "")
@@ -325,19 +324,19 @@ def test_a_voltage_cubic_may_be_noted_by_hand_if_the_firmware_can_invert_it(cfid
 
 @pytest.mark.parametrize("cubic", ["nan,0.01,0,0.001", "0,inf,0,0.001", "0,1,1e200,1"])
 def test_a_voltage_cubic_that_single_precision_cannot_hold_is_not_noted(cfid: Cfid, campaign: Path, cubic: str) -> None:
-    before = (campaign / "parameters.toml").read_bytes()
+    before = sorted(campaign.rglob("*"))
     ended = cfid("set", "motor.thrust_voltage_poly", "--", cubic)
 
     assert ended.returncode == 2
     assert "finite numbers in single precision. Nothing was changed." in " ".join(ended.stderr.split())
-    assert (campaign / "parameters.toml").read_bytes() == before
+    assert sorted(campaign.rglob("*")) == before
 
 
 @pytest.mark.parametrize("cubic", ["0,0.04,0,1e-30", "100,0.01,0,0.001"])
 def test_a_voltage_cubic_that_no_header_could_have_is_not_noted(cfid: Cfid, campaign: Path, cubic: str) -> None:
-    before = (campaign / "parameters.toml").read_bytes()
+    before = sorted(campaign.rglob("*"))
     ended = cfid("set", "motor.thrust_voltage_poly", "--", cubic)
 
     assert ended.returncode == 2
     assert "Nothing was changed." in ended.stderr
-    assert (campaign / "parameters.toml").read_bytes() == before
+    assert sorted(campaign.rglob("*")) == before

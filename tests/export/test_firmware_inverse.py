@@ -20,8 +20,8 @@ from cfid.export.target import text_of
 from cfid.motors.maps.voltage import compare_thrust
 from cfid.recordings.stand import read_stand, stand_of
 from cfid.records.covariances import numbers_of
-from cfid.records.parameters import load_sections
 from tests.export.thesis_vehicle import vehicle, with_value
+from tests.kept import sections_at
 from tests.places import DATA
 
 Array = npt.NDArray[np.float64]
@@ -247,7 +247,7 @@ def test_headers_of_whole_campaigns_fly_and_their_covariances_agree_with_their_u
     words = ["demo", str(folder), "--seed", str(seed), "--no-figures"]
     subprocess.run([sys.executable, "-m", "cfid.cli.main", *words], check=True, capture_output=True, timeout=600)
     assert_text_flies(inverse, (folder / "exports" / TARGET.file_name).read_text())
-    for section in load_sections(folder / "parameters.toml").values():
+    for section in sections_at(folder).values():
         for kept in section.covariance:
             spread = iter(np.sqrt(np.diag(np.array(kept.matrix))))
             for key in kept.of:

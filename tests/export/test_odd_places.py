@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 from cfid.errors import ConfigError
-from cfid.records.parameters import store_section
 from cfid.records.rig_file import new_rig_text
 from cfid.report.formats.sealed import write_report
 from tests.campaigns import Cfid
 from tests.export.thesis_vehicle import sections
+from tests.kept import keep
 
 ODD = (
     "folder",
@@ -32,7 +32,7 @@ def campaign(tmp_path: Path) -> Path:
     """A campaign with the thesis' numbers, together with a folder, a foreign file, a link to itself and a pipe."""
     (tmp_path / "rig.toml").write_text(new_rig_text())
     for name, found in sections().items():
-        store_section(tmp_path / "parameters.toml", name, found)
+        keep(tmp_path, name, found)
     (tmp_path / "folder").mkdir()
     (tmp_path / "mine").write_text("mine")
     (tmp_path / "loop").symlink_to("loop")

@@ -20,6 +20,7 @@ from cfid.records.rig_file import load_rig, new_rig_text, thesis_rig
 from tests.export import thesis_vehicle as thesis
 from tests.export.reading import attributes, export, macros, python, toml, xml
 from tests.export.thesis_vehicle import section, sections, vehicle, with_value
+from tests.kept import values_of
 from tests.places import ROOT
 
 EVERY = list(TARGETS)
@@ -132,15 +133,15 @@ def test_an_accepted_fit_goes_before_a_newer_one_that_is_not() -> None:
     new = replace(new, found=new.found.replace(year=2026))
     newer = replace(new, accepted=True, rejected={})
 
-    assert collect(thesis_rig(), {"thrust": old, "speed": new})["thrust_per_speed_squared"] == 2e-8
-    assert collect(thesis_rig(), {"thrust": old, "speed": newer})["thrust_per_speed_squared"] == 3e-8
+    assert collect(thesis_rig(), values_of({"thrust": old, "speed": new}))["thrust_per_speed_squared"] == 2e-8
+    assert collect(thesis_rig(), values_of({"thrust": old, "speed": newer}))["thrust_per_speed_squared"] == 3e-8
 
 
 @pytest.mark.parametrize(("most", "marked"), [(45000, True), (62258, True), (62259, False), (65535, False)])
 def test_a_thrust_beyond_the_measured_commands_is_marked(most: int, marked: bool) -> None:
     table = [{"cmd": 2000.0, "thrust_n": 0.01}, {"cmd": float(most), "thrust_n": 0.1}]
     thrust = section({**sections()["thrust"].parameters, "motor.table": table})
-    known = collect(thesis_rig(), {**sections(), "thrust": thrust})
+    known = collect(thesis_rig(), values_of({**sections(), "thrust": thrust}))
 
     text = export("firmware", known)
     assert (f"EXTRAPOLATED at the full command: {most} of 65535" in text) == marked
@@ -157,7 +158,7 @@ def test_a_speed_map_of_a_log_is_marked_beyond_the_commands_of_its_rotors(most: 
     dynamics = section({"motor.speed_poly": [0.02, 400.0], "dynamics.time_constant_s": rotors})
     others = {name: one for name, one in sections().items() if "motor.speed_poly" not in one.parameters}
 
-    known = collect(thesis_rig(), {**others, "dynamics": dynamics})
+    known = collect(thesis_rig(), values_of({**others, "dynamics": dynamics}))
 
     quantity = known.quantities["speed_of_command"]
     assert quantity.commands == (20000.0, float(most))
@@ -168,7 +169,7 @@ def test_a_speed_map_of_a_log_is_marked_beyond_the_commands_of_its_rotors(most: 
 def test_hovering_beyond_the_measured_commands_is_marked(most: int, marked: bool) -> None:
     table = [{"cmd": 2000.0, "thrust_n": 0.01}, {"cmd": float(most), "thrust_n": 0.1}]
     thrust = section({**sections()["thrust"].parameters, "motor.table": table})
-    known = collect(thesis_rig(), {**sections(), "thrust": thrust})
+    known = collect(thesis_rig(), values_of({**sections(), "thrust": thrust}))
 
     sentence = f"EXTRAPOLATED: hovering's command 37287; 2000 to {most} were measured."
     assert (sentence in words(export("safe-control-gym", known))) == marked
@@ -177,7 +178,7 @@ def test_hovering_beyond_the_measured_commands_is_marked(most: int, marked: bool
 
 @pytest.mark.parametrize("name", [name for name in EVERY if "inertia" in TARGETS[name].needs])
 def test_what_was_recorded_on_a_simulated_rig_is_marked(name: str) -> None:
-    of_no_vehicle = collect(thesis_rig(), sections(), simulated={"2026-11-21_083012_swing_x"})
+    of_no_vehicle = collect(thesis_rig(), values_of(sections()), simulated={"2026-11-21_083012_swing_x"})
 
     text = words(export(name, of_no_vehicle))
     assert "made of SIMULATED recordings" in text
@@ -194,7 +195,7 @@ def test_a_coefficient_that_is_not_above_zero_is_refused(value: float) -> None:
 def test_a_delay_may_be_negative() -> None:
     delayed = sections() | {"tf identify": section({"tf.delay_s": -0.027, "tf.time_constant_s": 0.07})}
 
-    found = json.loads(export("json", collect(thesis_rig(), delayed)))
+    found = json.loads(export("json", collect(thesis_rig(), values_of(delayed))))
     assert found["quantities"]["tf.delay_s"]["value"] == -0.027
 
 
@@ -235,7 +236,7 @@ def test_a_target_that_cannot_do_without_names_the_key_and_the_fit(name: str, ne
 
 
 def test_a_campaign_that_measured_nothing_still_has_its_mass_and_arm_for_the_firmware() -> None:
-    text = text_of(TARGETS["firmware"], collect(thesis_rig(), {}))
+    text = text_of(TARGETS["firmware"], collect(thesis_rig(), values_of({})))
 
     assert macros(text) == {"CF_MASS": 0.028, "ARM_LENGTH": 0.046}
     assert "NOT MEASURED" in text
@@ -245,7 +246,7 @@ def test_a_campaign_that_measured_nothing_still_has_its_mass_and_arm_for_the_fir
 def test_an_unknown_part_of_a_value_is_as_if_nothing_was_measured() -> None:
     found = {**sections(), "dynamics": section({"dynamics.rising": [7.0, 0.0], "dynamics.falling": [float("nan")] * 2})}
 
-    assert "falling" not in collect(thesis_rig(), found)
+    assert "falling" not in collect(thesis_rig(), values_of(found))
 
 
 def test_drag_that_was_not_measured_is_marked_or_left_out(tmp_path_factory: pytest.TempPathFactory) -> None:
@@ -278,23 +279,26 @@ def test_a_vehicle_too_heavy_to_hover_is_refused_where_hovering_matters() -> Non
     heavy = rig.model_copy(update={"vehicle": rig.vehicle.model_copy(update={"mass_kg": 0.1})})
 
     with pytest.raises(DataError, match=r"no command hovers 0\.1 kg"):
-        text_of(TARGETS["safe-control-gym"], collect(heavy, sections()))
-    assert "WARNING: no command hovers 0.1 kg" in text_of(TARGETS["mujoco"], collect(heavy, sections()))
+        text_of(TARGETS["safe-control-gym"], collect(heavy, values_of(sections())))
+    assert "WARNING: no command hovers 0.1 kg" in text_of(TARGETS["mujoco"], collect(heavy, values_of(sections())))
 
 
 def test_a_mass_that_nobody_changed_since_the_campaign_was_made_is_asked_about() -> None:
     rig = thesis_rig()
     weighed = rig.model_copy(update={"vehicle": rig.vehicle.model_copy(update={"mass_kg": 0.0281})})
 
-    assert "which is the thesis' vehicle: was yours weighed?" in text_of(TARGETS["firmware"], collect(rig, {}))
-    assert "was yours weighed?" not in text_of(TARGETS["firmware"], collect(weighed, {}))
+    assert "which is the thesis' vehicle: was yours weighed?" in text_of(
+        TARGETS["firmware"], collect(rig, values_of({}))
+    )
+    assert "was yours weighed?" not in text_of(TARGETS["firmware"], collect(weighed, values_of({})))
 
 
 def test_the_arm_is_that_of_rig_toml_where_none_was_noted_by_hand() -> None:
     rig = thesis_rig()
     measured = rig.model_copy(update={"loadcell": rig.loadcell.model_copy(update={"arm_mm": 46.3})})
     of_preset, stated, noted = (
-        collect(*known).quantities["arm"] for known in ((rig, {}), (measured, {}), (measured, sections()))
+        collect(*known).quantities["arm"]
+        for known in ((rig, values_of({})), (measured, values_of({})), (measured, values_of(sections())))
     )
 
     assert (of_preset.value, of_preset.std, of_preset.origin) == (pytest.approx(0.046), pytest.approx(2e-4), "rig.toml")
@@ -312,7 +316,7 @@ def test_a_rig_that_does_not_say_where_forward_is_exports_nothing(tmp_path_facto
     path.write_text(before + after[after.index("[site]") :])
 
     with pytest.raises(ConfigError, match=r"vehicle\.body_frame is missing"):
-        collect(load_rig(path), sections())
+        collect(load_rig(path), values_of(sections()))
 
 
 # Names and forms

@@ -10,6 +10,7 @@ from cfid.export.vehicle import ExportVehicle, collect
 from cfid.quantities.registry import unit_of
 from cfid.records.parameters import Parameter, Section, Source
 from cfid.records.rig_file import thesis_rig
+from tests.kept import values_of
 
 MASS_KG = 0.028
 INERTIA_KG_M2 = [  # about x (pitch), y (roll), z
@@ -103,7 +104,7 @@ def vehicle(*without: str, frame: Mapping[str, str] | None = None, rejected: str
         )
         for name, found in sections().items()
     }
-    return collect(rig, kept)
+    return collect(rig, values_of(kept))
 
 
 def with_value(known: ExportVehicle, name: str, value: Any) -> ExportVehicle:

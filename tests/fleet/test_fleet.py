@@ -16,10 +16,11 @@ import pytest
 
 from cfid.console.campaign import make_campaign
 from cfid.fleet.comparison import outliers
-from cfid.records.parameters import Parameter, Section, Source, store_section
+from cfid.records.parameters import Parameter, Section, Source
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
 from tests.campaigns import Cfid
+from tests.kept import keep
 
 DAY_0 = datetime(2026, 11, 1, tzinfo=UTC)
 
@@ -47,7 +48,7 @@ def campaign(folder: Path, day: int, mass_kg: float, *, std: float | None = 1e-5
         sources=(source,),
         parameters={"thing.mass_kg": Parameter(value=mass_kg, std=std, unit="kg")},
     )
-    store_section(folder / "parameters.toml", "thing", section)
+    keep(folder, "thing", section)
     return folder
 
 
@@ -223,9 +224,9 @@ def test_a_copy_of_a_campaign_is_named(cfid: Cfid, tmp_path: Path) -> None:
     one, other = campaign(tmp_path / "one", 0, 0.028), campaign(tmp_path / "other", 1, 0.028)
     for folder in (one, other):
         next(folder.glob("runs/*/encoder.csv")).write_text(f"t,phi\n1,{len(folder.name)}\n")
-        sections = folder / "parameters.toml"
+        (fit,) = (folder / "fits").iterdir()
         digest = hashlib.sha256(next(folder.glob("runs/*/encoder.csv")).read_bytes()).hexdigest()
-        sections.write_text(re.sub('sha256 = "[0-9a-f]*"', f'sha256 = "{digest}"', sections.read_text()))
+        fit.write_text(re.sub('"sha256": "[0-9a-f]*"', f'"sha256": "{digest}"', fit.read_text()))
     copy = shutil.copytree(one, tmp_path / "one-backup")
 
     assert "recordings of" not in cfid("fleet", one, other).stderr
@@ -347,7 +348,7 @@ def noted(folder: Path, name: str, key: str, value: float, unit: str) -> None:
         sources=(),
         parameters={key: Parameter(value=value, std=0.1, unit=unit)},
     )
-    store_section(folder / "parameters.toml", name, one)
+    keep(folder, name, one)
 
 
 def test_swings_about_two_axes_are_two_numbers(cfid: Cfid, tmp_path: Path) -> None:

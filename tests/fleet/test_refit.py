@@ -25,9 +25,10 @@ from cfid.fleet.refit import Refitted, refit
 from cfid.fleet.results import results_in
 from cfid.records.campaign import open_campaign
 from cfid.records.files import RIG_FILE, sha256_of
-from cfid.records.parameters import Section, load_sections, plain
+from cfid.records.parameters import Section, plain
 from cfid.records.rig_file import new_rig_text
 from tests.campaigns import LONGEST_S, Cfid, Once, in_this_process
+from tests.kept import sections_at
 from tests.motors.stand_in_a_folder import climbed, write_run
 from tests.motors.test_resumed_scales import two_parts
 from tests.processes import started
@@ -92,18 +93,15 @@ def numbers(sections: dict[str, Section]) -> dict[str, Any]:
 
 
 def found_in(folder: Path) -> dict[str, Any]:
-    return {
-        each.name: numbers(load_sections(each / "parameters.toml"))
-        for each in sorted(folder.iterdir())
-        if each.is_dir()
-    }
+    return {each.name: numbers(sections_at(each)) for each in sorted(folder.iterdir()) if each.is_dir()}
 
 
 def found_by(refitted: Refitted, folder: Path) -> dict[str, Any]:
     assert not refitted.fault
-    folder.mkdir(exist_ok=True)
-    (folder / "parameters.toml").write_bytes(refitted.files["parameters.toml"])
-    return numbers(load_sections(folder / "parameters.toml"))
+    (folder / "fits").mkdir(parents=True, exist_ok=True)
+    for name, content in refitted.files.items():
+        (folder / name).write_bytes(content)
+    return numbers(sections_at(folder))
 
 
 def hashes(folder: Path) -> dict[Path, str]:
@@ -118,7 +116,7 @@ def test_refitted_campaigns_have_the_numbers_of_their_commands_and_are_unchanged
 
     assert ended.returncode == 0, ended.stderr
     assert found_in(tmp_path / "out") == found_in(campaigns)
-    assert set(load_sections(tmp_path / "out" / "c1" / "parameters.toml")) == OF_C1
+    assert set(sections_at(tmp_path / "out" / "c1")) == OF_C1
     assert hashes(campaigns) == before
     assert "3 of 3 campaigns" in ended.stderr
     table = " ".join(ended.stdout.split())
@@ -163,7 +161,7 @@ def test_a_campaign_in_memory_is_fitted_to_the_same(campaigns: Path, tmp_path: P
     refitted = refit("memory://lab/c1")
 
     assert found_by(refitted, tmp_path / "memory") == found_in(campaigns)["c1"]
-    sources = load_sections(tmp_path / "memory" / "parameters.toml")["friction"].sources
+    sources = sections_at(tmp_path / "memory")["friction"].sources
     assert all(source.path.startswith("memory://lab/c1/runs/") for source in sources)
     assert refit("memory://lab/c9").fault.startswith("memory://lab/c9/: cannot be read:")
     found, unmatched = campaigns_of(["memory://lab/c*", "memory://lab/d*"])
@@ -443,7 +441,7 @@ def test_results_of_other_settings_and_other_folders_are_not_touched(
 def test_another_method_takes_the_place_of_that_of_the_fits(cfid: Cfid, campaigns: Path, tmp_path: Path) -> None:
     ended = cfid("fleet", "fit", campaigns / "c3", "--out", tmp_path / "out", "--method", "thesis", "--json")
 
-    assert load_sections(tmp_path / "out" / "c3" / "parameters.toml")["swing x"].method == "thesis"
+    assert sections_at(tmp_path / "out" / "c3")["swing x"].method == "thesis"
     (row,) = json.loads(ended.stdout)["campaigns"]
     assert row["fits"][0]["moved_in_std"] > 1
 
@@ -498,7 +496,7 @@ def test_a_fit_with_options_is_repeated_with_them_to_the_last_bit(
     ended = cfid("fleet", "fit", fitted_with_options, "--out", tmp_path / "out", "--jobs", 1)
 
     assert ended.returncode == 0, ended.stderr
-    kept, made = (numbers(load_sections(one / "parameters.toml")) for one in (fitted_with_options, tmp_path / "out/c1"))
+    kept, made = (numbers(sections_at(one)) for one in (fitted_with_options, tmp_path / "out/c1"))
     assert made == kept
     for folder in (fitted_with_options, tmp_path / "out" / "c1"):
         assert {name: json.loads(last_fit(folder, name).read_text())["options"] for name in OPTIONS} == OPTIONS
@@ -510,7 +508,7 @@ def test_labels_that_were_typed_are_repeated_and_those_of_other_runs_refused(thr
     words = [f"{drop.rpartition('_')[2].removesuffix('g')}:0.2={drop}" for drop in drops]
     ended = in_this_process(["fit", "friction", *words, "--no-figures"], campaign)
     assert ended.returncode == 0, ended.stderr
-    kept = numbers(load_sections(campaign / "parameters.toml"))
+    kept = numbers(sections_at(campaign))
     file = last_fit(campaign, "friction")
     content = json.loads(file.read_text())
 
@@ -522,21 +520,14 @@ def test_labels_that_were_typed_are_repeated_and_those_of_other_runs_refused(thr
     assert fault == "20:0.2=another was typed, which is none of its runs: fit it by hand."
 
 
-def test_a_fit_of_an_older_file_is_repeated_without_the_options_that_it_does_not_state(
-    fitted_with_options: Path, tmp_path: Path
-) -> None:
+def test_a_fit_that_states_no_options_is_named(fitted_with_options: Path) -> None:
     file = last_fit(fitted_with_options, "friction")
-    content = json.loads(file.read_text())
-    del content["options"]
-    file.write_text(json.dumps(content | {"format": 2}))
-    kept = load_sections(fitted_with_options / "parameters.toml")
-    made = found_by(refit(str(fitted_with_options)), tmp_path / "made")
-
-    assert made["friction"] != numbers(kept)["friction"]
-    assert made["swing x"] == numbers(kept)["swing x"]
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"options": None}))
+    (fault,) = [fit.fault for fit in refit(str(fitted_with_options)).fits if fit.name == "friction"]
+    assert "was made in Python" in fault
 
 
-def test_a_map_is_verified_again_by_all_parts_of_its_scales_also_where_an_older_file_names_one(tmp_path: Path) -> None:
+def test_a_map_is_verified_again_by_all_parts_of_its_scales(tmp_path: Path) -> None:
     (tmp_path / RIG_FILE).write_text(new_rig_text())
     steps = tuple(range(0, 64001, 8000))
     write_run(tmp_path, climbed(steps), steps=steps, motors=(1, 3), hold_s=2.0, rest_s=1.0)
@@ -548,10 +539,8 @@ def test_a_map_is_verified_again_by_all_parts_of_its_scales_also_where_an_older_
     content = json.loads(file.read_text())
 
     assert content["options"] == {"verify": [second.folder.name]}
-    for options in (content["options"], {"verify": second.folder.name}):
-        file.write_text(json.dumps(content | {"options": options}))
-        (made,) = [path for path in refit(str(tmp_path)).files.items() if path[0].startswith("fits/")]
-        assert "verification: 5 readings" in made[1].decode()
+    (made,) = [path for path in refit(str(tmp_path)).files.items() if path[0].startswith("fits/")]
+    assert "verification: 5 readings" in made[1].decode()
 
 
 @pytest.mark.parametrize(
@@ -638,7 +627,7 @@ def test_a_fit_that_cannot_be_repeated_is_named(cfid: Cfid, three: Path, tmp_pat
     assert fault in " ".join(beside.stderr.split(" "))
     assert ended.returncode == 5
     assert fault in ended.stderr
-    assert set(load_sections(tmp_path / "out" / "c1" / "parameters.toml")) == OF_C1 - {"friction"}
+    assert set(sections_at(tmp_path / "out" / "c1")) == OF_C1 - {"friction"}
 
 
 def test_runs_that_were_excluded_since_are_left_out(cfid: Cfid, three: Path, tmp_path: Path) -> None:
@@ -649,7 +638,7 @@ def test_runs_that_were_excluded_since_are_left_out(cfid: Cfid, three: Path, tmp
     (row,) = json.loads(ended.stdout)["campaigns"]
     (fit,) = [fit for fit in row["fits"] if fit["name"] == "friction"]
     assert fit["text"] == f"left out, since excluded: {drops[0].folder.name}."
-    sources = load_sections(tmp_path / "out" / "c1" / "parameters.toml")["friction"].sources
+    sources = sections_at(tmp_path / "out" / "c1")["friction"].sources
     assert len(sources) == len(drops) - 1
 
 

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cfid.records.parameters import load_sections
 from cfid.rig.sim_file import SIM_FILE
 from cfid.sim.rotors import RotorTruth
 from cfid.sim.truth_file import INERTIA_KG_M2
 from cfid.sim.wind import WindTruth
+from tests.kept import sections_at
 from tests.processes import started
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("in_time")]
@@ -119,7 +119,7 @@ def test_who_does_what_next_says_has_every_parameter_and_a_report_in_the_end(tmp
     assert states == dict.fromkeys(FITS[kind], "accepted")
     found = {
         key: parameter
-        for section in load_sections(operator.folder / "parameters.toml").values()
+        for section in sections_at(operator.folder).values()
         for key, parameter in section.parameters.items()
     }
     matrix = found["inertia.matrix_kg_m2"]

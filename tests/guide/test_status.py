@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from cfid.console.campaign import make_campaign
-from cfid.errors import CfidError, ConfigError
+from cfid.errors import CfidError, ConfigError, RejectedError
 from cfid.findings import rejection
 from cfid.guide.plan import Words, tasks
 from cfid.guide.status import Next, Status, TaskStatus, next_of, status_of
@@ -25,13 +25,14 @@ from cfid.records import run as records_run
 from cfid.records.campaign import open_campaign
 from cfid.records.covariances import Covariance
 from cfid.records.files import read_toml
-from cfid.records.parameters import Parameter, Section, Source, store_section
+from cfid.records.parameters import Parameter, Section, Source
 from cfid.records.result import Result
 from cfid.records.rig_file import CampaignGoal, load_rig
 from cfid.records.run import DeviceRecord, Label, Verdict, amend_run, list_runs, read_run
 from cfid.records.run_writer import create_run
 from cfid.records.stale import stale_in
 from tests.campaigns import Cfid
+from tests.kept import keep
 
 ENCODER = DeviceRecord(file="encoder.csv", columns=("t", "phi"), counts_per_turn=8192.0)
 BEGAN = datetime(2026, 1, 1, 8, tzinfo=UTC)
@@ -85,7 +86,7 @@ def fitted(
         common={"mass": {"inertia.matrix_kg_m2": [by_mass] * 3 + [0.0] * 3}} if by_mass else {},
         rejected={key: rejected} if rejected else {},
     )
-    store_section(folder / "parameters.toml", "inertia", section)
+    keep(folder, "inertia", section)
 
 
 def standing(folder: Path, *, task: str = "inertia") -> tuple[TaskStatus, Next]:
@@ -244,7 +245,8 @@ def refused(folder: Path, runs: list[Path]) -> None:
         findings=(rejection("inertia-suspects", "hung anew?", "inertia.matrix_kg_m2"),),
         sources=tuple(Source(str(one), hashlib.sha256(one.read_bytes()).hexdigest()) for one in files),
     )
-    open_campaign(folder).remember_rejected(result)
+    with pytest.raises(RejectedError):
+        open_campaign(folder).keep(result)
 
 
 def test_a_fit_that_was_rejected_whole_is_not_offered_again_until_something_was_recorded(folder: Path) -> None:
@@ -259,7 +261,7 @@ def test_a_fit_that_was_rejected_whole_is_not_offered_again_until_something_was_
     step = next_of([rejected])
     assert step.words[:2] == ("log", "encoder")
     assert not (folder / "parameters.toml").exists()
-    assert "1.6e-05" not in (folder / "fits" / "rejected.toml").read_text()
+    assert not any("1.6e-05" in path.read_text() for path in (folder / "fits").iterdir())
 
     assert "cfid runs exclude RUN" in step.why
     again = step.words[step.words.index("--axis") + 1]
@@ -286,7 +288,7 @@ def test_a_label_that_was_corrected_makes_a_fit_stale_and_takes_a_rejection_back
     file.write_text(next(text for axis, text in axes.items() if text != file.read_text()))
     run = read_run(runs[1])
     assert run.header.label.axis == "x"
-    assert stale_in(folder, [run], open_campaign(folder).rig)(open_campaign(folder).rejected_sections()["inertia"]) == (
+    assert stale_in(folder, [run], open_campaign(folder).rig)(open_campaign(folder).fits()[-1].section) == (
         f"Changed since it was fitted: runs/{run.folder.name}/run.toml: fit again.",
     )
     assert standing(folder)[0].state != "rejected"
@@ -308,6 +310,16 @@ def test_a_fit_that_gave_nothing_is_not_offered_again_until_something_changes(cf
     assert standing(folder)[0].state == "missing"
     swing(folder, str(last.header.label.axis), minute=90)
     assert standing(folder)[0].state == "not fitted"
+
+
+@pytest.mark.parametrize("spelling", [("--campaign", "{}"), ("--campaign={}",), ()])
+def test_a_refused_fit_is_remembered_however_the_campaign_is_named(
+    cfid: Cfid, folder: Path, spelling: tuple[str, ...]
+) -> None:
+    swung(folder)
+    words = [word.format(folder) for word in spelling]
+    assert cfid("fit", "inertia", *words, "--no-figures", folder=folder).returncode == 4
+    assert standing(folder)[0].state == "rejected"
 
 
 def test_a_fit_of_some_runs_that_gave_nothing_says_nothing_about_all(cfid: Cfid, folder: Path) -> None:
@@ -335,7 +347,7 @@ def test_a_number_that_is_not_sure_enough_is_repeated_unless_the_operator_writes
 def test_a_fit_that_no_plan_asks_for_is_named(cfid: Cfid, folder: Path) -> None:
     swung(folder)
     fitted(folder)
-    store_section(folder / "parameters.toml", "flight", open_campaign(folder).sections()["inertia"])
+    keep(folder, "flight", open_campaign(folder).values().sections()["inertia"])
     words = ("status", "--kind", "inertia", "--campaign", folder)
     assert "beside the plan: flight" in cfid(*words).stdout
     assert json.loads(cfid(*words, "--json").stdout)["beside"] == ["flight"]
@@ -599,7 +611,7 @@ def test_torque_and_speed_are_judged_where_they_are_used_and_by_the_covariance_o
         parameters={"motor.torque_poly": Parameter(value=[square, slope, least], std=list(std), unit="Nm(N)")},
         covariance=(Covariance(of=("motor.torque_poly",), matrix=tuple(map(tuple, correlated))),),
     )  # fmt: skip
-    store_section(folder / "parameters.toml", "torque", torque)
+    keep(folder, "torque", torque)
     (found,) = next(one for one in status_of(open_campaign(folder)).tasks if one.task.section == "torque").found
     at_hover = np.array([2 * hover_n, 1.0, 0.0])
 

@@ -15,12 +15,12 @@ from cfid.latency.estimation import round_trips
 from cfid.recordings.recording import How
 from cfid.recordings.sines import read_pings
 from cfid.records.files import RIG_FILE
-from cfid.records.parameters import load_sections
 from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
 from cfid.sim.radio import Direction, RadioTruth
 from tests.campaigns import Cfid
+from tests.kept import sections_at
 
 RATE = 84 / 85
 ZERO_S = 1.75e9 - 100 / RATE  # the host's time when the vehicle's clock was zero
@@ -187,7 +187,7 @@ def test_the_command_keeps_what_it_found_in_the_campaign(cfid: Cfid, tmp_path: P
     assert ended.stdout.count("just started up") == 2
     assert "all                               200" in ended.stdout
     assert "ppm against this computer's" in ended.stdout
-    section = load_sections(tmp_path / "parameters.toml")["latency"]
+    section = sections_at(tmp_path)["latency"]
     assert set(section.parameters) == {
         f"latency.{name}" for name in ("rtt_mean_s", "rtt_std_s", "rtt_min_s", "clock_offset_s", "clock_skew")
     }
@@ -336,6 +336,6 @@ def test_pings_that_a_guided_campaign_repeats_make_the_mean_surer(cfid: Cfid, tm
         ping_run(tmp_path, seed=seed, count=300)
         fitted = cfid(*task.fit, "--campaign", tmp_path)
         assert fitted.returncode == 0, fitted.stderr
-        stds.append(load_sections(tmp_path / "parameters.toml")["latency"].parameters["latency.rtt_mean_s"].std)
+        stds.append(sections_at(tmp_path)["latency"].parameters["latency.rtt_mean_s"].std)
 
     assert stds[1] < 0.85 * stds[0]

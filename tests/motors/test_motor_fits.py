@@ -17,13 +17,13 @@ from cfid.motors import maps
 from cfid.motors.maps.arguments import read_evidence
 from cfid.motors.maps.evidence import Stand
 from cfid.records.files import RIG_FILE
-from cfid.records.parameters import load_sections
 from cfid.records.rig_file import LoadCellMount, RigFacts, Tachometer, new_rig_text
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.rotors import RotorTruth
 from tests.campaigns import sentences
+from tests.kept import sections_at
 from tests.motors.sentences import remarks
 from tests.motors.stand_in_a_folder import climbed, write_run, write_thesis_file
 from tests.places import DATA
@@ -79,7 +79,7 @@ def test_a_run_gives_the_thrust_map_its_inverse_and_what_hovers(cfid: Cfid, stai
     assert [row["cmd"] for row in rows] == [step for step in STEPS if step]
     assert content["accepted"]
     assert {Path(source["path"]).name for source in content["sources"]} == {"loadcell.csv", "commands.csv"}
-    assert "thrust" in load_sections(campaign / "parameters.toml")
+    assert "thrust" in sections_at(campaign)
 
 
 def test_the_same_run_gives_the_torque_map(cfid: Cfid, staircase: Path) -> None:
@@ -140,7 +140,7 @@ def test_a_voltage_cubic_that_no_firmware_could_invert_is_rejected_alone_and_the
     assert "departs from the data by" in reason
     assert reason in sentences(content)
     assert cubic not in content["parameters"]
-    section = load_sections(campaign / "parameters.toml")["thrust"]
+    section = sections_at(campaign)["thrust"]
     assert section.rejected[cubic] == reason
     assert cubic not in section.parameters
     assert section.covariance

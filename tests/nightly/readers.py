@@ -1,9 +1,7 @@
 """Every reader with valid files or packets, which the fuzzer damages."""
 
 import io
-import math
 import struct
-import tomllib
 import zlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -25,7 +23,6 @@ from cfid.recordings.wrench import wrench_of
 from cfid.records.campaign import open_campaign
 from cfid.records.files import FITS_FOLDER, RIG_FILE, RUN_FILE
 from cfid.records.fits import keep_fit, list_fits
-from cfid.records.parameters import Section, load_sections, store_section
 from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.records.run import read_run
 from cfid.report.content import gather
@@ -174,26 +171,6 @@ def _all_values(recording: Recording) -> Recording:
     return recording
 
 
-def _sections(path: Path) -> dict[str, Section]:
-    return load_sections(path)
-
-
-def _number_not_in_file(content: bytes, sections: dict[str, Section]) -> str:
-    stated = set(_numbers(tomllib.loads(content.decode("utf-8-sig"))))
-    read = {value for one in sections.values() for each in one.parameters.values() for value in _numbers(each.value)}
-    return f"not in the file: {sorted(read - stated)}" if read - stated else ""
-
-
-def _numbers(value: Any) -> Iterable[float]:
-    if isinstance(value, dict):
-        value = list(value.values())
-    if isinstance(value, list):
-        for each in value:
-            yield from _numbers(each)
-    elif isinstance(value, int) or (isinstance(value, float) and math.isfinite(value)):
-        yield value  # a whole number may be too large for a float
-
-
 def _all_fits(path: Path) -> Any:
     (found,) = list_fits(path.parent)
     if isinstance(found, CfidError):
@@ -238,8 +215,6 @@ def _decoders(payload: bytes) -> Any:
         decode(payload)
 
 
-PARAMETERS = _written(lambda folder: store_section(folder / "parameters.toml", "inertia", FIT.section))
-
 READERS = (
     Reader(
         name="table",
@@ -272,13 +247,6 @@ READERS = (
     Reader(name="wind index", contents=(INDEX,), read=read_wind_index),
     Reader(name="run.toml", contents=(RUN,), read=_run_frame, file=RUN_FILE),
     Reader(name="rig.toml", contents=(new_rig_text().encode(),), read=load_rig, file="rig.toml"),
-    Reader(
-        name="parameters.toml",
-        contents=(PARAMETERS,),
-        read=_sections,
-        file="parameters.toml",
-        fault=_number_not_in_file,
-    ),
     Reader(name="fit", contents=(_written(lambda folder: keep_fit(folder, FIT)),), read=_all_fits, file="fit.json"),
     Reader(
         name="report of a fit",

@@ -6,14 +6,13 @@ import subprocess
 import sys
 import tempfile
 import time
-import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cfid.recordings.angle import angle_record
-from cfid.records.parameters import load_sections
+from cfid.records.fits import Fit, list_fits
 from cfid.records.run import Run, read_run
 
 pytestmark = pytest.mark.usefixtures("in_time")
@@ -26,10 +25,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 import numpy as np
 from cfid.errors import CfidError
-from cfid.records.parameters import Parameter, Section, Source, store_section
+from cfid.records.parameters import Parameter, Section, Source
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
 from cfid.wire.rls import encode_positions
+from tests.kept import keep
 
 place = Path(sys.argv[1])
 
@@ -48,7 +48,7 @@ def record(writer, rows, blocks):
 def store(name, size):
     section = Section(method="m", found=datetime.now(UTC), cfid_version="0", accepted=True, sources=(),
                       parameters={"p": Parameter(value=np.arange(size), unit="1")})
-    store_section(place / "parameters.toml", name, section)
+    keep(place, name, section)
 """
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="limits and name spaces of Linux")
@@ -223,24 +223,22 @@ def test_a_disk_that_takes_no_run_at_all_is_a_configuration_error(tmp_path: Path
     assert "cannot be written: File too large." in message
 
 
-# parameters.toml
+# fits
 
 
 @linux
-def test_parameters_that_do_not_fit_the_disk_leave_the_old_ones(tmp_path: Path) -> None:
+def test_a_fit_that_does_not_fit_the_disk_leaves_the_earlier_ones(tmp_path: Path) -> None:
     body = """
 store("swing", 3)
-before = (place / "parameters.toml").read_bytes()
-limit(len(before))
+limit(2000)
 try:
     store("friction", 3000)
 except CfidError as error:
     print(error.exit_code, error)
-assert (place / "parameters.toml").read_bytes() == before
 """
     message = output(body, tmp_path)
-    assert message.startswith(f"2 {tmp_path / 'parameters.toml'}: cannot be written: File too large.")
-    assert [path.name for path in tmp_path.iterdir()] == ["parameters.toml"]
+    assert message.startswith(f"2 {tmp_path / 'fits'}: cannot be written: File too large.")
+    assert [path.name for path in (tmp_path / "fits").iterdir()] == ["0001_swing.json"]
 
 
 def test_a_file_that_is_being_replaced_is_whole_at_any_time(tmp_path: Path) -> None:
@@ -263,28 +261,22 @@ while True:
     assert (tmp_path / "file").read_bytes() in (size * b"a", size * b"b")
 
 
-def test_parameters_of_a_process_killed_while_writing_are_the_old_or_the_new(tmp_path: Path) -> None:
-    file = tmp_path / "parameters.toml"
+def test_fits_of_a_process_killed_while_writing_are_whole(tmp_path: Path) -> None:
     for attempt in range(3):
-        process = start("while True:\n    store('a', 4000)\n    store('a', 10)\n    store('b', 10)", tmp_path)
-        wait_for(file, size=1)
+        process = start("while True:\n    store('a', 4000)", tmp_path)
+        wait_for(tmp_path / "fits" / f"{attempt + 1:04d}_a.json", size=1)
         time.sleep(0.05 + 0.013 * attempt)
         process.kill()
         process.communicate()
-        sections = load_sections(file)
-        assert set(sections) <= {"a", "b"}
-        assert len(sections["a"].parameters["p"].value) in (10, 4000)
+        assert all(isinstance(fit, Fit) for fit in list_fits(tmp_path / "fits"))
 
 
-def test_fits_that_end_at_the_same_time_all_keep_their_section(tmp_path: Path) -> None:
+def test_fits_that_end_at_the_same_time_are_all_kept(tmp_path: Path) -> None:
     processes = [start(f"for i in range(15):\n    store('fit{n}_' + str(i), 3)", tmp_path) for n in range(3)]
     for process in processes:
         _, err = process.communicate(timeout=60)
         assert process.returncode == 0, err
-    assert len(load_sections(tmp_path / "parameters.toml")) == 45
-    content = tomllib.loads((tmp_path / "parameters.toml").read_text())
-    assert content.pop("format") == 2
-    assert len(content) == 45
+    assert len(list_fits(tmp_path / "fits")) == 45
 
 
 # Permissions
@@ -293,10 +285,10 @@ def test_fits_that_end_at_the_same_time_all_keep_their_section(tmp_path: Path) -
 @linux
 def test_what_this_user_may_not_read_or_write_is_said_by_name() -> None:
     body = """
-import fcntl, os, tomli_w  # before another user, who may not see this Python, is taken on
+import fcntl, os  # before another user, who may not see this Python, is taken on
 from cfid.records.campaign import find_campaign
 from cfid.records.rig_file import load_rig
-from cfid.records.parameters import load_sections
+from cfid.records.fits import read_fit
 from cfid.recordings.angle import angle_record
 from cfid.records.run import read_run
 from cfid.recordings.table import read_table
@@ -311,7 +303,7 @@ for act in (
     lambda: angle_record(place / "locked"),
     lambda: read_run(place / "locked"),
     lambda: load_rig(place / "file"),
-    lambda: load_sections(place / "locked" / "parameters.toml"),
+    lambda: read_fit(place / "locked" / "fit.json"),
     lambda: find_campaign(place / "locked", start=place),
     new,
     lambda: store("fit", 3),
@@ -340,10 +332,10 @@ print(find_campaign(None, start=place / "locked"))
         "4 /locked/run.toml: cannot be read: Permission denied.",
         "4 /locked/run.toml: cannot be read: Permission denied.",
         "2 /file: cannot be read: Permission denied.",
-        "4 /locked/parameters.toml: cannot be read: Permission denied.",
+        "4 /locked/fit.json: cannot be read: Permission denied.",
         "2 /locked/rig.toml: cannot be read: Permission denied.",
         message.splitlines()[8],
-        "2 /parameters.toml: cannot be written: Permission denied. It is unchanged.",
+        "2 /fits: cannot be written: Permission denied.",
         "None",
     ]
     assert message.splitlines()[8].startswith("2 /20")

@@ -1,4 +1,4 @@
-"""Each system call of a recording, fit, report, export or upgrade fails once: nothing is lost, no message is false."""
+"""Each system call of a recording, fit, report or export fails once: nothing is lost, no message is false."""
 
 import json
 import os
@@ -45,5 +45,5 @@ def test_a_call_that_fails_leaves_the_campaign_readable_and_a_true_message(
     print(f"{sum(tries.values())} calls failed, {len(found['wrong'])} faults: {tries}")
 
     assert set(tries) == {job.__name__ for job in JOBS}
-    assert sum(tries.values()) >= (450 if len(kinds) == len(KINDS) else 150)
+    assert sum(tries.values()) >= (400 if len(kinds) == len(KINDS) else 120)
     assert found["wrong"] == []

@@ -5,13 +5,14 @@ import threading
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from cfid.errors import DataError
+from cfid.errors import ConfigError, DataError
 from cfid.findings import rejection, warning
-from cfid.records.fits import Fit, keep_fit, list_fits
+from cfid.records.fits import Fit, is_withdrawn, keep_fit, list_fits, path_of, withdraw
 from cfid.records.parameters import Parameter, Section, Source
 
 FIT = Fit(
@@ -31,8 +32,13 @@ FIT = Fit(
 )
 
 
-def without_parameters(fit: Fit) -> Fit:
-    return replace(fit, section=replace(fit.section, parameters={}))
+def content(fit: Fit) -> dict[str, Any]:
+    """Return what a fit states, without its place among others and without its arrays."""
+    return {**vars(fit), "section": replace(fit.section, parameters={}), "number": 0, "stem": ""}
+
+
+def kept(folder: Path, fit: Fit) -> Path:
+    return path_of(folder, keep_fit(folder, fit))
 
 
 def test_a_fit_comes_back_as_it_was_kept(tmp_path: Path) -> None:
@@ -41,11 +47,11 @@ def test_a_fit_comes_back_as_it_was_kept(tmp_path: Path) -> None:
 
     assert isinstance(found, Fit)
     assert found.section.parameters["inertia.matrix_kg_m2"].value == np.eye(3).tolist()
-    assert without_parameters(found) == without_parameters(FIT)
+    assert content(found) == content(FIT)
 
 
 def test_a_finding_comes_back_with_the_same_text_as_one_sentence(tmp_path: Path) -> None:
-    path = keep_fit(tmp_path, replace(FIT, findings=(warning("a-code", "one").at("a.csv"),)))
+    path = kept(tmp_path, replace(FIT, findings=(warning("a-code", "one").at("a.csv"),)))
     (found,) = list_fits(tmp_path)
 
     assert isinstance(found, Fit)
@@ -55,28 +61,44 @@ def test_a_finding_comes_back_with_the_same_text_as_one_sentence(tmp_path: Path)
     ]
 
 
-def test_two_fits_within_a_second_stay_apart_also_from_two_processes(tmp_path: Path) -> None:
+def test_fits_kept_at_once_have_a_number_each(tmp_path: Path) -> None:
     threads = [threading.Thread(target=keep_fit, args=(tmp_path / "fits", FIT)) for _ in range(8)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
 
-    assert len(list_fits(tmp_path / "fits")) == 8
+    assert sorted(path.name for path in (tmp_path / "fits").iterdir()) == [f"000{n}_inertia.json" for n in range(1, 9)]
 
 
-def test_the_oldest_comes_first_and_one_that_is_broken_is_told(tmp_path: Path) -> None:
-    later = replace(FIT, section=replace(FIT.section, found=datetime(2026, 11, 22, tzinfo=UTC)))
-    keep_fit(tmp_path, later)
-    path = keep_fit(tmp_path, FIT)
-    keep_fit(tmp_path, FIT).write_text(path.read_text()[:100])
-    first, broken, last = list_fits(tmp_path)
+def test_fits_are_in_the_order_of_their_numbers_whatever_the_clock_said_and_broken_ones_are_named(
+    tmp_path: Path,
+) -> None:
+    before = replace(FIT, section=replace(FIT.section, found=datetime(2025, 11, 22, tzinfo=UTC)))
+    broken = kept(tmp_path, FIT)
+    broken.write_text(broken.read_text()[:100])
+    keep_fit(tmp_path, FIT)
+    keep_fit(tmp_path, before)
+    first, last, fault = list_fits(tmp_path)
 
     assert isinstance(first, Fit)
-    assert isinstance(broken, DataError)
-    assert "invalid: " in str(broken)
     assert isinstance(last, Fit)
-    assert last.section.found > first.section.found
+    assert (first.number, last.number, last.section.found < first.section.found) == (2, 3, True)
+    assert isinstance(fault, DataError)
+    assert "0001_inertia.json: invalid: " in str(fault)
+
+
+def test_a_withdrawn_fit_stays_and_its_number_is_not_given_again(tmp_path: Path) -> None:
+    fit = keep_fit(tmp_path, FIT)
+    before = path_of(tmp_path, fit).read_bytes()
+    withdraw(tmp_path, fit)
+
+    assert is_withdrawn(tmp_path, fit)
+    assert path_of(tmp_path, fit).read_bytes() == before
+    with pytest.raises(ConfigError, match="0001_inertia: was withdrawn before"):
+        withdraw(tmp_path, fit)
+    path_of(tmp_path, fit).unlink()
+    assert keep_fit(tmp_path, FIT).number == 2
 
 
 def test_a_campaign_without_fits_has_none(tmp_path: Path) -> None:
@@ -98,46 +120,30 @@ def test_a_fit_of_a_file_whose_name_is_no_utf_8_stays_readable(tmp_path: Path) -
     assert found.section.sources[0].path == "/x/a?.csv"
 
 
-def test_a_fit_whose_numbers_were_edited_into_no_matrix_is_told(tmp_path: Path) -> None:
-    path = keep_fit(tmp_path, replace(FIT, section=replace(FIT.section, parameters={})))
-    content = json.loads(path.read_text())
-    content["section"]["parameters"] = {"inertia.matrix_kg_m2": {"value": 1.0, "unit": "kg m^2"}}
-    path.write_text(json.dumps(content))
-    (broken,) = list_fits(tmp_path)
+def test_a_fit_of_version_0_2_is_read_and_comes_before_numbered_ones(tmp_path: Path) -> None:
+    keep_fit(tmp_path, FIT)
+    content = json.loads(kept(tmp_path, FIT).read_text())
+    del content["number"], content["revision"]
+    (tmp_path / "2026-11-21_083012_inertia.json").write_text(json.dumps(content | {"format": 3}))
+    first = list_fits(tmp_path)[0]
 
-    assert isinstance(broken, DataError)
-    assert "inertia.matrix_kg_m2: should be a matrix of 3 times 3 numbers. Delete it" in str(broken)
-
-
-def test_a_fit_of_the_first_format_keeps_its_sentences_as_findings(tmp_path: Path) -> None:
-    path = keep_fit(tmp_path, FIT)
-    content = json.loads(path.read_text())
-    del content["format"], content["findings"]
-    content["section"]["believed"] = not content["section"].pop("accepted")
-    path.write_text(json.dumps(content | {"doubts": ["too wobbly."], "warnings": ["a cable."]}))
-    (found,) = list_fits(tmp_path)
-
-    assert isinstance(found, Fit)
-    assert [(finding.severity, finding.text) for finding in found.findings] == [
-        ("rejection", "too wobbly."),
-        ("warning", "a cable."),
-    ]
-    assert set(found.section.rejected) == {"inertia.matrix_kg_m2"}
+    assert isinstance(first, Fit)
+    assert (first.stem, first.number, first.revision) == ("2026-11-21_083012_inertia", 0, 1)
 
 
-@pytest.mark.parametrize("found", ["3", 3.0, True, None, 0, -1, [3]])
-def test_a_format_that_is_no_whole_number_above_zero_is_refused_by_name(found: object, tmp_path: Path) -> None:
-    path = keep_fit(tmp_path, FIT)
+@pytest.mark.parametrize("found", ["4", 4.0, True, None, 0, 2, [4]])
+def test_a_format_that_is_not_read_is_refused_by_name(found: object, tmp_path: Path) -> None:
+    path = kept(tmp_path, FIT)
     path.write_text(json.dumps(json.loads(path.read_text()) | {"format": found}))
     (broken,) = list_fits(tmp_path)
 
-    assert str(broken) == f"{path}: format: should be a whole number from 1 to 3."
+    assert str(broken) == f"{path}: format: should be a whole number from 3 to 4."
 
 
 def test_a_fit_of_a_newer_format_is_refused_by_name(tmp_path: Path) -> None:
-    path = keep_fit(tmp_path, FIT)
-    path.write_text(path.read_text().replace('"format": 3', '"format": 4'))
+    path = kept(tmp_path, FIT)
+    path.write_text(path.read_text().replace('"format": 4', '"format": 5'))
     (found,) = list_fits(tmp_path)
 
     assert isinstance(found, DataError)
-    assert "has format 4, written by a newer cfid" in str(found)
+    assert "has format 5, written by a newer cfid" in str(found)

@@ -85,8 +85,8 @@ def test_a_rejection_takes_its_quantity_and_leaves_the_others(bodies: Path) -> N
     campaign.keep(found)
 
     assert found.accepted
-    assert set(campaign.sections()["things"].parameters) == {"things.mass_kg"}
-    assert campaign.sections()["things"].rejected == {"things.radius_m": "no calliper."}
+    assert set(campaign.values().sections()["things"].parameters) == {"things.mass_kg"}
+    assert campaign.values().sections()["things"].rejected == {"things.radius_m": "no calliper."}
 
 
 def test_what_a_result_is_for_is_kept_by_force_alone_and_marked(bodies: Path) -> None:
@@ -94,11 +94,11 @@ def test_what_a_result_is_for_is_kept_by_force_alone_and_marked(bodies: Path) ->
     found = result(rejection("a-code", "the scales stick.", "things.mass*"))
     with pytest.raises(FitError, match="the scales stick"):
         campaign.keep(found)
-    assert "things" not in campaign.sections()
+    assert "things" not in campaign.values().sections()
     campaign.keep(found, force=True)
 
     assert not found.accepted
-    assert set(campaign.sections()["things"].rejected) == {"things.mass_kg"}
+    assert set(campaign.values().sections()["things"].rejected) == {"things.mass_kg"}
     assert not campaign.quantities().set_index("quantity").loc["things.mass_kg", "accepted"]
 
 

@@ -1,4 +1,4 @@
-"""What parameters.toml keeps besides values: covariances, common causes, rejections, and the number of its format."""
+"""What a fit keeps besides values: covariances, common causes and rejections."""
 
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -9,8 +9,9 @@ import pytest
 
 from cfid.errors import DataError
 from cfid.records.covariances import Covariance, covariance_between, names_of, numbers_of, shaped_as
-from cfid.records.fits import Fit, keep_fit, list_fits
-from cfid.records.parameters import FORMAT, Parameter, Section, load_sections, store_section
+from cfid.records.fits import Fit, list_fits
+from cfid.records.parameters import Parameter, Section
+from tests.kept import keep
 
 MATRIX = [[1.0, 4.0, 5.0], [4.0, 2.0, 6.0], [5.0, 6.0, 3.0]]
 WHOLE = Section(
@@ -35,49 +36,11 @@ WHOLE = Section(
 
 
 def test_covariances_causes_and_rejections_are_read_back(tmp_path: Path) -> None:
-    file = tmp_path / "parameters.toml"
-    store_section(file, "torque", WHOLE)
+    keep(tmp_path, "torque", WHOLE)
+    (fit,) = list_fits(tmp_path / "fits")
 
-    assert load_sections(file) == {"torque": WHOLE}
-    assert file.read_text().startswith(f"format = {FORMAT}\n")
-
-
-def test_a_fit_keeps_them_too(tmp_path: Path) -> None:
-    fit = Fit(name="torque", command="fit torque", section=WHOLE, quality={})
-    keep_fit(tmp_path / "fits", fit)
-
-    assert list_fits(tmp_path / "fits") == [fit]
-
-
-def test_a_file_of_before_has_no_number_and_is_read_and_numbered_by_the_next_fit(tmp_path: Path) -> None:
-    file = tmp_path / "parameters.toml"
-    plain = replace(WHOLE, covariance=(), common={}, rejected={})
-    store_section(file, "torque", plain)
-    file.write_text(file.read_text().removeprefix(f"format = {FORMAT}\n"))
-    assert load_sections(file) == {"torque": plain}
-
-    store_section(file, "speed", WHOLE)
-    assert load_sections(file) == {"torque": plain, "speed": WHOLE}
-    assert file.read_text().startswith(f"format = {FORMAT}\n")
-
-
-@pytest.mark.parametrize(
-    ("number", "expected"),
-    [
-        (str(FORMAT + 1), f"has format {FORMAT + 1}, written by a newer cfid"),
-        ('"two"', "format: should be a whole number"),
-        ("0", "format: should be a whole number"),
-    ],
-)
-def test_a_newer_or_senseless_format_is_refused_and_left_as_it_is(tmp_path: Path, number: str, expected: str) -> None:
-    file = tmp_path / "parameters.toml"
-    store_section(file, "torque", WHOLE)
-    file.write_text(file.read_text().replace(f"format = {FORMAT}", f"format = {number}", 1))
-    before = file.read_bytes()
-    for touch in (lambda: load_sections(file), lambda: store_section(file, "speed", WHOLE)):
-        with pytest.raises(DataError, match=expected):
-            touch()
-    assert file.read_bytes() == before
+    assert isinstance(fit, Fit)
+    assert fit.section == WHOLE
 
 
 def with_covariance(matrix: Any, of: tuple[str, ...] = ("motor.torque_poly",)) -> Section:
@@ -87,6 +50,21 @@ def with_covariance(matrix: Any, of: tuple[str, ...] = ("motor.torque_poly",)) -
 @pytest.mark.parametrize(
     ("section", "expected"),
     [
+        (
+            replace(WHOLE, covariance=(), parameters={"inertia.matrix_kg_m2": Parameter(value=1.0)}),
+            "inertia.matrix_kg_m2: should be a matrix of 3 times 3 numbers",
+        ),
+        (
+            replace(
+                WHOLE, covariance=(), parameters={"motor.torque_poly": Parameter(value=[1.0, 2.0], std=[1.0, -1.0])}
+            ),
+            "motor.torque_poly.std: should not be below zero",
+        ),
+        (
+            replace(WHOLE, covariance=(), parameters={"motor.max_thrust_n": Parameter(value=1.0, unit="gf")}),
+            "motor.max_thrust_n: its unit is 'gf', and has to be 'N'",
+        ),
+        (replace(WHOLE, found=WHOLE.found.replace(tzinfo=None)), "found: should have a time zone"),
         (with_covariance(((1.0,),)), "matrix: should have 2 rows of 2 numbers"),
         (with_covariance(((1.0, 0.5), (0.4, 1.0))), "row 1, column 2 is impossible in a covariance matrix"),
         (with_covariance(((1.0, 2.0), (2.0, 1.0))), "row 1, column 2 is impossible in a covariance matrix"),
@@ -100,10 +78,10 @@ def with_covariance(matrix: Any, of: tuple[str, ...] = ("motor.torque_poly",)) -
     ],
 )
 def test_what_was_edited_into_nonsense_is_named(tmp_path: Path, section: Section, expected: str) -> None:
-    file = tmp_path / "parameters.toml"
-    store_section(file, "torque", section)
-    with pytest.raises(DataError, match=expected):
-        load_sections(file)
+    keep(tmp_path, "torque", section)
+    (fault,) = list_fits(tmp_path / "fits")
+    assert isinstance(fault, DataError)
+    assert expected in str(fault)
 
 
 def test_numbers_of_a_parameter_stand_in_one_order_and_come_back() -> None:

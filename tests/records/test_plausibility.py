@@ -82,8 +82,8 @@ def test_a_campaign_keeps_what_is_implausible_by_force_alone_and_marks_it(tmp_pa
     most = result("motor.max_thrust_n", 15.0)
     with pytest.raises(FitError, match=r"15\.0 N: "):
         campaign.keep(most)
-    assert campaign.sections() == {}
+    assert campaign.values().sections() == {}
     campaign.keep(most, force=True)
-    section = campaign.sections()["x"]
+    section = campaign.values().sections()["x"]
     assert not section.accepted
     assert "motor.max_thrust_n" in section.rejected

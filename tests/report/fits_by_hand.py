@@ -9,7 +9,7 @@ from cfid.findings import rejection, warning
 from cfid.records.campaign import Campaign, find_campaign
 from cfid.records.files import RIG_FILE
 from cfid.records.fits import Fit, keep_fit
-from cfid.records.parameters import Parameter, Section, Source, store_section
+from cfid.records.parameters import Parameter, Section, Source
 from cfid.records.rig_file import new_rig_text
 from cfid.report.content import Report, gather
 
@@ -88,7 +88,7 @@ def put(
     common: Mapping[str, Mapping[str, list[float]]] | None = None,
     **more: Any,
 ) -> Fit:
-    """Store a fit as a command does: in fits/, and as the latest of its kind in parameters.toml."""
+    """Keep a fit as a command does."""
     section = Section(
         method=method,
         found=NOON + timedelta(minutes=minutes),
@@ -105,9 +105,7 @@ def put(
         *([rejection("of-the-test", rejected)] if rejected else []),
     )
     fit = Fit(name=name, command=command, section=section, quality=more.pop("quality", {}), findings=findings, **more)
-    keep_fit(campaign.fits_folder, fit)
-    store_section(campaign.parameters_file, name, section)
-    return fit
+    return keep_fit(campaign.fits_folder, fit)
 
 
 def put_appendix_a(campaign: Campaign) -> None:

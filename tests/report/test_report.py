@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from cfid.records.campaign import open_campaign
 from tests.report.fits_by_hand import new_campaign, put_appendix_a
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
@@ -92,6 +93,7 @@ def test_nothing_that_a_campaign_keeps_is_replaced_whatever_is_forced(cfid: Cfid
     for file in ("fits/a.json", "runs/one/encoder.csv", "runs/one/run.toml"):
         (campaign / file).write_text("measured")
     (campaign / "link").symlink_to("rig.toml")
+    open_campaign(campaign).write_parameters()
     before = (campaign / name).read_bytes()
     ended = cfid("report", "--format", "md", "--out", name, "--force")
 

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from cfid.records.campaign import Campaign
-from cfid.records.parameters import Parameter, Section, store_section
+from cfid.records.parameters import Parameter, Section
 from cfid.records.rig_file import load_rig
 from cfid.report.agreement import Agreement
 from cfid.report.formats.render import rendered
+from tests.kept import keep
 from tests.report.fits_by_hand import new_campaign, put, report_of
 
 SLOPE = 2 * 2.13e-11 * 30000 + 1.0326e-6  # N per command, at the middle of the sines
@@ -170,7 +171,7 @@ def test_a_cause_that_both_share_counts_once(tmp_path: Path) -> None:
     tf(campaign)
     before = found(campaign, "Thrust per command").difference_std
     for name, keys in (("thrust", ["motor.thrust_poly"]), ("tf", ["tf.static_gain_n"])):
-        section = campaign.sections()[name]
+        section = campaign.values().sections()[name]
         effects = {key: [0.01 * value for value in _numbers(section, key)] for key in keys}
         parameters = dict(section.parameters)
         for key in keys:
@@ -179,7 +180,7 @@ def test_a_cause_that_both_share_counts_once(tmp_path: Path) -> None:
             total = [(std**2 + effect**2) ** 0.5 for std, effect in zip(stds, effects[key], strict=True)]
             parameters[key] = Parameter(value=own.value, std=total if isinstance(own.std, list) else total[0])
         fields = {**vars(section), "parameters": parameters, "common": {"loadcell gain": effects}}
-        store_section(campaign.parameters_file, name, Section(**fields))
+        keep(campaign.folder, name, Section(**fields))
     assert abs(found(campaign, "Thrust per command").difference_std / before - 1) < 0.01
 
 

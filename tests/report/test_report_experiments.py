@@ -12,10 +12,11 @@ from matplotlib.figure import Figure
 
 from cfid.drawing.save import save_figure
 from cfid.records.campaign import Campaign
-from cfid.records.parameters import Source, store_section
+from cfid.records.parameters import Source
 from cfid.records.run import DeviceRecord, Label, amend_run
 from cfid.records.run_writer import RunWriter, create_run
 from cfid.report.formats.html import LARGEST_SVG_BYTES, as_html
+from tests.kept import keep_instead
 from tests.report.fits_by_hand import APPENDIX_A, NOON, new_campaign, number, put, report_of
 
 
@@ -162,7 +163,7 @@ def test_a_fit_of_a_recording_that_changed_or_was_excluded_since_is_no_longer_cu
     file = run.device_file("loadcell")
     fitted = Source(f"runs/{run.folder.name}/data.csv", sha256(file.read_bytes()).hexdigest())
     fit = put(campaign, "thrust", APPENDIX_A["thrust"])
-    store_section(campaign.parameters_file, "thrust", replace(fit.section, sources=(fitted,)))
+    keep_instead(campaign.folder, "thrust", replace(fit.section, sources=(fitted,)))
     assert not said_of_thrust(campaign)
     assert report_of(campaign).about.recorded_in == "1 run"
 

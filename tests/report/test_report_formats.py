@@ -24,6 +24,9 @@ HOSTILE = r"""<script>alert("1")</script> | 50 % _of_ {$x} & \end{document} ~^# 
 def campaign(tmp_path: Path) -> Campaign:
     campaign = new_campaign(tmp_path)
     put_appendix_a(campaign)
+    for path in campaign.fits_folder.glob("*_torque.json"):
+        path.unlink()
+    put(campaign, "torque", APPENDIX_A["torque"], sources=["once"], rejected="too little.")
     put(campaign, "torque", APPENDIX_A["torque"], sources=["again"], minutes=1, rejected="too little.")
     return campaign
 

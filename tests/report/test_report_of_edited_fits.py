@@ -6,8 +6,6 @@ from typing import Any
 
 import pytest
 
-from cfid.errors import CfidError, DataError
-from cfid.fleet.recipes import options_of
 from cfid.records.campaign import Campaign
 from cfid.records.fits import Fit, list_fits
 from cfid.report.formats.render import rendered
@@ -31,23 +29,16 @@ def campaign(tmp_path: Path) -> Campaign:
     return campaign
 
 
-def edit(campaign: Campaign, quality: Any, *, old: bool) -> list[Fit]:
-    """Write a quality into all fits, in the current form or that of the first version, and return the readable fits."""
+def edit(campaign: Campaign, quality: Any) -> list[Fit]:
+    """Write a quality into all fits, and return the readable fits."""
     for path in campaign.fits_folder.glob("*.json"):
-        content = json.loads(path.read_text())
-        content["quality"] = quality
-        if old:
-            content.pop("format", None)
-            content |= {"doubts": [], "warnings": []}
-            content["section"]["believed"] = content["section"].pop("accepted", True)
-        path.write_text(json.dumps(content))
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"quality": quality}))
     return [fit for fit in list_fits(campaign.fits_folder) if isinstance(fit, Fit)]
 
 
-@pytest.mark.parametrize("old", [False, True], ids=["new form", "old form"])
 @pytest.mark.parametrize("value", EDITS, ids=lambda value: repr(value)[:30])
-def test_an_edited_quality_breaks_no_report(campaign: Campaign, value: Any, *, old: bool) -> None:
-    fits = edit(campaign, {**dict.fromkeys(KEYS, value), "verification_gain_std": 0.1}, old=old)
+def test_an_edited_quality_breaks_no_report(campaign: Campaign, value: Any) -> None:
+    fits = edit(campaign, {**dict.fromkeys(KEYS, value), "verification_gain_std": 0.1})
 
     assert len(fits) == 4
     assert "16.57" in rendered(report_of(campaign), "md", campaign.folder)
@@ -55,23 +46,5 @@ def test_an_edited_quality_breaks_no_report(campaign: Campaign, value: Any, *, o
 
 @pytest.mark.parametrize("value", [None, "x", 1, [1]])
 def test_a_quality_that_is_no_table_makes_the_fit_unreadable(campaign: Campaign, value: Any) -> None:
-    assert edit(campaign, value, old=False) == []
+    assert edit(campaign, value) == []
     assert all("quality" in sentence for sentence in report_of(campaign).unreadable)
-
-
-@pytest.mark.parametrize("value", EDITS, ids=lambda value: repr(value)[:30])
-def test_an_edited_quality_is_refused_or_left_out_where_a_fit_is_repeated(campaign: Campaign, value: Any) -> None:
-    for fit in edit(campaign, dict.fromkeys(KEYS, value), old=False):
-        try:
-            options = options_of(fit)
-        except CfidError:
-            continue
-        assert options in ({}, {"order": "2"}) or (fit.name, options) == ("tf", {"shape": "x"})
-
-
-def test_a_method_that_there_is_not_is_not_replaced_by_the_default(campaign: Campaign) -> None:
-    put(campaign, "friction", {"friction.coulomb_nm": number(1e-6, "N m")}, sources=["f"], method="sorcery")
-    (fit,) = (fit for fit in list_fits(campaign.fits_folder) if isinstance(fit, Fit) and fit.name == "friction")
-
-    with pytest.raises(DataError, match="option method = 'sorcery' is none that this command takes"):
-        options_of(fit)

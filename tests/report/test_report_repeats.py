@@ -34,7 +34,7 @@ def slope_of(campaign: Campaign) -> Repeat:
 
 def test_fits_of_the_same_recordings_are_one_measurement_and_the_latest_counts(campaign: Campaign) -> None:
     put_torque(campaign, 5.0, "a", 0)
-    put_torque(campaign, 6.0, "a", 1, method="thesis")
+    put_torque(campaign, 6.0, "a", 1)
     report = report_of(campaign)
 
     assert report.repeats == ()

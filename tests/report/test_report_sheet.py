@@ -6,11 +6,12 @@ from pathlib import Path
 import pytest
 
 from cfid.records.campaign import Campaign
-from cfid.records.parameters import Source, store_section
+from cfid.records.parameters import Source
 from cfid.report.formats.grids import origin_text, row_grid
 from cfid.report.formats.html import as_html
 from cfid.report.formats.markdown import as_markdown
 from cfid.report.sheet import SheetEntry
+from tests.kept import keep
 from tests.report.fits_by_hand import APPENDIX_A, new_campaign, number, put, put_appendix_a, report_of
 
 
@@ -85,8 +86,8 @@ def test_files_of_one_run_are_one_recording(campaign: Campaign) -> None:
 
 def test_files_beside_the_runs_are_counted_as_files(campaign: Campaign) -> None:
     fit = put(campaign, "speed", APPENDIX_A["speed"], sources=["a"])
-    store_section(
-        campaign.parameters_file,
+    keep(
+        campaign.folder,
         "speed",
         replace(fit.section, sources=(*fit.section.sources, Source("speeds.csv", "0" * 64))),
     )

@@ -9,14 +9,14 @@ import pytest
 
 from cfid.findings import finding, note, rejection, warning
 from cfid.guide.certainty import Certainty, percent
-from cfid.guide.plan import Aim, Task
+from cfid.guide.plan import Task
 from cfid.guide.status import TaskStatus, next_of
+from cfid.quantities.registry import Aim
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter, Section, Source
-from cfid.records.rig_file import thesis_rig
 from cfid.report.experiments import Experiment
-from cfid.report.known import Known
 from cfid.report.summary import FirstScreen, summary_of
+from tests.kept import values_of
 
 NOW = datetime(2026, 1, 1, tzinfo=UTC)
 EXPERIMENT = Experiment(
@@ -31,10 +31,8 @@ def section(**parameters: Parameter) -> Section:
 
 
 def summary(*sections: Section, experiments: tuple[Experiment, ...] = (), stds: tuple[float, ...] = ()) -> FirstScreen:
-    known = Known(thesis_rig(), {str(i): one for i, one in enumerate(sections)})
-    found = tuple(
-        Certainty(key=f"number {i}", aim=Aim(std=0.03, purpose="a purpose: 3 %"), std=std) for i, std in enumerate(stds)
-    )
+    known = values_of({str(i): one for i, one in enumerate(sections)})
+    found = tuple(Certainty(key=f"number {i}", aim=Aim(0.03, "a purpose: 3 %"), std=std) for i, std in enumerate(stds))
     task = Task(section="thrust", recordings=(), fit=("fit", "thrust"), aims=())
     status = TaskStatus(task=task, lacking=(), state="not fitted", reason="recorded.", found=found)
     return summary_of(known, experiments, [status], next_of([status]))
@@ -168,17 +166,17 @@ def test_what_comes_next_is_the_guides_own_answer(tmp_path: Path) -> None:
 
 
 def test_a_report_in_which_everything_is_found_does_not_advise_a_report() -> None:
-    done = summary_of(Known(thesis_rig(), {}), (), (), next_of(()))
+    done = summary_of(values_of({}), (), (), next_of(()))
     assert done.next_command == "cfid export"
     assert done.next_why.startswith("everything is found, and sure enough.")
 
 
 def test_the_weakest_number_has_the_largest_part_of_its_uncertainty() -> None:
-    found = Certainty(key="drag.simple_kg_per_rad", aim=Aim(std=0.2, purpose="a simulator"), std=0.03, mostly="gain")
+    found = Certainty(key="drag.simple_kg_per_rad", aim=Aim(0.2, "a simulator"), std=0.03, mostly="gain")
     task = Task(section="drag", recordings=(), fit=("fit", "drag"), aims=())
     status = TaskStatus(task=task, lacking=(), state="accepted", reason="", found=(found,))
 
-    assert summary_of(Known(thesis_rig(), {}), (), [status], next_of([status])).weakest.endswith(
+    assert summary_of(values_of({}), (), [status], next_of([status])).weakest.endswith(
         " is known to 3 % (mostly by the gain), enough for a simulator."
     )
 

@@ -242,7 +242,7 @@ def test_places_of_the_grid_that_were_skipped_are_counted(session: Session) -> N
     assert len(rows_of(run, "encoder")) + skipped == pytest.approx(20 * 100, abs=3)
     assert run.header.devices["encoder"].achieved == "40 of 100 Hz"
     notes = losses(run, run.header.devices["encoder"], len(rows_of(run, "encoder")))
-    assert f"{skipped} samples were never taken" in " ".join(notes)
+    assert f"{skipped} samples were never taken" in " ".join(finding.text for finding in notes)
 
 
 def test_a_delay_of_a_few_milliseconds_is_made_up_for_at_1_khz(session: Session) -> None:

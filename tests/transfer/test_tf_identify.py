@@ -11,10 +11,11 @@ import pytest
 
 from cfid.cli.main import main
 from cfid.records.files import RIG_FILE
-from cfid.records.parameters import Parameter, Section, load_sections, store_section
+from cfid.records.parameters import Parameter, Section
 from cfid.records.rig_file import NONE_STATED, LoadCellMount, RigFacts, new_rig_text
 from cfid.sim.sine_bench import Bench, LinearTruth, SimulatedSine
 from tests.campaigns import sentences
+from tests.kept import keep, sections_at
 from tests.transfer.sines_in_a_folder import (
     GAIN_N,
     LAG_S,
@@ -156,7 +157,7 @@ def test_runs_of_cfid_are_found_by_no_word_at_all_and_kept_in_the_campaign(
     for run in first[1:]:
         write_run(tmp_path, run, series="bench")
     said = tf("identify")
-    section = load_sections(tmp_path / "parameters.toml")["tf"]
+    section = sections_at(tmp_path)["tf"]
 
     assert said.returncode == 0, said.stderr
     assert "takes 9 complete sines" in said.stderr
@@ -230,8 +231,8 @@ def test_the_static_gain_is_checked_against_the_thrust_map(
     index = write_index(tmp_path, {"": first})
     for slope, warned in ((GAIN_N, False), (1.3 * GAIN_N, True)):
         poly = Parameter(value=[slope / 120000, slope / 2, 0.0], std=[0.0, 0.0, 0.0], unit="N(cmd)")
-        store_section(
-            tmp_path / "parameters.toml",
+        keep(
+            tmp_path,
             "thrust",
             Section(
                 method="default",

@@ -20,6 +20,7 @@ from cfid.recordings.crazyflie import si_values
 from cfid.recordings.read import read_recording
 from cfid.recordings.recording import Recording, Series
 from cfid.records.campaign import open_campaign
+from cfid.records.fits import path_of
 from cfid.records.parameters import Parameter, Section, Source
 from cfid.validation.measured import Measured, measured_file, measured_in
 from cfid.validation.result import SetError, compared, validate
@@ -27,6 +28,7 @@ from cfid.validation.rollout import HORIZONS, ParameterSet, errors, starts
 from cfid.validation.sets import PUBLISHED, published_set, sets_of
 from tests.campaigns import Cfid
 from tests.flight.flying import GYRO_DELAY_S, LATE_STEPS, STEP, Fleet, fleet, fly
+from tests.kept import keep, values_of
 from tests.places import DATA
 from tests.recordings.made import only, with_rows, with_series
 from tests.recordings.made import table_of as rows_in
@@ -186,9 +188,9 @@ def fitted_to(sha256: str, path: str = "gone.csv", folder: Path = Path()) -> Mea
         cfid_version="0.2.0",
         accepted=True,
         sources=(Source(path, sha256),),
-        parameters={},
+        parameters={"flight.mass_kg": Parameter(value=0.027)},
     )
-    return Measured(name="campaign", folder=folder, sections={"flight": section}, rig=None)
+    return Measured(name="campaign", folder=folder, values=values_of({"flight": section}), rig=None)
 
 
 @pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the public flights are not here (CFID_DATA)")
@@ -213,8 +215,8 @@ def write_table(series: Series, names: Sequence[str], path: Path) -> None:
     frame.to_csv(path, index=False)
 
 
-def flights_section(**changed: object) -> str:
-    """Return the text of a file of flight parameters, with some of them changed."""
+def flights_file(path: Path, **changed: object) -> Path:
+    """Write a kept fit of flights, with some of its parameters changed, and return its path."""
     values: dict[str, object] = {
         "flight.thrust_poly": [4.4e-11, -1.5e-6, 0.0528],
         "flight.rising_s": 0.046,
@@ -225,9 +227,9 @@ def flights_section(**changed: object) -> str:
         "flight.mass_kg": 0.027,
         "flight.arm_m": 0.046,
     }
-    lines = [f'"{key}" = {{ value = {value} }}' for key, value in (values | changed).items() if value is not None]
-    head = '[flight]\nmethod = "default"\nfound = 2026-01-01T00:00:00Z\ncfid_version = "0.2.0"\naccepted = true\n'
-    return f"format = 2\n{head}sources = []\n[flight.parameters]\n" + "\n".join(lines) + "\n"
+    parameters = {key: Parameter(value=value) for key, value in (values | changed).items() if value is not None}
+    section = replace(fitted_to("").values.fits[0].section, sources=(), parameters=parameters)
+    return path_of(path.parent / "fits", keep(path.parent, "flight", section)).rename(path)
 
 
 @pytest.mark.parametrize(
@@ -252,14 +254,14 @@ def test_a_set_without_the_logs_delay_is_judged_by_its_moments_and_lags(cfid: Cf
         changed = {"flight.inertia_kg_m2.roll": roll, "flight.inertia_kg_m2.pitch": pitch, "flight.delay_s": delay_s}
         rising_s, falling_s = (lags * one for one in true.lag or ())
         changed |= {"flight.rising_s": rising_s, "flight.falling_s": falling_s}
-        (tmp_path / name).write_text(flights_section(**(body | changed)))
+        flights_file(tmp_path / name, **(body | changed))
         return name
 
     late_s = true.delay_s
     names = [
-        written("true.toml"),
-        *(written(f"moments{share}.toml", moments=share, delay_s=late_s) for share in (0.85, 0.9, 1.1, 1.15)),
-        written("lags.toml", lags=1.15),
+        written("true.json"),
+        *(written(f"moments{share}.json", moments=share, delay_s=late_s) for share in (0.85, 0.9, 1.1, 1.15)),
+        written("lags.json", lags=1.15),
     ]
     ended = cfid(
         "validate", "flight.csv", *(word for name in names for word in ("--with", name)), "--no-figures", "--json"
@@ -271,11 +273,10 @@ def test_a_set_without_the_logs_delay_is_judged_by_its_moments_and_lags(cfid: Cf
     assert all(row["more"] > row["half_width"] > 0 for row in rows[1:])
 
 
-def test_a_file_of_parameters_is_read_by_its_own_name_and_needs_no_rig(tmp_path: Path) -> None:
-    (tmp_path / "parameters.toml").write_text(flights_section())
-    (tmp_path / "edited.toml").write_text(flights_section(**{"flight.inertia_kg_m2.roll": 3e-5}))
-    (own,), missing = sets_of(measured_file(tmp_path / "parameters.toml"), in_volts=False)
-    (edited,), _ = sets_of(measured_file(tmp_path / "edited.toml"), in_volts=False)
+def test_a_kept_fit_is_read_by_its_own_name_and_needs_no_rig(tmp_path: Path) -> None:
+    (own,), missing = sets_of(measured_file(flights_file(tmp_path / "own.json")), in_volts=False)
+    other = flights_file(tmp_path / "other.json", **{"flight.inertia_kg_m2.roll": 3e-5})
+    (edited,), _ = sets_of(measured_file(other), in_volts=False)
     assert (own.moments_kg_m2[0], edited.moments_kg_m2[0]) == (1.45e-5, 3e-5)
     assert own.name != edited.name
     assert "no rig.toml with mass and arm" in missing[0]
@@ -287,23 +288,22 @@ def test_a_file_of_parameters_is_read_by_its_own_name_and_needs_no_rig(tmp_path:
         ({"flight.inertia_kg_m2.roll": 0.0}, "roll 0, which no vehicle has"),
         ({"flight.inertia_kg_m2.pitch": -1.5e-5}, "pitch -1.5e-05, which no vehicle has"),
         ({"flight.inertia_kg_m2.roll": 146.0}, "times mass times arm squared, which no vehicle has"),
-        ({"flight.mass_kg": float("nan")}, "mass nan, which no vehicle has"),
+        ({"flight.mass_kg": float("nan")}, "flight.mass_kg is not there"),
         ({"flight.falling_s": 60.0}, "lags of 0.046 and 60 s, which no vehicle has"),
         ({"flight.rising_s": None}, "flight.rising_s is not there"),
     ],
 )
 def test_parameters_that_no_vehicle_has_make_no_set(tmp_path: Path, changed: dict[str, object], said: str) -> None:
-    (tmp_path / "parameters.toml").write_text(flights_section(**changed))
-    found, missing = sets_of(measured_file(tmp_path / "parameters.toml"), in_volts=False)
+    found, missing = sets_of(measured_file(flights_file(tmp_path / "own.json", **changed)), in_volts=False)
     assert found == []
     assert said in missing[-1]
 
 
 def test_what_was_rejected_is_so_named() -> None:
     one = fitted_to("")
-    section = replace(one.sections["flight"], rejected={"flight.rising_s": "open by 13 %."})
+    section = replace(one.values.fits[0].section, rejected={"flight.rising_s": "open by 13 %."})
     with pytest.raises(KeyError, match=r"flight\.rising_s was rejected: open by 13 %"):
-        replace(one, sections={"flight": section})["flight.rising_s"]
+        replace(one, values=values_of({"flight": section}))["flight.rising_s"]
 
 
 def test_no_set_two_of_a_name_and_short_flights_are_refused(flown: tuple[ParameterSet, FlownLog]) -> None:

@@ -1,28 +1,6 @@
-"""Look up a campaign's parameters, and turn matrices to the axes forward, left and up."""
+"""Turn matrices to the axes forward, left and up."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-
-from cfid.records.parameters import Section
-from cfid.records.rig_file import BodyFrame, Rig
-from cfid.records.values import FoundParameter, find_parameter
-
-
-@dataclass(frozen=True)
-class Known:
-    """A campaign's parameters by key, and its rig."""
-
-    rig: Rig
-    sections: Mapping[str, Section]
-
-    def find(self, key: str) -> FoundParameter | None:
-        """Return a parameter that counts, by `find_parameter`."""
-        return find_parameter(self.sections, key)
-
-    def numbers(self, key: str) -> list[float | None] | None:
-        """Return the numbers of a parameter in order, one for a scalar, None for a missing parameter."""
-        found = self.find(key)
-        return None if found is None else [number.value for number in found.parameter.numbers(key)]
+from cfid.records.rig_file import BodyFrame
 
 
 def axis_of(name: str) -> tuple[int, int]:

@@ -1,0 +1,162 @@
+"""`cfid fits`: list a campaign's kept fits, withdraw them, and repeat them."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cfid.console.campaign import here, write_parameters
+from cfid.console.messages import echo, note
+
+if TYPE_CHECKING:
+    from cfid.records.campaign import Campaign
+    from cfid.records.fits import Fit
+    from cfid.records.values import Values
+
+_DIFFERENT = 1e-6  # of a standard uncertainty: below it, numbers differ by rounding
+
+CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")]
+FitWord = Annotated[str, typer.Argument(metavar="FIT", help="A fit's name as `cfid fits` lists it, or its number.")]
+
+
+def show_fits(
+    context: typer.Context,
+    campaign: CampaignFolder = None,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """List the campaign's kept fits: which count, and why the others do not.
+
+    [bold]cfid parameters --why KEY[/bold] compares the fits that have one parameter.
+
+    Example: [bold]cfid fits[/bold]
+    """
+    if context.invoked_subcommand is not None:
+        return
+    from cfid.errors import DataError
+    from cfid.records.fits import is_withdrawn, list_fits
+
+    found = here(campaign)
+    values, listed = found.values(), list_fits(found.fits_folder)
+    counts = {fit.stem: len(quantities) for fit, quantities in values.by_fit.items()}
+    rows = [
+        (fit, counts.get(fit.stem, 0), _state(fit, values, withdrawn=is_withdrawn(found.fits_folder, fit)))
+        for fit in listed
+        if not isinstance(fit, DataError)
+    ]
+    for fault in (fault for fault in listed if isinstance(fault, DataError)):
+        note(f"{fault} The fit does not count.")
+    if json:
+        import json as encoder
+
+        content = [
+            {
+                "fit": fit.stem, "command": fit.command, "options": fit.options, "method": fit.section.method,
+                "revision": fit.revision, "found": fit.section.found.isoformat(), "accepted": fit.section.accepted,
+                "recordings": sorted(fit.recordings), "parameters_taken": count, "state": state,
+            }
+            for fit, count, state in rows
+        ]  # fmt: skip
+        echo(encoder.dumps({"command": "fits", "fits": content}, indent=2, default=str))
+        return
+    from rich.box import SIMPLE
+    from rich.table import Column, Table
+
+    from cfid.console.messages import printable
+    from cfid.console.tables import print_table
+
+    table = Table(Column("fit", overflow="fold"), "when", "recordings", "taken", "state", box=SIMPLE, pad_edge=False)
+    for fit, count, state in rows:
+        cells = (fit.stem, f"{fit.section.found:%Y-%m-%d %H:%M}", str(len(fit.recordings)), str(count), state)
+        table.add_row(*map(printable, cells))
+    print_table(table) if rows else echo("no fits yet: `cfid fit --help` lists them.")
+
+
+def drop(
+    words: Annotated[list[str], typer.Argument(metavar="FIT ...", help="Names or numbers of fits.")],
+    campaign: CampaignFolder = None,
+) -> None:
+    """Withdraw fits, so that the next best count. Nothing is deleted.
+
+    Example: [bold]cfid fits drop 0007_thrust[/bold]
+    """
+    from cfid.records.fits import withdraw
+
+    found = here(campaign)
+    for fit in [_fit_named(word, found) for word in words]:
+        before = {quantity.key for quantity in found.values() if quantity.fit.stem == fit.stem}
+        withdraw(found.fits_folder, fit)
+        now = {quantity.key: quantity.fit.stem for quantity in found.values()}
+        others = dict.fromkeys(now[key] for key in sorted(before) if key in now)
+        lost = sorted(before - now.keys())
+        echo(f"{fit.stem}: withdrawn." + (f" Its parameters now come from {', '.join(others)}." if others else ""))
+        if lost:
+            note(f"no other fit has {', '.join(lost)}.")
+    write_parameters(found)
+
+
+def repeat(word: FitWord, campaign: CampaignFolder = None) -> None:
+    """Repeat a kept fit from its runs and options, and state whether the numbers are the same. Nothing is kept.
+
+    Example: [bold]cfid fits repeat 0007_thrust[/bold]
+    """
+    from cfid.errors import DataError
+    from cfid.fleet.recipes import again, options_of
+    from cfid.fleet.refit import moves_of
+    from cfid.records.parameters import runs_of
+
+    found = here(campaign)
+    fit = _fit_named(word, found)
+    elsewhere = [source.path for source in fit.section.sources if not source.run]
+    if elsewhere or not fit.section.sources:
+        raise DataError(
+            f"{fit.stem}: was made from {elsewhere[0] if elsewhere else 'no file'}, not from runs: fit it by hand."
+        )
+    for reason in found.values().outdated(fit):
+        note(f"{fit.stem}: {reason}")
+    runs = [found.runs_folder / name for name in runs_of(fit.section.sources)]
+    result = again(fit, runs, campaign=found.folder, options=options_of(fit))
+    kept = result if fit.options and fit.options.get("force") else result.without_rejected()
+    now = {number.name: number.value for key, parameter in kept.quantities.items() for number in parameter.numbers(key)}
+    before = {
+        number.name: number.value
+        for key, parameter in fit.section.parameters.items()
+        for number in parameter.numbers(key)
+    }
+    moves = sorted(moves_of(fit.section, kept.quantities), reverse=True)
+    gone, new = sorted(before.keys() - now.keys()), sorted(now.keys() - before.keys())
+    if now == before:
+        echo(f"{fit.stem}: the same {len(before)} numbers.")
+    elif not (gone or new) and all(move < _DIFFERENT for move, _ in moves):
+        echo(f"{fit.stem}: the same {len(before)} numbers but for rounding.")
+    else:
+        echo(f"{fit.stem}: other numbers.")
+        for move, name in moves:
+            if move >= _DIFFERENT:
+                echo(f"  {name}: {before[name]:g}, now {now[name]:g}: moved by {move:.2g} standard uncertainties.")
+        for name in gone:
+            echo(f"  {name}: is gone.")
+        for name in new:
+            echo(f"  {name}: is new.")
+
+
+def _fit_named(word: str, campaign: "Campaign") -> "Fit":
+    """Return the kept fit of a name or number. Raises ConfigError where there is none."""
+    from cfid.errors import ConfigError
+
+    stem = word.removesuffix(".json")
+    fits = [fit for fit in campaign.fits() if fit.stem == stem or (word.isdecimal() and fit.number == int(word))]
+    if len(fits) != 1:
+        raise ConfigError(f"{word}: no kept fit has this name or number; `cfid fits` lists them.")
+    return fits[0]
+
+
+def _state(fit: "Fit", values: "Values", *, withdrawn: bool) -> str:
+    """Return in a few words whether a fit's parameters count, and why not."""
+    if withdrawn:
+        return "withdrawn"
+    taken = values.by_fit.get(next((each for each in values.fits if each.stem == fit.stem), fit), [])
+    keys = [key for key in (*fit.section.parameters, *fit.section.rejected) if key not in {each.key for each in taken}]
+    if not keys:
+        return "counts"
+    why = next((each.why for each in values.candidates(keys[0]) if each.fit.stem == fit.stem), "rejected")
+    return f"counts, except {keys[0]}{' and others' if len(keys) > 1 else ''}: {why}" if taken else why
