@@ -54,6 +54,14 @@ class DescriptionOptions:
             rich_help_panel=_COLUMNS,
         ),
     ] = None
+    time_unit: Annotated[
+        Literal["s", "ms", "us", "ns"] | None,
+        typer.Option(help="Unit of the times, as --unit t=...", rich_help_panel=_COLUMNS),
+    ] = None
+    angle_unit: Annotated[
+        Literal["counts", "rad", "deg"] | None,
+        typer.Option(help="Unit of the angle, as --unit phi=...", rich_help_panel=_COLUMNS),
+    ] = None
     rows: Annotated[
         list[str] | None,
         typer.Option(
@@ -136,9 +144,11 @@ class DescriptionOptions:
                 positive(value, option)
         columns = () if self.columns is None else tuple(name.strip() for name in self.columns.split(","))
         pulses = self.esc_us
+        units = {"t": self.time_unit, "phi": self.angle_unit}
         return How(
             columns=columns,
-            units=dict(_pairs(self.unit, "--unit", "t=us")),
+            units={name: unit for name, unit in units.items() if unit is not None}
+            | dict(_pairs(self.unit, "--unit", "t=us")),
             rows=_pairs(self.rows, "--rows", "Propeller=T5143"),
             rate_hz=self.rate_hz,
             skip_lines=self.skip_lines,

@@ -15,7 +15,7 @@ from cfid.large import chosen_rows, differences, empty, parts, usual_step
 from cfid.recordings.gyro import Rates, gyro_series, rotation_of
 from cfid.recordings.outliers import offset_segments, outliers
 from cfid.recordings.read import read_recording
-from cfid.recordings.recording import Array, Column, How, Recording, Rows, Series, is_angle
+from cfid.recordings.recording import ANGLE, Array, Column, How, Recording, Rows, Series, is_angle
 from cfid.recordings.stamps import by_stamps
 from cfid.records.files import RUN_FILE
 from cfid.records.parameters import Source
@@ -27,7 +27,6 @@ Mask = npt.NDArray[np.bool_]
 CountsPerTurn = float | str
 
 ENCODER = "encoder"  # the device of a run
-ANGLE = "phi"  # a column's name in runs, and in `columns`
 
 _COUNTS = ("counts", "count")
 _OF_TABLES = ("columns", "units", "rate_hz", "skip_lines", "decimal", "rows", "sort_times")

@@ -14,10 +14,10 @@ from cfid.recordings.blackbox import BEGIN as BLACKBOX
 from cfid.recordings.blackbox import read_blackbox
 from cfid.recordings.crazyflie import crazyflie_unit, is_flown, vehicle_of
 from cfid.recordings.matlab import is_matlab, read_matlab
-from cfid.recordings.recording import Column, Facts, How, Kind, Recording, Series, is_angle
+from cfid.recordings.recording import TIME, Column, Facts, How, Kind, Recording, Series, is_angle
 from cfid.recordings.stand import is_stand
 from cfid.recordings.table import Table, layout_of, read_table
-from cfid.recordings.times import TIME, series_of
+from cfid.recordings.times import series_of
 from cfid.recordings.ulog import BEGIN as ULOG
 from cfid.recordings.ulog import read_ulog
 from cfid.recordings.usd import is_usd, read_usd
@@ -25,7 +25,7 @@ from cfid.recordings.wrench import AXES, LOADCELL, described_above
 from cfid.records.files import RUN_FILE, check_regular, sha256_of
 from cfid.records.parameters import Source
 from cfid.records.run import DeviceRecord, Run, losses, read_run
-from cfid.units import split_unit
+from cfid.units import factor, split_unit
 
 ENCODER = "encoder"  # the device of a run
 
@@ -110,8 +110,8 @@ def kind_of(columns: Sequence[Column]) -> Kind | None:
     for kind, pattern in _NAMES.items():
         if any(pattern.fullmatch(column.name) for column in columns):
             return kind
-    if any(is_angle(column.name) for column in columns):
-        return "angle"
+    if any(is_angle(column.name) or (column.name.isdecimal() and factor(column.unit, "rad")) for column in columns):
+        return "angle"  # by its name, or by a unit that was stated for a column without one
     return "stand" if is_stand(columns) else None
 
 

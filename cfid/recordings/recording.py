@@ -22,10 +22,20 @@ Rows = npt.NDArray[np.intp]
 Kind = Literal["angle", "wrench", "stand", "flight", "ping", "period"]
 Clock = Literal["computer", "true", "84/85", "unknown"]
 
+_TIMES = re.compile(
+    r"t|tout|time|time[ _]?stamp|ticks?|elapsed(?:[ _]time)?|relative[ _]time|timeus|seconds?|secs?|millis|micros",
+    re.IGNORECASE,
+)
 _ANGLES = re.compile(
     r"(?:phi|angle|theta|alpha|winkel|auslenkung|[φϕθϑα]|pos|position|enc|encoder(?:[ _]angle)?)_?\d?", re.IGNORECASE
 )
+TIME, ANGLE = "t", "phi"  # what runs call them, and options that name no other column
 MISSING_SHARE = 0.1  # of a recording's rows that may lack a number
+
+
+def is_time(name: str) -> bool:
+    """Return whether a column is called a time."""
+    return bool(_TIMES.fullmatch(name))
 
 
 def is_angle(name: str) -> bool:

@@ -14,9 +14,9 @@ from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, finding
 from cfid.recordings.outliers import Mask, outliers
-from cfid.recordings.recording import MISSING_SHARE, Array, How, Recording, Series
+from cfid.recordings.recording import MISSING_SHARE, TIME, Array, How, Recording, Series
 from cfid.recordings.table import read_table
-from cfid.recordings.times import TIME, time_column
+from cfid.recordings.times import time_column
 from cfid.records.files import check_regular
 from cfid.records.parameters import Source
 from cfid.records.run import losses, run_at

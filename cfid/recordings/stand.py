@@ -19,10 +19,10 @@ from cfid.findings import Finding, finding, note
 from cfid.large import PART_ROWS, empty, parts, side_by_side, some_steps
 from cfid.quantities.registry import range_of
 from cfid.recordings.outliers import offset_segments, outliers, stuck
-from cfid.recordings.recording import Array, Column, Facts, How, Recording, Rows, Series
+from cfid.recordings.recording import TIME, Array, Column, Facts, How, Recording, Rows, Series
 from cfid.recordings.stand_names import BITCRAZE, KNOWN, SPEED_NAMES, MotorColumn, Speeds, head_of, motor_columns
 from cfid.recordings.table import read_table
-from cfid.recordings.times import TIME, series_of
+from cfid.recordings.times import series_of
 from cfid.records.parameters import Source
 from cfid.records.run import run_at, run_holding
 from cfid.units import FULL_COMMAND, ROTORS, USUAL_GRAVITY_MPS2, factor

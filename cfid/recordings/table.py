@@ -22,7 +22,7 @@ from pandas.errors import ParserError
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, finding
 from cfid.large import as_columns
-from cfid.recordings.recording import Array, Column, How
+from cfid.recordings.recording import ANGLE, TIME, Array, Column, How, is_angle, is_time
 from cfid.records.files import check_regular
 from cfid.records.parameters import Source
 from cfid.units import split_unit
@@ -34,6 +34,7 @@ _MOST_COLUMNS = 10_000
 _LEFT_OUT_SHARE = 0.01  # of a table's lines that may be damaged
 _BOM = b"\xef\xbb\xbf"
 _OF_NUMBERS = b"0123456789+-.eE \r\nnaNiIfF"  # with those of nan and inf
+_CALLED = {TIME: is_time, ANGLE: is_angle}
 _COMMENT = ("#", "%", "//")
 _OTHER_FILES = {
     b"PK\x03\x04": "a spreadsheet (.xlsx) or packed files: save the table as CSV, or unpack it.",
@@ -307,15 +308,20 @@ def _columns(table: Table, values: Sequence[Array], how: How) -> tuple[Column, .
 
 
 def with_units(path: Path, columns: Sequence[Column], how: How) -> tuple[Column, ...]:
-    """Return columns with the units that options state. Raises ConfigError for a contradiction, or no such column."""
+    """Return columns with the units that options state; `t` is the time and `phi` the angle, whatever it is called.
+
+    Raises ConfigError where there is no such column.
+    """
     known = list(columns)
     for name, unit in how.units.items():
         places = [at for at, one in enumerate(known) if name in (one.name, one.head, str(at + 1))]
+        if not places and name in _CALLED:
+            places = [at for at, one in enumerate(known) if _CALLED[name](one.name)]
+            places = places or ([0] if name == ANGLE and len(known) == 1 else [])
         if not places:
             listing = ", ".join(one.head or one.name for one in known)
             raise ConfigError(f"{path}: `unit` {name}={unit}: no such column among {listing}.", code="no-column")
-        column = known[places[0]]
-        known[places[0]] = replace(column, unit=unit)
+        known[places[0]] = replace(known[places[0]], unit=unit)
     return tuple(known)
 
 

@@ -1,6 +1,5 @@
 """Find the times of a table's rows, in seconds, and refuse those that cannot be: back, still, or in another unit."""
 
-import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,15 +8,10 @@ from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, finding
 from cfid.large import differences, usual_step
-from cfid.recordings.recording import Array, Column, How, Rows, Series
+from cfid.recordings.recording import TIME, Array, Column, How, Rows, Series, is_time
 from cfid.recordings.table import Table
 from cfid.units import factor
 
-TIME = "t"
-_CALLED = re.compile(
-    r"t|tout|time|time[ _]?stamp|ticks?|elapsed(?:[ _]time)?|relative[ _]time|timeus|seconds?|secs?|millis|micros",
-    re.IGNORECASE,
-)
 _UNIT_OF_NAME = {"timeus": "us", "millis": "ms", "micros": "us"}  # what Arduino's functions and PX4 call their times
 _PER_SECOND = {1e-3: 1e3, 1e-6: 1e6, 1e-9: 1e9}  # to divide by, since the factors are not exact
 _FASTEST_S, _SLOWEST_S = 1.9e-5, 0.11  # steps of a rig's recordings without a unit: 50 kHz to 10 Hz, with margin
@@ -44,7 +38,7 @@ def time_column(table: Table, how: How) -> Column | None:
     Raises ConfigError for several.
     """
     named = [one for one in table.columns if one.name == TIME] if any("=" in word for word in how.columns) else []
-    called = named or [one for one in table.columns if _CALLED.fullmatch(one.name)]
+    called = named or [one for one in table.columns if is_time(one.name)]
     if len(called) > 1:
         heads = ", ".join(one.head for one in called)
         raise ConfigError(f"{table.path}: several columns of time: {heads}. Name one: `columns` t={called[0].head}.")

@@ -185,3 +185,13 @@ def test_an_option_that_nothing_uses_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="`clock`") as error:
         How(clock="84/85", rate_hz=100).refuse_unused(tmp_path, "rate_hz")
     assert error.value.code == "unused"
+
+
+def test_a_unit_of_t_and_phi_is_that_of_the_time_and_the_angle_whatever_they_are_called(written: Written) -> None:
+    path = written("elapsed,enc\n" + "".join(f"{10 * row},{row}\n" for row in range(20)))
+    table = read_table(path, How(units={"t": "ms", "phi": "deg"}))
+
+    assert [(column.name, column.unit) for column in table.columns] == [("elapsed", "ms"), ("enc", "deg")]
+    with pytest.raises(ConfigError) as error:
+        read_table(path, How(units={"Fz": "N"}))
+    assert error.value.code == "no-column"
