@@ -23,7 +23,7 @@ from cfid.records.files import RUN_FILE, refuse_kept
 Array = npt.NDArray[np.float64]
 Format = Literal["csv", "parquet", "mcap"]
 
-TIME = "t"
+_TIME = "t"
 
 _EXACT_INTEGER = 2.0**53
 
@@ -156,7 +156,7 @@ def _columns(series: Series) -> list[Array]:
 
 
 def _names(series: Series) -> list[str]:
-    return [*([] if series.time_s is None else [TIME]), *(column.name for column in series.columns)]
+    return [*([] if series.time_s is None else [_TIME]), *(column.name for column in series.columns)]
 
 
 def _units(series: Series) -> list[str]:
@@ -165,7 +165,7 @@ def _units(series: Series) -> list[str]:
 
 def _heads(series: Series, recording: Recording) -> list[str]:
     """Return the header of a CSV file: names, with the unit in brackets where a file's name alone does not state it."""
-    heads = [TIME] if series.time_s is not None else []
+    heads = [_TIME] if series.time_s is not None else []
     for column in series.columns:
         stated = recording.run is None and column.unit and column.unit != crazyflie_unit(column.name)
         heads.append(f"{column.name} [{column.unit}]" if stated else column.name)
