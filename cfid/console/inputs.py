@@ -79,13 +79,13 @@ def split_label(word: str, workplace: Workplace) -> tuple[str, str]:
 def find_recording(word: str, workplace: Workplace, suits: Matches = lambda _run: True) -> Path:
     """Return the path of a RUN, which is a path, or names a run of the campaign by its name, a glob or `last`.
 
-    `suits` describes the runs that the command takes. Raises ConfigError when a glob matches no run or several, or
-    when `last` finds no run.
+    Without a campaign, runs are those in the current folder, where `cfid import` then writes them. `suits` describes
+    the runs that the command takes. Raises ConfigError when a glob matches no run or several, or `last` finds none.
     """
     path = Path(word)
-    if workplace.campaign is None or path.exists():
+    if path.exists():
         return path
-    folder = workplace.campaign.runs_folder
+    folder = Path() if workplace.campaign is None else workplace.campaign.runs_folder
     if (folder / word).is_dir():
         return folder / word  # also where its name looks like a pattern
     if not is_last(word) and not is_glob(word):

@@ -10,8 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.integrate import cumulative_trapezoid
-from scipy.stats import theilslopes
 
 from cfid.errors import DataError
 from cfid.recordings.recording import Array, Column, Series
@@ -121,11 +119,13 @@ def integrated(time_s: Array, rate_rad_per_s: Array) -> tuple[Array, float]:
     A swing returns to its rest angle, so its constant is the one that keeps the middles of the half-swings in place.
     Any other motion begins or ends at rest, where a gyro shows its bias.
     """
-    angle = np.asarray(cumulative_trapezoid(rate_rad_per_s, time_s, initial=0.0))
+    steps = np.diff(time_s) * (rate_rad_per_s[1:] + rate_rad_per_s[:-1]) / 2  # numpy alone: scipy.stats loads for long
+    angle = np.concatenate([[0.0], np.cumsum(steps)])
     turns = _extremes(rate_rad_per_s - np.median(rate_rad_per_s))
     at_s, middle = _middles(time_s[turns], angle[turns])
     if len(at_s) >= _FEWEST_MIDDLES:
-        bias = float(theilslopes(middle, at_s).slope)
+        before, after = np.triu_indices(len(at_s), k=1)
+        bias = float(np.median((middle[after] - middle[before]) / (at_s[after] - at_s[before])))  # Theil and Sen's
         return angle - bias * time_s - float(np.median(middle - bias * at_s)), bias
     bias = _at_rest(time_s, rate_rad_per_s)
     return angle - bias * (time_s - time_s[0]), bias

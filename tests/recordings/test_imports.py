@@ -285,3 +285,14 @@ def test_in_python_a_recording_is_imported_by_the_settings_that_read_it(tmp_path
     with pytest.raises(ConfigError) as refused:
         import_recording(read_recording(run.folder), How())
     assert refused.value.code == "a-run"
+
+
+def test_a_run_imported_without_a_campaign_is_last_in_its_folder(cfid: Cfid, tmp_path: Path) -> None:
+    file = table(tmp_path / "swing.csv", "", np.degrees(ANGLE_RAD))
+    described = ("--rate-hz", "500", "--angle-unit", "deg", "--axis", "x")
+    assert cfid("import", file, *described, folder=tmp_path).returncode == 0
+
+    ended = cfid("fit", "swing", "last", "--json", folder=tmp_path)
+    assert ended.returncode == 0, ended.stderr
+    squared = json.loads(ended.stdout)["parameters"]["swing.natural_frequency_squared_s2"]
+    assert squared["value"] == pytest.approx(64, rel=0.04)  # of a sine of 0.5 rad, which a pendulum's only resembles
