@@ -41,15 +41,32 @@ def here(folder: Path | None) -> "Campaign":
     return open_campaign(folder)
 
 
-def write_parameters(campaign: "Campaign") -> None:
-    """Write parameters.toml from the fits, with a note on what it was; in a folder that is read-only, it stays."""
+def write_parameters(campaign: "Campaign") -> int:
+    """Write parameters.toml from the fits, with a note on what it was; in a folder that is read-only, it stays.
+
+    Fits that cannot be read are named, since their values are missing then; their number is returned.
+    """
     from contextlib import suppress
 
     from cfid.console.messages import note
 
+    unreadable = note_unreadable_fits(campaign)
     with suppress(ConfigError):
         if was := campaign.write_parameters():
             note(
                 f"{campaign.parameters_file.name} {was}: it is written anew from the fits, and no command reads it. "
                 "`cfid set` stores a number."
             )
+    return unreadable
+
+
+def note_unreadable_fits(campaign: "Campaign") -> int:
+    """Print a note on each kept fit that cannot be read, and return how many there are."""
+    from cfid.console.messages import note
+    from cfid.errors import DataError
+    from cfid.records.fits import list_fits
+
+    faults = [fault for fault in list_fits(campaign.fits_folder) if isinstance(fault, DataError)]
+    for fault in faults:
+        note(f"{fault} Its values do not count.")
+    return len(faults)

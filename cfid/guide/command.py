@@ -98,8 +98,10 @@ def _typed(question: str) -> str:
 
 def _status(campaign: "Campaign", kind: "CampaignKind | None") -> "Status":
     """Return the state of a campaign; print a note on each run that cannot be read."""
+    from cfid.console.campaign import note_unreadable_fits
     from cfid.guide.status import status_of
 
+    note_unreadable_fits(campaign)
     found = status_of(campaign, kind=kind)
     for error in found.unreadable:
         note(f"{error} The run does not count.")

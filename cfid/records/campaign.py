@@ -1,5 +1,6 @@
 """A campaign folder: the rig, its runs, and what was found from them."""
 
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -179,19 +180,22 @@ class Campaign(BaseModel):
     def write_parameters(self) -> str:
         """Write parameters.toml from the values where it differs; return what had happened to the file, "" for nothing.
 
-        A file of an earlier version, which held the numbers itself, is kept beside it. Raises ConfigError.
+        A file that is not as it was written is kept beside it. Raises ConfigError.
         """
         path = self.parameters_file
         try:
             with locked_folder(self.folder):
                 simulated = {run.folder.name for run in self.runs(complete=False) if run.header.simulated}
                 own_name = self.folder.resolve().name
-                text = text_of(self.values(), name=own_name, version=__version__, simulated=simulated)
+                values = self.values()
+                text = text_of(values, name=own_name, version=__version__, simulated=simulated)
                 before = read_small(path) if path.exists() else b""
-                was = "" if before == b"" or is_as_written(before.decode("utf-8", "replace")) else "was cut or edited"
-                if was and not before.startswith(b"#"):
+                strange = before != b"" and not is_as_written(before.decode("utf-8", "replace"))
+                was = ""
+                if strange:  # it may hold what somebody wrote, as the values of earlier versions
                     kept = path.rename(path.with_suffix(f".{sha256_of(path)[:8]}.toml"))
-                    was = f"is of an earlier version, and kept as {kept.name}"
+                    was = f"was cut, edited or written by an earlier version, and is kept as {kept.name}"
+                    was += _without_fit(before, values)
                 if before != text.encode():
                     write_whole(path, text.encode())
         except OSError as error:
@@ -224,6 +228,18 @@ class Campaign(BaseModel):
             return path
         there, folder = Path(path).resolve(), self.folder.resolve()
         return str(there.relative_to(folder) if there.is_relative_to(folder) else there)
+
+
+def _without_fit(content: bytes, values: Values) -> str:
+    """Return, as part of a sentence, what a parameters.toml of version 0.2 has and no kept fit gives."""
+    try:
+        sections = tomllib.loads(content.decode("utf-8", "replace"))
+    except tomllib.TOMLDecodeError:
+        return ""
+    own = (section.get("parameters") for section in sections.values() if isinstance(section, dict))
+    keys = [key for parameters in own if isinstance(parameters, dict) for key in parameters]
+    lost = [key for key in dict.fromkeys(keys) if values.find(key) is None]
+    return f" with {', '.join(lost)}, which no kept fit gives and `cfid set` can store" if lost else ""
 
 
 def open_campaign(folder: str | Path | None = None) -> Campaign:

@@ -18,7 +18,8 @@ Stale = Callable[[Section], tuple[str, ...]]
 def stale_in(folder: Path, runs: Sequence[Run], rig: Rig) -> Stale:
     """Return a function that gives, as sentences, why a section of a campaign is no longer current.
 
-    A missing file is not a reason. `rig` is the campaign's rig.toml as it is now.
+    A missing file is not a reason; a run.toml that cannot be read is one, since it may exclude the run. `rig` is the
+    campaign's rig.toml as it is now.
     """
     excluded = {run.folder.name: run.header.excluded for run in runs if run.header.excluded}
     now_states = {run.folder.name: run.header.stated_sha256 for run in runs}
@@ -35,6 +36,8 @@ def stale_in(folder: Path, runs: Sequence[Run], rig: Rig) -> Stale:
     def reasons(section: Section) -> tuple[str, ...]:
         other = [source.path for source in section.sources if has_changed(source)]
         other += [f"{RUNS_FOLDER}/{n}/{RUN_FILE}" for n, was in section.runs.items() if now_states.get(n, was) != was]
+        unread = [name for name in section.runs if name not in now_states]
+        other += [file for name in unread if (folder / (file := f"{RUNS_FOLDER}/{name}/{RUN_FILE}")).exists()]
         left = [f"{name} ({excluded[name]})" for name in runs_of(section.sources) if name in excluded]
         now = stated(rig, section.rig)
         facts = [f"{key} {_change(was, now.get(key))}" for key, was in section.rig.items() if now.get(key) != was]

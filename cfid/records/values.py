@@ -102,8 +102,8 @@ class Values:
         if key in self._by_hand:
             return Quantity(key=key, fit=self._by_hand[key])
         places = {_place(fit, key) for fit in self.fits if key in fit.section.parameters}
-        chosen = [fit for place in places if (fit := self._fit_for(place)) is not None and _has(fit, place, key)]
-        return self._quantity(key, max(chosen, key=lambda fit: fit.order)) if chosen else None
+        giving = [fit for place in places if (fit := self._fit_giving(place, key)) is not None]
+        return self._quantity(key, max(giving, key=lambda fit: fit.order)) if giving else None
 
     def accepted(self, key: str) -> Quantity | None:
         """Return the value of a key if it is accepted and has a standard uncertainty, else None."""
@@ -114,11 +114,14 @@ class Values:
         """Yield every value: those set by hand, then those of fits in the order of the fits' names."""
         for key, fit in self._by_hand.items():
             yield Quantity(key=key, fit=fit)
-        chosen = [(given, place) for place in self._giving if (given := self._fit_for(place)) is not None]
-        for given, place in sorted(chosen, key=lambda each: (each[0].name, each[0].order)):
-            for key in given.section.parameters:
-                if key not in self._by_hand and _place(given, key) == place:
-                    yield self._quantity(key, given)
+        giving: list[tuple[Fit, str]] = []
+        for place, fits in self._giving.items():
+            keys = [key for fit in fits for key in fit.section.parameters if _place(fit, key) == place]
+            for key in dict.fromkeys(keys):
+                given = None if key in self._by_hand else self._fit_giving(place, key)
+                giving += [] if given is None else [(given, key)]
+        for fit, key in sorted(giving, key=lambda each: (each[0].name, each[0].order)):
+            yield self._quantity(key, fit)
 
     @cached_property
     def by_fit(self) -> dict[Fit, list[Quantity]]:
@@ -197,7 +200,7 @@ class Values:
         objection = self._objection(fit, place, key)
         if key in self._by_hand:
             return objection or f"{self._by_hand[key].stem} was set by hand"
-        chosen = self._fit_for(place)
+        chosen = self._fit_giving(place, key) or self._fit_for(place)
         if taken and objection:
             return f"no fit is better, but: {objection}"
         if taken:
@@ -218,6 +221,19 @@ class Values:
         if place not in self._taken:
             self._taken[place] = self._chosen(place)
         return self._taken[place]
+
+    def _fit_giving(self, place: _Place, key: str) -> Fit | None:
+        """Return the fit that a key of a place comes from, None for none: the one that counts for the place.
+
+        Quantities with an aim are parts of one result. Of others, such as test bodies about two axes, one that the fit
+        does not give comes from the most certain fit that does.
+        """
+        taken = self._fit_for(place)
+        having = [fit for fit in self._giving[place] if key in fit.section.parameters and _place(fit, key) == place]
+        sound = [fit for fit in having if not self._objection(fit, place, key)]
+        if taken in sound or not sound or _is_of_the_run(place) or any(row.joint == place.joint for row in _AIMED):
+            return taken if taken in having else None
+        return min(reversed(sound), key=lambda fit: self._over_aims(fit, place))
 
     def _chosen(self, place: _Place) -> Fit | None:
         if _is_of_the_run(place):
@@ -263,7 +279,8 @@ class Values:
     def _over_aims(self, fit: Fit, place: _Place) -> float:
         """Return the worst standard uncertainty of a place's quantities over its aim, infinite where one is unknown.
 
-        Of quantities without aims, the mean of the relative standard uncertainties counts, each at most 1.
+        Of quantities without aims, the mean of the relative standard uncertainties counts, each at most 1, which is
+        also that of a quantity that another fit gives and this one does not.
         """
         section = fit.section
         keys = [key for key in section.parameters if key not in section.rejected and _place(fit, key) == place]
@@ -273,8 +290,16 @@ class Values:
             return max(
                 math.inf if ratio is None else ratio / aim for ratio, aim in zip(ratios, aims.values(), strict=True)
             )
-        known = [ratio for key in keys if (ratio := relative_std(section, key, self.rig)) is not None]
-        return sum(min(ratio, 1.0) for ratio in known) / len(known) if known else math.inf
+        known = {key: relative_std(section, key, self.rig) for key in keys}
+        given = {
+            key
+            for other in self._giving[place]
+            for key in other.section.parameters
+            if key not in other.section.rejected and _place(other, key) == place
+        }
+        if all(ratio is None for ratio in known.values()):
+            return math.inf
+        return sum(1.0 if (ratio := known.get(key)) is None else min(ratio, 1.0) for key in given) / len(given)
 
 
 def relative_std(section: Section, key: str, rig: Rig) -> float | None:
@@ -349,7 +374,3 @@ def _place(fit: Fit, key: str) -> _Place:
 
 def _is_of_the_run(place: _Place) -> bool:
     return place.joint == ""
-
-
-def _has(fit: Fit, place: _Place, key: str) -> bool:
-    return key in fit.section.parameters and _place(fit, key) == place

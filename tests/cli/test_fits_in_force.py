@@ -129,8 +129,9 @@ def test_an_edited_parameters_file_is_written_anew_with_a_note(cfid: Cfid, lab: 
     path.write_text(before[: len(before) // 2])
     shown = cfid("parameters", folder=lab)
 
-    assert "was cut or edited" in " ".join(shown.stderr.split())
+    assert "parameters.toml was cut" in " ".join(shown.stderr.split())
     assert path.read_text() == before
+    assert [kept.read_text() for kept in lab.glob("parameters.*.toml")] == [before[: len(before) // 2]]
 
 
 def test_a_fit_of_the_same_and_more_recordings_replaces_whatever_it_finds(cfid: Cfid, lab: Path) -> None:
@@ -217,3 +218,15 @@ def test_reports_exports_and_status_take_the_accepted_value_where_a_later_sectio
         row for group in report["sheet"] for one in group["quantities"] if SPEED in one["keys"] for row in one["rows"]
     ]
     assert [row["value"] for row in rows] == value.value
+
+
+def test_an_export_refuses_where_a_kept_fit_is_torn_and_names_it(cfid: Cfid, lab: Path) -> None:
+    assert cfid("set", "arm_m", "0.05", folder=lab).returncode == 0
+    path = lab / "fits" / "0002_set.json"
+    path.write_text(path.read_text()[:-20])
+
+    for words in (("parameters",), ("status",)):
+        assert path.name in cfid(*words, folder=lab).stderr
+    ended = cfid("export", "json", folder=lab)
+    assert ended.returncode == 4
+    assert path.name in ended.stderr

@@ -15,6 +15,7 @@ from cfid.records.fits import Fit, withdraw
 from cfid.records.parameters import Parameter, Section, Source
 from cfid.records.parameters_file import is_as_written, text_of
 from cfid.records.rig_file import new_rig_text, thesis_rig
+from cfid.records.stale import stale_in
 from cfid.records.values import Values, judging_weights, part_of
 from tests.kept import keep, values_of
 
@@ -217,18 +218,20 @@ def test_a_torn_or_edited_parameters_file_changes_no_number_and_is_written_anew(
         assert found is not None
         assert found.parameter == before.parameter
         assert not is_as_written(text)
-        assert open_campaign(folder).write_parameters() == "was cut or edited"
+        assert open_campaign(folder).write_parameters()
         assert path.read_text() == whole
+        assert text in {kept.read_text() for kept in folder.glob("parameters.*.toml")}
     assert not open_campaign(folder).write_parameters()
 
 
 def test_the_numbers_of_an_earlier_version_are_kept_beside_the_file(folder: Path) -> None:
     path = folder / "parameters.toml"
-    path.write_text("format = 2\n[set]\n")
+    earlier = "# mine\nformat = 2\n[set.parameters.arm_m]\nvalue = 0.05\n"
+    path.write_text(earlier)
     was = open_campaign(folder).write_parameters()
 
-    assert [f"is of an earlier version, and kept as {each.name}" for each in folder.glob("parameters.*.toml")] == [was]
-    assert [each.read_text() for each in folder.glob("parameters.*.toml")] == ["format = 2\n[set]\n"]
+    assert "arm_m" in was  # which no fit gives
+    assert [each.read_text() for each in folder.glob("parameters.*.toml")] == [earlier]
     assert is_as_written(path.read_text())
 
 
@@ -261,3 +264,33 @@ def test_values_of_a_simulated_rig_are_marked_in_the_file_for_people() -> None:
 
     heads = [line for line in text.splitlines() if "cfid fit" in line]
     assert [head.endswith(", SIMULATED") for head in heads] == [False, True]
+
+
+def test_a_fit_of_another_axis_takes_no_value_of_the_first_away() -> None:
+    x, z = "testbody.measured_kg_m2.x", "testbody.measured_kg_m2.z"
+    found = values(fit(1, {x: 0.1, z: 0.1}, runs="ab", name="testbody"), fit(2, {z: 0.01}, runs="b", name="testbody"))
+
+    assert (taken(found, x), taken(found, z)) == (1, 1)
+    alone = values(fit(1, {x: 0.1}, runs="a", name="testbody"), fit(2, {z: 0.01}, runs="b", name="testbody"))
+    assert (taken(alone, x), taken(alone, z)) == (1, 2)
+    assert {quantity.key for quantity in alone} == {x, z}
+
+
+def test_a_forced_fit_hides_no_accepted_value_behind_a_rejected_one() -> None:
+    drag, rising = "flight.drag_kg_per_rad", "flight.rising_s"
+    forced = fit(2, {drag: 0.01, rising: 0.01}, runs="b", name="flight", rejected={rising: "no step"})
+    found = values(fit(1, {drag: 0.1, rising: 0.1}, runs="a", name="flight"), forced)
+
+    assert taken(found, rising) == 1
+
+
+def test_a_run_whose_run_toml_is_torn_makes_its_fit_outdated(folder: Path) -> None:
+    """It may exclude the run."""
+    run = folder / "runs" / "torn"
+    run.mkdir(parents=True)
+    (run / "run.toml").write_text("kind = ")
+    section = replace(fit(1, GOOD).section, runs={"torn": "0" * 64})
+
+    assert stale_in(folder, [], thesis_rig())(section)
+    (run / "run.toml").unlink()
+    assert not stale_in(folder, [], thesis_rig())(section)
