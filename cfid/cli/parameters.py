@@ -54,7 +54,8 @@ def list_parameters(
         return
     write_parameters(found)
     sections = values.sections()
-    (_print_json if json else _print_tables)(_named(sections, names) if names else sections)
+    outdated = {values.label(fit): values.outdated(fit) for fit in values.by_fit}
+    (_print_json if json else _print_tables)(_named(sections, names) if names else sections, outdated)
 
 
 def _named(sections: "Mapping[str, Section]", names: Sequence[str]) -> "dict[str, Section]":
@@ -233,7 +234,7 @@ def _into_parameters(
     return f"{path}. It counts before all fits."
 
 
-def _print_json(sections: "dict[str, Section]") -> None:
+def _print_json(sections: "dict[str, Section]", outdated: "Mapping[str, Sequence[str]]") -> None:
     import json
     from dataclasses import asdict
 
@@ -250,6 +251,7 @@ def _print_json(sections: "dict[str, Section]") -> None:
                 "covariance": [asdict(covariance) for covariance in section.covariance],
                 "common": section.common,
                 "rejected": section.rejected,
+                "outdated": list(outdated.get(name, ())),
             }
             for name, section in sections.items()
         },
@@ -257,12 +259,17 @@ def _print_json(sections: "dict[str, Section]") -> None:
     echo(json.dumps(plain(content), indent=2, allow_nan=False))
 
 
-def _print_tables(sections: "dict[str, Section]") -> None:
+def _print_tables(sections: "dict[str, Section]", outdated: "Mapping[str, Sequence[str]]") -> None:
     from cfid.console.tables import print_parameters
 
     if not sections:
         echo("no parameters yet: `cfid fit --help` lists the fits, `cfid set` stores a value.")
     for name, section in sections.items():
-        verdict = "" if section.accepted else ", REJECTED"
+        verdict = ("" if section.accepted else ", REJECTED") + (", OUTDATED" if outdated.get(name) else "")
         method = "" if section.method in ("default", "") else f", {section.method}"
         print_parameters(section.parameters, title=f"{name} ({section.found:%Y-%m-%d %H:%M}{method}{verdict})")
+        for text in outdated.get(name, ()):
+            note(f"{name}: {text}")
+        for key in section.parameters:
+            if section.accepted and key in section.rejected:
+                note(f"{key} was rejected: {section.rejected[key]}")
