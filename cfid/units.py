@@ -54,8 +54,8 @@ UNITS: dict[str, dict[str, float]] = {
         **dict.fromkeys(("g", "gf", "gram", "grams"), _GRAM_FORCE_N),
         **dict.fromkeys(("kg", "kgf"), 1e3 * _GRAM_FORCE_N),
         "mg": 1e-3 * _GRAM_FORCE_N,
-        "lbf": _POUND_FORCE_N,
-        "ozf": _POUND_FORCE_N / 16,
+        **dict.fromkeys(("lbf", "lb", "lbs"), _POUND_FORCE_N),
+        **dict.fromkeys(("ozf", "oz"), _POUND_FORCE_N / 16),
     },
     "N m": {
         "nm": 1.0,
@@ -117,3 +117,9 @@ def split_unit(head: str) -> tuple[str, str]:
     if match is None or si_of(match["unit"]) is None:
         return head.strip(), ""
     return match["name"].strip(), match["unit"].strip()
+
+
+def bracketed(head: str) -> str:
+    """Return what stands in brackets at the end of a head, a known unit or not, "" for nothing."""
+    match = _BRACKETS.fullmatch(head.strip())
+    return "" if match is None else match["unit"].strip()

@@ -58,17 +58,10 @@ def read_recording(path: Path | str, how: How | None = None, *, kind: Kind | Non
     for what cannot be read, ConfigError for what `how` has to state, or states and nothing uses.
     """
     path, how = Path(path), how or How()
-    try:
-        check_regular(path)
-        if path.is_dir():
-            how.refuse_unused(path)
-            return of_run(read_run(path))
-        with path.open("rb") as file:
-            begin = file.read(_BEGIN_BYTES)
-    except (FileNotFoundError, ValueError):  # a name with a zero byte
-        raise DataError(f"{path}: no such file.", code="no-file") from None
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror}.", code="unreadable") from None
+    if path.is_dir():
+        how.refuse_unused(path)
+        return of_run(read_run(path))
+    begin = _begin_of(path, _BEGIN_BYTES)
     if is_usd(begin):
         return read_usd(path, how)
     if begin.startswith(ULOG):
@@ -80,25 +73,35 @@ def read_recording(path: Path | str, how: How | None = None, *, kind: Kind | Non
     return _of_table(table, named, kind or kind_of(table.columns))
 
 
-def is_binary_log(path: Path) -> bool:
-    """Return whether a file is a vehicle's binary log, not a table: uSD card, ULog or blackbox."""
+def _begin_of(path: Path, size: int) -> bytes:
+    """Return the first bytes of a file. Raises DataError for what is no file, or cannot be read."""
     try:
         check_regular(path)
         with path.open("rb") as file:
-            begin = file.read(_BEGIN_BYTES)
-    except OSError:
+            return file.read(size)
+    except (FileNotFoundError, ValueError):  # a name with a zero byte
+        raise DataError(f"{path}: no such file.", code="no-file") from None
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror}.", code="unreadable") from None
+
+
+def is_binary_log(path: Path) -> bool:
+    """Return whether a file is a vehicle's binary log, not a table: uSD card, ULog or blackbox."""
+    try:
+        begin = _begin_of(path, _BEGIN_BYTES)
+    except DataError:
         return False
     return is_usd(begin) or begin.startswith((ULOG, BLACKBOX))
 
 
 def kind_at(path: Path) -> Kind | None:
     """Return the kind of a file by its first lines; None where they do not show it. Raises DataError for no table."""
+    begin = _begin_of(path, _HEAD_BYTES)
     if is_binary_log(path):
         return "flight"
     if is_matlab(path):
         return kind_of(read_matlab(path).columns)
-    with path.open("rb") as file:
-        heads = layout_of(path, file.read(_HEAD_BYTES), How()).heads
+    heads = layout_of(path, begin, How()).heads
     named = ((head, *split_unit(head)) for head in heads)
     return kind_of([Column(name=name, unit=unit, values=np.empty(0), head=head) for head, name, unit in named])
 

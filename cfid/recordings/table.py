@@ -25,7 +25,7 @@ from cfid.large import as_columns
 from cfid.recordings.recording import ANGLE, TIME, Array, Column, How, is_angle, is_time
 from cfid.records.files import check_regular
 from cfid.records.parameters import Source
-from cfid.units import split_unit
+from cfid.units import bracketed, split_unit
 
 BLOCK_BYTES = 1 << 22
 _HEAD_BYTES = 1 << 16  # within which the rows begin
@@ -302,7 +302,10 @@ def _columns(table: Table, values: Sequence[Array], how: How) -> tuple[Column, .
     columns = []
     for place, head in enumerate(table.heads):
         name, unit = split_unit(head)
-        name = names.get(place, f"{name} ({place + 1})" if name in named else name)
+        if place in names:
+            name, unit = names[place], unit or bracketed(head)  # an unknown unit is then named as that
+        elif name in named:
+            name = f"{name} ({place + 1})"
         columns.append(Column(name=name, unit=unit, values=values[place], head=head))
     return with_units(table.path, columns, how)
 

@@ -28,7 +28,6 @@ _ALIKE = {  # quantities that rest on the same force, arm, wind or line through 
     "drag.simple_kg_per_rad": ("drag.*",),
     "latency.clock_skew": ("latency.clock_offset_s",),
 }  # fmt: skip
-_OF_COMMAND = ("motor.thrust_poly", "motor.speed_poly")  # polynomials that are extrapolated to the full command
 _SAYS_NOTHING = "-not-excited"  # ends codes of quantities that a recording does not show at all
 _BACKWARDS = ("flight-rotors-turn-back", "flight-wrong-way")  # codes of a wrong sign, for any platform
 _OTHERWISE = 'For another kind of body write platform = "other" under [vehicle] in rig.toml (`cfid new` makes one).'
@@ -69,7 +68,7 @@ def _implausible(quantities: Mapping[str, Parameter], platform: Platform) -> tup
     advice = f" {_OTHERWISE}" if platform != "other" else ""
     found: list[Finding] = []
     for key, one in quantities.items():
-        measured_to = _measured_to(quantities) if key in _OF_COMMAND else None
+        measured_to = _measured_to(quantities) if key == "motor.thrust_poly" else None
         fault = implausible(key, plain(one.value), std=plain(one.std), platform=platform, measured_to=measured_to)
         if fault and not any(finding.concerns(key) for finding in found):
             found.append(rejection("implausible", f"{fault}{advice}", key, *_ALIKE.get(key, ())))

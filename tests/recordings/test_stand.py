@@ -9,6 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from cfid.errors import CfidError, ConfigError, DataError
+from cfid.recordings.read import read_recording
 from cfid.recordings.recording import How, Series
 from cfid.recordings.stand import StandTable, canonical_stand, read_stand, stand_of
 from cfid.units import RPM
@@ -478,3 +479,11 @@ def test_bitcrazes_ramp_of_2021_is_a_record_over_time() -> None:
     table = stand_of(read_stand(RAMP))
     assert len(table.command) == 2573
     assert np.asarray(table.time_s)[-1] == pytest.approx(25.72)
+
+
+def test_a_unit_that_is_not_known_is_named_and_not_taken_for_newtons(tmp_path: Path) -> None:
+    path = tmp_path / "stand.csv"
+    path.write_text("cmd,thrust (stone)\n" + "".join(f"{1000 * row},{row / 10}\n" for row in range(1, 60)))
+
+    with pytest.raises(CfidError, match="stone"):
+        stand_of(read_recording(path, How(columns=("thrust_n=thrust (stone)",)), kind="stand"))

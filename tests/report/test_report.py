@@ -60,7 +60,7 @@ def test_the_name_of_the_file_tells_its_format(cfid: Cfid, campaign: Path) -> No
         ("export", "json", "--out", "fits/vehicle.json", "--force"),
         ("export", "samples", "--out", "fits/deeper", "--force"),
         ("fleet", ".", "--out", "fits/table.csv"),
-        ("convert", "a.csv", "--to", "mat", "--out", "fits/a.mat"),
+        ("convert", "a.csv", "--to", "parquet", "--out", "fits/a.parquet"),
     ],
 )
 def test_nothing_else_lies_among_fits(cfid: Cfid, campaign: Path, words: tuple[str, ...]) -> None:

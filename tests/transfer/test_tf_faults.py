@@ -226,7 +226,7 @@ def test_invalid_options_are_reported(tf: Here, index: Path) -> None:
 
 def test_a_run_of_something_else_is_no_sine(tf: Here, tmp_path: Path, runs: list[SimulatedSine]) -> None:
     (tmp_path / RIG_FILE).write_text(new_rig_text())
-    refused(tf("identify"), 2, "no complete sines in")
+    refused(tf("identify"), 2, "no complete sines")
     sine = write_run(tmp_path, runs[0])
     swing = create_run(
         tmp_path / "runs",
