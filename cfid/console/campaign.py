@@ -41,23 +41,22 @@ def here(folder: Path | None) -> "Campaign":
     return open_campaign(folder)
 
 
-def write_parameters(campaign: "Campaign") -> int:
+def write_parameters(campaign: "Campaign") -> None:
     """Write parameters.toml from the fits, with a note on what it was; in a folder that is read-only, it stays.
 
-    Fits that cannot be read are named, since their values are missing then; their number is returned.
+    Fits that cannot be read are named, since their values are missing then.
     """
     from contextlib import suppress
 
     from cfid.console.messages import note
 
-    unreadable = note_unreadable_fits(campaign)
+    note_unreadable_fits(campaign)
     with suppress(ConfigError):
         if was := campaign.write_parameters():
             note(
                 f"{campaign.parameters_file.name} {was}: it is written anew from the fits, and no command reads it. "
                 "`cfid set` stores a number."
             )
-    return unreadable
 
 
 def note_unreadable_fits(campaign: "Campaign") -> int:
@@ -70,3 +69,13 @@ def note_unreadable_fits(campaign: "Campaign") -> int:
     for fault in faults:
         note(f"{fault} Its values do not count.")
     return len(faults)
+
+
+def note_earlier_parameters(campaign: "Campaign") -> None:
+    """Print a note where parameters.toml was not written from the fits, as that of version 0.2."""
+    from cfid.console.messages import note
+    from cfid.records.parameters_file import is_as_written
+
+    path = campaign.parameters_file
+    if path.is_file() and not is_as_written(path.read_text(encoding="utf-8", errors="replace")):
+        note(f"{path.name} is not as it was written: `cfid parameters` names what it has and no kept fit gives.")

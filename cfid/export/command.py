@@ -109,12 +109,13 @@ def refuse(target: "Target", known: ExportInput, *, force: bool) -> None:
 
 
 def _known(campaign: "Campaign") -> ExportInput:
-    from cfid.console.campaign import write_parameters
+    from cfid.console.campaign import note_earlier_parameters, note_unreadable_fits
     from cfid.errors import DataError
     from cfid.export.refusals import marked
     from cfid.export.vehicle import collect
 
-    if write_parameters(campaign):
+    note_earlier_parameters(campaign)
+    if note_unreadable_fits(campaign):
         raise DataError("an export needs all kept fits: restore those that cannot be read, or move them out of fits/.")
     simulated = {run.folder.name for run in campaign.runs(complete=False) if run.header.simulated}
     values = campaign.values()

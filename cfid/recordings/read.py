@@ -58,7 +58,11 @@ def read_recording(path: Path | str, how: How | None = None, *, kind: Kind | Non
     for what cannot be read, ConfigError for what `how` has to state, or states and nothing uses.
     """
     path, how = Path(path), how or How()
-    if path.is_dir():
+    try:
+        is_run = path.is_dir()
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror}.", code="unreadable") from None
+    if is_run:
         how.refuse_unused(path)
         return of_run(read_run(path))
     begin = _begin_of(path, _BEGIN_BYTES)

@@ -60,7 +60,8 @@ class StandTable:
 
     `columns` has the file's name for each, by the name under which a run keeps it.
     Thrust and torque are one motor's where the file is of `motors` motors; where `motors` is None, they are as in the
-    file. `command` is nan where the file has none; any quantity is nan where a field was not a number.
+    file. `are_stated` is whether an option or an import states the motors. `command` is nan where the file has none;
+    any quantity is nan where a field was not a number.
     `speeds_rad_s` (n, s) are as displayed, nan where a sensor was dead: a motor's ("motor"), one rotor's in several
     series ("series"), four rotors' at once ("rotors") or their mean ("mean"). `rotors` is the number of rotors whose
     speed the header names, None for none and for a mean. `grams` is the reading of scales.
@@ -73,6 +74,7 @@ class StandTable:
     command: Array
     thrust_n: Array | None
     motors: int | None
+    are_stated: bool
     rotors: int | None
     torque_nm: Array | None
     vbat_v: Array | None
@@ -206,6 +208,7 @@ def stand_of(recording: Recording, how: How | None = None, *, gravity_mps2: floa
         command=command,
         thrust_n=thrust,
         motors=motors,
+        are_stated=motors is not None and motors in (recording.facts.motors, (how or How()).motors),
         rotors={None: None, "mean": None, "rotors": len(rotors)}.get(kind, 1),
         torque_nm=values.get("torque_nm"),
         vbat_v=values.get("vbat_v"),

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.recordings.recording import Column
-from cfid.units import ROTORS, split_unit
+from cfid.units import ROTORS, bracketed, split_unit
 
 Speeds = Literal["motor", "series", "rotors", "mean"]
 
@@ -95,7 +95,8 @@ def motor_columns(columns: Sequence[Column], stated: Sequence[str] = ()) -> dict
         renamed = own.get(head_of(column).lower())
         name, unit = split_unit(renamed or column.name)
         words = re.sub(r"[\s_]+", " ", _OF_POWERTRAIN.sub("", name.strip().lower()))
-        unit = unit if renamed else column.unit or unit or UNIT_OF_NAME.get(re.split(r"[ \d]", words)[0], "")
+        implied = bracketed(head_of(column)) if column.name in stated else ""  # an unknown unit is named as that
+        unit = unit if renamed else column.unit or implied or unit or UNIT_OF_NAME.get(re.split(r"[ \d]", words)[0], "")
         for quantity, kinds in NAMES.items():
             for kind, pattern in kinds.items():
                 if re.fullmatch(pattern, words):

@@ -25,7 +25,7 @@ from cfid.large import as_columns
 from cfid.recordings.recording import ANGLE, TIME, Array, Column, How, is_angle, is_time
 from cfid.records.files import check_regular
 from cfid.records.parameters import Source
-from cfid.units import bracketed, split_unit
+from cfid.units import split_unit
 
 BLOCK_BYTES = 1 << 22
 _HEAD_BYTES = 1 << 16  # within which the rows begin
@@ -303,7 +303,7 @@ def _columns(table: Table, values: Sequence[Array], how: How) -> tuple[Column, .
     for place, head in enumerate(table.heads):
         name, unit = split_unit(head)
         if place in names:
-            name, unit = names[place], unit or bracketed(head)  # an unknown unit is then named as that
+            name = names[place]
         elif name in named:
             name = f"{name} ({place + 1})"
         columns.append(Column(name=name, unit=unit, values=values[place], head=head))

@@ -10,7 +10,7 @@ from cfid.errors import DataError
 from cfid.records.files import RIG_FILE, RUN_FILE, RUNS_FOLDER, sha256_of
 from cfid.records.parameters import Section, Source, runs_of
 from cfid.records.rig_file import Rig, stated
-from cfid.records.run import Run
+from cfid.records.run import Run, read_run
 
 Stale = Callable[[Section], tuple[str, ...]]
 
@@ -33,11 +33,18 @@ def stale_in(folder: Path, runs: Sequence[Run], rig: Rig) -> Stale:
         except (DataError, OSError, ValueError):
             return False
 
+    @cache
+    def is_torn(run: Path) -> bool:
+        try:
+            return (run / RUN_FILE).exists() and not read_run(run)
+        except (DataError, OSError):
+            return True
+
     def reasons(section: Section) -> tuple[str, ...]:
         other = [source.path for source in section.sources if has_changed(source)]
         other += [f"{RUNS_FOLDER}/{n}/{RUN_FILE}" for n, was in section.runs.items() if now_states.get(n, was) != was]
         unread = [name for name in section.runs if name not in now_states]
-        other += [file for name in unread if (folder / (file := f"{RUNS_FOLDER}/{name}/{RUN_FILE}")).exists()]
+        other += [f"{RUNS_FOLDER}/{name}/{RUN_FILE}" for name in unread if is_torn(folder / RUNS_FOLDER / name)]
         left = [f"{name} ({excluded[name]})" for name in runs_of(section.sources) if name in excluded]
         now = stated(rig, section.rig)
         facts = [f"{key} {_change(was, now.get(key))}" for key, was in section.rig.items() if now.get(key) != was]

@@ -485,5 +485,6 @@ def test_a_unit_that_is_not_known_is_named_and_not_taken_for_newtons(tmp_path: P
     path = tmp_path / "stand.csv"
     path.write_text("cmd,thrust (stone)\n" + "".join(f"{1000 * row},{row / 10}\n" for row in range(1, 60)))
 
+    how = How(columns=("thrust_n=thrust (stone)",))
     with pytest.raises(CfidError, match="stone"):
-        stand_of(read_recording(path, How(columns=("thrust_n=thrust (stone)",)), kind="stand"))
+        stand_of(read_recording(path, how, kind="stand"), how)

@@ -48,10 +48,10 @@ def _ask_motors(table: StandTable, motors: int | None) -> None:
         return
     quantity = "torque" if table.thrust_n is None else "thrust"
     head = next(table.columns[name] for name in ("thrust_n", "weight_g", "torque_nm") if name in table.columns)
-    named = f"{table.path}: '{head}'"
-    if motors is None and table.motors is None and table.rotors not in (None, 1):
+    named, usual = f"{table.path}: '{head}'", table.motors or 1
+    if motors is None and not table.are_stated and table.rotors not in (None, usual):
         raise ConfigError(
-            f"{named} is usually the {quantity} of 1 motor, but the file has the speed of "
+            f"{named} is usually the {quantity} of {counted(usual, 'motor')}, but the file has the speed of "
             f"{counted(table.rotors, 'rotor')}. Give `motors`, the number of motors whose {quantity} it is."
         )
     if motors is not None and table.motors not in (None, motors):
