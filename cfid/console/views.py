@@ -64,8 +64,9 @@ def views_of(word: str, workplace: Workplace) -> tuple[list[View], tuple[str, ..
     A file outside a run is identified by its columns. Raises DataError when nothing can be read, and ConfigError for a
     file that needs an option of `cfid import`.
     """
-    from cfid.recordings.angle import ENCODER, angle_of
+    from cfid.recordings.angle import angle_of
     from cfid.recordings.read import kind_of, read_recording
+    from cfid.recordings.recording import ENCODER
     from cfid.recordings.wrench import LOADCELL, wrench_of
 
     recording = read_recording(find_recording(word, workplace))

@@ -15,7 +15,20 @@ from cfid.large import chosen_rows, differences, empty, parts, usual_step
 from cfid.recordings.gyro import Rates, gyro_series, rotation_of
 from cfid.recordings.outliers import offset_segments, outliers
 from cfid.recordings.read import read_recording
-from cfid.recordings.recording import ANGLE, Array, Column, How, Recording, Rows, Series, is_angle
+from cfid.recordings.recording import (
+    ANGLE,
+    COUNTS,
+    ENCODER,
+    FEWEST_ROWS,
+    OF_TABLES,
+    Array,
+    Column,
+    How,
+    Recording,
+    Rows,
+    Series,
+    is_angle,
+)
 from cfid.recordings.stamps import by_stamps
 from cfid.records.files import RUN_FILE
 from cfid.records.parameters import Source
@@ -26,11 +39,6 @@ from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
 Mask = npt.NDArray[np.bool_]
 CountsPerTurn = float | str
 
-ENCODER = "encoder"  # the device of a run
-
-_COUNTS = ("counts", "count")
-_OF_TABLES = ("columns", "units", "rate_hz", "skip_lines", "decimal", "rows", "sort_times")
-_FEWEST_ROWS = 16
 _EXACT = 2.0**53  # above it, numbers lose their last whole digits; no axis turns that far
 _FAILED_SHARE = 0.01  # of 13-bit words that may fail their check
 _WORDS_SHARE = 0.5  # of numbers that pass the check of a word, which one in 512 does by chance
@@ -98,8 +106,8 @@ def angle_of(
         return _angle_of_gyro(recording)
     column = _angle_column(series, how) if recording.run is None else _column_of_run(recording.run, series)
     if recording.run is None:
-        counted = ("counts_per_turn",) if column.unit in ("", *_COUNTS) else ()
-        how.refuse_unused(series.path, *_OF_TABLES, *counted)
+        counted = ("counts_per_turn",) if column.unit in ("", *COUNTS) else ()
+        how.refuse_unused(series.path, *OF_TABLES, *counted)
     if series.time_s is None:
         raise ConfigError(f"{series.path}: no column of time: name it, as in `columns` t=1.", code="no-time")
     series, column = _complete(series, column)
@@ -108,11 +116,11 @@ def angle_of(
     if recording.run is not None:
         series, scale_std = by_stamps(series)
         column = series.column(column.name)
-        if column.unit in ("", *_COUNTS):
+        if column.unit in ("", *COUNTS):
             per_turn = per_turn or recording.run.header.devices[ENCODER].counts_per_turn
         about_run = of_recording(recording.name, gaps(facts_of(recording.run, ENCODER, Facts)))
-    if series.rows < _FEWEST_ROWS:
-        raise DataError(f"{series.path}: {series.rows} rows; a recording has at least {_FEWEST_ROWS}.", code="few-rows")
+    if series.rows < FEWEST_ROWS:
+        raise DataError(f"{series.path}: {series.rows} rows; a recording has at least {FEWEST_ROWS}.", code="few-rows")
     turns, valid, about_counts = _turns(series, column, per_turn, rig_counts_per_turn)
     series = series if valid is None else series.kept(valid)
     angle_rad, rows, about_angle = continuous(series, turns)
@@ -189,7 +197,7 @@ def _column_of_run(run: Run, series: Series) -> Column:
 
 
 def _complete(series: Series, column: Column) -> tuple[Series, Column]:
-    """Return a series without the rows that have no angle, or one that is none, and its column of angles."""
+    """Return a series without the rows whose angle is missing or impossible, and its column of angles."""
     beyond = np.abs(column.values) >= _EXACT
     if beyond.any():
         possible = replace(column, values=np.where(beyond, np.nan, column.values))
@@ -215,7 +223,7 @@ def _turns(
 ) -> tuple[Array, Mask | None, tuple[Finding, ...]]:
     """Return a column (n,) in turns, the rows (n,) that it keeps (None for all), and findings."""
     values, name = column.values, column.head or column.name
-    unit = column.unit or (_COUNTS[0] if per_turn is not None else "")
+    unit = column.unit or (COUNTS[0] if per_turn is not None else "")
     if not unit:
         words = f" Its numbers pass the check of {RLS_13BIT_IN_22}." if _are_words(values) else ""
         raise ConfigError(
@@ -223,7 +231,7 @@ def _turns(
             f"{column.name}=counts with `counts_per_turn`.{words}",
             code="no-unit",
         )
-    if unit not in _COUNTS:
+    if unit not in COUNTS:
         scale = factor(unit, "rad")
         if scale is None:
             raise DataError(

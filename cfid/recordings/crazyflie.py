@@ -10,7 +10,7 @@ import numpy as np
 from cfid.errors import DataError
 from cfid.findings import Finding, finding
 from cfid.large import usual_step
-from cfid.recordings.recording import Array, Column, Facts, How, Recording, Series
+from cfid.recordings.recording import OF_TABLES, Array, Column, Facts, How, Recording, Series
 from cfid.recordings.table import Table
 from cfid.recordings.times import series_of, time_column
 from cfid.units import FULL_COMMAND, USUAL_GRAVITY_MPS2, si_of
@@ -47,7 +47,6 @@ _FLOWN = re.compile(
     r"(?:\s*[\[(][^\[\]()]+[\])])?"
 )
 _SHARE_OF_FULL = re.compile(r"control\.m[1-4]")
-_OF_A_VEHICLE = ("columns", "units", "rate_hz", "skip_lines", "decimal", "rows", "sort_times", "props_out")
 
 
 class Timed(NamedTuple):
@@ -139,7 +138,7 @@ def vehicle_of(table: Table, how: How) -> Recording:
     profile = next((one for one in PROFILES if one.shown_by(heads)), Profile(program="CSV log"))
     columns, findings = _with_firmware_s_names(table, time, profile)
     of_vehicle = time is not None and how.rate_hz is None and any(crazyflie_unit(one.name) for one in columns)
-    how.refuse_unused(table.path, *_OF_A_VEHICLE, *(("clock",) if of_vehicle else ()))
+    how.refuse_unused(table.path, *OF_TABLES, "props_out", *(("clock",) if of_vehicle else ()))
     series = series_of(replace(table, columns=columns), how, name="log")
     if profile.time_unit and how.rate_hz is None and time is not None and not time.unit:
         _refuse_seconds(series, time)

@@ -14,12 +14,12 @@ import numpy.typing as npt
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, finding
 from cfid.large import parts
-from cfid.recordings.angle import ENCODER, angle_of
+from cfid.recordings.angle import angle_of
 from cfid.recordings.crazyflie import is_flown
 from cfid.recordings.periods import PERIODS, periods_of
 from cfid.recordings.read import description, kind_of
-from cfid.recordings.recording import Array, Column, How, Kind, Recording, Series
-from cfid.recordings.sines import PINGS, pings_of
+from cfid.recordings.recording import ENCODER, Array, Column, How, Kind, Recording, Series
+from cfid.recordings.sines import PINGS, read_pings
 from cfid.recordings.stand import STAND, canonical_stand
 from cfid.recordings.vehicle import COMMANDS, VEHICLE_LOG
 from cfid.recordings.wrench import LOADCELL, wrench_of
@@ -33,7 +33,6 @@ from cfid.version import __version__
 _UNIX_S = (1e9, 4e9)  # seconds since the epoch, from 2001 to 2096
 _COMMAND_NAMES = tuple(tuple(f"{name}{motor}" for motor in MOTORS) for name in ("motor.m", "pwm.m"))
 _GYRO = ("gyro.x", "gyro.y", "gyro.z")
-_OF_A_TABLE = ("columns", "units", "rate_hz", "skip_lines", "decimal", "rows", "sort_times")
 _NO_COLUMN = re.compile(r'[\s,;"]+')
 _NO_DEVICE = re.compile(r"[^A-Za-z0-9_-]+")
 
@@ -155,7 +154,6 @@ def _angle(
     recording: Recording, how: How, rig_counts_per_turn: float | str | None
 ) -> tuple[Recording, dict[str, _Device]]:
     """Return the encoder's angle in rad, continuous over turns."""
-    how.refuse_unused(recording.path, *_OF_A_TABLE, "counts_per_turn")
     record = angle_of(recording, how, rig_counts_per_turn=rig_counts_per_turn)
     begin_s = recording.series[next(iter(recording.series))].begin_s or 0.0
     device = _Device(columns={"t": record.time_s + begin_s, "phi": record.angle_rad}, facts={"angle_unit": "rad"})
@@ -179,8 +177,7 @@ def _stand(recording: Recording, how: How) -> tuple[Recording, dict[str, _Device
 
 
 def _pings(recording: Recording, how: How) -> tuple[Recording, dict[str, _Device]]:
-    how.refuse_unused(recording.path, *_OF_A_TABLE)
-    record = pings_of(recording, how)
+    record = read_pings(recording.path, how)
     sent_s = np.cumsum(record.rtt_s) - record.rtt_s if record.sent_s is None else record.sent_s
     columns = {"t": sent_s, "rtt_s": record.rtt_s}
     if record.vehicle_us is not None:

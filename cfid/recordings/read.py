@@ -14,7 +14,7 @@ from cfid.recordings.blackbox import BEGIN as BLACKBOX
 from cfid.recordings.blackbox import read_blackbox
 from cfid.recordings.crazyflie import crazyflie_unit, is_flown, vehicle_of
 from cfid.recordings.matlab import is_matlab, read_matlab
-from cfid.recordings.recording import TIME, Column, Facts, How, Kind, Recording, Series, is_angle
+from cfid.recordings.recording import ENCODER, TIME, Column, Facts, How, Kind, Recording, Series, is_angle
 from cfid.recordings.stand import is_stand
 from cfid.recordings.table import Table, layout_of, read_table
 from cfid.recordings.times import series_of
@@ -26,8 +26,6 @@ from cfid.records.files import RUN_FILE, check_regular, sha256_of
 from cfid.records.parameters import Source
 from cfid.records.run import DeviceRecord, Run, losses, read_run
 from cfid.units import factor, split_unit
-
-ENCODER = "encoder"  # the device of a run
 
 _BEGIN_BYTES, _HEAD_BYTES = 64, 1 << 16
 _LISTED = 8  # series, and columns of one unit, that one line names
@@ -178,7 +176,7 @@ class _Devices(Mapping[str, Series]):
 
 
 def _device(run: Run, device: str, record: DeviceRecord) -> Series:
-    """Read a device's file; its columns keep their names. Raises DataError for a file that is none of a device."""
+    """Read a device's file; its columns keep their names. Raises DataError for another kind of file."""
     path = run.device_file(device)
     table = read_table(path, of_run=True)
     timed = table.heads[0] == TIME

@@ -30,6 +30,10 @@ _ANGLES = re.compile(
     r"(?:phi|angle|theta|alpha|winkel|auslenkung|[φϕθϑα]|pos|position|enc|encoder(?:[ _]angle)?)_?\d?", re.IGNORECASE
 )
 TIME, ANGLE = "t", "phi"  # what runs call them, and options that name no other column
+COUNTS = ("counts", "count")  # as units of an encoder or a load cell
+ENCODER = "encoder"  # the device of a run
+OF_TABLES = ("columns", "units", "rate_hz", "skip_lines", "decimal", "rows", "sort_times")  # fields of `How`
+FEWEST_ROWS = 16  # of a recording of an angle or of forces
 MISSING_SHARE = 0.1  # of a recording's rows that may lack a number
 
 

@@ -14,7 +14,7 @@ from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, finding
 from cfid.recordings.outliers import Mask, outliers
-from cfid.recordings.recording import MISSING_SHARE, TIME, Array, How, Recording, Series
+from cfid.recordings.recording import MISSING_SHARE, TIME, Array, How, Series
 from cfid.recordings.table import read_table
 from cfid.recordings.times import time_column
 from cfid.records.files import check_regular
@@ -105,11 +105,6 @@ def read_crossings(path: Path) -> CrossingRecord:
     )
 
 
-def pings_of(recording: Recording, how: How | None = None) -> PingRecord:
-    """Return the round trips of a recording. Raises as `read_pings`."""
-    return read_pings(recording.path, how)
-
-
 def read_pings(path: Path, how: How | None = None) -> PingRecord:
     """Read a run of `cfid log ping`, or a table with a column rtt_s, and t and vehicle_us if it has them.
 
@@ -153,10 +148,7 @@ def _events(
     Raises DataError for a column that is missing, or that several are called.
     """
     how.refuse_unused(path, "columns", "units", "skip_lines", "decimal", "rows")
-    try:
-        table = read_table(path, how, of_run=of_run)
-    except FileNotFoundError:
-        raise DataError(f"{path}: no such file.", code="no-file") from None
+    table = read_table(path, how, of_run=of_run)
     times = time_column(table, how)
     columns = []
     for name in (*needed, *optional):

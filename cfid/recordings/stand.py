@@ -19,7 +19,7 @@ from cfid.findings import Finding, finding, note
 from cfid.large import PART_ROWS, empty, parts, side_by_side, some_steps
 from cfid.quantities.registry import range_of
 from cfid.recordings.outliers import offset_segments, outliers, stuck
-from cfid.recordings.recording import TIME, Array, Column, Facts, How, Recording, Rows, Series
+from cfid.recordings.recording import OF_TABLES, TIME, Array, Column, Facts, How, Recording, Rows, Series
 from cfid.recordings.stand_names import BITCRAZE, KNOWN, SPEED_NAMES, MotorColumn, Speeds, head_of, motor_columns
 from cfid.recordings.table import read_table
 from cfid.recordings.times import series_of
@@ -37,7 +37,6 @@ _NAMES_OF_RUN = {"thrust": "thrust_n", "torque": "torque_nm", "voltage": "vbat_v
 _EXAMPLES = {"command": "cmd", "speed": "rpm"} | _NAMES_OF_RUN
 _GRAMS = {"g": 1.0, "gram": 1.0, "grams": 1.0, "kg": 1e3}  # in a unit of a weight
 _COMMANDS = ("cmd", "throttle")
-_USED = ("columns", "units", "rate_hz", "skip_lines", "decimal", "rows", "sort_times", "motors")
 _DSHOT = (48.0, 2047.0)  # smallest and largest throttle; what is below are words to the controller
 _LEAST_FULL = 2500.0  # a table whose commands are all below turns no motor on the scale 0 to 65535
 _LONGEST_PULSE_US = 5000.0  # beyond all that controllers take, of which few reach 2500
@@ -105,7 +104,7 @@ def canonical_stand(recording: Recording, how: How | None = None) -> Recording:
 
     Commands are from 0 to 65535, `cmd`, or `throttle` of a motor controller; thrust is `thrust_n` or `weight_g`, that
     of all motors, and so is `torque_nm`; speeds are in rad/s. Times are None for settled points. Raises ConfigError for
-    what `how` has to state, DataError for a table that is none of motors.
+    what `how` has to state, DataError for a table without motors.
     """
     how = how or How()
     series = _stand_series(recording)
@@ -304,7 +303,7 @@ def _check_names(path: Path, how: How, known: Mapping[str, Sequence[MotorColumn]
 
 
 def _check(series: Series, known: Mapping[str, Sequence[MotorColumn]]) -> None:
-    """Refuse several columns of one quantity, a table that is none of motors, and columns without a unit."""
+    """Refuse several columns of one quantity, a table without motors, and columns without a unit."""
     for quantity, columns in known.items():
         if len(columns) > 1 and {column.kind for column in columns} not in ({"series"}, {"rotors"}):
             raise DataError(
@@ -337,7 +336,7 @@ def _command(
     column = known["command"][0] if "command" in known else None
     pulses = column is not None and factor(column.unit or "-", "s") is not None
     dshot = column is not None and how.dshot and not pulses
-    how.refuse_unused(series.path, *_USED, *(["esc_us"] if pulses else []), *(["dshot"] if dshot else []))
+    how.refuse_unused(series.path, *OF_TABLES, "motors", *(["esc_us"] if pulses else []), *(["dshot"] if dshot else []))
     if column is None:
         return None
 

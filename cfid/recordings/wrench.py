@@ -18,7 +18,7 @@ from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, finding, of_recording, texts
 from cfid.large import chosen_rows, empty
 from cfid.recordings.outliers import Mask, outliers, stuck
-from cfid.recordings.recording import MISSING_SHARE, Array, How, Recording, Series
+from cfid.recordings.recording import COUNTS, FEWEST_ROWS, MISSING_SHARE, OF_TABLES, Array, How, Recording, Series
 from cfid.recordings.stamps import by_stamps
 from cfid.recordings.table import Table
 from cfid.records.files import RUN_FILE
@@ -33,14 +33,11 @@ LOADCELL = "loadcell"
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 USUAL_COUNTS = 1e6  # per N and per N m: the thesis' box, and the manufacturer's default
 
-_COUNTS = ("counts", "count")
 _IN_UNKNOWN_UNIT = re.compile(rf"(?:{'|'.join(AXES)})\s*[\[(].*", re.IGNORECASE)
 _STATUS = "status"
 _THESIS: Family = "netft"  # of a file that does not state its box
 _SI, _SCALES = {"F": "N", "T": "N m"}, {"F": "counts_per_n", "T": "counts_per_nm"}
 _LARGEST_COUNT, _LARGEST_N = 2.0**31, 1e5  # a word of 32 bits, and more than 40 kN, where the largest load cells end
-_FEWEST_ROWS = 16
-_USED = ("columns", "units", "rate_hz", "skip_lines", "decimal", "rows", "sort_times")
 # What ATI's demo program writes above its columns.
 _PREAMBLE = ("RDT Sample Rate", "Force Units", "Counts per Unit Force", "Torque Units", "Counts per Unit Torque")
 _Scale = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
@@ -154,7 +151,7 @@ def wrench_of(recording: Recording, how: How | None = None, *, gain: tuple[float
         names = {axis: name for axis in AXES if (name := _name_of(series, axis)) is not None}
         scales = {"F": how.counts_per_n, "T": how.counts_per_nm}
         per_unit, counted = _per_unit(series, names, scales)
-        how.refuse_unused(series.path, *_USED, *(("counts_per_n", "counts_per_nm") if counted else ()))
+        how.refuse_unused(series.path, *OF_TABLES, *(("counts_per_n", "counts_per_nm") if counted else ()))
         if counted and None in [scales[axis[0]] for axis in names]:
             about = (*about, finding("force-scale-assumed", counts=USUAL_COUNTS).at(place))
     else:
@@ -183,8 +180,8 @@ def wrench_of(recording: Recording, how: How | None = None, *, gain: tuple[float
     series = _possible(series, names, per_unit, counted=counted)
     if run is not None:
         series, _ = by_stamps(series)
-    if series.rows < _FEWEST_ROWS:
-        raise DataError(f"{series.path}: {series.rows} rows; a recording has at least {_FEWEST_ROWS}.", code="few-rows")
+    if series.rows < FEWEST_ROWS:
+        raise DataError(f"{series.path}: {series.rows} rows; a recording has at least {FEWEST_ROWS}.", code="few-rows")
     words = None if status is None else _words(series, status)
     values = empty(series.rows, len(AXES))
     values[:] = np.nan
@@ -285,7 +282,7 @@ def _per_unit(
     one, DataError for counts beside other units, and for units of another kind.
     """
     columns = {axis: series.column(name) for axis, name in names.items()}
-    counted = {column.unit.lower() in _COUNTS for column in columns.values() if column.unit}
+    counted = {column.unit.lower() in COUNTS for column in columns.values() if column.unit}
     if len(counted) > 1:
         raise DataError(f"{series.path}: some axes are in counts and some not: correct the header.", code="mixed-units")
     if counted == {True}:

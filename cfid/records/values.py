@@ -329,7 +329,7 @@ def judged_numbers(section: Section, key: str, rig: Rig) -> list[UFloat]:
 def judging_weights(key: str, count: int, rig: Rig) -> list[float] | None:
     """Return the weights by which a polynomial's coefficients sum to the number that it is judged by, else None.
 
-    This is its value at the place of its aim or of its plausible range, or its slope, in hover if the aim says so.
+    This is its value at the place of its aim or of its plausible range, or its slope, in hover if the aim states that.
     """
     row = find(key)
     if row is None or row.shape is not Shape.POLYNOMIAL:

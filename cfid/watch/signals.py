@@ -7,7 +7,7 @@ from itertools import groupby
 import numpy as np
 import numpy.typing as npt
 
-from cfid.recordings.angle import ENCODER
+from cfid.recordings.recording import ENCODER
 from cfid.recordings.sines import CROSSINGS
 from cfid.recordings.vehicle import COMMANDS, READINGS, SUPERVISOR, VEHICLE_LOG
 from cfid.recordings.wrench import AXES, LOADCELL, USUAL_COUNTS

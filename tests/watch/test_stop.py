@@ -190,7 +190,8 @@ def test_the_vehicles_of_all_runs_that_are_recorded_in_the_campaign_are_stopped(
             pilot.end()
     assert f'<th>the button stops</th><td class="">{bench.uri}, {other.uri}</td>' in facts
     assert answer["stopped"], answer
-    assert [line.partition(": ")[0] for line in str(answer["text"]).splitlines()] == [bench.uri, other.uri]
+    stopped = [line.partition(": ")[0] for line in str(answer["text"]).splitlines() if "motors stopped" in line]
+    assert stopped == [bench.uri, other.uri], answer  # a busy computer's page also names the process that still writes
 
 
 @pytest.mark.parametrize("clients", [20, 30])
