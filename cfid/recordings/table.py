@@ -30,7 +30,6 @@ from cfid.units import split_unit
 BLOCK_BYTES = 1 << 22
 _HEAD_BYTES = 1 << 16  # within which the rows begin
 _LONGEST_LINE = 1 << 20
-_MOST_COLUMNS = 10_000
 _LEFT_OUT_SHARE = 0.01  # of a table's lines that may be damaged
 _BOM = b"\xef\xbb\xbf"
 _OF_NUMBERS = b"0123456789+-.eE \r\nnaNiIfF"  # with those of nan and inf
@@ -384,17 +383,11 @@ def _with_heads(path: Path, layout: Layout, row: Sequence[str], above: Sequence[
             heads.pop()
         is_head = len(heads) >= count and not any(map(layout.is_number, heads)) and any(heads)
         if is_head and (len(heads) == count or not line.startswith(_COMMENT)):
-            _check_heads(path, heads)
             return replace(layout, heads=tuple(heads), has_head=True, above="\n".join(above[:at]))
         if not line.startswith(_COMMENT):
             break
     numbers = tuple(str(place) for place in range(1, count + 1))
     return replace(layout, heads=numbers, above="\n".join(above))
-
-
-def _check_heads(path: Path, heads: Sequence[str]) -> None:
-    if len(heads) > _MOST_COLUMNS:
-        raise DataError(f"{path}: {len(heads)} columns; {_MOST_COLUMNS} are the most that are read.")
 
 
 def _separator(line: str, decimal: str) -> str | None:
