@@ -253,6 +253,19 @@ def test_a_stiff_supply_under_a_hundred_steps_is_no_battery() -> None:
     assert not any(one.sag for one in found)
 
 
+def test_readings_of_a_battery_that_follow_no_load_correct_no_step() -> None:
+    times = np.arange(0.0, 110.0, 0.05)
+    rng, command = np.random.default_rng(2), 10000.0 + 10000 * ((times // 1.0) % 4)
+    speed, level = np.zeros(len(times)), 0.0
+    for row, leads_to in enumerate(command / 25):
+        speed[row] = level
+        level += (leads_to - level) * 0.05 / 1.5  # slower than the commands: no speed settles
+    battery = LoggedBattery(times, 4.0 - 8.0 * (speed / 1600) ** 2 + rng.normal(0, 1e-3, len(times)))
+    steps = command_steps(time_s=times, command=command)
+    fits = fit_steps(time_s=times, value=speed + rng.normal(0, 2.0, len(times)), steps=steps, battery=battery)
+    assert all(np.isfinite(fit.time_constant_s) for fit in fits)
+
+
 def test_steps_whose_speed_was_counted_wrong_for_a_while_are_off_the_map_of_the_others() -> None:
     rng, rows = np.random.default_rng(6), np.arange(0.0, 1.5, 0.02)
     commands = rng.permutation(np.repeat([15000.0, 25000, 35000, 45000, 55000], 4))

@@ -66,7 +66,7 @@ def sags(
     within -= drop_v * ((end / largest) ** load - (seen / largest) ** load)  # a short step ends before its speed does
     usual_v = np.where(read, within, float(np.mean(within[read])))  # where it was not read it fell all the same
     fell = np.where(driven, drop_v * (end / largest) ** load / usual_v, 0.0)
-    if fell.max() < _NOTABLE:
+    if fell.max() < _NOTABLE or not np.all(within[read] > 0):  # the latter: its readings follow no law of a load
         return [None] * len(steps)
     sure = np.maximum(end_std, _SUREST * largest)
     power, std = voltage_power(command=command[read], volts=within[read], speed=end[read], std=sure[read])
