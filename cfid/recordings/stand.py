@@ -139,6 +139,7 @@ def canonical_stand(recording: Recording, how: How | None = None) -> Recording:
             findings.append(finding("values-missing", name=column.head, count=count, rows=series.rows, line=line))
     used = {column.head for columns in known.values() for column in columns}
     if unused := [head for head in heads if head not in used]:
+        _refuse_units(series.path, how, [column.name for column in series.columns if head_of(column) in unused])
         findings.append(finding("columns-unused", names=_short(", ".join(unused), 120)))
     kept_columns = tuple(measured if command is None else [command, *measured])
     stand = replace(series, name=STAND, columns=kept_columns, time_s=time_s, findings=()).kept(kept)
@@ -299,6 +300,16 @@ def _check_names(path: Path, how: How, known: Mapping[str, Sequence[MotorColumn]
             f"{path}: `columns` {unknown[0]}: a table of motors takes NAME=COLUMN, as in thrust_n=3. Known names: "
             f"{KNOWN}.",
             code="columns",
+        )
+
+
+def _refuse_units(path: Path, how: How, unused: Sequence[str]) -> None:
+    """Raise ConfigError for the unit of a column that no quantity of motors is named after."""
+    for name in set(unused) & how.units.keys():
+        raise ConfigError(
+            f"{path}: `unit` {name}={how.units[name]}: the column is not used. Name its quantity by `columns`, as in "
+            f"thrust_n={name}. Known names: {KNOWN}.",
+            code="unused",
         )
 
 

@@ -488,3 +488,17 @@ def test_a_unit_that_is_not_known_is_named_and_not_taken_for_newtons(tmp_path: P
     how = How(columns=("thrust_n=thrust (stone)",))
     with pytest.raises(CfidError, match="stone"):
         stand_of(read_recording(path, how, kind="stand"), how)
+
+
+def test_a_unit_of_a_column_that_is_not_used_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "stand.csv"
+    path.write_text("cmd,rpm,lift\n" + "".join(f"{1000 * row},{100 * row},{row / 10}\n" for row in range(1, 60)))
+    how = How(units={"lift": "lbf"})
+
+    with pytest.raises(ConfigError) as error:
+        stand_of(read_recording(path, how, kind="stand"), how)
+    assert error.value.code == "unused"
+    named = How(units={"lift": "lbf"}, columns=("thrust_n=lift",))
+    thrust = stand_of(read_recording(path, named, kind="stand"), named).thrust_n
+    assert thrust is not None
+    assert thrust[9] == pytest.approx(4.4482216)
