@@ -79,6 +79,7 @@ def last(key: str, place: int = -1) -> str:
 
 
 BITCRAZE = DATA / "bitcraze_2021"
+SLOW = 85 / 84  # of a uSD card's microseconds, as the rows of both logs show
 TABLE = (
     Input(file=INPUTS / "ae483.json", origin="flight client, JSON", code=4),
     Input(
@@ -118,15 +119,15 @@ TABLE = (
         file=INPUTS / "stand_short_rows.csv",
         origin="RCbenchmark script, ragged rows",
         number=duration("stand"),
-        value=0.0,
-        off=1e9,
+        value=7.98,
+        off=1e-9,
     ),
     Input(
         file=INPUTS / "stand_slow_start.csv",
         origin="stand, 100 Hz, slow start",
         number=duration("stand"),
-        value=0.0,
-        off=1e9,
+        value=9.79,
+        off=1e-9,
     ),
     Input(
         file=INPUTS / "stand_thr_big.csv",
@@ -208,8 +209,8 @@ TABLE = (
         file=BITCRAZE / "cf2.1-stock-prop.csv",
         origin="Bitcraze stand, a ramp",
         number=duration("stand"),
-        value=0.0,
-        off=1e9,
+        value=25.72,
+        off=1e-9,
     ),
     Input(
         file=DATA / "bitcraze_2015" / "cf20_pwm_thrust_2015.csv",
@@ -223,25 +224,25 @@ TABLE = (
         file=DATA / "flights" / "eschmann_log10.usd",
         origin="uSD-card log",
         number=duration("crazyflie"),
-        value=0.0,
-        off=1e9,
+        value=50.006959 * SLOW,
+        off=1e-6,
     ),
     Input(
         file=DATA / "flights" / "eschmann_log15.usd",
         origin="uSD-card log",
         number=duration("crazyflie"),
-        value=0.0,
-        off=1e9,
+        value=62.188119 * SLOW,
+        off=1e-6,
     ),
     *(
         Input(
             file=DATA / "flights" / f"nanobench_{name}.csv",
             origin="NanoBench",
             number=duration("crazyflie"),
-            value=0.0,
-            off=1e9,
+            value=seconds,
+            off=1e-5,
         )
-        for name in ("B2_circle_fast_rep2", "B5_helix_fast_rep1")
+        for name, seconds in (("B2_circle_fast_rep2", 42.262240), ("B5_helix_fast_rep1", 42.260396))
     ),
     *(
         Input(file=path, origin="packets, no recording", code=4)
