@@ -183,7 +183,7 @@ def _status(task: Task, runs: Sequence[Run], values: Values) -> TaskStatus:
         state, reason = "missing" if short_of_runs else "stale", reasons[0]  # without these runs, a fit may always fail
     elif short_of_runs or (section is None and lacking):
         state, reason = "missing", _being_recorded(own)
-    elif last is not None and _holds(last, usable, values):
+    elif last is not None and _holds(last, usable, values) and (fit is None or not last.recordings <= fit.recordings):
         state, reason = "rejected", next(iter(last.section.rejected.values()))
     elif fit is None:
         state, reason = "not fitted", "recorded, not fitted yet."

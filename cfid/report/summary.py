@@ -126,8 +126,10 @@ def summary_of(
 def _numbers(known: Values) -> Iterator[MainNumber]:
     vehicle = known.rig.vehicle
     yield _main("Mass", vehicle.mass_kg, vehicle.mass_std_kg or None, 1e3, "g")
-    arm = known.rig.loadcell
-    if arm.arm_mm is not None:
+    arm, stated = known.rig.loadcell, known.find("arm_m")
+    if stated is not None:
+        yield _main("Arm", stated.parameter.value, stated.parameter.std, 1e3, "mm")
+    elif arm.arm_mm is not None:
         yield _main("Arm", arm.arm_mm, arm.arm_std_mm or None, 1.0, "mm")
     for one in _MAIN:
         found = known.find(one.key)

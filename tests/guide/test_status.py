@@ -275,6 +275,16 @@ def test_a_fit_that_was_rejected_whole_is_not_offered_again_until_something_was_
     assert standing(folder)[1].words == ("fit", "inertia")
 
 
+def test_a_rejected_fit_of_the_same_runs_changes_nothing_where_an_accepted_one_counts(folder: Path) -> None:
+    swung(folder)
+    runs = sorted((folder / "runs").iterdir())
+    fitted(folder)
+    assert standing(folder)[0].state == "accepted"
+    refused(folder, runs)
+    assert standing(folder)[0].state == "accepted"
+    assert open_campaign(folder).values().accepted("inertia.matrix_kg_m2") is not None
+
+
 def test_a_label_that_was_corrected_makes_a_fit_stale_and_takes_a_rejection_back(folder: Path) -> None:
     swung(folder)
     runs = sorted((folder / "runs").iterdir())

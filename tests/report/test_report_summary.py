@@ -55,6 +55,13 @@ def test_numbers_are_in_plain_units_with_their_relative_uncertainty() -> None:
     assert "Round trip to the vehicle" not in numbers
 
 
+def test_an_arm_that_was_set_is_shown_in_place_of_that_of_rig_toml() -> None:
+    (arm,) = (
+        number for number in summary(section(arm_m=Parameter(value=0.05, std=0.001))).numbers if number.title == "Arm"
+    )
+    assert arm.value == "50.0 ± 1.0 mm"
+
+
 def test_torque_speed_friction_and_drag_have_a_row_each_in_plain_units() -> None:
     found = section(
         motor__torque_poly=Parameter(value=[0.006, 1e-5], std=[0.0001, 1e-6], unit="Nm(N)"),
