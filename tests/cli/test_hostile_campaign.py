@@ -148,11 +148,12 @@ def shown_by(name: str, folder: Path) -> str:
     process = screen.start((*name.split(), *words), folder, dict(os.environ), stdin=subprocess.PIPE)
     process.stdin.write(b"n\n" if name == "next" else b"y\n" * 20)
     process.stdin.close()
-    end_s = time.monotonic() + LONGEST_S
+    end_s, next_s = time.monotonic() + LONGEST_S, 0.0
     while process.poll() is None:
         assert time.monotonic() < end_s, screen.read()
-        if "Ctrl-C ends it" in screen.read():
+        if "Ctrl-C ends it" in screen.read() and time.monotonic() > next_s:
             process.send_signal(signal.SIGINT)
+            next_s = time.monotonic() + 2.0  # as an operator would, who waits for what the first one does
         time.sleep(0.02)
     shown = screen.read()
     screen.close()
