@@ -1,7 +1,6 @@
 """An angle over time, in seconds and radians, continuous over turns: of an encoder, or of a gyro as its integral."""
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -13,7 +12,7 @@ from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, finding, of_recording, texts
 from cfid.large import chosen_rows, differences, empty, parts, usual_step
 from cfid.recordings.gyro import Rates, gyro_series, rotation_of
-from cfid.recordings.outliers import offset_segments, outliers
+from cfid.recordings.outliers import outliers
 from cfid.recordings.read import read_recording
 from cfid.recordings.recording import (
     ANGLE,
@@ -41,12 +40,10 @@ CountsPerTurn = float | str
 
 _EXACT = 2.0**53  # above it, numbers lose their last whole digits; no axis turns that far
 _FAILED_SHARE = 0.01  # of 13-bit words that may fail their check
-_WORDS_SHARE = 0.5  # of numbers that pass the check of a word, which one in 512 does by chance
 _OUTLIER_RAD = 0.1
 _JUMP_RAD, _JUMP_SHARE = np.pi / 2, 0.01  # at half a turn the direction is ambiguous; share of samples that may jump
 _FOLDED_TURNS = 1.5  # range of an angle that may be wrapped into one turn, with margin for a wrong scale
 _RANKED = 1_000_000  # samples whose percentiles show the range
-_MOST_READ = 0.5  # of rows may differ from the one before where the others repeat a reading
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,9 +102,9 @@ def angle_of(
     if series is None:
         return _angle_of_gyro(recording)
     column = _angle_column(series, how) if recording.run is None else _column_of_run(recording.run, series)
+    counted = column.unit in ("", *COUNTS)
     if recording.run is None:
-        counted = ("counts_per_turn",) if column.unit in ("", *COUNTS) else ()
-        how.refuse_unused(series.path, *OF_TABLES, *counted)
+        how.refuse_unused(series.path, *OF_TABLES, *(("counts_per_turn",) if counted else ()))
     if series.time_s is None:
         raise ConfigError(f"{series.path}: no column of time: name it, as in `columns` t=1.", code="no-time")
     series, column = _complete(series, column)
@@ -116,7 +113,7 @@ def angle_of(
     if recording.run is not None:
         series, scale_std = by_stamps(series)
         column = series.column(column.name)
-        if column.unit in ("", *COUNTS):
+        if counted:
             per_turn = per_turn or recording.run.header.devices[ENCODER].counts_per_turn
         about_run = of_recording(recording.name, gaps(facts_of(recording.run, ENCODER, Facts)))
     if series.rows < FEWEST_ROWS:
@@ -130,7 +127,15 @@ def angle_of(
     place = series.path.name if recording.run is None else f"{recording.name}/{series.path.name}"
     found = (*about_counts, *about_angle)
     if recording.run is None:
-        found = (_understood(column, time_s, angle_rad), *found)
+        understood = finding(
+            "file-read",
+            rows=len(time_s),
+            step_ms=1e3 * usual_step(time_s),
+            column=column.head or column.name,
+            low_deg=math.degrees(angle_rad.min()),
+            high_deg=math.degrees(angle_rad.max()),
+        )
+        found = (understood, *found)
     return AngleRecord(
         path=series.path,
         source=series.source or recording.source,
@@ -206,18 +211,6 @@ def _complete(series: Series, column: Column) -> tuple[Series, Column]:
     return series, series.column(column.name)
 
 
-def _understood(column: Column, time_s: Array, angle_rad: Array) -> Finding:
-    low, high = (math.degrees(extreme) for extreme in (angle_rad.min(), angle_rad.max()))
-    return finding(
-        "file-read",
-        rows=len(time_s),
-        step_ms=1e3 * usual_step(time_s),
-        column=column.head or column.name,
-        low_deg=low,
-        high_deg=high,
-    )
-
-
 def _turns(
     series: Series, column: Column, per_turn: CountsPerTurn | None, of_rig: CountsPerTurn | None
 ) -> tuple[Array, Mask | None, tuple[Finding, ...]]:
@@ -225,10 +218,9 @@ def _turns(
     values, name = column.values, column.head or column.name
     unit = column.unit or (COUNTS[0] if per_turn is not None else "")
     if not unit:
-        words = f" Its numbers pass the check of {RLS_13BIT_IN_22}." if _are_words(values) else ""
         raise ConfigError(
             f"{series.path}: column '{name}' names no unit: give `unit` {column.name}=deg, {column.name}=rad or "
-            f"{column.name}=counts with `counts_per_turn`.{words}",
+            f"{column.name}=counts with `counts_per_turn`.",
             code="no-unit",
         )
     if unit not in COUNTS:
@@ -254,26 +246,11 @@ def _turns(
         )
     if setting == RLS_13BIT_IN_22:
         return _words(series, values)
-    per_turn = float(setting)
-    if np.ptp(values) > _FOLDED_TURNS * per_turn and _are_words(values):
-        raise ConfigError(
-            f"{series.path}: counts reach {values.max():.0f} and pass the check of a 13-bit word in 22 bits, but "
-            f"{per_turn:.0f} counts per turn are set: give `counts_per_turn` {RLS_13BIT_IN_22}.",
-            code="counts-are-words",
-        )
-    return _scaled(values, 1 / per_turn), None, ()
+    return _scaled(values, 1 / float(setting)), None, ()
 
 
 def _scaled(values: Array, scale: float) -> Array:
     return np.multiply(values, scale, out=empty(len(values)))
-
-
-def _are_words(values: Array) -> bool:
-    """Return whether numbers (n,) pass the check of an encoder's 13-bit words."""
-    some = values[:: len(values) // _RANKED + 1]
-    if not np.array_equal(some, np.rint(some)):
-        return False
-    return bool(np.mean(decode_words(some.astype(np.int64)).valid) > _WORDS_SHARE)
 
 
 def _words(series: Series, values: Array) -> tuple[Array, Mask | None, tuple[Finding, ...]]:
@@ -303,12 +280,12 @@ def continuous(series: Series, turns: Array) -> tuple[Array, Rows | None, tuple[
     """
     low, high = np.percentile(turns[:: len(turns) // _RANKED + 1], (1, 99))
     wrapped = high - low <= _FOLDED_TURNS
-    period = 2 * np.pi if wrapped else None
     angle = np.multiply(turns, 2 * np.pi, out=turns)
     rows: Rows | None = None
     findings = list[Finding]()
-    off = offset_segments(angle, _OUTLIER_RAD, period=period)
-    off[~off] = outliers(chosen_rows(angle, ~off), _OUTLIER_RAD, period=period)
+    off = np.zeros(len(angle), bool)
+    for coordinate in (np.cos, np.sin) if wrapped else (np.positive,):  # on the circle, or along the angle
+        off |= outliers(coordinate(angle, out=empty(len(angle))), _OUTLIER_RAD / np.sqrt(2 if wrapped else 1))
     if off.any():
         line = series.line_number(int(np.argmax(off)))
         findings.append(finding("angle-outliers", count=int(np.count_nonzero(off)), rows=len(angle), line=line))
@@ -317,7 +294,9 @@ def continuous(series: Series, turns: Array) -> tuple[Array, Rows | None, tuple[
         for part in parts(len(angle)):
             begin = max(part.start - 1, 0)  # unwrapped already
             angle[begin : part.stop] = np.unwrap(angle[begin : part.stop])
-    jumps = _jumps(angle, wrapped=wrapped)
+    order = 1 if wrapped else 2  # where whole turns are known, an axis may turn by any angle from one row to the next
+    places = [begin + np.flatnonzero(np.abs(step) > _JUMP_RAD) for begin, step in differences(angle, order=order)]
+    jumps = order + np.concatenate([np.empty(0, np.intp), *places])
     if len(jumps):
         line = series.line_number(int(jumps[0] if rows is None else rows[jumps[0]]))
         if len(jumps) > _JUMP_SHARE * len(angle):
@@ -329,24 +308,6 @@ def continuous(series: Series, turns: Array) -> tuple[Array, Rows | None, tuple[
             )
         findings.append(finding("angle-jumps", count=len(jumps), rows=len(angle), line=line))
     return angle, rows, tuple(findings)
-
-
-def _jumps(angle: Array, *, wrapped: bool) -> Rows:
-    """Return the places at which an angle (n,) jumps: by its steps, or where whole turns are known, by their change."""
-    if wrapped:
-        return _beyond(differences(angle)) + 1
-    jumps = _beyond(differences(angle, order=2)) + 2
-    if len(jumps):
-        read = np.flatnonzero(np.diff(angle, prepend=np.nan))
-        if len(read) <= _MOST_READ * len(angle):  # rows that repeat a reading stand still, and then jump
-            return np.asarray(read[_beyond(differences(angle[read], order=2)) + 2])
-    return jumps
-
-
-def _beyond(steps: Iterable[tuple[int, Array]]) -> Rows:
-    """Return the places of first or second differences of an angle that no axis makes between two samples."""
-    found = [begin + np.flatnonzero(np.abs(step) > _JUMP_RAD) for begin, step in steps]
-    return np.concatenate([np.empty(0, np.intp), *found])
 
 
 def _angle_of_gyro(recording: Recording) -> AngleRecord:

@@ -1,4 +1,4 @@
-"""Find readings that no motion and no force makes: outliers, segments that jump off and back, and a stuck sensor.
+"""Find readings that no motion and no force makes: outliers, and those of a stuck sensor.
 
 Arrays in, masks out. A few such readings are faults of a sensor, which a reader leaves out; many show a recording of
 another kind, of which none is marked.
@@ -27,8 +27,6 @@ _TYPICAL, _TIMES_TYPICAL = 0.95, 5.0
 _FAR_TIMES, _FAR_RANGE = 10.0, (1.0, 50.0, 99.0)
 _PIECES, _PIECE_ROWS = 100, 200  # of a long series, which show what is usual
 
-_MEDIAN_SHARE = 1 / 3  # of the median size: a jump of a supply's voltage that no load makes
-
 # A sensor is stuck for ten times the median length of its runs of equal readings, and five times their 99th percentile.
 _MEDIAN_RUNS, _LONG_RUNS, _QUANTILE = 10.0, 5.0, 0.99
 _LEAST_S = 0.05  # shorter runs change nothing
@@ -36,64 +34,36 @@ _LEAST_S = 0.05  # shorter runs change nothing
 _BESIDE, _STILL_STEPS, _RESUME_STEPS = 20, 1.5, 2.5
 
 
-def outliers(
-    values: Array, limit: float | None = None, *, period: float | None = None, most_share: float = MOST_SHARE
-) -> Mask:
+def outliers(values: Array, limit: float | None = None, *, most_share: float = MOST_SHARE) -> Mask:
     """Return which readings of a series (n,) lie off the course of those around them, up to three in a row.
 
     They are farther than `limit` off the median of the seven around them; without a limit, than a fifth of the series'
     range, and readings far beyond all others are outliers too. Steps stay, and so do readings whose distance is usual
     in the series. Missing readings (nan) are none; more than `most_share` are no faults, and then none is marked.
-    `period` is the length of the circle on which the values lie.
     """
     known = np.isfinite(values)
     if not known.all():
         mask = np.zeros(len(values), bool)
-        mask[known] = outliers(values[known], limit, period=period, most_share=most_share)
+        mask[known] = outliers(values[known], limit, most_share=most_share)
         return mask
     if len(values) < _WIDTH:
         return np.zeros(len(values), bool)
-    if period is not None and np.ptp(values) < period / 2:
-        period = None  # no step goes around the circle
     pieces = _pieces(len(values))
     some = np.concatenate([values[piece] for piece in pieces])
-    usual = np.concatenate([_distance(values, piece, period) for piece in pieces])
+    usual = np.concatenate([_distance(values, piece) for piece in pieces])
     low, high = np.percentile(some, _RANGE)
     least = max(
         _RANGE_SHARE * float(high - low) if limit is None else limit,
         _TIMES_TYPICAL * float(np.quantile(usual, _TYPICAL)),
     )
-    off = np.concatenate([_distance(values, part, period) > least for part in parts(len(values))])
-    off = _still_off(values, off, least, period)
+    off = np.concatenate([_distance(values, part) > least for part in parts(len(values))])
+    off = _still_off(values, off, least)
     if limit is None:
         low, middle, high = np.percentile(some, _FAR_RANGE)
         if high > low:
             for part in parts(len(values)):
                 off[part] |= np.abs(values[part] - middle) > _FAR_TIMES * (high - low)
-    return _few(off, most_share)
-
-
-def offset_segments(
-    values: Array, limit: float | None = None, *, period: float | None = None, most_share: float = MOST_SHARE
-) -> Mask:
-    """Return which readings of a series (n,) lie between a jump by more than `limit` and the jump back.
-
-    Without a limit it is a third of the median size, as for a supply's voltage. At most `most_share` of the readings
-    lie in such segments; where more do, none is marked. `period` is the length of the circle on which the values lie.
-    """
-    mask = np.zeros(len(values), bool)
-    if len(values) < _WIDTH:
-        return mask
-    least = _MEDIAN_SHARE * float(np.median(np.abs(values[:: len(values) // 10**6 + 1]))) if limit is None else limit
-    left = np.concatenate([_jumps(values, part, least, period) for part in parts(len(values) - 1)])
-    jump = _jump(values, left, period)
-    reverses = (np.abs(_shortest(jump[:-1] + jump[1:], period)) < least) & (np.diff(left) <= most_share * len(values))
-    at = 0
-    while at < len(reverses):
-        if reverses[at]:
-            mask[left[at] + 1 : left[at + 1] + 1] = True
-        at += 1 + int(reverses[at])  # the jump back begins no segment of its own
-    return _few(mask, most_share)
+    return off if np.mean(off) <= most_share else np.zeros_like(off)
 
 
 def stuck(values: Array, time_s: Array | None = None) -> Mask:
@@ -115,10 +85,6 @@ def stuck(values: Array, time_s: Array | None = None) -> Mask:
     return mask
 
 
-def _few(mask: Mask, most_share: float) -> Mask:
-    return mask if np.mean(mask) <= most_share else np.zeros_like(mask)
-
-
 def _pieces(rows: int) -> list[slice]:
     """Return pieces of neighbours from all over a long series, and all of a short one."""
     if rows <= _PIECES * _PIECE_ROWS:
@@ -127,60 +93,32 @@ def _pieces(rows: int) -> list[slice]:
     return [slice(begin, begin + _PIECE_ROWS) for begin in begins.tolist()]
 
 
-def _distance(values: Array, part: slice, period: float | None) -> Array:
+def _distance(values: Array, part: slice) -> Array:
     """Return how far the readings of a part of a series (n,) lie off the median of the seven around each."""
     around = values[max(part.start - _AROUND, 0) : part.stop + _AROUND]
     if part.start == 0:
-        around = np.concatenate([_before(around, period), around])
+        around = np.concatenate([_before(around), around])
     if part.stop == len(values):
-        around = np.concatenate([around, _before(around[::-1], period)[::-1]])
-    if period is None:
-        return np.asarray(np.abs(around - median_filter(around, _WIDTH)))[_AROUND:-_AROUND]
-    turn = 2 * math.pi / period
-    x, y = np.cos(turn * around), np.sin(turn * around)
-    course = np.arctan2(median_filter(y, _WIDTH), median_filter(x, _WIDTH)) / turn
-    return np.asarray(np.abs(_shortest(around - course, period)))[_AROUND:-_AROUND]
+        around = np.concatenate([around, _before(around[::-1])[::-1]])
+    return np.asarray(np.abs(around - median_filter(around, _WIDTH)))[_AROUND:-_AROUND]
 
 
-def _before(values: Array, period: float | None) -> Array:
+def _before(values: Array) -> Array:
     """Return readings (3,) that continue a series (n,) before its begin, on the course of its first seven."""
     first = values[:_WIDTH]
-    slope = float(np.median(_shortest(np.diff(first), period)))
-    line = slope * np.arange(-_AROUND, len(first))
-    off = _shortest(first - line[_AROUND:] - first[-1] + line[-1], period)
-    return np.asarray(line[:_AROUND] - line[-1] + first[-1] + float(np.median(off)))
+    line = float(np.median(np.diff(first))) * np.arange(-_AROUND, len(first))
+    return np.asarray(line[:_AROUND] + float(np.median(first - line[_AROUND:])))
 
 
-def _still_off(values: Array, off: Mask, limit: float, period: float | None) -> Mask:
+def _still_off(values: Array, off: Mask, limit: float) -> Mask:
     """Return the readings among those that are `off` (n,) that also leave the line between the others."""
     places, good = np.flatnonzero(off), np.flatnonzero(~off)
     behind = np.searchsorted(good, places)
     inside = (behind > 0) & (behind < len(good))
     places, right, left = places[inside], good[behind[inside]], good[behind[inside] - 1]
-    course = _shortest(values[right] - values[left], period) * (places - left) / (right - left)
-    off[places] = np.abs(_shortest(values[places] - values[left] - course, period)) > limit
+    course = (values[right] - values[left]) * (places - left) / (right - left)
+    off[places] = np.abs(values[places] - values[left] - course) > limit
     return off
-
-
-def _jumps(values: Array, part: slice, limit: float, period: float | None) -> Rows:
-    """Return the places in a part of a series (n,) from which it jumps: by more than next to them."""
-    bent = np.abs(_shortest(np.diff(values[max(part.start - 1, 0) : part.stop + 1], n=2), period)) > limit
-    left = max(part.start, 1) + np.flatnonzero(bent)
-    left = left[(left > 1) & (left + 3 < len(values))]
-    jump = np.abs(_jump(values, left, period))
-    beside = np.maximum(*(np.abs(_jump(values, left + side, period)) for side in (-1, 1)))
-    return np.asarray(left[(jump > limit) & (jump > beside)])
-
-
-def _jump(values: Array, left: Rows, period: float | None) -> Array:
-    """Return by how much values (n,) change after places (m,) beyond the mean of the changes before and after."""
-    before, here, after = (_shortest(values[left + i + 1] - values[left + i], period) for i in (-1, 0, 1))
-    return _shortest(here - (before + after) / 2, period)
-
-
-def _shortest(step: Array, period: float | None) -> Array:
-    """Return steps, on a circle the shorter way around."""
-    return step if period is None else step - period * np.rint(step / period)
 
 
 def _runs(values: Array) -> tuple[Rows, float]:

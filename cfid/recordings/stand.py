@@ -18,7 +18,8 @@ from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, finding, note
 from cfid.large import PART_ROWS, empty, parts, side_by_side, some_steps
 from cfid.quantities.registry import range_of
-from cfid.recordings.outliers import offset_segments, outliers, stuck
+from cfid.recordings import supply
+from cfid.recordings.outliers import outliers, stuck
 from cfid.recordings.recording import OF_TABLES, TIME, Array, Column, Facts, How, Recording, Rows, Series
 from cfid.recordings.stand_names import BITCRAZE, KNOWN, SPEED_NAMES, MotorColumn, Speeds, head_of, motor_columns
 from cfid.recordings.table import read_table
@@ -230,7 +231,7 @@ def _without_faults(series: Series, column: Column, command: Array) -> tuple[Arr
     assert series.time_s is not None
     commanded = outliers(command)
     if column.name == "vbat_v":
-        off = offset_segments(values) | outliers(values)
+        off = supply.impossible(values)
         hung = np.zeros_like(off)
     else:
         off = outliers(values) & ~(commanded | np.roll(commanded, 1))
