@@ -139,7 +139,7 @@ def _ports(setting: "CrazyflieLink") -> "AppPorts":
 
 
 def _found() -> str:
-    from cfid.rig.cflib_drivers import find_vehicle
+    from cfid.rig.radio import find_vehicle
 
     return find_vehicle()
 

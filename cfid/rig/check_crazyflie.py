@@ -3,16 +3,17 @@
 from cfid.errors import DeviceError
 from cfid.quantities.registry import Platform
 from cfid.records.rig_file import CrazyflieLink
-from cfid.rig.cflib_drivers import find_vehicle
 from cfid.rig.check import DeviceAnswer
-from cfid.rig.crazyflie import Link
+from cfid.rig.link import Link
 from cfid.rig.lock import DeviceLock, holder_of
 from cfid.rig.log_block import BATTERY, logged
 from cfid.rig.motor_log import foreign_motion
 from cfid.rig.motors import Firmware, firmware_of
+from cfid.rig.radio import find_vehicle
 from cfid.rig.ready_vehicle import ReadyVehicle, state_and_idle
 from cfid.rig.recorder import sleep
 from cfid.rig.supervisor import present_state
+from cfid.rig.tables import connect
 from cfid.rig.vehicle import Vehicle, asked
 from cfid.wire.app import AppPorts
 from cfid.wire.crtp import Packet
@@ -44,7 +45,7 @@ def check_vehicle(setting: CrazyflieLink, platform: Platform) -> list[DeviceAnsw
         return [DeviceAnswer("link", "warning", str(error))]
     try:
         with DeviceLock.take(uri):
-            return _ask(Link.connect(uri), setting, platform)
+            return _ask(connect(uri), setting, platform)
     except DeviceError as error:
         return [DeviceAnswer("link", "fault", str(error))]
 

@@ -3,12 +3,13 @@
 import contextlib
 import os
 import signal
+import time
 from collections.abc import Callable
 from typing import NamedTuple
 
 from cfid.errors import DeviceError, StopError
 from cfid.rig.holder import Holder
-from cfid.rig.line import VehicleLine, open_line
+from cfid.rig.link import Link
 from cfid.rig.lock import DeviceLock, find_holder
 from cfid.rig.motors import MAY_BE_RUNNING
 from cfid.rig.stop_packets import Acknowledged, Kind, stop_over
@@ -16,12 +17,13 @@ from cfid.wire.app import AppPorts
 from cfid.wire.supervisor import VehicleState
 
 Say = Callable[[str], None]
-Open = Callable[[str], VehicleLine]
+Open = Callable[[str], Link]
 
 _LETS_GO_S = 0.3
 _CLOSES_S = 3.0  # a radio: a holder releases it up to 2.5 s after the motors stopped
 _WAKES_S = 0.5
 _DIES_S = 1.0
+_OPENS_S, _AGAIN_S = 0.5, 0.02
 _WRITES_S = 10.0  # a recorder that is requested to end closes its run within 2 s, even on a busy computer
 
 
@@ -33,7 +35,7 @@ class Stopped(NamedTuple):
     state: VehicleState | None = None
 
 
-def stop_vehicle(uri: str, ports: AppPorts, *, say: Say, opened: Open = open_line) -> Stopped:
+def stop_vehicle(uri: str, ports: AppPorts, *, say: Say, opened: Open = Link) -> Stopped:
     """Stop a vehicle's motors, whatever drives them, and read back that they stopped.
 
     Raises DeviceError for a vehicle that cannot be reached, StopError when motors may still be running.
@@ -51,7 +53,7 @@ def stop_vehicle(uri: str, ports: AppPorts, *, say: Say, opened: Open = open_lin
     with contextlib.ExitStack() as held:
         with contextlib.suppress(DeviceError):  # another holder is no reason to let motors run
             held.enter_context(DeviceLock.take(uri))
-        from cfid.rig.read_back import confirm_stop  # imports cflib, which the motors need not wait for
+        from cfid.rig.read_back import confirm_stop  # imports Twisted, which the motors need not wait for
 
         try:
             kind, acknowledged, state = confirm_stop(uri, ports, acknowledged)
@@ -72,7 +74,7 @@ def _ends(holder: Holder) -> bool:
     return holder.send(signal.SIGTERM) and not holder.is_suspended and holder.wait_until_it_lets_go(_LETS_GO_S)
 
 
-def _second_line(holder: Holder | None, uri: str, opened: Open, say: Say) -> VehicleLine | None:
+def _second_line(holder: Holder | None, uri: str, opened: Open, say: Say) -> Link | None:
     """Open a second link besides the holder's. A radio or a cable has one user: the holder has to give it up.
 
     Return None where no link can be opened although nothing holds the vehicle; connecting in full then reports why.
@@ -86,6 +88,11 @@ def _second_line(holder: Holder | None, uri: str, opened: Open, say: Say) -> Veh
             raise StopError(
                 f"{MAY_BE_RUNNING}: {holder} keeps the link to {uri}, and this user cannot end it. ({error})"
             ) from None
+    end_s = time.monotonic() + _OPENS_S
+    while time.monotonic() < end_s:
+        with contextlib.suppress(DeviceError):  # a process that ends releases its lock and its radio one by one
+            return opened(uri)
+        time.sleep(_AGAIN_S)
     return opened(uri)
 
 

@@ -3,13 +3,13 @@
 from typing import NamedTuple
 
 from cfid.errors import DeviceError, StopError
-from cfid.rig.crazyflie import Link
 from cfid.rig.motor_log import confirm_still
 from cfid.rig.motors import MAY_BE_RUNNING, firmware_of
 from cfid.rig.power_set import PowerSet
 from cfid.rig.recorder import sleep
 from cfid.rig.stop_packets import OVERRIDES, Acknowledged, Kind, stop_over
 from cfid.rig.supervisor import present_state
+from cfid.rig.tables import connect
 from cfid.rig.vehicle import Vehicle, asked
 from cfid.wire.app import AppPorts
 from cfid.wire.supervisor import VehicleState, encode_arming
@@ -32,7 +32,7 @@ def confirm_stop(uri: str, ports: AppPorts, acknowledged: Acknowledged | None) -
     If no stop has been acknowledged yet, one is sent over this link. Raises DeviceError for a vehicle that cannot be
     reached, StopError when something still drives its motors.
     """
-    link = Link.connect(uri)
+    link = connect(uri)
     try:
         if acknowledged is None or not (acknowledged.by_app or acknowledged.by_parameters):
             acknowledged = stop_over(link, ports)

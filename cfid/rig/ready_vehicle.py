@@ -9,12 +9,11 @@ from cfid.errors import DeviceError
 from cfid.records.rig_file import CrazyflieLink
 from cfid.records.run import DeviceRecord
 from cfid.rig.app_motors import AppMotors
-from cfid.rig.cflib_drivers import find_vehicle
 from cfid.rig.clock import HostClock
-from cfid.rig.crazyflie import Link
 from cfid.rig.crazyflie_log import CrazyflieLog
 from cfid.rig.crossings import Crossings
 from cfid.rig.device import Device
+from cfid.rig.link import Link
 from cfid.rig.lock import DeviceLock
 from cfid.rig.log_block import BATTERY
 from cfid.rig.loop import Loop
@@ -22,10 +21,12 @@ from cfid.rig.motor_commands import MotorCommands
 from cfid.rig.motor_log import APPLIED, foreign_motion
 from cfid.rig.motors import Firmware, Limits, firmware_of
 from cfid.rig.pings import Pings
+from cfid.rig.radio import find_vehicle
 from cfid.rig.recorder import Instrument
 from cfid.rig.shown import turning, volts
 from cfid.rig.stock_motors import StockMotors
 from cfid.rig.supervisor import Supervisor, SupervisorLog, present_state
+from cfid.rig.tables import connect
 from cfid.rig.vehicle import Vehicle, asked
 from cfid.units import MOTORS
 from cfid.wire.app import AppPorts
@@ -231,7 +232,7 @@ def connect_vehicle(setting: CrazyflieLink, held: ExitStack) -> ReadyVehicle:
     """Find and lock the vehicle, connect, and find out its firmware and state. Raises DeviceError."""
     uri = setting.uri or find_vehicle()
     held.enter_context(DeviceLock.take(uri))
-    link = Link.connect(uri)
+    link = connect(uri)
     held.callback(link.close)
     ports = AppPorts(setting.thrust_port, setting.sine_port, setting.ping_port)
 

@@ -5,7 +5,7 @@ import time
 
 from cfid.errors import DeviceError
 from cfid.rig.emergency import Say, stop_vehicle
-from cfid.rig.line import VehicleLine, open_line
+from cfid.rig.link import Link
 from cfid.rig.lock import DeviceLock
 from cfid.wire.app import AppPorts
 from cfid.wire.supervisor import PORT_SINCE, Bits, VehicleState, decode_recovery, encode_recovery
@@ -25,8 +25,8 @@ def recover_vehicle(uri: str, ports: AppPorts, *, say: Say) -> VehicleState | No
         if state is not None and Bits.CRASHED in state.bits:
             if Bits.TUMBLED in state.bits:
                 raise DeviceError(f"{uri}: the vehicle is crashed and lies on its side or its back: {state.remedy}.")
-            with contextlib.closing(open_line(uri)) as line:
-                if not any(_granted(line, protocol) for protocol in (PORT_SINCE, PORT_SINCE - 1)):
+            with contextlib.closing(Link(uri)) as link:
+                if not any(_granted(link, protocol) for protocol in (PORT_SINCE, PORT_SINCE - 1)):
                     raise DeviceError(f"{uri}: the vehicle did not grant the recovery: turn it off and on.")
             time.sleep(_SETTLES_S)
             state = stop_vehicle(uri, ports, say=say).state
@@ -35,14 +35,14 @@ def recover_vehicle(uri: str, ports: AppPorts, *, say: Say) -> VehicleState | No
     return state
 
 
-def _granted(line: VehicleLine, protocol: int) -> bool:
+def _granted(link: Link, protocol: int) -> bool:
     """Request the recovery in a version of the protocol until it is answered; return whether it was granted."""
     request = encode_recovery(protocol=protocol)
     for _ in range(_TRIES):
-        line.send(request)
+        link.send(request)
         end_s = time.monotonic() + _ANSWERS_S
         while (left_s := end_s - time.monotonic()) > 0:
-            packet = line.receive(left_s)
+            packet = link.receive(left_s)
             if packet is not None and packet[:2] == request[:2]:
                 granted = decode_recovery(packet.payload, protocol=protocol)
                 if granted is not None:

@@ -3,12 +3,14 @@
 Firmware sets a parameter by its name (at least from 2019 on), and cfid's app takes a stop from any client.
 """
 
+import contextlib
 import errno
 import time
 from collections.abc import Iterator
 from typing import Literal, NamedTuple
 
-from cfid.rig.line import VehicleLine
+from cfid.errors import DeviceError
+from cfid.rig.link import Link
 from cfid.units import MOTORS
 from cfid.wire import app
 from cfid.wire.app import AppPorts, PingChannel
@@ -37,7 +39,7 @@ class Acknowledged(NamedTuple):
     after_s: float
 
 
-def stop_over(line: VehicleLine, ports: AppPorts) -> Acknowledged:
+def stop_over(link: Link, ports: AppPorts) -> Acknowledged:
     """Send every kind of stop until the vehicle has acknowledged those that it knows."""
     began_s = last_s = time.monotonic()
     number = 1 << 31 | time.time_ns() & (1 << 31) - 1  # no process that counts from zero uses this number
@@ -45,11 +47,10 @@ def stop_over(line: VehicleLine, ports: AppPorts) -> Acknowledged:
     unanswered = dict(OVERRIDES)
     by_app = answered = False
     for turn in range(_TURNS):
-        if not by_app:
-            line.send(stop)
-        for name, kind in unanswered.items():
-            line.send(_clear(name, kind))
-        for packet in _came(line):
+        with contextlib.suppress(DeviceError):  # no program listens there, or a driver takes nothing, at the moment
+            for packet in [*([] if by_app else [stop]), *(_clear(name, kind) for name, kind in unanswered.items())]:
+                link.send(packet)
+        for packet in _came(link):
             answered = True
             cleared = [name for name in unanswered if _is_cleared(name, packet)]
             if cleared:
@@ -66,11 +67,11 @@ def stop_over(line: VehicleLine, ports: AppPorts) -> Acknowledged:
     return Acknowledged(by_app, not unanswered, last_s - began_s)
 
 
-def _came(line: VehicleLine) -> Iterator[Packet]:
+def _came(link: Link) -> Iterator[Packet]:
     """Yield the packets that arrive within a turn."""
     end_s = time.monotonic() + _TURN_S
     while (left_s := end_s - time.monotonic()) > 0:
-        packet = line.receive(left_s)
+        packet = link.receive(left_s)
         if packet is not None:
             yield packet
 

@@ -25,12 +25,12 @@ Answer = TypeVar("Answer")
 Handler = Callable[[bytes, float], None]
 Place = tuple[int, int]  # port and channel
 
-SILENT_S = 0.5  # cflib pings ten times a second: five answers in a row are missing then
+SILENT_S = 0.5  # an open link asks for an echo ten times a second: five answers in a row are missing then
 
 ANSWER_S = 0.15
 TRIES = 3
 
-_FIRST_BLOCK, _BLOCKS = 128, 128  # numbers of log blocks; cflib numbers its own from 1
+_FIRST_BLOCK, _BLOCKS = 128, 128  # numbers of log blocks; clients that use cflib number theirs from 1
 
 
 class Departure(Protocol):
@@ -40,7 +40,7 @@ class Departure(Protocol):
 
 
 class Wire(Protocol):
-    """An open link, such as `crazyflie.Link`."""
+    """An open link, such as `link.Link`."""
 
     uri: str
     fault: str
@@ -146,10 +146,7 @@ class Vehicle:
     async def write_parameter(
         self, parameter: Variable, value: int, *, within_s: float = ANSWER_S, tries: int = TRIES
     ) -> None:
-        """Write a parameter, until the vehicle repeats the value. Raises DeviceError when it does not.
-
-        cflib is not used: its queue stops for good where one answer is lost.
-        """
+        """Write a parameter, until the vehicle repeats the value. Raises DeviceError when it does not."""
 
         def written(payload: bytes) -> bool | None:
             return decode_write_parameter(parameter, payload) == value or None

@@ -1,8 +1,7 @@
 """Encodes and decodes CRTP, the Crazyflie's packets: a header byte with port and channel, then up to 30 bytes.
 
 Numbers are little-endian. This module covers what cfid itself exchanges with the stock ports: echo, parameters and
-logging. The numbers of parameters and variables come from the vehicle's tables, which cflib reads. The thesis' three
-services are in `app`.
+logging. The vehicle's tables have the numbers of parameters and variables. The thesis' three services are in `app`.
 """
 
 import struct
@@ -20,6 +19,11 @@ READ_CHANNEL, WRITE_CHANNEL, BY_NAME_CHANNEL = 1, 2, 3
 LOG_PORT = 5
 LOG_CONTROL_CHANNEL, LOG_DATA_CHANNEL = 1, 2
 LONGEST_LOG_ROW = 26
+
+TABLE_CHANNEL = 0  # of the ports of parameters and of the log
+TABLE_INFO, _TABLE_ENTRY = b"\x03", b"\x02"  # with 16-bit numbers, since protocol version 4
+
+RESET_LOG = b"\x05"  # deletes all blocks
 
 _RESERVED = 3 << 2  # the link's own bits, set by whoever sends
 _ECHO = struct.Struct("<BQ")
@@ -50,6 +54,13 @@ class Variable(NamedTuple):
     kind: str
 
 
+class TableInfo(NamedTuple):
+    """How many entries a table has, and its checksum: equal ones are of equal tables."""
+
+    size: int
+    checksum: int
+
+
 class LogAnswer(NamedTuple):
     """The result of a command about a log block; error 0 means success."""
 
@@ -62,6 +73,12 @@ _SET_BY_NAME = 0
 _PARAMETER_TYPES = {"b": 0, "h": 1, "i": 2, "f": 6, "B": 8, "H": 9, "I": 10}
 
 _LOG_TYPES = {kind: number for number, kind in enumerate("BHIbhif", 1)} | {"e": 8}
+_TYPES = {LOG_PORT: {number: kind for kind, number in _LOG_TYPES.items()}} | {
+    PARAMETER_PORT: {number: kind for kind, number in _PARAMETER_TYPES.items()}
+}
+_TYPE_BITS = 0x0F  # of an entry's type; the others say that a parameter is only read, or stored
+_INFO = struct.Struct("<xHI")
+_ENTRY = struct.Struct("<xHB")
 
 
 def encode_packet(packet: Packet) -> bytes:
@@ -76,6 +93,31 @@ def decode_packet(datagram: bytes) -> Packet | None:
     if not 1 <= len(datagram) <= 1 + LONGEST_PAYLOAD:
         return None
     return Packet(datagram[0] >> 4, datagram[0] & 3, bytes(datagram[1:]))
+
+
+def decode_table_info(payload: bytes) -> TableInfo | None:
+    """Return the answer to TABLE_INFO, None for any other payload; what firmware adds is left out."""
+    is_info = payload[:1] == TABLE_INFO and len(payload) >= _INFO.size
+    return TableInfo(*_INFO.unpack_from(payload)) if is_info else None
+
+
+def encode_table_entry(number: int) -> bytes:
+    """Return the request for an entry of a table."""
+    return _TABLE_ENTRY + struct.pack("<H", number)
+
+
+def decode_table_entry(port: int, payload: bytes) -> tuple[str, Variable] | None:
+    """Return the name of an entry and its variable, whose type is "" where no request of cfid has it.
+
+    Any other payload gives None.
+    """
+    if payload[:1] != _TABLE_ENTRY or len(payload) <= _ENTRY.size:
+        return None
+    number, kind = _ENTRY.unpack_from(payload)
+    group, _, name = payload[_ENTRY.size :].rstrip(b"\0").partition(b"\0")
+    return f"{group.decode('latin-1')}.{name.decode('latin-1')}", Variable(
+        number, _TYPES[port].get(kind & _TYPE_BITS, "")
+    )
 
 
 def encode_echo(number: int) -> bytes:

@@ -1,7 +1,10 @@
-"""A vehicle whose packets arrive more than once, as UDP may deliver them, and a link that closes while it sends."""
+"""Links to a vehicle that lose, repeat or hold up packets, and what a driver of cflib carries."""
 
+import queue
+import random
 import select
 import socket
+import struct
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -9,14 +12,18 @@ from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import urlsplit
 
+import cflib.crtp
 import pandas as pd
 import pytest
 from cflib.crazyflie import Crazyflie
 from cflib.crtp.crtpstack import CRTPPacket
+from cflib.crtp.exceptions import WrongUriType
 
-from cfid.rig.cflib_drivers import RepeatingUdp
-from cfid.rig.crazyflie import Link
+from cfid.errors import DeviceError
+from cfid.rig import tables
+from cfid.rig.link import Link
 from cfid.wire.app import AppPorts
+from cfid.wire.crtp import Packet
 from tests.flying_in_a_folder import Bench, bench_in
 
 pytestmark = pytest.mark.usefixtures("in_time")
@@ -105,54 +112,114 @@ def test_a_report_of_a_sine_that_arrives_twice_is_recorded_once_and_is_no_loss(b
     assert (record.model_extra or {})["duplicates"] == len(reports)
 
 
-class SlowDriver:
-    """A driver of cflib whose sender, having checked for the link, is held up until the link is closed."""
+def test_tables_are_those_that_cflib_reads_whatever_is_lost_and_are_kept(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    draw = random.Random(5)
 
-    def __init__(self) -> None:
-        self.looked, self.closing = threading.Event(), threading.Event()
-        self.sent: list[object] = []
+    def passes(packet: bytes) -> bool:
+        return draw.random() > 0.25
 
-    @property
-    def needs_resending(self) -> bool:
-        self.looked.set()
-        self.closing.wait(0.2)
-        return True
+    with relayed(bench.uri, lambda packet: [packet] if passes(packet) else [], leaving=passes) as uri:
+        link = tables.connect(uri)
+        link.close()
+    cflib.crtp.init_drivers()
+    cf, connected = Crazyflie(), threading.Event()
+    cf.connected.add_callback(lambda uri: connected.set())
+    cf.open_link(bench.uri)
+    assert connected.wait(10)
+    theirs = [
+        {f"{entry.group}.{entry.name}": entry for group in toc.toc.values() for entry in group.values()}
+        for toc in (cf.log.toc, cf.param.toc)
+    ]
+    cf.close_link()
 
-    def send_packet(self, packet: object) -> None:
-        self.sent.append(packet)
+    for own, listed in zip((link.variables, link.parameters), theirs, strict=True):
+        assert {name: number for name, (number, _) in own.items()} == {name: e.ident for name, e in listed.items()}
+        assert all(struct.calcsize(f"<{own[name].kind}") == struct.calcsize(e.pytype) for name, e in listed.items())
 
-    def close(self) -> None:
-        self.closing.set()
+    def no_entry(packet: bytes) -> bool:
+        return packet[1:2] != b"\x02"
 
+    with relayed(bench.uri, lambda packet: [packet], leaving=no_entry) as uri:
+        again = tables.connect(uri)
+        again.close()
+    assert (again.variables, again.parameters) == (link.variables, link.parameters)
 
-def test_a_packet_that_cflib_is_sending_when_the_link_closes_is_sent_or_left_out() -> None:
-    cf, driver, faults = Crazyflie(), SlowDriver(), list[BaseException]()
-    cf.link = driver
-    packet = CRTPPacket(header=0x50, data=[5])
-
-    def send() -> None:
-        try:
-            cf.send_packet(packet, expected_reply=(5,))
-        except AttributeError as error:
-            faults.append(error)
-
-    sender = threading.Thread(target=send)
-    sender.start()
-    assert driver.looked.wait(10)
-    Link("udp://127.0.0.1:9", cf).close()
-    sender.join()
-
-    assert not faults
-    assert driver.sent == [packet]
+    for file in (tmp_path / "cache").rglob("*.json"):
+        file.write_bytes(file.read_bytes()[:-9])
+    third = tables.connect(bench.uri)
+    third.close()
+    assert third.variables == link.variables
 
 
-def test_a_link_that_closes_keeps_no_processor_busy() -> None:
+def test_a_link_that_closes_keeps_no_processor_busy_and_no_thread() -> None:
     with socket.socket(type=socket.SOCK_DGRAM) as vehicle:
         vehicle.bind(("127.0.0.1", 0))
-        driver = RepeatingUdp()
-        driver.connect(f"udp://127.0.0.1:{vehicle.getsockname()[1]}", None, None)
-        time.sleep(0.1)  # until it receives
-        began_s = time.process_time()
-        driver.close()
+        before = threading.active_count()
+        link = Link(f"udp://127.0.0.1:{vehicle.getsockname()[1]}")
+        time.sleep(0.3)  # until it receives, and asks for echoes
+        began_s, clock_s = time.process_time(), time.monotonic()
+        link.close()
         assert time.process_time() - began_s < 0.1
-        assert not driver._thread.is_alive()
+        assert time.monotonic() - clock_s < 1.0
+        assert threading.active_count() == before
+        with pytest.raises(DeviceError):
+            link.send(Packet(15, 0, b""))
+
+
+class SlowDriver:
+    """A driver of cflib that takes a packet every 0.1 s, answers it, and loses its radio after the third."""
+
+    def __init__(self) -> None:
+        self.in_queue: queue.Queue[CRTPPacket] = queue.Queue()
+        self.sent: list[CRTPPacket] = []
+        self.closed = False
+
+    def connect(self, uri: str, statistics: object, failed: Callable[[str], None]) -> None:
+        self.failed = failed
+        if not uri.startswith("slow://"):
+            raise WrongUriType
+
+    def send_packet(self, packet: CRTPPacket) -> None:
+        time.sleep(0.1)
+        self.sent.append(packet)
+        self.in_queue.put(packet)
+        if len(self.sent) == 3:
+            self.failed("Error communicating\nException:the radio is gone")
+
+    def receive_packet(self, wait_s: float) -> CRTPPacket | None:
+        try:
+            return self.in_queue.get(timeout=wait_s)
+        except queue.Empty:
+            return None
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def test_a_driver_of_cflib_that_is_slow_holds_nobody_up_and_its_fault_is_that_of_the_link(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    driver = SlowDriver()
+    monkeypatch.setattr(cflib.crtp, "CLASSES", [lambda: driver])
+    link = Link("slow://1")
+    began_s = time.monotonic()
+    leaving = [link.send(Packet(5, 1, bytes([number]))) for number in range(5)]
+    assert time.monotonic() - began_s < 0.05
+
+    assert link.receive(2.0) == Packet(5, 1, b"\0")
+    left_s = [packet.at_s for packet in leaving[:2]]
+    assert left_s[0] is not None
+    assert link.received_s - left_s[0] == pytest.approx(0.1, abs=0.05)
+    end_s = time.monotonic() + 5
+    while not link.fault and time.monotonic() < end_s:
+        time.sleep(0.01)
+    assert link.fault == "slow://1: the link failed: the radio is gone."
+    with pytest.raises(DeviceError):
+        link.send(Packet(15, 0, b""))
+    link.close()
+    assert driver.closed
+    with pytest.raises(DeviceError):
+        Link("nothing://1")

@@ -14,7 +14,7 @@ import pytest
 
 from cfid.errors import DeviceError, StopError
 from cfid.rig.emergency import stop_vehicle
-from cfid.rig.line import VehicleLine, open_line
+from cfid.rig.link import Link, QueuedPacket
 from cfid.rig.lock import DeviceLock, find_holder
 from cfid.rig.motors import MAY_BE_RUNNING
 from cfid.rig.stop_packets import stop_over
@@ -25,16 +25,17 @@ from tests.flying_in_a_folder import Bench, bench_in
 # A process that drives stock motors and holds the only radio, which is a locked file.
 DRIVE = """
 import fcntl, os, signal, sys, time
-from cfid.rig.line import open_line
+from cfid.rig.link import Link
 from cfid.rig.lock import DeviceLock
 from cfid.wire.crtp import Packet, encode_set_by_name
 uri, radio, heeds = sys.argv[1:]
 signal.signal(signal.SIGTERM, signal.SIG_DFL if heeds == "heeds" else signal.SIG_IGN)
-lock, line = DeviceLock.take(uri), open_line(uri)
+lock, link = DeviceLock.take(uri), Link(uri)
 handle = os.open(radio, os.O_RDWR | os.O_CREAT)
 fcntl.flock(handle, fcntl.LOCK_EX)
 for name, kind, value in (("m2", "H", 20000), ("enable", "B", 1)):
-    line.send(Packet(2, 3, encode_set_by_name(f"motorPowerSet.{name}", kind, value)))
+    link.send(Packet(2, 3, encode_set_by_name(f"motorPowerSet.{name}", kind, value)))
+    link.receive(1.0)
 print("driving", flush=True)
 time.sleep(600)
 """
@@ -46,7 +47,7 @@ class Radio:
     def __init__(self, path: Path) -> None:
         self.path = path
 
-    def open(self, uri: str) -> VehicleLine:
+    def open(self, uri: str) -> Link:
         handle = os.open(self.path, os.O_RDWR | os.O_CREAT)
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -54,7 +55,7 @@ class Radio:
             raise DeviceError(f"{uri}: [Errno 16] Resource busy.") from None
         finally:
             os.close(handle)
-        return open_line(uri)
+        return Link(uri)
 
 
 @pytest.fixture
@@ -141,7 +142,7 @@ def test_a_radio_of_a_process_that_is_no_cfid_is_not_taken_from_it(bench: Bench,
 
 
 def test_where_no_thin_link_opens_the_whole_one_carries_the_stop(bench: Bench, radio: Radio) -> None:
-    def opened(uri: str) -> VehicleLine:
+    def opened(uri: str) -> Link:
         raise DeviceError(f"{uri}: no.")
 
     with driving(bench, radio, "heeds"):
@@ -159,22 +160,22 @@ def test_a_lock_without_a_driver_is_no_obstacle(bench: Bench) -> None:
 def test_where_one_packet_in_ten_is_lost_motors_stop_within_half_a_second(tmp_path: Path) -> None:
     with bench_in(tmp_path, crazyflie={"firmware": "stock"}, radio={"loss": 0.1}) as bench:
         for _ in range(20):
-            with contextlib.closing(open_line(bench.uri)) as line:
+            with contextlib.closing(Link(bench.uri)) as link:
                 while not any(bench.motors):
                     for name, kind, value in (("m2", "H", 20000), ("enable", "B", 1)):
-                        line.send(Packet(2, 3, encode_set_by_name(f"motorPowerSet.{name}", kind, value)))
+                        link.send(Packet(2, 3, encode_set_by_name(f"motorPowerSet.{name}", kind, value)))
                     time.sleep(0.01)
             began_s = time.monotonic()
-            with contextlib.closing(open_line(bench.uri)) as line:
-                assert stop_over(line, AppPorts()).by_parameters
+            with contextlib.closing(Link(bench.uri)) as link:
+                assert stop_over(link, AppPorts()).by_parameters
             assert bench.stopped_after(began_s) < 0.5
 
 
 # The packets
 
 
-class Answering:
-    """A line to a vehicle whose answers to packets can be lost, wrong or late."""
+class Answering(Link):
+    """A link to a vehicle whose answers to packets can be lost, wrong or late."""
 
     def __init__(self, *, ignores: int = 0, error: int = 0, late: bool = False, commands: int = 0) -> None:
         self.sent: list[Packet] = []
@@ -182,7 +183,7 @@ class Answering:
         self._late = 1 if late else 0
         self._answers: list[Packet] = []
 
-    def send(self, packet: Packet) -> None:
+    def send(self, packet: Packet) -> QueuedPacket:
         self.sent.append(packet)
         if self._ignores:
             self._ignores -= 1
@@ -193,6 +194,7 @@ class Answering:
             number = int.from_bytes(packet.payload, "little")
             state = AppState(number - self._late, Flags(0), (self._commands, 0, 0, 0), 0)
             self._answers.append(Packet(12, PingChannel.STOP, encode_state(state)))
+        return QueuedPacket(packet)
 
     def receive(self, within_s: float) -> Packet | None:
         if not self._answers:
@@ -205,11 +207,11 @@ class Answering:
 
 
 def test_a_stop_is_acknowledged_by_app_and_parameters() -> None:
-    line = Answering()
-    acknowledged = stop_over(line, AppPorts())
+    link = Answering()
+    acknowledged = stop_over(link, AppPorts())
     assert (acknowledged.by_app, acknowledged.by_parameters) == (True, True)
     kinds = {"enable": "B", "m1": "H", "m2": "H", "m3": "H", "m4": "H"}
-    by_name = [packet.payload for packet in line.sent if packet[:2] == (2, 3)]
+    by_name = [packet.payload for packet in link.sent if packet[:2] == (2, 3)]
     assert by_name == [encode_set_by_name(f"motorPowerSet.{name}", kind, 0) for name, kind in kinds.items()]
 
 

@@ -435,12 +435,13 @@ def test_motors_that_another_users_process_drives_are_stopped_beside_it(tmp_path
     body = """
 import os, socket, sys, time
 from cfid.rig.lock import DeviceLock
-from cfid.rig.line import open_line
+from cfid.rig.link import Link
 from cfid.wire.crtp import Packet, encode_set_by_name
 os.setuid(65534)
-lock, line = DeviceLock.take(sys.argv[1]), open_line(sys.argv[1])
+lock, link = DeviceLock.take(sys.argv[1]), Link(sys.argv[1])
 for name, kind, value in (("m2", "H", 20000), ("enable", "B", 1)):
-    line.send(Packet(2, 3, encode_set_by_name(f"motorPowerSet.{name}", kind, value)))
+    link.send(Packet(2, 3, encode_set_by_name(f"motorPowerSet.{name}", kind, value)))
+    link.receive(1.0)
 time.sleep(600)
 """
     with bench_in(tmp_path, crazyflie={"firmware": "stock"}) as bench:
