@@ -42,11 +42,6 @@ CODES: dict[str, tuple[Severity, str]] = {
         "{count} of {rows} reports that repeat the one before are left out (first: {value:g} in line {line}).",
     ),
     "decimal-comma": ("note", "numbers are read with decimal commas."),
-    "device-restarted": (
-        "warning",
-        "the stamps start anew {times} (first: line {line}): the device was restarted. Times on both "
-        "sides are joined by when rows arrived.",
-    ),
     "esc-range-assumed": ("warning", "pulse widths are read as `esc_us` {low:g},{high:g}, commands 0 to {full}."),
     "file-read": (
         "note",
@@ -191,17 +186,11 @@ CODES: dict[str, tuple[Severity, str]] = {
         "the stand's program knew the motor's poles; `columns` names it.",
     ),
     "speeds-zero": ("warning", "'{first}' and '{second}' are 0 throughout: no speed is used."),
-    "stamps-in-ms": (
-        "warning",
-        "the column of stamps is no clock in microseconds, it went {device_s:.4g} s in {here_s:.4g} s: "
-        "it counts milliseconds, name it device_ms in rig.toml. Times are those of arrival, which a busy "
-        "computer makes late.",
-    ),
     "stamps-no-clock": (
         "warning",
         "the column of stamps is no steady clock in microseconds, it went {device_s:.4g} s in "
-        "{here_s:.4g} s: it jumps, or counts another unit. Times are those of arrival, which a busy "
-        "computer makes late.",
+        "{here_s:.4g} s: the device was restarted, or counts another unit (if milliseconds, name it device_ms in "
+        "rig.toml). Times are those of arrival, which a busy computer makes late.",
     ),
     "stamps-wrong": (
         "warning",

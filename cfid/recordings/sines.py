@@ -34,12 +34,6 @@ _CALLED = {
 _USUAL_UNITS = {TIME: "s", _CLOCK: "us"}  # where a name has none
 _LONGEST_STEP_S = 60.0  # from one report or ping to the next, and by when an answer comes, if at all
 _STAMP_OFF_S = 1.0  # by which a wrong stamp of the vehicle's is off the others
-_SPELT = {
-    "periods": "l",
-    "samples": "n",
-    **{f"{name}_{end}": name for name in ("loadcell", "crossings") for end in ("file", "csv")},
-}
-_DECIMAL_COMMA = re.compile(r"[+-]?(?:0?,\d+|\d+,(?:\d{1,2}|\d{4,}))")  # before three digits it may mark thousands
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,15 +218,14 @@ class IndexRow:
     fields: Mapping[str, str]
 
     def number(self, column: str) -> float:
-        """Return a finite number, which may have a decimal comma. Raises DataError with file and line."""
+        """Return a finite number. Raises DataError with file and line."""
         text = self.fields[column]
         try:
-            value = float(text.replace(",", ".") if _DECIMAL_COMMA.fullmatch(text) else text)
+            value = float(text)
         except ValueError:
             value = np.nan
         if not np.isfinite(value):
-            advice = " Its comma may mark thousands: write a decimal point, or no comma." if "," in text else ""
-            raise self.fault(f"'{text}' in column '{column}' is not a number.{advice}")
+            raise self.fault(f"'{text}' in column '{column}' is not a number with a decimal point.")
         return value
 
     def whole(self, column: str, least: int, most: int) -> int:
@@ -262,11 +255,7 @@ class Index(NamedTuple):
 
 
 def read_index(path: Path, *, columns: Sequence[str], optional: Sequence[str] = ()) -> Index:
-    """Read an index with the named columns, in any order. Raises DataError with file, line and next step.
-
-    Case, spaces and brackets of their names do not matter: `Angle [deg]` is `angle_deg`, `wind min (m/s)` is
-    `wind_min_mps`. Numbers may have decimal commas between semicolons or tabs.
-    """
+    """Read a CSV file with a header of the named columns, in any order. Raises DataError with file and line."""
     try:
         check_regular(path)
         content = path.read_bytes()
@@ -278,30 +267,22 @@ def read_index(path: Path, *, columns: Sequence[str], optional: Sequence[str] = 
         raise DataError(f"{path}: no text: an index is a CSV file.")
     text = content.decode("utf-8-sig", errors="replace")
     lines = [(at, line) for at, line in enumerate(text.splitlines(), start=1) if line.strip()]
-    if not lines:
-        raise DataError(f"{path}: is empty: an index has a header {','.join(columns)}.", code="no-rows")
-    separator = next((sign for sign in (";", "\t") if sign in lines[0][1]), ",")
-    head, *rows = [(at, _fields(line, separator)) for at, line in lines]
-    known = {*columns, *optional}
-    names = [key if (key := _key(name)) in known else name for name in head[1]]
-    repeated = [name for name in dict.fromkeys(names) if name in known and names.count(name) > 1]
-    if repeated:
-        raise DataError(f"{path}: more than one column {', '.join(repeated)} in its header: leave one.")
-    missing = [name for name in columns if name not in names]
-    if missing:
+    separator = next((sign for sign in (";", "\t") if lines and sign in lines[0][1]), ",")
+    table = [(at, _fields(line, separator)) for at, line in lines]
+    names = table[0][1] if table else []
+    wrong = [name for name in (*columns, *optional) if names.count(name) != (name in columns or name in names)]
+    if wrong:
         wanted = ",".join(columns) + "".join(f"[,{name}]" for name in optional)
-        raise DataError(
-            f"{path}: no column {', '.join(missing)} among {', '.join(names)}: its header should be {wanted}."
-        )
-    if not rows:
+        raise DataError(f"{path}: no column {', '.join(wrong)}, or several: its header should be {wanted}.")
+    if len(table) == 1:
         raise DataError(f"{path}: a header and no rows: it names no run.", code="no-rows")
-    for line, fields in rows:
+    for line, fields in table[1:]:
         if len(fields) != len(names):
             raise DataError(f"{path}:{line}: {counted(len(fields), 'field')} where its header has {len(names)}.")
-    unused = [name for name in names if name not in known]
-    findings = [finding("index-unused", names=", ".join(unused), known=", ".join(optional))] if unused else []
+    unused = ", ".join(name for name in names if name not in (*columns, *optional))
+    findings = [finding("index-unused", names=unused, known=", ".join(optional))] if unused else []
     return Index(
-        [IndexRow(path=path, line=line, fields=dict(zip(names, fields, strict=True))) for line, fields in rows],
+        [IndexRow(path=path, line=line, fields=dict(zip(names, fields, strict=True))) for line, fields in table[1:]],
         Source(str(path), hashlib.sha256(content).hexdigest()),
         tuple(one.at(path.name) for one in findings),
     )
@@ -309,9 +290,3 @@ def read_index(path: Path, *, columns: Sequence[str], optional: Sequence[str] = 
 
 def _fields(line: str, separator: str) -> list[str]:
     return [field.strip() for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
-
-
-def _key(name: str) -> str:
-    """Return a column's name as cfid spells it."""
-    key = re.sub(r"[\s_()\[\]-]+", "_", name.strip().lower().replace("m/s", "mps").replace("°", "deg")).strip("_")
-    return _SPELT.get(key, key)

@@ -5,19 +5,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cfid.counted import counted
 from cfid.findings import Finding, finding
 from cfid.recordings.outliers import outliers
-from cfid.recordings.recording import Array, Rows, Series
+from cfid.recordings.recording import Array, Series
 from cfid.records.rig_file import STAMP
 
-CLOCK_CODES = ("device-restarted", "stamps-in-ms", "stamps-no-clock", "stamps-wrong")  # of findings of `by_stamps`
+CLOCK_CODES = ("stamps-no-clock", "stamps-wrong")  # of findings of `by_stamps`
 
 _PARTS, _FEWEST_OF_A_PART = 12, 8  # of a recording, each with one quickest arrival
 _FEWEST_PARTS = 4
 _WRONG_S, _MOST_WRONG = 0.1, 0.1  # by which a stamp is off those around it; with more than this share, no clock
-_MOST_RESTARTS = 3  # of a board in a recording: a count that starts anew more often is not a clock
-_SAME_RATE = 0.05  # of the time here, within which a count of milliseconds agrees with it
 _LARGEST_SKEW = 1e-3  # of two crystals, with margin: beyond it, stamps count something other than microseconds
 _LARGEST_SCATTER_S = 2e-3  # of the quickest arrivals about a line: beyond it the device's clock jumped
 
@@ -46,11 +43,6 @@ def by_stamps(series: Series) -> tuple[Series, float]:
         series = series.kept(~wrong)
         stamp_us = series.column(STAMP).values
     arrival_s = np.zeros(0) if series.time_s is None else series.time_s
-    restarted = restarts(stamp_us)
-    if len(restarted):
-        often, line = counted(len(restarted), "time"), series.line_number(int(restarted[0]))
-        findings.append(finding("device-restarted", times=often, line=line))
-        stamp_us = _continued(arrival_s, stamp_us, restarted)
     times = stamped_times(arrival_s, stamp_us)
     kept = series.findings
     if times is not None:
@@ -58,34 +50,11 @@ def by_stamps(series: Series) -> tuple[Series, float]:
         series = replace(series, time_s=times.time_s - times.time_s[0], begin_s=begin_s)
         kept = tuple(one for one in kept if one.code != "time-repeats")
     elif len(stamp_us) >= _FEWEST_OF_A_PART * _FEWEST_PARTS:
-        findings.append(_no_clock(arrival_s, stamp_us))
+        device_s, here_s = 1e-6 * float(stamp_us[-1] - stamp_us[0]), float(arrival_s[-1] - arrival_s[0])
+        findings.append(finding("stamps-no-clock", device_s=device_s, here_s=here_s))
     name = f"{series.path.resolve().parent.name}/{series.path.name}"
     series = replace(series, findings=(*kept, *(one.at(name) for one in findings)))
     return series, 0.0 if times is None else times.scale_std
-
-
-def _no_clock(arrival_s: Array, stamp_us: Array) -> Finding:
-    device_s, here_s = 1e-6 * float(stamp_us[-1] - stamp_us[0]), float(arrival_s[-1] - arrival_s[0])
-    in_ms = abs(1e3 * device_s - here_s) < _SAME_RATE * here_s
-    return finding("stamps-in-ms" if in_ms else "stamps-no-clock", device_s=device_s, here_s=here_s)
-
-
-def restarts(stamp_us: Array) -> Rows:
-    """Return the places of the first samples (n,) after a restart of the device, which sets its stamps back.
-
-    There are none where restarts are too many, or where a side has too few samples to join them.
-    """
-    first = np.flatnonzero(np.diff(stamp_us) < 0) + 1
-    shortest = np.diff(np.r_[0, first, len(stamp_us)]).min()
-    sure = len(first) <= _MOST_RESTARTS and shortest >= _FEWEST_OF_A_PART * _FEWEST_PARTS
-    return first if sure else first[:0]
-
-
-def _continued(arrival_s: Array, stamp_us: Array, restarted: Rows) -> Array:
-    """Return stamps (n,) that continue over each restart, so that the quickest arrivals on both sides are as late."""
-    late_us = 1e6 * (arrival_s - arrival_s[0]) - stamp_us
-    shifts = [float(part.min()) for part in np.split(late_us, restarted)]
-    return np.asarray(stamp_us + np.repeat(shifts, np.diff(np.r_[0, restarted, len(stamp_us)])))
 
 
 def stamped_times(arrival_s: Array, stamp_us: Array) -> StampedTimes | None:

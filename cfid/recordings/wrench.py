@@ -216,8 +216,6 @@ def described_above(table: Table, how: How) -> tuple[Table, How]:
     stated = {key: value.strip(' "') for key, _, value in lines if key in _PREAMBLE}
     if not {"Counts per Unit Force", "Counts per Unit Torque"} <= stated.keys():
         return table, how
-    if (how.counts_per_n is None) != (how.counts_per_nm is None):
-        raise ConfigError(f"{table.path}: give `counts_per_n` and `counts_per_nm` both, or neither: the file has both.")
     columns = list(table.columns)
     for word, si, option in (("Force", "N", "counts_per_n"), ("Torque", "N m", "counts_per_nm")):
         given, unit = getattr(how, option), stated.get(f"{word} Units", "")

@@ -389,7 +389,7 @@ def test_a_wrong_index_or_recording_is_named_with_its_place(tunnel: WindFolder, 
         ("a,b\n1,2\n", "no column command, angle_deg"),
         (f"{','.join(HEAD)}\n", "a header and no rows"),
         (f"{','.join(HEAD)}\n0,0,1\n", "3 fields where its header has 6"),
-        ("", "empty"),
+        ("", "no column command, angle_deg"),
     ],
 )
 def test_a_file_that_is_not_an_index_is_refused(tmp_path: Path, written: str, sentence: str) -> None:

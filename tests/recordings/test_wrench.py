@@ -370,6 +370,6 @@ def test_a_unit_or_scale_of_atis_demo_that_is_not_known_is_a_question_that_an_op
 ) -> None:
     text = described(*stated, 1000 * np.arange(1, 7))
     assert f"give `{option}`." in str(refusal(tmp_path, text))
-    assert isinstance(refusal(tmp_path, text, How(counts_per_n=1000)), ConfigError)
+    assert isinstance(refusal(tmp_path, text, How(counts_per_n=1000)), CfidError)
     record = read(tmp_path, text, How(counts_per_n=1000, counts_per_nm=1000))
     np.testing.assert_allclose(record.force_n.mean(axis=0), [1, 2, 3], atol=1e-3)
