@@ -33,14 +33,6 @@ CODES: dict[str, tuple[Severity, str]] = {
         "columns of which some rows have no number are devices of their own, with the rows that have one: {names}.",
     ),
     "columns-without-number": ("note", "left out, since they hold no number: {names}."),
-    "crossing-impossible": (
-        "warning",
-        "{count} of {rows} reports whose command is not 0 to 65535 are left out (first: {value:g} in line {line}).",
-    ),
-    "crossing-repeated": (
-        "warning",
-        "{count} of {rows} reports that repeat the one before are left out (first: {value:g} in line {line}).",
-    ),
     "decimal-comma": ("note", "numbers are read with decimal commas."),
     "esc-range-assumed": ("warning", "pulse widths are read as `esc_us` {low:g},{high:g}, commands 0 to {full}."),
     "file-read": (
@@ -145,15 +137,6 @@ CODES: dict[str, tuple[Severity, str]] = {
         "warning",
         "{name}: {count} values that cannot be, the first {first:.4g}{unit} (limits {least:g} and "
         "{most:g}{unit}), are left out.",
-    ),
-    "ping-impossible": (
-        "warning",
-        "{count} of {rows} round trips that no answer takes are left out (first: {value:.9g} s in line {line}).",
-    ),
-    "ping-stamp-off": (
-        "warning",
-        "{count} of {rows} answers whose stamp is off the vehicle's clock are left out (first: "
-        "{value:.9g} in line {line}).",
     ),
     "rate-assumed": ("warning", "a record over time without a time column: {rate_hz:g} Hz is assumed (`rate_hz`)."),
     "recording-cut": ("warning", "the run was cut{or_grows}; the rows on disk are used."),

@@ -13,8 +13,8 @@ import numpy as np
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, finding
-from cfid.recordings.outliers import Mask, outliers
-from cfid.recordings.recording import MISSING_SHARE, TIME, Array, How, Series
+from cfid.recordings.outliers import outliers
+from cfid.recordings.recording import TIME, Array, How, Series
 from cfid.recordings.table import read_table
 from cfid.recordings.times import time_column
 from cfid.records.files import check_regular
@@ -73,26 +73,25 @@ class PingRecord:
 def read_crossings(path: Path) -> CrossingRecord:
     """Read a run's crossings, or a table with a time and `thrust_rec`, and `sample` and `vehicle_us` if it has both.
 
-    Rows that repeat the one before, and the few with an impossible command, are left out of a table: a missing report
-    affects nothing else. Raises DataError with file, line and next step.
+    Raises DataError with file, line and next step.
     """
     run = run_at(path)
     file = path if run is None else run.device_file(CROSSINGS)
     series, source = _events(file, How(), (TIME, _COMMAND), (_SAMPLE, _CLOCK), of_run=run is not None)
     stamped = {_SAMPLE, _CLOCK} <= set(series.names)
-    if run is None:
-        command = series.column(_COMMAND).values
-        impossible = ~((command >= 0) & (command <= FULL_COMMAND))
-        if np.mean(impossible) <= MISSING_SHARE:  # many are of another unit: the analysis compares them with a sine
-            series = _without(series, impossible, "crossing-impossible", _COMMAND)
-        steps = [np.diff(column.values) for column in series.columns]
-        repeated = np.append(False, np.all([step == 0 for step in steps], axis=0))
-        series = _without(series, repeated, "crossing-repeated", _COMMAND)
+    command = series.column(_COMMAND).values
+    if run is None and not np.all((command >= 0) & (command <= FULL_COMMAND)):
+        row = int(np.argmin((command >= 0) & (command <= FULL_COMMAND)))
+        raise DataError(
+            f"{series.line(row)}: a command of {command[row]:g}: it is 0 to {FULL_COMMAND}. Correct that line, or the "
+            "unit of the column.",
+            code="impossible-command",
+        )
     return CrossingRecord(
         path=file,
         source=source,
         host_s=_times(series),
-        command=series.column(_COMMAND).values,
+        command=command,
         sample=series.column(_SAMPLE).values if stamped else None,
         vehicle_us=_microseconds(series) if stamped else None,
         findings=series.findings,
@@ -102,8 +101,7 @@ def read_crossings(path: Path) -> CrossingRecord:
 def read_pings(path: Path, how: How | None = None) -> PingRecord:
     """Read a run of `cfid log ping`, or a table with a column rtt_s, and t and vehicle_us if it has them.
 
-    The few rows of a table with an impossible round trip, or with a stamp of the vehicle's that is off the others, are
-    left out. Raises DataError with file, line and next step, ConfigError for a column without a unit.
+    Raises DataError with file, line and next step, ConfigError for a column without a unit.
     """
     run = run_at(path)
     file = path if run is None else run.device_file(PINGS)
@@ -111,22 +109,27 @@ def read_pings(path: Path, how: How | None = None) -> PingRecord:
     timed, stamped = TIME in series.names, _CLOCK in series.names
     notes = [] if run is None else losses(run, run.header.devices[PINGS], series.rows)
     rtt_s = series.si(_RTT, "s")
-    impossible = ~((rtt_s > 0) & (rtt_s < _LONGEST_STEP_S))
-    if np.mean(impossible) > (MISSING_SHARE if run is None else 0):
-        row = int(np.argmax(impossible))
+    possible = (rtt_s > 0) & (rtt_s < _LONGEST_STEP_S)
+    if not possible.all():
+        row = int(np.argmin(possible))
         raise DataError(
             f"{series.line(row)}: a round trip of {rtt_s[row]:.6g} s: it takes more than zero seconds, and "
             f"{_LONGEST_STEP_S:g} at most. Correct that line, or the unit of the column.",
             code="impossible-trip",
         )
-    series = _without(series, impossible, "ping-impossible", _RTT)
     if run is None and stamped and timed:
         off = outliers(1e-6 * _microseconds(series) - _times(series), _STAMP_OFF_S)
-        series = _without(series, off, "ping-stamp-off", _CLOCK)
+        if off.any():
+            row = int(np.argmax(off))
+            raise DataError(
+                f"{series.line(row)}: a stamp of {series.column(_CLOCK).values[row]:.9g}, off the vehicle's clock in "
+                "the rows around. Correct that line.",
+                code="stamp-off",
+            )
     return PingRecord(
         path=path,
         source=source,
-        rtt_s=series.si(_RTT, "s"),
+        rtt_s=rtt_s,
         sent_s=_times(series) if timed else None,
         vehicle_us=_microseconds(series) if stamped else None,
         circumstances="" if run is None else run.header.label.note or "",
@@ -168,17 +171,6 @@ def _events(
         findings=table.findings,
     )
     return series.complete(series.names), table.source
-
-
-def _without(series: Series, wrong: Mask, code: str, shown: str) -> Series:
-    """Return a series without the rows that are `wrong` (n,), with a finding that shows the first one's value."""
-    if not wrong.any():
-        return series
-    row, count = int(np.argmax(wrong)), int(np.count_nonzero(wrong))
-    value, line = float(series.column(shown).values[row]), series.line_number(row)
-    left_out = finding(code, count=count, rows=series.rows, value=value, line=line).at(series.path.name)
-    kept = series.kept(~wrong)
-    return replace(kept, findings=(*kept.findings, left_out))
 
 
 def _times(series: Series) -> Array:
