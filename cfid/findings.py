@@ -49,11 +49,6 @@ CODES: dict[str, tuple[Severity, str]] = {
         "{count} of {rows} samples repeat the one before for long (first at {first_s:.4g} s): the load "
         "cell hung. Record the sines of that time again.",
     ),
-    "force-impossible": (
-        "warning",
-        "{count} of {rows} rows with a value that no load cell measures are left out (first: {value:.9g} "
-        "in line {line}).",
-    ),
     "force-outliers": (
         "warning",
         "{count} of {rows} samples lie off those around them, or far beyond all others, and are left out "

@@ -101,7 +101,7 @@ def angle_of(
     series = _encoder_series(recording)
     if series is None:
         return _angle_of_gyro(recording)
-    column = _angle_column(series, how) if recording.run is None else _column_of_run(recording.run, series)
+    column = _angle_column(series, how, recording.run)
     counted = column.unit in ("", *COUNTS)
     if recording.run is None:
         how.refuse_unused(series.path, *OF_TABLES, *(("counts_per_turn",) if counted else ()))
@@ -172,11 +172,17 @@ def _gyro_of(recording: Recording) -> Series | None:
     return gyro_series(recording.series[name] for name in recording.series if name not in without)
 
 
-def _angle_column(series: Series, how: How) -> Column:
-    """Return the column of the angle: the one that is named so, the one that is called so, or the only one.
+def _angle_column(series: Series, how: How, run: Run | None) -> Column:
+    """Return the column of the angle: the second of a run; of a table the one that is called so, or the only one.
 
-    Raises ConfigError for none, and for several.
+    Raises ConfigError for none, and for several, DataError for a run without one.
     """
+    if run is not None:
+        names = run.header.devices[ENCODER].columns
+        if len(names) < 2:
+            place = f"{run.folder / RUN_FILE}: devices.{ENCODER}.columns"
+            raise DataError(f"{place}: has no time and angle.", code="no-column")
+        return series.column(names[1])
     if ANGLE in (word.partition("=")[0] for word in how.columns if "=" in word):
         return series.column(ANGLE)
     called = [one for one in series.columns if is_angle(one.name)]
@@ -191,14 +197,6 @@ def _angle_column(series: Series, how: How) -> Column:
             code="no-column",
         )
     return called[0]
-
-
-def _column_of_run(run: Run, series: Series) -> Column:
-    """Return the column after the time, as run.toml names it. Raises DataError where there is none."""
-    columns = run.header.devices[ENCODER].columns
-    if len(columns) < 2:
-        raise DataError(f"{run.folder / RUN_FILE}: devices.{ENCODER}.columns: has no time and angle.", code="no-column")
-    return series.column(columns[1])
 
 
 def _complete(series: Series, column: Column) -> tuple[Series, Column]:

@@ -17,7 +17,7 @@ from cfid.recordings.outliers import outliers
 from cfid.recordings.recording import TIME, Array, How, Series
 from cfid.recordings.table import read_table
 from cfid.recordings.times import time_column
-from cfid.records.files import check_regular
+from cfid.records.files import read_small
 from cfid.records.parameters import Source
 from cfid.records.run import losses, run_at
 from cfid.units import FULL_COMMAND
@@ -249,10 +249,7 @@ class Index(NamedTuple):
 def read_index(path: Path, *, columns: Sequence[str], optional: Sequence[str] = ()) -> Index:
     """Read a CSV file with a header of the named columns, in any order. Raises DataError with file and line."""
     try:
-        check_regular(path)
-        content = path.read_bytes()
-    except FileNotFoundError:
-        raise DataError(f"{path}: no such file.", code="no-file") from None
+        content = read_small(path)
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}.", code="unreadable") from None
     if b"\0" in content:

@@ -18,7 +18,7 @@ from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, finding, of_recording, texts
 from cfid.large import chosen_rows, empty
 from cfid.recordings.outliers import Mask, outliers, stuck
-from cfid.recordings.recording import COUNTS, FEWEST_ROWS, MISSING_SHARE, OF_TABLES, Array, How, Recording, Series
+from cfid.recordings.recording import COUNTS, FEWEST_ROWS, OF_TABLES, Array, How, Recording, Series
 from cfid.recordings.stamps import by_stamps
 from cfid.recordings.table import Table
 from cfid.records.files import RUN_FILE
@@ -177,7 +177,7 @@ def wrench_of(recording: Recording, how: How | None = None, *, gain: tuple[float
         )
     status = _name_of(series, _STATUS)
     series = series.complete([*names.values(), *([] if status is None else [status])])
-    series = _possible(series, names, per_unit, counted=counted)
+    _refuse_impossible(series, names, per_unit, counted=counted)
     if run is not None:
         series, _ = by_stamps(series)
     if series.rows < FEWEST_ROWS:
@@ -310,31 +310,24 @@ def _per_unit(
     return per_unit, False
 
 
-def _possible(series: Series, names: Mapping[str, str], per_unit: Mapping[str, float], *, counted: bool) -> Series:
-    """Return a series without the few rows that no load cell measures. Raises DataError where many are such."""
-    row, value, culprit = series.rows, 0.0, ""
-    wrong = np.zeros(series.rows, bool)
+def _refuse_impossible(
+    series: Series, names: Mapping[str, str], per_unit: Mapping[str, float], *, counted: bool
+) -> None:
+    """Raise DataError that names the first row of an axis with a value that no load cell measures."""
     for axis, name in names.items():
         values = series.column(name).values
         largest = _LARGEST_COUNT if counted else _LARGEST_N * per_unit[axis]
-        of_axis = ~(np.abs(values) <= largest) | (counted & (values != np.rint(values)))
-        if of_axis.any() and np.argmax(of_axis) < row:
-            row = int(np.argmax(of_axis))
-            value, culprit = float(values[row]), name
-        wrong |= of_axis
-    if not culprit:
-        return series
-    count = int(np.count_nonzero(wrong))
-    if count > MISSING_SHARE * series.rows:
-        what = (
-            f"no count, which is a whole number of 32 bits: give `unit` {culprit}=N, or the unit that it has"
-            if counted
-            else f"more than any load cell measures: are these counts? Then give `unit` {culprit}=counts"
-        )
-        raise DataError(f"{series.line(row)}: {value:.9g} in column '{culprit}' is {what}.", code="impossible-force")
-    left_out = finding("force-impossible", count=count, rows=series.rows, value=value, line=series.line_number(row))
-    kept = series.kept(~wrong)
-    return replace(kept, findings=(*kept.findings, left_out))
+        wrong = ~(np.abs(values) <= largest) | (counted & (values != np.rint(values)))
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            what = (
+                f"no count, which is a whole number of 32 bits: give `unit` {name}=N, or the unit that it has"
+                if counted
+                else f"more than any load cell measures: are these counts? Then give `unit` {name}=counts"
+            )
+            raise DataError(
+                f"{series.line(row)}: {values[row]:.9g} in column '{name}' is {what}.", code="impossible-force"
+            )
 
 
 def _words(series: Series, name: str) -> Words:

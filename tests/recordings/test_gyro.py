@@ -8,7 +8,7 @@ import numpy.typing as npt
 import pytest
 
 from cfid.errors import DataError
-from cfid.recordings.angle import AngleRecord, angle_record
+from cfid.recordings.angle import angle_record
 from cfid.recordings.gyro import GYRO, integrated
 from cfid.records.run import Clock, DeviceRecord, Label, Origin
 from cfid.records.run_writer import create_run
@@ -56,10 +56,6 @@ def gyro_run(
     return writer.folder
 
 
-def read(folder: Path) -> AngleRecord:
-    return angle_record(folder)
-
-
 def test_the_vehicles_stamps_place_its_rows_however_late_they_arrive_and_where_they_wrap(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     time_s = np.arange(0, 10, 0.005)
@@ -67,7 +63,7 @@ def test_the_vehicles_stamps_place_its_rows_however_late_they_arrive_and_where_t
     stamps_ms = (np.round(1000 * time_s) + (1 << 24) - 3000) % (1 << 24)
     angle, rate = rocking(time_s)
 
-    found = read(gyro_run(tmp_path, rate, stamps_ms=stamps_ms, arrivals_s=late_s))
+    found = angle_record(gyro_run(tmp_path, rate, stamps_ms=stamps_ms, arrivals_s=late_s))
 
     assert found.time_s == pytest.approx(time_s, abs=1e-3)
     assert found.time_scale_std == pytest.approx(3e-5)
@@ -83,7 +79,7 @@ def test_arrivals_that_are_late_on_a_busy_computer_are_no_other_unit_of_stamps(t
     _, rate = rocking(time_s)
     busy = time_s + late_s * (time_s < 0.4)
 
-    found = read(gyro_run(tmp_path, rate, stamps_ms=1000 * time_s, arrivals_s=np.maximum.accumulate(busy)))
+    found = angle_record(gyro_run(tmp_path, rate, stamps_ms=1000 * time_s, arrivals_s=np.maximum.accumulate(busy)))
 
     assert found.time_s == pytest.approx(time_s, abs=1e-6)
 
@@ -97,7 +93,7 @@ def test_stamps_that_are_no_milliseconds_are_refused_and_not_corrected_twice(tmp
     folder = gyro_run(tmp_path, rocking(time_s)[1], stamps_ms=stamps_ms, arrivals_s=late_s)
 
     with pytest.raises(DataError) as caught:
-        read(folder)
+        angle_record(folder)
     assert caught.value.code == "vehicle-clock"
 
 
@@ -108,7 +104,7 @@ def test_a_gap_in_a_gyro_s_rows_is_named_where_its_angle_goes_over_the_top(tmp_p
     folder = gyro_run(tmp_path, rate[kept] + 4.0 * (time_s[kept] > 5.6), stamps_ms=None, arrivals_s=time_s[kept])
 
     with pytest.raises(DataError, match=r"over the top.* The gyro has no rows for 0\.5\d s, after 5\.1 s"):
-        swing_in(read(folder))
+        swing_in(angle_record(folder))
 
 
 @pytest.mark.parametrize("rate_hz", [1000, 100])
@@ -121,7 +117,7 @@ def test_a_gyro_at_the_end_of_its_range_is_refused(
     clipped = np.clip(rate, *np.radians([-range_dps, range_dps]) / AXIS[2])
     folder = gyro_run(tmp_path, clipped, stamps_ms=None, arrivals_s=time_s, bias_dps=0.0)
     with pytest.raises(DataError) as caught:
-        read(folder)
+        angle_record(folder)
     assert caught.value.code == "gyro-at-end"
 
 
@@ -130,7 +126,7 @@ def test_round_peaks_of_a_coarse_gyro_are_no_end_of_its_range(tmp_path: Path, ra
     time_s = np.arange(0, 10, 1 / rate_hz)
     angle, rate = rocking(time_s, per_s=3.0, amplitude_rad=1.5)
     coarse = np.radians(np.round(np.degrees(rate) * 0.8) / 0.8)
-    found = read(gyro_run(tmp_path, coarse, stamps_ms=None, arrivals_s=time_s))
+    found = angle_record(gyro_run(tmp_path, coarse, stamps_ms=None, arrivals_s=time_s))
     assert found.time_s == pytest.approx(time_s, abs=1e-6)
     assert found.time_scale_std == pytest.approx(3e-5)  # that of the vehicle's crystal
     assert np.abs(found.angle_rad - angle).max() < 0.02
@@ -151,7 +147,7 @@ def test_a_clock_that_nothing_shows_rejects_what_rests_on_times(
     tmp_path: Path, clock: Clock, *, undecided: bool
 ) -> None:
     time_s = np.arange(0, 10, 0.005)
-    found = read(gyro_run(tmp_path, rocking(time_s)[1], stamps_ms=None, arrivals_s=time_s, clock=clock))
+    found = angle_record(gyro_run(tmp_path, rocking(time_s)[1], stamps_ms=None, arrivals_s=time_s, clock=clock))
     rejections = [finding for finding in found.findings if finding.severity == "rejection"]
     assert [finding.code for finding in rejections] == ["gyro-clock-undecided"] * undecided
     assert all(finding.concerns("swing.axis_inertia_kg_m2") for finding in rejections)
@@ -170,4 +166,4 @@ def test_a_run_without_rows_is_refused(tmp_path: Path, device: str) -> None:
     ) as writer:
         writer.close("complete")
     with pytest.raises(DataError):
-        read(writer.folder)
+        angle_record(writer.folder)

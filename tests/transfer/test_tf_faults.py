@@ -212,7 +212,7 @@ def test_invalid_options_are_reported(tf: Here, index: Path) -> None:
     refused(tf("identify"), 2, "no sine to read: give RUNs of `cfid log sine`, or --index FILE.")
     refused(tf("identify", "missing"), 4, "missing: no run folder; files of sines need an index")
     refused(tf("identify", index.parent / "crossings_2.csv"), 4, "files of sines need an index")
-    refused(tf("identify", "--index", "missing.csv"), 4, "missing.csv: no such file.")
+    refused(tf("identify", "--index", "missing.csv"), 4, "missing.csv: cannot be read: No such file")
     refused(
         tf("identify", "--index", index, "--arm-mm", 0),
         2,
