@@ -443,22 +443,26 @@ class ScalesLines(LineDevice):
 _LINES = "lines"
 
 
-class EncoderPort(RigTable):
+class PolledDevice(RigTable):
+    """A device that is asked for its rate."""
+
+    def sampled_at(self, rate_hz: float | None) -> Self:
+        """Return the same device with another rate, where one is given."""
+        return self if rate_hz is None else self.model_copy(update={"rate_hz": rate_hz})
+
+
+class EncoderPort(PolledDevice):
     """Serial port of the encoder's interface, found automatically where none is given, and the polling rate."""
 
     kind: Literal["e201"] = "e201"
     port: str = ""
     rate_hz: Positive = 1000.0
 
-    def sampled_at(self, rate_hz: float | None) -> Self:
-        """Return the same port with another rate, where one is given."""
-        return self if rate_hz is None else self.model_copy(update={"rate_hz": rate_hz})
-
 
 PortNumber = Annotated[int, Field(strict=True, ge=1, le=65535)]
 
 
-class LoadCellBox(RigTable):
+class LoadCellBox(PolledDevice):
     """Address, sampling rate and ports of the load cell's box."""
 
     kind: Literal["netft"] = "netft"
@@ -467,10 +471,6 @@ class LoadCellBox(RigTable):
     rdt_port: PortNumber = 49152
     http_port: PortNumber = 80
     tcp_port: PortNumber = 49151
-
-    def sampled_at(self, rate_hz: int | None) -> Self:
-        """Return the same box with another rate, where one is given."""
-        return self if rate_hz is None else self.model_copy(update={"rate_hz": rate_hz})
 
 
 ServicePort = Annotated[int, Field(strict=True, ge=0, le=15)]

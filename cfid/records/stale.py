@@ -40,12 +40,19 @@ def stale_in(folder: Path, runs: Sequence[Run], rig: Rig) -> Stale:
         except (DataError, OSError):
             return True
 
+    def present(section: Section) -> dict[str, str]:
+        """Return the present names of a section's runs by those that they had: a folder may have been renamed."""
+        names = {state: name for name, state in now_states.items()}
+        return {name: name if name in now_states else names.get(was, name) for name, was in section.runs.items()}
+
     def reasons(section: Section) -> tuple[str, ...]:
+        names = present(section)
         other = [source.path for source in section.sources if has_changed(source)]
         other += [f"{RUNS_FOLDER}/{n}/{RUN_FILE}" for n, was in section.runs.items() if now_states.get(n, was) != was]
         unread = [name for name in section.runs if name not in now_states]
         other += [f"{RUNS_FOLDER}/{name}/{RUN_FILE}" for name in unread if is_torn(folder / RUNS_FOLDER / name)]
-        left = [f"{name} ({excluded[name]})" for name in runs_of(section.sources) if name in excluded]
+        fitted = [names.get(name, name) for name in runs_of(section.sources)]
+        left = [f"{name} ({excluded[name]})" for name in fitted if name in excluded]
         now = stated(rig, section.rig)
         facts = [f"{key} {_change(was, now.get(key))}" for key, was in section.rig.items() if now.get(key) != was]
         return (

@@ -221,6 +221,21 @@ def test_recorded_swings_are_fitted_next_and_a_fit_that_is_no_longer_current_aga
     assert left_out.recorded == 6
 
 
+def test_a_run_whose_folder_was_renamed_is_the_same_run_and_makes_its_fit_outdated_when_it_is_excluded(
+    folder: Path,
+) -> None:
+    swung(folder)
+    refused(folder, sorted((folder / "runs").iterdir()))
+    section = open_campaign(folder).fits()[-1].section
+    first = sorted((folder / "runs").iterdir())[0]
+    renamed = first.rename(first.with_name("the_first"))
+    assert stale_in(folder, list_runs(folder / "runs"), open_campaign(folder).rig)(section) == ()
+
+    amend_run(read_run(renamed), excluded="the cable touched")
+    (reason,) = stale_in(folder, list_runs(folder / "runs"), open_campaign(folder).rig)(section)
+    assert "the_first (the cable touched)" in reason
+
+
 def test_a_swing_that_was_excluded_after_the_fit_is_recorded_again_before_the_next_fit(folder: Path) -> None:
     axes = swung(folder)
     fitted(folder, found=BEGAN + timedelta(hours=1))
