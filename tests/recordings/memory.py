@@ -24,7 +24,7 @@ finally:
 """
 
 
-def check_peak(log: Path, tmp_path: Path, words: str) -> None:
+def check_peak(log: Path, tmp_path: Path, words: str, *, limit_mb: float = LIMIT_MB) -> None:
     """Check and print the peak of anonymous memory of a command; {log} in `words` stands for the file."""
     subprocess.run([sys.executable, "-c", WATCHED, "new", tmp_path / "campaign"], check=True, capture_output=True)
     places = {"log": log, "out": tmp_path / "out", "campaign": tmp_path / "campaign"}
@@ -37,4 +37,4 @@ def check_peak(log: Path, tmp_path: Path, words: str) -> None:
     assert ended.returncode == 0, ended.stderr
     assert peak is not None
     print(f"{words.partition('{')[0]}{words.partition('}')[2]}: {float(peak[1]):.0f} MB of anonymous memory")
-    assert float(peak[1]) < LIMIT_MB
+    assert float(peak[1]) < limit_mb
