@@ -4,7 +4,7 @@ import contextlib
 import csv
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -16,14 +16,12 @@ from pandas import DataFrame
 from cfid.errors import ConfigError, DataError
 from cfid.large import parts
 from cfid.recordings.crazyflie import crazyflie_unit
-from cfid.recordings.recording import Recording, Series
+from cfid.recordings.recording import TIME, Column, Recording, Series
 from cfid.records.extras import optional_library
 from cfid.records.files import RUN_FILE, refuse_kept
 
 Array = npt.NDArray[np.float64]
 Format = Literal["csv", "parquet", "mcap"]
-
-_TIME = "t"
 
 _EXACT_INTEGER = 2.0**53
 
@@ -67,10 +65,10 @@ def convert(recording: Recording, to: Format, out: Path | None) -> list[Path]:
 def write_csv(series: Series, recording: Recording, path: Path) -> None:
     """Write one series as a CSV file with a header; a missing number is written as `nan`."""
     with path.open("x", encoding="utf-8", newline="") as file:
-        csv.writer(file, lineterminator="\n").writerow(_heads(series, recording))
         columns = _columns(series)
-        for rows in parts(len(columns[0])):
-            block = {place: _whole(column[rows]) for place, column in enumerate(columns)}
+        csv.writer(file, lineterminator="\n").writerow(_head(column, recording) for column in columns)
+        for rows in parts(series.rows):
+            block = {place: _whole(column.values[rows]) for place, column in enumerate(columns)}
             DataFrame(block).to_csv(file, header=False, index=False, na_rep="nan", lineterminator="\n")
 
 
@@ -82,14 +80,16 @@ def write_parquet(series: Series, recording: Recording, path: Path) -> None:
     arrow = optional_library("pyarrow", extra="parquet", what="a Parquet file")
     parquet = optional_library("pyarrow.parquet", extra="parquet", what="a Parquet file")
     columns = _columns(series)
+    names = _different(column.name for column in columns)
     fields = [
-        arrow.field(name, arrow.float64(), metadata={"unit": unit})
-        for name, unit in zip(_different(_names(series)), _units(series), strict=True)
+        arrow.field(name, arrow.float64(), metadata={"unit": column.unit})
+        for name, column in zip(names, columns, strict=True)
     ]
     schema = arrow.schema(fields, metadata=dict(_origin(recording)))
     with path.open("xb") as file, parquet.ParquetWriter(file, schema) as writer:
-        for rows in parts(len(columns[0])):
-            writer.write_table(arrow.table([np.ascontiguousarray(column[rows]) for column in columns], schema=schema))
+        for rows in parts(series.rows):
+            block = [np.ascontiguousarray(column.values[rows]) for column in columns]
+            writer.write_table(arrow.table(block, schema=schema))
 
 
 def write_mcap(recording: Recording, path: Path) -> None:
@@ -106,13 +106,19 @@ def write_mcap(recording: Recording, path: Path) -> None:
         for series in recording.series.values():
             if series.time_s is None:
                 raise DataError(f"{recording.path}: has no times, by which an MCAP file orders its messages.")
-            names, columns = _different(_names(series)), _columns(series)
-            if len(columns[0]) and columns[0][0] < 0:
-                raise DataError(f"{series.name} begins at {columns[0][0]:g} s: MCAP has no times before zero.")
-            schema = writer.register_schema(name=series.name, encoding="jsonschema", data=_schema(names, series))
+            columns = _columns(series)
+            names = _different(column.name for column in columns)
+            if series.rows and (begin_s := columns[0].values[0]) < 0:
+                raise DataError(f"{series.name} begins at {begin_s:g} s: MCAP has no times before zero.")
+            properties = {
+                name: {"type": "number", "description": column.unit or "unit unknown"}
+                for name, column in zip(names, columns, strict=True)
+            }
+            content = json.dumps({"title": series.name, "type": "object", "properties": properties}).encode()
+            schema = writer.register_schema(name=series.name, encoding="jsonschema", data=content)
             channel = writer.register_channel(topic=series.name, message_encoding="json", schema_id=schema)
-            for rows in parts(len(series.time_s)):
-                for row in zip(*(column[rows].tolist() for column in columns), strict=True):
+            for rows in parts(series.rows):
+                for row in zip(*(column.values[rows].tolist() for column in columns), strict=True):
                     stamp_ns = round(row[0] * 1e9)
                     data = json.dumps(dict(zip(names, map(_json_number, row), strict=True))).encode()
                     writer.add_message(channel, log_time=stamp_ns, data=data, publish_time=stamp_ns)
@@ -149,27 +155,17 @@ def _origin(recording: Recording) -> Mapping[str, str]:
     }
 
 
-def _columns(series: Series) -> list[Array]:
+def _columns(series: Series) -> list[Column]:
     """Return the times by the recording's own clock, where there are any, and the columns."""
-    times = [] if series.time_s is None else [series.time_s + (series.begin_s or 0.0)]
-    return [*times, *(column.values for column in series.columns)]
+    if series.time_s is None:
+        return list(series.columns)
+    return [Column(name=TIME, unit="s", values=series.time_s + (series.begin_s or 0.0)), *series.columns]
 
 
-def _names(series: Series) -> list[str]:
-    return [*([] if series.time_s is None else [_TIME]), *(column.name for column in series.columns)]
-
-
-def _units(series: Series) -> list[str]:
-    return [*([] if series.time_s is None else ["s"]), *(column.unit for column in series.columns)]
-
-
-def _heads(series: Series, recording: Recording) -> list[str]:
-    """Return the header of a CSV file: names, with the unit in brackets where a file's name alone does not state it."""
-    heads = [_TIME] if series.time_s is not None else []
-    for column in series.columns:
-        stated = recording.run is None and column.unit and column.unit != crazyflie_unit(column.name)
-        heads.append(f"{column.name} [{column.unit}]" if stated else column.name)
-    return heads
+def _head(column: Column, recording: Recording) -> str:
+    """Return a column's name, with the unit in brackets where a file's name alone does not state it."""
+    stated = recording.run is None and column.name != TIME and column.unit not in ("", crazyflie_unit(column.name))
+    return f"{column.name} [{column.unit}]" if stated else column.name
 
 
 def _whole(column: Array) -> Any:
@@ -178,7 +174,7 @@ def _whole(column: Array) -> Any:
     return column.astype(np.int64) if exact.all() and not np.signbit(column[column == 0]).any() else column
 
 
-def _different(names: list[str]) -> list[str]:
+def _different(names: Iterable[str]) -> list[str]:
     """Return the names, with a number appended to each repeated one."""
     different: list[str] = []
     for name in names:
@@ -187,14 +183,6 @@ def _different(names: list[str]) -> list[str]:
             word, number = f"{name}_{number}", number + 1
         different.append(word)
     return different
-
-
-def _schema(names: list[str], series: Series) -> bytes:
-    properties = {
-        name: {"type": "number", "description": unit or "unit unknown"}
-        for name, unit in zip(names, _units(series), strict=True)
-    }
-    return json.dumps({"title": series.name, "type": "object", "properties": properties}).encode()
 
 
 def _json_number(value: float) -> float | str:
