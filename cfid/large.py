@@ -49,19 +49,6 @@ def stored(value: Array) -> Array:
     return found
 
 
-def stored_together(values: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray[Any]]:
-    """Return arrays of any types, in one temporary file if they are large in total. Raises as `empty` does."""
-    room = empty(-(-sum(value.nbytes for value in values) // 8)).view(np.uint8)
-    found: list[npt.NDArray[Any]] = []
-    begin = 0
-    for value in values:
-        own = room[begin : begin + value.nbytes].view(value.dtype).reshape(value.shape)
-        own[...] = value
-        found.append(own)
-        begin += value.nbytes
-    return found
-
-
 def as_columns(blocks: Iterable[Array], columns: int, *, most_rows: int) -> list[Array]:
     """Return blocks (m, columns), concatenated, as columns (n,), n being `most_rows` at most.
 

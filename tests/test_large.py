@@ -1,14 +1,12 @@
 """Arrays larger than the memory: arrays on disk contain the same numbers, and a full disk is reported."""
 
 import tempfile
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from cfid.errors import ConfigError
-from cfid.large import chosen_rows, differences, empty, joined, side_by_side, stored, stored_together, usual_step
+from cfid.large import chosen_rows, differences, empty, joined, side_by_side, stored, usual_step
 
 ROWS = 5_000_000  # 40 MB, too large to stay in memory
 
@@ -36,14 +34,6 @@ def test_what_is_stored_is_what_was_given(rows: int) -> None:
     assert np.array_equal(side_by_side([value[:, 0]]), value[:, :1])
     assert chosen_rows(value, np.ones(rows, bool)) is value
     assert np.array_equal(chosen_rows(value, np.arange(rows) % 3 > 0), value[np.arange(rows) % 3 > 0])
-
-
-def test_arrays_of_several_types_are_stored_together() -> None:
-    pair = np.array([[1.5, 2.5]], np.float32)
-    values: list[npt.NDArray[Any]] = [np.arange(3, dtype=np.uint8), np.ones((ROWS, 2)), pair, np.zeros(0)]
-    for found, value in zip(stored_together(values), values, strict=True):
-        assert found.dtype == value.dtype
-        assert np.array_equal(found, value)
 
 
 def test_the_usual_step_of_a_long_series_is_that_of_its_parts() -> None:
