@@ -189,11 +189,10 @@ def _angle_column(series: Series, how: How, run: Run | None) -> Column:
     if not called and len(series.columns) == 1 and series.columns[0].name.isdecimal():  # without a head
         called = list(series.columns)
     if len(called) != 1:
-        among = called or series.columns
-        listing = ", ".join(one.head or one.name for one in among)
+        listing = ", ".join(one.head or one.name for one in called or series.columns)
         raise ConfigError(
             f"{series.path}: {'several columns are' if called else 'no column is called'} an angle (phi, angle, theta) "
-            f"among {listing}: name it, as in `columns` {ANGLE}={among[-1].head or among[-1].name}.",
+            f"among {listing}: name one, as in `columns` {ANGLE}=COLUMN.",
             code="no-column",
         )
     return called[0]

@@ -15,7 +15,7 @@ from cfid.recordings.blackbox import read_blackbox
 from cfid.recordings.crazyflie import crazyflie_unit, is_flown, vehicle_of
 from cfid.recordings.matlab import is_matlab, read_matlab
 from cfid.recordings.recording import ENCODER, TIME, Column, Facts, How, Kind, Recording, Series, is_angle
-from cfid.recordings.stand import is_stand
+from cfid.recordings.stand import STAND, is_stand
 from cfid.recordings.table import Table, layout_of, read_table
 from cfid.recordings.times import series_of
 from cfid.recordings.ulog import BEGIN as ULOG
@@ -180,29 +180,15 @@ def _device(run: Run, device: str, record: DeviceRecord) -> Series:
     path = run.device_file(device)
     table = read_table(path, of_run=True)
     timed = table.heads[0] == TIME
+    if not timed and device != STAND:  # whose settled points have no times
+        raise DataError(
+            f"{path}: its first column is not the time '{TIME}': it is not a device's file of a run.", code="no-time"
+        )
     table = replace(table, columns=tuple(_of_device(device, column, record) for column in table.columns))
-    series = series_of(table, How(), name=device, timed=timed) if timed else _untimed(table, device)
+    series = series_of(table, How(), name=device, timed=timed)
     name = run.folder.resolve().name
     lost = (one.at(name) for one in losses(run, record, series.rows))
     return replace(series, findings=(*lost, *(one.at(f"{name}/{record.file}") for one in series.findings)))
-
-
-def _untimed(table: Table, device: str) -> Series:
-    """Return the series of settled points, which an imported table of a stand may be. Raises DataError for others."""
-    if device != "stand":
-        raise DataError(
-            f"{table.path}: its first column is not the time '{TIME}': it is not a device's file of a run.",
-            code="no-time",
-        )
-    return Series(
-        name=device,
-        path=table.path,
-        columns=table.columns,
-        rows=table.rows,
-        line_of_row=table.line_of_row,
-        findings=table.findings,
-        source=table.source,
-    )
 
 
 def _of_device(device: str, column: Column, record: DeviceRecord) -> Column:

@@ -41,10 +41,8 @@ _OTHER_FILES = {
     b"\x1f\x8b": "a packed file (.gz): unpack it.",
     b"\xff\xfe": "text in UTF-16: save it as UTF-8.",
     b"\xfe\xff": "text in UTF-16: save it as UTF-8.",
-    b"ARROW1": "a Feather file: save the table as CSV.",
     b"PAR1": "a Parquet file: save the table as CSV.",
     b"\x89MCAP": "an MCAP file: import the recording that it was made of.",
-    b"\x93NUMPY": "an array of NumPy: save it as CSV with a header, or as .mat.",
     b"{": "JSON: write a CSV table of it, with a column for the time and one for each signal.",
     b"[": "JSON: write a CSV table of it, with a column for the time and one for each signal.",
 }
@@ -144,13 +142,14 @@ def read_table(path: Path, how: How | None = None, *, of_run: bool = False) -> T
 def _read(path: Path, file: IO[bytes], how: How, *, of_run: bool) -> Table:
     start = file.read(_HEAD_BYTES)
     kind = next((what for begin, what in _OTHER_FILES.items() if start.removeprefix(_BOM).startswith(begin)), None)
+    if kind is None and start.count(b"\r") > 1 + 2 * start.count(b"\n"):
+        kind = "text with the line ends of an old Mac: save the table as CSV in UTF-8."
     if kind is not None or b"\0" in start:
         raise DataError(f"{path}: this is {kind or 'no text: name a table, or a log that `cfid import` reads.'}")
-    old_ends = not of_run and start.count(b"\r") > start.count(b"\n")  # as spreadsheets on a Mac write them
-    layout = layout_of(path, start.replace(b"\r", b"\n") if old_ends else start, how)
+    layout = layout_of(path, start, how)
     selected = tuple((_place(path, layout.heads, name), word) for name, word in how.rows)
     file.seek(0)
-    lines = _Lines(file, layout, selected, old_ends=old_ends, of_run=of_run)
+    lines = _Lines(file, layout, selected, of_run=of_run)
     count = len(layout.heads)
     values = as_columns(lines.blocks(), count, most_rows=1 + lines.size // count)
     rows = len(values[0])
@@ -178,16 +177,8 @@ def _read(path: Path, file: IO[bytes], how: How, *, of_run: bool) -> Table:
 class _Lines:
     """The numbers of a file, block by block, its checksum, and how many lines were left out, and why."""
 
-    def __init__(
-        self,
-        file: IO[bytes],
-        layout: Layout,
-        selected: Sequence[tuple[int, str]],
-        *,
-        old_ends: bool = False,
-        of_run: bool = False,
-    ) -> None:
-        self.file, self.layout, self.selected, self.old_ends, self.of_run = file, layout, selected, old_ends, of_run
+    def __init__(self, file: IO[bytes], layout: Layout, selected: Sequence[tuple[int, str]], *, of_run: bool) -> None:
+        self.file, self.layout, self.selected, self.of_run = file, layout, selected, of_run
         self.size = os.fstat(file.fileno()).st_size  # what a growing file has after it is not read
         self.sha256 = hashlib.sha256()
         self.left_out, self.first_left_out, self.fault = 0, 0, ""
@@ -200,7 +191,7 @@ class _Lines:
         while content := self.file.read(min(BLOCK_BYTES, left)):
             left -= len(content)
             self.sha256.update(content)
-            content = rest + (content.replace(b"\r", b"\n") if self.old_ends else content)
+            content = rest + content
             end = content.rfind(b"\n") + 1
             block, rest = content[:end], content[end:]
             if len(rest) > _LONGEST_LINE:
@@ -357,10 +348,10 @@ def layout_of(path: Path, start: bytes, how: How) -> Layout:
         if _holds_numbers(layout, fields):
             return _with_heads(path, layout, fields, lines[how.skip_lines : at])
     what = "no row of numbers" if any(line.strip() for line in lines[how.skip_lines :]) else "no row"
+    where = f"below its first {how.skip_lines} lines" if how.skip_lines else f"in its first {len(lines)} lines"
     raise DataError(
-        f"{path}: {what} below its first {how.skip_lines} lines. Do its numbers have decimal commas? See `decimal`."
-        if how.skip_lines
-        else f"{path}: {what} in its first {len(lines)} lines. Do its numbers have decimal commas? See `decimal`.",
+        f"{path}: {what} {where}. Decimal commas are read by `cfid import` alone, with `decimal`: "
+        "write points elsewhere.",
         code="no-rows",
     )
 
@@ -391,7 +382,8 @@ def _with_heads(path: Path, layout: Layout, row: Sequence[str], above: Sequence[
 
 
 def _separator(line: str, decimal: str) -> str | None:
-    signs = (";", "\t") if decimal == "," else (";", "\t", ",")
+    is_quoted = '",' in line or ',"' in line  # so that commas also divide numbers with decimal commas
+    signs = (";", "\t", ",") if decimal == "." or is_quoted else (";", "\t")
     return next((sign for sign in signs if sign in line), None)
 
 

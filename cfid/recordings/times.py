@@ -1,6 +1,6 @@
 """Find the times of a table's rows, in seconds, and refuse those that cannot be: back, still, or in another unit."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, finding
 from cfid.large import differences, usual_step
-from cfid.recordings.recording import TIME, Array, Column, How, Rows, Series, is_time
+from cfid.recordings.recording import TIME, Array, Column, How, Series, is_time
 from cfid.recordings.table import Table
 from cfid.units import factor
 
@@ -19,27 +19,14 @@ _REPEATED_SHARE = 0.01  # of rows that may repeat the previous time without a fi
 _GAP, _LEAST_GAP_S = 10, 0.1  # usual steps, and seconds: a busy computer's stamps are late by tens of milliseconds
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Times:
-    """Times (n,) in s since the first row, the first row's time by the file's clock (None without), and findings.
-
-    `order` are the places of the rows in the file, None where they are in order.
-    """
-
-    time_s: Array
-    begin_s: float | None
-    findings: tuple[Finding, ...]
-    order: Rows | None = None
-
-
 def time_column(table: Table, how: How) -> Column | None:
     """Return the column of times: the one that an option names `t`, else the one that is called so; None for none.
 
-    Raises ConfigError for several.
+    Raises ConfigError for several, unless a rate replaces them.
     """
     named = [one for one in table.columns if one.name == TIME] if any("=" in word for word in how.columns) else []
     called = named or [one for one in table.columns if is_time(one.name)]
-    if len(called) > 1:
+    if len(called) > 1 and how.rate_hz is None:
         heads = ", ".join(one.head for one in called)
         raise ConfigError(f"{table.path}: several columns of time: {heads}. Name one: `columns` t={called[0].head}.")
     return called[0] if called else None
@@ -53,7 +40,6 @@ def series_of(table: Table, how: How, *, name: str = "", sort: bool = False, tim
     ConfigError where there are none, or their unit is not known.
     """
     column = time_column(table, how)
-    others = tuple(one for one in table.columns if one is not column)
     series = Series(
         name=name,
         path=table.path,
@@ -64,28 +50,27 @@ def series_of(table: Table, how: How, *, name: str = "", sort: bool = False, tim
         findings=table.findings,
     )
     if how.rate_hz is not None:
-        return _at_rate(replace(series, columns=others), column, how.rate_hz)
-    if column is None:
-        if timed:
-            listing = ", ".join(table.heads)
-            raise ConfigError(
-                f"{table.path}: no column of time among {listing}: name it, as in `columns` t=1, or give `rate_hz`.",
-                code="no-time",
-            )
-        return series
+        return _at_rate(series, how.rate_hz)
+    if column is not None:
+        return _over_times(series, column, sort=sort or how.sort_times)
+    if timed:
+        listing = ", ".join(table.heads)
+        raise ConfigError(
+            f"{table.path}: no column of time among {listing}: name it, as in `columns` t=1, or give `rate_hz`.",
+            code="no-time",
+        )
+    return series
+
+
+def _over_times(series: Series, column: Column, *, sort: bool) -> Series:
+    if not np.isfinite(column.values).any():
+        raise DataError(
+            f"{series.path}: column '{column.head}' has no number in any row. Dates and times of day are not read: "
+            "write seconds, name another column by `columns`, or give `rate_hz`.",
+            code="no-number",
+        )
     series = series.complete([column.name])
-    raw = series.column(column.name).values
-    times = times_of(series, replace(column, values=raw), sort=sort or how.sort_times)
-    series = series if times.order is None else series.kept(times.order)
-    kept = tuple(one for one in series.columns if one.head != column.head)
-    findings = (*series.findings, *(one.at(table.path.name) for one in times.findings))
-    return replace(series, columns=kept, time_s=times.time_s, begin_s=times.begin_s, findings=findings)
-
-
-def times_of(series: Series, column: Column, *, sort: bool = False) -> Times:
-    """Return the times of a column's finite numbers (n,). Raises as `series_of`."""
-    raw, order, findings = column.values, None, list[Finding]()
-    unit = column.unit or _UNIT_OF_NAME.get(column.name.lower(), "")
+    raw, findings = series.column(column.name).values, list[Finding]()
     back = sum(int(np.count_nonzero(step < 0)) for _, step in differences(raw))
     if back and not sort:
         row = next(at + 1 + int(np.argmax(step < 0)) for at, step in differences(raw) if np.any(step < 0))
@@ -96,8 +81,8 @@ def times_of(series: Series, column: Column, *, sort: bool = False) -> Times:
             code="time-goes-back",
         )
     if back:
-        order = np.argsort(raw, kind="stable")
-        raw = raw[order]
+        series = series.kept(np.argsort(raw, kind="stable"))
+        raw = series.column(column.name).values
         findings.append(finding("time-sorted", count=back, rows=len(raw)))
     if len(raw) > 1 and raw[-1] == raw[0]:
         raise DataError(
@@ -105,18 +90,22 @@ def times_of(series: Series, column: Column, *, sort: bool = False) -> Times:
             "column? See `columns` and `rate_hz`.",
             code="time-stands-still",
         )
-    scale = factor(unit, "s") if unit else _of_seconds(series, column, raw)
-    if scale is None:
-        raise DataError(f"{series.path}: column '{column.head}' is in '{unit}', which is no time.", code="other-unit")
+    scale = _seconds_per_unit(series, column, raw)
     time_s = _scaled(raw - raw[0], scale)
     repeated = sum(int(np.count_nonzero(step == 0)) for _, step in differences(raw))
     if repeated > _REPEATED_SHARE * len(raw):
         findings.append(finding("time-repeats", count=repeated, rows=len(raw)))
-    findings += gaps_in(series, time_s)
-    return Times(time_s=time_s, begin_s=float(_scaled(raw[:1], scale)[0]), findings=tuple(findings), order=order)
+    findings += _gaps(series, time_s)
+    return replace(
+        series,
+        columns=tuple(one for one in series.columns if one.head != column.head),
+        time_s=time_s,
+        begin_s=float(_scaled(raw[:1], scale)[0]),
+        findings=(*series.findings, *(one.at(series.path.name) for one in findings)),
+    )
 
 
-def gaps_in(series: Series, time_s: Array) -> list[Finding]:
+def _gaps(series: Series, time_s: Array) -> list[Finding]:
     """Return a finding on the intervals without a row at times (n,), where one is much longer than usual."""
     usual_s = usual_step(time_s)
     least_s = max(_GAP * usual_s, _LEAST_GAP_S)
@@ -140,17 +129,34 @@ def gaps_in(series: Series, time_s: Array) -> list[Finding]:
     ]
 
 
-def _at_rate(series: Series, column: Column | None, rate_hz: float) -> Series:
+def _at_rate(series: Series, rate_hz: float) -> Series:
+    """Return a series over evenly spaced times, without its columns of times."""
     if not 0 < rate_hz < np.inf:
         raise ConfigError(f"`rate_hz` {rate_hz:g}: has to be above zero.")
-    unused = (
-        () if column is None else (finding("time-replaced", name=column.head, rate_hz=rate_hz).at(series.path.name),)
+    replaced = [one.head for one in series.columns if is_time(one.name)]
+    about = (
+        [finding("time-replaced", name="', '".join(replaced), rate_hz=rate_hz).at(series.path.name)] if replaced else []
     )
-    return replace(series, time_s=np.arange(series.rows) / rate_hz, findings=(*series.findings, *unused))
+    return replace(
+        series,
+        columns=tuple(one for one in series.columns if not is_time(one.name)),
+        time_s=np.arange(series.rows) / rate_hz,
+        findings=(*series.findings, *about),
+    )
 
 
-def _of_seconds(series: Series, column: Column, raw: Array) -> float:
-    """Return 1 for times without a unit whose step is one of seconds. Raises ConfigError that names what would fit."""
+def _seconds_per_unit(series: Series, column: Column, raw: Array) -> float:
+    """Return the factor of times in their unit to seconds; 1 without a unit, where their step is one of seconds.
+
+    Raises ConfigError that names what would fit for other steps, DataError for a unit of something else.
+    """
+    if unit := column.unit or _UNIT_OF_NAME.get(column.name.lower(), ""):
+        scale = factor(unit, "s")
+        if scale is None:
+            raise DataError(
+                f"{series.path}: column '{column.head}' is in '{unit}', which is no time.", code="other-unit"
+            )
+        return scale
     step = usual_step(raw)
     if _FASTEST_S <= step <= _SLOWEST_S:
         return 1.0
