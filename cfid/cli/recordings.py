@@ -1,7 +1,7 @@
 """`cfid import`, which makes a run of another program's recording, and `cfid convert` to files of other programs."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -53,6 +53,14 @@ class DescriptionOptions:
             help="Unit of a column that names none, as in t=us, phi=deg, phi=counts, Fz=N; can be repeated.",
             rich_help_panel=_COLUMNS,
         ),
+    ] = None
+    time_unit: Annotated[
+        Literal["s", "ms", "us", "ns"] | None,
+        typer.Option(help="Unit of the times, as --unit t=...", rich_help_panel=_COLUMNS),
+    ] = None
+    angle_unit: Annotated[
+        Literal["counts", "rad", "deg"] | None,
+        typer.Option(help="Unit of the angle, as --unit phi=...", rich_help_panel=_COLUMNS),
     ] = None
     rows: Annotated[
         list[str] | None,
@@ -127,18 +135,35 @@ class DescriptionOptions:
         """Return the options in the form that readers take. Raises ConfigError for an invalid one."""
         from cfid.recordings.recording import How
 
-        stated = asdict(self)
-        for name in ("rate_hz", "counts_per_n", "counts_per_nm"):
-            if stated[name] is not None:
-                positive(stated[name], f"--{name.replace('_', '-')}")
-        stated["columns"] = tuple(name.strip() for name in self.columns.split(",")) if self.columns is not None else ()
-        stated["units"] = dict(_pairs(stated.pop("unit"), "--unit", "t=us"))
-        stated["rows"] = _pairs(self.rows, "--rows", "Propeller=T5143")
-        if self.counts_per_turn is not None:
-            stated["counts_per_turn"] = _counts(self.counts_per_turn)
-        if self.esc_us is not None:
-            stated["esc_us"] = span(self.esc_us, "--esc-us", unit="microseconds", example="1000,2000")
-        return How(**stated)
+        for value, option in (
+            (self.rate_hz, "--rate-hz"),
+            (self.counts_per_n, "--counts-per-n"),
+            (self.counts_per_nm, "--counts-per-nm"),
+        ):
+            if value is not None:
+                positive(value, option)
+        columns = () if self.columns is None else tuple(name.strip() for name in self.columns.split(","))
+        pulses = self.esc_us
+        units = {"t": self.time_unit, "phi": self.angle_unit}
+        return How(
+            columns=columns,
+            units={name: unit for name, unit in units.items() if unit is not None}
+            | dict(_pairs(self.unit, "--unit", "t=us")),
+            rows=_pairs(self.rows, "--rows", "Propeller=T5143"),
+            rate_hz=self.rate_hz,
+            skip_lines=self.skip_lines,
+            decimal=self.decimal,
+            sort_times=self.sort_times,
+            clock=self.clock,
+            counts_per_turn=None if self.counts_per_turn is None else _counts(self.counts_per_turn),
+            counts_per_n=self.counts_per_n,
+            counts_per_nm=self.counts_per_nm,
+            esc_us=None if pulses is None else span(pulses, "--esc-us", unit="microseconds", example="1000,2000"),
+            dshot=self.dshot,
+            motors=self.motors,
+            log=self.log,
+            props_out=self.props_out,
+        )
 
 
 def _pairs(words: Sequence[str] | None, option: str, example: str) -> tuple[tuple[str, str], ...]:

@@ -289,7 +289,7 @@ def test_in_python_a_recording_is_imported_by_the_settings_that_read_it(tmp_path
 
 def test_a_run_imported_without_a_campaign_is_last_in_its_folder(cfid: Cfid, tmp_path: Path) -> None:
     file = table(tmp_path / "swing.csv", "", np.degrees(ANGLE_RAD))
-    described = ("--rate-hz", "500", "--unit", "phi=deg", "--axis", "x")
+    described = ("--rate-hz", "500", "--angle-unit", "deg", "--axis", "x")
     assert cfid("import", file, *described, folder=tmp_path).returncode == 0
 
     ended = cfid("fit", "swing", "last", "--json", folder=tmp_path)
