@@ -68,7 +68,11 @@ class Layout:
             return line.replace('"', "").split()
         if '"' not in line:
             return [part.strip() for part in line.split(self.separator)]
-        return [part.strip() for part in next(csv.reader([line], delimiter=self.separator, skipinitialspace=True), [])]
+        try:
+            parts = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True), [])
+        except csv.Error:  # a carriage return of its own, or a field that is longer than csv allows
+            parts = line.replace('"', "").split(self.separator)
+        return [part.strip() for part in parts]
 
     def is_number(self, text: str) -> bool:
         """Return whether a field is written as a number, nan and inf included."""
