@@ -229,10 +229,10 @@ def test_a_run_whose_folder_was_renamed_is_the_same_run_and_makes_its_fit_outdat
     section = open_campaign(folder).fits()[-1].section
     first = sorted((folder / "runs").iterdir())[0]
     renamed = first.rename(first.with_name("the_first"))
-    assert stale_in(folder, list_runs(folder / "runs"), open_campaign(folder).rig)(section) == ()
+    assert stale_in(folder, open_campaign(folder).runs(complete=False), open_campaign(folder).rig)(section) == ()
 
     amend_run(read_run(renamed), excluded="the cable touched")
-    (reason,) = stale_in(folder, list_runs(folder / "runs"), open_campaign(folder).rig)(section)
+    (reason,) = stale_in(folder, open_campaign(folder).runs(complete=False), open_campaign(folder).rig)(section)
     assert "the_first (the cable touched)" in reason
 
 
